@@ -1,0 +1,158 @@
+"""Checks of what is written: README, docstrings, comments, discussion. All from the text, in any language."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from pathlib import PurePosixPath
+
+from pydantic import Field
+
+from grader.checks.finding import Context, Parameters, Share, failed, graded
+from grader.evidence.markup import Document, read_markdown
+from grader.evidence.prose import TopicWords, concepts, coverage, document_passages, run_instructions, source_passages
+from grader.evidence.source import SourceFacts, docstring_share, parse
+from grader.result import Finding, Where
+
+_READMES = ("readme.md", "readme.rst", "readme.txt", "readme", "readme.markdown", "readme.org", "readme.adoc")
+
+
+@functools.lru_cache(maxsize=256)
+def _facts(path: str, text: str) -> SourceFacts:
+    return parse(path, text)
+
+
+def readmes(context: Context) -> list[tuple[str, Document]]:
+    """Return the READMEs of a submission, the one nearest to its root first."""
+    paths = [p for p in context.submission.texts if PurePosixPath(p).name.lower() in _READMES]
+    if not paths:
+        paths = [p for p in context.submission.texts if PurePosixPath(p).suffix.lower() in (".md", ".rst")]
+    paths.sort(key=lambda p: (len(PurePosixPath(p).parts), p))
+    return [(path, read_markdown(context.submission.texts[path])) for path in paths]
+
+
+def sources(context: Context, artifacts: tuple[str, ...]) -> list[SourceFacts]:
+    """Return the facts of those artifacts that were handed in."""
+    found = []
+    for artifact in artifacts:
+        path = context.path_of(artifact)
+        if path is not None and path in context.submission.texts:
+            found.append(_facts(path, context.submission.texts[path]))
+    return found
+
+
+class Part(Parameters):
+    """What a README may call one part of the submission."""
+
+    artifact: str
+    names: tuple[str, ...]
+    synonyms: tuple[str, ...] = ()
+
+
+class Readme(Parameters):
+    """The README says how to run the work (a part) and what each part of it does (a part each)."""
+
+    parts: tuple[Part, ...]
+    words_each: int = Field(8, description="Distinct words of its own that a description has at least.")
+    commands: tuple[str, ...] = Field(description="Regular expressions of commands that run something.")
+    run_weight: Share = Field(0.25, description="Share of the credit for the commands.")
+
+
+def readme(context: Context, p: Readme) -> Finding:
+    """Judge commands and descriptions; a bare list of names describes nothing."""
+    expected = f"commands to run it, and a description of each of {len(p.parts)} parts"
+    documents = readmes(context)
+    if not documents:
+        return failed(expected, "no README", "There is no README.", hint="Write a README.md beside the code.")
+    commands = [(path, i) for path, document in documents for i in run_instructions(document, p.commands)]
+    topics = [TopicWords(part.artifact, part.names, part.synonyms) for part in p.parts]
+    described = {t.id: (path, t) for path, d in reversed(documents) for t in coverage(d, topics, p.words_each).topics if t.state == "described"}
+    lacking = [part for part in p.parts if part.artifact not in described]
+    share = p.run_weight * bool(commands) + (1 - p.run_weight) * len(described) / len(p.parts)
+    reasons = []
+    if not commands:
+        reasons.append("It does not say by which commands the work is run.")
+    if lacking:
+        reasons.append(f"It does not say what {', '.join(part.names[0] for part in lacking)} {'does' if len(lacking) == 1 else 'do'}.")
+    measured = f"{len(commands)} commands, {len(described)} of {len(p.parts)} parts described"
+    where = [Where(file=path, line=i.line) for path, i in commands[:1]]
+    where += [Where(file=path, line=t.lines[0] if t.lines else None) for path, t in described.values()]
+    return graded(share, expected, measured, " ".join(reasons), where=where or (Where(file=documents[0][0]),))
+
+
+class Docstrings(Parameters):
+    """Modules, classes and functions have docstrings that say something."""
+
+    artifacts: tuple[str, ...]
+    full_from: Share
+    zero_to: Share = 0.0
+
+
+def docstrings(context: Context, p: Docstrings) -> Finding:
+    """Judge the weighted share of definitions with a docstring; missing files do not count."""
+    facts = sources(context, p.artifacts)
+    expected = f"docstrings on at least {p.full_from:.0%} of modules, classes and functions"
+    if not facts:
+        return failed(expected, "no source files", "There is no source to read.")
+    share = docstring_share(facts)
+    measured = f"{share.documented} of {share.needed} documented ({float(share.share):.0%} by weight)"
+    lacking = [f"{u.definition.label} ({u.reason})" for u in share.undocumented[:4]]
+    more = f" and {len(share.undocumented) - 4} more" if len(share.undocumented) > 4 else ""
+    reason = f"Without a docstring that says something: {', '.join(lacking)}{more}."
+    where = [Where(file=u.path, line=u.definition.line) for u in share.undocumented[:6]]
+    credit = (float(share.share) - p.zero_to) / (p.full_from - p.zero_to)
+    return graded(credit, expected, measured, reason, where=where)
+
+
+class Comments(Parameters):
+    """Comments explain the code; commented-out code, banners and repeats do not."""
+
+    artifacts: tuple[str, ...]
+    full_per_100_lines: float = Field(gt=0)
+
+
+def comments(context: Context, p: Comments) -> Finding:
+    """Judge the number of explaining comments against the lines of code."""
+    facts = sources(context, p.artifacts)
+    expected = f"at least {p.full_per_100_lines:g} explaining comments in 100 lines of code"
+    lines = sum(f.code_lines for f in facts)
+    if not lines:
+        return failed(expected, "no source files", "There is no source to read.")
+    explaining = sum(len(f.explaining) for f in facts)
+    others = [c for f in facts for c in f.comments if c.kind in ("code", "repeated", "echo")]
+    density = 100 * explaining / lines
+    measured = f"{explaining} in {lines} lines of code ({density:.1f} in 100)"
+    reason = f"Only {explaining} comments explain something"
+    reason += f"; {len(others)} are commented-out code, repeats or echoes of the code." if others else "."
+    bare = sorted(facts, key=lambda f: len(f.explaining) / max(1, f.code_lines))[:3]
+    return graded(density / p.full_per_100_lines, expected, measured, reason, where=[Where(file=f.path) for f in bare])
+
+
+class ConceptsExplained(Parameters):
+    """Concepts are discussed in writing, in the README or in the source, and weighed against each other."""
+
+    artifacts: tuple[str, ...] = Field((), description="Sources whose docstrings and comments count too.")
+    concepts: Mapping[str, tuple[str, ...]] = Field(description="Concept -> word stems in any languages.")
+    reasons: tuple[str, ...] = Field((), description="Words of reason and comparison in any languages.")
+    full_concepts: int
+    least_concepts: int = Field(1, description="With fewer there is no credit.")
+
+
+def concepts_explained(context: Context, p: ConceptsExplained) -> Finding:
+    """Judge the number of concepts discussed, and whether any are weighed against each other (a third)."""
+    passages = [passage for path, d in readmes(context) for passage in document_passages(d, path)]
+    other = [path for path in context.submission.texts if PurePosixPath(path).suffix.lower() in (".md", ".rst", ".txt")]
+    known = {passage.file for passage in passages}
+    passages += [q for path in sorted(other) if path not in known for q in document_passages(read_markdown(context.submission.texts[path]), path)]
+    passages += [passage for facts in sources(context, p.artifacts) for passage in source_passages(facts)]
+    found = concepts(passages, p.concepts, p.reasons)
+    expected = f"{p.full_concepts} of {len(p.concepts)} concepts discussed, with reasons"
+    measured = f"{', '.join(found.discussed) or 'none'} discussed in {found.words} words"
+    where = [Where(file=c.places[0].file, line=c.places[0].line) for c in found.concepts if c.places]
+    if len(found.discussed) < p.least_concepts:
+        return failed(expected, measured, "There is next to nothing in writing about the trade-offs.", where=where)
+    share = 2 / 3 * min(1.0, len(found.discussed) / p.full_concepts) + (1 / 3 if found.related else 0.0)
+    reasons = [] if found.related else ["They are not set in relation to each other: when which, and at what price?"]
+    if len(found.discussed) < p.full_concepts:
+        reasons.insert(0, f"Nothing is said about {', '.join(found.missing)}.")
+    return graded(share, expected, measured, " ".join(reasons), where=where)

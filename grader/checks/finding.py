@@ -1,0 +1,190 @@
+"""What every check gets and gives: the context of a judgement, and ways to state a finding."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from decimal import Decimal
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict
+
+from grader.evidence.diagnosis import Diagnosis, explain
+from grader.evidence.recorded import NumericStream, Recorded
+from grader.recording.submission import SubmissionRecord
+from grader.result import Finding, Outcome, Where
+
+
+class Parameters(BaseModel):
+    """Base of each check's parameters: unknown keys are mistakes in the rubric."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+def _share(value: Any) -> Any:
+    if isinstance(value, str) and value.strip().endswith("%"):
+        return float(value.strip()[:-1]) / 100
+    return value
+
+
+#: A share, written as 0.02 or as 2%.
+Share = Annotated[float, BeforeValidator(_share)]
+
+
+@dataclass(frozen=True)
+class Context:
+    """All that a check may look at.
+
+    Attributes
+    ----------
+    recorded : Recorded or None
+        The check's session; None for static checks.
+    sessions : mapping
+        All sessions that were recorded, by name.
+    findings : mapping
+        Findings of the checks before this one, by id.
+    reference_nodes : frozenset of str
+        Fully qualified names of the reference nodes; their endpoints are not the student's.
+    lab_folder : Path
+        Where the rubric's oracles lie.
+    """
+
+    submission: SubmissionRecord
+    recorded: Recorded | None
+    sessions: Mapping[str, Recorded]
+    findings: Mapping[str, Finding]
+    reference_nodes: frozenset[str]
+    lab_folder: Path
+    hint: str = ""
+    expected_names: frozenset[str] = field(default_factory=frozenset)
+
+    @property
+    def session(self) -> Recorded:
+        """The check's session.
+
+        Raises
+        ------
+        LookupError
+            If the check has none: a mistake in the rubric.
+        """
+        if self.recorded is None:
+            raise LookupError("this check needs a session; name one in the rubric")
+        return self.recorded
+
+    def where(self, topic: str | None = None, **more: Any) -> Where:
+        """Point at the check's session, and at a topic there under the name that the student used."""
+        name = self.recorded.record.session if self.recorded else None
+        used = self.session.used(topic) if topic else None
+        return Where(session=name, topic=used, **more)
+
+    def path_of(self, artifact: str) -> str | None:
+        """Return an artifact's path in the submission, or None if it is missing."""
+        fact = self.submission.artifact(artifact)
+        return fact.path if fact else None
+
+    def diagnosis(self, artifact: str) -> Diagnosis | None:
+        """Explain why an artifact's process ended or misbehaved, from its output."""
+        paths = [f.path for f in self.submission.files]
+        if self.recorded is None:
+            return None
+        for process in self.recorded.processes_of(artifact):
+            found = explain(process.output, paths)
+            if found is not None:
+                return found
+        return None
+
+    def streams(self, roles: Mapping[str, str], fieldname: str) -> dict[str, NumericStream]:
+        """Return the numeric streams for an oracle, by role; roles without numbers are left out."""
+        found = {role: self.session.numeric(topic, fieldname) for role, topic in roles.items()}
+        return {role: stream for role, stream in found.items() if stream is not None}
+
+    def oracle(self, reference: str) -> Callable[..., Any]:
+        """Load an oracle by ``file.py:function``, relative to the rubric's folder."""
+        file, _, function = reference.partition(":")
+        return getattr(_module(self.lab_folder / file), function)  # type: ignore[no-any-return]
+
+
+def _module(path: Path) -> Any:
+    name = f"lab_oracles_{abs(hash(str(path)))}"
+    if name not in sys.modules:
+        spec = importlib.util.spec_from_file_location(name, path)
+        if spec is None or spec.loader is None:
+            raise FileNotFoundError(path)
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[name] = module
+        try:
+            spec.loader.exec_module(module)
+        except BaseException:
+            del sys.modules[name]
+            raise
+    return sys.modules[name]
+
+
+def credit_of(share: float) -> Decimal:
+    """Turn a share into credit: between 0 and 1, in thousandths."""
+    return Decimal(str(round(min(1.0, max(0.0, share)), 3)))
+
+
+def passed(expected: str, measured: str, *, where: Sequence[Where] = (), notes: Sequence[str] = ()) -> Finding:
+    """State that all is as it should be."""
+    return Finding(Outcome.PASSED, Decimal(1), expected, measured, where=tuple(where), notes=tuple(notes))
+
+
+def graded(
+    share: float, expected: str, measured: str, reason: str, *, hint: str = "", where: Sequence[Where] = (), notes: Sequence[str] = ()
+) -> Finding:
+    """State a finding by the share of credit that it earns; the reason is dropped when that is all."""
+    credit = credit_of(share)
+    if credit >= 1:
+        return passed(expected, measured, where=where, notes=notes)
+    outcome = Outcome.PARTIAL if credit > 0 else Outcome.FAILED
+    return Finding(outcome, credit, expected, measured, reason, hint, tuple(where), tuple(notes))
+
+
+def failed(expected: str, measured: str, reason: str, *, hint: str = "", where: Sequence[Where] = ()) -> Finding:
+    """State that nothing of it is as it should be."""
+    return graded(0.0, expected, measured, reason, hint=hint, where=where)
+
+
+def inconclusive(expected: str, measured: str, reason: str, *, where: Sequence[Where] = ()) -> Finding:
+    """State that the recording cannot answer; it never costs points."""
+    return Finding(Outcome.INCONCLUSIVE, Decimal(0), expected, measured, reason, "", tuple(where))
+
+
+def not_reached(reason: str, *, expected: str = "") -> Finding:
+    """State that an earlier failure kept this from being looked at."""
+    return Finding(Outcome.NOT_REACHED, Decimal(0), expected, "", reason)
+
+
+def ramp(value: float, full: float, zero: float) -> float:
+    """Return 1 up to `full`, 0 from `zero`, and a straight line between (or the same downwards)."""
+    if full == zero:
+        return 1.0 if value <= full else 0.0
+    return min(1.0, max(0.0, (zero - value) / (zero - full)))
+
+
+def missing_artifact(context: Context, artifact: str, expected: str) -> Finding | None:
+    """State that an artifact's file is not there, or None if it is."""
+    if context.path_of(artifact) is not None:
+        return None
+    fact = context.submission.artifact(artifact)
+    name = fact.expected if fact else artifact
+    return failed(expected, "no such file", f"There is no {name} in the submission.", hint=f"Hand in a file named {name}.")
+
+
+def why_nothing(context: Context, artifact: str, fallback: str) -> tuple[str, str, tuple[Where, ...]]:
+    """Say why an artifact's process did not show what was expected: (reason, hint, where)."""
+    session = context.session.record.session
+    found = context.diagnosis(artifact)
+    if found is not None:
+        spot = Where(file=found.file, line=found.line) if found.file else Where(session=session, process=artifact)
+        return found.sentence, found.remedy, (spot,)
+    processes = context.session.processes_of(artifact)
+    if processes and processes[-1].ended_by == "itself" and processes[-1].exit_status is not None:
+        status = processes[-1].exit_status
+        reason = f"The program ended by itself with exit status {status} before it did anything that can be seen."
+        return reason, "A node has to spin: rclpy.spin(node) keeps it alive.", (Where(session=session, process=artifact),)
+    return fallback, "", (Where(session=session, process=artifact),)

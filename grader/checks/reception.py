@@ -1,0 +1,321 @@
+"""Checks of a node that listens: its subscriptions, what it reports on each message, its statistics at the end."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from pydantic import Field, field_validator
+
+from grader.checks.finding import (
+    Context,
+    Parameters,
+    Share,
+    failed,
+    graded,
+    inconclusive,
+    missing_artifact,
+    passed,
+    why_nothing,
+)
+from grader.checks.traffic import claimed_at, student_endpoints
+from grader.evidence.printed import Report, labelled_vector, reports
+from grader.recording.session import Endpoint
+from grader.result import Finding, Where
+
+
+class WantedTopic(Parameters):
+    """A topic to which the node subscribes."""
+
+    topic: str
+    type: str
+
+
+class OfferedProfile(Parameters):
+    """The QoS with which the other side publishes in the lab's words."""
+
+    reliability: str = "reliable"
+    durability: str = "volatile"
+
+
+class TopicsSubscribed(Parameters):
+    """A node subscribes to topics, with types and QoS that fit; each topic is a part."""
+
+    artifact: str
+    topics: tuple[WantedTopic, ...]
+    offered: OfferedProfile = OfferedProfile()
+    node: str | None = None
+
+
+def clash(requested: Endpoint, offered: OfferedProfile) -> str | None:
+    """Return the policy on which a subscription's request and an offer are incompatible, in words, or None.
+
+    References
+    ----------
+    DDS 1.4, section 2.2.3: a request may not be stronger than the offer.
+    """
+    if requested.qos.reliability == "reliable" and offered.reliability == "best_effort":
+        return "reliability (RELIABLE is requested, BEST_EFFORT offered)"
+    if requested.qos.durability == "transient_local" and offered.durability == "volatile":
+        return "durability (TRANSIENT_LOCAL is requested, VOLATILE offered)"
+    if requested.qos.deadline_ns is not None:
+        return "deadline (one is requested, none offered)"
+    if requested.qos.liveliness.startswith("manual"):
+        return "liveliness (MANUAL_BY_TOPIC is requested, AUTOMATIC offered)"
+    return None
+
+
+def topics_subscribed(context: Context, p: TopicsSubscribed) -> Finding:
+    """Judge the subscriptions from discovery."""
+    expected = ", ".join(f"{t.type} from {t.topic}" for t in p.topics)
+    if (missing := missing_artifact(context, p.artifact, expected)) is not None:
+        return missing
+    shares, texts, reasons, spots = [], [], [], []
+    nodes: list[str] = []
+    for topic in p.topics:
+        endpoints = student_endpoints(context, topic.topic, "subscription")
+        nodes += [e.node for e in endpoints]
+        share, text, reason = _judge_subscription(context, topic, endpoints, p.offered)
+        shares.append(share)
+        texts.append(text)
+        reasons += [reason] if reason else []
+        spot = claimed_at(context, "subscription", context.session.used(topic.topic))
+        spots += [spot] if spot else []
+    if not any(shares):
+        fallback = "The node subscribed to none of the topics, nor to any of a similar name."
+        reason, hint, where = why_nothing(context, p.artifact, fallback)
+        return failed(expected, "no subscription in the graph", reason, hint=hint, where=where)
+    share = sum(shares) / len(shares)
+    if p.node is not None and not any(n.rsplit("/", 1)[-1] == p.node.rsplit("/", 1)[-1] for n in nodes):
+        share -= 0.2
+        reasons.append(f"The node is named {nodes[0]}, not {p.node}.")
+    return graded(share, expected, ", ".join(texts), " ".join(reasons), where=(*spots, context.where()))
+
+
+def _judge_subscription(
+    context: Context, wanted: WantedTopic, endpoints: Sequence[Endpoint], offered: OfferedProfile
+) -> tuple[float, str, str]:
+    used = context.session.used(wanted.topic)
+    if not endpoints:
+        return 0.0, f"nothing on {wanted.topic}", f"There is no subscription on {wanted.topic}, nor on a similar name."
+    endpoint = next((e for e in endpoints if e.type == wanted.type), endpoints[0])
+    text = f"{endpoint.type} from {used} ({endpoint.qos.reliability}, {endpoint.qos.durability})"
+    share, reasons = 1.0, []
+    if used != wanted.topic:
+        share -= 0.6
+        reasons.append(f"The subscription is on {used}, not on {wanted.topic}; the rest is judged with {used}.")
+    if endpoint.type != wanted.type:
+        share -= 0.6
+        reasons.append(f"The type on {used} is {endpoint.type}, not {wanted.type}, so no message can arrive.")
+    policy = clash(endpoint, offered)
+    if policy is not None:
+        share -= 0.6
+        reasons.append(f"On {used} the two sides are incompatible in {policy}, so no message would arrive from the lab's publisher.")
+    return max(0.0, share), text, " ".join(reasons)
+
+
+class Streams(Parameters):
+    """Base of checks that compare an artifact's reports with an oracle over recorded topics."""
+
+    artifact: str
+    streams: Mapping[str, str] = Field(description="Role that the oracle knows -> topic.")
+    field: str
+    oracle: str = Field(description="file.py:function beside the rubric.")
+    parameters: Mapping[str, Any] = Field(default_factory=dict, description="Passed on to the oracle.")
+
+
+class ReportedSeries(Streams):
+    """Numbers that a node reports agree with an oracle's value on each span of time."""
+
+    pattern: str
+    tolerance: float = Field(gt=0, description="Absolute; 1 % of the value is allowed in any case.")
+    settle_s: float = Field(0.05, description="Reports this close to a span's ends do not count.")
+
+    @field_validator("pattern")
+    @classmethod
+    def _compiles(cls, value: str) -> str:
+        return _valid_pattern(value)
+
+
+def _valid_pattern(value: str) -> str:
+    try:
+        re.compile(value)
+    except re.error as problem:
+        raise ValueError(f"no valid regular expression: {problem}") from problem
+    return value
+
+
+def spans_of(context: Context, p: Streams) -> list[dict[str, Any]]:
+    """Return the oracle's spans (``start_ns``, ``end_ns``, ``value``), none if the stimulus was not recorded."""
+    streams = context.streams(p.streams, p.field)
+    if len(streams) < len(p.streams):
+        return []
+    found: list[dict[str, Any]] = context.oracle(p.oracle)(streams, p.parameters, context.session.record.seed)
+    return found
+
+
+def reported_series(context: Context, p: ReportedSeries) -> Finding:
+    """Judge each span by the median of the reports that fall into it."""
+    spans = spans_of(context, p)
+    expected = f"the right value on each of {len(spans)} plateaus, ± {p.tolerance:g}"
+    if not spans:
+        return inconclusive(expected, "no stimulus recorded", "Commands and states were not recorded, so there is nothing to compare with.")
+    heard = reports(context.session, p.artifact, p.pattern)
+    if not heard:
+        fallback = "The node reported no tracking error at all, neither on its output nor in its log."
+        reason, hint, where = why_nothing(context, p.artifact, fallback)
+        return failed(expected, "no report", reason, hint=hint, where=where)
+    right, ratios, worst = 0, [], ""
+    for span in spans:
+        inside = _inside(heard, span, p.settle_s)
+        value = float(np.median([r.value for r in inside])) if inside else float("nan")
+        if abs(value - span["value"]) <= max(p.tolerance, 0.01 * span["value"]):
+            right += 1
+        elif inside:
+            ratios.append(value / span["value"])
+            worst = worst or f"At {context.session.since_start_s(span['start_ns']):.1f} s it reports {value:.4f}; right is {span['value']:.4f}."
+        else:
+            worst = worst or f"From {context.session.since_start_s(span['start_ns']):.1f} s on there is no report on a whole plateau."
+    measured = f"right on {right} of {len(spans)} plateaus ({len(heard)} reports)"
+    reason = f"{worst}{_formula(ratios, len(spans), context, p)}"
+    spot = Where(session=context.session.record.session, process=p.artifact)
+    return graded(right / len(spans), expected, measured, reason, where=(spot, context.where(next(iter(p.streams.values())))))
+
+
+def _inside(heard: Sequence[Report], span: Mapping[str, Any], settle_s: float) -> list[Report]:
+    settle_ns = settle_s * 1e9
+    return [r for r in heard if span["start_ns"] + settle_ns <= r.t_ns <= span["end_ns"] - settle_ns]
+
+
+def _formula(ratios: Sequence[float], spans: int, context: Context, p: Streams) -> str:
+    """Recognise a wrong formula by a constant ratio to the right values."""
+    if len(ratios) < max(2, spans // 2) or not np.ptp(ratios) <= 0.02 * abs(np.mean(ratios)):
+        return ""
+    streams = context.streams(p.streams, p.field)
+    count = next(iter(streams.values())).values.shape[1]
+    ratio = float(np.mean(ratios))
+    if abs(ratio / np.sqrt(count) - 1) < 0.02:
+        return f" It is always {ratio:.2f} times the right value, the root of {count}: the sum was taken where the mean belongs."
+    return f" It is always {ratio:.2f} times the right value."
+
+
+class Alternative(Parameters):
+    """A known way to get other numbers, and how much credit it leaves."""
+
+    parameters: Mapping[str, Any]
+    meaning: str
+    credit: float = Field(0.0, ge=0, le=1)
+
+
+class ReportedStatistics(Streams):
+    """A vector printed behind a label agrees with an oracle's bounds."""
+
+    label: str
+    key: str = Field(description="Key in the oracle's answer.")
+    length: int
+    tolerance: float = Field(0.001, description="Absolute; 1 % of the value is allowed in any case.")
+    alternatives: tuple[Alternative, ...] = ()
+
+
+def reported_statistics(context: Context, p: ReportedStatistics) -> Finding:
+    """Judge a printed vector, element by element; known mistakes are named."""
+    expected = f"{p.length} numbers behind '{p.label}:' at Ctrl-C, agreeing with the recording"
+    streams = context.streams(p.streams, p.field)
+    if len(streams) < len(p.streams):
+        return inconclusive(expected, "no stimulus recorded", "Commands and states were not recorded, so there is nothing to compare with.")
+    printed = labelled_vector(context.session.output_of(p.artifact), p.label)
+    spot = Where(session=context.session.record.session, process=p.artifact)
+    if printed is None:
+        return _nothing_printed(context, p, expected)
+    share = _agreement(context, p, streams, {}, printed)
+    measured = "[" + " ".join(f"{x:.4f}" for x in printed[: p.length]) + "]"
+    if share >= 1:
+        return passed(expected, measured, where=(spot,))
+    for other in p.alternatives:
+        if _agreement(context, p, streams, other.parameters, printed) >= 1:
+            reason = f"These numbers fit {other.meaning}."
+            notes = (reason,) if other.credit >= 1 else ()
+            return graded(other.credit, expected, measured, reason, where=(spot,), notes=notes)
+    right = context.oracle(p.oracle)(streams, p.parameters, context.session.record.seed)[p.key]["value"]
+    reason = "Right would be [" + " ".join(f"{x:.4f}" for x in right) + "]."
+    if len(printed) != p.length:
+        reason = f"{len(printed)} numbers are printed, not one for each of {p.length}. " + reason
+        share = 0.0
+    return graded(share, expected, measured, reason, where=(spot,))
+
+
+def _nothing_printed(context: Context, p: ReportedStatistics, expected: str) -> Finding:
+    processes = context.session.processes_of(p.artifact)
+    spot = Where(session=context.session.record.session, process=p.artifact)
+    if processes and processes[-1].interrupted_ns and processes[-1].ended_by in ("terminate", "kill"):
+        reason = "After Ctrl-C the node did not end in time, and had to be stopped before it printed statistics."
+        return failed(expected, "nothing", reason, hint="Let KeyboardInterrupt end rclpy.spin, then print.", where=(spot,))
+    reason, hint, where = why_nothing(context, p.artifact, f"Nothing of the form '{p.label}: [...]' was printed after Ctrl-C.")
+    return failed(expected, "nothing", reason, hint=hint, where=where)
+
+
+def _agreement(context: Context, p: ReportedStatistics, streams: Mapping[str, Any], other: Mapping[str, Any], printed: Sequence[float]) -> float:
+    """Return the share of elements that lie within the oracle's bounds."""
+    right = context.oracle(p.oracle)(streams, {**p.parameters, **other}, context.session.record.seed)[p.key]
+    if len(printed) != len(right["value"]):
+        return 0.0
+    slack = [max(p.tolerance, 0.01 * abs(v)) for v in right["value"]]
+    bounds = zip(printed, right["low"], right["high"], slack, strict=True)
+    return sum(low - s <= x <= high + s for x, low, high, s in bounds) / len(printed)
+
+
+class Survives(Parameters):
+    """A process is still alive after a step that tests its nerves."""
+
+    artifact: str
+    step: str
+
+
+def survives(context: Context, p: Survives) -> Finding:
+    """Judge whether the artifact's first process outlived the step."""
+    expected = "the node goes on"
+    step = context.session.step(p.step)
+    processes = context.session.processes_of(p.artifact)
+    if step is None or not processes or step.outcome == "failed":
+        return inconclusive(expected, "the step was not reached", "The recording does not show what the node did then.")
+    first = processes[0]
+    spot = Where(session=context.session.record.session, process=p.artifact)
+    second_start_ns = processes[1].started_ns if len(processes) > 1 else 2**63
+    if first.exited_ns is None or first.interrupted_ns is not None or first.exited_ns > second_start_ns:
+        return passed(expected, "it went on", where=(spot,))
+    reason, hint, where = why_nothing(context, p.artifact, "The node ended.")
+    measured = f"it ended with status {first.exit_status} at {context.session.since_start_s(first.exited_ns):.2f} s"
+    return failed(expected, measured, reason, hint=hint, where=where)
+
+
+class ReportShare(Streams):
+    """A node reports for a share of the messages for which it could."""
+
+    pattern: str
+    full_from: Share = 0.9
+
+    @field_validator("pattern")
+    @classmethod
+    def _compiles(cls, value: str) -> str:
+        return _valid_pattern(value)
+
+
+def report_share(context: Context, p: ReportShare) -> Finding:
+    """Judge the number of reports against the oracle's count."""
+    streams = context.streams(p.streams, p.field)
+    expected = f"a report for at least {p.full_from:.0%} of the messages"
+    if len(streams) < len(p.streams):
+        return inconclusive(expected, "no stimulus recorded", "Commands and states were not recorded, so there is nothing to compare with.")
+    possible = int(context.oracle(p.oracle)(streams, p.parameters, context.session.record.seed))
+    heard = len(reports(context.session, p.artifact, p.pattern))
+    dropped = sum(process.output_dropped_bytes for process in context.session.processes_of(p.artifact))
+    measured = f"{heard} reports for {possible} messages"
+    if dropped and heard < p.full_from * possible:
+        return passed(expected, measured + ", more output than is kept")
+    spot = Where(session=context.session.record.session, process=p.artifact)
+    share = heard / max(1, possible) / p.full_from
+    return graded(share, expected, measured, f"Only {heard} of {possible} messages led to a report.", where=(spot,))
+
+

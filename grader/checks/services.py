@@ -1,0 +1,211 @@
+"""Checks of a node that serves: the service offered, its answers, its parameters, its quickness.
+
+All answers come from the grader's own client calls.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import Field
+
+from grader.checks.finding import Context, Parameters, failed, graded, inconclusive, missing_artifact, passed, why_nothing
+from grader.checks.traffic import claimed_at
+from grader.recording.session import StepRun
+from grader.result import Finding, Where
+
+
+class ServiceOffered(Parameters):
+    """A node offers a service of a type under a name."""
+
+    artifact: str
+    service: str
+    type: str
+    node: str | None = None
+
+
+def service_offered(context: Context, p: ServiceOffered) -> Finding:
+    """Judge the service from discovery."""
+    expected = f"{p.service} of type {p.type}" + (f", from node {p.node}" if p.node else "")
+    if (missing := missing_artifact(context, p.artifact, expected)) is not None:
+        return missing
+    used = context.session.used(p.service)
+    offers = [s for graph in context.session.record.graph for s in graph.services if s.name == used]
+    offers = [s for s in offers if s.node not in context.reference_nodes]
+    if not offers:
+        fallback = f"The service {p.service} never came up, nor one of a similar name. A client would wait in vain."
+        reason, hint, where = why_nothing(context, p.artifact, fallback)
+        return failed(expected, "no such service in the graph", reason, hint=hint, where=where)
+    offer = next((s for s in offers if s.type == p.type), offers[0])
+    wrong: list[tuple[float, str]] = []
+    if used != p.service:
+        wrong.append((0.6, f"The service is named {used}, not {p.service}; the rest is judged on {used}."))
+    if offer.type != p.type:
+        wrong.append((0.6, f"The service is of type {offer.type}, not {p.type}."))
+    if p.node is not None and offer.node.rsplit("/", 1)[-1] != p.node.rsplit("/", 1)[-1]:
+        wrong.append((0.2, f"The node is named {offer.node}, not {p.node}."))
+    spot = claimed_at(context, "service", used)
+    where = (*([spot] if spot else []), context.where())
+    return graded(
+        1 - sum(w for w, _ in wrong), expected, f"{used} of type {offer.type}, from {offer.node}", " ".join(r for _, r in wrong), where=where
+    )
+
+
+class CallAnswered(Parameters):
+    """A call is answered with the right values; a message that says something else costs a quarter."""
+
+    step: str
+    response: Mapping[str, Any] = Field(description="Fields that must have these values.")
+    message_field: str = "message"
+    message: str | None = Field(None, description="Regular expression for the message field.")
+
+
+def _answer(step: StepRun | None) -> tuple[Mapping[str, Any] | None, float, str]:
+    """Return the response of a call step, its latency in s, and what went wrong instead."""
+    calls = step.result.get("calls", []) if step is not None else []
+    if step is None or not calls:
+        problem = str(step.result.get("problem", "")) if step is not None else ""
+        return None, 0.0, f"The call could not be made{': ' + problem if problem else ''}."
+    latency_s = (calls[0]["ended_ns"] - calls[0]["started_ns"]) / 1e9
+    if calls[0]["response"] is None:
+        return None, latency_s, f"No answer came within {latency_s:.1f} s."
+    return calls[0]["response"], latency_s, ""
+
+
+def _spot(context: Context, step: StepRun | None) -> Where:
+    if step is None:
+        return context.where()
+    service = step.result.get("service") or step.parameters.get("service")
+    return Where(
+        session=context.session.record.session, topic=service,
+        start_s=context.session.since_start_s(step.started_ns), end_s=context.session.since_start_s(step.ended_ns or step.started_ns),
+    )
+
+
+def _shown(response: Mapping[str, Any] | None) -> str:
+    return "no answer" if response is None else ", ".join(f"{k}={v!r}" for k, v in response.items())
+
+
+def call_answered(context: Context, p: CallAnswered) -> Finding:
+    """Judge one answer."""
+    step = context.session.step(p.step)
+    request = step.parameters.get("request", {}) if step is not None else {}
+    expected = f"{_shown(request)} → {_shown(p.response)}"
+    response, latency_s, problem = _answer(step)
+    where = (_spot(context, step),)
+    if response is None:
+        return failed(expected, "no answer", problem, where=where)
+    measured = f"{_shown(response)} after {latency_s * 1e3:.1f} ms"
+    wrong = [f"{k} is {response.get(k)!r}, not {v!r}" for k, v in p.response.items() if response.get(k) != v]
+    if wrong:
+        return failed(expected, measured, f"In the answer, {' and '.join(wrong)}.", where=where)
+    text = str(response.get(p.message_field, ""))
+    if p.message is not None and not text.strip():
+        return graded(0.75, expected, measured, "The answer's message is empty.", where=where)
+    if p.message is not None and not re.search(p.message, text):
+        return passed(expected, measured, where=where, notes=(f"The message {text!r} does not say what was done.",))
+    return passed(expected, measured, where=where)
+
+
+class CallGated(Parameters):
+    """A parameter decides over the answer, and may be changed while the node runs."""
+
+    set_step: str = Field(description="The step that sets the parameter.")
+    refused_step: str
+    recovered_step: str
+    from_start_step: str = Field(description="The call to a node that had the parameter from its start.")
+    refused: Mapping[str, Any]
+    recovered: Mapping[str, Any]
+
+
+def call_gated(context: Context, p: CallGated) -> Finding:
+    """Judge refusal (half) and recovery (half); refusing only with the parameter given at start earns half."""
+    expected = f"{_shown(p.refused)} while the parameter is off, {_shown(p.recovered)} when it is on again"
+    steps = {name: context.session.step(name) for name in (p.refused_step, p.recovered_step, p.from_start_step)}
+    answers = {name: _answer(step)[0] for name, step in steps.items()}
+
+    def fits(name: str, wanted: Mapping[str, Any]) -> bool:
+        answer = answers[name]
+        return answer is not None and all(answer.get(k) == v for k, v in wanted.items())
+
+    refuses, recovers = fits(p.refused_step, p.refused), fits(p.recovered_step, p.recovered)
+    measured = f"off: {_shown(answers[p.refused_step])}; on again: {_shown(answers[p.recovered_step])}"
+    where = tuple(_spot(context, steps[n]) for n in (p.refused_step, p.recovered_step))
+    if refuses:
+        return graded(0.5 + 0.5 * recovers, expected, measured, "It refuses, but does not recover when the parameter is true again.", where=where)
+    if fits(p.from_start_step, p.refused):
+        reason = "It refuses only when the parameter is false from the start; a change while it runs has no effect."
+        return graded(0.5, expected, measured + f"; off from the start: {_shown(answers[p.from_start_step])}", reason, where=where)
+    set_step = context.session.step(p.set_step)
+    unset = set_step is not None and set_step.outcome != "done"
+    reason = "It enables although the parameter is false" + (", and the parameter could not be set at all." if unset else ".")
+    if answers[p.refused_step] is None:
+        reason = "No answer came while the parameter was false."
+    return failed(expected, measured, reason, where=where)
+
+
+class WantedParameter(Parameters):
+    """A parameter with its type and default."""
+
+    name: str
+    type: str
+    value: Any
+
+
+class ParametersDeclared(Parameters):
+    """A node declares parameters with defaults; each is a part, half for being declared."""
+
+    step: str
+    parameters: tuple[WantedParameter, ...]
+
+
+def parameters_declared(context: Context, p: ParametersDeclared) -> Finding:
+    """Judge the parameters as the running node gives them."""
+    expected = ", ".join(f"{w.name} = {w.value!r}" for w in p.parameters)
+    step = context.session.step(p.step)
+    if step is None or step.outcome != "done":
+        problem = str(step.result.get("problem", "")) if step is not None else ""
+        return failed(expected, "no answer", f"The node's parameters could not be read{': ' + problem if problem else ''}.", where=(context.where(),))
+    values: Mapping[str, Mapping[str, Any]] = step.result["values"]
+    parts, reasons = [], []
+    for wanted in p.parameters:
+        got = values.get(wanted.name)
+        if got is None:
+            parts.append(0.0)
+            reasons.append(f"{wanted.name} is not declared.")
+        elif got["type"] != wanted.type or got["value"] != wanted.value:
+            parts.append(0.5)
+            reasons.append(f"{wanted.name} is {got['value']!r} ({got['type']}), not {wanted.value!r} ({wanted.type}).")
+        else:
+            parts.append(1.0)
+    measured = ", ".join(f"{n} = {v['value']!r}" for n, v in values.items()) or "none of them"
+    return graded(sum(parts) / len(parts), expected, measured, " ".join(reasons), where=(context.where(),))
+
+
+class CallsInTime(Parameters):
+    """Calls back to back are each answered in time."""
+
+    step: str
+    within_s: float = Field(gt=0)
+
+
+def calls_in_time(context: Context, p: CallsInTime) -> Finding:
+    """Judge the share of calls answered in time."""
+    step = context.session.step(p.step)
+    wanted = int(step.parameters.get("repeat", 1)) if step is not None else 1
+    expected = f"{wanted} calls, each answered within {p.within_s:g} s"
+    calls = step.result.get("calls", []) if step is not None else []
+    where = (_spot(context, step),)
+    if not calls:
+        return failed(expected, "no calls", _answer(step)[2], where=where)
+    latencies = [(c["ended_ns"] - c["started_ns"]) / 1e9 for c in calls if c["response"] is not None]
+    quick = sum(latency <= p.within_s for latency in latencies)
+    slowest = f", slowest {max(latencies) * 1e3:.1f} ms" if latencies else ""
+    measured = f"{quick} of {len(calls)} calls made in time{slowest}"
+    if quick == len(calls) < wanted:
+        return inconclusive(expected, measured, "There was no time for all the calls, but those made were answered in time.", where=where)
+    share = quick / len(calls)
+    reason = f"{len(calls) - quick} of {len(calls)} calls took longer than {p.within_s:g} s, or got no answer."
+    return graded(share, expected, measured, reason, where=where)

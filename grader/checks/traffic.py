@@ -1,0 +1,312 @@
+"""Checks of what a node publishes: topic, rate, evenness, values, motion, QoS offered."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from pydantic import Field
+
+from grader.checks.finding import (
+    Context,
+    Parameters,
+    Share,
+    failed,
+    graded,
+    inconclusive,
+    missing_artifact,
+    passed,
+    ramp,
+    why_nothing,
+)
+from grader.evidence.recorded import Floats, NumericStream, Span, usage_between
+from grader.evidence.timing import Timing, timing_of
+from grader.evidence.waves import Sinusoid, fit_sinusoid
+from grader.recording.session import Endpoint, Qos
+from grader.result import Finding, Where
+
+
+class TopicPublished(Parameters):
+    """A node publishes a type on a topic. Name, type and node name count in parts."""
+
+    artifact: str
+    topic: str
+    type: str
+    node: str | None = Field(None, description="Fully qualified name that the node should have.")
+
+
+def student_endpoints(context: Context, topic: str, kind: str) -> tuple[Endpoint, ...]:
+    """Return the student's endpoints of a kind on a topic of the rubric's."""
+    return context.session.endpoints_on(topic, kind, context.reference_nodes)
+
+
+def claimed_at(context: Context, kind: str, name: str) -> Where | None:
+    """Return the source line at which the student's node asked for an endpoint, by the tap."""
+    plain = name.rsplit("/", 1)[-1]
+    for claim in context.session.record.claims:
+        if claim.kind == kind and claim.name.rsplit("/", 1)[-1] == plain and not claim.file.startswith("/"):
+            return Where(file=claim.file, line=claim.line)
+    return None
+
+
+def topic_published(context: Context, p: TopicPublished) -> Finding:
+    """Judge whether the artifact's node publishes on the topic, under the right names."""
+    expected = f"messages of type {p.type} on {p.topic}" + (f", from node {p.node}" if p.node else "")
+    if (missing := missing_artifact(context, p.artifact, expected)) is not None:
+        return missing
+    endpoints = student_endpoints(context, p.topic, "publisher")
+    stream = context.session.stream(p.topic)
+    if not endpoints and not len(stream):
+        fallback = f"Nothing was published on {p.topic}, nor on a topic of a similar name, within the time allowed."
+        reason, hint, where = why_nothing(context, p.artifact, fallback)
+        return failed(expected, "no publisher in the graph", reason, hint=hint, where=where)
+    used = context.session.used(p.topic)
+    found_type = endpoints[0].type if endpoints else stream.topic_type
+    if not len(stream):
+        fallback = f"The publisher on {used} exists, but not one message came from it."
+        reason, hint, where = why_nothing(context, p.artifact, fallback)
+        return failed(expected, f"{found_type} on {used}, 0 messages", reason, hint=hint, where=where)
+    spot = claimed_at(context, "publisher", used)
+    wrong: list[tuple[float, str]] = []
+    if used != p.topic:
+        wrong.append((0.6, f"The topic is named {used}, not {p.topic}; the rest is judged on {used}."))
+    if found_type != p.type:
+        wrong.append((0.6, f"The messages are of type {found_type}, not {p.type}."))
+    wrong += _wrong_node(p.node, [e.node for e in endpoints])
+    measured = f"{len(stream)} messages of type {found_type} on {used}" + (f", from {endpoints[0].node}" if endpoints else "")
+    where = (*([spot] if spot else []), context.where(p.topic))
+    return graded(1 - sum(w for w, _ in wrong), expected, measured, " ".join(r for _, r in wrong), where=where)
+
+
+def _wrong_node(wanted: str | None, nodes: Sequence[str]) -> list[tuple[float, str]]:
+    """Judge the name of the node behind some endpoints; a namespace more is no mistake."""
+    if wanted is None or not nodes or any(n.rsplit("/", 1)[-1] == wanted.rsplit("/", 1)[-1] for n in nodes):
+        return []
+    return [(0.2, f"The node is named {nodes[0]}, not {wanted}.")]
+
+
+class TopicRate(Parameters):
+    """A topic is published at a rate; credit falls in a straight line between two deviations."""
+
+    topic: str
+    process: str
+    rate_hz: float = Field(gt=0)
+    full_within: Share = Field(description="Relative deviation up to which credit is full, e.g. 2%.")
+    zero_beyond: Share = Field(description="Relative deviation from which there is none.")
+    window: str | None = Field(None, description="Label of the observe step; else the whole session.")
+
+
+def _measured(context: Context, topic: str, window: str | None) -> tuple[Timing | None, Span | None]:
+    span = context.session.window(window) if window else None
+    return timing_of(context.session.stream(topic), span), span
+
+
+def _delay_s(context: Context, process: str, span: Span | None) -> float:
+    run = context.session.process(process)
+    return usage_between(run, span)[1] if run is not None and span is not None else 0.0
+
+
+def topic_rate(context: Context, p: TopicRate) -> Finding:
+    """Judge the rate from source timestamps and sequence numbers."""
+    timing, span = _measured(context, p.topic, p.window)
+    expected = f"{p.rate_hz:g} Hz ± {p.full_within:.0%}"
+    where = _spots(context, p.topic, span)
+    if timing is None:
+        count = len(context.session.stream(p.topic))
+        reason = f"Only {count} messages came, too few to speak of a rate."
+        return failed(expected, f"{count} messages", reason, where=where)
+    length_s = span.duration_s if span else timing.written / timing.rate_hz
+    delay_s = min(_delay_s(context, p.process, span), 0.5 * length_s)
+    best_hz = timing.rate_hz * length_s / (length_s - delay_s) if timing.rate_hz < p.rate_hz else timing.rate_hz
+    best_hz = min(best_hz, p.rate_hz) if timing.rate_hz < p.rate_hz else best_hz
+    error_hz = 2 * timing.deviation_s() * timing.rate_hz / max(length_s, 1e-9)
+    measured = f"{timing.rate_hz:.2f} Hz ± {max(error_hz, 0.01):.2f} Hz ({timing.written} messages in {length_s:.1f} s)"
+    share, best = (ramp(abs(hz / p.rate_hz - 1), p.full_within, p.zero_beyond) for hz in (timing.rate_hz, best_hz))
+    if share < 1 and best - share > 0.02:
+        late = f"The machine kept the node from a core for {delay_s:.2f} s of {length_s:.1f} s, which may be why."
+        return inconclusive(expected, measured, late, where=where)
+    slower = "slower" if timing.rate_hz < p.rate_hz else "faster"
+    reason = f"Messages come at {timing.rate_hz:.1f} Hz, {abs(timing.rate_hz / p.rate_hz - 1):.1%} {slower} than {p.rate_hz:g} Hz."
+    return graded(share, expected, measured, reason, where=where)
+
+
+def _spots(context: Context, topic: str, span: Span | None) -> tuple[Where, ...]:
+    times = {}
+    if span is not None:
+        times = {"start_s": context.session.since_start_s(span.start_ns), "end_s": context.session.since_start_s(span.end_ns)}
+    return (context.where(topic, **times),)
+
+
+class TopicJitter(Parameters):
+    """Messages are evenly spaced: a quantile of the intervals' distances from their median."""
+
+    topic: str
+    process: str
+    full_within_s: float = Field(gt=0)
+    zero_beyond_s: float = Field(gt=0)
+    share: Share = Field(0.95, description="The quantile.")
+    window: str | None = None
+
+
+def topic_jitter(context: Context, p: TopicJitter) -> Finding:
+    """Judge the evenness of intervals between consecutive samples."""
+    timing, span = _measured(context, p.topic, p.window)
+    expected = f"{p.share:.0%} of the intervals within {p.full_within_s * 1e3:g} ms of their median"
+    where = _spots(context, p.topic, span)
+    if timing is None or not len(timing.intervals_s):
+        return failed(expected, "too few messages", "Too few messages came to speak of intervals.", where=where)
+    deviation_s = timing.deviation_s(p.share)
+    measured = f"{p.share:.0%} within {deviation_s * 1e3:.2f} ms of {timing.median_s * 1e3:.2f} ms (longest {timing.intervals_s.max() * 1e3:.1f} ms)"
+    share = ramp(deviation_s, p.full_within_s, p.zero_beyond_s)
+    excused_s = timing.deviation_s(p.share, _delay_s(context, p.process, span))
+    if share < 1 and ramp(excused_s, p.full_within_s, p.zero_beyond_s) - share > 0.02:
+        reason = "The machine kept the node from a core for times that may explain the uneven intervals."
+        return inconclusive(expected, measured, reason, where=where)
+    reason = f"One interval in {round(1 / (1 - p.share))} is more than {deviation_s * 1e3:.1f} ms off the usual {timing.median_s * 1e3:.1f} ms."
+    return graded(share, expected, measured, reason, where=where)
+
+
+class MessageValues(Parameters):
+    """Every message holds a number of finite values in a field."""
+
+    topic: str
+    field: str
+    length: int
+
+
+def message_values(context: Context, p: MessageValues) -> Finding:
+    """Judge the length and finiteness of a field; credit in parts."""
+    expected = f"{p.length} finite numbers in '{p.field}' of every message"
+    rows = context.session.rows(p.topic, p.field)
+    where = (context.where(p.topic),)
+    if not rows:
+        return failed(expected, "no messages", "No message came.", where=where)
+    lengths = [len(row) if row is not None else 0 for row in rows]
+    right = sum(n == p.length for n in lengths)
+    finite = sum(row is not None and bool(np.isfinite(row).all()) for row in rows)
+    usual = max(set(lengths), key=lengths.count)
+    measured = f"{usual} numbers in most of {len(rows)} messages, {len(rows) - finite} messages with NaN or infinity"
+    reasons = []
+    if right < len(rows):
+        reasons.append(f"{len(rows) - right} of {len(rows)} messages do not hold {p.length} numbers (most hold {usual}).")
+    if finite < len(rows):
+        reasons.append(f"{len(rows) - finite} messages hold numbers that are not finite.")
+    return graded((right / len(rows) + finite / len(rows)) / 2, expected, measured, " ".join(reasons), where=where)
+
+
+class Component(Parameters):
+    """One element of the message that follows amplitude·sin(2π·frequency·t)."""
+
+    index: int = Field(ge=0)
+    amplitude: float = Field(gt=0)
+    frequency_hz: float = Field(gt=0)
+
+
+class Sinusoids(Parameters):
+    """Elements of a message follow sinusoids, the others stay at zero."""
+
+    topic: str
+    field: str
+    components: tuple[Component, ...]
+    tick_s: float = Field(gt=0, description="Time per message in the node's own reckoning.")
+    others_still: int = Field(0, description="The elements up to this one that have no component stay at 0.")
+    tolerance: Share = 0.05
+
+
+def sinusoids(context: Context, p: Sinusoids) -> Finding:
+    """Judge amplitude and frequency, both by the clock and by counting messages.
+
+    A node whose rate is wrong is charged for the rate: its sinusoid may be right by either reckoning.
+    """
+    wanted = ", ".join(f"{c.amplitude:g}·sin(2π·{c.frequency_hz:g}·t) in [{c.index}]" for c in p.components)
+    expected = f"{wanted}, the others 0"
+    series = context.session.numeric(p.topic, p.field)
+    where = (context.where(p.topic),)
+    if series is None or len(series.values) < 20:
+        return failed(expected, "too few numbers", "Too few messages with numbers came to see a motion.", where=where)
+    parts, texts, reasons = [], [], []
+    for component in p.components:
+        share, text, reason = _judge_component(series, component, p)
+        parts.append(share)
+        texts.append(text)
+        reasons += [reason] if reason else []
+    moving = _others_that_move(series.values, p)
+    parts.append(0.0 if moving else 1.0)
+    if moving:
+        reasons.append(f"Element {', '.join(map(str, moving))} should stay at 0, but moves.")
+    return graded(sum(parts) / len(parts), expected, "; ".join(texts), " ".join(reasons), where=where)
+
+
+def _others_that_move(values: Floats, p: Sinusoids) -> list[int]:
+    used = {c.index for c in p.components}
+    smallest = min(c.amplitude for c in p.components)
+    others = [i for i in range(min(p.others_still, values.shape[1])) if i not in used]
+    return [i for i in others if float(np.abs(values[:, i]).max()) > p.tolerance * smallest]
+
+
+def _judge_component(series: NumericStream, c: Component, p: Sinusoids) -> tuple[float, str, str]:
+    if c.index >= series.values.shape[1]:
+        return 0.0, f"no element {c.index}", f"Messages have no element {c.index}."
+    values = series.values[:, c.index]
+    by_clock = (series.source_ns - series.source_ns[0]) / 1e9
+    by_count = (series.sequence - series.sequence[0]) * p.tick_s
+    fits = [fit_sinusoid(times, values, 0.1 * c.frequency_hz, 5 * c.frequency_hz) for times in (by_clock, by_count)]
+    best = min(fits, key=lambda fit: _badness(fit, c))
+    text = f"[{c.index}] {best.amplitude:.3f} at {best.frequency_hz:.3f} Hz"
+    if _badness(best, c) <= p.tolerance:
+        return 1.0, text, ""
+    if float(np.ptp(values)) < p.tolerance * c.amplitude:
+        return 0.0, f"[{c.index}] does not move", f"Element {c.index} does not move."
+    frequency_right = abs(best.frequency_hz / c.frequency_hz - 1) <= p.tolerance and best.residual < 0.2 * c.amplitude
+    amplitude_right = abs(best.amplitude / c.amplitude - 1) <= p.tolerance and best.residual < 0.2 * c.amplitude
+    reason = f"Element {c.index} has amplitude {best.amplitude:.3f} and frequency {best.frequency_hz:.3f} Hz"
+    reason += f" (wanted {c.amplitude:g} and {c.frequency_hz:g} Hz)" + ("." if best.residual < 0.2 * c.amplitude else ", and is no clean sine.")
+    return 0.5 * (frequency_right + amplitude_right), text, reason
+
+
+def _badness(fit: Sinusoid, c: Component) -> float:
+    """Return the largest relative deviation of a fit from a component."""
+    return max(
+        abs(fit.amplitude / c.amplitude - 1), abs(fit.frequency_hz / c.frequency_hz - 1),
+        abs(fit.offset) / c.amplitude, fit.residual / c.amplitude,
+    )
+
+
+class OfferedQos(Parameters):
+    """A publisher offers a QoS profile; what discovery does not carry is taken from the source, as advice only."""
+
+    topic: str
+    reliability: str | None = None
+    durability: str | None = None
+    history: str | None = None
+    depth: int | None = None
+
+
+def claimed_qos(context: Context, kind: str, name: str) -> tuple[Qos | None, Where | None]:
+    """Return the QoS with which the student's node asked for an endpoint, by the tap, and where."""
+    plain = name.rsplit("/", 1)[-1]
+    for claim in context.session.record.claims:
+        if claim.kind == kind and claim.qos is not None and claim.name.rsplit("/", 1)[-1] == plain:
+            return claim.qos, None if claim.file.startswith("/") else Where(file=claim.file, line=claim.line)
+    return None, None
+
+
+def offered_qos(context: Context, p: OfferedQos) -> Finding:
+    """Judge reliability and durability from discovery; history and depth only advise."""
+    wanted = {k: v for k, v in (("reliability", p.reliability), ("durability", p.durability)) if v is not None}
+    expected = "offers " + ", ".join(v.upper() for v in wanted.values())
+    endpoints = student_endpoints(context, p.topic, "publisher")
+    if not endpoints:
+        return failed(expected, "no publisher", "There is no publisher to look at.", where=(context.where(p.topic),))
+    qos = endpoints[0].qos
+    wrong = [(name, getattr(qos, name)) for name, value in wanted.items() if getattr(qos, name) != value]
+    claim, spot = claimed_qos(context, "publisher", context.session.used(p.topic))
+    notes = []
+    if claim is not None and p.depth is not None and claim.depth != p.depth:
+        notes.append(f"The depth is {claim.depth}; the lab asks for {p.depth}.")
+    reason = " ".join(f"The publisher offers {value.upper()} {name}, not {wanted[name].upper()}." for name, value in wrong)
+    measured = f"offers {qos.reliability.upper()}, {qos.durability.upper()}" + (f", depth {claim.depth} in the source" if claim else "")
+    where = (*([spot] if spot else []), context.where(p.topic))
+    if not wrong:
+        return passed(expected, measured, where=where, notes=notes)
+    return graded(1 - len(wrong) / len(wanted), expected, measured, reason, where=where, notes=notes)

@@ -1,0 +1,69 @@
+"""The exceptions of the grader: no fair score exists, so none is written.
+
+A student's fault is a finding, never an exception. Each class has an exit status of its own; the
+command line catches them once and prints problem, where and remedy.
+"""
+
+from __future__ import annotations
+
+
+class GraderError(Exception):
+    """Base of all errors that end a grading without a score.
+
+    Parameters
+    ----------
+    problem : str
+        What is wrong, in the present tense.
+    where : str
+        File, line or part concerned.
+    remedy : str
+        What the reader can do about it.
+    """
+
+    exit_status = 70
+
+    def __init__(self, problem: str, *, where: str = "", remedy: str = "") -> None:
+        super().__init__(problem)
+        self.problem = problem
+        self.where = where
+        self.remedy = remedy
+
+
+class SubmissionError(GraderError):
+    """There is no such submission, or nothing in it looks like one."""
+
+    exit_status = 3
+
+
+class RubricError(GraderError):
+    """The rubric is not usable; all its mistakes are listed at once.
+
+    Parameters
+    ----------
+    mistakes : list of str
+        One line each, with file and line number.
+    """
+
+    exit_status = 4
+
+    def __init__(self, problem: str, mistakes: list[str], *, where: str = "", remedy: str = "") -> None:
+        super().__init__(problem, where=where, remedy=remedy)
+        self.mistakes = mistakes
+
+
+class PlatformError(GraderError):
+    """This machine cannot run ROS 2 nodes, or lacks a part that grading needs."""
+
+    exit_status = 5
+
+
+class RecordingError(GraderError):
+    """A recording is missing, damaged or of another version."""
+
+    exit_status = 6
+
+
+class IsolationError(GraderError):
+    """The confinement that was asked for cannot be had here."""
+
+    exit_status = 7

@@ -1,0 +1,197 @@
+"""Why a process died or went wrong, told from what it wrote, with the student's own line and a remedy.
+
+What only happens because a node was stopped is no mistake: it yields no diagnosis, at most an advisory.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+from grader.evidence.causes import MESSAGE_LENGTH, Case, Told, cause_of, uses_dead_context
+from grader.evidence.tracebacks import Raised, chains, plain_lines, student_file, student_frame, tracebacks
+from grader.recording.session import OutputLine
+
+_INCOMPATIBLE = re.compile(
+    r"(publisher|subscription) discovered on topic '([^']{1,300})', (?:offering|requesting) incompatible QoS"
+    r".{0,100}?Last incompatible policy: (\w{1,40})"
+)
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What went wrong in a process.
+
+    Attributes
+    ----------
+    kind : str
+        A slug, e.g. "read-only-property", stable for fixtures and statistics.
+    sentence : str
+        What happened, for a student.
+    remedy : str
+        How to mend it.
+    file, line : str, int or None
+        The deepest line of the submission on the way to the exception.
+    exception_type, message : str
+        As Python printed them; empty where no exception did it.
+    subject : str
+        The name that it is about: a module, a topic, a parameter, an attribute.
+    t_ns : int or None
+        When it was read from the process.
+    """
+
+    kind: str
+    sentence: str
+    remedy: str
+    file: str | None = None
+    line: int | None = None
+    exception_type: str = ""
+    message: str = ""
+    subject: str = ""
+    t_ns: int | None = None
+
+
+def explain(
+    output: Sequence[OutputLine], root_files: Collection[str], interrupted_ns: int | None = None
+) -> Diagnosis | None:
+    """What went wrong in a process that wrote `output`, None if nothing can be seen to have.
+
+    The last exception is told, by its first cause; without one, other signs of trouble.
+
+    Parameters
+    ----------
+    output : sequence of OutputLine
+        All that the process wrote.
+    root_files : collection of str
+        The submission's files, relative to its root.
+    interrupted_ns : int, optional
+        When the process was interrupted: using a context that is already shut down is no mistake after that.
+    """
+    for chain in reversed(chains(tracebacks(output))):
+        cause = _cause(chain, interrupted_ns)
+        if cause is not None:
+            return _diagnosis(cause, chain, root_files)
+    return _without_exception(output, root_files)
+
+
+def advisories(output: Sequence[OutputLine]) -> tuple[str, ...]:
+    """What the process wrote that costs nothing, but can be done better."""
+    raised = tracebacks(output)
+    found: list[str] = []
+    if any(_is_second_shutdown(exception) for exception in raised):
+        found.append(
+            "The node calls rclpy.shutdown() although Ctrl-C has already shut rclpy down, and leaves with an "
+            "RCLError; rclpy.try_shutdown() does the same without it."
+        )
+    last = raised[-1].name if raised else ""
+    if last in ("KeyboardInterrupt", "ExternalShutdownException"):
+        found.append(
+            f"The node leaves with a traceback of {last} when it is stopped; `except (KeyboardInterrupt, "
+            "ExternalShutdownException): pass` around rclpy.spin() ends it quietly."
+        )
+    text = "\n".join(line for _, line in plain_lines(output))
+    if "declaring a parameter only providing its name is deprecated" in text:
+        found.append("A parameter is declared without a default value, which rclpy warns about; give it one.")
+    if "SyntaxWarning: invalid escape sequence" in text or "DeprecationWarning: invalid escape" in text:
+        found.append("A string has a backslash that begins no escape; write it as a raw string, r'...'.")
+    return tuple(found)
+
+
+def _cause(chain: Sequence[Raised], interrupted_ns: int | None) -> Raised | None:
+    """The first exception of a chain that is a mistake."""
+    stopped = any(exception.name in ("KeyboardInterrupt", "ExternalShutdownException") for exception in chain)
+    for exception in chain:
+        after = stopped or (interrupted_ns is not None and exception.t_ns >= interrupted_ns)
+        if exception.ignored or _is_stop(exception) or (after and uses_dead_context(exception)):
+            continue
+        return exception
+    return None
+
+
+def _is_stop(exception: Raised) -> bool:
+    return exception.name in (
+        "KeyboardInterrupt",
+        "ExternalShutdownException",
+        "SystemExit",
+    ) or _is_second_shutdown(exception)
+
+
+def _is_second_shutdown(exception: Raised) -> bool:
+    return (
+        "rcl_shutdown already called" in exception.message
+        or "Context must be initialized before it can be shutdown" in exception.message
+    )
+
+
+def _diagnosis(cause: Raised, chain: Sequence[Raised], root_files: Collection[str]) -> Diagnosis:
+    place = student_frame(cause.frames, root_files)
+    for other in chain:
+        place = place or student_frame(other.frames, root_files)
+    kind, sentence, remedy, subject = cause_of(Case(cause, root_files))
+    message = cause.message[:MESSAGE_LENGTH]
+    file, line = place or (None, None)
+    return Diagnosis(kind, sentence, remedy, file, line, cause.type, message, subject[:200], cause.t_ns)
+
+
+# -- signs of trouble without an exception -------------------------------------------------------------
+
+
+def _without_exception(output: Sequence[OutputLine], root_files: Collection[str]) -> Diagnosis | None:
+    for t_ns, line in plain_lines(output):
+        for read in (_unopened, _fatal, _incompatible):
+            told = read(line)
+            if told is not None:
+                kind, sentence, remedy, subject = told
+                file = student_file(subject, root_files) if kind == "not-startable" else None
+                return Diagnosis(
+                    kind, sentence, remedy, file, message=line[:MESSAGE_LENGTH], subject=subject, t_ns=t_ns
+                )
+    return None
+
+
+def _search(pattern: str, text: str) -> re.Match[str] | None:
+    return re.search(pattern, text[:2000])
+
+
+def _unopened(line: str) -> Told | None:
+    match = _search(r"can't open file '(.{1,500}?)': (?:\[Errno \d+\] )?(.{1,100})", line)
+    if match is not None:
+        remedy = "Check the file's name and folder."
+        return "not-startable", f"Python cannot open {match[1]}: {match[2]}.", remedy, match[1]
+    if _search(r"env: .{0,3}python3?\\r|/python3?\^M: bad interpreter", line):
+        remedy = "Save the file with Unix line ends (LF)."
+        return (
+            "line-ends",
+            "The file's first line ends as on Windows, so its interpreter is not found.",
+            remedy,
+            "",
+        )
+    return None
+
+
+def _fatal(line: str) -> Told | None:
+    match = _search(
+        r"^Fatal Python error: (.{1,200})|^(Segmentation fault)|^(terminate called .{1,200})", line
+    )
+    if match is None:
+        return None
+    what = match[1] or match[2] or match[3]
+    remedy = "Use ROS objects from one thread only, and none after it was destroyed."
+    return "crash", f"The interpreter itself crashed: {what}.", remedy, ""
+
+
+def _incompatible(line: str) -> Told | None:
+    if "incompatible QoS" not in line:
+        return None
+    match = _INCOMPATIBLE.search(line)
+    if match is None:
+        return None
+    other, topic, policy = match[1], match[2], match[3].lower()
+    mine = "subscription requests" if other == "publisher" else "publisher offers"
+    return (
+        "incompatible-qos",
+        f"On {topic} the {mine} another {policy} than the {other} of the other side, so no message passes.",
+        f"Let both sides agree on {policy}: a subscription may request no more than the publisher offers.",
+        topic,
+    )

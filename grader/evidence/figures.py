@@ -1,0 +1,711 @@
+"""The data of the report's pictures: what a recording holds, thinned out to what an eye can tell apart.
+
+A rubric asks for a picture by its kind. What is drawn here has neither colours nor sizes; times are seconds
+since the session's start. A picture of nothing is no picture: then `draw` gives None.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from grader.evidence.printed import reports
+from grader.evidence.recorded import Floats, Integers, NumericStream, Recorded
+from grader.evidence.timing import timing_of
+from grader.recording.bag import Stream
+from grader.recording.session import Claim, Endpoint, StepRun
+from grader.rubric import FigureSpec
+
+MOST_POINTS = 400
+MOST_ELEMENTS = 16
+RATE_BIN_S = 0.5
+HISTOGRAM_BINS = 41
+MOST_ITEMS = 60
+
+#: A source timestamp comes over the wire; one that far from the arrival cannot be drawn to scale.
+_FAR_NS = 10_000_000_000
+
+
+# -- what can be drawn -------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Intervals:
+    """Histogram of the times between consecutive messages.
+
+    Attributes
+    ----------
+    edges_s : tuple of float
+        Bin edges, one more than `counts`; the expected interval lies in the middle bin unless it is cut at 0.
+    below, above : int
+        Intervals outside the edges.
+    low_s, high_s : float
+        Bounds of the middle 95 %.
+    """
+
+    title: str
+    session: str
+    topic: str
+    expected_s: float
+    edges_s: tuple[float, ...]
+    counts: tuple[int, ...]
+    below: int
+    above: int
+    median_s: float
+    low_s: float
+    high_s: float
+
+
+@dataclass(frozen=True)
+class Rate:
+    """Messages written a second, over time; `times_s` are the bins' edges, one more than `rates_hz`."""
+
+    title: str
+    session: str
+    topic: str
+    expected_hz: float
+    times_s: tuple[float, ...]
+    rates_hz: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Line:
+    """One element of one topic's messages over time."""
+
+    role: str
+    topic: str
+    index: int
+    times_s: tuple[float, ...]
+    values: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Series:
+    """Elements of messages over time; lines of equal `index` belong into one frame."""
+
+    title: str
+    session: str
+    field: str
+    unit: str
+    lines: tuple[Line, ...]
+    left_out: int
+
+
+@dataclass(frozen=True)
+class Plateau:
+    """A span in which the right report is one value."""
+
+    start_s: float
+    end_s: float
+    value: float
+
+
+@dataclass(frozen=True)
+class Reports:
+    """Numbers that a process reported, against those that are right."""
+
+    title: str
+    session: str
+    artifact: str
+    unit: str
+    times_s: tuple[float, ...]
+    values: tuple[float, ...]
+    total: int
+    plateaus: tuple[Plateau, ...]
+
+
+@dataclass(frozen=True)
+class Call:
+    """One call of a service; `answer` is None where none came in time."""
+
+    start_s: float
+    latency_s: float
+    answer: str | None
+    accepted: bool | None
+
+
+@dataclass(frozen=True)
+class CallGroup:
+    """The calls of one step of the session."""
+
+    label: str
+    request: str
+    calls: tuple[Call, ...]
+
+
+@dataclass(frozen=True)
+class Mark:
+    """Something that happened between calls."""
+
+    at_s: float
+    text: str
+
+
+@dataclass(frozen=True)
+class Calls:
+    """All calls of a service, and when parameters were set between them."""
+
+    title: str
+    session: str
+    service: str
+    groups: tuple[CallGroup, ...]
+    marks: tuple[Mark, ...]
+
+
+@dataclass(frozen=True)
+class Item:
+    """A leaf of a launch plan: what it is called, its value, and where it stands."""
+
+    name: str
+    value: str
+    where: str = ""
+
+
+@dataclass(frozen=True)
+class Branch:
+    """A process of a launch plan with its parameters and remappings."""
+
+    name: str
+    runs: str
+    where: str
+    conditions: tuple[str, ...]
+    parameters: tuple[Item, ...]
+    remappings: tuple[Item, ...]
+
+
+@dataclass(frozen=True)
+class PlanTree:
+    """What a launch file describes."""
+
+    title: str
+    session: str
+    outcome: str
+    problem: str
+    arguments: tuple[Item, ...]
+    includes: tuple[Item, ...]
+    branches: tuple[Branch, ...]
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class QosRow:
+    """One endpoint. Reliability and durability come from discovery, history and depth from the source."""
+
+    topic: str
+    kind: str
+    node: str
+    reliability: str
+    durability: str
+    history: str
+    depth: int | None
+    where: str
+    messages: int
+
+
+@dataclass(frozen=True)
+class QosTable:
+    """The QoS profiles of some topics' endpoints."""
+
+    title: str
+    session: str
+    rows: tuple[QosRow, ...]
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """How a topic's latencies are distributed; `sample_s` are some of them, in the order of arrival."""
+
+    topic: str
+    count: int
+    low_s: float
+    quarter_s: float
+    median_s: float
+    three_quarters_s: float
+    high_s: float
+    most_s: float
+    sample_s: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Latency:
+    """Time from sending to arrival at the recorder; `low_s` and `high_s` bound the middle 90 %."""
+
+    title: str
+    session: str
+    distributions: tuple[Distribution, ...]
+
+
+Figure = Intervals | Rate | Series | Reports | Calls | PlanTree | QosTable | Latency
+
+
+# -- parameters --------------------------------------------------------------------------------
+
+
+class _With(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class _TopicRate(_With):
+    topic: str
+    rate_hz: float = Field(gt=0)
+
+
+class _Elements(_With):
+    topics: dict[str, str] = Field(description="Role -> topic.")
+    field: str
+    indices: tuple[int, ...] | None = None
+    unit: str = ""
+
+
+class _Reported(_With):
+    artifact: str
+    pattern: str
+    streams: dict[str, str]
+    field: str
+    oracle: str
+    parameters: dict[str, Any] = Field(default_factory=dict)
+    unit: str = ""
+
+
+class _Service(_With):
+    service: str
+
+
+class _Nothing(_With):
+    pass
+
+
+class _Topics(_With):
+    topics: tuple[str, ...]
+
+
+_P = TypeVar("_P", bound=_With)
+
+
+def draw(spec: FigureSpec, recorded: Recorded, lab_folder: Path) -> Figure | None:
+    """Take a picture's data out of a recording.
+
+    Parameters
+    ----------
+    spec : FigureSpec
+        What the rubric asks for.
+    recorded : Recorded
+        The recording of `spec.session`.
+    lab_folder : Path
+        Where the rubric's oracles lie.
+
+    Returns
+    -------
+    Figure or None
+        None where nothing was recorded that could be shown.
+
+    Raises
+    ------
+    ValueError
+        If there is no such kind, or its settings are wrong: mistakes in the rubric.
+    """
+    maker = _KINDS.get(spec.kind)
+    if maker is None:
+        raise ValueError(f"there is no figure of kind {spec.kind!r}; known are {', '.join(sorted(_KINDS))}")
+    return maker(spec, recorded, lab_folder)
+
+
+def _settings(model: type[_P], spec: FigureSpec) -> _P:
+    return model.model_validate(spec.with_)
+
+
+# -- times -------------------------------------------------------------------------------------
+
+
+def _seconds(times_ns: Integers, recorded: Recorded) -> Floats:
+    since: Floats = (times_ns - recorded.record.started_ns) / 1e9
+    return since
+
+
+def _floats(values: Floats) -> tuple[float, ...]:
+    return tuple(float(v) for v in values)
+
+
+def _plausible(stream: Stream) -> Stream:
+    """Return the messages that were stamped near their arrival, and arrived near the first one."""
+    early = stream.received_ns.min() if len(stream) else 0
+    kept = np.abs(stream.source_ns - stream.received_ns) < _FAR_NS
+    kept &= stream.received_ns - early < 3600 * 10**9
+    return Stream(
+        stream.topic,
+        stream.topic_type,
+        stream.received_ns[kept],
+        stream.source_ns[kept],
+        stream.sequence[kept],
+        tuple(data for data, good in zip(stream.data, kept.tolist(), strict=True) if good),
+        stream.definition,
+    )
+
+
+def _intervals(spec: FigureSpec, recorded: Recorded, lab_folder: Path) -> Intervals | None:
+    p = _settings(_TopicRate, spec)
+    timing = timing_of(_plausible(recorded.stream(p.topic)), None)
+    if timing is None or not len(timing.intervals_s):
+        return None
+    intervals, expected = timing.intervals_s, 1 / p.rate_hz
+    spread = float(np.max(np.abs(np.quantile(intervals, [0.005, 0.995]) - expected))) * 1.25
+    span = min(max(spread, 0.05 * expected), 5 * expected)
+    edges = np.linspace(max(0.0, expected - span), expected + span, HISTOGRAM_BINS + 1)
+    counts, _ = np.histogram(intervals, edges)
+    low, high = np.quantile(intervals, [0.025, 0.975])
+    return Intervals(
+        spec.title,
+        spec.session,
+        recorded.used(p.topic),
+        expected,
+        _floats(edges),
+        tuple(int(n) for n in counts),
+        int(np.sum(intervals < edges[0])),
+        int(np.sum(intervals > edges[-1])),
+        timing.median_s,
+        float(low),
+        float(high),
+    )
+
+
+def _rate(spec: FigureSpec, recorded: Recorded, lab_folder: Path) -> Rate | None:
+    p = _settings(_TopicRate, spec)
+    stream = _plausible(recorded.stream(p.topic))
+    if len(stream) < 3:
+        return None
+    order = np.argsort(stream.source_ns, kind="stable")
+    times, written = _seconds(stream.source_ns[order], recorded), stream.sequence[order]
+    if np.any(np.diff(written) <= 0):
+        # Several publishers: their numbers interleave, so that what arrived is all that can be counted.
+        written = np.arange(len(times))
+    length = float(times[-1] - times[0])
+    if length <= 0:
+        return None
+    bins = min(max(1, round(length / RATE_BIN_S)), MOST_POINTS)
+    edges = times[0] + RATE_BIN_S * np.arange(bins + 1)
+    if bins == MOST_POINTS or edges[-1] > times[-1]:
+        edges = np.linspace(times[0], times[-1], bins + 1)
+    # Between two messages the number written grows in a straight line: no bin is rounded to whole ones.
+    rates = np.diff(np.interp(edges, times, written)) / np.diff(edges)
+    return Rate(spec.title, spec.session, recorded.used(p.topic), p.rate_hz, _floats(edges), _floats(rates))
+
+
+# -- values ------------------------------------------------------------------------------------
+
+
+def _thinned(times: Floats, values: Floats) -> tuple[Floats, Floats]:
+    """Return at most `MOST_POINTS` points: of each stretch its lowest and highest, so no peak is lost."""
+    if len(times) <= MOST_POINTS:
+        return times, values
+    kept: list[int] = []
+    for part in np.array_split(np.arange(len(times)), MOST_POINTS // 2):
+        kept += sorted({int(part[np.argmin(values[part])]), int(part[np.argmax(values[part])])})
+    return times[kept], values[kept]
+
+
+def _near(stream: NumericStream) -> NumericStream:
+    kept = np.abs(stream.source_ns - stream.received_ns) < _FAR_NS
+    return NumericStream(
+        stream.source_ns[kept], stream.received_ns[kept], stream.sequence[kept], stream.values[kept]
+    )
+
+
+def _series(spec: FigureSpec, recorded: Recorded, lab_folder: Path) -> Series | None:
+    p = _settings(_Elements, spec)
+    lines: list[Line] = []
+    left_out = 0
+    for role, topic in p.topics.items():
+        whole = recorded.numeric(topic, p.field)
+        stream = None if whole is None else _near(whole)
+        if stream is None or not len(stream.source_ns):
+            continue
+        length = stream.values.shape[1]
+        wanted = range(length) if p.indices is None else [i for i in p.indices if i < length]
+        left_out = max(left_out, len(wanted) - MOST_ELEMENTS)
+        for index in list(wanted)[:MOST_ELEMENTS]:
+            times, values = _thinned(_seconds(stream.source_ns, recorded), stream.values[:, index])
+            lines.append(Line(role, recorded.used(topic), index, _floats(times), _floats(values)))
+    if not lines:
+        return None
+    return Series(spec.title, spec.session, p.field, p.unit, tuple(lines), left_out)
+
+
+def _oracle(lab_folder: Path, reference: str) -> Callable[..., Any]:
+    """Load an oracle by ``file.py:function``, relative to the rubric's folder."""
+    file, _, function = reference.partition(":")
+    path = lab_folder / file
+    name = f"lab_figure_oracles_{abs(hash(str(path)))}"
+    if name not in sys.modules:
+        spec = importlib.util.spec_from_file_location(name, path)
+        if spec is None or spec.loader is None or not path.is_file():
+            raise ValueError(f"there is no oracle file {file} beside the rubric")
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[name] = module
+        try:
+            spec.loader.exec_module(module)
+        except BaseException:
+            del sys.modules[name]
+            raise
+    oracle: Callable[..., Any] | None = getattr(sys.modules[name], function, None)
+    if oracle is None:
+        raise ValueError(f"{file} has no function {function}")
+    return oracle
+
+
+def _plateaus(p: _Reported, recorded: Recorded, lab_folder: Path) -> tuple[Plateau, ...]:
+    oracle = _oracle(lab_folder, p.oracle)
+    found = {role: recorded.numeric(topic, p.field) for role, topic in p.streams.items()}
+    streams = {role: stream for role, stream in found.items() if stream is not None}
+    try:
+        plateaus = oracle(streams, p.parameters, recorded.record.seed)
+    except Exception:
+        # Commands and states that do not fit together are judged by the checks; here is no line to draw.
+        return ()
+    return tuple(
+        Plateau(recorded.since_start_s(s["start_ns"]), recorded.since_start_s(s["end_ns"]), float(s["value"]))
+        for s in plateaus[:MOST_POINTS]
+    )
+
+
+def _reports(spec: FigureSpec, recorded: Recorded, lab_folder: Path) -> Reports | None:
+    p = _settings(_Reported, spec)
+    said = [r for r in reports(recorded, p.artifact, p.pattern) if np.isfinite(r.value)]
+    plateaus = _plateaus(p, recorded, lab_folder)
+    if not said and not plateaus:
+        return None
+    times = _seconds(np.array([r.t_ns for r in said], dtype=np.int64), recorded)
+    values = np.array([r.value for r in said], dtype=np.float64)
+    times, values = _thinned(times, values)
+    return Reports(
+        spec.title, spec.session, p.artifact, p.unit, _floats(times), _floats(values), len(said), plateaus
+    )
+
+
+# -- services ----------------------------------------------------------------------------------
+
+
+def _calls(spec: FigureSpec, recorded: Recorded, lab_folder: Path) -> Calls | None:
+    service = recorded.used(_settings(_Service, spec).service)
+    groups = tuple(
+        _call_group(step, recorded)
+        for step in recorded.record.steps
+        if step.kind == "call" and step.result.get("service") == service and step.result.get("calls")
+    )
+    if not groups:
+        return None
+    first = min(call.start_s for group in groups for call in group.calls)
+    last = max(call.start_s + call.latency_s for group in groups for call in group.calls)
+    marks = [
+        Mark(at_s, ", ".join(f"{k} = {_literal(v)}" for k, v in step.parameters.get("values", {}).items()))
+        for step in recorded.record.steps
+        if step.kind == "set_parameters"
+        and step.outcome == "done"
+        and first <= (at_s := recorded.since_start_s(step.ended_ns)) <= last
+    ]
+    return Calls(spec.title, spec.session, service, groups, tuple(marks))
+
+
+def _call_group(step: StepRun, recorded: Recorded) -> CallGroup:
+    calls = tuple(
+        Call(
+            recorded.since_start_s(call["started_ns"]),
+            (call["ended_ns"] - call["started_ns"]) / 1e9,
+            None if call["response"] is None else _fields(call["response"]),
+            _accepted(call["response"]),
+        )
+        for call in step.result["calls"]
+    )
+    return CallGroup(step.label or "", _fields(step.parameters.get("request", {})), calls)
+
+
+def _accepted(response: Any) -> bool | None:
+    """Return the first truth value of a response, by which services say whether they did as asked."""
+    values = response.values() if isinstance(response, Mapping) else ()
+    return next((value for value in values if isinstance(value, bool)), None)
+
+
+def _literal(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return f"'{value[:500]}'"
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(_literal(v) for v in value[:20]) + (", …]" if len(value) > 20 else "]")
+    return str(value)[:500]
+
+
+def _fields(values: Any) -> str:
+    if not isinstance(values, Mapping):
+        return _literal(values)
+    return ", ".join(f"{name}: {_literal(value)}" for name, value in values.items())
+
+
+# -- launch files ------------------------------------------------------------------------------
+
+
+def _plan(spec: FigureSpec, recorded: Recorded, lab_folder: Path) -> PlanTree | None:
+    _settings(_Nothing, spec)
+    plan = recorded.record.plan
+    if not isinstance(plan, Mapping) or not plan:
+        return None
+    problem = plan.get("problem")
+    return PlanTree(
+        spec.title,
+        spec.session,
+        str(plan.get("outcome") or "unknown"),
+        str(problem.get("message") or "") if isinstance(problem, Mapping) else "",
+        tuple(_argument(item) for item in _mappings(plan.get("arguments"))),
+        tuple(
+            Item(_text(item.get("file")), _fields(item.get("arguments") or {}), _where(item, "by"))
+            for item in _mappings(plan.get("includes"))
+        ),
+        tuple(_branch(item) for item in _mappings(plan.get("processes"))),
+        tuple(_text(item.get("message")) for item in _mappings(plan.get("warnings"))),
+    )
+
+
+def _mappings(items: Any) -> list[Mapping[str, Any]]:
+    listed = items if isinstance(items, (list, tuple)) else ()
+    return [item for item in listed if isinstance(item, Mapping)][:MOST_ITEMS]
+
+
+def _text(value: Any) -> str:
+    return "" if value is None else str(value)
+
+
+def _where(item: Mapping[str, Any], key: str = "file") -> str:
+    file, line = _text(item.get(key)), item.get("line")
+    return f"{file}:{line}" if file and line else file
+
+
+def _argument(item: Mapping[str, Any]) -> Item:
+    default = item.get("default")
+    shown = "must be given" if default is None else _literal(_text(default))
+    choices = item.get("choices")
+    if isinstance(choices, (list, tuple)) and choices:
+        shown += f" (one of {', '.join(map(_text, choices[:20]))})"
+    return Item(_text(item.get("name")), shown, _where(item))
+
+
+def _branch(item: Mapping[str, Any]) -> Branch:
+    name, namespace = _text(item.get("name")), _text(item.get("namespace")).rstrip("/")
+    program = "/".join(_text(item.get(k)) for k in ("package", "executable") if item.get(k))
+    return Branch(
+        f"{namespace}/{name}" if name else _text(item.get("id")),
+        program or _text(item.get("path")),
+        _where(item),
+        _conditions(item),
+        tuple(_parameter(p) for p in _mappings(item.get("parameters"))),
+        tuple(
+            Item(_text(pair[0]), _text(pair[1]))
+            for pair in item.get("remappings") or ()
+            if isinstance(pair, (list, tuple)) and len(pair) == 2
+        )[:MOST_ITEMS],
+    )
+
+
+def _conditions(item: Mapping[str, Any]) -> tuple[str, ...]:
+    found = [_text(item.get("condition_note"))]
+    when = item.get("when")
+    if isinstance(when, Mapping):
+        found += [f"{str(key).replace('_', ' ')} {_literal(value)}" for key, value in when.items()]
+    if item.get("respawn"):
+        found.append("started again whenever it ends")
+    return tuple(text for text in found if text)
+
+
+def _parameter(item: Mapping[str, Any]) -> Item:
+    if item.get("name") is None:
+        content = item.get("content")
+        return Item(
+            f"file {_text(item.get('file'))}", "" if content is None else _literal(_fields(content))[1:-1]
+        )
+    kind = _text(item.get("type"))
+    return Item(_text(item.get("name")), _literal(item.get("value")), kind)
+
+
+# -- QoS ---------------------------------------------------------------------------------------
+
+
+def _qos_table(spec: FigureSpec, recorded: Recorded, lab_folder: Path) -> QosTable | None:
+    topics = _settings(_Topics, spec).topics
+    rows = [
+        _qos_row(endpoint, recorded)
+        for topic in topics
+        for kind in ("publisher", "subscription")
+        for endpoint in recorded.endpoints_on(topic, kind)[:MOST_ELEMENTS]
+    ]
+    return QosTable(spec.title, spec.session, tuple(rows)) if rows else None
+
+
+def _qos_row(endpoint: Endpoint, recorded: Recorded) -> QosRow:
+    claim = _claim(endpoint, recorded.record.claims)
+    qos = endpoint.qos
+    said = claim.qos if claim is not None and claim.qos is not None else None
+    history = said.history if said is not None and qos.history == "unknown" else qos.history
+    depth = said.depth if said is not None and not qos.depth else qos.depth
+    inside = claim is not None and claim.file and not claim.file.startswith("/")
+    return QosRow(
+        endpoint.topic,
+        endpoint.kind,
+        endpoint.node,
+        qos.reliability,
+        qos.durability,
+        history,
+        depth or None,
+        f"{claim.file}:{claim.line}" if claim is not None and inside else "",
+        len(recorded.bag.stream(endpoint.topic)),
+    )
+
+
+def _claim(endpoint: Endpoint, claims: Sequence[Claim]) -> Claim | None:
+    """Return what the node's source asked for: the claim of the same node if there are several."""
+    plain, node = endpoint.topic.rsplit("/", 1)[-1], endpoint.node.rsplit("/", 1)[-1]
+    fitting = [c for c in claims if c.kind == endpoint.kind and c.name.rsplit("/", 1)[-1] == plain]
+    of_node = [c for c in fitting if c.node.rsplit("/", 1)[-1] == node]
+    return next(iter(of_node or fitting), None)
+
+
+def _latency(spec: FigureSpec, recorded: Recorded, lab_folder: Path) -> Latency | None:
+    found = [_distribution(recorded, topic) for topic in _settings(_Topics, spec).topics]
+    there = tuple(d for d in found if d is not None)
+    return Latency(spec.title, spec.session, there) if there else None
+
+
+def _distribution(recorded: Recorded, topic: str) -> Distribution | None:
+    stream = _plausible(recorded.stream(topic))
+    if not len(stream):
+        return None
+    delays = (stream.received_ns - stream.source_ns) / 1e9
+    low, quarter, median, three_quarters, high = np.quantile(delays, [0.05, 0.25, 0.5, 0.75, 0.95])
+    kept = np.unique(np.linspace(0, len(delays) - 1, min(len(delays), MOST_POINTS // 2)).astype(int))
+    return Distribution(
+        recorded.used(topic),
+        len(delays),
+        float(low),
+        float(quarter),
+        float(median),
+        float(three_quarters),
+        float(high),
+        float(delays.max()),
+        _floats(delays[kept]),
+    )
+
+
+_KINDS: Mapping[str, Callable[[FigureSpec, Recorded, Path], Figure | None]] = {
+    "intervals": _intervals,
+    "rate": _rate,
+    "series": _series,
+    "reports": _reports,
+    "calls": _calls,
+    "plan": _plan,
+    "qos_table": _qos_table,
+    "latency": _latency,
+}

@@ -1,0 +1,511 @@
+"""What a student put into words: how to run the work, what each part does, why it is as it is.
+
+A text counts by its own words: not by headings, names, links, code, places held for a later text, or the same
+sentence said of everything. Any language counts; what to look for is given by the rubric, in as many
+languages as it likes.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from grader.evidence.markup import Block, Document, Section, code_spans, own_text, plain_text, read_markdown
+from grader.evidence.source import SourceFacts
+from grader.evidence.words import Terms, is_placeholder, measure, normal_form, sentences, words
+
+__all__ = [
+    "Concept",
+    "Coverage",
+    "Discussion",
+    "Passage",
+    "Place",
+    "RunInstruction",
+    "TopicCoverage",
+    "TopicWords",
+    "concepts",
+    "coverage",
+    "document_passages",
+    "read_markdown",
+    "run_instructions",
+    "source_passages",
+]
+
+DESCRIPTION_WORDS = 6
+"""Distinct own words from which a part counts as described."""
+
+DISCUSSION_WORDS = 8
+"""Distinct own words, besides the concepts' names, from which a passage discusses."""
+
+COMMAND_LIMIT = 500
+_TOPIC_ENDING = 3
+_EXCERPT_LENGTH = 120
+_OPENING_LENGTH = 4
+_STUFFING_RATIO = 1.5
+_COMMAND_START = re.compile(r"^[\s>*+-]{0,8}(?:[$#%]\s+)?")
+
+
+@dataclass(frozen=True)
+class TopicWords:
+    """What a README may call one part of the submission.
+
+    Attributes
+    ----------
+    id : str
+        Name of the artifact in the rubric.
+    names : tuple of str
+        Names that mean this part alone: file, executable, node.
+    synonyms : tuple of str
+        What it may be called besides, in any language. A sentence with a name of one part and only synonyms
+        of another is about the first.
+    """
+
+    id: str
+    names: tuple[str, ...]
+    synonyms: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Place:
+    """A line of a file with an excerpt of what stands there."""
+
+    file: str
+    line: int
+    excerpt: str
+
+
+@dataclass(frozen=True)
+class TopicCoverage:
+    """How a document describes one part.
+
+    Attributes
+    ----------
+    id : str
+        The topic's.
+    state : str
+        "described", "mentioned" (by name, with too few own words) or "missing".
+    words : int
+        Distinct own words said of it.
+    line : int or None
+        Where it is first spoken of.
+    lines : tuple of int
+        Lines of the sentences that count.
+    excerpt : str
+        The beginning of what is said.
+    """
+
+    id: str
+    state: str
+    words: int
+    line: int | None
+    lines: tuple[int, ...]
+    excerpt: str
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """How a document describes the parts asked for, in the order of the topics."""
+
+    topics: tuple[TopicCoverage, ...]
+
+    @property
+    def described(self) -> tuple[str, ...]:
+        """Ids of the topics that are described."""
+        return tuple(topic.id for topic in self.topics if topic.state == "described")
+
+    @property
+    def lacking(self) -> tuple[str, ...]:
+        """Ids of the topics that are not described."""
+        return tuple(topic.id for topic in self.topics if topic.state != "described")
+
+
+@dataclass(frozen=True)
+class RunInstruction:
+    """A command that runs something.
+
+    Attributes
+    ----------
+    line : int
+        Where it stands.
+    command : str
+        The command, or the line of text that holds it.
+    pattern : str
+        The pattern that it matched.
+    form : str
+        "code" (a block), "inline" (between backquotes) or "text".
+    """
+
+    line: int
+    command: str
+    pattern: str
+    form: str
+
+
+@dataclass(frozen=True)
+class Passage:
+    """A piece of connected text, with the file and line where it begins, and the heading above it."""
+
+    text: str
+    file: str
+    line: int
+    heading: str = ""
+
+
+@dataclass(frozen=True)
+class Concept:
+    """A concept of the lexicon and where the passages discuss it; no places if they do not."""
+
+    name: str
+    places: tuple[Place, ...]
+
+    @property
+    def discussed(self) -> bool:
+        """Whether any passage discusses it."""
+        return bool(self.places)
+
+
+@dataclass(frozen=True)
+class Discussion:
+    """Which concepts are discussed, and how they are weighed against each other.
+
+    Attributes
+    ----------
+    concepts : tuple of Concept
+        All of the lexicon, in its order.
+    related : tuple of Place
+        Passages that set two or more concepts in relation: with a word of reason or comparison, or at length.
+    reasoned : tuple of Place
+        Those of `related` that have a word of reason or comparison.
+    words : int
+        Distinct own words of all passages that discuss, besides the concepts' names.
+    """
+
+    concepts: tuple[Concept, ...]
+    related: tuple[Place, ...]
+    reasoned: tuple[Place, ...]
+    words: int
+
+    @property
+    def discussed(self) -> tuple[str, ...]:
+        """Names of the concepts that are discussed."""
+        return tuple(concept.name for concept in self.concepts if concept.discussed)
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Names of the concepts that are not."""
+        return tuple(concept.name for concept in self.concepts if not concept.discussed)
+
+
+# -- what each part does -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Topic:
+    id: str
+    names: Terms
+    synonyms: Terms
+
+
+@dataclass(frozen=True)
+class _Saying:
+    """A sentence said of some topics, each with its share; `form` is the sentence without their names."""
+
+    shares: Mapping[str, float]
+    line: int
+    text: str
+    form: str
+
+
+def coverage(
+    document: Document, topics: Sequence[TopicWords], min_words: int = DESCRIPTION_WORDS
+) -> Coverage:
+    """How `document` describes each of `topics`.
+
+    A sentence counts for the topic of the heading above it, and for those that it names: fully for the
+    first of two, half for the second, and for each its part where more are listed. One that names none
+    continues the one before. The same sentence said of several topics, names aside, counts for none.
+    """
+    known = [
+        _Topic(t.id, Terms.of(t.names, _TOPIC_ENDING), Terms.of(t.synonyms, _TOPIC_ENDING)) for t in topics
+    ]
+    every = Terms.of((w for t in topics for w in (*t.names, *t.synonyms)), _TOPIC_ENDING)
+    sayings = list(_sayings(document, known, every, min_words))
+    first = _first_mentions(document, known)
+    told = Counter(form for _, form in {(tuple(s.shares), s.form) for s in sayings})
+    return Coverage(tuple(_topic_coverage(t.id, sayings, told, first.get(t.id), min_words) for t in known))
+
+
+def _topic_coverage(
+    topic: str, sayings: Sequence[_Saying], told: Counter[str], first: int | None, min_words: int
+) -> TopicCoverage:
+    own: set[str] = set()
+    shared = 0.0
+    counted: dict[str, _Saying] = {}
+    for saying in sayings:
+        if topic not in saying.shares or told[saying.form] > 1 or saying.form in counted:
+            continue
+        counted[saying.form] = saying
+        if saying.shares[topic] == 1:
+            own.update(saying.form.split())
+        else:
+            shared += measure(saying.form.split()) * saying.shares[topic]
+    amount = measure(own) + int(shared)
+    state = "described" if amount >= min_words else "missing" if first is None else "mentioned"
+    lines = tuple(saying.line for saying in counted.values())
+    line = lines[0] if lines else first
+    excerpt = next((_excerpt(saying.text) for saying in counted.values()), "")
+    return TopicCoverage(topic, state, amount, line, lines, excerpt)
+
+
+def _sayings(document: Document, topics: Sequence[_Topic], every: Terms, min_words: int) -> Iterator[_Saying]:
+    title = _document_title(document, topics)
+    outer: list[tuple[int, tuple[str, ...]]] = []
+    for section in document.sections:
+        while outer and outer[-1][0] >= section.level:
+            outer.pop()
+        named = () if section is title else _about(section.title, topics)
+        heading = named or (outer[-1][1] if outer else ())
+        outer.append((section.level, heading))
+        current = heading
+        for block in section.blocks:
+            if block.kind == "code":
+                continue
+            amount = 0
+            for saying in _block_sayings(block, heading, current, topics, every):
+                current = tuple(saying.shares)
+                amount += measure(saying.form.split())
+                if current and saying.form and not is_placeholder(own_text(saying.text)):
+                    yield saying
+            if amount >= min_words:
+                current = heading
+
+
+def _block_sayings(
+    block: Block, heading: tuple[str, ...], current: tuple[str, ...], topics: Sequence[_Topic], every: Terms
+) -> Iterator[_Saying]:
+    for line, sentence in _lines_of(block):
+        shares = _shares(_about(sentence, topics), heading, current, _opens_with_name(sentence, topics))
+        current = tuple(shares)
+        form = normal_form(every.without(own_text(sentence)))
+        yield _Saying(shares, line, plain_text(sentence), form)
+
+
+def _opens_with_name(sentence: str, topics: Sequence[_Topic]) -> bool:
+    plain = plain_text(sentence)
+    places = [place for topic in topics if (place := topic.names.place(plain)) is not None]
+    return min(places, default=_OPENING_LENGTH) < _OPENING_LENGTH
+
+
+def _shares(
+    named: tuple[str, ...], heading: tuple[str, ...], current: tuple[str, ...], opens_with_name: bool
+) -> dict[str, float]:
+    """What part of a sentence's words each topic gets.
+
+    A sentence, item or row that opens with a part's name is about that part, whatever the heading.
+    """
+    if opens_with_name and len(named) <= 2:
+        return {topic: 0.5 if place else 1.0 for place, topic in enumerate(named)}
+    if len(heading) == 1 and len(named) <= 2:
+        return {heading[0]: 1.0, **{topic: 0.5 for topic in named if topic != heading[0]}}
+    if len(named) == 2:
+        return {named[0]: 1.0, named[1]: 0.5}
+    meant = named or current
+    return {topic: 1 / len(meant) for topic in meant}
+
+
+def _document_title(document: Document, topics: Sequence[_Topic]) -> Section | None:
+    """The heading of the whole document, unless it names a topic (by more than a synonym)."""
+    titled = [section for section in document.sections if section.level]
+    if len(titled) < 2 or any(titled[0].level >= section.level for section in titled[1:]):
+        return None
+    return None if any(topic.names.found(titled[0].title) for topic in topics) else titled[0]
+
+
+def _lines_of(block: Block) -> Iterator[tuple[int, str]]:
+    """Sentences of a block with the lines that they begin on, roughly where a sentence spans lines."""
+    line, position = block.line, 0
+    for sentence in sentences(block.text):
+        start = block.text.find(sentence, position)
+        if start >= 0:
+            line += block.text.count("\n", position, start)
+            position = start
+        yield line, sentence
+
+
+def _about(text: str, topics: Sequence[_Topic]) -> tuple[str, ...]:
+    """The topics that a text names, or else those that it calls by a synonym, in the text's order."""
+    plain = plain_text(text)
+    named = _in_order(plain, [(t.id, t.names) for t in topics])
+    return named or _in_order(plain, [(t.id, t.synonyms) for t in topics])
+
+
+def _in_order(text: str, terms: Sequence[tuple[str, Terms]]) -> tuple[str, ...]:
+    places = [(place, name) for name, term in terms if (place := term.place(text)) is not None]
+    return tuple(name for _, name in sorted(places))
+
+
+def _first_mentions(document: Document, topics: Sequence[_Topic]) -> dict[str, int]:
+    """Line of the first heading or block, code included, that names each topic."""
+    first: dict[str, int] = {}
+    for section in document.sections:
+        for line, text in [(section.line, section.title), *((b.line, b.text) for b in section.blocks)]:
+            for topic in topics:
+                if topic.id not in first and (topic.names.found(text) or topic.synonyms.found(text)):
+                    first[topic.id] = line
+    return first
+
+
+# -- how to run it -------------------------------------------------------------------------------------
+
+
+def run_instructions(document: Document, patterns: Sequence[str]) -> tuple[RunInstruction, ...]:
+    """Commands in `document` that match one of `patterns`, each line once.
+
+    Lines of code, code spans and lines of text are searched, as many a README has its commands unmarked. A
+    pattern is a regular expression of the rubric, searched regardless of case.
+    """
+    compiled = [(pattern, re.compile(pattern, re.IGNORECASE)) for pattern in patterns]
+    found: list[RunInstruction] = []
+    for block in document.blocks():
+        for offset, line in enumerate(block.text.split("\n")):
+            for form, command in _commands(block.kind, line):
+                match = next((p for p, regex in compiled if regex.search(command)), None)
+                if match is not None:
+                    found.append(RunInstruction(block.line + offset, command, match, form))
+                    break
+    return tuple(found)
+
+
+def _commands(kind: str, line: str) -> Iterator[tuple[str, str]]:
+    if kind == "code":
+        yield "code", _COMMAND_START.sub("", line[:COMMAND_LIMIT]).strip()
+        return
+    for span in code_spans(line):
+        yield "inline", span[:COMMAND_LIMIT]
+    yield "text", _COMMAND_START.sub("", plain_text(line[:COMMAND_LIMIT])).strip()
+
+
+# -- what is discussed ---------------------------------------------------------------------------------
+
+
+def document_passages(document: Document, file: str) -> tuple[Passage, ...]:
+    """Text of a document as passages: paragraphs, each list and each table as a whole, with their headings.
+
+    A heading helps to tell what a passage is about; it has no words of its own.
+    """
+    passages: list[Passage] = []
+    for section in document.sections:
+        run: list[Block] = []
+        for block in section.blocks:
+            joins = run and block.kind == run[-1].kind and block.kind in ("item", "row")
+            if run and not joins:
+                passages.append(_joined(run, file, section.title))
+                run = []
+            if block.kind != "code":
+                run.append(block)
+        if run:
+            passages.append(_joined(run, file, section.title))
+    return tuple(passages)
+
+
+def _joined(blocks: Sequence[Block], file: str, heading: str) -> Passage:
+    separator = "\n" if blocks[0].kind == "paragraph" else "\n\n"
+    return Passage(separator.join(block.text for block in blocks), file, blocks[0].line, heading)
+
+
+def source_passages(facts: SourceFacts) -> tuple[Passage, ...]:
+    """Docstrings and explaining comments of a source as passages; comments on consecutive lines are one."""
+    passages = [Passage(d.docstring, facts.path, d.line) for d in facts.definitions if d.docstring]
+    last = -1
+    for comment in facts.explaining:
+        if comment.line == last + 1 and not comment.inline and passages:
+            before = passages[-1]
+            passages[-1] = Passage(f"{before.text}\n{comment.text}", before.file, before.line)
+        else:
+            passages.append(Passage(comment.text, facts.path, comment.line))
+        last = comment.line
+    return tuple(passages)
+
+
+def concepts(
+    passages: Iterable[Passage],
+    lexicon: Mapping[str, Sequence[str]],
+    reasons: Sequence[str] = (),
+    anchors: Sequence[str] = (),
+    min_words: int = DISCUSSION_WORDS,
+) -> Discussion:
+    """Which concepts of `lexicon` the passages discuss.
+
+    A concept is discussed where a passage names it and has at least `min_words` distinct own words besides
+    the names of all concepts, and not more names than words. Passages that repeat another do not count.
+
+    Parameters
+    ----------
+    passages : iterable of Passage
+        From `document_passages` and `source_passages`.
+    lexicon : mapping of str to sequence of str
+        Stems of each concept in any languages, see `Terms`.
+    reasons : sequence of str
+        Words of reason and comparison in any languages. In a language without any here, a passage of twice
+        `min_words` that names two concepts relates them too.
+    anchors : sequence of str
+        Where given, only passages that have one of these terms in them or in their heading are about the
+        matter at all.
+    min_words : int
+        Own words from which a passage discusses.
+    """
+    anchor = Terms.of(anchors)
+    passages = [p for p in passages if not anchors or anchor.found(plain_text(f"{p.heading}\n{p.text}"))]
+    terms = {name: Terms.of(stems) for name, stems in lexicon.items()}
+    every = Terms.of(stem for stems in lexicon.values() for stem in stems)
+    reasoning = Terms.of(reasons)
+    places: dict[str, list[Place]] = {name: [] for name in lexicon}
+    related: list[Place] = []
+    reasoned: list[Place] = []
+    own_words: set[str] = set()
+    for passage, text, own in _discussing(passages, every, min_words):
+        place = Place(passage.file, passage.line, _excerpt(plain_text(passage.text)))
+        named = [name for name in lexicon if terms[name].found(text)]
+        for name in named:
+            places[name].append(place)
+        own_words.update(own)
+        if len(named) < 2:
+            continue
+        has_reason = reasoning.found(text)
+        if has_reason or measure(own) >= 2 * min_words:
+            related.append(place)
+        if has_reason:
+            reasoned.append(place)
+    found = tuple(Concept(name, tuple(places[name])) for name in lexicon)
+    return Discussion(found, tuple(related), tuple(reasoned), measure(own_words))
+
+
+def _discussing(
+    passages: Iterable[Passage], every: Terms, min_words: int
+) -> Iterator[tuple[Passage, str, list[str]]]:
+    """Passages with enough own words, with their text and these words; each sentence counts once in all."""
+    seen: set[str] = set()
+    for passage in passages:
+        fresh: list[str] = []
+        for sentence in sentences(passage.text):
+            form = normal_form(sentence)
+            if form and form not in seen and not is_placeholder(sentence):
+                seen.add(form)
+                fresh.append(sentence)
+        text = plain_text("\n".join(fresh))
+        own = words(every.without(own_text("\n".join(fresh))))
+        if every.found(text) and measure(own) >= max(min_words, 1) and _is_speech(text, own, every):
+            yield passage, text, own
+
+
+def _is_speech(text: str, own: Sequence[str], every: Terms) -> bool:
+    """Whether the concepts' names stand among words, rather than being strewn or listed."""
+    named = every.count(text)
+    return measure(own) * _STUFFING_RATIO >= named
+
+
+def _excerpt(text: str) -> str:
+    flat = " ".join(text[: 3 * _EXCERPT_LENGTH].split())
+    return flat if len(flat) <= _EXCERPT_LENGTH else flat[: _EXCERPT_LENGTH - 1].rstrip() + "…"

@@ -1,0 +1,231 @@
+"""A recorded session as the checks see it: numbers and facts, no judgement.
+
+Names are those of the rubric; where the student used another (a near miss that the live half found
+and used), it is followed silently. Times handed out as floats are seconds since the session's start.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grader.recording.bag import Bag, Stream
+from grader.recording.session import (
+    Endpoint,
+    OutputLine,
+    ProcessRun,
+    SessionRecord,
+    StepRun,
+    Usage,
+    read_session,
+)
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class NumericStream:
+    """Messages of a topic that carry rows of numbers of one length, in the order of their source timestamps."""
+
+    source_ns: Integers
+    received_ns: Integers
+    sequence: Integers
+    values: Floats  # (n, m)
+
+
+@dataclass(frozen=True)
+class Span:
+    """A span of time in ns of the system clock."""
+
+    start_ns: int
+    end_ns: int
+
+    @property
+    def duration_s(self) -> float:
+        """Length in seconds."""
+        return (self.end_ns - self.start_ns) / 1e9
+
+
+class Recorded:
+    """One session's recording.
+
+    Parameters
+    ----------
+    record : SessionRecord
+        Contents of `session.json`.
+    bag : Bag
+        The session's traffic.
+    """
+
+    def __init__(self, record: SessionRecord, bag: Bag) -> None:
+        self.record = record
+        self.bag = bag
+
+    @classmethod
+    def open(cls, folder: Path) -> Recorded:
+        """Open a session's folder.
+
+        Raises
+        ------
+        FileNotFoundError, ValueError
+            If it is not a recording, or of another version.
+        """
+        return cls(read_session(folder), Bag.open(folder))
+
+    # -- names and times ----------------------------------------------------------------------
+
+    def used(self, name: str) -> str:
+        """Return the name that the student used for one of the rubric's."""
+        return self.record.names.get(name, name)
+
+    def since_start_s(self, t_ns: int) -> float:
+        """Convert a time of the system clock to seconds since the session's start."""
+        return (t_ns - self.record.started_ns) / 1e9
+
+    def step(self, label: str) -> StepRun | None:
+        """Return the step of this label, if it was reached."""
+        return next((s for s in self.record.steps if s.label == label), None)
+
+    def window(self, label: str) -> Span | None:
+        """Return the span of an `observe` step, if its window opened."""
+        step = self.step(label)
+        if step is None or "opened_ns" not in step.result:
+            return None
+        return Span(int(step.result["opened_ns"]), int(step.result["closed_ns"]))
+
+    # -- traffic ------------------------------------------------------------------------------
+
+    @functools.cache  # noqa: B019 - a recording lives as long as its judging
+    def stream(self, name: str) -> Stream:
+        """Return all messages on a topic of the rubric's."""
+        return self.bag.stream(self.used(name))
+
+    @functools.cache  # noqa: B019
+    def rows(self, name: str, field: str) -> tuple[Floats | None, ...]:
+        """Return the numbers in a field of each message; None where a message has none.
+
+        Where the type is not the one that the field belongs to, the first field that holds a sequence of
+        numbers stands in, since a wrong type is charged elsewhere.
+        """
+        stream = self.stream(name)
+        rows = [_numbers(value) for value in stream.field(field)]
+        if rows and all(row is None for row in rows):
+            rows = [_first_numbers(message) for message in stream.messages()]
+        return tuple(rows)
+
+    @functools.cache  # noqa: B019
+    def numeric(self, name: str, field: str) -> NumericStream | None:
+        """Return the messages whose field holds finite numbers of the most frequent length, by source time."""
+        stream, rows = self.stream(name), self.rows(name, field)
+        lengths = [len(row) for row in rows if row is not None and len(row) and np.isfinite(row).all()]
+        if not lengths:
+            return None
+        length = max(set(lengths), key=lambda n: (lengths.count(n), n))
+        kept = [
+            i
+            for i, row in enumerate(rows)
+            if row is not None and len(row) == length and bool(np.isfinite(row).all())
+        ]
+        order = sorted(kept, key=lambda i: (int(stream.source_ns[i]), int(stream.sequence[i])))
+        values = np.array([rows[i] for i in order], dtype=np.float64)
+        return NumericStream(
+            stream.source_ns[order], stream.received_ns[order], stream.sequence[order], values
+        )
+
+    # -- graph --------------------------------------------------------------------------------
+
+    @functools.cached_property
+    def endpoints(self) -> tuple[Endpoint, ...]:
+        """All endpoints that were ever in the graph, by gid, as first seen complete."""
+        seen: dict[tuple[str, str], Endpoint] = {}
+        for graph in self.record.graph:
+            for endpoint in graph.endpoints:
+                known = seen.get((endpoint.gid, endpoint.topic))
+                if known is None or "_NODE_NAME_UNKNOWN_" in known.node:
+                    seen[endpoint.gid, endpoint.topic] = endpoint
+        return tuple(seen.values())
+
+    def endpoints_on(self, name: str, kind: str, without: Iterable[str] = ()) -> tuple[Endpoint, ...]:
+        """Return the endpoints of a kind ("publisher", "subscription") on a topic of the rubric's.
+
+        Parameters
+        ----------
+        without : iterable of str
+            Nodes (fully qualified) whose endpoints do not count, e.g. reference nodes.
+        """
+        topic, left_out = self.used(name), set(without)
+        return tuple(
+            e for e in self.endpoints if e.topic == topic and e.kind == kind and e.node not in left_out
+        )
+
+    @functools.cached_property
+    def nodes(self) -> tuple[str, ...]:
+        """Fully qualified names of all nodes that were ever in the graph."""
+        return tuple(dict.fromkeys(node for graph in self.record.graph for node in graph.nodes))
+
+    # -- processes ----------------------------------------------------------------------------
+
+    def processes_of(self, artifact: str) -> tuple[ProcessRun, ...]:
+        """Return the processes that ran an artifact under its own name, in order of their start."""
+        return tuple(p for p in self.record.processes if p.artifact == artifact and p.name == artifact)
+
+    def process(self, name: str) -> ProcessRun | None:
+        """Return the last process of this name."""
+        return next((p for p in reversed(self.record.processes) if p.name == name), None)
+
+    def output_of(self, artifact: str) -> list[OutputLine]:
+        """Return the output of the last process that ran an artifact."""
+        processes = self.processes_of(artifact)
+        return processes[-1].output if processes else []
+
+
+def usage_between(run: ProcessRun, span: Span) -> tuple[float, float]:
+    """Return CPU time and run-queue delay of a process within a span, in s.
+
+    Interpolated between the samples; the part of a span beyond the last sample counts nothing.
+    """
+    if len(run.usage) < 2:
+        return 0.0, 0.0
+    times = [u.t_ns for u in run.usage]
+
+    def at(t_ns: int, value: Mapping[int, int]) -> float:
+        return float(np.interp(t_ns, times, list(value.values())))
+
+    spent = []
+    for pick in (_cpu, _delay):
+        series = {i: pick(u) for i, u in enumerate(run.usage)}
+        spent.append((at(span.end_ns, series) - at(span.start_ns, series)) / 1e9)
+    return spent[0], spent[1]
+
+
+def _cpu(usage: Usage) -> int:
+    return usage.cpu_ns
+
+
+def _delay(usage: Usage) -> int:
+    return usage.run_delay_ns
+
+
+def _numbers(value: Any) -> Floats | None:
+    if isinstance(value, (list, tuple, np.ndarray)):
+        try:
+            row = np.asarray(value, dtype=np.float64)
+        except (TypeError, ValueError):
+            return None
+        return row if row.ndim == 1 else None
+    return None
+
+
+def _first_numbers(message: object | None) -> Floats | None:
+    for name, value in vars(message).items() if hasattr(message, "__dict__") else ():
+        row = None if name.startswith("__") else _numbers(value)
+        if row is not None and len(row):
+            return row
+    return None

@@ -1,0 +1,210 @@
+"""Words in any script: counting them, folding them, and finding terms among them.
+
+Documentation is judged by its substance, whatever its language. So words are counted alike for scripts
+that part words by spaces and for those that do not, and terms are found regardless of case and accents.
+Every function is linear in the length of its text.
+"""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+IDEOGRAPHS_PER_WORD = 2
+"""Han and kana characters that say as much as one spaced word."""
+
+LETTERS_PER_UNSPACED_WORD = 4
+"""Letters of Thai, Lao, Khmer and Burmese that say as much as one word."""
+
+_IDEOGRAPH = "\u3041-\u30ff\u31f0-\u31ff\u3400-\u4dbf\u4e00-\u9fff\uf900-\ufaff\U00020000-\U0003ffff"
+_UNSPACED = "\u0e00-\u0eff\u1000-\u109f\u1780-\u17ff"
+_WORD = re.compile(rf"[{_IDEOGRAPH}]|[{_UNSPACED}]+|(?:(?![{_IDEOGRAPH}{_UNSPACED}])[^\W_])+")
+_IS_IDEOGRAPH = re.compile(f"[{_IDEOGRAPH}]").match
+_IS_UNSPACED = re.compile(f"[{_UNSPACED}]").match
+_SENTENCE_END = re.compile(r"(?<=[.!?])\s+|[。！？；।؟۔]+|\n[ \t]*\n")
+_SENTENCE_LIMIT = 20_000
+_UNDONE = re.compile(
+    r"\W*(?:todo|tbd|tba|fixme|xxx|wip|lorem ipsum|coming soon)\b|\W*(?:待办|待完成|未完成)", re.I
+)
+UNDONE_LIMIT_WORDS = 12
+"""Words up to which a text that begins with TODO is no more than that."""
+
+_PLACEHOLDER = re.compile(
+    r"\W*(?:n/?a|placeholder|(?:my |a |the )?docstring|description|package description"
+    r"|to be (?:done|written|added|completed)|add (?:an? |your |the )?(?:docstring|description|comment)s?"
+    r"|(?:your|insert|write|put|fill in|describe)\b.{0,30}\bhere|à compléter|por hacer|da fare)\b",
+    re.IGNORECASE,
+)
+_PLACEHOLDER_LIMIT_WORDS = 6
+_BRACKETED = re.compile(r"^\W*[<\[{][^<>\[\]{}]{0,80}[>\]}]\W*$")
+_LOREM = frozenset(
+    word
+    for line in (
+        "lorem ipsum dolor sit amet consectetur adipiscing elit sed do eiusmod tempor incididunt ut",
+        "labore et dolore magna aliqua enim ad minim veniam quis nostrud exercitation ullamco",
+        "laboris nisi aliquip ex ea commodo consequat duis aute irure in reprehenderit voluptate",
+        "velit esse cillum eu fugiat nulla pariatur excepteur sint occaecat cupidatat non proident",
+        "sunt culpa qui officia deserunt mollit anim",
+    )
+    for word in line.split()
+)
+
+
+def decode(data: bytes) -> str:
+    """Text of a file, whatever editor wrote it: UTF-8 and UTF-16 with or without mark, else Latin-1.
+
+    Line ends become a line feed.
+    """
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        text = data.decode("utf-16", errors="replace")
+    else:
+        try:
+            text = data.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            text = data.decode("latin-1")
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def fold(text: str) -> str:
+    """Lower case without accents, for comparisons; dotless and dotted i are the same letter.
+
+    The result may differ from `text` in length.
+    """
+    if text.isascii():
+        return text.lower()
+    plain = unicodedata.normalize("NFKD", text.casefold().replace("ı", "i"))
+    return unicodedata.normalize("NFC", "".join(c for c in plain if not _is_accent(c)))
+
+
+def _is_accent(character: str) -> bool:
+    """Whether it is a combining mark of a script where leaving it out keeps the letter (not Indic vowels)."""
+    return "\u0300" <= character <= "\u036f" or "\u064b" <= character <= "\u0652"
+
+
+def words(text: str) -> list[str]:
+    """Words of `text`, folded; each ideograph is an item of its own.
+
+    Marks inside a word (as Indic vowel signs) do not part it.
+    """
+    folded = fold(text)
+    if folded.isascii():
+        return _WORD.findall(folded)
+    joined = "".join(c for c in folded if not unicodedata.category(c).startswith("M"))
+    return _WORD.findall(joined)
+
+
+def measure(items: Iterable[str]) -> int:
+    """Amount of text in `items` of `words`, counting each distinct item once, in words of a spaced script.
+
+    Numbers and single Latin letters do not count.
+    """
+    spaced = ideographs = unspaced = 0
+    for item in set(items):
+        if _IS_IDEOGRAPH(item):
+            ideographs += 1
+        elif _IS_UNSPACED(item):
+            unspaced += len(item)
+        elif not item[0].isdigit() and not (len(item) == 1 and item.isascii()):
+            spaced += 1
+    return spaced + ideographs // IDEOGRAPHS_PER_WORD + unspaced // LETTERS_PER_UNSPACED_WORD
+
+
+def substance(text: str) -> int:
+    """Distinct words in `text`; two ideographs count as a word. See `measure`."""
+    return measure(words(text))
+
+
+def normal_form(text: str) -> str:
+    """`text` reduced to its folded words, so that repeats are seen whatever their punctuation."""
+    return " ".join(words(text))
+
+
+def is_placeholder(text: str, undone_limit_words: int = UNDONE_LIMIT_WORDS) -> bool:
+    """Whether `text` only holds the place of a text: a TODO, dots, a template's field, blind text.
+
+    A TODO of more than `undone_limit_words` words says something.
+    """
+    stripped = text.strip()[:400]
+    if not any(c.isalnum() for c in stripped):
+        return True
+    found = words(stripped)
+    if _UNDONE.match(stripped) and len(found) <= undone_limit_words:
+        return True
+    if _PLACEHOLDER.match(stripped) and len(found) <= _PLACEHOLDER_LIMIT_WORDS:
+        return True
+    if _BRACKETED.match(stripped):
+        return True
+    return len(found) >= 4 and sum(word in _LOREM for word in found) > 0.6 * len(found)
+
+
+def sentences(text: str) -> list[str]:
+    """Sentences of `text`, without empty ones; a paragraph without full stops is one sentence."""
+    parts = _SENTENCE_END.split(text)
+    pieces: list[str] = []
+    for part in parts:
+        pieces.extend(part[i : i + _SENTENCE_LIMIT] for i in range(0, len(part), _SENTENCE_LIMIT))
+    return [piece.strip() for piece in pieces if piece.strip()]
+
+
+@dataclass(frozen=True)
+class Terms:
+    """A set of terms to be found in texts of any language.
+
+    A term in a spaced script is found where a word begins; one that starts with `*`, also inside a word
+    (German compounds); one that ends with `$`, only as a whole word. Blanks, hyphens and underscores in a
+    term stand for each other or for nothing. A term of ideographs, or of a script that joins articles and
+    particles to its words, is found anywhere.
+
+    Attributes
+    ----------
+    pattern : re.Pattern or None
+        Matches in folded text; None when there is no term.
+    """
+
+    pattern: re.Pattern[str] | None
+
+    @classmethod
+    def of(cls, terms: Iterable[str], ending: int | None = None) -> Terms:
+        """Terms from their spellings; up to `ending` letters may follow one, None for any number."""
+        unique = sorted({fold(term).strip() for term in terms}, key=lambda term: (-len(term), term))
+        patterns = [_term_pattern(term, ending) for term in unique if term.strip("*$ \t\n_-")]
+        return cls(re.compile("|".join(patterns)) if patterns else None)
+
+    def count(self, text: str) -> int:
+        """How often any of the terms occurs in `text`."""
+        return 0 if self.pattern is None else sum(1 for _ in self.pattern.finditer(fold(text)))
+
+    def found(self, text: str) -> bool:
+        """Whether any of the terms occurs in `text`."""
+        return self.pattern is not None and self.pattern.search(fold(text)) is not None
+
+    def place(self, text: str) -> int | None:
+        """Where in the folded `text` the first of the terms begins, None if there is none."""
+        match = None if self.pattern is None else self.pattern.search(fold(text))
+        return None if match is None else match.start()
+
+    def without(self, text: str) -> str:
+        """Folded `text` with every term blanked out, to the end of the word that it begins."""
+        folded = fold(text)
+        return folded if self.pattern is None else self.pattern.sub(" ", folded)
+
+
+_JOINED = "\u0590-\u08ff\u0e00-\u0eff\u1000-\u109f\u1780-\u17ff\u2e80-\U0003ffff"
+_SPACED_LETTER = rf"[^\W\d_{_JOINED}]"
+_SPACED_WORD = rf"[^\W_{_JOINED}]"
+
+
+def _term_pattern(term: str, ending: int | None) -> str:
+    inside = term.startswith("*")
+    if term.endswith("$"):
+        ending = 0
+    parts = [re.escape(part) for part in re.split(r"[\s_-]+", term.strip("*$")) if part]
+    body = r"[\s_-]{0,2}".join(parts)
+    if re.search(f"[{_JOINED}]", term):
+        return body
+    before = "" if inside else f"(?<!{_SPACED_WORD})"
+    if ending is None:
+        return f"{before}{body}{_SPACED_LETTER}*"
+    return f"{before}{body}{_SPACED_LETTER}{{0,{ending}}}(?!{_SPACED_WORD})"

@@ -1,0 +1,200 @@
+"""The judging half in one place: recordings + submission facts + rubric → result. Pure.
+
+No ROS, no processes, no clock, no randomness: the same recording and rubric give the same bytes.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+from grader import __version__
+from grader.checks import REGISTRY, Context
+from grader.checks.finding import not_reached
+from grader.errors import RecordingError
+from grader.evidence.diagnosis import advisories
+from grader.evidence.recorded import Recorded
+from grader.recording.session import SESSION_FILE
+from grader.recording.submission import SubmissionRecord, read_submission
+from grader.result import Finding, Outcome, Result
+from grader.rubric import CheckSpec, Rubric
+from grader.score import score_criteria, total
+
+#: Outcomes after which the checks that require this one can still be looked at.
+_GOES_ON = (Outcome.PASSED, Outcome.PARTIAL)
+
+
+@dataclass(frozen=True)
+class Recordings:
+    """The recordings of one submission.
+
+    Attributes
+    ----------
+    sessions : mapping
+        Session name -> recording, for those that can be judged.
+    problems : tuple of str
+        What is wrong on the grader's side.
+    """
+
+    submission: SubmissionRecord
+    sessions: Mapping[str, Recorded]
+    problems: tuple[str, ...] = ()
+
+
+def open_recordings(folder: Path, rubric: Rubric) -> Recordings:
+    """Open `recordings/` of one submission.
+
+    Raises
+    ------
+    RecordingError
+        If the folder holds no recording, or one of another version.
+    """
+    try:
+        submission = read_submission(folder)
+    except (OSError, ValueError) as problem:
+        raise RecordingError(
+            "this is no folder of recordings", where=str(folder), remedy=f"Give a results folder of `grade`. ({problem})"
+        ) from problem
+    sessions, problems = {}, []
+    for name in rubric.sessions:
+        if not (folder / name / SESSION_FILE).exists():
+            continue
+        try:
+            recorded = Recorded.open(folder / name)
+        except FileNotFoundError:
+            problems.append(f"The recording '{name}' has no bag; its checks are undecided.")
+            continue
+        except ValueError as problem:
+            raise RecordingError(
+                "a recording cannot be read", where=str(folder / name), remedy=f"It may be of another version. ({problem})"
+            ) from problem
+        sessions[name] = recorded
+        problems += [f"{name}: {p}" for p in recorded.record.problems]
+        if not recorded.record.complete:
+            problems.append(f"{name}: the recording was cut off; its checks are undecided.")
+    return Recordings(submission, sessions, tuple(problems))
+
+
+def judge_checks(recordings: Recordings, rubric: Rubric) -> dict[str, Finding]:
+    """Judge all checks in the rubric's order; those of sessions that were not asked for are left out."""
+    chosen = recordings.submission.sessions
+    findings: dict[str, Finding] = {}
+    for spec in rubric.checks():
+        if chosen is None or spec.session is None or spec.session in chosen:
+            findings[spec.id] = _judge(spec, recordings, rubric, findings)
+    return findings
+
+
+def _judge(spec: CheckSpec, recordings: Recordings, rubric: Rubric, findings: Mapping[str, Finding]) -> Finding:
+    recorded = recordings.sessions.get(spec.session) if spec.session else None
+    unmet = [r for r in spec.requires if r in findings and findings[r].outcome not in _GOES_ON]
+    if unmet:
+        return _blocked(unmet[0], findings, rubric)
+    context = _context(spec, recordings, rubric, findings, recorded)
+    if spec.session and recorded is None:
+        return _without_recording(spec, context, rubric)
+    if recorded is not None and not _sound(recorded):
+        reason = "; ".join(recorded.record.problems) or "The recording was cut off."
+        return Finding(Outcome.INCONCLUSIVE, Decimal(0), reason=f"The experiment could not be carried out in order: {reason}")
+    try:
+        finding = REGISTRY[spec.check].judge(context, spec.parameters)
+    except Exception as problem:  # A broken check never costs points; it must not take the others with it.
+        return Finding(Outcome.ERROR, Decimal(0), reason=f"The check broke: {type(problem).__name__}: {problem}")
+    if finding.outcome in (Outcome.FAILED, Outcome.PARTIAL) and not finding.hint:
+        return dataclasses.replace(finding, hint=spec.hint)
+    return finding
+
+
+def _sound(recorded: Recorded) -> bool:
+    return recorded.record.complete and not recorded.record.problems
+
+
+def _blocked(required: str, findings: Mapping[str, Finding], rubric: Rubric) -> Finding:
+    """Pass on an earlier failure; what hangs on an undecided check is undecided too."""
+    title = next(check.title for check in rubric.checks() if check.id == required)
+    earlier = findings[required]
+    if not earlier.outcome.decided:
+        return Finding(Outcome.INCONCLUSIVE, Decimal(0), reason=f"It hangs on '{title}', which is undecided.")
+    return not_reached(f"It could not be looked at, since '{title}' failed.")
+
+
+def _without_recording(spec: CheckSpec, context: Context, rubric: Rubric) -> Finding:
+    """Judge a check whose session was not recorded: the file is missing, or the grader failed."""
+    needs = rubric.sessions[spec.session].needs if spec.session else ()
+    if needs and all(context.path_of(n) is None for n in needs[:1]):
+        fact = context.submission.artifact(needs[0])
+        name = fact.expected if fact else needs[0]
+        return Finding(
+            Outcome.FAILED, Decimal(0), expected=f"a file {name}", measured="no such file",
+            reason=f"There is no {name} in the submission.", hint=f"Hand in a file named {name}.",
+        )
+    return Finding(Outcome.INCONCLUSIVE, Decimal(0), reason=f"The session '{spec.session}' was not recorded.")
+
+
+def _context(
+    spec: CheckSpec, recordings: Recordings, rubric: Rubric, findings: Mapping[str, Finding], recorded: Recorded | None
+) -> Context:
+    return Context(
+        submission=recordings.submission,
+        recorded=recorded,
+        sessions=recordings.sessions,
+        findings=findings,
+        reference_nodes=frozenset(ref.node for ref in rubric.reference.values()),
+        lab_folder=rubric.folder,
+        hint=spec.hint,
+    )
+
+
+def judge(recordings: Recordings, rubric: Rubric) -> Result:
+    """Judge one submission."""
+    criteria = score_criteria(rubric, judge_checks(recordings, rubric))
+    return Result(
+        submission=recordings.submission.name,
+        lab=f"Lab {rubric.lab.id}: {rubric.lab.title}",
+        score=total(criteria),
+        criteria=criteria,
+        advisories=_advisories(recordings, criteria),
+        problems=recordings.problems,
+        provenance=_provenance(recordings, rubric),
+    )
+
+
+def _advisories(recordings: Recordings, criteria: Any) -> tuple[str, ...]:
+    found = []
+    for recorded in recordings.sessions.values():
+        for process in recorded.record.processes:
+            if process.role == "student":
+                found += [f"{process.artifact or process.name}: {a}" for a in advisories(process.output)]
+    for fact in recordings.submission.artifacts:
+        if fact.found_by == "near miss":
+            found.append(f"{fact.path} was taken for {fact.expected}.")
+    for package in recordings.submission.packages:
+        found += [f"Package {package.name}: {p}" for p in package.problems]
+    found += [note for c in criteria for check in c.checks for note in check.finding.notes]
+    return tuple(dict.fromkeys(found))
+
+
+def _provenance(recordings: Recordings, rubric: Rubric) -> dict[str, Any]:
+    sessions = {}
+    for name, recorded in recordings.sessions.items():
+        record = recorded.record
+        sessions[name] = {
+            "started_ns": record.started_ns,
+            "duration_s": round((record.ended_ns - record.started_ns) / 1e9, 3),
+            "seed": record.seed,
+            "isolation": record.isolation.get("level", "unknown"),
+        }
+    versions = next((dict(r.record.versions) for r in recordings.sessions.values()), {})
+    return {
+        "grader": __version__,
+        "lab": rubric.lab.id,
+        "rubric_sha256": rubric.sha256,
+        "submission_sha256": recordings.submission.sha256,
+        "versions": versions,
+        "sessions": sessions,
+        "left_out": list(recordings.submission.left_out),
+    }

@@ -1,0 +1,404 @@
+"""The director: one trusted process in a cell that probes the ROS graph and records all traffic.
+
+It reads one JSON request a line from standard input and answers with one JSON line each on standard
+output; snapshots of the graph come in between. It starts no process and parses no file of a student's.
+
+Requests: ``{"op": "wait_for", ...}``, ``observe``, ``call``, ``get_parameters``, ``set_parameters``,
+``expect_gone``, ``stop``; ``{"op": "cancel"}`` ends the one under way. Every answer has ``outcome``
+("done", "timeout", "cancelled" or "failed") and ``result``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import json
+import queue
+import sys
+import threading
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.client import Client
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_system_default
+from rclpy.service_introspection import ServiceIntrospectionState
+
+from grader.live.graph import GRADER_NAMESPACE, GraphWatch
+from grader.live.names import Candidate, near_miss
+from grader.live.recorder import Recorder
+from grader.recording.bag import BagWriter
+from grader.recording.session import GraphSnapshot
+
+#: Once a student's node shows other endpoints, how long the wanted name may still take to appear.
+_NEAR_MISS_AFTER_S = 2.0
+#: Names that every node has; never what a lab asks for.
+_STANDARD = ("/rosout", "/parameter_events", "/clock")
+_STANDARD_SERVICES = (
+    "describe_parameters", "get_parameters", "get_parameter_types", "list_parameters", "set_parameters",
+    "set_parameters_atomically", "get_type_description",
+)
+_SPIN_S = 0.01
+#: How long a publisher of ours waits until the student's subscriptions are matched.
+_MATCH_S = 3.0
+
+
+class Cancelled(Exception):
+    """The session no longer needs the answer, for the student's processes are gone."""
+
+
+class Director:
+    """Serves the requests of one session.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the bag goes.
+    name : str
+        Name of the bag.
+    reference_nodes : collection of str
+        Fully qualified names of the reference nodes; all others are the student's.
+    expected : list of str
+        Names that the rubric uses; never taken for a misspelling of another.
+    """
+
+    def __init__(self, folder: Path, name: str, domain_id: int, reference_nodes: list[str], expected: list[str]) -> None:
+        self._context = rclpy.Context()
+        rclpy.init(args=[], context=self._context, domain_id=domain_id, signal_handler_options=rclpy.SignalHandlerOptions.NO)
+        self._node = Node(
+            "probe", namespace=GRADER_NAMESPACE, context=self._context, use_global_arguments=False,
+            start_parameter_services=False, enable_rosout=False,
+        )
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._recorder = Recorder(BagWriter(folder, name), domain_id)
+        self._watch = GraphWatch(self._node, self._on_change)
+        self._reference_nodes = set(reference_nodes)
+        self._expected = set(expected)
+        self._names: dict[str, str] = {}
+        self._domain_id = domain_id
+        self._clients: dict[tuple[str, str, int], Client[Any, Any]] = {}
+        self._requests: queue.Queue[dict[str, Any] | None] = queue.Queue()
+        self._cancelled = False
+
+    def serve(self) -> None:
+        """Answer requests until `stop` or the end of input."""
+        threading.Thread(target=self._listen, daemon=True).start()
+        _say({"event": "ready"})
+        while True:
+            self._tick()
+            try:
+                request = self._requests.get_nowait()
+            except queue.Empty:
+                continue
+            if request is None or request["op"] == "stop":
+                break
+            if request["op"] != "cancel":
+                self._answer(request)
+        self._watch.look(now=True)
+        self._recorder.stop()
+        _say({"event": "stopped", "problems": self._recorder.problems})
+
+    def _listen(self) -> None:
+        for line in sys.stdin:
+            request = json.loads(line)
+            if request["op"] == "cancel":
+                self._cancelled = True
+            self._requests.put(request)
+        self._requests.put(None)
+        self._cancelled = True
+
+    def _answer(self, request: dict[str, Any]) -> None:
+        self._cancelled = False
+        operations: dict[str, Callable[[dict[str, Any]], tuple[str, dict[str, Any]]]] = {
+            "wait_for": self._wait_for,
+            "observe": self._observe,
+            "publish": self._publish,
+            "call": self._call,
+            "get_parameters": self._get_parameters,
+            "set_parameters": self._set_parameters,
+        }
+        try:
+            outcome, result = operations[request["op"]](request)
+        except Cancelled:
+            outcome, result = "cancelled", {}
+        except Exception as problem:  # Whatever it is, the session must hear of it and go on.
+            outcome, result = "failed", {"problem": f"{type(problem).__name__}: {problem}"}
+        _say({"event": "answer", "outcome": outcome, "result": result})
+
+    def _on_change(self, graph: GraphSnapshot) -> None:
+        self._recorder.follow(graph.endpoints)
+        _say({"event": "graph", "graph": dataclasses.asdict(graph)})
+
+    def _tick(self) -> None:
+        self._executor.spin_once(timeout_sec=_SPIN_S)
+        self._watch.look()
+
+    def _until(self, condition: Callable[[], bool], timeout_s: float) -> bool:
+        end_s = time.monotonic() + timeout_s
+        while not condition():
+            if self._cancelled:
+                raise Cancelled
+            if time.monotonic() >= end_s:
+                return False
+            self._tick()
+        return True
+
+    # -- waiting ------------------------------------------------------------------------------
+
+    def _wait_for(self, request: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+        kind = next(k for k in ("node", "publisher", "subscription", "service") if request.get(k))
+        wanted, wanted_type = request[kind], request.get("type")
+        started_s = time.monotonic()
+        other_since_s: float | None = None
+        found: list[Candidate] = []
+
+        def there() -> bool:
+            nonlocal other_since_s, found
+            candidates = self._candidates(kind)
+            found = [c for c in candidates if c.name == wanted]
+            if found:
+                return True
+            taken = self._expected | set(self._names.values())
+            others = [c for c in candidates if c.name not in taken]
+            if not self._students():
+                other_since_s = None
+                return False
+            other_since_s = other_since_s or time.monotonic()
+            guess = near_miss(wanted, wanted_type, others)
+            if guess is not None and time.monotonic() - other_since_s > _NEAR_MISS_AFTER_S:
+                found = [guess]
+                return True
+            return False
+
+        outcome = "done" if self._until(there, float(request["timeout_s"])) else "timeout"
+        waited = {"waited_s": round(time.monotonic() - started_s, 3)}
+        if not found:
+            return outcome, {**waited, "there": sorted({c.name for c in self._candidates(kind)})[:50]}
+        same = next((c for c in found if c.type == wanted_type), found[0])
+        if same.name != wanted:
+            self._names[wanted] = same.name
+        return outcome, {**waited, "name": same.name, "type": same.type}
+
+    def _students(self) -> list[str]:
+        return [n for n in self._watch.last.nodes if n not in self._reference_nodes]
+
+    def _candidates(self, kind: str) -> list[Candidate]:
+        graph = self._watch.last
+        if kind == "node":
+            return [Candidate(n, "") for n in self._students()]
+        if kind == "service":
+            return [
+                Candidate(s.name, s.type)
+                for s in graph.services
+                if s.node not in self._reference_nodes and s.name.rsplit("/", 1)[-1] not in _STANDARD_SERVICES
+            ]
+        return [
+            Candidate(e.topic, e.type)
+            for e in graph.endpoints
+            if e.kind == kind and e.node not in self._reference_nodes and e.topic not in _STANDARD
+        ]
+
+    def _observe(self, request: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+        topic = request.get("first_message_on")
+        if topic:
+            actual = self._names.get(topic, topic)
+            if not self._until(lambda: any(n for (t, _), n in self._recorder.counts.items() if t == actual), float(request["timeout_s"])):
+                return "timeout", {"topic": actual}
+        opened_ns = time.time_ns()
+        self._until(lambda: False, float(request["duration_s"]))
+        return "done", {"opened_ns": opened_ns, "closed_ns": time.time_ns()}
+
+    def _publish(self, request: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+        topic = self._names.get(request["topic"], request["topic"])
+        kind = _interface(request["type"], "msg")
+        offered = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # compatible with every request
+        context = rclpy.Context()  # its own, since the student may use another type on this topic
+        rclpy.init(args=[], context=context, domain_id=self._domain_id, signal_handler_options=rclpy.SignalHandlerOptions.NO)
+        node = Node(
+            "publisher", namespace=GRADER_NAMESPACE, context=context, use_global_arguments=False,
+            start_parameter_services=False, enable_rosout=False,
+        )
+        publisher = node.create_publisher(kind, topic, offered)
+        try:
+            students = [e for e in self._watch.last.endpoints if e.kind == "subscription" and e.topic == topic]
+            matched = self._until(lambda: publisher.get_subscription_count() >= len(students), _MATCH_S)
+            message = _fill(kind(), request["message"])
+            for _ in range(int(request["count"])):
+                publisher.publish(message)
+                self._until(lambda: False, 1.0 / float(request["rate_hz"]))
+        finally:
+            node.destroy_node()
+            context.shutdown()
+        return "done", {"topic": topic, "matched": matched}
+
+    # -- services -----------------------------------------------------------------------------
+
+    def _client(self, service: str, service_type: str, number: int) -> Client[Any, Any]:
+        key = (service, service_type, number)
+        if key not in self._clients:
+            client = self._node.create_client(_interface(service_type, "srv"), service)
+            client.configure_introspection(
+                self._node.get_clock(), qos_profile_system_default, ServiceIntrospectionState.CONTENTS
+            )
+            self._clients[key] = client
+        return self._clients[key]
+
+    def _ready_client(self, service: str, service_type: str, number: int, timeout_s: float) -> Client[Any, Any] | None:
+        client = self._client(service, service_type, number)
+        return client if self._until(client.service_is_ready, timeout_s) else None
+
+    def _call(self, request: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+        service = self._names.get(request["service"], request["service"])
+        timeout_s = float(request["timeout_s"])
+        clients = [self._ready_client(service, request["type"], n, timeout_s) for n in range(int(request["clients"]))]
+        if any(client is None for client in clients):
+            return "timeout", {"service": service, "calls": [], "problem": "the service is not up"}
+        message = _fill(_interface(request["type"], "srv").Request(), request["request"])
+        calls = [_Call(client, message, timeout_s) for client in clients if client is not None]
+        finished: list[dict[str, Any]] = []
+        started = 0
+        end_s = time.monotonic() + float(request["at_most_s"])
+        while len(finished) < int(request["repeat"]) and (time.monotonic() < end_s or not all(c.idle for c in calls)):
+            for call in calls:
+                if call.idle and started < int(request["repeat"]) and time.monotonic() < end_s:
+                    call.start()
+                    started += 1
+                if (record := call.finish()) is not None:
+                    finished.append(record)
+            if self._cancelled:
+                raise Cancelled
+            self._executor.spin_once(timeout_sec=_SPIN_S)
+            self._watch.look()
+            if finished and finished[-1]["response"] is None and len(finished) >= 2:
+                break  # A service that does not answer twice is not asked fifty times.
+        outcome = "done" if all(c["response"] is not None for c in finished) else "timeout"
+        return outcome, {"service": service, "request": dict(request["request"]), "calls": finished}
+
+    def _ask(self, service: str, service_type: str, message: Any, timeout_s: float) -> Any:
+        client = self._ready_client(service, service_type, 0, timeout_s)
+        if client is None:
+            return None
+        future = client.call_async(message)
+        self._until(future.done, timeout_s)
+        return future.result() if future.done() else None
+
+    def _node_name(self, request: Mapping[str, Any]) -> str:
+        wanted = request["node"] if request["node"].startswith("/") else "/" + request["node"]
+        return self._names.get(request["node"], self._names.get(wanted, wanted))
+
+    def _get_parameters(self, request: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+        node = self._node_name(request)
+        kind = _interface("rcl_interfaces/srv/ListParameters", "srv")
+        listed = self._ask(f"{node}/list_parameters", "rcl_interfaces/srv/ListParameters", kind.Request(), float(request["timeout_s"]))
+        if listed is None:
+            return "timeout", {"node": node, "problem": "the node's parameter services do not answer"}
+        names = [n for n in request["names"] if n in listed.result.names]
+        kind = _interface("rcl_interfaces/srv/GetParameters", "srv")
+        got = self._ask(f"{node}/get_parameters", "rcl_interfaces/srv/GetParameters", kind.Request(names=names), float(request["timeout_s"]))
+        if got is None:
+            return "timeout", {"node": node, "problem": "the node's parameter services do not answer"}
+        values = {n: _plain_parameter(v) for n, v in zip(names, got.values, strict=False)}
+        return "done", {"node": node, "declared": list(listed.result.names)[:200], "values": values}
+
+    def _set_parameters(self, request: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+        node = self._node_name(request)
+        from rclpy.parameter import Parameter
+
+        message = _interface("rcl_interfaces/srv/SetParameters", "srv").Request()
+        message.parameters = [Parameter(n, value=v).to_parameter_msg() for n, v in request["values"].items()]
+        answer = self._ask(f"{node}/set_parameters", "rcl_interfaces/srv/SetParameters", message, float(request["timeout_s"]))
+        if answer is None:
+            return "timeout", {"node": node, "problem": "the node's parameter services do not answer"}
+        refused = {n: r.reason for n, r in zip(request["values"], answer.results, strict=False) if not r.successful}
+        return ("failed" if refused else "done"), {"node": node, "refused": refused}
+
+
+class _Call:
+    """One client's calls, one after another."""
+
+    def __init__(self, client: Client[Any, Any], message: Any, timeout_s: float) -> None:
+        self._client, self._message, self._timeout_s = client, message, timeout_s
+        self._future: Any = None
+        self._started_ns = 0
+
+    @property
+    def idle(self) -> bool:
+        return self._future is None
+
+    def start(self) -> None:
+        self._started_ns = time.time_ns()
+        self._future = self._client.call_async(self._message)
+        self._future.add_done_callback(self._note_end)
+        self._ended_ns = 0
+
+    def _note_end(self, future: Any) -> None:
+        self._ended_ns = time.time_ns()
+
+    def finish(self) -> dict[str, Any] | None:
+        """Return the record of a call that has ended (answered or too late), else None."""
+        if self._future is None:
+            return None
+        late = time.time_ns() - self._started_ns > self._timeout_s * 1e9
+        if not self._future.done() and not late:
+            return None
+        answer = self._future.result() if self._future.done() else None
+        ended_ns = self._ended_ns or time.time_ns()
+        if answer is None:
+            self._client.remove_pending_request(self._future)
+        self._future = None
+        response = None if answer is None else {f: getattr(answer, f) for f in answer.get_fields_and_field_types()}
+        return {"started_ns": self._started_ns, "ended_ns": ended_ns, "response": _jsonable(response)}
+
+
+def _interface(name: str, kind: str) -> Any:
+    """Import an interface by its name, e.g. ``std_srvs/srv/SetBool``."""
+    package, _, short = name.split("/")
+    return getattr(importlib.import_module(f"{package}.{kind}"), short)
+
+
+def _fill(message: Any, values: Mapping[str, Any]) -> Any:
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            _fill(getattr(message, name), value)
+        else:
+            setattr(message, name, value)
+    return message
+
+
+def _plain_parameter(value: Any) -> dict[str, Any]:
+    from rclpy.parameter import Parameter, parameter_value_to_python
+
+    kind = Parameter.Type(value.type).name.lower()
+    return {"type": kind, "value": _jsonable(parameter_value_to_python(value))}
+
+
+def _jsonable(value: Any) -> Any:
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    if isinstance(value, Mapping):
+        return {str(k): _jsonable(v) for k, v in value.items()}
+    if hasattr(value, "__iter__"):
+        return [_jsonable(v) for v in list(value)[:1000]]
+    return str(value)
+
+
+def _say(event: dict[str, Any]) -> None:
+    sys.stdout.write(json.dumps(event) + "\n")
+    sys.stdout.flush()
+
+
+def main() -> None:
+    """Run the director; its configuration is a JSON object in argv[1]."""
+    settings = json.loads(sys.argv[1])
+    Director(
+        Path(settings["folder"]), settings["name"], settings["domain_id"], settings["reference_nodes"], settings["expected"]
+    ).serve()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,99 @@
+"""Environments of the processes in a cell, built from nothing.
+
+What the caller has sourced or exported (a ROS installation, PYTHONPATH, a DDS profile, a domain)
+reaches no process of a session.
+"""
+
+from __future__ import annotations
+
+import glob
+import sys
+import sysconfig
+from pathlib import Path
+
+#: Fast DDS over UDP alone: shared memory needs equal user ids on both sides and crosses cells.
+_DDS = {
+    "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
+    "SKIP_DEFAULT_XML_FILE": "1",
+    "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET",
+    "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp",
+}
+
+
+def wheel_library_path(prefix: Path) -> str:
+    """Return the LD_LIBRARY_PATH that the ROS wheels' start-up hook would set, which spares its second start."""
+    version = f"python{sys.version_info.major}.{sys.version_info.minor}"
+    site = prefix / "lib" / version / "site-packages"
+    return ":".join([str(prefix / "lib"), *sorted(glob.glob(str(site / "ros_*.libs")))])
+
+
+def _ros(prefix: Path) -> dict[str, str]:
+    return {
+        **_DDS,
+        "LD_LIBRARY_PATH": wheel_library_path(prefix),
+        "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1",
+        "LANG": "C.UTF-8",
+        "PATH": f"{prefix}/bin:/usr/local/bin:/usr/bin:/bin",
+        "PYTHONUNBUFFERED": "1",
+        "OPENBLAS_NUM_THREADS": "1",
+        "MALLOC_ARENA_MAX": "2",
+    }
+
+
+def trusted_environment(home: Path, domain_id: int) -> dict[str, str]:
+    """Environment of the grader's own processes: director and reference nodes."""
+    prefix = Path(sys.prefix)
+    return {
+        **_ros(prefix),
+        "HOME": str(home),
+        "TMPDIR": str(home),
+        "ROS_LOG_DIR": str(home / "log"),
+        "ROS_DOMAIN_ID": str(domain_id),
+        "AMENT_PREFIX_PATH": str(prefix),
+        "FASTRTPS_DEFAULT_PROFILES_FILE": str(Path(__file__).parent / "trusted_dds.xml"),
+    }
+
+
+def student_environment(interpreter: Path, home: str, workspace: str, tap: str, domain_id: int) -> dict[str, str]:
+    """Environment of a student's process.
+
+    Parameters
+    ----------
+    interpreter : Path
+        Python that runs it; where it is a virtual environment with the ROS wheels, these are set up.
+    home, workspace, tap : str
+        Paths as the process sees them.
+    """
+    prefix = interpreter.parent.parent
+    return {
+        **_ros(prefix),
+        "HOME": home,
+        "TMPDIR": "/tmp",
+        "ROS_LOG_DIR": f"{home}/log",
+        "ROS_DOMAIN_ID": str(domain_id),
+        "ROS_DISTRO": "jazzy",
+        "ROS_VERSION": "2",
+        "AMENT_PREFIX_PATH": f"{workspace}/install:{prefix}",
+        "PYTHONDONTWRITEBYTECODE": "1",
+        "PYTHONPATH": tap,
+        "RCUTILS_COLORIZED_OUTPUT": "0",
+    }
+
+
+def default_interpreter() -> Path:
+    """Python of the grader itself: not resolved, since a virtual environment is known by its link."""
+    return Path(sys.executable)
+
+
+def interpreter_roots(interpreter: Path) -> list[Path]:
+    """Folders that an interpreter needs to run: its virtual environment and the installation behind it."""
+    prefix = interpreter.parent.parent
+    real = interpreter.resolve().parent.parent
+    stdlib = Path(sysconfig.get_path("stdlib")).parent.parent if interpreter == default_interpreter() else real
+    roots = [prefix, real, stdlib]
+    # Every link on the way from bin/python to the real program must resolve inside the cell too.
+    link = interpreter
+    while link.is_symlink():
+        link = (link.parent / link.readlink()) if not link.readlink().is_absolute() else link.readlink()
+        roots.append(link.parent.parent)
+    return list(dict.fromkeys(roots))

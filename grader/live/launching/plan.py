@@ -1,0 +1,375 @@
+"""The plan of a launch file: what would start, with which command line, and when.
+
+A plan is data: the live half runs it, the recording keeps it, the report shows it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any, TypeVar
+
+PLAN_SCHEMA = "ros-lab-grader/launch-plan/v1"
+
+OUTCOMES = ("ok", "error", "not_assessable")
+
+PARAMETERS_PLACEHOLDER = "{parameters}"
+
+_T = TypeVar("_T")
+
+
+class MalformedPlanError(ValueError):
+    """Data that is said to be a plan is none."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Why a launch file cannot be launched, or not be assessed.
+
+    Attributes
+    ----------
+    kind : str
+        A slug, such as `unknown_executable`.
+    message, remedy : str
+        What is wrong, and how to mend it.
+    file : str or None
+        Path relative to the submission.
+    line : int or None
+        Line of `file`, counted from 1.
+    module : str
+        The module that is missing, for a launch file that is not assessable.
+    """
+
+    kind: str
+    message: str
+    file: str | None = None
+    line: int | None = None
+    remedy: str = ""
+    module: str = ""
+
+
+@dataclass(frozen=True)
+class Argument:
+    """A declared launch argument; `default` is None if it must be given."""
+
+    name: str
+    default: str | None = None
+    description: str = ""
+    choices: tuple[str, ...] | None = None
+    included: bool = False
+    file: str | None = None
+    line: int | None = None
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter (`name`, `value`, `type`) or one file of them (`file`, `content`), in the order given."""
+
+    name: str | None = None
+    value: Any = None
+    type: str | None = None
+    file: str | None = None
+    content: Any = None
+
+
+@dataclass(frozen=True)
+class Component:
+    """A node that is loaded into a container."""
+
+    package: str | None = None
+    plugin: str | None = None
+    name: str | None = None
+    namespace: str | None = None
+    parameters: tuple[Parameter, ...] = ()
+    remappings: tuple[tuple[str, str], ...] = ()
+    file: str | None = None
+    line: int | None = None
+
+
+@dataclass(frozen=True)
+class Process:
+    """One process that would be started.
+
+    Attributes
+    ----------
+    id : str
+        Name with a running number, as `ros2 launch` shows it.
+    kind : str
+        `node`, `lifecycle_node`, `container` or `executable`.
+    prefix, path, argv
+        The command line is all three in this order. `{parameters}` in `argv` stands for a folder of the
+        runner's choice that holds `parameter_files`.
+    env, env_unset, env_replaces
+        What differs from the environment of the launch; if `env_replaces`, `env` is all there is.
+    when : mapping or None
+        None: at once. Else what it waits for: `after_s`, `on_start_of`, `on_exit_of`, `on_shutdown`, ...
+    condition_note : str
+        On what condition it was started.
+    parameter_files : mapping
+        Text by file name.
+    """
+
+    id: str
+    path: str
+    kind: str = "executable"
+    package: str | None = None
+    executable: str | None = None
+    name: str | None = None
+    namespace: str | None = None
+    prefix: tuple[str, ...] = ()
+    argv: tuple[str, ...] = ()
+    env: Mapping[str, str] = field(default_factory=dict)
+    env_unset: tuple[str, ...] = ()
+    env_replaces: bool = False
+    cwd: str | None = None
+    parameters: tuple[Parameter, ...] = ()
+    remappings: tuple[tuple[str, str], ...] = ()
+    output: Any = "log"
+    respawn: bool = False
+    respawn_delay_s: float = 0.0
+    respawn_max_retries: int = -1
+    emulate_tty: bool = False
+    shell: bool = False
+    sigterm_timeout_s: float = 5.0
+    sigkill_timeout_s: float = 5.0
+    when: Mapping[str, Any] | None = None
+    condition_note: str = ""
+    parameter_files: Mapping[str, str] = field(default_factory=dict)
+    components: tuple[Component, ...] = ()
+    autostart: bool = False
+    file: str | None = None
+    line: int | None = None
+
+    @property
+    def full_name(self) -> str | None:
+        """The node's name with its namespace, or None if the launch file does not name it."""
+        if self.name is None:
+            return None
+        return f"{(self.namespace or '').rstrip('/')}/{self.name}"
+
+    def command(self, parameters_folder: str) -> list[str]:
+        """The command line, with the parameter files in a folder."""
+        words = [*self.prefix, self.path, *self.argv]
+        return [word.replace(PARAMETERS_PLACEHOLDER, parameters_folder) for word in words]
+
+    def effective_parameters(self) -> dict[str, Any]:
+        """Value by name as the node would get them; the last one given counts.
+
+        Notes
+        -----
+        Of a file, the sections that match the node's name count; what is said of a node by its full name
+        overrides what is said by a wildcard, even later. Parameters given in the launch file are by full name
+        if it names the node and its namespace.
+        """
+        values: dict[str, Any] = {}
+        exact: dict[str, Any] = {}
+        for parameter in self.parameters:
+            if parameter.name is not None:
+                own = self.name is not None and self.namespace is not None
+                (exact if own else values)[parameter.name] = parameter.value
+            elif isinstance(parameter.content, Mapping):
+                for section, content in _sections(parameter.content, ""):
+                    kind = _matches(section, self.full_name or "/")
+                    target = {0: None, 1: values, 2: exact}[kind]
+                    if target is not None:
+                        target.update(_flat(content, ""))
+        return {**values, **exact}
+
+
+def _sections(content: Mapping[str, Any], above: str) -> list[tuple[str, Mapping[str, Any]]]:
+    found: list[tuple[str, Mapping[str, Any]]] = []
+    for key, value in content.items():
+        if not isinstance(value, Mapping):
+            continue
+        if key == "ros__parameters":
+            found.append((above, value))
+        else:
+            found += _sections(value, f"{above}/{str(key).strip('/')}")
+    return found
+
+
+def _matches(section: str, full_name: str) -> int:
+    # 0: does not match, 1: matches by a wildcard, 2: is the node's own name.
+    wanted, given = section.strip("/").split("/"), full_name.strip("/").split("/")
+    if wanted == given:
+        return 2
+    return 1 if _wildcards_match(wanted, given) else 0
+
+
+def _wildcards_match(wanted: list[str], given: list[str]) -> bool:
+    if not wanted:
+        return not given
+    if wanted[0] == "**":
+        return any(_wildcards_match(wanted[1:], given[i:]) for i in range(len(given) + 1))
+    return bool(given) and wanted[0] in ("*", given[0]) and _wildcards_match(wanted[1:], given[1:])
+
+
+def _flat(content: Mapping[str, Any], above: str) -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, value in content.items():
+        if isinstance(value, Mapping):
+            flat.update(_flat(value, f"{above}{key}."))
+        else:
+            flat[f"{above}{key}"] = value
+    return flat
+
+
+@dataclass(frozen=True)
+class Include:
+    """Another launch file that is included; `by` and `line` say where."""
+
+    file: str
+    arguments: Mapping[str, str] = field(default_factory=dict)
+    when: Mapping[str, Any] | None = None
+    by: str | None = None
+    line: int | None = None
+
+
+@dataclass(frozen=True)
+class Note:
+    """A warning, or something that the launch file says."""
+
+    message: str
+    when: Mapping[str, Any] | None = None
+    file: str | None = None
+    line: int | None = None
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a launch file would do.
+
+    Attributes
+    ----------
+    outcome : str
+        `ok`; `error`: it cannot be launched; `not_assessable`: it cannot be evaluated here, through no
+        fault of its own.
+    problem : Problem or None
+        Why, unless `ok`.
+    configurations : mapping
+        The launch configurations at the end.
+    not_started : tuple of mapping
+        What a condition kept back, or what is not evaluated: `what`, `why`, `file`, `line`.
+    """
+
+    outcome: str
+    problem: Problem | None = None
+    arguments: tuple[Argument, ...] = ()
+    configurations: Mapping[str, str] = field(default_factory=dict)
+    processes: tuple[Process, ...] = ()
+    includes: tuple[Include, ...] = ()
+    logs: tuple[Note, ...] = ()
+    warnings: tuple[Note, ...] = ()
+    shutdowns: tuple[Mapping[str, Any], ...] = ()
+    signals: tuple[Mapping[str, Any], ...] = ()
+    loaded_components: tuple[Mapping[str, Any], ...] = ()
+    not_started: tuple[Mapping[str, Any], ...] = ()
+    parameter_files: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def ok(self) -> bool:
+        """Whether the launch file can be launched."""
+        return self.outcome == "ok"
+
+    @property
+    def at_once(self) -> tuple[Process, ...]:
+        """The processes that wait for nothing."""
+        return tuple(process for process in self.processes if process.when is None)
+
+    def node(self, full_name: str) -> Process | None:
+        """The process that starts a node of a name, if any."""
+        return next((p for p in self.processes if p.full_name == full_name), None)
+
+    @classmethod
+    def from_plain(cls, plain: Any) -> Plan:
+        """Read a plan from plain data.
+
+        Raises
+        ------
+        MalformedPlanError
+            It is no plan. The data may come from a process that ran a student's code, so nothing is trusted.
+        """
+        if not isinstance(plain, Mapping) or plain.get("schema") != PLAN_SCHEMA:
+            raise MalformedPlanError(f"this is no launch plan: its schema is not {PLAN_SCHEMA}")
+        if plain.get("outcome") not in OUTCOMES:
+            raise MalformedPlanError(f"the outcome of a launch plan must be one of {', '.join(OUTCOMES)}")
+        try:
+            return cls(
+                outcome=plain["outcome"],
+                problem=None if plain.get("problem") is None else _made(Problem, plain["problem"]),
+                arguments=tuple(_argument(item) for item in _listed(plain, "arguments")),
+                configurations=_texts(plain.get("configurations")),
+                processes=tuple(_process(item) for item in _listed(plain, "processes")),
+                includes=tuple(_made(Include, item) for item in _listed(plain, "includes")),
+                logs=tuple(_made(Note, item) for item in _listed(plain, "logs")),
+                warnings=tuple(_made(Note, item) for item in _listed(plain, "warnings")),
+                shutdowns=tuple(_listed(plain, "shutdowns")),
+                signals=tuple(_listed(plain, "signals")),
+                loaded_components=tuple(_listed(plain, "loaded_components")),
+                not_started=tuple(_listed(plain, "not_started")),
+                parameter_files=_texts(plain.get("parameter_files")),
+            )
+        except (TypeError, KeyError, AttributeError) as error:
+            raise MalformedPlanError(f"this is no launch plan: {error}") from error
+
+    def to_plain(self) -> dict[str, Any]:
+        """The plan as plain data, ready for JSON."""
+        plain = _plain(self)
+        return {"schema": PLAN_SCHEMA, **plain}
+
+
+def _made(cls: type[_T], item: Mapping[str, Any], **converted: Any) -> _T:
+    known = {f.name for f in fields(cls)}  # type: ignore[arg-type]
+    return cls(**{**{k: v for k, v in item.items() if k in known}, **converted})
+
+
+def _listed(plain: Mapping[str, Any], name: str) -> list[Any]:
+    items = plain.get(name) or []
+    if not isinstance(items, list) or not all(isinstance(item, Mapping) for item in items):
+        raise MalformedPlanError(f"'{name}' of a launch plan must be a list of mappings")
+    return items
+
+
+def _texts(given: Any) -> dict[str, str]:
+    return {str(name): str(value) for name, value in dict(given or {}).items()}
+
+
+def _argument(item: Mapping[str, Any]) -> Argument:
+    choices = item.get("choices")
+    return _made(Argument, item, choices=None if choices is None else tuple(map(str, choices)))
+
+
+def _common(item: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        "parameters": tuple(_made(Parameter, p) for p in _listed(item, "parameters")),
+        "remappings": tuple((str(a), str(b)) for a, b in item.get("remappings") or []),
+    }
+
+
+def _process(item: Mapping[str, Any]) -> Process:
+    words = {name: tuple(map(str, item.get(name) or ())) for name in ("prefix", "argv", "env_unset")}
+    return _made(
+        Process,
+        item,
+        id=str(item["id"]),
+        path=str(item["path"]),
+        env=_texts(item.get("env")),
+        parameter_files=_texts(item.get("parameter_files")),
+        components=tuple(_made(Component, c, **_common(c)) for c in _listed(item, "components")),
+        **words,
+        **_common(item),
+    )
+
+
+def _plain(value: Any) -> Any:
+    if hasattr(value, "__dataclass_fields__"):
+        plain = {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
+        if isinstance(value, Parameter):
+            kept = ("file", "content") if value.name is None else ("name", "value", "type")
+            return {name: plain[name] for name in kept}
+        return plain
+    if isinstance(value, Mapping):
+        return {str(name): _plain(item) for name, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    return value

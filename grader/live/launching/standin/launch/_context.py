@@ -1,0 +1,145 @@
+"""The state of a launch: configurations, environment, locals, event handlers."""
+
+from __future__ import annotations
+
+import collections
+import os
+from collections.abc import MutableMapping
+from typing import Any
+
+from ._base import Substitution, perform_substitution
+from ._session import Session
+
+
+class _Locals:
+    def __init__(self, values: dict[str, Any]) -> None:
+        self.__dict__["_values"] = values
+
+    def __getattr__(self, key: str) -> Any:
+        try:
+            return self.__dict__["_values"][key]
+        except KeyError:
+            known = ", ".join(self.__dict__["_values"])
+            raise AttributeError(f"context.locals has no '{key}'; it has: {known}") from None
+
+    def __setattr__(self, key: str, value: Any) -> None:
+        raise AttributeError(f"context.locals are read-only, so '{key}' cannot be set")
+
+
+class LaunchContext:
+    """The state of a launch."""
+
+    def __init__(self, *, argv: list[str] | None = None, noninteractive: bool = False) -> None:
+        self.argv = argv or []
+        self.noninteractive = noninteractive
+        self.is_shutdown = False
+        self.asyncio_loop = None
+        self.session = Session()
+        self.event_handlers: collections.deque[Any] = collections.deque()
+        self.__globals: dict[str, Any] = {}
+        self.__locals: dict[str, Any] = {}
+        self.__locals_stack: list[dict[str, Any]] = []
+        self.__configurations: dict[str, Any] = {}
+        self.__configurations_stack: list[dict[str, Any]] = []
+        self.__environment_stack: list[dict[str, str]] = []
+
+    def _set_is_shutdown(self, state: bool) -> None:
+        self.is_shutdown = self.is_shutdown or state
+
+    @property
+    def launch_configurations(self) -> dict[str, Any]:
+        """The launch configurations; text by name."""
+        return self.__configurations
+
+    @property
+    def environment(self) -> MutableMapping[str, str]:
+        """The environment that processes will have."""
+        return os.environ
+
+    @property
+    def locals(self) -> _Locals:
+        """The locals as attributes."""
+        return _Locals(self.get_locals_as_dict())
+
+    def get_locals_as_dict(self) -> dict[str, Any]:
+        """The locals."""
+        return {**self.__globals, **self.__locals}
+
+    def get_locals_keys(self) -> Any:
+        """Names of the locals."""
+        return self.get_locals_as_dict().keys()
+
+    def extend_globals(self, extensions: dict[str, Any]) -> None:
+        """Add locals that stay."""
+        self.__globals.update(extensions)
+
+    def extend_locals(self, extensions: dict[str, Any]) -> None:
+        """Add locals until they are popped."""
+        self.__locals.update(extensions)
+
+    def _push_locals(self) -> None:
+        self.__locals_stack.append(dict(self.__locals))
+
+    def _pop_locals(self) -> None:
+        self.__locals = self.__locals_stack.pop()
+
+    def _push_launch_configurations(self) -> None:
+        self.__configurations_stack.append(dict(self.__configurations))
+
+    def _pop_launch_configurations(self) -> None:
+        if not self.__configurations_stack:
+            raise RuntimeError("there are no launch configurations to pop")
+        self.__configurations = self.__configurations_stack.pop()
+
+    def _push_environment(self) -> None:
+        self.__environment_stack.append(dict(os.environ))
+
+    def _pop_environment(self) -> None:
+        if not self.__environment_stack:
+            raise RuntimeError("there is no environment to pop")
+        self._replace_environment(self.__environment_stack.pop())
+
+    def _reset_environment(self) -> None:
+        self._replace_environment(self.session.initial_environment)
+
+    def _replace_environment(self, environment: dict[str, str]) -> None:
+        for name in set(os.environ) - set(environment):
+            del os.environ[name]
+        os.environ.update(environment)
+
+    def perform_substitution(self, substitution: Substitution) -> str:
+        """Resolve a substitution."""
+        return perform_substitution(self, substitution)
+
+    def would_handle_event(self, event: Any) -> bool:
+        """Whether a handler waits for an event."""
+        return any(handler.matches(event) for handler in self.event_handlers)
+
+    def register_event_handler(self, event_handler: Any) -> None:
+        """Add a handler; the newest comes first."""
+        self.event_handlers.appendleft(event_handler)
+
+    def unregister_event_handler(self, event_handler: Any) -> None:
+        """Remove a handler."""
+        self.event_handlers.remove(event_handler)
+
+    def emit_event_sync(self, event: Any) -> None:
+        """Let something happen."""
+        from .events import Shutdown
+        from .events.process import ProcessTargetedEvent
+
+        if isinstance(event, Shutdown):
+            self.session.emit_shutdown(event)
+            return
+        if isinstance(event, ProcessTargetedEvent):
+            signal_name = getattr(event, "signal_name", "SIGINT")
+            entry = {"signal": signal_name, "when": self.session.when, "source": event.source_line}
+            self.session.signals.append(entry)
+        self.session.emit(event, self.session.when)
+
+    async def emit_event(self, event: Any) -> None:
+        """Let something happen."""
+        self.emit_event_sync(event)
+
+    def add_completion_future(self, completion_future: Any) -> None:
+        """Nothing waits here."""

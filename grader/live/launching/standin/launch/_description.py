@@ -1,0 +1,169 @@
+"""Launch descriptions, and where they come from."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ._base import (
+    LaunchDescriptionEntity,
+    Located,
+    blame,
+    normalize_to_list_of_substitutions,
+    perform_substitutions,
+)
+
+
+class LaunchDescription(LaunchDescriptionEntity):
+    """A list of entities."""
+
+    def __init__(self, initial_entities: Any = None, *, deprecated_reason: str | None = None) -> None:
+        self.__entities = list(initial_entities) if initial_entities is not None else []
+        self.__deprecated_reason = deprecated_reason
+
+    @property
+    def entities(self) -> list[Any]:
+        """The entities."""
+        return self.__entities
+
+    @property
+    def deprecated(self) -> bool:
+        """Whether it should no longer be used."""
+        return self.__deprecated_reason is not None
+
+    @property
+    def deprecated_reason(self) -> str | None:
+        """Why it should no longer be used."""
+        return self.__deprecated_reason
+
+    def visit(self, context: Any) -> list[Any]:
+        """The entities."""
+        if self.__deprecated_reason is not None:
+            context.session.warn(
+                f"deprecated launch description: {self.__deprecated_reason}", self.source_line
+            )
+        return self.__entities
+
+    def describe_sub_entities(self) -> list[Any]:
+        """The entities."""
+        return self.__entities
+
+    def add_entity(self, entity: Any) -> None:
+        """Add an entity."""
+        self.__entities.append(entity)
+
+    def add_action(self, action: Any) -> None:
+        """Add an action."""
+        self.add_entity(action)
+
+    def get_launch_arguments(self, conditional_inclusion: bool = False) -> list[Any]:
+        """The arguments that can be found without launching."""
+        pairs = self.get_launch_arguments_with_include_launch_description_actions(conditional_inclusion)
+        return [argument for argument, _ in pairs]
+
+    def get_launch_arguments_with_include_launch_description_actions(
+        self, conditional_inclusion: bool = False
+    ) -> list[tuple[Any, list[Any] | None]]:
+        """The arguments that can be found without launching, with the includes that lead to each."""
+        found: list[tuple[Any, list[Any] | None]] = []
+        _collect_arguments(self.entities, found, conditional_inclusion, (None, ()), self)
+        return found
+
+
+def _collect_arguments(
+    entities: Any,
+    found: list[Any],
+    conditional: bool,
+    way: tuple[list[Any] | None, tuple[str, ...]],
+    parent: Any,
+) -> None:
+    # `way`: the includes on the way here, and their files; a file is not gone into again from itself.
+    from .actions import DeclareLaunchArgument, IncludeLaunchDescription, ResetLaunchConfigurations
+
+    for position, entity in enumerate(entities, start=1):
+        if not hasattr(entity, "describe_sub_entities"):
+            error = AttributeError(
+                f"item {position} of {type(parent).__name__} is a '{type(entity).__name__}' object, "
+                "which has no attribute 'describe_sub_entities'"
+            )
+            blame(error, parent)
+            raise error
+        known = [argument.name for argument, _ in found]
+        if isinstance(entity, DeclareLaunchArgument) and entity.name not in known:
+            entity._conditionally_included = conditional or entity.condition is not None
+            found.append((entity, way[0]))
+        if isinstance(entity, ResetLaunchConfigurations):
+            return
+        nested = way
+        if isinstance(entity, IncludeLaunchDescription):
+            location = entity.launch_description_source.location_without_context() or ""
+            if location in way[1]:
+                continue
+            includes = way[0] if way[0] is not None else []
+            includes.append(entity)
+            nested = (includes, (*way[1], location))
+        _collect_arguments(entity.describe_sub_entities(), found, False, nested, entity)
+        for _, following in entity.describe_conditional_sub_entities():
+            _collect_arguments(following, found, True, nested, entity)
+
+
+class LaunchDescriptionSource(Located):
+    """Where a launch description comes from."""
+
+    def __init__(
+        self,
+        launch_description: Any = None,
+        location: Any = "<string>",
+        method: str = "unspecified mechanism",
+    ) -> None:
+        self.__description = launch_description
+        self.__location = normalize_to_list_of_substitutions(location)
+        self.__expanded: str | None = None
+        self.__method = method
+        self.__read: dict[str, Any] = {}
+
+    @property
+    def location(self) -> str:
+        """The path."""
+        if self.__expanded is None:
+            return " + ".join(str(sub) for sub in self.__location)
+        return self.__expanded
+
+    @property
+    def method(self) -> str:
+        """How it is read."""
+        return self.__method
+
+    def try_get_launch_description_without_context(self) -> Any:
+        """The description, or None if its path is known only while launching."""
+        if self.__description is not None:
+            return self.__description
+        try:
+            location = self.location_without_context()
+            return None if location is None else self.__read_once(location)
+        except Exception:
+            return None
+
+    def location_without_context(self) -> str | None:
+        """The path, or None if it is known only while launching."""
+        from ._context import LaunchContext
+
+        try:
+            return perform_substitutions(LaunchContext(), self.__location)
+        except Exception:
+            return None
+
+    def get_launch_description(self, context: Any) -> Any:
+        """The description."""
+        if self.__expanded is None:
+            self.__expanded = perform_substitutions(context, self.__location)
+        if self.__description is None:
+            self.__description = self.__read_once(self.__expanded)
+        return self.__description
+
+    def __read_once(self, location: str) -> Any:
+        if location not in self.__read:
+            self.__read[location] = self._get_launch_description(location)
+        return self.__read[location]
+
+    def _get_launch_description(self, location: str) -> Any:
+        raise RuntimeError("this source holds no launch description")

@@ -1,0 +1,352 @@
+"""What went wrong in a launch file, where, and how to mend it, in words for the one who wrote it."""
+
+from __future__ import annotations
+
+import difflib
+import re
+import sys
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from ._base import UnsupportedByStandin
+from ._catalogue import SUBMODULES, homes_of, similar_names
+from ._session import LimitExceededError
+from ._sources import InvalidPythonLaunchFileError, WrongReturnError
+
+OURS = ("launch", "launch_ros", "launch_xml", "launch_yaml", "ament_index_python")
+
+_RENAMED = {
+    "node_name": "name",
+    "node_executable": "executable",
+    "node_namespace": "namespace",
+    "node_package": "package",
+    "env_vars": "additional_env",
+    "args": "arguments",
+    "params": "parameters",
+    "remap": "remappings",
+    "remapping": "remappings",
+    "default": "default_value",
+    "value": "default_value",
+    "ns": "namespace",
+    "pkg": "package",
+    "exec": "executable",
+    "type": "executable",
+}
+
+_KEYWORDS = (
+    "package executable name namespace exec_name parameters remappings ros_arguments arguments output",
+    "respawn respawn_delay respawn_max_retries emulate_tty condition on_exit additional_env env cwd prefix",
+    "shell cmd default_value description choices launch_arguments actions period event_handler target_action",
+    "on_start on_stdout on_stderr on_shutdown function scoped forwarding sigterm_timeout sigkill_timeout",
+)
+
+Described = tuple[str, str, str]
+
+
+def problem_of(error: BaseException, root: str, file: str, context: Any) -> tuple[str, dict[str, Any]]:
+    """The outcome (`error` or `not_assessable`) and the problem of an exception.
+
+    Parameters
+    ----------
+    error : BaseException
+        What the evaluation raised.
+    root, file : str
+        The submission's folder, and the launch file in it.
+    context : LaunchContext
+        The state of the launch when it was raised.
+    """
+    kind, message, remedy = _describe(error, context)
+    where, line = _place(error, root, file)
+    note = getattr(error, "launch_note", None)
+    problem = {
+        "kind": kind,
+        "message": f"{message} ({note})" if note else message,
+        "file": relative(where, root),
+        "line": line,
+        "remedy": remedy,
+    }
+    outcome = "not_assessable" if kind in ("unsupported", "missing_module", "no_prefix") else "error"
+    if kind in ("unsupported", "missing_module"):
+        problem["module"] = getattr(error, "name", None) or ""
+    return outcome, problem
+
+
+def relative(path: str, root: str) -> str:
+    """A path as seen from the submission."""
+    try:
+        return str(Path(path).absolute().relative_to(Path(root).absolute()))
+    except ValueError:
+        return path
+
+
+def _inside(path: str, root: str) -> bool:
+    return Path(path).absolute().is_relative_to(Path(root).absolute())
+
+
+def _place(error: BaseException, root: str, file: str) -> tuple[str, int | None]:
+    if (
+        isinstance(error, SyntaxError)
+        and not hasattr(error, "launch_note")
+        and error.filename
+        and _inside(error.filename, root)
+    ):
+        return error.filename, error.lineno
+    noted = getattr(error, "launch_source", None)
+    if isinstance(error, WrongReturnError) and noted:
+        return noted[0], noted[1]
+    frames = [f for f in traceback.extract_tb(error.__traceback__) if _inside(f.filename, root)]
+    if frames:
+        return frames[-1].filename, frames[-1].lineno
+    if noted and _inside(noted[0], root):
+        return noted[0], noted[1]
+    return getattr(error, "launch_file", file), None
+
+
+def _describe(error: BaseException, context: Any) -> Described:
+    if hasattr(error, "launch_note"):
+        quotes = "Texts need quotes inside the expression: [\"'\", LaunchConfiguration(...), \"' == 'x'\"]."
+        return "bad_expression", f"{type(error).__name__}: {_text(error)}", quotes
+    for kinds, describe in _BY_TYPE:
+        if isinstance(error, kinds):
+            found = describe(error, context)
+            if found is not None:
+                return found
+    message = _text(error)
+    for pattern, kind, remedy in _BY_MESSAGE:
+        match = re.search(pattern, message)
+        if match:
+            return kind, message, remedy(match, context) if callable(remedy) else remedy
+    name = type(error).__name__
+    return (
+        "exception",
+        f"{name}: {message}",
+        "Mend the line: it raises this exception while the file is read.",
+    )
+
+
+def _text(error: BaseException) -> str:
+    if isinstance(error, KeyError) and error.args:
+        return str(error.args[0])
+    return str(error)
+
+
+def near(name: str, known: Any) -> str:
+    """A question after what was meant, or nothing."""
+    found = difflib.get_close_matches(name, list(known), n=1, cutoff=0.6)
+    return f"Did you mean '{found[0]}'? " if found else ""
+
+
+def _syntax(error: Any, _: Any) -> Described | None:
+    if error.filename is None or hasattr(error, "launch_note"):
+        return None
+    return (
+        "syntax_error",
+        f"syntax error: {error.msg}",
+        "Mend the syntax on this line, or on the one before it.",
+    )
+
+
+def _unsupported(error: Any, _: Any) -> Described:
+    return "unsupported", str(error), "Nothing: this part cannot be judged by evaluation."
+
+
+def _import(error: Any, context: Any) -> Described | None:
+    match = re.search(r"cannot import name '(\w+)' from '([\w.]+)'", str(error))
+    if match and match[2].split(".")[0] in OURS:
+        return _unknown_name(match[1], match[2])
+    module = error.name or ""
+    top = module.split(".")[0]
+    if top in OURS and top in sys.modules:
+        parent, _, last = module.rpartition(".")
+        known = [
+            *SUBMODULES.get(parent, "").split(),
+            *(m.rpartition(".")[2] for m in sys.modules if parent in m),
+        ]
+        return "unknown_import", f"there is no module '{module}'", near(last, known) + "Mend the import."
+    close = difflib.get_close_matches(top, OURS, n=1, cutoff=0.85)
+    if close:
+        return (
+            "unknown_import",
+            f"there is no module '{module}'",
+            f"Did you mean '{close[0]}'? Mend the import.",
+        )
+    if isinstance(error, ModuleNotFoundError):
+        message = f"the launch file imports '{module}', which is not installed where it is evaluated"
+        return "missing_module", message, "Nothing, if the module is installed where you launch."
+    return None
+
+
+def _attribute(error: Any, _: Any) -> Described | None:
+    match = re.search(r"module '((?:launch|launch_ros)[\w.]*)' has no attribute '(\w+)'", str(error))
+    return _unknown_name(match[2], match[1]) if match else None
+
+
+def _unknown_name(name: str, module: str) -> Described:
+    homes = [home for home in homes_of(name) if home != module]
+    similar = similar_names(module, name)
+    if homes:
+        remedy = f"Import it from '{homes[0]}'."
+    elif similar:
+        remedy = f"Did you mean '{similar[0]}'?"
+    else:
+        remedy = "Look up the name in the documentation of ROS 2 Jazzy."
+    return "unknown_import", f"'{module}' has no '{name}'", remedy
+
+
+def _no_function(error: Any, _: Any) -> Described:
+    meant = near("generate_launch_description", getattr(error, "module_names", ()))
+    remedy = f"{meant}Write a function 'def generate_launch_description():' that returns a LaunchDescription."
+    return "no_generate_function", str(error), remedy
+
+
+def _wrong_return(error: Any, _: Any) -> Described:
+    return "wrong_return", str(error), "End the function with 'return LaunchDescription([...])'."
+
+
+def _limit(error: Any, _: Any) -> Described:
+    if "includes itself" in str(error):
+        return "include_recursive", str(error), "Include another file, or put the include under a condition."
+    return "endless", str(error), "Let the description come to an end."
+
+
+def _package(error: Any, _: Any) -> Described | None:
+    if type(error).__name__ != "PackageNotFoundError":
+        return None
+    from ament_index_python.packages import get_packages_with_prefixes
+
+    match = re.search(r"package '([^']*)'", _text(error))
+    name = match[1] if match else ""
+    there = sorted(get_packages_with_prefixes())
+    shown = ", ".join(there[:8]) + (" …" if len(there) > 8 else "")
+    remedy = f"{near(name, there)}Write the name as in package.xml and setup.py."
+    return "unknown_package", f"package '{name}' not found; there are: {shown}", remedy
+
+
+def _file(error: Any, _: Any) -> Described | None:
+    path = str(error.filename or error)
+    if getattr(error, "launch_object", "") == "IncludeLaunchDescription" or path.endswith(
+        (".launch.py", "launch.xml")
+    ):
+        remedy = "Correct the path, and install the file in setup.py under data_files."
+        return "include_not_found", f"the included launch file '{path}' does not exist", remedy
+    return "file_not_found", f"the file '{path}' does not exist", "Correct the path, or hand the file in."
+
+
+def _exit(error: Any, _: Any) -> Described:
+    return "exits", "the launch file ends the whole program", "Remove the call of exit()."
+
+
+def _no_prefix(error: Any, _: Any) -> Described | None:
+    if "AMENT_PREFIX_PATH" not in str(error):
+        return None
+    return "no_prefix", "the evaluation has no ROS packages to look into", "Set AMENT_PREFIX_PATH."
+
+
+_BY_TYPE: list[tuple[Any, Callable[[Any, Any], Described | None]]] = [
+    (SyntaxError, _syntax),
+    (UnsupportedByStandin, _unsupported),
+    (ImportError, _import),
+    (InvalidPythonLaunchFileError, _no_function),
+    (WrongReturnError, _wrong_return),
+    (AttributeError, _attribute),
+    (LimitExceededError, _limit),
+    (KeyError, _package),
+    (FileNotFoundError, _file),
+    (OSError, _no_prefix),
+    (SystemExit, _exit),
+]
+
+
+def _keyword(match: re.Match[str], _: Any) -> str:
+    name = match[1]
+    if name in _RENAMED:
+        return f"Write '{_RENAMED[name]}=' instead of '{name}='."
+    return near(name, " ".join(_KEYWORDS).split()) + "Use the keywords of ROS 2 Jazzy."
+
+
+def _configuration(match: re.Match[str], context: Any) -> str:
+    meant = near(match[1], context.launch_configurations)
+    return f"{meant}Declare it first: DeclareLaunchArgument('{match[1]}', ...)."
+
+
+def _executable(match: re.Match[str], _: Any) -> str:
+    return "Write the name of an entry point of setup.py ('name = package.module:main'), and build again."
+
+
+def _package_name(match: re.Match[str], _: Any) -> str:
+    return "Write the name as in package.xml."
+
+
+_Remedy = str | Callable[[re.Match[str], Any], str]
+
+_BY_MESSAGE: list[tuple[str, str, _Remedy]] = [
+    (r"unexpected keyword argument '(\w+)'", "unknown_keyword", _keyword),
+    (
+        r"missing \d+ required keyword-only argument",
+        "missing_keyword",
+        "Give what is missing by its keyword.",
+    ),
+    (r"missing \d+ required positional argument", "missing_argument", "Give what is missing."),
+    (r"takes .* positional arguments? but", "positional_argument", "Write this with keywords: name=value."),
+    (r"^launch configuration '([^']*)' does not exist", "undefined_configuration", _configuration),
+    (r"^a condition must be one of", "bad_condition", "Let the condition be 'true' or 'false'."),
+    (r"argument 'condition'", "bad_condition", "Wrap it: condition=IfCondition(...)."),
+    (r"argument 'period'", "bad_period", "Write the period as a float: 2.0."),
+    (r"argument 'parameters'", "parameters_not_list", "Put the parameters into a list: parameters=[{...}]."),
+    (r"argument 'remap_rule'", "bad_remapping", "Write a list of tuples: remappings=[('from', 'to')]."),
+    (
+        r"a remapping must be a tuple of two",
+        "bad_remapping",
+        "Write a list of tuples: remappings=[('from', 'to')].",
+    ),
+    (r"^package '[^']*' has no executables", "unknown_executable", _executable),
+    (
+        r"^executable '[^']*' not found on the PATH",
+        "unknown_program",
+        "Install the program, or give its path.",
+    ),
+    (r"^executable '[^']*' of package .* may not", "unknown_executable", "Make it executable: chmod +x."),
+    (r"^executable '([^']*)' not found", "unknown_executable", _executable),
+    (r"is not a valid package name", "unknown_package", _package_name),
+    (
+        r"required launch argument '(\w+)'",
+        "required_argument",
+        "Give a default_value, or name:=value when launching.",
+    ),
+    (
+        r"needs the argument '",
+        "required_argument",
+        "Give it: a default_value, name:=value when launching, or launch_arguments when including.",
+    ),
+    (r"must be one of \[|among its choices|list of choices", "invalid_choice", "Use one of the choices."),
+    (r"values to unpack", "bad_pairs", "Write launch_arguments as pairs: {...}.items()."),
+    (
+        r"the parameter '|argument 'value'|argument 'subvalue'",
+        "bad_parameter_value",
+        "Give each one value of one type.",
+    ),
+    (r"cannot be read as", "bad_parameter_value", "Give a text that can be read as the type."),
+    (r"^invalid node name", "bad_name", "Use letters, digits and '_', and put '/' into namespace=."),
+    (r"^invalid namespace", "bad_name", "Use letters, digits and '_', with one '/' between the parts."),
+    (r"^output must be|output can be set|the output of", "bad_output", "Write output='screen'."),
+    (
+        r"has no attribute '(visit|describe_sub_entities)'",
+        "not_an_action",
+        "Put only actions into this list.",
+    ),
+    (r"object is not iterable", "not_a_list", "Return or give a list here, even for one item."),
+    (r"^environment variable", "undefined_variable", "Set the variable, or give default_value=."),
+    (r"^command ", "command_failed", "Run the command by hand and mend what it says."),
+    (r"is started twice", "started_twice", "Put each action into the description once."),
+    (r"every item must be an action", "not_an_action", "Put only actions into this list."),
+    (r"only text", "bad_text", "Give text or a substitution: str(...) makes text of a number."),
+    (r"target_action must be", "bad_target", "Give the action itself, as it is kept in a variable."),
+    (r"not well-formed|root of a launch file|mapping", "bad_markup", "Mend the file where it says."),
+    (
+        r"^<\w+> |the attribute '|there is no (action|substitution)",
+        "bad_markup",
+        "Use what the format knows.",
+    ),
+]

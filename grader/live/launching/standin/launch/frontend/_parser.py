@@ -1,0 +1,181 @@
+"""From the elements of an XML or YAML launch file to actions."""
+
+from __future__ import annotations
+
+import difflib
+from typing import Any
+
+from .._base import InvalidLaunchFileError, blame, written_at
+from ..conditions import IfCondition, UnlessCondition
+from ..utilities.type_utils import get_typed_value, is_instance_of
+from ._readers import Element
+from .expose import exposed_actions
+from .parse_substitution import parse_if_substitutions, parse_substitution, replace_escaped_characters
+
+
+class Entity:
+    """An element, with note of what of it was used."""
+
+    def __init__(self, element: Element, path: str, parent: Entity | None = None) -> None:
+        self.__element = element
+        self.__path = path
+        self.__read: set[str] = set()
+        self.parent = parent
+        self.source_line = (path, element.line)
+
+    @property
+    def type_name(self) -> str:
+        """The tag."""
+        return self.__element.tag
+
+    @property
+    def children(self) -> list[Entity]:
+        """The elements inside."""
+        self.__read.update(child.tag for child in self.__element.children)
+        return [Entity(child, self.__path, self) for child in self.__element.children]
+
+    def nested(self, tag: str) -> list[Entity]:
+        """The elements inside that have a tag."""
+        self.__read.add(tag)
+        return [Entity(child, self.__path, self) for child in self.__element.children if child.tag == tag]
+
+    def get_attr(
+        self, name: str, *, data_type: Any = str, optional: bool = False, can_be_str: bool = True
+    ) -> Any:
+        """An attribute, read as a type.
+
+        Raises
+        ------
+        AttributeError
+            It is missing.
+        TypeError
+            It is not of that type.
+        """
+        self.__read.add(name)
+        value = self.__element.attributes.get(name)
+        if value is None:
+            if optional:
+                return None
+            raise AttributeError(f"<{self.type_name}> needs the attribute '{name}'")
+        separator = self.__element.attributes.get(f"{name}-sep")
+        if separator is not None:
+            self.__read.add(f"{name}-sep")
+            value = value.split(separator)
+        try:
+            if isinstance(value, str) or separator is not None:
+                return get_typed_value(value, data_type, can_be_str=can_be_str)
+        except ValueError as error:
+            raise TypeError(f"the attribute '{name}' of <{self.type_name}> is '{value}': {error}") from error
+        if data_type is float and type(value) is int:
+            return float(value)
+        if not is_instance_of(value, data_type, can_be_str):
+            kind = getattr(data_type, "__name__", data_type)
+            raise TypeError(
+                f"the attribute '{name}' of <{self.type_name}> must be of type {kind}, not {value!r}"
+            )
+        return value
+
+    def assert_entity_completely_parsed(self) -> None:
+        """Check that nothing was left unused.
+
+        Raises
+        ------
+        ValueError
+            The element has an attribute or a tag inside that it cannot have.
+        """
+        here = {*self.__element.attributes, *(child.tag for child in self.__element.children)}
+        unknown = sorted(here - self.__read)
+        if unknown:
+            close = difflib.get_close_matches(unknown[0], self.__read, n=1)
+            meant = f"; did you mean '{close[0]}'?" if close else ""
+            raise ValueError(f"<{self.type_name}> cannot have {', '.join(unknown)}{meant}")
+
+
+class Parser:
+    """Makes actions of elements."""
+
+    def __init__(self, path: str) -> None:
+        self.path = path
+
+    def parse_substitution(self, value: Any) -> Any:
+        """Read the substitutions in a text."""
+        return parse_substitution(value if isinstance(value, str) else str(value))
+
+    def parse_if_substitutions(self, value: Any) -> Any:
+        """Read the substitutions in a value, if it is text."""
+        return parse_if_substitutions(value)
+
+    def escape_characters(self, value: Any) -> str:
+        """Remove the backslashes that protect characters."""
+        return replace_escaped_characters(str(value))
+
+    def common(self, entity: Entity) -> tuple[Any, dict[str, Any]]:
+        """What every action can have: a condition."""
+        kwargs: dict[str, Any] = {}
+        wanted = entity.get_attr("if", optional=True)
+        unwanted = entity.get_attr("unless", optional=True)
+        if wanted is not None and unwanted is not None:
+            raise RuntimeError("'if' and 'unless' cannot stand in one element")
+        if wanted is not None:
+            kwargs["condition"] = IfCondition(self.parse_substitution(wanted))
+        if unwanted is not None:
+            kwargs["condition"] = UnlessCondition(self.parse_substitution(unwanted))
+        return None, kwargs
+
+    def with_substitutions(
+        self, cls: Any, entity: Entity, needed: dict[str, str], optional: dict[str, str] | None = None
+    ) -> Any:
+        """An action whose attributes are all substitutions: keyword by attribute."""
+        _, kwargs = self.common(entity)
+        for attribute, keyword in needed.items():
+            kwargs[keyword] = self.parse_substitution(entity.get_attr(attribute))
+        for attribute, keyword in (optional or {}).items():
+            value = entity.get_attr(attribute, optional=True)
+            if value is not None:
+                kwargs[keyword] = self.parse_substitution(value)
+        return cls, kwargs
+
+    def pairs(self, entity: Entity, tag: str) -> dict[Any, Any]:
+        """Names and values of the elements inside that have a tag."""
+        found = {}
+        for inner in entity.nested(tag):
+            name = tuple(self.parse_substitution(inner.get_attr("name")))
+            found[name] = self.parse_substitution(inner.get_attr("value"))
+            inner.assert_entity_completely_parsed()
+        return found
+
+    def parse_action(self, entity: Entity) -> Any:
+        """The action of an element."""
+        import launch_ros.actions  # noqa: F401 - makes its names known
+
+        try:
+            with written_at(*entity.source_line):
+                if entity.type_name not in exposed_actions:
+                    close = difflib.get_close_matches(entity.type_name, exposed_actions, n=1)
+                    meant = f"; did you mean '{close[0]}'?" if close else ""
+                    raise RuntimeError(f"there is no action '{entity.type_name}'{meant}")
+                made, kwargs = exposed_actions[entity.type_name].parse(entity, self)
+                entity.assert_entity_completely_parsed()
+                return made(**kwargs)
+        except Exception as error:
+            blame(error, entity)
+            raise
+
+    def parse_description(self, root: Element) -> Any:
+        """The launch description of a file.
+
+        Raises
+        ------
+        InvalidLaunchFileError
+            Its root is not `launch`.
+        """
+        from .._description import LaunchDescription
+
+        entity = Entity(root, self.path)
+        if root.tag != "launch":
+            error = InvalidLaunchFileError("", likely_errors=[])
+            error.args = (f"the root of a launch file must be 'launch', but it is '{root.tag}'",)
+            blame(error, entity)
+            raise error
+        with written_at(*entity.source_line):
+            return LaunchDescription([self.parse_action(child) for child in entity.children])

@@ -1,0 +1,34 @@
+"""Where launch descriptions come from."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from .._base import InvalidLaunchFileError
+from .._catalogue import missing_name
+from .._sources import (
+    AnyLaunchDescriptionSource,
+    FrontendLaunchDescriptionSource,
+    InvalidPythonLaunchFileError,
+    PythonLaunchDescriptionSource,
+    get_launch_description_from_any_launch_file,
+    get_launch_description_from_frontend_launch_file,
+    get_launch_description_from_python_launch_file,
+    load_python_launch_file_as_module,
+)
+
+__all__ = [
+    "AnyLaunchDescriptionSource",
+    "FrontendLaunchDescriptionSource",
+    "InvalidLaunchFileError",
+    "InvalidPythonLaunchFileError",
+    "PythonLaunchDescriptionSource",
+    "get_launch_description_from_any_launch_file",
+    "get_launch_description_from_frontend_launch_file",
+    "get_launch_description_from_python_launch_file",
+    "load_python_launch_file_as_module",
+]
+
+
+def __getattr__(name: str) -> Any:
+    return missing_name(__name__, name)

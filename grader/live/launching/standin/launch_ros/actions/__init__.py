@@ -1,0 +1,38 @@
+"""Actions on ROS nodes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from launch._catalogue import missing_name
+
+from ._node import ComposableNodeContainer, LifecycleNode, LoadComposableNodes, Node
+from ._scopes import (
+    PushROSNamespace,
+    PushRosNamespace,
+    ROSTimer,
+    RosTimer,
+    SetParameter,
+    SetParametersFromFile,
+    SetRemap,
+    SetUseSimTime,
+)
+
+__all__ = [
+    "ComposableNodeContainer",
+    "LifecycleNode",
+    "LoadComposableNodes",
+    "Node",
+    "PushROSNamespace",
+    "PushRosNamespace",
+    "ROSTimer",
+    "RosTimer",
+    "SetParameter",
+    "SetParametersFromFile",
+    "SetRemap",
+    "SetUseSimTime",
+]
+
+
+def __getattr__(name: str) -> Any:
+    return missing_name(__name__, name)

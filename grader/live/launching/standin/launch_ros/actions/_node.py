@@ -1,0 +1,463 @@
+"""Actions that start nodes."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from launch._base import (
+    Action,
+    ensure_argument_type,
+    normalize_to_list_of_substitutions,
+    perform_substitutions,
+)
+from launch.actions import ExecuteProcess
+from launch.frontend.expose import expose_action
+from launch.substitutions import LocalSubstitution
+
+from ..descriptions import ComposableNode
+from ..parameter_descriptions import Parameter, ParameterFile, ParameterValue
+from ..substitutions import ExecutableInPackage
+from ..utilities import (
+    evaluate_parameters,
+    make_namespace_absolute,
+    normalize_parameters,
+    normalize_remap_rules,
+    prefix_namespace,
+    validate_namespace,
+    validate_node_name,
+)
+
+_ROS_TYPES = {bool: "bool", int: "integer", float: "double", str: "string", bytes: "byte_array"}
+
+
+def ros_type(value: Any) -> str:
+    """The ROS type that a parameter of a value has."""
+    if isinstance(value, (list, tuple)):
+        return f"{_ROS_TYPES.get(type(value[0]), 'string')}_array" if value else "not_set"
+    return _ROS_TYPES.get(type(value), type(value).__name__)
+
+
+def plain_value(value: Any) -> Any:
+    """A value as JSON and YAML can hold it."""
+    if isinstance(value, (list, tuple)):
+        return [plain_value(item) for item in value]
+    if isinstance(value, Mapping):
+        return {str(k): plain_value(v) for k, v in value.items()}
+    if isinstance(value, (bool, int, float, str)) or value is None:
+        return value
+    return list(value) if isinstance(value, bytes) else str(value)
+
+
+def dumped(content: Any) -> str:
+    """YAML text."""
+    import yaml
+
+    return str(yaml.safe_dump(content, default_flow_style=False))
+
+
+@expose_action("node")
+class Node(ExecuteProcess):
+    """Would start a node; notes it instead."""
+
+    kind = "node"
+    UNSPECIFIED_NODE_NAME = "<node_name_unspecified>"
+    UNSPECIFIED_NODE_NAMESPACE = "<node_namespace_unspecified>"
+
+    def __init__(
+        self,
+        *,
+        executable: Any,
+        package: Any = None,
+        name: Any = None,
+        namespace: Any = None,
+        exec_name: Any = None,
+        parameters: Any = None,
+        remappings: Any = None,
+        ros_arguments: Any = None,
+        arguments: Any = None,
+        **kwargs: Any,
+    ) -> None:
+        program = (
+            executable if package is None else ExecutableInPackage(package=package, executable=executable)
+        )
+        cmd: list[Any] = [program]
+        cmd += [] if arguments is None else arguments
+        cmd += [] if ros_arguments is None else ["--ros-args", *_as_list(ros_arguments)]
+        cmd += ["--ros-args"]
+        if name is not None:
+            cmd += ["-r", LocalSubstitution("ros_specific_arguments['name']", description="node name")]
+        if parameters is not None:
+            ensure_argument_type(parameters, list, "parameters", "Node")
+        normal_parameters = [] if parameters is None else normalize_parameters(parameters)
+        kwargs["name"] = exec_name
+        super().__init__(cmd=cmd, **kwargs)
+        self.__package = package
+        self.__executable = executable
+        self.__name = name
+        self.__namespace = namespace
+        self.__parameters = normal_parameters
+        self.__remappings = [] if remappings is None else list(normalize_remap_rules(remappings))
+        self.__expanded_name = self.UNSPECIFIED_NODE_NAME
+        self.__expanded_namespace = self.UNSPECIFIED_NODE_NAMESPACE
+        self.__final_name: str | None = None
+        self.__expanded_remappings: list[tuple[str, str]] = []
+        self.__planned_parameters: list[dict[str, Any]] = []
+        self.__performed = False
+
+    @classmethod
+    def parse(cls, entity: Any, parser: Any) -> Any:
+        """From `<node>`."""
+        kwargs = cls.parse_process(entity, parser)
+        for attribute, keyword in {"args": "arguments", "ros_args": "ros_arguments"}.items():
+            line = entity.get_attr(attribute, optional=True)
+            if line is not None:
+                kwargs[keyword] = cls._parse_cmdline(line, parser)
+        attributes = {"name": "name", "exec_name": "exec_name", "pkg": "package", "namespace": "namespace"}
+        for attribute, keyword in attributes.items():
+            value = entity.get_attr(attribute, optional=True)
+            if value is not None:
+                kwargs[keyword] = parser.parse_substitution(value)
+        kwargs["executable"] = parser.parse_substitution(entity.get_attr("exec"))
+        kwargs.update(cls.parse_ros(entity, parser))
+        return cls, kwargs
+
+    @classmethod
+    def parse_ros(cls, entity: Any, parser: Any) -> dict[str, Any]:
+        """What a node and a composable node have in common: `<remap>` and `<param>`."""
+        kwargs: dict[str, Any] = {}
+        remaps = entity.nested("remap")
+        if remaps:
+            kwargs["remappings"] = [
+                (parser.parse_substitution(r.get_attr("from")), parser.parse_substitution(r.get_attr("to")))
+                for r in remaps
+            ]
+        params = entity.nested("param")
+        if params:
+            kwargs["parameters"] = [_parse_param(param, parser) for param in params]
+        for inner in [*remaps, *params]:
+            inner.assert_entity_completely_parsed()
+        return kwargs
+
+    @property
+    def node_package(self) -> Any:
+        """The package."""
+        return self.__package
+
+    @property
+    def node_executable(self) -> Any:
+        """The executable."""
+        return self.__executable
+
+    @property
+    def node_name(self) -> str:
+        """The node's full name."""
+        if self.__final_name is None:
+            raise RuntimeError("the name of a node is known only once it is executed")
+        return self.__final_name
+
+    @property
+    def expanded_node_namespace(self) -> str:
+        """The namespace."""
+        return self.__expanded_namespace
+
+    @property
+    def expanded_remapping_rules(self) -> list[tuple[str, str]]:
+        """The remappings."""
+        return self.__expanded_remappings
+
+    def is_node_name_fully_specified(self) -> bool:
+        """Whether name and namespace are both given."""
+        unknown = (self.UNSPECIFIED_NODE_NAME, self.UNSPECIFIED_NODE_NAMESPACE)
+        return all(word not in self.node_name for word in unknown)
+
+    def _extend(self, *words: Any) -> None:
+        self.process_description.cmd.extend(normalize_to_list_of_substitutions(word) for word in words)
+
+    def _perform_substitutions(self, context: Any) -> None:
+        if self.__performed:
+            return
+        self.__performed = True
+        self._perform_name(context)
+        self._add_global_parameters(context)
+        self._add_parameters(context)
+        self._add_remappings(context)
+
+    def _perform_name(self, context: Any) -> None:
+        if self.__name is not None:
+            name = perform_substitutions(context, normalize_to_list_of_substitutions(self.__name))
+            validate_node_name(name)
+            self.__expanded_name = name
+        given = None
+        if self.__namespace is not None:
+            given = perform_substitutions(context, normalize_to_list_of_substitutions(self.__namespace))
+        base = context.launch_configurations.get("ros_namespace")
+        namespace = make_namespace_absolute(prefix_namespace(base, given))
+        if namespace is not None:
+            validate_namespace(namespace)
+            self.__expanded_namespace = namespace
+            self._extend("-r", LocalSubstitution("ros_specific_arguments['ns']", description="namespace"))
+        self.__final_name = prefix_namespace(self.__expanded_namespace, self.__expanded_name)
+
+    def _add_global_parameters(self, context: Any) -> None:
+        for item in context.launch_configurations.get("global_params") or []:
+            if isinstance(item, tuple):
+                name, value = item
+                self._extend("-p", f"{name}:={value}")
+                self._plan_value(name, value)
+            else:
+                path = os.path.abspath(item)  # noqa: PTH100 - must not resolve links
+                self._extend("--params-file", path)
+                self._plan_file(context, Path(path))
+
+    def _add_parameters(self, context: Any) -> None:
+        for item in evaluate_parameters(context, self.__parameters):
+            if isinstance(item, dict):
+                key = self.node_name if self.is_node_name_fully_specified() else "/**"
+                content = {key: {"ros__parameters": plain_value(item)}}
+                path = context.session.add_parameter_file(self._label(), dumped(content))
+                self._extend("--params-file", path)
+                for name, value in item.items():
+                    self._plan_value(name, value)
+            elif isinstance(item, Parameter):
+                import yaml
+
+                name, value = item.evaluate(context)
+                self._extend("-p", f"{name}:={yaml.dump(value)}")
+                self._plan_value(name, value)
+            else:
+                self._add_file(context, *item)
+
+    def _add_file(self, context: Any, path: Path, text: str | None) -> None:
+        if text is not None:
+            placeholder = context.session.add_parameter_file(path.stem, text)
+            self._extend("--params-file", placeholder)
+        elif not path.is_file():
+            message = f"the parameter file '{path}' does not exist, so the node starts without it"
+            context.session.warn(message, self.source_line)
+            return
+        else:
+            self._extend("--params-file", str(path))
+        self._plan_file(context, path, text)
+
+    def _plan_value(self, name: str, value: Any) -> None:
+        self.__planned_parameters.append({"name": name, "value": plain_value(value), "type": ros_type(value)})
+
+    def _plan_file(self, context: Any, path: Path, text: str | None = None) -> None:
+        import yaml
+
+        content = None
+        try:
+            content = plain_value(yaml.safe_load(path.read_text() if text is None else text))
+        except Exception as error:
+            message = f"the parameter file '{path}' cannot be read, so the node will not start: {error}"
+            context.session.warn(message, self.source_line)
+        self.__planned_parameters.append({"file": str(path), "content": content})
+
+    def _label(self) -> str:
+        return str(self.__name if isinstance(self.__name, str) else self.__expanded_name).strip("<>")
+
+    def _add_remappings(self, context: Any) -> None:
+        rules = list(context.launch_configurations.get("ros_remaps") or [])
+        for source, target in self.__remappings:
+            rules.append((perform_substitutions(context, source), perform_substitutions(context, target)))
+        self.__expanded_remappings = rules
+        for source, target in rules:
+            self._extend("-r", f"{source}:={target}")
+
+    def execute(self, context: Any) -> list[Any] | None:
+        """Note the node."""
+        self._perform_substitutions(context)
+        words = {"name": f"__node:={self.__expanded_name}", "ns": f"__ns:={self.__expanded_namespace}"}
+        context.extend_locals({"ros_specific_arguments": words})
+        result = super().execute(context)
+        if context.session.processes and not context.is_shutdown:
+            self._complete_plan(context, context.session.processes[-1])
+        return result
+
+    def _complete_plan(self, context: Any, plan: dict[str, Any]) -> None:
+        normal = normalize_to_list_of_substitutions
+        if self.__package is not None:
+            plan["package"] = perform_substitutions(context, normal(self.__package))
+        plan["executable"] = perform_substitutions(context, normal(self.__executable))
+        plan["name"] = None if self.__name is None else self.__expanded_name
+        known = self.__expanded_namespace != self.UNSPECIFIED_NODE_NAMESPACE
+        plan["namespace"] = self.__expanded_namespace if known else None
+        plan["parameters"] = self.__planned_parameters
+        plan["remappings"] = [list(rule) for rule in self.__expanded_remappings]
+        plan["parameter_files"] = {
+            name: text
+            for name, text in context.session.parameter_files.items()
+            if f"{{parameters}}/{name}" in plan["argv"]
+        }
+        full = self.node_name
+        same = [p["id"] for p in context.session.processes[:-1] if p.get("_full_name") == full]
+        plan["_full_name"] = full if self.is_node_name_fully_specified() else None
+        if same and plan["_full_name"]:
+            context.session.warn(f"two nodes have the name '{full}'", self.source_line)
+
+
+def _as_list(given: Any) -> Any:
+    if not isinstance(given, list):
+        raise TypeError(f'can only concatenate list (not "{type(given).__name__}") to list')
+    return given
+
+
+_TYPE_NAMES: dict[str, Any] = {
+    "int": int,
+    "float": float,
+    "bool": bool,
+    "str": str,
+    "list_of_int": "List[int]",
+    "list_of_float": "List[float]",
+    "list_of_bool": "List[bool]",
+    "list_of_str": "List[str]",
+}
+
+
+def _type_named(name: str | None) -> Any:
+    if name is None:
+        return None
+    if name not in _TYPE_NAMES:
+        raise ValueError(f"the type '{name}' is not one of {', '.join(_TYPE_NAMES)}")
+    kind = _TYPE_NAMES[name]
+    if isinstance(kind, str):
+        from typing import List  # noqa: UP035
+
+        return {"int": List[int], "float": List[float], "bool": List[bool], "str": List[str]}[name[8:]]  # noqa: UP006
+    return kind
+
+
+def _parse_param(param: Any, parser: Any) -> Any:
+    source = param.get_attr("from", optional=True)
+    name = param.get_attr("name", optional=True)
+    if source is not None and name is not None:
+        raise RuntimeError("a <param> has either 'name' or 'from'")
+    if source is not None:
+        allow = param.get_attr("allow_substs", data_type=bool, optional=True)
+        allow = parser.parse_substitution(allow) if isinstance(allow, str) else bool(allow)
+        return ParameterFile(parser.parse_substitution(source), allow_substs=allow)
+    if name is None:
+        raise ValueError("a <param> needs 'name' or 'from'")
+    return _named_param(param, parser)
+
+
+def _named_param(param: Any, parser: Any) -> dict[Any, Any]:
+    name = tuple(parser.parse_substitution(param.get_attr("name")))
+    kind = _type_named(param.get_attr("type", optional=True))
+    value = param.get_attr("value", data_type=kind, optional=True)
+    inner = param.nested("param")
+    if value is not None and inner:
+        raise RuntimeError("a <param> has either 'value' or others inside")
+    if value is not None:
+        return {name: ParameterValue(parser.parse_if_substitutions(value), value_type=kind)}
+    if not inner:
+        raise RuntimeError("a <param> needs 'value' or others inside")
+    content: dict[Any, Any] = {}
+    for each in inner:
+        content.update(_named_param(each, parser))
+        each.assert_entity_completely_parsed()
+    return {name: content}
+
+
+class LifecycleNode(Node):
+    """Would start a lifecycle node; notes it instead."""
+
+    kind = "lifecycle_node"
+
+    def __init__(self, *, name: Any, namespace: Any, autostart: Any = False, **kwargs: Any) -> None:
+        super().__init__(name=name, namespace=namespace, **kwargs)
+        self.is_lifecycle_node = True
+        self.__autostart = autostart
+
+    def execute(self, context: Any) -> list[Any] | None:
+        """Note the node."""
+        result = super().execute(context)
+        context.session.processes[-1]["autostart"] = bool(self.__autostart)
+        return result
+
+
+def composable_plan(context: Any, node: ComposableNode) -> dict[str, Any]:
+    """What a composable node adds to the plan."""
+
+    def text(subs: Any) -> str | None:
+        return None if subs is None else perform_substitutions(context, subs)
+
+    parameters: list[dict[str, Any]] = []
+    for item in evaluate_parameters(context, node.parameters or ()):
+        if isinstance(item, dict):
+            parameters += [{"name": n, "value": plain_value(v), "type": ros_type(v)} for n, v in item.items()]
+        elif isinstance(item, tuple):
+            parameters.append({"file": str(item[0]), "content": None})
+    return {
+        "package": text(node.package),
+        "plugin": text(node.node_plugin),
+        "name": text(node.node_name),
+        "namespace": text(node.node_namespace),
+        "parameters": parameters,
+        "remappings": [[text(a), text(b)] for a, b in node.remappings or []],
+        "source": node.source_line,
+    }
+
+
+def _wanted(context: Any, nodes: Any) -> list[ComposableNode]:
+    return [n for n in nodes or [] if n.condition() is None or n.condition().evaluate(context)]
+
+
+@expose_action("node_container")
+class ComposableNodeContainer(Node):
+    """Would start a container of nodes; notes it instead."""
+
+    kind = "container"
+
+    def __init__(
+        self, *, name: Any, namespace: Any, composable_node_descriptions: Any = None, **kwargs: Any
+    ) -> None:
+        super().__init__(name=name, namespace=namespace, **kwargs)
+        self.__nodes = composable_node_descriptions
+
+    @classmethod
+    def parse(cls, entity: Any, parser: Any) -> Any:
+        """From `<node_container>`."""
+        _, kwargs = super().parse(entity, parser)
+        made = [ComposableNode.parse(inner, parser) for inner in entity.nested("composable_node")]
+        kwargs["composable_node_descriptions"] = [cls_(**kw) for cls_, kw in made]
+        return cls, kwargs
+
+    def execute(self, context: Any) -> list[Any] | None:
+        """Note the container."""
+        result = super().execute(context)
+        nodes = _wanted(context, self.__nodes)
+        context.session.processes[-1]["components"] = [composable_plan(context, node) for node in nodes]
+        return result
+
+
+@expose_action("load_composable_node")
+class LoadComposableNodes(Action):
+    """Would load nodes into a running container; notes it instead."""
+
+    def __init__(self, *, composable_node_descriptions: Any, target_container: Any, **kwargs: Any) -> None:
+        super().__init__(**kwargs)
+        self.__nodes = composable_node_descriptions
+        self.__target = target_container
+
+    @classmethod
+    def parse(cls, entity: Any, parser: Any) -> Any:
+        """From `<load_composable_node>`."""
+        _, kwargs = parser.common(entity)
+        kwargs["target_container"] = parser.parse_substitution(entity.get_attr("target"))
+        made = [ComposableNode.parse(inner, parser) for inner in entity.nested("composable_node")]
+        kwargs["composable_node_descriptions"] = [cls_(**kw) for cls_, kw in made]
+        return cls, kwargs
+
+    def execute(self, context: Any) -> None:
+        """Note the nodes."""
+        if isinstance(self.__target, ComposableNodeContainer):
+            target = self.__target.node_name
+        else:
+            target = perform_substitutions(context, normalize_to_list_of_substitutions(self.__target))
+        loaded = [composable_plan(context, node) for node in _wanted(context, self.__nodes)]
+        session = context.session
+        session.components.append({"container": target, "when": session.when, "components": loaded})

@@ -1,0 +1,22 @@
+"""Events of ROS nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from launch._catalogue import missing_name
+
+from . import lifecycle
+
+__all__ = ["lifecycle", "matches_node_name"]
+
+
+def __getattr__(name: str) -> Any:
+    return missing_name(__name__, name)
+
+
+def matches_node_name(node_name: str) -> Callable[[Any], bool]:
+    """A matcher of one node."""
+    wanted = node_name if node_name.startswith("/") else f"/{node_name}"
+    return lambda action: bool(action.node_name == wanted)

@@ -1,0 +1,159 @@
+"""Substitutions that look into ROS packages."""
+
+from __future__ import annotations
+
+import difflib
+import os
+from pathlib import Path
+from typing import Any
+
+from launch._base import (
+    Substitution,
+    SubstitutionFailure,
+    normalize_to_list_of_substitutions,
+    perform_substitutions,
+)
+from launch._catalogue import missing_name
+from launch.frontend.expose import expose_substitution
+
+__all__ = [
+    "ExecutableInPackage",
+    "FindPackage",
+    "FindPackagePrefix",
+    "FindPackageShare",
+    "Parameter",
+]
+
+
+def __getattr__(name: str) -> Any:
+    return missing_name(__name__, name)
+
+
+class FindPackage(Substitution):
+    """Something about an installed package."""
+
+    def __init__(self, package: Any) -> None:
+        super().__init__()
+        self._package = normalize_to_list_of_substitutions(package)
+
+    @classmethod
+    def parse(cls, data: Any) -> Any:
+        """From `$(find-pkg-... package)`."""
+        if len(data) != 1:
+            raise AttributeError("this substitution takes one argument: the package")
+        return cls, {"package": data[0]}
+
+    @property
+    def package(self) -> list[Substitution]:
+        """The package."""
+        return self._package
+
+    def describe(self) -> str:
+        """Text for people."""
+        return f"{type(self).__name__}(pkg={' + '.join(sub.describe() for sub in self._package)})"
+
+    def find(self, package_name: str) -> str:
+        """What is looked for."""
+        raise NotImplementedError
+
+    def perform(self, context: Any) -> str:
+        """What is looked for."""
+        return self.find(perform_substitutions(context, self._package))
+
+
+@expose_substitution("find-pkg-prefix")
+class FindPackagePrefix(FindPackage):
+    """Where a package is installed."""
+
+    def find(self, package_name: str) -> str:
+        """The folder."""
+        from ament_index_python.packages import get_package_prefix
+
+        return str(get_package_prefix(package_name))
+
+
+@expose_substitution("find-pkg-share")
+class FindPackageShare(FindPackage):
+    """The share folder of a package."""
+
+    def find(self, package_name: str) -> str:
+        """The folder."""
+        from ament_index_python.packages import get_package_share_directory
+
+        return str(get_package_share_directory(package_name, print_warning=False))
+
+
+@expose_substitution("exec-in-package")
+class ExecutableInPackage(FindPackagePrefix):
+    """Path of an executable of a package."""
+
+    def __init__(self, executable: Any, package: Any) -> None:
+        super().__init__(package)
+        self.__executable = normalize_to_list_of_substitutions(executable)
+
+    @classmethod
+    def parse(cls, data: Any) -> Any:
+        """From `$(exec-in-package executable package)`."""
+        if len(data) != 2:
+            raise AttributeError("$(exec-in-package ...) takes two arguments: the executable and the package")
+        return cls, {"executable": data[0], "package": data[1]}
+
+    @property
+    def executable(self) -> list[Substitution]:
+        """The executable."""
+        return self.__executable
+
+    def perform(self, context: Any) -> str:
+        """The path."""
+        executable = perform_substitutions(context, self.__executable)
+        package = perform_substitutions(context, self._package)
+        folder = Path(self.find(package)) / "lib" / package
+        if not folder.exists():
+            raise SubstitutionFailure(
+                f"package '{package}' has no executables at all: its folder lib/{package} does not exist"
+            )
+        path = folder / executable
+        if path.is_file() and os.access(path, os.X_OK):
+            return str(path)
+        raise SubstitutionFailure(_not_found(executable, package, folder))
+
+
+def _not_found(executable: str, package: str, folder: Path) -> str:
+    there = sorted(p.name for p in folder.iterdir() if p.is_file() and os.access(p, os.X_OK))
+    if (folder / executable).is_file():
+        return (
+            f"executable '{executable}' of package '{package}' is there, but may not be executed (chmod +x)"
+        )
+    close = difflib.get_close_matches(executable.removesuffix(".py"), there, n=1)
+    meant = f"; did you mean '{close[0]}'?" if close else ""
+    listed = ", ".join(there) or "nothing"
+    return f"executable '{executable}' not found in package '{package}'{meant} The package has: {listed}"
+
+
+@expose_substitution("param")
+class Parameter(Substitution):
+    """The value of a parameter set for all nodes of the scope."""
+
+    def __init__(self, name: Any) -> None:
+        super().__init__()
+        self.__name = normalize_to_list_of_substitutions(name)
+
+    @classmethod
+    def parse(cls, data: Any) -> Any:
+        """From `$(param name)`."""
+        if len(data) != 1:
+            raise RuntimeError("$(param ...) takes one argument: the name")
+        return cls, {"name": data[0]}
+
+    @property
+    def name(self) -> list[Substitution]:
+        """Name of the parameter."""
+        return self.__name
+
+    def perform(self, context: Any) -> str:
+        """The value as text."""
+        name = perform_substitutions(context, self.__name)
+        for item in context.launch_configurations.get("global_params", []):
+            if isinstance(item, tuple) and item[0] == name:
+                return str(item[1])
+        raise SubstitutionFailure(f"parameter '{name}' was not set with SetParameter in this scope")

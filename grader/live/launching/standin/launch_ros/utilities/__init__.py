@@ -1,0 +1,281 @@
+"""Normal forms of parameters, remappings and namespaces."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from launch._base import (
+    SomeSubstitutionsType_types_tuple,
+    Substitution,
+    ensure_argument_type,
+    normalize_to_list_of_substitutions,
+    perform_substitutions,
+)
+from launch._catalogue import missing_name
+from launch.substitutions import TextSubstitution
+
+from ..parameter_descriptions import Parameter, ParameterFile, ParameterValue
+
+__all__ = [
+    "evaluate_parameter_dict",
+    "evaluate_parameters",
+    "is_namespace_absolute",
+    "is_root_namespace",
+    "make_namespace_absolute",
+    "normalize_parameter_dict",
+    "normalize_parameters",
+    "normalize_remap_rule",
+    "normalize_remap_rules",
+    "prefix_namespace",
+    "validate_namespace",
+    "validate_node_name",
+]
+
+_SCALARS = (bool, int, float, str)
+
+
+def __getattr__(name: str) -> Any:
+    return missing_name(__name__, name)
+
+
+class InvalidNodeNameException(ValueError):
+    """A node cannot be named so."""
+
+
+class InvalidNamespaceException(ValueError):
+    """A namespace cannot be named so."""
+
+
+def validate_node_name(name: str) -> None:
+    """Check the name of a node.
+
+    Raises
+    ------
+    InvalidNodeNameException
+        It has other signs than letters, digits and underscores, begins with a digit, or is too long.
+    """
+    if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) or len(name) > 255:
+        raise InvalidNodeNameException(
+            f"invalid node name '{name}': it may hold only letters, digits and '_', "
+            "and may not begin with a digit"
+        )
+
+
+def validate_namespace(namespace: str) -> None:
+    """Check an absolute namespace.
+
+    Raises
+    ------
+    InvalidNamespaceException
+        It is none.
+    """
+    if namespace != "/" and not re.fullmatch(r"(/[A-Za-z_][A-Za-z0-9_]*)+", namespace):
+        raise InvalidNamespaceException(
+            f"invalid namespace '{namespace}': its parts may hold only letters, digits and '_', "
+            "may not begin with a digit, and are parted by one '/' each"
+        )
+
+
+def is_root_namespace(ns: str) -> bool:
+    """Whether it is `/`."""
+    return ns == "/"
+
+
+def is_namespace_absolute(ns: str) -> bool:
+    """Whether it begins at the root."""
+    return ns.startswith("/")
+
+
+def make_namespace_absolute(ns: str | None) -> str | None:
+    """The namespace, beginning at the root."""
+    return ns if ns is None or ns.startswith("/") else "/" + ns
+
+
+def prefix_namespace(base_ns: str | None, ns: str | None) -> str | None:
+    """A namespace inside another; an absolute one stays."""
+    if ns is None:
+        combined = base_ns
+    elif not base_ns or ns.startswith("/"):
+        combined = ns
+    else:
+        combined = ("" if base_ns == "/" else base_ns) + "/" + ns
+    return combined if combined in (None, "/") else str(combined).rstrip("/")
+
+
+def normalize_remap_rule(remap_rule: Any) -> tuple[list[Substitution], list[Substitution]]:
+    """A remapping as two lists of substitutions.
+
+    Raises
+    ------
+    TypeError
+        It is not a tuple of two.
+    """
+    ensure_argument_type(remap_rule, tuple, "remap_rule")
+    if len(remap_rule) != 2:
+        raise TypeError(f"a remapping must be a tuple of two, but {remap_rule!r} has {len(remap_rule)}")
+    return normalize_to_list_of_substitutions(remap_rule[0]), normalize_to_list_of_substitutions(
+        remap_rule[1]
+    )
+
+
+def normalize_remap_rules(remap_rules: Any) -> Iterator[tuple[list[Substitution], list[Substitution]]]:
+    """Remappings as pairs of lists of substitutions."""
+    return (normalize_remap_rule(rule) for rule in remap_rules)
+
+
+def normalize_parameters(parameters: Any) -> tuple[Any, ...]:
+    """Parameters in normal form.
+
+    Raises
+    ------
+    TypeError
+        They are not a list of dicts, files, or `Parameter`s.
+    """
+    if isinstance(parameters, str) or not isinstance(parameters, Sequence):
+        raise TypeError(
+            f"parameters must be a list, but {parameters!r} is of type '{type(parameters).__name__}'"
+        )
+    normal: list[Any] = []
+    for item in parameters:
+        if isinstance(item, Mapping):
+            normal.append(normalize_parameter_dict(item))
+        elif isinstance(item, (Parameter, ParameterFile)):
+            normal.append(item)
+        else:
+            normal.append(ParameterFile(item))
+    return tuple(normal)
+
+
+def normalize_parameter_dict(parameters: Any, *, _prefix: Any = None) -> dict[Any, Any]:
+    """A dict of parameters in normal form: flat, with names joined by dots.
+
+    Raises
+    ------
+    TypeError
+        A value cannot be one of a parameter.
+    """
+    if not isinstance(parameters, Mapping):
+        raise TypeError(f"a dict of parameters is wanted, but {parameters!r} is given")
+    normal: dict[Any, Any] = {}
+    for name, value in parameters.items():
+        parts = normalize_to_list_of_substitutions(name)
+        if _prefix:
+            parts = [*_prefix, TextSubstitution(text="."), *parts]
+        if isinstance(value, Mapping):
+            normal.update(normalize_parameter_dict(value, _prefix=parts))
+        else:
+            normal[tuple(parts)] = _normalize_value(name, value)
+    return normal
+
+
+def _quoted(value: Any) -> str:
+    import yaml
+
+    return str(yaml.dump(value))
+
+
+def _normalize_value(name: Any, value: Any) -> Any:
+    if isinstance(value, str):
+        return tuple(normalize_to_list_of_substitutions(_quoted(value)))
+    if isinstance(value, Substitution):
+        return tuple(normalize_to_list_of_substitutions(value))
+    if isinstance(value, (float, bool, int, bytes, ParameterValue)):
+        return value
+    if isinstance(value, Sequence):
+        return _normalize_array(value)
+    raise TypeError(
+        f"the parameter '{name}' cannot have the value {value!r} of type '{type(value).__name__}'"
+    )
+
+
+def _normalize_array(value: Sequence[Any]) -> Any:
+    kinds: set[Any] = set()
+    for item in value:
+        ensure_argument_type(item, (float, int, str, bool, *SomeSubstitutionsType_types_tuple), "subvalue")
+        known = (Substitution, str, bool, int, float, Sequence)
+        kinds.add(next((kind for kind in known if isinstance(item, kind)), None))
+    if None in kinds:
+        raise RuntimeError(f"an item of {value!r} cannot be in a parameter")
+    if kinds == {int}:
+        return tuple(value)
+    if kinds in ({float}, {int, float}):
+        return tuple(float(item) for item in value)
+    if Substitution in kinds and kinds <= {str, Substitution}:
+        return tuple(normalize_to_list_of_substitutions(value))
+    if kinds == {bool}:
+        return tuple(value)
+    items = [_quoted(item) if isinstance(item, _SCALARS) else item for item in value]
+    return tuple(normalize_to_list_of_substitutions(item) for item in items)
+
+
+def evaluate_parameters(context: Any, parameters: Any) -> tuple[Any, ...]:
+    """Normal parameters, resolved: dicts of values, files with their text, or `Parameter`s."""
+    resolved: list[Any] = []
+    for item in parameters:
+        if isinstance(item, ParameterFile):
+            resolved.append(item.evaluate(context))
+        elif isinstance(item, Parameter):
+            resolved.append(item)
+        else:
+            resolved.append(evaluate_parameter_dict(context, item))
+    return tuple(resolved)
+
+
+def evaluate_parameter_dict(context: Any, parameters: Any) -> dict[str, Any]:
+    """A normal dict of parameters, resolved."""
+    resolved = {}
+    for name, value in parameters.items():
+        text = perform_substitutions(context, list(name))
+        try:
+            resolved[text] = _evaluate_value(context, text, value)
+        except Exception as error:
+            if not hasattr(error, "parameter_name"):
+                error.parameter_name = text  # type: ignore[attr-defined]
+            raise
+    return resolved
+
+
+def _evaluate_value(context: Any, name: str, value: Any) -> Any:
+    if isinstance(value, ParameterValue):
+        return value.evaluate(context)
+    if isinstance(value, tuple) and value:
+        if isinstance(value[0], Substitution):
+            return _evaluate_text(name, perform_substitutions(context, value))
+        if isinstance(value[0], Sequence):
+            import yaml
+
+            return _uniform(name, [yaml.safe_load(perform_substitutions(context, item)) for item in value])
+        return tuple(value)
+    ensure_argument_type(value, (float, int, str, bool, bytes), "value", f"parameter '{name}'")
+    return value
+
+
+_AS_TEXT = "If it is meant as text, wrap it: ParameterValue(..., value_type=str)."
+
+
+def _evaluate_text(name: str, text: str) -> Any:
+    import yaml
+
+    try:
+        value = yaml.safe_load(text or "''")
+    except yaml.YAMLError as error:
+        raise TypeError(f"the value of the parameter '{name}' cannot be read as YAML. {_AS_TEXT}") from error
+    if type(value) in (*_SCALARS, bytes):
+        return value
+    if isinstance(value, Sequence):
+        return _uniform(name, value)
+    raise TypeError(
+        f"the value of the parameter '{name}' becomes a '{type(value).__name__}' when read as YAML, "
+        f"which no parameter can have. {_AS_TEXT}"
+    )
+
+
+def _uniform(name: str, items: Sequence[Any]) -> tuple[Any, ...]:
+    if not items or type(items[0]) not in _SCALARS or not all(isinstance(i, type(items[0])) for i in items):
+        raise TypeError(
+            f"the list given to the parameter '{name}' must not be empty, and its items must "
+            f"all be of one type (bool, int, float or str), but it is {list(items)!r}"
+        )
+    return tuple(items)

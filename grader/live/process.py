@@ -1,0 +1,235 @@
+"""One process of a session: started under limits, its output kept with times, its CPU accounted."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from grader.recording.session import OutputLine, ProcessRun, Usage
+
+#: Output kept of one process, in bytes; what comes after is counted and dropped.
+MAX_OUTPUT_BYTES = 1024 * 1024
+#: The longest line that is kept whole, in bytes.
+MAX_LINE_BYTES = 8 * 1024
+_READ_BYTES = 64 * 1024
+#: After SIGINT, how long a process may take to SIGTERM and then to SIGKILL.
+_TERMINATE_GRACE_S = 1.0
+
+
+class RunningProcess:
+    """A started process and the record that it leaves.
+
+    Parameters
+    ----------
+    run : ProcessRun
+        Filled in as the process goes.
+    child_pid_fd : int or None
+        Read end of bubblewrap's `--info-fd`; the process itself is a child of the pid written there.
+    on_message : callable or None
+        For trusted processes that speak in lines on standard output: gets each line, whole; none is kept.
+    """
+
+    def __init__(
+        self,
+        run: ProcessRun,
+        process: asyncio.subprocess.Process,
+        child_pid_fd: int | None,
+        on_message: Callable[[bytes], None] | None,
+    ) -> None:
+        self.run = run
+        self._process = process
+        self._child_pid_fd = child_pid_fd
+        self._sandbox_pid: int | None = None
+        self._usage: dict[int, tuple[int, int]] = {}
+        self._kept = 0
+        self._on_message = on_message
+        self.on_line: Callable[[OutputLine], None] | None = None
+        assert process.stdout is not None
+        assert process.stderr is not None
+        self._readers = [
+            asyncio.create_task(self._read(process.stdout, "stdout")),
+            asyncio.create_task(self._read(process.stderr, "stderr")),
+        ]
+        self.exited = asyncio.create_task(self._wait())
+
+    @classmethod
+    async def start(
+        cls,
+        run: ProcessRun,
+        argv: Sequence[str],
+        *,
+        environment: Mapping[str, str],
+        cwd: str,
+        pass_fds: Sequence[int] = (),
+        child_pid_fd: int | None = None,
+        with_input: bool = False,
+        on_message: Callable[[bytes], None] | None = None,
+    ) -> RunningProcess:
+        """Start a process in a process group of its own, with SIGINT at its default."""
+        run.started_ns = time.time_ns()
+        process = await asyncio.create_subprocess_exec(
+            *argv,
+            stdin=asyncio.subprocess.PIPE if with_input else asyncio.subprocess.DEVNULL,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE,
+            env=dict(environment),
+            cwd=cwd,
+            pass_fds=pass_fds,
+            start_new_session=True,
+            limit=_READ_BYTES,
+        )
+        return cls(run, process, child_pid_fd, on_message)
+
+    @property
+    def alive(self) -> bool:
+        """Whether it has not ended."""
+        return not self.exited.done()
+
+    def write(self, data: bytes) -> None:
+        """Write to its standard input (only if started `with_input`)."""
+        if self._process.stdin is not None and self.alive:
+            with suppress(ConnectionError, RuntimeError):
+                self._process.stdin.write(data)
+
+    def close_input(self) -> None:
+        """Close its standard input (only if started `with_input`)."""
+        if self._process.stdin is not None:
+            self._process.stdin.close()
+
+    async def _read(self, stream: asyncio.StreamReader, name: str) -> None:
+        rest = b""
+        while block := await stream.read(_READ_BYTES):
+            now = time.time_ns()
+            *lines, rest = (rest + block).split(b"\n")
+            for line in lines:
+                if self._on_message is not None and name == "stdout":
+                    self._on_message(line)
+                else:
+                    self._keep(now, name, line)
+            if len(rest) > MAX_LINE_BYTES and self._on_message is None:
+                self._keep(now, name, rest)
+                rest = b""
+        if rest:
+            self._keep(time.time_ns(), name, rest)
+
+    def _keep(self, t_ns: int, stream: str, line: bytes) -> None:
+        cut = line[:MAX_LINE_BYTES]
+        if self._kept + len(cut) > MAX_OUTPUT_BYTES:
+            self.run.output_dropped_bytes += len(line) + 1
+            return
+        self._kept += len(cut) + 1
+        self.run.output_dropped_bytes += len(line) - len(cut)
+        kept = OutputLine(t_ns, stream, cut.rstrip(b"\r").decode("utf-8", "replace"))
+        self.run.output.append(kept)
+        if self.on_line is not None:
+            self.on_line(kept)
+
+    async def _wait(self) -> int:
+        status = await self._process.wait()
+        self.run.exited_ns = time.time_ns()
+        self.run.exit_status = status
+        # A grandchild may hold the pipes open; what it writes later is not waited for.
+        await asyncio.wait(self._readers, timeout=0.5)
+        for reader in self._readers:
+            reader.cancel()
+        return status
+
+    def _pid(self) -> int | None:
+        """Process id of the student's program: bubblewrap's child's child, or the process itself."""
+        if self._child_pid_fd is None:
+            return self._process.pid
+        if self._sandbox_pid is None:
+            with suppress(BlockingIOError, ValueError, KeyError):
+                self._sandbox_pid = int(json.loads(os.read(self._child_pid_fd, 4096))["child-pid"])
+        if self._sandbox_pid is None:
+            return None
+        children = children_of(self._sandbox_pid)
+        return children[0] if children else None
+
+    def interrupt(self) -> bool:
+        """Send SIGINT to the program itself, as Ctrl-C would; False if there is nothing to send it to."""
+        pid = self._pid()
+        if pid is None or not self.alive:
+            return False
+        self.sample_usage()
+        self.run.interrupted_ns = time.time_ns()
+        with suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGINT)
+        return True
+
+    async def stop(self, timeout_s: float) -> None:
+        """Interrupt it, then terminate, then kill; `ended_by` says how far it had to go."""
+        if not self.alive:
+            return
+        sent = self.interrupt()
+        if sent and await self.wait_exit(timeout_s):
+            self.run.ended_by = "interrupt"
+            return
+        pid = self._pid()
+        if pid is not None:
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGTERM)
+            if await self.wait_exit(_TERMINATE_GRACE_S):
+                self.run.ended_by = "terminate"
+                return
+        await self.kill()
+
+    async def kill(self) -> None:
+        """Kill it with its process group (and with bubblewrap, all that is in its sandbox)."""
+        if self.alive:
+            self.sample_usage()
+            self.run.ended_by = "kill"
+            with suppress(ProcessLookupError, PermissionError):
+                os.killpg(self._process.pid, signal.SIGKILL)
+            await self.wait_exit(5.0)
+
+    async def wait_exit(self, timeout_s: float) -> bool:
+        """Wait until it has ended; False if it has not in time."""
+        done, _ = await asyncio.wait({self.exited}, timeout=timeout_s)
+        return bool(done)
+
+    def sample_usage(self) -> None:
+        """Read CPU time and run-queue delay of all its processes and threads, while they exist."""
+        root = self._sandbox_pid or self._pid()
+        if root is None or not self.alive:
+            return
+        for pid in descendants_of(root):
+            self._usage[pid] = max(self._usage.get(pid, (0, 0)), _scheduling_of(pid))
+        cpu_ns, delay_ns = (sum(values) for values in zip(*self._usage.values(), strict=True))
+        self.run.usage.append(Usage(time.time_ns(), cpu_ns, delay_ns))
+
+
+def children_of(pid: int) -> list[int]:
+    """Return the process ids of a process's children."""
+    try:
+        return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+    except (OSError, ValueError):
+        return []
+
+
+def descendants_of(pid: int) -> list[int]:
+    """Return a process id and those of all below it."""
+    found, queue = [], [pid]
+    while queue and len(found) < 1000:
+        current = queue.pop()
+        found.append(current)
+        queue += children_of(current)
+    return found
+
+
+def _scheduling_of(pid: int) -> tuple[int, int]:
+    """Return (CPU time, run-queue delay) in ns, summed over a process's threads."""
+    cpu = delay = 0
+    with suppress(OSError):
+        for task in os.listdir(f"/proc/{pid}/task"):
+            with suppress(OSError, ValueError, IndexError):
+                words = Path(f"/proc/{pid}/task/{task}/schedstat").read_text().split()
+                cpu += int(words[0])
+                delay += int(words[1])
+    return cpu, delay

@@ -1,0 +1,396 @@
+"""Records the traffic of a cell: raw subscriptions, written to a bag as they come.
+
+The recorder has contexts of its own, since one participant cannot hold two types on one topic. It does not
+spin an executor: the middleware stamps each message when it receives it, so that it does not matter when the
+recorder takes it. A thread empties all queues every few milliseconds, which costs a tenth of what waking for
+each message does, and leaves the cores to the experiment.
+"""
+
+from __future__ import annotations
+
+import importlib
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import Any
+
+from rclpy.context import Context
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+from grader.recording.bag import BagWriter
+from grader.recording.definitions import DefinitionNotFound, definition_of, type_hash_of
+from grader.recording.session import Endpoint
+
+NODE_NAME = "_grader_recorder"
+NAMESPACE = "/_grader"
+DEFAULT_LIMIT_BYTES = 512 * 2**20
+DEFAULT_LIMIT_TOPICS = 1000
+
+# The queue bridges the time that the recorder gets no core: 2 s at 5,000 messages/s. Keep last, not keep all:
+# a full queue of a reliable keep-all subscription holds up the publisher, and recording must not
+# disturb what it records. The middleware allocates the queue as it fills, so that depth costs nothing.
+_DEPTH = 10_000
+_POLL_S = 0.01
+_FLUSH_S = 0.5
+# A subscription that takes over from another runs beside it until it has surely been matched.
+_OVERLAP_S, _LONGEST_OVERLAP_S = 2.0, 6.0
+_TYPES_PER_TOPIC = 4
+_MOST_PROBLEMS = 100
+# What the bag needs for a message beside its data: record head and index entry.
+_MESSAGE_OVERHEAD_BYTES = 47
+
+
+@dataclass(frozen=True)
+class _Request:
+    """QoS that a subscription requests, as far as it decides which publishers match."""
+
+    reliable: bool
+    transient_local: bool
+
+    @classmethod
+    def suiting(cls, publishers: Sequence[Endpoint]) -> _Request:
+        """Request what every publisher offers (the rule of rosbag2)."""
+        return cls(
+            all(p.qos.reliability == "reliable" for p in publishers),
+            all(p.qos.durability == "transient_local" for p in publishers),
+        )
+
+    def weakened(self, other: _Request) -> _Request:
+        return _Request(self.reliable and other.reliable, self.transient_local and other.transient_local)
+
+    def profile(self) -> QoSProfile:
+        return QoSProfile(
+            history=HistoryPolicy.KEEP_LAST,
+            depth=_DEPTH,
+            reliability=ReliabilityPolicy.RELIABLE if self.reliable else ReliabilityPolicy.BEST_EFFORT,
+            durability=(
+                DurabilityPolicy.TRANSIENT_LOCAL if self.transient_local else DurabilityPolicy.VOLATILE
+            ),
+        )
+
+
+class _Tap:
+    """One raw subscription."""
+
+    def __init__(self, node: Node, message_type: type, topic: str, request: _Request) -> None:
+        self._node = node
+        self._message_type = message_type
+        self._subscription = node.create_subscription(
+            message_type,
+            topic,
+            lambda data, info: None,
+            request.profile(),
+            raw=True,
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+        )
+        self._take = self._subscription.handle.take_message
+        self.opened_s = time.monotonic()
+
+    def take(self) -> tuple[bytes, dict[str, Any]] | None:
+        taken: tuple[bytes, dict[str, Any]] | None = self._take(self._message_type, True)
+        return taken
+
+    def matched(self) -> int:
+        return int(self._subscription.get_publisher_count())
+
+    def close(self) -> None:
+        self._node.destroy_subscription(self._subscription)
+
+
+@dataclass
+class _Line:
+    """A topic of one type under record: its channel, and its subscription (two while one takes over)."""
+
+    topic: str
+    topic_type: str
+    channel: int
+    node: Node
+    message_type: type
+    request: _Request
+    tap: _Tap
+    retiring: list[_Tap] = field(default_factory=list)
+    seen: set[tuple[int, int]] = field(default_factory=set)
+    overlapping: bool = False
+    stopped: bool = False
+    count: int = 0
+    written_bytes: int = 0
+
+    def is_repeat(self, source_ns: int, sequence: int) -> bool:
+        """Whether a message came already, while two subscriptions receive it."""
+        key = (source_ns, sequence)
+        if key in self.seen:
+            return True
+        self.seen.add(key)
+        return False
+
+
+class Recorder:
+    """Records every topic that it is told of.
+
+    Parameters
+    ----------
+    writer : BagWriter
+        The bag to write to; closed by `stop`.
+    domain_id : int
+        ROS domain to record.
+    limit_bytes : int
+        The bag's size at most. A topic may take as much of it as is left for the others; past that it is
+        no longer recorded, so that a flood cannot cost the evidence of other topics.
+    limit_topics : int
+        Number of topics at most.
+
+    Attributes
+    ----------
+    problems : list of str
+        What could not be recorded, and why.
+    """
+
+    def __init__(
+        self,
+        writer: BagWriter,
+        domain_id: int,
+        *,
+        limit_bytes: int = DEFAULT_LIMIT_BYTES,
+        limit_topics: int = DEFAULT_LIMIT_TOPICS,
+    ) -> None:
+        self.problems: list[str] = []
+        self._writer = writer
+        self._domain_id = domain_id
+        self._left_bytes = limit_bytes
+        self._limit_topics = limit_topics
+        self._lines: dict[tuple[str, str], _Line] = {}
+        self._refused: set[tuple[str, str]] = set()
+        self._nodes: list[Node] = []
+        self._lock = threading.Lock()
+        self._following = threading.Lock()
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
+        self._thread.start()
+
+    def __enter__(self) -> Recorder:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.stop()
+
+    @property
+    def counts(self) -> Mapping[tuple[str, str], int]:
+        """Messages written so far, by topic and type."""
+        with self._lock:
+            return {key: line.count for key, line in self._lines.items()}
+
+    def matched(self, topic: str, topic_type: str) -> int:
+        """How many publishers the recorder receives a topic from at this moment."""
+        with self._lock:
+            line = self._lines.get((topic, topic_type))
+            return 0 if line is None or line.stopped else line.tap.matched()
+
+    def _report(self, problem: str) -> None:
+        if len(self.problems) < _MOST_PROBLEMS:
+            self.problems.append(problem)
+
+    # -- subscribing: on the caller's thread ---------------------------------------------------
+
+    def follow(self, publishers: Sequence[Endpoint]) -> None:
+        """Record every topic of these publishers; to be called with all of them whenever the graph changed.
+
+        Topics followed before stay so when their publishers are gone. Endpoints that are not publishers are
+        passed over.
+        """
+        topics: dict[tuple[str, str], list[Endpoint]] = {}
+        for publisher in publishers:
+            if publisher.kind == "publisher":
+                topics.setdefault((publisher.topic, publisher.type), []).append(publisher)
+        with self._following:
+            for key, endpoints in topics.items():
+                if key in self._refused or self._ending.is_set():
+                    continue
+                request = _Request.suiting(endpoints)
+                if line := self._lines.get(key):
+                    self._weaken(line, request)
+                else:
+                    self._begin(*key, endpoints, request)
+
+    def _begin(self, topic: str, topic_type: str, publishers: list[Endpoint], request: _Request) -> None:
+        try:
+            line = self._open(topic, topic_type, publishers, request)
+        except Exception as error:
+            # Names and types are a student's: there are many ways in which rclpy can refuse them.
+            self._refused.add((topic, topic_type))
+            self._report(f"{topic} ({topic_type}) is not recorded: {error}")
+            return
+        with self._lock:
+            self._lines[topic, topic_type] = line
+
+    def _open(self, topic: str, topic_type: str, publishers: list[Endpoint], request: _Request) -> _Line:
+        if len(self._lines) >= self._limit_topics:
+            raise ValueError(f"{self._limit_topics} topics are recorded already")
+        definition = definition_of(topic_type)
+        # Only what an installed package defines is imported, as the name comes from outside.
+        message_type = _message_type(topic_type)
+        node = self._node(sum(known == topic for known, _ in self._lines))
+        tap = _Tap(node, message_type, topic, request)
+        type_hash = self._type_hash(topic, topic_type, publishers)
+        with self._lock:
+            offered = [publisher.qos for publisher in publishers]
+            channel = self._writer.add_channel(topic, topic_type, type_hash, definition, offered)
+        return _Line(topic, topic_type, channel, node, message_type, request, tap)
+
+    def _node(self, level: int) -> Node:
+        """The node whose participant holds the type number `level` of a topic."""
+        if level >= _TYPES_PER_TOPIC:
+            raise ValueError(f"{_TYPES_PER_TOPIC} other types of this topic are recorded already")
+        if level == len(self._nodes):
+            context = Context()
+            context.init([], domain_id=self._domain_id)
+            node = Node(
+                NODE_NAME if level == 0 else f"{NODE_NAME}_{level}",
+                namespace=NAMESPACE,
+                context=context,
+                use_global_arguments=False,
+                enable_rosout=False,
+                start_parameter_services=False,
+                parameter_overrides=[Parameter("start_type_description_service", value=False)],
+            )
+            self._nodes.append(node)
+        return self._nodes[level]
+
+    def _type_hash(self, topic: str, topic_type: str, publishers: list[Endpoint]) -> str:
+        """The hash of the definition in the bag: with another one, readers refuse the bag."""
+        known = type_hash_of(topic_type)
+        for publisher in publishers:
+            if known and publisher.type_hash.startswith("RIHS01_") and publisher.type_hash != known:
+                self._report(
+                    f"{publisher.node} publishes {topic} with another definition of {topic_type} than "
+                    "the grader has; its messages may not decode"
+                )
+        return known or publishers[0].type_hash
+
+    def _weaken(self, line: _Line, request: _Request) -> None:
+        """Take over with a weaker request, so that a publisher that offers less is received too."""
+        weaker = line.request.weakened(request)
+        if weaker == line.request or line.stopped:
+            return
+        with self._lock:
+            line.overlapping = True
+        tap = _Tap(line.node, line.message_type, line.topic, weaker)
+        with self._lock:
+            line.retiring.append(line.tap)
+            line.tap, line.request = tap, weaker
+
+    # -- taking: on the recorder's thread ------------------------------------------------------
+
+    def stop(self) -> None:
+        """Write what has arrived, finish the bag, and leave the graph."""
+        self._ending.set()
+        self._thread.join()
+        with self._following:
+            for node in self._nodes:
+                context = node.context
+                node.destroy_node()
+                context.try_shutdown()
+            self._nodes.clear()
+
+    def _run(self) -> None:
+        try:
+            flush_s = time.monotonic() + _FLUSH_S
+            while not self._ending.wait(_POLL_S):
+                self._poll()
+                if time.monotonic() >= flush_s:
+                    flush_s = time.monotonic() + _FLUSH_S
+                    self._tidy()
+            self._poll()
+        except Exception as error:
+            self._report(f"recording stopped early: {error}")
+        self._close()
+
+    def _close(self) -> None:
+        try:
+            with self._lock:
+                self._writer.close()
+        except OSError as error:
+            self._report(f"the bag is not finished: {error}")
+
+    def _poll(self) -> int:
+        """Empty all queues; returns the number of messages taken."""
+        with self._lock:
+            taken = 0
+            for line in self._lines.values():
+                if not line.stopped:
+                    taken += self._empty(line, line.tap)
+                    for tap in line.retiring:
+                        taken += self._empty(line, tap)
+            return taken
+
+    def _empty(self, line: _Line, tap: _Tap) -> int:
+        # Never more at a time than the queue holds, so that one topic cannot keep the others waiting.
+        for taken in range(_DEPTH):
+            if line.stopped or (message := tap.take()) is None:
+                return taken
+            self._write(line, *message)
+        return _DEPTH
+
+    def _write(self, line: _Line, data: bytes, info: Mapping[str, Any]) -> None:
+        source_ns, sequence = info["source_timestamp"], info["publication_sequence_number"] or 0
+        if line.overlapping and line.is_repeat(source_ns, sequence):
+            return
+        cost_bytes = len(data) + _MESSAGE_OVERHEAD_BYTES
+        if line.written_bytes + cost_bytes > self._left_bytes:
+            self._cut(line)
+            return
+        received_ns = info["received_timestamp"]
+        self._writer.write(
+            line.channel, data, received_ns=received_ns, source_ns=source_ns, sequence=sequence
+        )
+        self._left_bytes -= cost_bytes
+        line.written_bytes += cost_bytes
+        line.count += 1
+
+    def _cut(self, line: _Line) -> None:
+        """Record this topic no longer."""
+        line.stopped = True
+        self._report(
+            f"{line.topic} ({line.topic_type}) is recorded up to message {line.count} only: "
+            f"it filled {line.written_bytes} bytes, as much as is left for all other topics"
+        )
+        for tap in [line.tap, *line.retiring]:
+            tap.close()
+        line.retiring.clear()
+
+    def _tidy(self) -> None:
+        with self._lock:
+            self._writer.flush()
+            for line in self._lines.values():
+                if line.retiring and _has_taken_over(line):
+                    self._retire(line)
+
+    def _retire(self, line: _Line) -> None:
+        for tap in line.retiring:
+            self._empty(line, tap)
+            tap.close()
+        line.retiring.clear()
+        line.overlapping = False
+        line.seen.clear()
+
+
+def _has_taken_over(line: _Line) -> bool:
+    age_s = time.monotonic() - line.tap.opened_s
+    matched = all(line.tap.matched() >= tap.matched() for tap in line.retiring)
+    return age_s > _LONGEST_OVERLAP_S or (age_s > _OVERLAP_S and matched)
+
+
+def _message_type(topic_type: str) -> type:
+    """Import the class of a type."""
+    package, folder, name = topic_type.split("/")
+    try:
+        found: type = getattr(importlib.import_module(f"{package}.{folder}"), name)
+    except (ImportError, AttributeError) as error:
+        raise DefinitionNotFound(topic_type) from error
+    return found

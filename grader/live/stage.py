@@ -1,0 +1,203 @@
+"""A submission → a throw-away workspace, as `colcon build` would leave it.
+
+Below the workspace's folder stand `src/` (a copy of the student's files) and `install/`, an ament
+prefix whose executables are wrappers around the files in `src/`. Paths inside are relative, so the
+workspace can be mounted anywhere. File names with or without `.py`, executable bits and CRLF line
+ends make no difference.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import shutil
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+
+from grader.recording.submission import PackageFact, SubmissionRecord
+from grader.rubric import Rubric
+
+#: Longest time for which a half-made module name may be searched in launch files, in characters.
+_PACKAGE_ARGUMENT = re.compile(r"""package\s*=\s*['"]([A-Za-z][A-Za-z0-9_]{0,80})['"]""")
+
+_WRAPPER = '''\
+#!{interpreter}
+"""Runs {target} as `ros2 run` would."""
+import os
+import runpy
+import sys
+
+source = os.path.normpath(os.path.join(os.path.dirname(os.path.realpath(__file__)), {up!r}, {source!r}))
+sys.path[0] = {path_entry}
+sys.argv[0] = source
+{run}
+'''
+
+_RUN_FILE = 'runpy.run_path(source, run_name="__main__")'
+_RUN_FILE_MAIN = 'sys.exit(runpy.run_path(source, run_name="student_module")["main"]())'
+_RUN_MODULE = 'runpy.run_module({module!r}, run_name="__main__", alter_sys=True)'
+_RUN_ENTRY = "from {module} import {attribute}\n\nsys.exit({function}())"
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """A staged submission.
+
+    Attributes
+    ----------
+    folder : Path
+        Holds `src/` and `install/`.
+    executables : dict
+        Artifact name -> path of its wrapper, relative to `folder`.
+    """
+
+    folder: Path
+    executables: dict[str, str] = field(default_factory=dict)
+
+
+def stage(source: Path, record: SubmissionRecord, rubric: Rubric, folder: Path, interpreter: str) -> Workspace:
+    """Make the workspace.
+
+    Parameters
+    ----------
+    source : Path
+        The submission's folder; only the files listed in `record` are copied.
+    interpreter : str
+        Absolute path of the Python that runs students' code.
+    """
+    for file in record.files:
+        target = folder / "src" / file.path
+        origin = source / file.path
+        if origin.is_symlink() or not origin.is_file():
+            continue
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(origin, target, follow_symlinks=False)
+    executables = {}
+    for artifact in record.artifacts:
+        if artifact.path is not None:
+            relative = f"install/lib/.artifacts/{artifact.name}"
+            _write(folder / relative, _wrapper_of_file(artifact.path, record, interpreter, depth=3))
+            executables[artifact.name] = relative
+    for package in record.packages:
+        _install_package(folder, package, record, interpreter)
+    if not record.packages:
+        for name in _packages_of_bare_files(record, rubric):
+            _install_bare_files(folder, name, record, rubric, interpreter)
+    return Workspace(folder, executables)
+
+
+def _write(path: Path, text: str, mode: int = 0o755) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+    path.chmod(mode)
+
+
+def _register(folder: Path, package: str) -> None:
+    install = folder / "install"
+    _write(install / "share/ament_index/resource_index/packages" / package, "", 0o644)
+    (install / "share" / package).mkdir(parents=True, exist_ok=True)
+    (install / "lib" / package).mkdir(parents=True, exist_ok=True)
+
+
+def _packages_of_bare_files(record: SubmissionRecord, rubric: Rubric) -> list[str]:
+    """Bare files stand for the lab's package, and for any other that their launch files name."""
+    named = [m for text in record.texts.values() for m in _PACKAGE_ARGUMENT.findall(text)]
+    return list(dict.fromkeys([rubric.lab.package, *named]))[:20]
+
+
+def _install_bare_files(folder: Path, package: str, record: SubmissionRecord, rubric: Rubric, interpreter: str) -> None:
+    _register(folder, package)
+    for artifact in record.artifacts:
+        executable = rubric.artifacts[artifact.name].executable
+        if artifact.path is None or executable is None:
+            continue
+        text = _wrapper_of_file(artifact.path, record, interpreter, depth=3)
+        for name in {executable, PurePosixPath(artifact.path).name}:
+            _write(folder / "install/lib" / package / name, text)
+
+
+def _install_package(folder: Path, package: PackageFact, record: SubmissionRecord, interpreter: str) -> None:
+    _register(folder, package.name)
+    share = folder / "install/share" / package.name
+    for file in record.files:
+        relative = PurePosixPath(file.path)
+        root = PurePosixPath(package.path)
+        if not relative.is_relative_to(root):
+            continue
+        inside = relative.relative_to(root)
+        origin = folder / "src" / file.path
+        if origin.is_file() and _is_shared(inside):
+            (share / inside).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(origin, share / inside)
+            if inside.name.endswith((".launch.py", "_launch.py")) and len(inside.parts) == 1:
+                (share / "launch").mkdir(exist_ok=True)
+                shutil.copyfile(origin, share / "launch" / inside.name)
+    for name, target in package.executables.items():
+        if re.fullmatch(r"[\w.+-]{1,200}", name):
+            _write(folder / "install/lib" / package.name / name, _wrapper_of_entry(package, target, record, interpreter))
+
+
+def _is_shared(inside: PurePosixPath) -> bool:
+    """Whether a package's file belongs in its share folder: data rather than modules."""
+    return inside.suffix != ".py" or "launch" in inside.parts[0] or inside.name.endswith("launch.py")
+
+
+def _wrapper_of_entry(package: PackageFact, target: str, record: SubmissionRecord, interpreter: str) -> str:
+    if ":" not in target:
+        return _wrapper_of_file(target, record, interpreter, depth=3)
+    module, attribute = target.split(":", 1)
+    return _WRAPPER.format(
+        interpreter=interpreter,
+        target=target,
+        up="../../..",
+        source=str(PurePosixPath("src") / package.path / (module.replace(".", "/") + ".py")),
+        path_entry=f"os.path.normpath(os.path.join(os.path.dirname(os.path.realpath(__file__)), '../../..', {str(PurePosixPath('src') / package.path)!r}))",
+        run=_RUN_ENTRY.format(module=module, attribute=attribute.split(".")[0], function=attribute),
+    )
+
+
+def _wrapper_of_file(path: str, record: SubmissionRecord, interpreter: str, depth: int) -> str:
+    relative = PurePosixPath(path)
+    calls_main = runs_nothing_but_defines_main(record.texts.get(path, ""))
+    run = _RUN_FILE_MAIN if calls_main else _RUN_FILE
+    path_entry = "os.path.dirname(source)"
+    package_root = _package_root(relative, record)
+    if package_root is not None and relative.suffix == ".py":
+        levels = len(relative.relative_to(package_root).parts)
+        module = ".".join(relative.relative_to(package_root).with_suffix("").parts)
+        path_entry = f"os.path.normpath(os.path.join(source, *[os.pardir] * {levels}))"
+        run = f"from {module} import main\n\nsys.exit(main())" if calls_main else _RUN_MODULE.format(module=module)
+    return _WRAPPER.format(
+        interpreter=interpreter,
+        target=path,
+        up="/".join([".."] * depth),
+        source=str(PurePosixPath("src") / relative),
+        path_entry=path_entry,
+        run=run,
+    )
+
+
+def _package_root(path: PurePosixPath, record: SubmissionRecord) -> PurePosixPath | None:
+    """Folder from which the file's Python package is imported, or None for a file that stands alone."""
+    files = {f.path for f in record.files}
+    root = path.parent
+    while root.parts and str(root / "__init__.py") in files:
+        if not all(part.isidentifier() for part in (root.name, path.stem)):
+            return None
+        root = root.parent
+    return root if root != path.parent else None
+
+
+def runs_nothing_but_defines_main(text: str) -> bool:
+    """Whether a file defines `main` but calls nothing at module level, as files for entry points do."""
+    try:
+        tree = ast.parse(text)
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return False
+    defines = any(isinstance(n, (ast.FunctionDef, ast.AsyncFunctionDef)) and n.name == "main" for n in tree.body)
+    acts = any(
+        isinstance(n, (ast.If, ast.For, ast.While, ast.With, ast.Try))
+        or (isinstance(n, ast.Expr) and isinstance(n.value, ast.Call))
+        for n in tree.body
+    )
+    return defines and not acts

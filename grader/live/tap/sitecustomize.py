@@ -1,0 +1,122 @@
+"""The tap: notes what a student's node asks rclpy for, with its source line, and changes nothing else.
+
+Discovery carries neither history nor depth, and no line numbers. This module lies on the path of
+students' processes, wraps a few methods of `rclpy.node.Node` when that module is imported, and
+writes one JSON line a call to the descriptor named by GRADER_TAP_FD. What it writes is a claim by
+the student's process, never evidence of behaviour.
+"""
+
+import importlib.abc
+import importlib.machinery
+import json
+import os
+import sys
+
+_FD = int(os.environ.pop("GRADER_TAP_FD", "-1"))
+_LIMIT = 1000
+_WRAPPED = {
+    "create_publisher": ("publisher", "topic"),
+    "create_subscription": ("subscription", "topic"),
+    "create_service": ("service", "srv_name"),
+    "create_client": ("client", "srv_name"),
+    "create_timer": ("timer", "timer_period_sec"),
+    "declare_parameter": ("parameter", "name"),
+}
+
+
+def _qos_of(value):
+    if isinstance(value, int):
+        return {"history": "keep_last", "depth": value, "reliability": "reliable", "durability": "volatile"}
+    return {
+        "history": value.history.name.lower(),
+        "depth": int(value.depth),
+        "reliability": value.reliability.name.lower(),
+        "durability": value.durability.name.lower(),
+    }
+
+
+def _type_of(value):
+    module = getattr(value, "__module__", "")
+    return "/".join([*module.split(".")[:2], getattr(value, "__name__", "")]) if module else ""
+
+
+def _caller():
+    """File and line of the code that called the wrapped method."""
+    frame = sys._getframe(3)
+    return frame.f_code.co_filename, frame.f_lineno
+
+
+def _note(kind, node, arguments):
+    global _LIMIT
+    file, line = _caller()
+    if _LIMIT <= 0 or "/rclpy/" in file:  # What rclpy asks of itself is of no interest.
+        return
+    _LIMIT -= 1
+    note = {"kind": kind, "file": file, "line": line, "node": node.get_fully_qualified_name()}
+    note["name"] = str(arguments.get(_WRAPPED_NAME[kind], ""))[:500]
+    for key in ("msg_type", "srv_type"):
+        if key in arguments:
+            note["type"] = _type_of(arguments[key])
+    if "qos_profile" in arguments:
+        note["qos"] = _qos_of(arguments["qos_profile"])
+    if kind == "parameter":
+        value = arguments.get("value")
+        note["value"] = value if isinstance(value, (bool, int, float, str)) else repr(value)[:200]
+    os.write(_FD, (json.dumps(note) + "\n").encode())
+
+
+_WRAPPED_NAME = dict(_WRAPPED.values())
+
+
+def _wrap(cls, method, kind):
+    import functools
+    import inspect
+
+    original = getattr(cls, method)
+    signature = inspect.signature(original)
+
+    @functools.wraps(original)
+    def noted(self, *args, **kwargs):
+        result = original(self, *args, **kwargs)
+        try:
+            bound = signature.bind(self, *args, **kwargs)
+            _note(kind, self, bound.arguments)
+        except Exception:
+            pass  # The tap never disturbs the node.
+        return result
+
+    setattr(cls, method, noted)
+
+
+class _NodeLoader(importlib.abc.Loader):
+    def __init__(self, loader):
+        self._loader = loader
+
+    def create_module(self, spec):
+        return self._loader.create_module(spec)
+
+    def exec_module(self, module):
+        self._loader.exec_module(module)
+        for method, (kind, _) in _WRAPPED.items():
+            _wrap(module.Node, method, kind)
+
+    def __getattr__(self, name):
+        return getattr(self._loader, name)
+
+
+class _NodeFinder(importlib.abc.MetaPathFinder):
+    def find_spec(self, name, path, target=None):
+        if name != "rclpy.node":
+            return None
+        sys.meta_path.remove(self)
+        spec = importlib.machinery.PathFinder.find_spec(name, path, target)
+        if spec is not None and spec.loader is not None:
+            spec.loader = _NodeLoader(spec.loader)
+        return spec
+
+
+if _FD >= 0:
+    os.set_inheritable(_FD, False)
+    # Python itself has started: whatever happens from here on is the student's doing.
+    os.write(_FD, b'{"kind": "started"}\n')
+    sys.meta_path.insert(0, _NodeFinder())

@@ -1,0 +1,579 @@
+"""The rosbag2 bag of a recording: one MCAP file and its `metadata.yaml`.
+
+A message's `log_time` is when it was received, its `publish_time` the writer's DDS source timestamp, and its
+`sequence` the publication sequence number, which counts from 1 for each publisher. With these three, rates
+and losses can be told exactly. The bag opens with `ros2 bag` and Foxglove as well.
+
+References
+----------
+MCAP format specification, version 0; rosbag2 metadata, version 9.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import io
+import json
+import mmap
+import shutil
+import struct
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from grader.recording.definitions import SEPARATOR, MessageDefinition
+from grader.recording.session import Qos
+
+if TYPE_CHECKING:
+    from mcap.writer import Writer
+
+METADATA_FILE = "metadata.yaml"
+METADATA_VERSION = 9
+INFINITE_NS = 9_223_372_036_854_775_807
+
+_RECOVERY_FOLDER = ".recovering"
+_MAGIC = b"\x89MCAP0\r\n"
+_FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK = 0x02, 0x03, 0x04, 0x05, 0x06
+_LAST_OPCODE = 0x0F
+_RECORD_HEAD = struct.Struct("<BQ")
+_MESSAGE_HEAD = struct.Struct("<HIQQ")
+_CHUNK_HEAD_SIZE = 28  # start, end, size, checksum; the compression's name follows
+
+Int64s = npt.NDArray[np.int64]
+_Buffer = Any  # bytes or mmap
+# log time, publish time, sequence, buffer, and where the data starts and ends in it
+_Row = tuple[int, int, int, _Buffer, int, int]
+
+
+# -- metadata.yaml ---------------------------------------------------------------------------------
+
+
+@dataclass
+class _Channel:
+    """What is told of a channel, in the MCAP file and in `metadata.yaml`."""
+
+    topic: str
+    topic_type: str
+    type_hash: str
+    definition: MessageDefinition
+    qos_text: str
+    count: int = 0
+
+
+def _duration(duration_ns: int | None) -> str:
+    seconds, nanoseconds = divmod(INFINITE_NS if duration_ns is None else duration_ns, 10**9)
+    return f"\n    sec: {seconds}\n    nsec: {nanoseconds}"
+
+
+def _qos_text(profiles: Sequence[Qos]) -> str:
+    """Write offered QoS profiles as a YAML list, the way rosbag2 does since ROS 2 Iron.
+
+    The channel holds this text and `metadata.yaml` the list that it means. They must mean the same:
+    `rosbags` compares the two, and gives no messages of a channel where they differ.
+    """
+    texts = (
+        f"- history: {json.dumps(qos.history)}\n"
+        f"  depth: {qos.depth}\n"
+        f"  reliability: {json.dumps(qos.reliability)}\n"
+        f"  durability: {json.dumps(qos.durability)}\n"
+        f"  deadline:{_duration(qos.deadline_ns)}\n"
+        f"  lifespan:{_duration(qos.lifespan_ns)}\n"
+        f"  liveliness: {json.dumps(qos.liveliness)}\n"
+        f"  liveliness_lease_duration:{_duration(qos.liveliness_lease_ns)}\n"
+        "  avoid_ros_namespace_conventions: false"
+        for qos in profiles
+    )
+    return "\n".join(texts) or "[]"
+
+
+def _topic_yaml(channel: _Channel) -> str:
+    nested = channel.qos_text.replace("\n", "\n          ")
+    qos = f" {nested}" if nested.startswith("[") else f"\n          {nested}"
+    return (
+        "    - topic_metadata:\n"
+        f"        name: {json.dumps(channel.topic)}\n"
+        f"        type: {json.dumps(channel.topic_type)}\n"
+        "        serialization_format: cdr\n"
+        f"        offered_qos_profiles:{qos}\n"
+        f"        type_description_hash: {json.dumps(channel.type_hash)}\n"
+        f"      message_count: {channel.count}\n"
+    )
+
+
+def _metadata_yaml(file_name: str, channels: Sequence[_Channel], start_ns: int, end_ns: int) -> str:
+    total = sum(channel.count for channel in channels)
+    name = json.dumps(file_name)
+    topics = "".join(_topic_yaml(channel) for channel in channels)
+    return (
+        "rosbag2_bagfile_information:\n"
+        f"  version: {METADATA_VERSION}\n"
+        "  storage_identifier: mcap\n"
+        f"  duration:\n    nanoseconds: {end_ns - start_ns}\n"
+        f"  starting_time:\n    nanoseconds_since_epoch: {start_ns}\n"
+        f"  message_count: {total}\n"
+        f"  topics_with_message_count:{chr(10) + topics if topics else ' []' + chr(10)}"
+        '  compression_format: ""\n'
+        '  compression_mode: ""\n'
+        f"  relative_file_paths:\n    - {name}\n"
+        "  files:\n"
+        f"    - path: {name}\n"
+        f"      starting_time:\n        nanoseconds_since_epoch: {start_ns}\n"
+        f"      duration:\n        nanoseconds: {end_ns - start_ns}\n"
+        f"      message_count: {total}\n"
+        "  custom_data: ~\n"
+        "  ros_distro: jazzy\n"
+    )
+
+
+# -- writing ---------------------------------------------------------------------------------------
+
+
+class BagWriter:
+    """Writes a bag. One thread at a time may use it.
+
+    Parameters
+    ----------
+    folder : Path
+        The bag's folder; made if it is not there.
+    name : str
+        Name of the MCAP file, without its suffix.
+
+    Notes
+    -----
+    Chunks are not compressed: it is the cheapest to write beside a running experiment, each reader takes it,
+    and of a chunk cut short by a kill the beginning can still be read.
+    """
+
+    def __init__(self, folder: Path, name: str) -> None:
+        from mcap.writer import CompressionType, Writer
+
+        folder.mkdir(parents=True, exist_ok=True)
+        self._folder = folder
+        self._file_name = name + ".mcap"
+        self._stream = (folder / self._file_name).open("wb")
+        self._writer: Writer = Writer(self._stream, compression=CompressionType.NONE)
+        self._writer.start(profile="ros2", library="ros-lab-grader")
+        self._stream.flush()
+        self._schemas: dict[tuple[str, MessageDefinition], int] = {}
+        self._channels: dict[int, _Channel] = {}
+        self._start_ns, self._end_ns = INFINITE_NS, 0
+        self._closed = False
+
+    def add_channel(
+        self,
+        topic: str,
+        topic_type: str,
+        type_hash: str,
+        definition: MessageDefinition,
+        offered_qos: Sequence[Qos],
+    ) -> int:
+        """Add a topic of one type; returns the channel to `write` to."""
+        return self._add(_Channel(topic, topic_type, type_hash, definition, _qos_text(offered_qos)))
+
+    def _add(self, channel: _Channel) -> int:
+        key = (channel.topic_type, channel.definition)
+        if key not in self._schemas:
+            encoding, text = channel.definition.encoding, channel.definition.text
+            self._schemas[key] = self._writer.register_schema(channel.topic_type, encoding, text.encode())
+        metadata = {"offered_qos_profiles": channel.qos_text, "topic_type_hash": channel.type_hash}
+        number = self._writer.register_channel(channel.topic, "cdr", self._schemas[key], metadata)
+        self._channels[number] = channel
+        return number
+
+    def write(self, channel: int, data: bytes, *, received_ns: int, source_ns: int, sequence: int) -> None:
+        """Add a message: its CDR bytes with the header of four bytes, and its times."""
+        # The source timestamp comes over the wire, so that it can be anything.
+        received_ns = min(max(received_ns, 0), INFINITE_NS)
+        source_ns = min(max(source_ns, 0), INFINITE_NS)
+        self._writer.add_message(channel, received_ns, data, source_ns, sequence & 0xFFFFFFFF)
+        self._channels[channel].count += 1
+        if received_ns < self._start_ns:
+            self._start_ns = received_ns
+        if received_ns > self._end_ns:
+            self._end_ns = received_ns
+
+    def flush(self) -> None:
+        """Hand all that was written to the system: it outlives a kill of this process."""
+        self._writer.flush()  # type: ignore[no-untyped-call]
+
+    def close(self) -> None:
+        """Finish the MCAP file, then write `metadata.yaml`, whose presence says that the bag is whole."""
+        if self._closed:
+            return
+        self._closed = True
+        self._writer.finish()  # type: ignore[no-untyped-call]
+        self._stream.close()
+        start_ns = min(self._start_ns, self._end_ns)
+        text = _metadata_yaml(self._file_name, list(self._channels.values()), start_ns, self._end_ns)
+        partial = self._folder / (METADATA_FILE + ".partial")
+        partial.write_text(text, encoding="utf-8")
+        partial.replace(self._folder / METADATA_FILE)
+
+
+# -- scanning an MCAP file, whole or cut short -----------------------------------------------------
+
+
+@dataclass
+class _Contents:
+    """All that can be read of an MCAP file."""
+
+    schemas: dict[int, tuple[str, MessageDefinition]] = field(default_factory=dict)
+    channels: dict[int, _Channel] = field(default_factory=dict)
+    rows: dict[int, list[_Row]] = field(default_factory=dict)
+    finished: bool = False
+
+
+def _scan(buffer: _Buffer) -> _Contents:
+    contents = _Contents()
+    size = len(buffer)
+    if bytes(buffer[: len(_MAGIC)]) == _MAGIC:
+        contents.finished = size > 2 * len(_MAGIC) and bytes(buffer[size - len(_MAGIC) :]) == _MAGIC
+        _read_records(buffer, len(_MAGIC), size, contents)
+    return contents
+
+
+def _read_records(buffer: _Buffer, offset: int, end: int, contents: _Contents) -> None:
+    """Read records up to `end`, or to the first that is cut short or no record at all."""
+    read_head, read_message, rows = _RECORD_HEAD.unpack_from, _MESSAGE_HEAD.unpack_from, contents.rows
+    while offset + _RECORD_HEAD.size <= end:
+        opcode, length = read_head(buffer, offset)
+        body = offset + _RECORD_HEAD.size
+        offset = body + length
+        if opcode == _MESSAGE:
+            if offset > end or length < _MESSAGE_HEAD.size:
+                return
+            channel, sequence, log_ns, publish_ns = read_message(buffer, body)
+            if channel in rows:
+                rows[channel].append(
+                    (log_ns, publish_ns, sequence, buffer, body + _MESSAGE_HEAD.size, offset)
+                )
+        elif opcode == _CHUNK:
+            _read_chunk(buffer, body, min(offset, end), contents)
+        elif opcode == _FOOTER or not 0 < opcode <= _LAST_OPCODE or offset > end:
+            return
+        elif opcode in (_SCHEMA, _CHANNEL):
+            with contextlib.suppress(struct.error, ValueError, IndexError):
+                _read_description(opcode, _Fields(bytes(buffer[body:offset])), contents)
+
+
+def _read_chunk(buffer: _Buffer, body: int, end: int, contents: _Contents) -> None:
+    with contextlib.suppress(struct.error, ValueError, IndexError):
+        name_at = body + _CHUNK_HEAD_SIZE
+        (name_length,) = struct.unpack_from("<I", buffer, name_at)
+        records_at = name_at + 4 + name_length + 8
+        if name_length == 0:
+            _read_records(buffer, records_at, end, contents)
+        else:
+            records = _decompressed(bytes(buffer[body:end]))
+            _read_records(records, 0, len(records), contents)
+
+
+def _decompressed(body: bytes) -> bytes:
+    """Records of a compressed chunk, as other recorders write them; none where it is damaged."""
+    from mcap.data_stream import ReadDataStream
+    from mcap.records import Chunk
+    from mcap.stream_reader import get_chunk_data_stream
+
+    try:
+        stream, size = get_chunk_data_stream(Chunk.read(ReadDataStream(io.BytesIO(body))))
+        return stream.read(size)
+    except Exception:
+        # Each compression has exceptions of its own, and a damaged chunk is no reason to lose the others.
+        return b""
+
+
+class _Fields:
+    """Reads the fields of an MCAP record one after the other."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+        self._at = 0
+
+    def number(self, form: str) -> int:
+        (value,) = struct.unpack_from(form, self._data, self._at)
+        self._at += struct.calcsize(form)
+        return int(value)
+
+    def text(self) -> str:
+        length = self.number("<I")
+        start, self._at = self._at, self._at + length
+        if self._at > len(self._data):
+            raise ValueError("text longer than its record")
+        return self._data[start : self._at].decode()
+
+    def texts(self) -> dict[str, str]:
+        end = self.number("<I") + self._at
+        found = {}
+        while self._at < end:
+            key = self.text()
+            found[key] = self.text()
+        return found
+
+
+def _read_description(opcode: int, fields: _Fields, contents: _Contents) -> None:
+    number = fields.number("<H")
+    if opcode == _SCHEMA:
+        name, encoding, text = fields.text(), fields.text(), fields.text()
+        if encoding in ("ros2msg", "ros2idl"):
+            contents.schemas[number] = (name, MessageDefinition(encoding, text))  # type: ignore[arg-type]
+        return
+    schema, topic, _, metadata = fields.number("<H"), fields.text(), fields.text(), fields.texts()
+    if number in contents.channels or schema not in contents.schemas:
+        return
+    topic_type, definition = contents.schemas[schema]
+    qos_text, type_hash = metadata.get("offered_qos_profiles", "[]"), metadata.get("topic_type_hash", "")
+    contents.channels[number] = _Channel(topic, topic_type, type_hash, definition, qos_text)
+    contents.rows[number] = []
+
+
+def _mcap_file(folder: Path) -> Path | None:
+    return min(folder.glob("*.mcap"), default=None)
+
+
+def _contents_of(path: Path | None) -> _Contents:
+    if path is None or path.stat().st_size == 0:
+        return _Contents()
+    with path.open("rb") as stream:
+        # The pages are the system's: a large bag costs memory only where it is read.
+        return _scan(mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ))
+
+
+def recover(folder: Path) -> bool:
+    """Finish a bag whose recorder was killed, keeping all that can be read of it.
+
+    Returns
+    -------
+    bool
+        Whether the bag had to be mended; False if it was whole.
+
+    Raises
+    ------
+    NotADirectoryError
+        If there is no such folder.
+    """
+    if not folder.is_dir():
+        raise NotADirectoryError(f"no bag at {folder}: give the folder that holds the .mcap file")
+    if (folder / METADATA_FILE).exists():
+        return False
+    path = _mcap_file(folder) or folder / (folder.name + ".mcap")
+    contents = _contents_of(path if path.exists() else None)
+    workshop = folder / _RECOVERY_FOLDER
+    shutil.rmtree(workshop, ignore_errors=True)
+    _copy(contents, BagWriter(workshop, path.stem))
+    (workshop / path.name).replace(path)
+    (workshop / METADATA_FILE).replace(folder / METADATA_FILE)
+    shutil.rmtree(workshop)
+    return True
+
+
+def _copy(contents: _Contents, writer: BagWriter) -> None:
+    rows = []
+    for number, channel in contents.channels.items():
+        target = writer._add(channel)
+        rows += [(row, target) for row in contents.rows[number]]
+    rows.sort(key=lambda item: item[0][0])
+    for (received_ns, source_ns, sequence, buffer, start, end), target in rows:
+        data = bytes(buffer[start:end])
+        writer.write(target, data, received_ns=received_ns, source_ns=source_ns, sequence=sequence)
+    writer.close()
+
+
+# -- reading ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class TopicInfo:
+    """A topic of one type in a bag, with its number of messages."""
+
+    topic: str
+    topic_type: str
+    count: int
+    type_hash: str
+
+
+@dataclass(frozen=True, eq=False)
+class Stream:
+    """All messages of one type on one topic, in the order in which they were received.
+
+    Attributes
+    ----------
+    topic, topic_type : str
+        `topic_type` is empty if nothing of the topic is in the bag.
+    received_ns : int64[n]
+        When each message was received.
+    source_ns : int64[n]
+        The publisher's DDS source timestamps.
+    sequence : int64[n]
+        Publication sequence numbers; those of several publishers interleave.
+    data : tuple of bytes
+        CDR, with the header of four bytes.
+    definition : MessageDefinition or None
+        The type's definition as the bag has it.
+    """
+
+    topic: str
+    topic_type: str
+    received_ns: Int64s
+    source_ns: Int64s
+    sequence: Int64s
+    data: tuple[bytes, ...]
+    definition: MessageDefinition | None = None
+
+    def __len__(self) -> int:
+        return len(self.data)
+
+    @functools.cached_property
+    def _decoded(self) -> tuple[object | None, ...]:
+        decode = _decoder(self.topic_type, self.definition)
+        return tuple(decode(data) for data in self.data)
+
+    def messages(self) -> list[object | None]:
+        """Decode all messages; None stands for one whose bytes do not fit the type."""
+        return list(self._decoded)
+
+    @property
+    def malformed(self) -> int:
+        """How many messages have bytes that do not fit the type."""
+        return sum(message is None for message in self._decoded)
+
+    def field(self, path: str) -> list[Any]:
+        """Value of one field in each message.
+
+        Parameters
+        ----------
+        path : str
+            Field names joined by dots; a number picks an element: "layout.dim.0.size".
+
+        Returns
+        -------
+        list
+            None for messages that are malformed or do not have the field. Arrays of numbers are numpy arrays.
+        """
+        steps = path.split(".")
+        return [_pick(message, steps) for message in self._decoded]
+
+
+def _pick(value: Any, steps: list[str]) -> Any:
+    try:
+        for step in steps:
+            value = value[int(step)] if step.isdecimal() else getattr(value, step)
+    except (AttributeError, IndexError, TypeError):
+        return None
+    return value
+
+
+def _decoder(topic_type: str, definition: MessageDefinition | None) -> Callable[[bytes], object | None]:
+    deserialize = _deserializer(topic_type, definition) if definition else None
+    if deserialize is None:
+        return lambda data: None
+
+    def decode(data: bytes) -> object | None:
+        # The bytes are a student's. Decoding them fails in many ways (short, wrong lengths, bad UTF-8),
+        # and not by exceptions of one family.
+        try:
+            return deserialize(data, topic_type)
+        except Exception:
+            return None
+
+    return decode
+
+
+@functools.lru_cache(maxsize=64)
+def _deserializer(topic_type: str, definition: MessageDefinition) -> Callable[[bytes, str], object] | None:
+    """Deserialize CDR by the definition in the bag; None where that cannot be understood."""
+    from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.EMPTY)
+    try:
+        if definition.encoding == "ros2msg":
+            store.register(get_types_from_msg(definition.text, topic_type))
+        else:
+            for block in _idl_blocks(definition.text):
+                store.register(get_types_from_idl(block))
+    except TypesysError:
+        return None
+    return store.deserialize_cdr
+
+
+def _idl_blocks(text: str) -> Iterator[str]:
+    for block in text.split(SEPARATOR + "\n"):
+        if block.startswith("IDL: "):
+            yield block.partition("\n")[2]
+        elif block.strip():
+            yield block
+
+
+class Bag:
+    """A bag opened for reading. It need not be finished: what can be read of it is there.
+
+    Attributes
+    ----------
+    topics : tuple of TopicInfo
+        Topics by name, then by type; a topic that had two types is there twice.
+    finished : bool
+        Whether its recorder came to its end. If not, the last moments may be missing.
+    """
+
+    def __init__(self, contents: _Contents) -> None:
+        self._contents = contents
+        self.finished = contents.finished
+        self._numbers: dict[tuple[str, str], list[int]] = {}
+        for number, channel in contents.channels.items():
+            self._numbers.setdefault((channel.topic, channel.topic_type), []).append(number)
+        self.topics = tuple(self._info(*key) for key in sorted(self._numbers))
+
+    @classmethod
+    def open(cls, folder: Path) -> Bag:
+        """Open the bag in a folder, finished or not.
+
+        Raises
+        ------
+        FileNotFoundError
+            If there is no MCAP file in the folder.
+        """
+        path = _mcap_file(folder)
+        if path is None:
+            raise FileNotFoundError(f"no .mcap file in {folder}: give the folder of a recording")
+        return cls(_contents_of(path))
+
+    def _info(self, topic: str, topic_type: str) -> TopicInfo:
+        numbers = self._numbers[topic, topic_type]
+        count = sum(len(self._contents.rows[number]) for number in numbers)
+        return TopicInfo(topic, topic_type, count, self._contents.channels[numbers[0]].type_hash)
+
+    def stream(self, topic: str, topic_type: str | None = None) -> Stream:
+        """Messages of a topic, none if the bag does not have it.
+
+        Parameters
+        ----------
+        topic : str
+            Fully qualified name.
+        topic_type : str, optional
+            Needed only where the topic has several types; without it, the one with the most messages.
+        """
+        if topic_type is None:
+            infos = [info for info in self.topics if info.topic == topic]
+            topic_type = max(infos, key=lambda info: info.count).topic_type if infos else ""
+        numbers = self._numbers.get((topic, topic_type), [])
+        rows = [row for number in numbers for row in self._contents.rows[number]]
+        rows.sort(key=lambda row: row[0])
+        definition = self._contents.channels[numbers[0]].definition if numbers else None
+        return Stream(
+            topic,
+            topic_type,
+            _column(rows, 0),
+            _column(rows, 1),
+            _column(rows, 2),
+            tuple(bytes(buffer[start:end]) for _, _, _, buffer, start, end in rows),
+            definition,
+        )
+
+
+def _column(rows: list[_Row], index: int) -> Int64s:
+    # Times of foreign bags may use all 64 bits; they are held at the largest that int64 has.
+    return np.fromiter((min(row[index], INFINITE_NS) for row in rows), dtype=np.int64, count=len(rows))

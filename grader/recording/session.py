@@ -1,0 +1,267 @@
+"""`session.json`: all of a session that is not ROS traffic.
+
+Times are integer nanoseconds of the system clock (CLOCK_REALTIME), the clock of DDS timestamps.
+The models are read by the judging half and written by the live half; neither ROS nor processes
+are needed here. Standard library only, since the trusted processes in a cell import it too.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import types
+import typing
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+SESSION_SCHEMA = "ros-lab-grader/session/v1"
+SESSION_FILE = "session.json"
+
+
+@dataclass
+class OutputLine:
+    """A line that a process wrote. `t_ns` is when the grader read it."""
+
+    t_ns: int
+    stream: str  # "stdout" or "stderr"
+    text: str
+
+
+@dataclass
+class Usage:
+    """CPU time and run-queue delay of a process since its start, in ns, as read at one time."""
+
+    t_ns: int
+    cpu_ns: int
+    run_delay_ns: int
+
+
+@dataclass
+class ProcessRun:
+    """One process, from start to exit.
+
+    Attributes
+    ----------
+    name : str
+        Unique in the session: the artifact's name, or that of the launched node's process.
+    role : str
+        "student", "reference" or "grader".
+    artifact : str or None
+        The rubric's name of the file that runs, where there is one.
+    exit_status : int or None
+        Exit status; negative for the signal that ended it; None when it had to be given up.
+    ended_by : str
+        "itself", "interrupt" (SIGINT was sent first), "terminate" or "kill" (it did not stop), or a limit's name.
+    usage : list of Usage
+        Samples over time: CPU time used, and time ready to run but without a core, of all threads together.
+    """
+
+    name: str
+    role: str
+    argv: list[str]
+    artifact: str | None = None
+    started_ns: int = 0
+    exited_ns: int | None = None
+    interrupted_ns: int | None = None
+    exit_status: int | None = None
+    ended_by: str = "itself"
+    output: list[OutputLine] = field(default_factory=list)
+    output_dropped_bytes: int = 0
+    usage: list[Usage] = field(default_factory=list)
+
+
+@dataclass
+class Qos:
+    """A QoS profile as rclpy spells its policies, in lower case ("reliable", "keep_last", ...).
+
+    `history` is "unknown" and `depth` 0 where they come from discovery. Durations in ns, None for infinite.
+    """
+
+    reliability: str = "unknown"
+    durability: str = "unknown"
+    history: str = "unknown"
+    depth: int = 0
+    deadline_ns: int | None = None
+    lifespan_ns: int | None = None
+    liveliness: str = "unknown"
+    liveliness_lease_ns: int | None = None
+
+
+@dataclass
+class Endpoint:
+    """A publisher or a subscription in the graph."""
+
+    kind: str  # "publisher" or "subscription"
+    topic: str
+    type: str
+    type_hash: str
+    node: str  # fully qualified
+    gid: str
+    qos: Qos = field(default_factory=Qos)
+
+
+@dataclass
+class ServiceOffer:
+    """A service server in the graph, attributed to its node."""
+
+    name: str
+    type: str
+    node: str  # fully qualified
+
+
+@dataclass
+class GraphSnapshot:
+    """The ROS graph at one time, without the grader's own probe and recorder."""
+
+    t_ns: int
+    nodes: list[str] = field(default_factory=list)  # fully qualified, with duplicates
+    endpoints: list[Endpoint] = field(default_factory=list)
+    services: list[ServiceOffer] = field(default_factory=list)
+
+
+@dataclass
+class StepRun:
+    """One step of the session as it went.
+
+    Attributes
+    ----------
+    kind : str
+        The step's key in the rubric, e.g. "wait_for".
+    label : str or None
+        The step's own label in the rubric, by which checks refer to it.
+    parameters : dict
+        The step's value in the rubric.
+    outcome : str
+        "done", "timeout" (the student's side did not come in time), "cancelled" (the student's processes
+        had ended before it could be done) or "failed".
+    result : dict
+        What the step found; depends on its kind.
+    """
+
+    kind: str
+    parameters: dict[str, Any]
+    label: str | None = None
+    started_ns: int = 0
+    ended_ns: int = 0
+    outcome: str = "done"
+    result: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass
+class Claim:
+    """What the tap noted in a student's process: a claim by student code, never evidence of behaviour.
+
+    Attributes
+    ----------
+    kind : str
+        "publisher", "subscription", "service", "client", "timer", "parameter", "node".
+    name : str
+        As given in the call (not expanded); period in seconds for a timer.
+    file : str
+        Path relative to the submission's root, or absolute where outside it.
+    """
+
+    process: str
+    kind: str
+    name: str
+    node: str = ""
+    type: str = ""
+    file: str = ""
+    line: int = 0
+    qos: Qos | None = None
+    value: Any = None
+
+
+@dataclass
+class SessionRecord:
+    """All of one session but its bag.
+
+    Attributes
+    ----------
+    complete : bool
+        False while it runs, and if the grader was stopped in the midst of it.
+    problems : list of str
+        The grader's own troubles (a reference node that died, a bag that had to be recovered).
+        They make findings inconclusive, never failed.
+    names : dict
+        Name in the rubric -> name that the student used, where a near miss was found and used.
+    plan : dict or None
+        The plan of a launch file, see `grader.live.launching`.
+    """
+
+    session: str
+    schema: str = SESSION_SCHEMA
+    seed: int = 0
+    started_ns: int = 0
+    ended_ns: int = 0
+    complete: bool = False
+    isolation: dict[str, Any] = field(default_factory=dict)
+    versions: dict[str, str] = field(default_factory=dict)
+    problems: list[str] = field(default_factory=list)
+    processes: list[ProcessRun] = field(default_factory=list)
+    steps: list[StepRun] = field(default_factory=list)
+    graph: list[GraphSnapshot] = field(default_factory=list)
+    names: dict[str, str] = field(default_factory=dict)
+    claims: list[Claim] = field(default_factory=list)
+    plan: dict[str, Any] | None = None
+
+
+T = TypeVar("T")
+
+
+def from_plain(kind: type[T], plain: Any) -> T:
+    """Build a dataclass of this module from what `json` read.
+
+    Raises
+    ------
+    ValueError
+        If `plain` does not have the dataclass's shape.
+    """
+    if not isinstance(plain, dict):
+        raise ValueError(f"{kind.__name__}: an object was expected")
+    hints = typing.get_type_hints(kind)
+    known = {f.name for f in dataclasses.fields(kind)}  # type: ignore[arg-type]
+    unknown = sorted(set(plain) - known)
+    if unknown:
+        raise ValueError(f"{kind.__name__}: unknown key {unknown[0]!r}")
+    try:
+        return kind(**{name: _convert(hints[name], value) for name, value in plain.items()})
+    except TypeError as problem:
+        raise ValueError(f"{kind.__name__}: {problem}") from problem
+
+
+def _convert(hint: Any, value: Any) -> Any:
+    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
+    if origin in (types.UnionType, typing.Union):
+        inner = [a for a in arguments if a is not type(None)]
+        return None if value is None else _convert(inner[0], value)
+    if origin is list:
+        return [_convert(arguments[0], item) for item in value]
+    if dataclasses.is_dataclass(hint):
+        return from_plain(hint, value)  # type: ignore[arg-type]
+    return value
+
+
+def write_session(folder: Path, record: SessionRecord) -> None:
+    """Write `session.json` in one step, so that no half-written file can be mistaken for a whole one."""
+    partial = folder / (SESSION_FILE + ".partial")
+    partial.write_text(json.dumps(dataclasses.asdict(record), ensure_ascii=True), encoding="utf-8")
+    partial.replace(folder / SESSION_FILE)
+
+
+def read_session(folder: Path) -> SessionRecord:
+    """Read `session.json`.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is none.
+    ValueError
+        If it is not of this schema.
+    """
+    plain = json.loads((folder / SESSION_FILE).read_text(encoding="utf-8"))
+    if not isinstance(plain, dict) or plain.get("schema") != SESSION_SCHEMA:
+        found = plain.get("schema") if isinstance(plain, dict) else None
+        raise ValueError(f"schema {SESSION_SCHEMA} expected, found {found!r}")
+    return from_plain(SessionRecord, plain)

@@ -1,0 +1,118 @@
+"""`submission.json`: the static facts of a submission, kept beside the recorded sessions.
+
+It holds the texts that the judging half parses (sources, README, package manifests), so that
+regrading needs neither the submission nor ROS.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from grader.recording.session import from_plain
+
+SUBMISSION_SCHEMA = "ros-lab-grader/submission/v1"
+SUBMISSION_FILE = "submission.json"
+
+
+@dataclass
+class FileFact:
+    """One file of the submission, by its path relative to the root."""
+
+    path: str
+    size_bytes: int
+    sha256: str
+
+
+@dataclass
+class ArtifactFact:
+    """Where an artifact of the rubric was found.
+
+    Attributes
+    ----------
+    path : str or None
+        Relative path; None when nothing was found.
+    expected : str
+        The file name that the lab asks for.
+    found_by : str
+        "name" (as asked for), "near miss" (a similar name) or "missing".
+    candidates : list of str
+        Other files that could have been meant.
+    """
+
+    name: str
+    expected: str
+    path: str | None = None
+    found_by: str = "missing"
+    candidates: list[str] = field(default_factory=list)
+
+
+@dataclass
+class PackageFact:
+    """A ROS package in the submission.
+
+    Attributes
+    ----------
+    path : str
+        Folder of its package.xml, relative to the root; "" for the root itself.
+    executables : dict
+        Executable name -> "module:function" or a file's path.
+    problems : list of str
+        What `colcon build` would stumble over, or not install.
+    """
+
+    name: str
+    path: str
+    build_type: str
+    executables: dict[str, str] = field(default_factory=dict)
+    problems: list[str] = field(default_factory=list)
+
+
+@dataclass
+class SubmissionRecord:
+    """Static facts of one submission.
+
+    Attributes
+    ----------
+    sessions : list of str or None
+        The sessions that were asked for; None for all of the rubric's.
+    """
+
+    name: str
+    schema: str = SUBMISSION_SCHEMA
+    sha256: str = ""
+    files: list[FileFact] = field(default_factory=list)
+    texts: dict[str, str] = field(default_factory=dict)
+    artifacts: list[ArtifactFact] = field(default_factory=list)
+    packages: list[PackageFact] = field(default_factory=list)
+    left_out: list[str] = field(default_factory=list)
+    sessions: list[str] | None = None
+
+    def artifact(self, name: str) -> ArtifactFact | None:
+        """Return the artifact of this name, or None if the rubric has none such."""
+        return next((a for a in self.artifacts if a.name == name), None)
+
+
+def write_submission(folder: Path, record: SubmissionRecord) -> None:
+    """Write `submission.json` in one step."""
+    partial = folder / (SUBMISSION_FILE + ".partial")
+    partial.write_text(json.dumps(dataclasses.asdict(record), ensure_ascii=True), encoding="utf-8")
+    partial.replace(folder / SUBMISSION_FILE)
+
+
+def read_submission(folder: Path) -> SubmissionRecord:
+    """Read `submission.json`.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is none.
+    ValueError
+        If it is not of this schema.
+    """
+    plain = json.loads((folder / SUBMISSION_FILE).read_text(encoding="utf-8"))
+    if not isinstance(plain, dict) or plain.get("schema") != SUBMISSION_SCHEMA:
+        raise ValueError(f"schema {SUBMISSION_SCHEMA} expected")
+    return from_plain(SubmissionRecord, plain)

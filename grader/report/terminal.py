@@ -1,0 +1,132 @@
+"""The terminal's view of a grading: progress while it runs, then a table with the reason for each lost point."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from decimal import Decimal
+from types import TracebackType
+
+from rich.console import Console, Group
+from rich.live import Live
+from rich.spinner import Spinner
+from rich.table import Table
+from rich.text import Text
+
+from grader.report.plain import terminal_text
+from grader.result import CheckResult, CriterionResult, Outcome, Result
+
+_SIGNS = {
+    Outcome.PASSED: ("✓", "green"),
+    Outcome.PARTIAL: ("◐", "yellow"),
+    Outcome.FAILED: ("✗", "red"),
+    Outcome.NOT_REACHED: ("–", "red"),
+    Outcome.INCONCLUSIVE: ("?", "magenta"),
+    Outcome.ERROR: ("!", "magenta"),
+}
+
+
+def points_text(value: Decimal) -> str:
+    """Return points without trailing zeros."""
+    return f"{value.normalize():f}" if value else "0"
+
+
+class ProgressDisplay:
+    """Shows each session and what it waits for; on a terminal in place, else a line when a session ends.
+
+    Parameters
+    ----------
+    sessions : sequence of str
+        In the order in which they are shown.
+    """
+
+    def __init__(self, console: Console, submission: str, sessions: Sequence[str]) -> None:
+        self._console = console
+        self._submission = terminal_text(submission, 80)
+        self._states: dict[str, tuple[str, int, int, bool]] = {name: ("in the queue", 0, 0, False) for name in sessions}
+        self._started_s = time.monotonic()
+        self._began: dict[str, float] = {}
+        self._took: dict[str, float] = {}
+        self._live = Live(console=console, refresh_per_second=8, get_renderable=self._table, transient=True)
+
+    def __enter__(self) -> ProgressDisplay:
+        if self._console.is_terminal:
+            self._live.__enter__()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
+        if self._console.is_terminal:
+            self._live.__exit__(kind, value, trace)
+
+    def update(self, session: str, text: str, step: int, steps: int, ended: bool) -> None:
+        """Take note of what a session does now."""
+        now = time.monotonic()
+        self._began.setdefault(session, now)
+        if ended:
+            self._took[session] = now - self._began.pop(session)
+            if not self._console.is_terminal:
+                self._console.print(f"  {session}: {text} in {self._took[session]:.1f} s", highlight=False)
+        self._states[session] = (text, step, steps, ended)
+
+    def _table(self) -> Group:
+        now = time.monotonic()
+        table = Table.grid(padding=(0, 2))
+        for name, (text, step, steps, ended) in self._states.items():
+            if ended:
+                table.add_row("  [green]✓[/]", name, "recorded", f"{self._took.get(name, 0.0):.1f} s")
+            elif name in self._began:
+                count = f" ({step} of {steps})" if steps else ""
+                line = Text(f"{terminal_text(text, 60)}{count}")
+                table.add_row(Spinner("dots"), name, line, f"{now - self._began[name]:.1f} s")
+            else:
+                table.add_row("  ·", name, "in the queue", "")
+        return Group(Text(f"Grading {self._submission} … {now - self._started_s:.0f} s"), table)
+
+
+def print_result(console: Console, result: Result) -> None:
+    """Print the score: each criterion, and under it each check that lost or withheld points, with reason and hint."""
+    table = Table(box=None, padding=(0, 1), show_header=False, expand=False)
+    table.add_column(width=1)
+    table.add_column(overflow="fold")
+    table.add_column(justify="right", no_wrap=True)
+    for criterion in result.criteria:
+        _add_criterion(table, criterion)
+    score = result.score
+    table.add_row("", "", "")
+    total = Text(f"{points_text(score.earned)} / {points_text(score.possible)}", "bold")
+    table.add_row("", Text(f"{terminal_text(result.submission, 80)}: {result.lab}", "bold"), total)
+    if score.undecided:
+        note = f"{points_text(score.undecided)} points are undecided through no fault of the submission."
+        table.add_row("?", Text(note, "magenta"), "")
+    console.print(table)
+    for problem in result.problems:
+        console.print(Text(f"Grader: {terminal_text(problem)}", "magenta"))
+    if result.advisories:
+        console.print(Text("Costs nothing, but worth knowing:", "dim"))
+        for advisory in result.advisories:
+            console.print(Text(f"  • {terminal_text(advisory)}", "dim"))
+
+
+def _add_criterion(table: Table, criterion: CriterionResult) -> None:
+    whole = criterion.earned == criterion.possible
+    style = "bold green" if whole else "bold"
+    table.add_row("", Text(criterion.title, style), Text(f"{points_text(criterion.earned)} / {points_text(criterion.possible)}", style))
+    for check in criterion.checks:
+        if check.finding.outcome is not Outcome.PASSED:
+            _add_check(table, check)
+
+
+def _add_check(table: Table, check: CheckResult) -> None:
+    sign, colour = _SIGNS[check.finding.outcome]
+    points = f"{points_text(check.earned)} / {points_text(check.possible)}"
+    if not check.finding.outcome.decided:
+        points = f"? / {points_text(check.possible)}"
+    body = Text(check.title)
+    if check.finding.reason:
+        body.append(f"\n{terminal_text(check.finding.reason)}", "default")
+    if check.finding.hint:
+        body.append(f"\n→ {terminal_text(check.finding.hint)}", "cyan")
+    spots = [str(w) for w in check.finding.where if w.file]
+    if spots:
+        body.append(f"\n  {terminal_text(', '.join(spots[:3]))}", "dim")
+    table.add_row(Text(sign, colour), body, Text(points, colour))

@@ -1,0 +1,171 @@
+"""What judging a submission yields: findings, the score, and its JSON form.
+
+Everything here is a frozen value. Points are `Decimal`; a finding carries *credit* (a share of
+a check's points between 0 and 1), because checks know nothing of points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from decimal import Decimal
+from enum import Enum
+from typing import Any
+
+RESULT_SCHEMA = "ros-lab-grader/result/v1"
+
+
+class Outcome(str, Enum):
+    """The outcome of one check. `INCONCLUSIVE` and `ERROR` never cost points."""
+
+    PASSED = "passed"
+    PARTIAL = "partial"
+    FAILED = "failed"
+    NOT_REACHED = "not_reached"
+    INCONCLUSIVE = "inconclusive"
+    ERROR = "error"
+
+    @property
+    def decided(self) -> bool:
+        """Whether this outcome says something about the student's work."""
+        return self not in (Outcome.INCONCLUSIVE, Outcome.ERROR)
+
+
+@dataclass(frozen=True)
+class Where:
+    """Where the proof of a finding lies: a span of a recorded topic, a source line, an output line.
+
+    Attributes
+    ----------
+    file : str or None
+        Path relative to the submission's root.
+    line : int or None
+        Line of `file`, counted from 1.
+    session : str or None
+        The session whose recording holds the proof.
+    topic : str or None
+        Topic or service name in that recording.
+    process : str or None
+        Process of that session whose output holds the proof.
+    start_s, end_s : float or None
+        Time span, in seconds since the session's start.
+    """
+
+    file: str | None = None
+    line: int | None = None
+    session: str | None = None
+    topic: str | None = None
+    process: str | None = None
+    start_s: float | None = None
+    end_s: float | None = None
+
+    def __str__(self) -> str:
+        parts = []
+        if self.file:
+            parts.append(f"{self.file}:{self.line}" if self.line else self.file)
+        if self.topic:
+            parts.append(self.topic)
+        if self.process:
+            parts.append(f"output of {self.process}")
+        if self.session:
+            parts.append(f"recording '{self.session}'")
+        if self.start_s is not None and self.end_s is not None:
+            parts.append(f"{self.start_s:.2f}–{self.end_s:.2f} s")
+        elif self.start_s is not None:
+            parts.append(f"at {self.start_s:.2f} s")
+        return ", ".join(parts)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What one check found.
+
+    Attributes
+    ----------
+    outcome : Outcome
+        See `Outcome`.
+    credit : Decimal
+        Share of the check's points, from 0 to 1. 1 when passed, 0 when failed.
+    expected, measured : str
+        One line each, with units and the error of the measurement.
+    reason : str
+        Why points were lost, in a sentence; empty when passed.
+    hint : str
+        How to mend it; empty when passed. Overrides the rubric's hint where the check knows better.
+    where : tuple of Where
+        Where the proof lies.
+    notes : tuple of str
+        Advisories that cost nothing.
+    """
+
+    outcome: Outcome
+    credit: Decimal
+    expected: str = ""
+    measured: str = ""
+    reason: str = ""
+    hint: str = ""
+    where: tuple[Where, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class CheckResult:
+    """A finding with the points that the rubric gives it."""
+
+    id: str
+    title: str
+    session: str | None
+    finding: Finding
+    earned: Decimal
+    possible: Decimal
+    undecided: Decimal
+
+
+@dataclass(frozen=True)
+class CriterionResult:
+    """One criterion of the rubric with its checks' results; points are sums over the checks."""
+
+    id: str
+    title: str
+    description: str
+    checks: tuple[CheckResult, ...]
+    earned: Decimal
+    possible: Decimal
+    undecided: Decimal
+
+
+@dataclass(frozen=True)
+class Score:
+    """Points earned, possible, and undecided through no fault of the student's."""
+
+    earned: Decimal
+    possible: Decimal
+    undecided: Decimal
+
+
+@dataclass(frozen=True)
+class Result:
+    """The judgement of one submission.
+
+    Attributes
+    ----------
+    submission : str
+        Name of the submission's folder.
+    score : Score
+        Sums over all criteria.
+    criteria : tuple of CriterionResult
+        In the rubric's order.
+    advisories : tuple of str
+        Remarks for the student that cost nothing.
+    problems : tuple of str
+        What went wrong on the grader's side; never costs points.
+    provenance : mapping
+        Hashes of submission and rubric, versions, isolation level, times of the recordings.
+    """
+
+    submission: str
+    lab: str
+    score: Score
+    criteria: tuple[CriterionResult, ...]
+    advisories: tuple[str, ...] = ()
+    problems: tuple[str, ...] = ()
+    provenance: dict[str, Any] = field(default_factory=dict)

@@ -1,0 +1,87 @@
+"""The stimulus for a subscriber as a ROS 2 node: plateaus of constant commands and states.
+
+What it publishes is told in `plateau_schedule.py`, how it is started in `reference_node.py`. It prints
+`ready`, waits until both topics have their subscriptions, plays the schedule, prints `done`, and stays in
+the graph, silent, until it is stopped.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from array import array
+from collections.abc import Collection
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+# `python -I` leaves the script's own folder off the path; its sibling modules are found there.
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+from plateau_schedule import COMMAND, STATE, Event, PlateauSettings, schedule
+from reference_node import Configuration, StopRequest, reference_node, run, sleep_until
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
+
+TOPICS = {COMMAND: "/joint_commands", STATE: "/joint_states"}
+MATCH_POLL_NS = 5_000_000
+IDLE_NS = 10**9
+
+
+def open_publishers(node: Node, configuration: Configuration) -> dict[str, Any]:
+    """Open a publisher for each role, offering the most, so that every request of QoS is compatible."""
+    from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+    from std_msgs.msg import Float64MultiArray
+
+    offered = QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=10,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    )
+    return {
+        role: node.create_publisher(Float64MultiArray, configuration.name(topic), offered)
+        for role, topic in TOPICS.items()
+    }
+
+
+def wait_for_matched(publishers: Collection[Any], settings: PlateauSettings, stop: StopRequest) -> None:
+    """Wait until each publisher is matched by so many subscriptions, at most until the time is up."""
+    deadline_ns = time.monotonic_ns() + round(settings.match_timeout_s * 1e9)
+    while not stop and (now_ns := time.monotonic_ns()) < deadline_ns:
+        if all(p.get_subscription_count() >= settings.subscriptions for p in publishers):
+            return
+        sleep_until(min(now_ns + MATCH_POLL_NS, deadline_ns), stop)
+
+
+def publish_all(publishers: dict[str, Any], events: list[Event], stop: StopRequest) -> None:
+    """Publish each event at its time, paced by absolute deadlines."""
+    from std_msgs.msg import Float64MultiArray
+
+    message = Float64MultiArray()
+    start_ns = time.monotonic_ns()
+    for event in events:
+        sleep_until(start_ns + round(event.t_s * 1e9), stop)
+        if stop:
+            return
+        message.data = array("d", event.values)
+        publishers[event.role].publish(message)
+
+
+def play(configuration: Configuration, settings: PlateauSettings, stop: StopRequest) -> None:
+    """Play the schedule of the seed once, then stay until a stop is requested."""
+    with reference_node("plateau_stimulus") as node:
+        publishers = open_publishers(node, configuration)
+        print("ready", flush=True)
+        events = schedule(configuration.seed, settings)
+        if settings.wait_for_matched:
+            wait_for_matched(publishers.values(), settings, stop)
+        publish_all(publishers, events, stop)
+        if not stop:
+            print("done", flush=True)
+        while not stop:
+            sleep_until(time.monotonic_ns() + IDLE_NS, stop)
+
+
+if __name__ == "__main__":
+    sys.exit(run(PlateauSettings, play))

@@ -1,0 +1,211 @@
+"""The stand-in for `launch` and `launch_ros` gives each launch file the plan that ROS 2 Jazzy would."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from grader.live.launching.plan import Plan
+
+ROOT = Path(__file__).parents[3]
+sys.path.append(str(ROOT))
+
+from tests.live.launching.launch_cases import CASES, Case  # noqa: E402
+
+LAUNCHING = ROOT / "grader" / "live" / "launching"
+
+# Evaluates many requests, each in a child of its own, so that they share nothing but the imports.
+BATCH = """
+import json, os, sys
+sys.path.insert(0, sys.argv[1])
+import yaml, launch, launch_ros.actions
+from launch._evaluation import evaluate
+sys.dont_write_bytecode = True
+for request in json.load(sys.stdin):
+    if os.fork() == 0:
+        keep = os.dup(1)
+        os.dup2(2, 1)
+        plan = evaluate(request["file"], request["arguments"], request["root"])
+        os.write(keep, json.dumps(plan).encode() + b"\\n")
+        os._exit(0)
+    os.wait()
+"""
+
+
+def make_prefix(folder: Path) -> Path:
+    """An ament prefix with the packages that the cases speak of."""
+    prefix = folder / "prefix"
+    for package, executables in {
+        "demo": ["talker", "listener", "talker.py", "not_executable"],
+        "empty": [],
+    }.items():
+        index = prefix / "share" / "ament_index" / "resource_index" / "packages"
+        index.mkdir(parents=True, exist_ok=True)
+        (index / package).touch()
+        (prefix / "share" / package).mkdir(parents=True)
+        for name in executables:
+            path = prefix / "lib" / package / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text("#!/bin/sh\n")
+            path.chmod(0o644 if name == "not_executable" else 0o755)
+    return prefix
+
+
+def write(case: Case, folder: Path) -> Path:
+    """The case's launch file in a folder, with what belongs to it."""
+    for name, text in {**case.files, case.filename: case.text}.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text)
+    return folder / case.filename
+
+
+def environment(prefix: Path) -> dict[str, str]:
+    """What the evaluation sees of the environment."""
+    kept = ("PATH", "HOME", "LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE")
+    return {**{n: os.environ[n] for n in kept if n in os.environ}, "AMENT_PREFIX_PATH": str(prefix)}
+
+
+@pytest.fixture(scope="session")
+def plans(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """The plan of every case, by its name."""
+    folder = tmp_path_factory.mktemp("launching")
+    requests = []
+    for number, case in enumerate(CASES):
+        root = folder / f"case_{number}"
+        requests.append(
+            {"file": str(write(case, root)), "arguments": dict(case.arguments), "root": str(root)}
+        )
+    done = subprocess.run(
+        [sys.executable, "-c", BATCH, str(LAUNCHING / "standin")],
+        input=json.dumps(requests),
+        capture_output=True,
+        text=True,
+        env=environment(make_prefix(folder)),
+        timeout=120,
+        check=False,
+    )
+    lines = done.stdout.splitlines()
+    assert len(lines) == len(CASES), done.stderr
+    return {case.name: json.loads(line) for case, line in zip(CASES, lines, strict=True)}
+
+
+def evaluate(file: Path, prefix: Path, **arguments: str) -> tuple[dict[str, Any], str]:
+    """The plan of a file as the script itself gives it, and what the file printed."""
+    read, write_end = os.pipe()
+    request = {"file": str(file), "arguments": arguments, "root": str(file.parent)}
+    done = subprocess.run(
+        [sys.executable, str(LAUNCHING / "evaluate.py"), "--result-fd", str(write_end)],
+        input=json.dumps(request),
+        capture_output=True,
+        text=True,
+        pass_fds=[write_end],
+        env=environment(prefix),
+        timeout=30,
+        check=False,
+    )
+    os.close(write_end)
+    with os.fdopen(read) as result:
+        text = result.read()
+    assert text, done.stderr
+    return json.loads(text), done.stdout
+
+
+def found(plan: Mapping[str, Any], path: str) -> Any:
+    """What stands at a path in a plan."""
+    if path.startswith("len "):
+        return len(found(plan, path[4:]))
+    if path.startswith("parameter "):
+        _, process, name = path.split(" ")
+        values = [p["value"] for p in plan["processes"][int(process)]["parameters"] if p.get("name") == name]
+        return values[-1] if values else f"no parameter {name}"
+    value: Any = plan
+    for step in path.split("."):
+        value = value[int(step)] if isinstance(value, list) else value[step]
+    return value
+
+
+def mismatch(plan: Mapping[str, Any], path: str, expected: Any) -> str:
+    """How a plan differs from what is expected at a path; empty if it does not."""
+    where, _, way = path.partition(" ") if path.endswith((" has", " ends")) else (path, "", "")
+    try:
+        value = found(plan, where)
+    except (KeyError, IndexError, TypeError) as error:
+        return f"{path}: nothing there ({error!r})"
+    if way == "has":
+        same = expected in value
+    elif way == "ends":
+        same = str(value).endswith(expected)
+    else:
+        same = value == expected and isinstance(value, bool) == isinstance(expected, bool)
+    return "" if same else f"{path}: expected {expected!r}, found {value!r}"
+
+
+def test_there_are_enough_cases() -> None:
+    """At least a hundred cases, each with a name of its own."""
+    assert len(CASES) >= 100
+    assert len({case.name for case in CASES}) == len(CASES)
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+def test_the_plan_is_as_documented(case: Case, plans: dict[str, Any]) -> None:
+    """A launch file has the plan, or the problem, that its case expects."""
+    plan = plans[case.name]
+    wrong = [text for path, expected in case.expect.items() if (text := mismatch(plan, path, expected))]
+    assert not wrong, "\n".join([*wrong, f"problem: {plan['problem']}", f"warnings: {plan['warnings']}"])
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+def test_a_plan_survives_the_round_trip(case: Case, plans: dict[str, Any]) -> None:
+    """A plan read from plain data and written again says the same."""
+    plan = Plan.from_plain(plans[case.name])
+    assert Plan.from_plain(json.loads(json.dumps(plan.to_plain()))) == plan
+
+
+@pytest.mark.parametrize(
+    "case", [c for c in CASES if c.expect["outcome"] == "error"], ids=lambda case: case.name
+)
+def test_a_problem_says_what_where_and_how(case: Case, plans: dict[str, Any]) -> None:
+    """A problem names the student's file and has a message and a remedy that do not speak of the grader."""
+    problem = plans[case.name]["problem"]
+    assert problem["message"]
+    assert problem["remedy"]
+    assert not problem["file"].startswith("/")
+    assert "standin" not in json.dumps(problem)
+
+
+def test_the_script_writes_the_plan_apart_from_prints(tmp_path: Path) -> None:
+    """What the launch file prints goes to standard output, and the plan to its own descriptor."""
+    file = tmp_path / "x_launch.py"
+    file.write_text(next(c.text for c in CASES if c.name == "what the file prints does not disturb"))
+    plan, printed = evaluate(file, make_prefix(tmp_path))
+    assert plan["outcome"] == "ok"
+    assert printed == '{"outcome": 1}\n'
+
+
+def test_the_neighbours_of_the_script_cannot_be_imported(tmp_path: Path) -> None:
+    """A launch file that imports `plan` does not get the grader's module of that name."""
+    file = tmp_path / "x_launch.py"
+    file.write_text("import plan\n")
+    result, _ = evaluate(file, make_prefix(tmp_path))
+    assert result["problem"]["module"] == "plan"
+
+
+def test_an_evaluation_is_quick(tmp_path: Path) -> None:
+    """A file with ten nodes is evaluated in 0.3 s on a quiet machine; the best of three counts."""
+    case = next(c for c in CASES if c.name == "each dict is a file, in order")
+    file = write(Case(case.name, case.text.replace("talker(name", "*[] , talker(name"), {}), tmp_path)
+    prefix = make_prefix(tmp_path)
+    took_s = []
+    for _ in range(3):
+        begin = time.perf_counter()
+        evaluate(file, prefix)
+        took_s.append(time.perf_counter() - begin)
+    assert min(took_s) < 0.3

@@ -1,0 +1,117 @@
+"""Plans are values: read from plain data that nobody trusts, and asked for what would run."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+
+from grader.live.launching.plan import PLAN_SCHEMA, MalformedPlanError, Parameter, Plan, Process
+
+
+def plain(**more: Any) -> dict[str, Any]:
+    """A plan as plain data."""
+    return {"schema": PLAN_SCHEMA, "outcome": "ok", **more}
+
+
+def test_a_minimal_plan_is_read() -> None:
+    """A plan with nothing but its schema and outcome has no processes."""
+    plan = Plan.from_plain(plain())
+    assert plan.ok
+    assert plan.processes == ()
+
+
+def test_a_plan_is_ready_for_json() -> None:
+    """What `to_plain` returns survives JSON and gives the same plan."""
+    process = {
+        "id": "a-1",
+        "path": "/a",
+        "argv": ["-x"],
+        "remappings": [["a", "b"]],
+        "when": {"after_s": 1.0},
+    }
+    plan = Plan.from_plain(plain(processes=[process], arguments=[{"name": "n", "choices": ["x"]}]))
+    assert Plan.from_plain(json.loads(json.dumps(plan.to_plain()))) == plan
+    assert plan.processes[0].remappings == (("a", "b"),)
+
+
+def test_keys_of_a_later_version_are_ignored() -> None:
+    """A key that is not known does no harm."""
+    assert (
+        Plan.from_plain(plain(later=1, problem={"kind": "k", "message": "m", "later": 2})).problem is not None
+    )
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        None,
+        [],
+        {},
+        {"schema": "other", "outcome": "ok"},
+        plain(outcome="fine"),
+        plain(processes=1),
+        plain(processes=[1]),
+        plain(processes=[{}]),
+        plain(processes=[{"id": "a", "path": "b", "remappings": [1]}]),
+        plain(processes=[{"id": "a", "path": "b", "env": 1}]),
+        plain(arguments=[{}]),
+        plain(problem=1),
+    ],
+)
+def test_what_is_no_plan_is_refused(data: Any) -> None:
+    """Data that is not a plan raises one kind of error, whatever is wrong with it."""
+    with pytest.raises(MalformedPlanError):
+        Plan.from_plain(data)
+
+
+def test_the_command_has_its_parameter_files_where_the_runner_put_them() -> None:
+    """The placeholder in argv becomes the runner's folder, and the prefix comes first."""
+    process = Process("a-1", "/a", prefix=("nice",), argv=("--params-file", "{parameters}/x.yaml"))
+    assert process.command("/run") == ["nice", "/a", "--params-file", "/run/x.yaml"]
+
+
+@pytest.mark.parametrize(
+    ("namespace", "expected"), [(None, "/t"), ("/", "/t"), ("/n", "/n/t"), ("/n/m", "/n/m/t")]
+)
+def test_the_full_name_has_the_namespace(namespace: str | None, expected: str) -> None:
+    """A node's full name is its namespace and its name, parted by one slash."""
+    assert Process("a-1", "/a", name="t", namespace=namespace).full_name == expected
+
+
+def test_a_node_is_found_by_its_full_name() -> None:
+    """`node` finds the process of a name, and None for a name that nobody has."""
+    plan = Plan("ok", processes=(Process("a-1", "/a", name="t"),))
+    assert plan.node("/t") is plan.processes[0]
+    assert plan.node("/u") is None
+
+
+def test_processes_that_wait_are_not_started_at_once() -> None:
+    """`at_once` leaves out what waits for a timer."""
+    plan = Plan("ok", processes=(Process("a-1", "/a"), Process("b-2", "/b", when={"after_s": 1.0})))
+    assert [p.id for p in plan.at_once] == ["a-1"]
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        ({"/**": {"ros__parameters": {"a": 1}}}, {"a": 1}),
+        ({"t": {"ros__parameters": {"a": 1}}}, {"a": 1}),
+        ({"/n": {"t": {"ros__parameters": {"a": 1}}}}, {}),
+        ({"/*": {"ros__parameters": {"a": {"b": 1}}}}, {"a.b": 1}),
+        ({"u": {"ros__parameters": {"a": 1}}}, {}),
+        ({"t": {"ros__parameters": {"a": 2}}, "/**": {"ros__parameters": {"a": 1}}}, {"a": 2}),
+        (None, {}),
+    ],
+)
+def test_the_sections_of_a_file_that_match_count(content: Any, expected: dict[str, Any]) -> None:
+    """Wildcards match, the node's own section overrides them, and other nodes' sections do not count."""
+    process = Process("a-1", "/a", name="t", parameters=(Parameter(file="f", content=content),))
+    assert process.effective_parameters() == expected
+
+
+def test_the_last_value_counts() -> None:
+    """A parameter given twice has the later value."""
+    given = (Parameter("a", 1, "integer"), Parameter("a", 2, "integer"))
+    assert Process("a-1", "/a", parameters=given).effective_parameters() == {"a": 2}

@@ -1,0 +1,103 @@
+"""A real ROS graph for tests of reference nodes: starts a node as the grader does, and listens beside it."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, Any
+
+REFERENCE = Path(__file__).resolve().parents[2] / "reference"
+
+
+@dataclass
+class Listener:
+    """A node of the test's own with what it received by topic: (source timestamp in ns, message)."""
+
+    node: Any
+    executor: Any
+    received: dict[str, list[tuple[int, Any]]] = field(default_factory=dict)
+
+    def listen(self, topic: str, kind: type, depth: int = 2000) -> None:
+        """Keep all messages of a topic."""
+        kept = self.received.setdefault(topic, [])
+
+        def keep(message: Any, info: dict[str, int]) -> None:
+            kept.append((info["source_timestamp"], message))
+
+        self.node.create_subscription(kind, topic, keep, depth)
+
+    def spin_until(self, reached: Callable[[], bool], timeout_s: float) -> bool:
+        """Receive until something is reached, or the time is up; tell which."""
+        deadline_s = time.monotonic() + timeout_s
+        while not reached():
+            if time.monotonic() > deadline_s:
+                return False
+            self.executor.spin_once(timeout_sec=0.02)
+        return True
+
+    def spin_for(self, duration_s: float) -> None:
+        """Receive for a time."""
+        self.spin_until(lambda: False, duration_s)
+
+
+@contextmanager
+def listener(domain_id: int) -> Iterator[Listener]:
+    """Give a listener in a context of its own."""
+    import rclpy
+    from rclpy.context import Context
+    from rclpy.executors import SingleThreadedExecutor
+
+    context = Context()
+    rclpy.init(context=context, domain_id=domain_id)
+    node = rclpy.create_node("listener", context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    try:
+        yield Listener(node, executor)
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+        context.try_shutdown()
+
+
+@contextmanager
+def started(script: str, configuration: dict[str, Any], domain_id: int) -> Iterator[subprocess.Popen[str]]:
+    """Start a reference node as the grader does, and give it once it is ready; no node outlives its test."""
+    argv = [sys.executable, "-I", str(REFERENCE / script), json.dumps(configuration)]
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(domain_id)}
+    process = subprocess.Popen(
+        argv, env=environment, cwd="/", text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    try:
+        assert lines(process).readline() == "ready\n"
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def lines(process: subprocess.Popen[str]) -> IO[str]:
+    """Give the standard output of a started node."""
+    assert process.stdout is not None
+    return process.stdout
+
+
+def stop(process: subprocess.Popen[str], number: int = signal.SIGINT) -> tuple[int, str, str]:
+    """Stop a node and give exit status, the rest of standard output, and standard error."""
+    process.send_signal(number)
+    rest, error = process.communicate(timeout=3)
+    return process.returncode, rest, error
+
+
+def use_private_graph(set_variable: Callable[[str, str], None], folder: Path) -> int:
+    """Set the environment of a graph that stays on this machine; give a domain that this process may use."""
+    set_variable("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
+    set_variable("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
+    set_variable("ROS_LOG_DIR", str(folder))
+    return 1 + os.getpid() % 100

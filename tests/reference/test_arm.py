@@ -1,0 +1,183 @@
+"""The simulated arm: its inputs as pure objects, and as a node on a real graph."""
+
+import signal
+import sys
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "reference"))
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+from arm import ArmSettings, CommandInput
+from live_graph import Listener, listener, started, stop, use_private_graph
+
+TARGETS = [0.4, -0.3, 0.2, 0.1, 0.0, -0.1, -0.2]
+
+
+@pytest.fixture
+def domain_id(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> int:
+    """A domain for the test alone."""
+    return use_private_graph(monkeypatch.setenv, tmp_path)
+
+
+@pytest.fixture
+def student(domain_id: int) -> Iterator[Listener]:
+    """A node that listens to the arm, as a student's would."""
+    with listener(domain_id) as beside:
+        yield beside
+
+
+def test_a_step_is_one_clock_message_or_one_state() -> None:
+    """With simulation time there is a step for each clock message, otherwise for each state."""
+    real, simulated = ArmSettings(rate_hz=50), ArmSettings(rate_hz=50, simulation_time=True)
+    assert (real.step_rate_hz, real.steps_per_state) == (50, 1)
+    assert (simulated.step_rate_hz, simulated.steps_per_state) == (200, 4)
+
+
+def test_malformed_commands_are_ignored_and_counted() -> None:
+    """A command of the wrong length or with a number that is not finite changes nothing."""
+    messages = pytest.importorskip("std_msgs.msg", reason="needs the ROS wheels")
+    commands = CommandInput()
+    for data in (TARGETS, TARGETS[:6], [], [float("nan")] * 7, [float("inf")] * 7):
+        commands.hear(messages.Float64MultiArray(data=data))
+    assert commands.latest is not None
+    assert list(commands.latest) == TARGETS
+    assert commands.ignored == 4
+
+
+def positions(student: Listener, topic: str = "/joint_states") -> list[float]:
+    """Give the latest positions that the arm reported."""
+    return list(student.received[topic][-1][1].data)
+
+
+def near(student: Listener, targets: list[float]) -> bool:
+    """Tell whether the arm's latest positions are the targets, within a milliradian."""
+    return positions(student) == pytest.approx(targets, abs=1e-3)
+
+
+def rate_hz(received: list[tuple[int, Any]]) -> float:
+    """Give the mean rate of a topic by its source timestamps."""
+    return (len(received) - 1) / ((received[-1][0] - received[0][0]) / 1e9)
+
+
+@pytest.mark.live
+def test_arm_follows_commands_and_keeps_its_rates(student: Listener, domain_id: int) -> None:
+    """The arm goes where a best-effort publisher sends it, at its rates, with a clock of exact steps."""
+    from rclpy.qos import qos_profile_sensor_data
+    from rosgraph_msgs.msg import Clock
+    from std_msgs.msg import Float64MultiArray
+
+    configuration = {"seed": 3, "names": {"/joint_commands": "/cmds"}, "with": {"simulation_time": True}}
+    publisher = student.node.create_publisher(Float64MultiArray, "/cmds", qos_profile_sensor_data)
+    student.listen("/joint_states", Float64MultiArray)
+    student.listen("/clock", Clock)
+    states = student.received["/joint_states"]
+    with started("arm.py", configuration, domain_id) as arm:
+        assert student.spin_until(lambda: len(states) > 10, 10)
+        assert max(map(abs, positions(student))) <= 0.05
+        # Again and again, as a student's node does: the arm may match the publisher seconds later.
+        student.node.create_timer(0.01, lambda: publisher.publish(Float64MultiArray(data=TARGETS)))
+        assert student.spin_until(lambda: near(student, TARGETS), 10)
+        publisher.publish(Float64MultiArray(data=[1.0]))
+        student.spin_for(1.0)
+        status, rest, error = stop(arm)
+    assert near(student, TARGETS)
+    assert rate_hz(states) == pytest.approx(100, rel=0.02)
+    assert rate_hz(student.received["/clock"]) == pytest.approx(200, rel=0.02)
+    ticks = [m.clock.sec * 10**9 + m.clock.nanosec for _, m in student.received["/clock"]]
+    assert ticks[0] > 0
+    assert {b - a for a, b in pairwise(ticks)} == {5_000_000}
+    assert (status, rest, error) == (0, "ignored 1 malformed commands\n", "")
+
+
+@pytest.mark.live
+def test_simulation_time_keeps_a_100_hz_timer_at_100_hz(student: Listener, domain_id: int) -> None:
+    """A node on simulation time with a timer of 0.01 s ticks at a true 100 Hz on the arm's clock."""
+    import rclpy
+    from rclpy.parameter import Parameter
+    from std_msgs.msg import Float64MultiArray
+
+    overrides = [Parameter("use_sim_time", value=True)]
+    node = rclpy.create_node("timed", context=student.node.context, parameter_overrides=overrides)
+    publisher = node.create_publisher(Float64MultiArray, "/ticks", 10)
+    node.create_timer(0.01, lambda: publisher.publish(Float64MultiArray()))
+    student.executor.add_node(node)
+    student.listen("/ticks", Float64MultiArray)
+    with started("arm.py", {"seed": 5, "with": {"simulation_time": True}}, domain_id):
+        assert student.spin_until(lambda: len(student.received["/ticks"]) > 10, 10)
+        student.received["/ticks"].clear()
+        student.spin_for(2.0)
+    node.destroy_node()
+    assert rate_hz(student.received["/ticks"]) == pytest.approx(100, rel=0.01)
+
+
+class Enabling:
+    """A SetBool service that grants or refuses, and the grader's introspected client of it."""
+
+    def __init__(self, beside: Listener, name: str) -> None:
+        from rclpy.qos import qos_profile_system_default
+        from rclpy.service_introspection import ServiceIntrospectionState
+        from std_srvs.srv import SetBool
+
+        self.granting, self._beside, self._request = True, beside, SetBool.Request
+        beside.node.create_service(SetBool, name, self._answer)
+        self.client = beside.node.create_client(SetBool, name)
+        self.client.configure_introspection(
+            beside.node.get_clock(), qos_profile_system_default, ServiceIntrospectionState.CONTENTS
+        )
+
+    def _answer(self, request: Any, response: Any) -> Any:
+        response.success = self.granting or not request.data
+        return response
+
+    def call(self, wanted: bool, then_s: float) -> None:
+        """Ask for a change, wait for the answer, and give the arm time."""
+        future = self.client.call_async(self._request(data=wanted))
+        assert self._beside.spin_until(future.done, 5)
+        self._beside.spin_for(then_s)
+
+
+@pytest.mark.live
+def test_enable_service_gates_the_motion(student: Listener, domain_id: int) -> None:
+    """The arm moves only while the service, called by an introspected client, last granted true."""
+    from std_msgs.msg import Float64MultiArray
+
+    enabling = Enabling(student, "/enable")
+    publisher = student.node.create_publisher(Float64MultiArray, "/joint_commands", 10)
+    student.listen("/joint_states", Float64MultiArray)
+
+    target = [0.0] * 7
+    student.node.create_timer(0.01, lambda: publisher.publish(Float64MultiArray(data=target)))
+    configuration = {"seed": 1, "with": {"enable_service": "/enable", "initial_offset_rad": 0.0}}
+    with started("arm.py", configuration, domain_id):
+        assert student.spin_until(lambda: bool(student.received["/joint_states"]), 10)
+        target = TARGETS
+        student.spin_for(0.3)
+        assert positions(student) == [0.0] * 7, "not yet enabled"
+        for _ in range(20):  # until the arm has matched the client's events, which may take seconds
+            enabling.call(True, then_s=0.5)
+            if near(student, TARGETS):
+                break
+        assert near(student, TARGETS), "granted"
+        enabling.call(False, then_s=0.1)
+        target = [0.0] * 7
+        student.spin_for(0.3)
+        assert near(student, TARGETS), "disabled"
+        enabling.granting = False
+        enabling.call(True, then_s=0.3)
+        assert near(student, TARGETS), "refused"
+        enabling.granting = True
+        enabling.call(True, then_s=0.8)
+        assert near(student, target), "granted again"
+
+
+@pytest.mark.live
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_arm_stops_quietly(domain_id: int, number: int) -> None:
+    """Either signal ends the arm with status 0 and without a word."""
+    with started("arm.py", {"seed": 1}, domain_id) as arm:
+        assert stop(arm, number) == (0, "", "")

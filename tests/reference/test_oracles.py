@@ -1,0 +1,190 @@
+"""The oracles against a subscriber that is simulated message by message."""
+
+import sys
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "reference"))
+
+from oracles import expected_reports, tracking_plateaus, tracking_statistics
+from plateau_schedule import COMMAND, STATE, Event, PlateauSettings, plateaus, schedule
+
+START_NS = 1_700_000_000 * 10**9
+SEEDS = range(25)
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A recorded topic as the engine hands it to an oracle."""
+
+    received_ns: NDArray[np.int64]
+    source_ns: NDArray[np.int64]
+    sequence: NDArray[np.int64]
+    values: Floats
+
+
+def recorded(events: Sequence[Event]) -> dict[str, Recorded]:
+    """Give the streams that a recorder keeps of the stimulus."""
+    streams = {}
+    for role in (COMMAND, STATE):
+        mine = [event for event in events if event.role == role]
+        sent_ns = np.array([START_NS + round(event.t_s * 1e9) for event in mine], dtype=np.int64)
+        rows = np.array([event.values for event in mine], dtype=np.float64).reshape(len(mine), 7)
+        streams[role] = Recorded(sent_ns + 200_000, sent_ns, np.arange(1, len(mine) + 1), rows)
+    return streams
+
+
+class Subscriber:
+    """What the lab asks for: the latest command, and a history of at most so many errors."""
+
+    def __init__(self, history: int | None = 1000) -> None:
+        self.command: Floats | None = None
+        self.errors: deque[Floats] = deque(maxlen=history)
+        self.reports: list[float] = []
+
+    def hear(self, event: Event) -> None:
+        """Take one message in."""
+        values = np.array(event.values)
+        if event.role == COMMAND:
+            self.command = values
+        elif self.command is not None:
+            self.errors.append(self.command - values)
+            self.reports.append(float(np.sqrt(np.mean(self.errors[-1] ** 2))))
+
+    def statistics(self) -> dict[str, Floats]:
+        """Give the statistics that the lab asks for."""
+        errors = np.array(self.errors)
+        return {
+            "mean": np.abs(errors).mean(axis=0),
+            "max": np.abs(errors).max(axis=0),
+            "rms": np.sqrt((errors**2).mean(axis=0)),
+        }
+
+
+def hear_all(events: Sequence[Event], history: int | None = 1000) -> Subscriber:
+    """Give a subscriber that has heard all events."""
+    subscriber = Subscriber(history)
+    for event in events:
+        subscriber.hear(event)
+    return subscriber
+
+
+def border_trouble(events: Sequence[Event], rng: np.random.Generator, most: int) -> list[Event]:
+    """Give the events as a tardy subscriber hears them: at each border states lost or the command early."""
+    heard: list[Event] = []
+    for k, event in enumerate(events):
+        new_command = (
+            event.role == COMMAND
+            and events[k - 1].role == STATE
+            and any(earlier.role == COMMAND for earlier in heard)
+        )
+        if new_command:
+            amount = int(rng.integers(0, most + 1))
+            if rng.random() < 0.5:
+                del heard[len(heard) - amount :]
+            else:
+                heard.insert(len(heard) - amount, event)
+        heard.append(event)
+    lost_at_the_end = int(rng.integers(0, most + 1))
+    return heard[: len(heard) - lost_at_the_end]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("history", [1000, None, 300])
+def test_statistics_are_those_of_a_correct_subscriber(seed: int, history: int | None) -> None:
+    """The expected values equal those of a simulated subscriber, and the bounds enclose them narrowly."""
+    events = schedule(seed)
+    expected = tracking_statistics(recorded(events), {"history": history}, seed)
+    for name, measured in hear_all(events, history).statistics().items():
+        statistic = {key: np.array(values) for key, values in expected[name].items()}
+        np.testing.assert_allclose(statistic["value"], measured, rtol=1e-12)
+        assert (statistic["low"] <= statistic["value"]).all()
+        assert (statistic["value"] <= statistic["high"]).all()
+        if history == 1000:
+            up, down = (1.1, 0.94) if name != "max" else (1.0, 1.0)
+            assert (statistic["high"] <= up * statistic["value"]).all()
+            assert (statistic["low"] >= down * statistic["value"]).all()
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_bounds_hold_with_trouble_at_the_borders(seed: int) -> None:
+    """States lost at a border, or taken with the new command too soon, stay within the bounds."""
+    events, rng = schedule(seed), np.random.default_rng(seed)
+    expected = tracking_statistics(recorded(events), {}, seed)
+    for _ in range(5):
+        heard = border_trouble(events, rng, most=5)
+        for name, measured in hear_all(heard).statistics().items():
+            assert (measured >= np.array(expected[name]["low"]) - 1e-12).all()
+            assert (measured <= np.array(expected[name]["high"]) + 1e-12).all()
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_statistics_of_mistakes_are_out_of_bounds(seed: int) -> None:
+    """Signed means and histories without end, or of 100, leave the bounds on every joint, maxima on some."""
+    events = schedule(seed)
+    expected = tracking_statistics(recorded(events), {}, seed)
+
+    def outside(name: str, values: Floats) -> NDArray[np.bool_]:
+        low, high = np.array(expected[name]["low"]), np.array(expected[name]["high"])
+        return np.asarray((values < 0.99 * low) | (values > 1.01 * high))
+
+    for history in (None, 100):
+        for name, values in hear_all(events, history).statistics().items():
+            assert outside(name, values).all()
+    errors = np.array(hear_all(events).errors)
+    assert outside("mean", errors.mean(axis=0)).all()
+    assert outside("rms", np.abs(errors).mean(axis=0)).all()
+    assert outside("mean", np.sqrt((errors**2).mean(axis=0))).all()
+    assert outside("max", errors.max(axis=0)).sum() >= 3
+
+
+def test_signed_statistics_recognise_a_forgotten_absolute_value() -> None:
+    """With `signed`, mean and maximum are those of the error itself; the RMS is the same."""
+    events = schedule(9)
+    errors = np.array(hear_all(events).errors)
+    signed = tracking_statistics(recorded(events), {"signed": True}, 9)
+    np.testing.assert_allclose(signed["mean"]["value"], errors.mean(axis=0))
+    np.testing.assert_allclose(signed["max"]["value"], errors.max(axis=0))
+    assert signed["rms"] == tracking_statistics(recorded(events), {}, 9)["rms"]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_plateaus_carry_the_reported_rms(seed: int) -> None:
+    """Each plateau has the RMS that a correct subscriber reports throughout it, in the schedule's order."""
+    events = schedule(seed)
+    spans = tracking_plateaus(recorded(events), {}, seed)
+    _, drawn = plateaus(seed)
+    assert len(spans) == len(drawn)
+    reports = hear_all(events).reports
+    for span, plateau in zip(spans, drawn, strict=True):
+        mine, reports = reports[: plateau.states], reports[plateau.states :]
+        np.testing.assert_allclose(mine, span["value"], rtol=1e-12)
+        length_s = (span["end_ns"] - span["start_ns"]) / 1e9
+        assert length_s == pytest.approx((plateau.states - 1) / PlateauSettings().rate_hz)
+    assert not reports
+
+
+def test_reports_are_expected_from_the_first_command_on() -> None:
+    """States before any command call for no report; every later one does."""
+    events = schedule(3)
+    assert expected_reports(recorded(events), {}, 3) == len(hear_all(events).reports) == 1100
+    early = [event for event in events if event.t_s < 0.5]
+    assert expected_reports(recorded(early), {}, 3) == 0
+    assert tracking_plateaus(recorded(early), {}, 3) == []
+
+
+def test_a_stimulus_that_did_not_run_is_no_verdict() -> None:
+    """Without states after a command, or without a stream, there is an error and no expected value."""
+    early = recorded([event for event in schedule(3) if event.t_s < 0.5])
+    with pytest.raises(ValueError, match="did not run"):
+        tracking_statistics(early, {}, 3)
+    with pytest.raises(ValueError, match="command"):
+        tracking_statistics({"state": early["state"]}, {}, 3)

@@ -1,0 +1,71 @@
+"""The plateau stimulus as a node on a real graph."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "reference"))
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+from live_graph import Listener, lines, listener, started, stop, use_private_graph
+from plateau_schedule import COMMAND, STATE, PlateauSettings, schedule
+
+# Short, so that the test is: the node knows nothing of the numbers.
+SHORT = {"rate_hz": 500, "early_s": 0.5, "subscriptions": 1}
+
+
+@pytest.fixture
+def domain_id(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> int:
+    """A domain for the test alone."""
+    return use_private_graph(monkeypatch.setenv, tmp_path)
+
+
+def values(heard: Listener, topic: str) -> list[tuple[float, ...]]:
+    """Give all data received on a topic."""
+    return [tuple(message.data) for _, message in heard.received[topic]]
+
+
+@pytest.mark.live
+def test_stimulus_plays_the_schedule_of_its_seed(domain_id: int) -> None:
+    """A subscriber receives the schedule's messages in order and on time, and then no more.
+
+    The stimulus knows that it is matched a little before the subscriber does, so the first of the early
+    states may be missing; nothing else may.
+    """
+    from std_msgs.msg import Float64MultiArray
+
+    names = {"/joint_commands": "/cmds"}
+    events = schedule(8, PlateauSettings(**SHORT))  # type: ignore[arg-type]
+    commands = [event for event in events if event.role == COMMAND]
+    states = [event for event in events if event.role == STATE]
+    with listener(domain_id) as heard:
+        heard.listen("/cmds", Float64MultiArray)
+        heard.listen("/joint_states", Float64MultiArray)
+        received = heard.received["/joint_states"]
+        with started("plateaus.py", {"seed": 8, "names": names, "with": SHORT}, domain_id) as stimulus:
+            last = states[-1].values
+            assert heard.spin_until(lambda: values(heard, "/joint_states")[-208:] == [last] * 208, 15)
+            assert lines(stimulus).readline() == "done\n"
+            heard.spin_for(0.2)
+            assert stop(stimulus) == (0, "", "")
+    assert values(heard, "/cmds") == [event.values for event in commands]
+    missing = len(states) - len(received)
+    assert 0 <= missing < len(states) - 1100
+    assert values(heard, "/joint_states") == [event.values for event in states[missing:]]
+    elapsed_s = (received[-1][0] - received[0][0]) / 1e9
+    assert elapsed_s == pytest.approx(states[-1].t_s - states[missing].t_s, abs=0.05)
+
+
+@pytest.mark.live
+def test_stimulus_goes_on_with_one_topic_matched(domain_id: int) -> None:
+    """A subscriber that missed a topic still gets the other, after the time for matching is up."""
+    from std_msgs.msg import Float64MultiArray
+
+    settings = {**SHORT, "match_timeout_s": 0.5}
+    with listener(domain_id) as heard:
+        heard.listen("/joint_states", Float64MultiArray)
+        received = heard.received["/joint_states"]
+        with started("plateaus.py", {"seed": 8, "with": settings}, domain_id) as stimulus:
+            assert heard.spin_until(lambda: len(received) >= 100, 10)
+            assert stop(stimulus) == (0, "", "")

@@ -1,0 +1,45 @@
+"""The configuration of reference nodes."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "reference"))
+
+from arm import ArmSettings
+from plateau_schedule import PlateauSettings
+from reference_node import ConfigurationError, build_settings, parse_configuration
+
+
+def test_configuration_is_read_and_names_are_mapped() -> None:
+    """A topic that the student named otherwise is found under that name, all others under their own."""
+    configuration = parse_configuration('{"seed": 4, "names": {"/a": "/b"}, "with": {"rate_hz": 50}}')
+    assert (configuration.seed, configuration.name("/a"), configuration.name("/c")) == (4, "/b", "/c")
+    assert build_settings(ArmSettings, configuration.settings).rate_hz == 50
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"sed": 1}', '{"seed": "1"}', '{"names": ["/a"]}'])
+def test_a_configuration_that_is_none_is_refused(text: str) -> None:
+    """What is not the documented JSON object is refused with a sentence."""
+    with pytest.raises(ConfigurationError):
+        parse_configuration(text)
+
+
+@pytest.mark.parametrize(
+    ("kind", "settings"),
+    [
+        (ArmSettings, {"rate": 100}),
+        (ArmSettings, {"rate_hz": 0}),
+        (ArmSettings, {"rate_hz": "fast"}),
+        (ArmSettings, {"simulation_time": True, "rate_hz": 100, "clock_rate_hz": 250}),
+        (ArmSettings, {"noise_rad": -1}),
+        (PlateauSettings, {"plateaus": 2}),
+        (PlateauSettings, {"silence_s": 0}),
+        (PlateauSettings, {"history": 100}),
+    ],
+)
+def test_settings_that_cannot_work_are_refused(kind: type, settings: dict[str, object]) -> None:
+    """An unknown key or an impossible value in the rubric's `with` is refused before anything starts."""
+    with pytest.raises(ConfigurationError):
+        build_settings(kind, settings)
