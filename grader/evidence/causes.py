@@ -217,12 +217,12 @@ def _missing_name(case: Case) -> Told | None:
 
 def _read_only_property(case: Case) -> Told | None:
     match = _match(
-        r"property '(\w+)' of '(\w+)' object has no setter|can't set attribute '?(\w*)'?", case.text
+        r"property '(\w+)' of '(\w+)' object has no setter|can't set attribute(?: '(\w+)')?", case.text
     )
     if case.name == "AttributeError" and case.text.startswith("handle cannot be modified"):
         name, owner = "handle", ""
     elif match is not None and case.name == "AttributeError":
-        name, owner = match[1] or match[3], match[2] or ""
+        name, owner = match[1] or match[3] or "", match[2] or ""
     elif case.name == "AttributeError" and case.text.endswith("object has no attribute 'add_node'"):
         name, owner = "executor", ""
     else:
@@ -346,6 +346,12 @@ def _parameters(case: Case) -> Told | None:
     return None
 
 
+_POLICY = re.compile(
+    r"([A-Z][A-Z_]{2,60})(?:$|\. Did you mean)|type object '\w{0,40}Policy' has no attribute '(\w{1,60})'"
+)
+_POLICY_MEMBERS = ("RELIABLE", "BEST_EFFORT", "VOLATILE", "TRANSIENT_LOCAL", "KEEP_LAST", "KEEP_ALL")
+
+
 def _qos(case: Case) -> Told | None:
     if case.name == "InvalidQoSProfileException":
         return (
@@ -360,12 +366,12 @@ def _qos(case: Case) -> Told | None:
         near = _near(match[1], known)
         remedy = f"It is spelt {near}." if near else "QoSProfile knows " + ", ".join(known) + "."
         return "qos-profile", f"QoSProfile or a message has no argument {match[1]}.", remedy, match[1]
-    if case.name == "AttributeError" and re.fullmatch(r"[A-Z][A-Z_]{2,60}", case.text):
-        near = _near(
-            case.text, ("RELIABLE", "BEST_EFFORT", "VOLATILE", "TRANSIENT_LOCAL", "KEEP_LAST", "KEEP_ALL")
-        )
+    match = _POLICY.match(case.text)
+    if case.name == "AttributeError" and match is not None:
+        member = match[1] or match[2]
+        near = _near(member, _POLICY_MEMBERS)
         remedy = f"It is spelt {near}." if near else "Look up its members' names; they are in capitals."
-        return "qos-policy", f"There is no policy or enumeration member {case.text}.", remedy, case.text
+        return "qos-policy", f"There is no policy or enumeration member {member}.", remedy, member
     if "argument: 'qos_profile'" in case.text:
         return (
             "qos-missing",

@@ -244,7 +244,8 @@ def _certainty(fragment: str, budget: _Budget) -> str:
 
 
 def _completed(fragment: str) -> str:
-    """The head of a compound statement completed to a whole statement."""
+    """The head of a compound statement completed to a whole one, an item of a list taken out of it."""
+    fragment = fragment.rstrip(", ")
     if not fragment.endswith(":"):
         return fragment
     first = fragment.split(None, 1)[0].rstrip(":")

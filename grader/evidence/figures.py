@@ -31,6 +31,7 @@ MOST_ITEMS = 60
 
 #: A source timestamp comes over the wire; one that far from the arrival cannot be drawn to scale.
 _FAR_NS = 10_000_000_000
+_UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
 
 
 # -- what can be drawn -------------------------------------------------------------------------
@@ -640,9 +641,14 @@ def _qos_table(spec: FigureSpec, recorded: Recorded, lab_folder: Path) -> QosTab
         _qos_row(endpoint, recorded)
         for topic in topics
         for kind in ("publisher", "subscription")
-        for endpoint in recorded.endpoints_on(topic, kind)[:MOST_ELEMENTS]
+        for endpoint in _named(recorded.endpoints_on(topic, kind))[:MOST_ELEMENTS]
     ]
     return QosTable(spec.title, spec.session, tuple(rows)) if rows else None
+
+
+def _named(endpoints: Sequence[Endpoint]) -> Sequence[Endpoint]:
+    """Leave out endpoints whose node was never known, unless there are no others."""
+    return [e for e in endpoints if _UNKNOWN_NODE not in e.node] or endpoints
 
 
 def _qos_row(endpoint: Endpoint, recorded: Recorded) -> QosRow:

@@ -33,7 +33,7 @@ __all__ = [
     "source_passages",
 ]
 
-DESCRIPTION_WORDS = 6
+DESCRIPTION_WORDS = 4
 """Distinct own words from which a part counts as described."""
 
 DISCUSSION_WORDS = 8
@@ -457,29 +457,34 @@ def concepts(
         Own words from which a passage discusses.
     """
     anchor = Terms.of(anchors)
-    passages = [p for p in passages if not anchors or anchor.found(plain_text(f"{p.heading}\n{p.text}"))]
-    terms = {name: Terms.of(stems) for name, stems in lexicon.items()}
+    on_topic = (p for p in passages if not anchors or anchor.found(plain_text(f"{p.heading}\n{p.text}")))
     every = Terms.of(stem for stems in lexicon.values() for stem in stems)
-    reasoning = Terms.of(reasons)
+    return _discussion(list(_discussing(on_topic, every, min_words)), lexicon, Terms.of(reasons), min_words)
+
+
+def _discussion(
+    discussing: Sequence[tuple[Passage, str, list[str]]],
+    lexicon: Mapping[str, Sequence[str]],
+    reasoning: Terms,
+    min_words: int,
+) -> Discussion:
+    terms = {name: Terms.of(stems) for name, stems in lexicon.items()}
     places: dict[str, list[Place]] = {name: [] for name in lexicon}
     related: list[Place] = []
     reasoned: list[Place] = []
-    own_words: set[str] = set()
-    for passage, text, own in _discussing(passages, every, min_words):
+    for passage, text, own in discussing:
         place = Place(passage.file, passage.line, _excerpt(plain_text(passage.text)))
         named = [name for name in lexicon if terms[name].found(text)]
         for name in named:
             places[name].append(place)
-        own_words.update(own)
-        if len(named) < 2:
-            continue
-        has_reason = reasoning.found(text)
-        if has_reason or measure(own) >= 2 * min_words:
-            related.append(place)
+        has_reason = len(named) > 1 and reasoning.found(text)
         if has_reason:
             reasoned.append(place)
+        if has_reason or (len(named) > 1 and measure(own) >= 2 * min_words):
+            related.append(place)
     found = tuple(Concept(name, tuple(places[name])) for name in lexicon)
-    return Discussion(found, tuple(related), tuple(reasoned), measure(own_words))
+    amount = measure(word for _, _, own in discussing for word in own)
+    return Discussion(found, tuple(related), tuple(reasoned), amount)
 
 
 def _discussing(

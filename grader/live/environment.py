@@ -11,6 +11,9 @@ import sys
 import sysconfig
 from pathlib import Path
 
+#: What of ours stands in a student's sandbox: the tap and the settings of discovery.
+INSIDE_FOLDER = Path(__file__).parent / "inside"
+
 #: Fast DDS over UDP alone: shared memory needs equal user ids on both sides and crosses cells.
 _DDS = {
     "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
@@ -50,18 +53,18 @@ def trusted_environment(home: Path, domain_id: int) -> dict[str, str]:
         "ROS_LOG_DIR": str(home / "log"),
         "ROS_DOMAIN_ID": str(domain_id),
         "AMENT_PREFIX_PATH": str(prefix),
-        "FASTRTPS_DEFAULT_PROFILES_FILE": str(Path(__file__).parent / "trusted_dds.xml"),
+        "FASTRTPS_DEFAULT_PROFILES_FILE": str(INSIDE_FOLDER / "discovery.xml"),
     }
 
 
-def student_environment(interpreter: Path, home: str, workspace: str, tap: str, domain_id: int) -> dict[str, str]:
+def student_environment(interpreter: Path, home: str, workspace: str, inside: str, domain_id: int) -> dict[str, str]:
     """Environment of a student's process.
 
     Parameters
     ----------
     interpreter : Path
         Python that runs it; where it is a virtual environment with the ROS wheels, these are set up.
-    home, workspace, tap : str
+    home, workspace, inside : str
         Paths as the process sees them.
     """
     prefix = interpreter.parent.parent
@@ -75,7 +78,8 @@ def student_environment(interpreter: Path, home: str, workspace: str, tap: str, 
         "ROS_VERSION": "2",
         "AMENT_PREFIX_PATH": f"{workspace}/install:{prefix}",
         "PYTHONDONTWRITEBYTECODE": "1",
-        "PYTHONPATH": tap,
+        "PYTHONPATH": inside,
+        "FASTRTPS_DEFAULT_PROFILES_FILE": f"{inside}/discovery.xml",
         "RCUTILS_COLORIZED_OUTPUT": "0",
     }
 

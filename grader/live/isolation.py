@@ -18,12 +18,12 @@ from enum import Enum
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from grader.live.environment import interpreter_roots
+from grader.live.environment import INSIDE_FOLDER, interpreter_roots
 
 #: Paths inside a confined student's process.
 WORKSPACE = "/ws"
 HOME = "/home/student"
-TAP = "/tap"
+INSIDE = "/inside"
 LAUNCHING = "/launching"
 
 _FIRST_UID = 64100
@@ -200,10 +200,10 @@ def probe_isolation(interpreter: Path) -> Isolation:
 
 def _try(isolation: Isolation, interpreter: Path) -> str | None:
     """Run the interpreter in a cell with the real arguments; return None or what went wrong."""
-    here = Path(__file__).parent / "tap"
+    here = INSIDE_FOLDER
     command = student_argv(
         isolation, [str(interpreter), "-c", "import os; print('in', os.getpid())"], environment={"PATH": "/usr/bin"},
-        workspace=here, tools={TAP: here}, interpreter=interpreter, slot=0, info_fd=2, cwd="/",
+        workspace=here, tools={INSIDE: here}, interpreter=interpreter, slot=0, info_fd=2, cwd="/",
     )
     try:
         run = subprocess.run(

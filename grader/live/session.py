@@ -24,8 +24,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from grader.live.environment import student_environment, trusted_environment
-from grader.live.isolation import HOME, LAUNCHING, TAP, WORKSPACE, Form, Isolation, student_argv, student_uid
+from grader.live.environment import INSIDE_FOLDER, student_environment, trusted_environment
+from grader.live.isolation import HOME, INSIDE, LAUNCHING, WORKSPACE, Form, Isolation, student_argv, student_uid
 from grader.live.process import RunningProcess
 from grader.recording.session import (
     Claim,
@@ -148,7 +148,7 @@ class Session:
         confined = self.isolation.form is not Form.NONE
         self.seen_workspace = WORKSPACE if confined else str(self.workspace)
         self.seen_home = HOME if confined else str(self.scratch / "home")
-        self.tools = {TAP: _HERE / "tap", LAUNCHING: _HERE / "launching"}
+        self.tools = {INSIDE: INSIDE_FOLDER, LAUNCHING: _HERE / "launching"}
         self.seen_tools = {t: t if confined else str(p) for t, p in self.tools.items()}
         self.processes: dict[str, RunningProcess] = {}
         self.director: _Director | None = None
@@ -305,7 +305,7 @@ class Session:
 
     def _student_environment(self, more: dict[str, str]) -> dict[str, str]:
         base = student_environment(
-            Path(self.plan.interpreter), self.seen_home, self.seen_workspace, self.seen_tools[TAP], self.plan.domain_id
+            Path(self.plan.interpreter), self.seen_home, self.seen_workspace, self.seen_tools[INSIDE], self.plan.domain_id
         )
         return {**base, **more}
 

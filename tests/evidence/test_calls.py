@@ -23,7 +23,8 @@ from std_msgs.msg import String
 def calls(body: str, kind: str = "publisher") -> list[CallFact]:
     """Calls of one kind in a method body of a node."""
     method = body if body.startswith("\n") else textwrap.indent(body, " " * 8)
-    source = f"{HEADER}\nclass Talker(Node):\n    def __init__(self):\n        super().__init__('talker')\n{method}\n"
+    start = "class Talker(Node):\n    def __init__(self):\n        super().__init__('talker')"
+    source = f"{HEADER}\n{start}\n{method}\n"
     return [fact for fact in rclpy_calls(source) if fact.kind == kind]
 
 
@@ -212,10 +213,39 @@ def test_main_and_its_guard(source: str, guard: bool, main: bool) -> None:
 
 PIECES = st.sampled_from(
     [
-        "self", ".", "create_publisher", "(", ")", "[", "]", "{", "}", ":", ",", "'a'", "1", "=", "for", " ", "in", "\n",
-        "    ", "def f(a)", "QoSProfile", "depth", "lambda", "*", "**", "f'{a}'", "class A(Node)", "return", "x", "#", "/",
+        "self",
+        ".",
+        "create_publisher",
+        "(",
+        ")",
+        "[",
+        "]",
+        "{",
+        "}",
+        ":",
+        ",",
+        "'a'",
+        "1",
+        "=",
+        "for",
+        " ",
+        "in",
+        "\n",
+        "    ",
+        "def f(a)",
+        "QoSProfile",
+        "depth",
+        "lambda",
+        "*",
+        "**",
+        "f'{a}'",
+        "class A(Node)",
+        "return",
+        "x",
+        "#",
+        "/",
     ]
-)  # fmt: skip
+)
 
 
 @given(st.one_of(st.text(max_size=300), st.lists(PIECES, max_size=60).map("".join)))

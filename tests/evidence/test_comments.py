@@ -63,6 +63,7 @@ def test_prose_explains_in_any_language(text: str) -> None:
         ["timer_period = 0.5"],
         ["print('x')"],
         ["main()"],
+        ["Node(", "    package='lab',", "    executable='talker',", "),"],
         ["i += 1"],
         ["x: float = 3.0"],
         ["node = JointPublisher()"],
@@ -130,7 +131,10 @@ def test_shebang_and_licence_are_markers() -> None:
 
 def test_echoes_of_the_line_say_nothing() -> None:
     """A comment that only says its line again is an echo; one that adds a word is not."""
-    text = "self.pub.publish(msg)  # publish msg\nself.rate = 3  # rate of the timer in hertz\n# import rclpy now\nimport rclpy\n"
+    text = (
+        "self.pub.publish(msg)  # publish msg\nself.rate = 3  # rate of the timer in hertz\n# "
+        "import rclpy now\nimport rclpy\n"
+    )
     assert [c.kind for c in parse("node.py", text).comments] == ["echo", "explains", "explains"]
 
 

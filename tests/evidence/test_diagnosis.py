@@ -31,9 +31,9 @@ def raised(final: str, library: str = "") -> list[OutputLine]:
         "Traceback (most recent call last):\n"
         '  File "/cell/ws/joint_publisher.py", line 40, in <module>\n    main()\n'
         '  File "/cell/ws/joint_publisher.py", line 17, in __init__\n    code()\n'
-        '    ^^^^^^\n'
+        "    ^^^^^^\n"
         f"{inner}{final}\n"
-    )  # fmt: skip
+    )
 
 
 def told(final: str, library: str = "") -> Diagnosis:
@@ -56,75 +56,237 @@ def told(final: str, library: str = "") -> Diagnosis:
         ("ModuleNotFoundError: No module named 'pandas'", "", "missing-module", "pandas"),
         ("ModuleNotFoundError: No module named 'numppy'", "", "misspelt-module", "numppy"),
         ("ModuleNotFoundError: No module named 'std_msgs.msgs'", "", "misspelt-module", "std_msgs.msgs"),
-        ("ModuleNotFoundError: No module named 'my_robot_interfaces'", "", "missing-interface", "my_robot_interfaces"),
-        ("ModuleNotFoundError: No module named 'geometry_mgs'", "", "misspelt-module", "geometry_mgs"),
-        ("ImportError: cannot import name 'QosProfile' from 'rclpy.qos' (/venv/rclpy/qos.py)", "", "missing-name", "QosProfile"),
         (
-            "ImportError: cannot import name 'a' from partially initialized module 'arm_math' (most likely due to a circular "
+            "ModuleNotFoundError: No module named 'my_robot_interfaces'",
+            "",
+            "missing-interface",
+            "my_robot_interfaces",
+        ),
+        ("ModuleNotFoundError: No module named 'geometry_mgs'", "", "misspelt-module", "geometry_mgs"),
+        (
+            "ImportError: cannot import name 'QosProfile' from 'rclpy.qos' (/venv/rclpy/qos.py)",
+            "",
+            "missing-name",
+            "QosProfile",
+        ),
+        (
+            "ImportError: cannot import name 'a' from partially initialized module 'arm_math' (most "
+            "likely due to a circular "
             "import) (/cell/ws/arm_math.py)",
             "",
             "circular-import",
             "a",
         ),
-        ("AttributeError: property 'publishers' of 'QoSComparisonNode' object has no setter", "", "read-only-property", "publishers"),
+        (
+            "AttributeError: property 'publishers' of 'QoSComparisonNode' object has no setter",
+            "",
+            "read-only-property",
+            "publishers",
+        ),
         ("AttributeError: can't set attribute 'timers'", "", "read-only-property", "timers"),
         ("AttributeError: can't set attribute", "", "read-only-property", ""),
-        ("AttributeError: handle cannot be modified after node creation", "rclpy/node.py\", line 9, in handle", "read-only-property",
-         "handle"),
-        ("AttributeError: 'dict' object has no attribute 'add_node'", "rclpy/node.py\", line 9, in executor", "read-only-property",
-         "executor"),
-        ("AttributeError: property 'area' of 'Square' object has no setter", "", "read-only-property", "area"),
-        ("AttributeError: 'B' object has no attribute '_default_callback_group'", "rclpy/node.py\", line 321, in x", "super-init-missing",
-         "B"),
-        ("rclpy.exceptions.NotInitializedException: rclpy.init() has not been called. msg:cannot create node", "", "not-initialised", ""),
-        ("RuntimeError: Context.init() must only be called once", "rclpy/context.py\", line 97, in init", "initialised-twice", ""),
-        ("rclpy._rclpy_pybind11.RCLError: Failed to create publisher: rcl node's context is invalid, at /project/src/rcl/node.c:404",
-         "", "context-shut-down", ""),
-        ("rclpy.exceptions.InvalidTopicNameException: Invalid topic name: topic name must not contain characters other than "
-         "alphanumerics, '_', '~', '{', or '}':\n  'a b'\n    ^", "", "invalid-name", "a b"),
-        ("rclpy.exceptions.InvalidNodeNameException: Invalid node name: node name must not contain characters other than "
-         "alphanumerics or '_':\n  'bad name'\n      ^", "", "invalid-name", "bad name"),
-        ("rclpy.exceptions.ParameterNotDeclaredException: Invalid access to undeclared parameter(s): max_velocity", "",
-         "parameter-not-declared", "max_velocity"),
-        ("rclpy.exceptions.ParameterAlreadyDeclaredException: Parameter(s) already declared: ['v']", "", "parameter-declared-twice", "v"),
-        ("rclpy.exceptions.InvalidParameterTypeException: Trying to set parameter 'v' to 'fast' of type 'STRING', expecting type "
-         "'DOUBLE': v", "", "parameter-type", "v"),
-        ("rclpy._rclpy_pybind11.RCLError: failed to initialize rcl: Couldn't parse parameter override rule: '-p v=fast'. Error: "
-         "Expected lexeme type (22) not found", "", "ros-arguments", "-p v=fast"),
-        ("rclpy.qos.InvalidQoSProfileException: ('Invalid QoSProfile', 'History and/or depth settings are required.')", "",
-         "qos-profile", "depth"),
-        ("AssertionError: Invalid arguments passed to constructor: dict_keys(['dept'])", "", "qos-profile", "dept"),
+        (
+            "AttributeError: handle cannot be modified after node creation",
+            'rclpy/node.py", line 9, in handle',
+            "read-only-property",
+            "handle",
+        ),
+        (
+            "AttributeError: 'dict' object has no attribute 'add_node'",
+            'rclpy/node.py", line 9, in executor',
+            "read-only-property",
+            "executor",
+        ),
+        (
+            "AttributeError: property 'area' of 'Square' object has no setter",
+            "",
+            "read-only-property",
+            "area",
+        ),
+        (
+            "AttributeError: 'B' object has no attribute '_default_callback_group'",
+            'rclpy/node.py", line 321, in x',
+            "super-init-missing",
+            "B",
+        ),
+        (
+            "rclpy.exceptions.NotInitializedException: rclpy.init() has not been called. msg:cannot "
+            "create node",
+            "",
+            "not-initialised",
+            "",
+        ),
+        (
+            "RuntimeError: Context.init() must only be called once",
+            'rclpy/context.py", line 97, in init',
+            "initialised-twice",
+            "",
+        ),
+        (
+            "rclpy._rclpy_pybind11.RCLError: Failed to create publisher: rcl node's context is "
+            "invalid, at /project/src/rcl/node.c:404",
+            "",
+            "context-shut-down",
+            "",
+        ),
+        (
+            "rclpy.exceptions.InvalidTopicNameException: Invalid topic name: topic name must not "
+            "contain characters other than "
+            "alphanumerics, '_', '~', '{', or '}':\n  'a b'\n    ^",
+            "",
+            "invalid-name",
+            "a b",
+        ),
+        (
+            "rclpy.exceptions.InvalidNodeNameException: Invalid node name: node name must not contain "
+            "characters other than "
+            "alphanumerics or '_':\n  'bad name'\n      ^",
+            "",
+            "invalid-name",
+            "bad name",
+        ),
+        (
+            "rclpy.exceptions.ParameterNotDeclaredException: Invalid access to undeclared "
+            "parameter(s): max_velocity",
+            "",
+            "parameter-not-declared",
+            "max_velocity",
+        ),
+        (
+            "rclpy.exceptions.ParameterAlreadyDeclaredException: Parameter(s) already declared: ['v']",
+            "",
+            "parameter-declared-twice",
+            "v",
+        ),
+        (
+            "rclpy.exceptions.InvalidParameterTypeException: Trying to set parameter 'v' to 'fast' of "
+            "type 'STRING', expecting type "
+            "'DOUBLE': v",
+            "",
+            "parameter-type",
+            "v",
+        ),
+        (
+            "rclpy._rclpy_pybind11.RCLError: failed to initialize rcl: Couldn't parse parameter "
+            "override rule: '-p v=fast'. Error: "
+            "Expected lexeme type (22) not found",
+            "",
+            "ros-arguments",
+            "-p v=fast",
+        ),
+        (
+            "rclpy.qos.InvalidQoSProfileException: ('Invalid QoSProfile', 'History and/or depth "
+            "settings are required.')",
+            "",
+            "qos-profile",
+            "depth",
+        ),
+        (
+            "AssertionError: Invalid arguments passed to constructor: dict_keys(['dept'])",
+            "",
+            "qos-profile",
+            "dept",
+        ),
         ("AttributeError: BESTEFFORT", "", "qos-policy", "BESTEFFORT"),
-        ("TypeError: Node.create_publisher() missing 1 required positional argument: 'qos_profile'", "", "qos-missing", "qos_profile"),
-        ("TypeError: Expected <class 'std_msgs.msg._string.String'>, got <class 'str'>", "", "message-type", "String"),
-        ("AttributeError: type object 'str' has no attribute '_TYPE_SUPPORT' This might be a ROS 1 message type", "", "message-type", ""),
-        ("TypeError", "rclpy/service.py\", line 75, in send_response", "no-response", ""),
-        ("RuntimeError: Subscription.__init__(): callback should be either be callable with one argument(to get only the message) or "
-         "two (to get message and message info)", "", "callback", ""),
-        ("AssertionError: The 'data' field must be a set or sequence and each value of type 'float' and each double in [-17, 17]", "",
-         "message-field", "data"),
+        ("AttributeError: BESTEFFORT. Did you mean: 'BEST_EFFORT'?", "", "qos-policy", "BESTEFFORT"),
+        (
+            "AttributeError: type object 'ReliabilityPolicy' has no attribute 'BESTEFFORT'",
+            "",
+            "qos-policy",
+            "BESTEFFORT",
+        ),
+        (
+            "TypeError: Node.create_publisher() missing 1 required positional argument: 'qos_profile'",
+            "",
+            "qos-missing",
+            "qos_profile",
+        ),
+        (
+            "TypeError: Expected <class 'std_msgs.msg._string.String'>, got <class 'str'>",
+            "",
+            "message-type",
+            "String",
+        ),
+        (
+            "AttributeError: type object 'str' has no attribute '_TYPE_SUPPORT' This might be a ROS 1 "
+            "message type",
+            "",
+            "message-type",
+            "",
+        ),
+        ("TypeError", 'rclpy/service.py", line 75, in send_response', "no-response", ""),
+        (
+            "RuntimeError: Subscription.__init__(): callback should be either be callable with one "
+            "argument(to get only the message) or "
+            "two (to get message and message info)",
+            "",
+            "callback",
+            "",
+        ),
+        (
+            "AssertionError: The 'data' field must be a set or sequence and each value of type "
+            "'float' and each double in [-17, 17]",
+            "",
+            "message-field",
+            "data",
+        ),
         ("AssertionError: The 'success' field must be of type 'bool'", "", "message-field", "success"),
-        ("TypeError: must be real number, not str", "std_msgs/msg/_float64_multi_array.py\", line 185, in data", "message-field", ""),
-        ("TypeError: bad argument type for built-in operation", "rclpy/publisher.py\", line 79, in publish", "message-field", ""),
+        (
+            "TypeError: must be real number, not str",
+            'std_msgs/msg/_float64_multi_array.py", line 185, in data',
+            "message-field",
+            "",
+        ),
+        (
+            "TypeError: bad argument type for built-in operation",
+            'rclpy/publisher.py", line 79, in publish',
+            "message-field",
+            "",
+        ),
         ("NameError: name 'prnt' is not defined. Did you mean: 'print'?", "", "undefined-name", "prnt"),
         ("NameError: name 'Float64MultiArrray' is not defined", "", "undefined-name", "Float64MultiArrray"),
-        ("UnboundLocalError: cannot access local variable 'node' where it is not associated with a value", "", "undefined-name", "node"),
-        ("UnboundLocalError: local variable 'node' referenced before assignment", "", "undefined-name", "node"),
+        (
+            "UnboundLocalError: cannot access local variable 'node' where it is not associated with a value",
+            "",
+            "undefined-name",
+            "node",
+        ),
+        (
+            "UnboundLocalError: local variable 'node' referenced before assignment",
+            "",
+            "undefined-name",
+            "node",
+        ),
         ("AttributeError: 'NoneType' object has no attribute 'data'", "", "value-is-none", ""),
         ("TypeError: 'NoneType' object is not subscriptable", "", "value-is-none", ""),
         ("AttributeError: 'Talker' object has no attribute 'count'", "", "missing-attribute", "count"),
-        ("TypeError: RcutilsLogger.info() takes 2 positional arguments but 3 were given", "", "arguments", ""),
-        ("ValueError: operands could not be broadcast together with shapes (7,) (6,)", "", "array-shapes", ""),
+        (
+            "TypeError: RcutilsLogger.info() takes 2 positional arguments but 3 were given",
+            "",
+            "arguments",
+            "",
+        ),
+        (
+            "ValueError: operands could not be broadcast together with shapes (7,) (6,)",
+            "",
+            "array-shapes",
+            "",
+        ),
         ("IndexError: list index out of range", "", "index", ""),
         ("KeyError: 'reliable'", "", "key", "'reliable'"),
         ("ZeroDivisionError: division by zero", "", "division", ""),
         ("RecursionError: maximum recursion depth exceeded", "", "recursion", ""),
-        ("FileNotFoundError: [Errno 2] No such file or directory: 'gains.yaml'", "", "file-missing", "gains.yaml"),
+        (
+            "FileNotFoundError: [Errno 2] No such file or directory: 'gains.yaml'",
+            "",
+            "file-missing",
+            "gains.yaml",
+        ),
         ("PermissionError: [Errno 13] Permission denied: '/etc/x'", "", "permission", "/etc/x"),
         ("OSError: [Errno 98] Address already in use", "", "address", ""),
         ("MyOwnError: something special", "", "exception", "MyOwnError"),
     ],
-)  # fmt: skip
+)
 def test_known_exceptions_are_explained(final: str, library: str, kind: str, subject: str) -> None:
     """Each known exception has its kind, the name it is about, the student's line, and a remedy."""
     diagnosis = told(final, library)
@@ -167,7 +329,10 @@ def test_syntax_errors_point_at_their_line(text: str, kind: str, line: int) -> N
 
 def test_a_file_in_another_encoding_is_explained() -> None:
     """Python's message about the encoding has no traceback."""
-    text = "SyntaxError: Non-UTF-8 code starting with '\\xe9' in file /cell/ws/joint_publisher.py on line 1, but no encoding declared"
+    text = (
+        "SyntaxError: Non-UTF-8 code starting with '\\xe9' in file /cell/ws/joint_publisher.py on "
+        "line 1, but no encoding declared"
+    )
     diagnosis = explain(lines(text), FILES)
     assert diagnosis is not None
     assert diagnosis.kind == "encoding"
@@ -178,7 +343,7 @@ SECOND_SHUTDOWN = """Traceback (most recent call last):
     rclpy.shutdown()
   File "/venv/lib/python3.11/site-packages/rclpy/context.py", line 129, in shutdown
     self.__context.shutdown()
-rclpy._rclpy_pybind11.RCLError: failed to shutdown: rcl_shutdown already called on the given context, at /project/src/rcl/init.c:333"""
+rclpy._rclpy_pybind11.RCLError: failed to shutdown: rcl_shutdown already called on the given context"""
 STOPPED = """Traceback (most recent call last):
   File "/cell/ws/joint_publisher.py", line 6, in main
     rclpy.spin(n)
@@ -188,7 +353,7 @@ DURING = "\nDuring handling of the above exception, another exception occurred:\
 DEAD = """Traceback (most recent call last):
   File "/cell/ws/joint_publisher.py", line 22, in tick
     self.pub.publish(msg)
-rclpy._rclpy_pybind11.RCLError: Failed to publish: publisher's context is invalid, at /project/src/rcl/publisher.c:423"""
+rclpy._rclpy_pybind11.RCLError: Failed to publish: publisher's context is invalid, at publisher.c:423"""
 
 
 @pytest.mark.parametrize(
@@ -236,11 +401,8 @@ def test_the_first_cause_of_a_chain_is_told() -> None:
 
 def test_the_last_exception_is_told() -> None:
     """Of several exceptions, the one that ended the process is explained."""
-    both = (
-        raised("KeyError: 'a'")
-        + [OutputLine(0, "stderr", "")]
-        + raised("ZeroDivisionError: division by zero")
-    )
+    last = raised("ZeroDivisionError: division by zero")
+    both = [*raised("KeyError: 'a'"), OutputLine(0, "stderr", ""), *last]
     diagnosis = explain(both, FILES)
     assert diagnosis is not None
     assert diagnosis.kind == "division"
@@ -257,16 +419,30 @@ def test_an_exception_before_a_clean_stop_is_still_told() -> None:
 @pytest.mark.parametrize(
     ("text", "kind", "subject"),
     [
-        ("[WARN] [1795185180.47] [x]: New publisher discovered on topic '/joint_states', offering incompatible QoS. No messages will be "
-         "received from it. Last incompatible policy: RELIABILITY", "incompatible-qos", "/joint_states"),
-        ("[WARN] [1795185180.47] [x]: New subscription discovered on topic 't2', requesting incompatible QoS. No messages will be sent "
-         "to it. Last incompatible policy: DURABILITY", "incompatible-qos", "t2"),
-        ("/venv/bin/python: can't open file '/cell/ws/joint_publisher.py': [Errno 2] No such file or directory", "not-startable",
-         "/cell/ws/joint_publisher.py"),
+        (
+            "[WARN] [1795185180.47] [x]: New publisher discovered on topic '/joint_states', offering "
+            "incompatible QoS. No messages will be "
+            "received from it. Last incompatible policy: RELIABILITY",
+            "incompatible-qos",
+            "/joint_states",
+        ),
+        (
+            "[WARN] [1795185180.47] [x]: New subscription discovered on topic 't2', requesting "
+            "incompatible QoS. No messages will be sent "
+            "to it. Last incompatible policy: DURABILITY",
+            "incompatible-qos",
+            "t2",
+        ),
+        (
+            "/venv/bin/python: can't open file '/cell/ws/joint_publisher.py': [Errno 2] No such file "
+            "or directory",
+            "not-startable",
+            "/cell/ws/joint_publisher.py",
+        ),
         ("/usr/bin/env: 'python3\\r': No such file or directory", "line-ends", ""),
         ("Fatal Python error: Segmentation fault", "crash", ""),
     ],
-)  # fmt: skip
+)
 def test_trouble_without_an_exception(text: str, kind: str, subject: str) -> None:
     """Clashing QoS and failed starts are told from single lines."""
     diagnosis = explain(lines(text), FILES)
@@ -276,7 +452,10 @@ def test_trouble_without_an_exception(text: str, kind: str, subject: str) -> Non
 
 def test_the_clashing_policy_is_named() -> None:
     """A student reads which policy of which side clashes."""
-    text = "New publisher discovered on topic 't', offering incompatible QoS. No messages will be received. Last incompatible policy: DURABILITY"
+    text = (
+        "New publisher discovered on topic 't', offering incompatible QoS. No messages will be "
+        "received. Last incompatible policy: DURABILITY"
+    )
     diagnosis = explain(lines(text), FILES)
     assert diagnosis is not None
     assert "durability" in diagnosis.sentence
@@ -289,15 +468,28 @@ def test_advisories_cost_nothing_and_say_what_is_better() -> None:
     assert "try_shutdown" in second
     (interrupt,) = advisories(lines(STOPPED))
     assert "ExternalShutdownException" in interrupt
-    warning = "node.py:481: UserWarning: when declaring parameter named 'a', declaring a parameter only providing its name is deprecated."
+    warning = (
+        "node.py:481: UserWarning: when declaring parameter named 'a', declaring a parameter "
+        "only providing its name is deprecated."
+    )
     assert len(advisories(lines(warning))) == 1
 
 
 @pytest.mark.parametrize(
     "piece",
-    ["\n", "a\n", "Traceback (most recent call last):\n", '  File "a.py", line 3, in f\n', "KeyError: 'x'\n", "[INFO] [\n", "  | ", "+-", "x" * 5000 + "\n",
-     "  + Exception Group Traceback (most recent call last):\n"],
-)  # fmt: skip
+    [
+        "\n",
+        "a\n",
+        "Traceback (most recent call last):\n",
+        '  File "a.py", line 3, in f\n',
+        "KeyError: 'x'\n",
+        "[INFO] [\n",
+        "  | ",
+        "+-",
+        "x" * 5000 + "\n",
+        "  + Exception Group Traceback (most recent call last):\n",
+    ],
+)
 def test_hostile_output_takes_bounded_time(piece: str) -> None:
     """A megabyte of anything is read in a bounded time."""
     output = lines(("Traceback (most recent call last):\n" + piece * (1_000_000 // len(piece)))[:1_000_000])
@@ -351,9 +543,18 @@ rclpy.init()
 @pytest.mark.parametrize(
     ("body", "kind"),
     [
-        *[(f"class N(Node):\n    def __init__(self):\n        super().__init__('n')\n        self.{name} = {{}}\nN()\n",
-           "read-only-property") for name in sorted(NODE_PROPERTIES)],
-        ("class N(Node):\n    def __init__(self):\n        self.create_publisher(String, 'a', 10)\nN()\n", "super-init-missing"),
+        *[
+            (
+                "class N(Node):\n    def __init__(self):\n        super().__init__('n')\n"
+                f"        self.{name} = {{}}\nN()\n",
+                "read-only-property",
+            )
+            for name in sorted(NODE_PROPERTIES)
+        ],
+        (
+            "class N(Node):\n    def __init__(self):\n        self.create_publisher(String, 'a', 10)\nN()\n",
+            "super-init-missing",
+        ),
         ("rclpy.shutdown()\nNode('n')\n", "not-initialised"),
         ("rclpy.init()\n", "initialised-twice"),
         ("Node('bad name')\n", "invalid-name"),
@@ -368,17 +569,26 @@ rclpy.init()
         ("Node('n').create_publisher('std_msgs/msg/String', 'a', 10)\n", "message-type"),
         ("Node('n').create_subscription(String, 'a', None, 10)\n", "callback"),
         ("Float64MultiArray().data = ['a']\n", "message-field"),
-        ("m = String()\nm.data = 5\nNode('n').create_publisher(String, 'a', 10).publish(m)\n", "message-field"),
-        ("n = Node('n')\nn.create_service(SetBool, '/a', lambda q, r: None)\n"
-         "f = n.create_client(SetBool, '/a').call_async(SetBool.Request())\n"
-         "rclpy.spin_until_future_complete(n, f, timeout_sec=5)\n", "no-response"),
-        ("n = Node('n')\np = n.create_publisher(String, 't', qos_profile_sensor_data)\n"
-         "s = n.create_subscription(String, 't', print, 10)\nfor _ in range(10):\n    rclpy.spin_once(n, timeout_sec=0.1)\n",
-         "incompatible-qos"),
+        (
+            "m = String()\nm.data = 5\nNode('n').create_publisher(String, 'a', 10).publish(m)\n",
+            "message-field",
+        ),
+        (
+            "n = Node('n')\nn.create_service(SetBool, '/a', lambda q, r: None)\n"
+            "f = n.create_client(SetBool, '/a').call_async(SetBool.Request())\n"
+            "rclpy.spin_until_future_complete(n, f, timeout_sec=5)\n",
+            "no-response",
+        ),
+        (
+            "n = Node('n')\np = n.create_publisher(String, 't', qos_profile_sensor_data)\n"
+            "s = n.create_subscription(String, 't', print, 10)\nfor _ in range(10):\n    "
+            "rclpy.spin_once(n, timeout_sec=0.1)\n",
+            "incompatible-qos",
+        ),
         ("from rclpy.qos import QosProfile\n", "missing-name"),
         ("import std_msgs.msgs\n", "misspelt-module"),
     ],
-)  # fmt: skip
+)
 def test_real_rclpy_is_understood(tmp_path: Path, body: str, kind: str) -> None:
     """What the installed rclpy really writes is recognised, at the student's line."""
     pytest.importorskip("rclpy")

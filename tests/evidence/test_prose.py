@@ -30,15 +30,83 @@ TOPICS = (
 )
 RUN = (r"python3?\s+\S+\.py", r"ros2\s+(?:run|launch)\s+\S+")
 LEXICON = {
-    "reliability": ["reliab", "best effort", "lost", "lose", "drop", "*verlust", "verlor", "zuverlässig", "perd", "fiab", "потер",
-                    "надёжн", "丢失", "可靠", "欠落", "信頼性", "손실", "فقد", "विश्वसनीय", "kayb"],
-    "latency": ["latenc", "delay", "newest", "*verzöger", "retras", "retard", "задерж", "延迟", "遅延", "지연", "تأخير", "التأخير",
-                "विलंब", "gecik"],
-    "use": ["sensor", "command", "befehl", "comando", "capteur", "commande", "датчик", "команд", "传感器", "命令", "センサ",
-            "コマンド", "센서", "명령", "مستشعر", "أوامر", "सेंसर", "sensör", "komut"],
-}  # fmt: skip
-REASONS = ("because", "so that", "whereas", "but$", "weil", "dagegen", "porque", "car$", "потому", "因为", "ため", "때문", "لأن",
-           "क्योंकि", "çünkü")  # fmt: skip
+    "reliability": [
+        "reliab",
+        "best effort",
+        "lost",
+        "lose",
+        "drop",
+        "*verlust",
+        "verlor",
+        "zuverlässig",
+        "perd",
+        "fiab",
+        "потер",
+        "надёжн",
+        "丢失",
+        "可靠",
+        "欠落",
+        "信頼性",
+        "손실",
+        "فقد",
+        "विश्वसनीय",
+        "kayb",
+    ],
+    "latency": [
+        "latenc",
+        "delay",
+        "newest",
+        "*verzöger",
+        "retras",
+        "retard",
+        "задерж",
+        "延迟",
+        "遅延",
+        "지연",
+        "تأخير",
+        "التأخير",
+        "विलंब",
+        "gecik",
+    ],
+    "use": [
+        "sensor",
+        "command",
+        "befehl",
+        "comando",
+        "capteur",
+        "commande",
+        "датчик",
+        "команд",
+        "传感器",
+        "命令",
+        "センサ",
+        "コマンド",
+        "센서",
+        "명령",
+        "مستشعر",
+        "أوامر",
+        "सेंसर",
+        "sensör",
+        "komut",
+    ],
+}
+REASONS = (
+    "because",
+    "so that",
+    "whereas",
+    "but$",
+    "weil",
+    "dagegen",
+    "porque",
+    "car$",
+    "потому",
+    "因为",
+    "ため",
+    "때문",
+    "لأن",
+    "क्योंकि",
+    "çünkü",
+)
 
 
 def described(text: str) -> tuple[str, ...]:
@@ -64,16 +132,22 @@ def discussion(*texts: str, anchors: tuple[str, ...] = ()) -> Discussion:
         "| file | what |\n|---|---|\n| talker.py | sends the wanted joint angles to the arm |\n"
         "| listener.py | compares wanted with measured angles, prints errors |\n"
         "| switch_service.py | turns the motors on and off on request |\n",
-        "Talker\n======\nSends the wanted joint angles to the arm.\n\nListener\n========\nCompares wanted and measured angles, prints errors.\n\n"
+        "Talker\n======\nSends the wanted joint angles to the arm.\n\nListener\n========\nCompares "
+        "wanted and measured angles, prints errors.\n\n"
         "Switch service\n==============\nTurns the motors on and off on request.\n",
-        "The publisher sends wanted joint angles to the arm. The subscriber compares wanted and measured angles and prints errors. "
+        "The publisher sends wanted joint angles to the arm. The subscriber compares wanted and "
+        "measured angles and prints errors. "
         "The service turns the motors on and off on request.\n",
-        "talker.py\n\nSends the wanted joint angles to the arm.\n\nlistener.py\n\nCompares wanted and measured angles, prints errors.\n\n"
+        "talker.py\n\nSends the wanted joint angles to the arm.\n\nlistener.py\n\nCompares wanted and "
+        "measured angles, prints errors.\n\n"
         "switch_service.py\n\nTurns the motors on and off on request.\n",
-        "## 发布者\n以固定频率向机械臂发送期望的关节角度。\n## 订阅者\n比较期望角度与测量角度并打印误差。\n## 服务\n根据请求打开或关闭电机电源。\n",
-        "## Sender\nSchickt die gewünschten Gelenkwinkel regelmäßig an den Arm.\n## Empfänger\nVergleicht gewünschte und gemessene Winkel, "
+        "## 发布者\n以固定频率向机械臂发送期望的关节角度。\n"
+        "## 订阅者\n比较期望角度与测量角度并打印误差。\n## 服务\n根据请求打开或关闭电机电源。\n",
+        "## Sender\nSchickt die gewünschten Gelenkwinkel regelmäßig an den Arm.\n## Empfänger\n"
+        "Vergleicht gewünschte und gemessene Winkel, "
         "meldet Fehler.\n## Dienst\nSchaltet die Motoren auf Anfrage ein oder aus.\n",
-        "- издатель отправляет желаемые углы суставов на манипулятор\n- подписчик сравнивает желаемые и измеренные углы, печатает ошибки\n"
+        "- издатель отправляет желаемые углы суставов на манипулятор\n- подписчик сравнивает желаемые "
+        "и измеренные углы, печатает ошибки\n"
         "- сервис включает и выключает двигатели по запросу\n",
     ],
     ids=["headings", "list", "table", "rst", "sentences", "names alone", "chinese", "german", "russian"],
@@ -88,11 +162,13 @@ def test_descriptions_count_in_every_form_and_language(text: str) -> None:
     [
         "",
         "# talker.py\n\n# listener.py\n\n# switch_service.py\n",
-        "# talker.py\nTODO\n# listener.py\nTODO: describe this node\n# switch_service.py\n<description of the node>\n",
+        "# talker.py\nTODO\n# listener.py\nTODO: describe this node\n# switch_service.py\n"
+        "<description of the node>\n",
         "# talker.py\nLorem ipsum dolor sit amet, consectetur adipiscing elit, sed do eiusmod.\n",
         "- talker.py\n- listener.py\n- switch_service.py\n",
         "Files: talker.py, listener.py, switch_service.py\n",
-        "# talker.py\nThis file is a very important part of the lab.\n# listener.py\nThis file is a very important part of the lab.\n"
+        "# talker.py\nThis file is a very important part of the lab.\n# listener.py\nThis file is a "
+        "very important part of the lab.\n"
         "# switch_service.py\nThis file is a very important part of the lab.\n",
         "# talker.py\n```\nsends the wanted joint angles to the arm at a rate\n```\n",
         "# talker.py\n[link](http://a.b/sends/the/wanted/angles) `sends the wanted angles to the arm now`\n",
@@ -135,7 +211,10 @@ def test_a_sentence_with_a_second_part_describes_the_first() -> None:
 
 def test_the_title_of_the_document_describes_no_part() -> None:
     """A title with a general word in it does not make the introduction a description."""
-    text = "# My publisher and subscriber lab\nIn this lab we learn many things about robots and middleware.\n\n## Running\nType this in a shell, then wait a bit for output.\n"
+    text = (
+        "# My publisher and subscriber lab\nIn this lab we learn many things about robots and "
+        "middleware.\n\n## Running\nType this in a shell, then wait a bit for output.\n"
+    )
     assert described(text) == ()
 
 
@@ -171,11 +250,16 @@ def test_talk_about_running_is_no_instruction() -> None:
 @pytest.mark.parametrize(
     "text",
     [
-        "For sensor data best effort is enough, because a lost sample is soon followed by the newest one and the delay stays small.",
-        "Für Sensordaten reicht best_effort, weil ein Paketverlust gleich durch den nächsten Wert ersetzt wird und die Verzögerung klein bleibt.",
-        "Para los sensores uso best_effort porque perder una muestra no importa y el retraso es menor que con reintentos.",
-        "Pour les capteurs, best_effort suffit car un message perdu est sans conséquence et le retard reste faible.",
-        "Для датчиков подходит best_effort, потому что потеря одного сообщения не важна, а задержка остаётся меньше.",
+        "For sensor data best effort is enough, because a lost sample is soon followed by the newest "
+        "one and the delay stays small.",
+        "Für Sensordaten reicht best_effort, weil ein Paketverlust gleich durch den nächsten Wert "
+        "ersetzt wird und die Verzögerung klein bleibt.",
+        "Para los sensores uso best_effort porque perder una muestra no importa y el retraso es menor "
+        "que con reintentos.",
+        "Pour les capteurs, best_effort suffit car un message perdu est sans conséquence et le retard "
+        "reste faible.",
+        "Для датчиков подходит best_effort, потому что потеря одного сообщения не важна, а задержка "
+        "остаётся меньше.",
         "传感器数据用 best_effort，因为丢失一帧没有关系，延迟更低；控制命令必须可靠送达。",
         "センサーデータは欠落しても次の値がすぐ届くため、遅延の小さいベストエフォートを使う。",
         "센서 데이터는 한 번 손실되어도 곧 새 값이 오기 때문에 지연이 적은 best_effort가 좋다고 생각한다.",
@@ -195,8 +279,11 @@ def test_trade_offs_are_understood_in_any_language(text: str) -> None:
 
 def test_a_language_without_reason_words_is_accepted_at_length() -> None:
     """In a language that the lexicon does not know, terms of the trade and enough words relate concepts."""
-    text = ("Dla czujników wybieram best_effort, bo utrata jednej wiadomości nie szkodzi, a latency jest mniejsza niż przy ponownym "
-            "wysyłaniu; rozkazy muszą dojść zawsze, dlatego tam reliable.")  # fmt: skip
+    text = (
+        "Dla czujników wybieram best_effort, bo utrata jednej wiadomości nie szkodzi, a latency jest "
+        "mniejsza niż przy ponownym "
+        "wysyłaniu; rozkazy muszą dojść zawsze, dlatego tam reliable."
+    )
     found = discussion(text)
     assert found.discussed == ("reliability", "latency")
     assert (len(found.related), len(found.reasoned)) == (1, 0)
@@ -208,7 +295,8 @@ def test_a_language_without_reason_words_is_accepted_at_length() -> None:
         ["reliable, best_effort, latency, delay, sensor, command"],
         ["`QoSProfile(reliability=RELIABLE, depth=10)  # because latency of the sensor matters to us all`"],
         [
-            "reliable latency lost sensor command because best effort delay drop newest reliable latency one two three four"
+            "reliable latency lost sensor command because best effort delay drop newest reliable "
+            "latency one two three four"
         ],
         ["TODO explain reliability and latency"],
         ["The nodes work well together and everything was fun to write this week."],
@@ -232,7 +320,10 @@ def test_repeated_passages_count_once() -> None:
 
 def test_anchors_keep_to_the_matter() -> None:
     """With anchors, only passages about the matter count, be it by their heading."""
-    text = "The sensor values are lost on purpose whenever a delay of the arm is seen by us, because they are wrong."
+    text = (
+        "The sensor values are lost on purpose whenever a delay of the arm is seen by us, because "
+        "they are wrong."
+    )
     assert discussion(text).related
     assert not discussion(text, anchors=("QoS",)).related
     document = read_markdown(f"## QoS\n{text}\n")
@@ -242,7 +333,10 @@ def test_anchors_keep_to_the_matter() -> None:
 
 def test_passages_of_source_are_docstrings_and_comment_blocks() -> None:
     """Comments on consecutive lines are one passage; code put aside is none."""
-    text = '"""Compare several profiles of quality."""\nx = 1\n# Best effort is fine for sensors,\n# as a lost sample is replaced soon.\n# self.y = 2\n'
+    text = (
+        '"""Compare several profiles of quality."""\nx = 1\n# Best effort is fine for sensors,\n# '
+        "as a lost sample is replaced soon.\n# self.y = 2\n"
+    )
     passages = source_passages(parse("a.py", text))
     assert [(p.line, p.text) for p in passages] == [
         (1, "Compare several profiles of quality."),
@@ -258,9 +352,31 @@ def test_passages_of_a_document_join_lists_and_tables() -> None:
 
 @pytest.mark.parametrize(
     "piece",
-    ["a", "`", "[", "](", "![", "<a ", "- ", "# a\n", "|", "--- x ", "-=", "*a", "**a** ", "talker ", "talker. ", "。", "```\n", "::\n    a\n",
-     "x\n---\n", "best effort ", "\n", "> "],
-)  # fmt: skip
+    [
+        "a",
+        "`",
+        "[",
+        "](",
+        "![",
+        "<a ",
+        "- ",
+        "# a\n",
+        "|",
+        "--- x ",
+        "-=",
+        "*a",
+        "**a** ",
+        "talker ",
+        "talker. ",
+        "。",
+        "```\n",
+        "::\n    a\n",
+        "x\n---\n",
+        "best effort ",
+        "\n",
+        "> ",
+    ],
+)
 def test_hostile_documents_take_bounded_time(piece: str) -> None:
     """A megabyte of anything is read in a bounded time."""
     text = (piece * (1_000_000 // len(piece) + 1))[:1_000_000]

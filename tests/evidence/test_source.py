@@ -71,7 +71,8 @@ def test_definitions_are_told_with_kind_line_and_owner() -> None:
 def test_a_reasonable_student_gets_it_all() -> None:
     """Module, class and main methods documented is full marks; main and short ones need nothing."""
     result = docstring_share([facts(DOCUMENTED)])
-    assert (result.share, result.documented, result.needed, result.undocumented) == (1, 3, 3, ())
+    assert (result.documented, result.needed, result.undocumented) == (3, 3, ())
+    assert result.share == 1
 
 
 def test_what_is_missing_is_named() -> None:
@@ -158,7 +159,10 @@ def test_a_comment_above_the_code_stands_for_the_module_docstring() -> None:
 
 def test_nested_and_private_definitions_need_nothing() -> None:
     """What is not for others to use needs no docstring."""
-    text = "def outer():\n    '''Make a counter for others.'''\n    def inner():\n        a = 1\n        b = 2\n        return a\n    return inner\n"
+    text = (
+        "def outer():\n    '''Make a counter for others.'''\n    def inner():\n        a = 1\n     "
+        "   b = 2\n        return a\n    return inner\n"
+    )
     text += "class _Hidden:\n    def f(self):\n        a = 1\n        b = 2\n        return a\n"
     assert [d.name for d in facts(text).definitions if d.public] == ["joint_publisher", "outer"]
 
@@ -208,9 +212,28 @@ def test_the_definition_around_a_line_is_found() -> None:
 
 @pytest.mark.parametrize(
     "piece",
-    ["(", "'", "#", "# f(\n", "# self.x = 1\n", "# (\n# x\n", "\\", '"""', "x=1\n", "def f():\n", "class A:\n def f(self): ...\n",
-     "a.", "not ", "\x00", "\ud800", "é", "发", "a=a+a\n", "if x:\n "],
-)  # fmt: skip
+    [
+        "(",
+        "'",
+        "#",
+        "# f(\n",
+        "# self.x = 1\n",
+        "# (\n# x\n",
+        "\\",
+        '"""',
+        "x=1\n",
+        "def f():\n",
+        "class A:\n def f(self): ...\n",
+        "a.",
+        "not ",
+        "\x00",
+        "\ud800",
+        "é",
+        "发",
+        "a=a+a\n",
+        "if x:\n ",
+    ],
+)
 def test_hostile_files_take_bounded_time(piece: str) -> None:
     """A megabyte of anything is read in a bounded time."""
     text = (piece * (1_000_000 // len(piece) + 1))[:1_000_000]

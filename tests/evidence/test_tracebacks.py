@@ -105,7 +105,8 @@ def test_exception_groups() -> None:
     "text",
     [
         '  File "/cell/ws/talker.py", line 2\n    def f(:\n          ^\nSyntaxError: invalid syntax\n',
-        'Traceback (most recent call last):\n  File "/cell/ws/main.py", line 1, in <module>\n    import talker\n'
+        'Traceback (most recent call last):\n  File "/cell/ws/main.py", line 1, in <module>\n    '
+        "import talker\n"
         '  File "/cell/ws/talker.py", line 2\n    def f(:\n          ^\nSyntaxError: invalid syntax\n',
     ],
     ids=["as script", "imported"],
@@ -127,7 +128,10 @@ def test_printed_frames_are_no_exception() -> None:
 
 def test_messages_of_several_lines_are_kept() -> None:
     """A message goes on until an empty line."""
-    text = "Traceback (most recent call last):\n  File \"a.py\", line 1, in f\nrclpy.x.E: bad name:\n  'a b'\n    ^\n\nrest"
+    text = (
+        'Traceback (most recent call last):\n  File "a.py", line 1, in f\nrclpy.x.E: bad name:\n '
+        " 'a b'\n    ^\n\nrest"
+    )
     (raised,) = tracebacks(lines(text))
     assert raised.message == "bad name:\n  'a b'\n    ^"
     assert raised.name == "E"

@@ -1,0 +1,61 @@
+"""Text of students made fit to be shown: what would steer a terminal, hide or reorder text becomes visible.
+
+Escaping for HTML is another matter, which the template engine sees to.
+"""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+
+LONGEST = 4000
+
+#: What a terminal obeys and does not show: CSI, OSC and the other string sequences, and two-character escapes.
+_ANSI = re.compile(
+    r"(?:\x1b\[|\x9b)[0-?]*[ -/]*[@-~]"
+    r"|(?:\x1b[\]PX^_]|[\x9d\x90\x98\x9e\x9f])[^\x07\x1b\x9c]{0,4000}(?:\x07|\x1b\\|\x9c)"
+    r"|\x1b[ -/]*[0-~]"
+)
+_MOST_MARKS = 3
+
+
+def shown(text: str, longest: int = LONGEST) -> str:
+    """Return a text as it can be shown.
+
+    Parameters
+    ----------
+    longest : int
+        Characters after which it is cut, with a mark that says so.
+
+    Notes
+    -----
+    Terminal sequences are left out. Control characters, characters that change the direction of text or have
+    no width, lone surrogates and characters that no text may hold are shown by their number, e.g. ⟨U+202E⟩.
+    Line ends and tabs stay. At most three combining marks stay on a letter.
+    """
+    cut = len(text) > longest * 2
+    text = _ANSI.sub("", text[: longest * 2])
+    cut = cut or len(text) > longest
+    kept: list[str] = []
+    marks = 0
+    for character in text[:longest].replace("\r\n", "\n"):
+        marks = marks + 1 if unicodedata.combining(character) else 0
+        if marks <= _MOST_MARKS:
+            kept.append(character if _harmless(character) else f"⟨U+{ord(character):04X}⟩")
+    return "".join(kept) + (" … (cut)" if cut else "")
+
+
+def line(text: str, longest: int = 300) -> str:
+    """Return a text as one line that can be shown; cut with an ellipsis."""
+    whole = shown(" ".join(text[: longest * 4].split()), longest * 4)
+    return whole if len(whole) <= longest and len(text) <= longest * 4 else whole[: longest - 1] + "…"
+
+
+def _harmless(character: str) -> bool:
+    if character in "\n\t":
+        return True
+    # Cc control, Cf format (bidirectional, zero width), Cs surrogate, Cn not a character, Zl and Zp line ends
+    return character.isascii() and character.isprintable() or unicodedata.category(character) not in _HIDDEN
+
+
+_HIDDEN = frozenset({"Cc", "Cf", "Cs", "Cn", "Zl", "Zp"})
