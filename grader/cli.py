@@ -42,6 +42,7 @@ def _grade_parser() -> argparse.ArgumentParser:
     parser.add_argument("--sessions", metavar="A,B", help="run only these sessions of the rubric")
     parser.add_argument("--python", type=Path, metavar="FILE", help="interpreter for students' code (default: grade's own)")
     parser.add_argument("--seed", type=int, help="seed of the stimuli (default: drawn anew)")
+    parser.add_argument("-j", "--jobs", type=_count, metavar="N", help="sessions side by side (default: as the cores allow)")
     _add_fail_under(parser)
     parser.add_argument("--version", action="version", version=f"grade {__version__}")
     return parser
@@ -64,6 +65,12 @@ def _points(text: str) -> Decimal:
         return Decimal(text)
     except InvalidOperation:
         raise argparse.ArgumentTypeError(f"{text!r} is no number of points") from None
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number from 1 on")
+    return int(text)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -98,7 +105,7 @@ def _grade(arguments: Sequence[str], console: Console) -> int:
     options = _grade_parser().parse_args(arguments)
     rubric = pipeline.read_rubric(options.rubric)
     chosen = [s for s in options.sessions.split(",") if s] if options.sessions is not None else None
-    live = pipeline.Options(_interpreter(options.python), chosen, options.seed)
+    live = pipeline.Options(_interpreter(options.python), chosen, options.seed, options.jobs)
     below = False
     for folder in options.submissions:
         name = folder.resolve().name

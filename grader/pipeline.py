@@ -43,11 +43,14 @@ class Options:
         Sessions to run; all by default.
     seed : int or None
         For the stimuli; drawn anew by default.
+    jobs : int or None
+        Sessions side by side; as many as the cores allow by default.
     """
 
     interpreter: Path
     sessions: Sequence[str] | None = None
     seed: int | None = None
+    jobs: int | None = None
 
 
 def lab_folder() -> Path:
@@ -156,7 +159,7 @@ def record(
             rubric, submission, workspace.folder, workspace.executables, recordings, probe_isolation(options.interpreter),
             options.interpreter, options.seed if options.seed is not None else random.SystemRandom().randrange(2**31), versions(),
         )
-        sessions.record(chosen, on_progress)
+        sessions.record(chosen, on_progress, at_a_time=options.jobs)
         for _ in range(RETRIES):
             undecided = undecided_sessions(open_recordings(recordings, rubric), rubric, chosen)
             if not undecided:

@@ -162,6 +162,9 @@ class PlanStep(Strict):
 
     launch: str
     arguments: dict[str, str] = Field(default_factory=dict)
+    assume: dict[str, str] = Field(
+        default_factory=dict, description="Values for arguments that the file uses without declaring them."
+    )
     timeout_s: float = Field(10.0, gt=0, le=60)
 
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from pydantic import Field
 
 from grader.checks.finding import (
     Context,
@@ -18,15 +19,25 @@ from grader.checks.finding import (
     not_reached,
     passed,
 )
+from grader.evidence.diagnosis import explain
 from grader.evidence.timing import timing_of
+from grader.recording.plan import MalformedPlanError, Plan, Process
 from grader.result import Finding, Outcome, Where
 
 
-def plan_of(context: Context, step: str) -> Mapping[str, Any] | None:
+def plan_of(context: Context, step: str) -> Plan | None:
     """Return the plan that a step made of the launch file, if it was reached."""
     run = context.session.step(step)
-    plan = run.result.get("plan") if run is not None else None
-    return plan if isinstance(plan, dict) else None
+    try:
+        return Plan.from_plain(run.result["plan"]) if run is not None and "plan" in run.result else None
+    except MalformedPlanError:
+        return None
+
+
+def mended(context: Context, step: str, *kinds: str) -> list[Mapping[str, Any]]:
+    """Return the problems of some kinds that the live half noted and mended, so that the rest could be judged."""
+    run = context.session.step(step)
+    return [m for m in (run.result.get("mended", []) if run is not None else []) if m["kind"] in kinds]
 
 
 class LaunchLoads(Parameters):
@@ -36,32 +47,30 @@ class LaunchLoads(Parameters):
     step: str
 
 
-#: Problems of a plan that come later than loading: the file itself is in order.
-_LATER_PROBLEMS = frozenset({"package_not_found", "executable_not_found"})
-
-
-def _spot(context: Context, problem: Mapping[str, Any]) -> tuple[Where, ...]:
-    if problem.get("file"):
-        return (Where(file=str(problem["file"]), line=int(problem.get("line") or 0) or None),)
-    return (context.where(),)
-
-
 def launch_loads(context: Context, p: LaunchLoads) -> Finding:
-    """Judge the evaluation; a module that we do not have is no fault of the student's."""
+    """Judge the evaluation; a module that we do not have is no fault of the student's.
+
+    A misnamed executable or an undeclared argument is charged by the checks of nodes and of arguments.
+    """
     expected = "a launch description without an error"
     if (missing := missing_artifact(context, p.artifact, expected)) is not None:
         return missing
     plan = plan_of(context, p.step)
     if plan is None:
         return inconclusive(expected, "not evaluated", "The recording does not hold an evaluation of the launch file.")
-    problem = plan.get("problem") or {}
-    if plan["outcome"] == "not_assessable":
-        return inconclusive(expected, str(problem.get("message", "")), "The grader cannot evaluate this launch file.", where=_spot(context, problem))
-    if plan["outcome"] == "error" and problem.get("kind") not in _LATER_PROBLEMS:
-        return failed(expected, str(problem["message"]), str(problem["message"]), hint=str(problem.get("remedy", "")), where=_spot(context, problem))
-    notes = [f"{w['message']} ({w.get('file')}:{w.get('line')})" for w in plan.get("warnings", [])]
-    processes, arguments = plan.get("processes", []), plan.get("arguments", [])
-    return passed(expected, f"{len(processes)} processes, {len(arguments)} arguments", where=(context.where(),), notes=notes)
+    problem = plan.problem
+    where = (Where(file=problem.file, line=problem.line),) if problem is not None and problem.file else (context.where(),)
+    if plan.outcome == "not_assessable" and problem is not None:
+        return inconclusive(expected, problem.message, "The grader cannot evaluate this launch file.", where=where)
+    if problem is not None and problem.kind not in ("unknown_executable", "unknown_package"):
+        return failed(expected, problem.message, _sentence(problem.message), hint=problem.remedy, where=where)
+    notes = [f"{w.message} ({w.file}:{w.line})" if w.file else w.message for w in plan.warnings]
+    return passed(expected, f"{len(plan.processes)} processes, {len(plan.arguments)} arguments", where=where, notes=notes)
+
+
+def _sentence(message: str) -> str:
+    text = message[:1].upper() + message[1:]
+    return text if text.endswith((".", "?", "!")) else text + "."
 
 
 class WantedArgument(Parameters):
@@ -91,8 +100,8 @@ def _same(a: Any, b: Any) -> bool:
 def launch_arguments(context: Context, p: LaunchArguments) -> Finding:
     """Judge the declared arguments by the plan."""
     expected = ", ".join(f"{a.name} = {a.default!r}" for a in p.arguments)
-    plan = plan_of(context, p.step) or {}
-    declared = {a["name"]: a for a in plan.get("arguments", [])}
+    plan = plan_of(context, p.step)
+    declared = {a.name: a for a in plan.arguments} if plan is not None else {}
     parts, reasons, spots = [], [], []
     for wanted in p.arguments:
         got = declared.get(wanted.name)
@@ -101,13 +110,16 @@ def launch_arguments(context: Context, p: LaunchArguments) -> Finding:
             others = [n for n in declared if n not in {a.name for a in p.arguments}]
             reasons.append(f"The argument {wanted.name} is not declared" + (f"; declared are {', '.join(others)}." if others else "."))
             continue
-        spots.append(Where(file=got.get("file"), line=got.get("line")))
-        right = got.get("default") is not None and _same(got["default"], wanted.default)
+        spots.append(Where(file=got.file, line=got.line))
+        right = got.default is not None and _same(got.default, wanted.default)
         parts.append(1.0 if right else 0.5)
         if not right:
-            default = "no default" if got.get("default") is None else f"the default {got['default']!r}"
+            default = "no default" if got.default is None else f"the default {got.default!r}"
             reasons.append(f"The argument {wanted.name} has {default}; {wanted.default!r} is asked for.")
-    measured = ", ".join(f"{n} = {a.get('default')!r}" for n, a in declared.items()) or "no arguments"
+    for problem in mended(context, p.step, "undefined_configuration"):
+        reasons.append(_sentence(problem["message"]))
+        spots.append(Where(file=problem["file"], line=problem["line"]))
+    measured = ", ".join(f"{n} = {a.default!r}" for n, a in declared.items()) or "no arguments"
     return graded(sum(parts) / len(parts), expected, measured, " ".join(reasons), where=spots or (context.where(),))
 
 
@@ -123,21 +135,16 @@ class WantedNode(Parameters):
 class LaunchNodes(Parameters):
     """The launch file starts nodes under their names; each is a part."""
 
+    step: str
     nodes: tuple[WantedNode, ...]
 
 
-def _entry_for(plan: Mapping[str, Any], wanted: WantedNode) -> Mapping[str, Any] | None:
-    """Return the plan's process that was meant: by node name, else by executable."""
-    short = wanted.node.rsplit("/", 1)[-1]
-    entries = plan.get("processes", [])
-    for entry in entries:
-        if entry.get("name") == short:
-            return entry  # type: ignore[no-any-return]
-    stem = wanted.executable.removesuffix(".py")
-    for entry in entries:
-        if str(entry.get("executable", "")).removesuffix(".py") == stem:
-            return entry  # type: ignore[no-any-return]
-    return None
+def _entry_for(plan: Plan, node: str, executable: str) -> Process | None:
+    """Return the plan's process that was meant: by the node's name, else by its executable."""
+    short = node.rsplit("/", 1)[-1]
+    by_name = next((e for e in plan.processes if e.name == short), None)
+    stem = executable.removesuffix(".py")
+    return by_name or next((e for e in plan.processes if str(e.executable).removesuffix(".py") == stem), None)
 
 
 def _charged(context: Context, check: str) -> bool:
@@ -149,67 +156,71 @@ def _charged(context: Context, check: str) -> bool:
 def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
     """Judge each node by the plan, and by the graph when it was really started."""
     expected = ", ".join(n.node for n in p.nodes)
-    plan = context.session.record.plan or {}
-    problem = plan.get("problem") or {}
-    if plan.get("outcome") == "error":
-        return _unresolved(context, p, expected, plan, problem)
+    plan = plan_of(context, p.step)
+    if plan is None or plan.problem is not None:
+        problem = plan.problem if plan is not None else None
+        where = (Where(file=problem.file, line=problem.line),) if problem is not None and problem.file else (context.where(),)
+        reason = _sentence(problem.message) if problem is not None else "The launch file could not be evaluated."
+        hint = problem.remedy if problem is not None else ""
+        return failed(expected, "nothing was started", f"{reason} `ros2 launch` stops there and starts nothing.", hint=hint, where=where)
     parts, reasons, notes, spots = [], [], [], []
     for wanted in p.nodes:
         share, reason, note = _judge_node(context, plan, wanted)
         parts.append(share)
         reasons += [reason] if reason else []
         notes += [note] if note else []
-        entry = _entry_for(plan, wanted)
-        spots += [Where(file=entry.get("file"), line=entry.get("line"))] if entry and share < 1 else []
+        entry = _entry_for(plan, wanted.node, wanted.executable)
+        spots += [Where(file=entry.file, line=entry.line)] if entry and share < 1 else []
+    unknown = mended(context, p.step, "unknown_executable", "unknown_package")
+    hint = ""
+    for problem in unknown:
+        if any(a.path is None and a.expected.removesuffix(".py") in problem["message"] for a in context.submission.artifacts):
+            notes.append(f"{_sentence(problem['message'])} Its file is missing, which is charged elsewhere.")
+            continue
+        parts.append(parts.pop() - 1.0)
+        reasons.insert(0, f"{_sentence(problem['message'])} `ros2 launch` stops there and starts nothing.")
+        hint = str(problem["remedy"])
+        spots.insert(0, Where(file=problem["file"], line=problem["line"]))
     up = [n for n in context.session.nodes if n not in context.reference_nodes]
     measured = ", ".join(up) or "no node of the student's in the graph"
-    return graded(sum(parts) / len(parts), expected, measured, " ".join(reasons), where=spots or (context.where(),), notes=notes)
+    share = max(0.0, sum(parts) / len(parts))
+    return graded(share, expected, measured, " ".join(reasons), hint=hint, where=spots or (context.where(),), notes=notes)
 
 
-def _unresolved(context: Context, p: LaunchNodes, expected: str, plan: Mapping[str, Any], problem: Mapping[str, Any]) -> Finding:
-    """Judge a plan in which a package or executable was not found: `ros2 launch` would start nothing.
-
-    An executable whose artifact was not handed in is charged where the artifact is.
-    """
-    missing = [n for n in p.nodes if context.path_of(n.artifact) is None]
-    message = str(problem.get("message", ""))
-    if missing and any(n.executable in message for n in missing):
-        note = f"{message} The missing file is charged elsewhere."
-        return passed(expected, "described, but a file is missing", where=_spot(context, problem), notes=(note,))
-    found = [n for n in p.nodes if _entry_for(plan, n) is not None]
-    share = 0.5 * max(0, len(found) - 1) / len(p.nodes) if found else 0.0
-    reason = f"{message} `ros2 launch` stops there and starts nothing."
-    return graded(share, expected, "nothing was started", reason, hint=str(problem.get("remedy", "")), where=_spot(context, problem))
-
-
-def _judge_node(context: Context, plan: Mapping[str, Any], wanted: WantedNode) -> tuple[float, str, str]:
+def _judge_node(context: Context, plan: Plan, wanted: WantedNode) -> tuple[float, str, str]:
     """Return the share, the reason for what is lost, and a note where somebody else charges for it."""
-    entry = _entry_for(plan, wanted)
     if wanted.node in context.session.nodes:
         return 1.0, "", ""
+    entry = _entry_for(plan, wanted.node, wanted.executable)
     if entry is None:
-        if context.path_of(wanted.artifact) is None:
-            return 0.0, f"The launch file starts no {wanted.executable}.", ""
         return 0.0, f"Nothing in the launch file starts {wanted.executable}.", ""
     name = wanted.node.rsplit("/", 1)[-1]
-    run = context.session.process(str(entry.get("id")))
-    if entry.get("name") in (name, None) and _charged(context, wanted.charged_by):
+    if context.path_of(wanted.artifact) is None:
+        return 1.0, "", f"The file for {wanted.node} is missing, which is charged in {wanted.charged_by}."
+    if entry.name in (name, None) and _charged(context, wanted.charged_by):
         return 1.0, "", f"{wanted.node} did not come up by its own fault, which is charged in {wanted.charged_by}."
     used = context.session.used(wanted.node)
-    if entry.get("name") not in (name, None) or used != wanted.node:
-        return 0.5, f"{wanted.executable} runs under the name {entry.get('name') or used}, not {name}.", ""
+    if entry.name not in (name, None) or used != wanted.node:
+        return 0.5, f"{wanted.executable} runs under the name {entry.name or used}, not {name}.", ""
+    return 0.0, _why_down(context, entry, wanted.executable), ""
+
+
+def _why_down(context: Context, entry: Process, executable: str) -> str:
+    run = context.session.process(entry.id)
     if run is None:
-        return 0.0, f"{wanted.executable} was not started.", ""
-    said = f", saying {run.output[-1].text!r}" if run.output else ""
-    state = f"ended with status {run.exit_status}{said}" if run.exited_ns and not run.interrupted_ns else "ran, but no such node appeared"
-    return 0.0, f"{wanted.executable} {state}.", ""
+        return f"{executable} was not started."
+    if run.exited_ns is None or run.interrupted_ns is not None:
+        return f"{executable} ran, but no such node appeared."
+    found = explain(run.output, [f.path for f in context.submission.files])
+    said = f": {found.sentence}" if found else (f", saying {run.output[-1].text!r}." if run.output else ".")
+    return f"{executable} ended with status {run.exit_status}{said}"
 
 
 class WantedNodeParameter(Parameters):
     """A parameter of a launched node, with the value for the default arguments and for others."""
 
     node: str
-    artifact: str
+    executable: str
     step: str
     name: str
     value: Any
@@ -219,14 +230,15 @@ class WantedNodeParameter(Parameters):
 class LaunchParameters(Parameters):
     """Parameters reach the running nodes, and follow the launch arguments; each is a part."""
 
+    step: str
     parameters: tuple[WantedNodeParameter, ...]
-    other_step: str
+    other_step: str = Field(description="Step that evaluated the file with other arguments.")
 
 
 def launch_parameters(context: Context, p: LaunchParameters) -> Finding:
     """Judge values in the running nodes, or in the plan where a node does not declare the parameter."""
     expected = ", ".join(f"{w.node} {w.name} = {w.value!r}" for w in p.parameters)
-    plan, other = context.session.record.plan or {}, plan_of(context, p.other_step) or {}
+    plan, other = plan_of(context, p.step), plan_of(context, p.other_step)
     parts, reasons, texts = [], [], []
     for wanted in p.parameters:
         share, reason, text = _judge_parameter(context, wanted, plan, other)
@@ -239,33 +251,14 @@ def launch_parameters(context: Context, p: LaunchParameters) -> Finding:
 _MISSING = object()
 
 
-def _planned(plan: Mapping[str, Any], wanted: WantedNodeParameter) -> Any:
-    """Return a parameter's value in a plan; the last one given wins."""
-    short, value = wanted.node.rsplit("/", 1)[-1], _MISSING
-    for entry in plan.get("processes", []):
-        executable = str(entry.get("executable", "")).removesuffix(".py")
-        if entry.get("name") != short and not (entry.get("name") is None and executable in wanted.node):
-            continue
-        for parameter in entry.get("parameters", []):
-            if parameter.get("name") == wanted.name:
-                value = parameter.get("value")
-            elif isinstance(parameter.get("content"), dict):
-                value = _in_file(parameter["content"], wanted, value)
-    return value
-
-
-def _in_file(content: Mapping[str, Any], wanted: WantedNodeParameter, value: Any) -> Any:
-    short = wanted.node.rsplit("/", 1)[-1]
-    for key in ("/**", short, wanted.node):
-        section = content.get(key)
-        parameters = section.get("ros__parameters", {}) if isinstance(section, dict) else {}
-        if isinstance(parameters, dict) and wanted.name in parameters:
-            value = parameters[wanted.name]
-    return value
+def _planned(plan: Plan | None, wanted: WantedNodeParameter) -> Any:
+    """Return the value that a plan gives a node's parameter."""
+    entry = _entry_for(plan, wanted.node, wanted.executable) if plan is not None else None
+    return entry.effective_parameters().get(wanted.name, _MISSING) if entry is not None else _MISSING
 
 
 def _judge_parameter(
-    context: Context, wanted: WantedNodeParameter, plan: Mapping[str, Any], other: Mapping[str, Any]
+    context: Context, wanted: WantedNodeParameter, plan: Plan | None, other: Plan | None
 ) -> tuple[float, str, str]:
     planned = _planned(plan, wanted)
     step = context.session.step(wanted.step)

@@ -27,6 +27,7 @@ _MAIN_GUARD = re.compile(
     r"^if\s+__name__\s*==\s*['\"]__main__['\"]|^if\s+['\"]__main__['\"]\s*==\s*__name__", re.M
 )
 _MAIN = re.compile(r"^(?:async\s+)?def\s+main\s*\(", re.MULTILINE)
+_PARAMETER_VALUES = frozenset(["value", "double_value", "integer_value", "string_value", "bool_value"])
 _POLICY = re.compile(r"(?:QoS)?(Reliability|Durability|History|Liveliness)Policy$")
 _RMW_PREFIX = re.compile(r"^RMW_QOS_POLICY_(?:RELIABILITY|DURABILITY|HISTORY|LIVELINESS)_")
 _POLICY_NUMBERS: dict[str, dict[int, str]] = {
@@ -102,6 +103,10 @@ class _Policy:
 
     kind: str
     word: str
+
+
+class _Instance(dict[str, Any]):
+    """An object with known fields, told apart from a dictionary of the student's."""
 
 
 class _Profile(dict[str, Any]):
@@ -286,6 +291,7 @@ class _Reader:
         self._scope: dict[ast.AST, _Scope] = {}
         self._functions: dict[str, list[_Function]] = {}
         self._callers: dict[str, list[ast.Call]] = {}
+        self._classes: dict[str, ast.ClassDef] = {}
         self._returns: dict[_Function, list[ast.Return]] = {}
         self._aliases: dict[str, str] = {}
         self._module = _Scope(tree, None)
@@ -314,6 +320,8 @@ class _Reader:
             self._note_target(node.target, None, scope)
         elif isinstance(node, _Function):
             self._functions.setdefault(node.name, []).append(node)
+        elif isinstance(node, ast.ClassDef):
+            self._classes[node.name] = node
         elif isinstance(node, ast.ImportFrom):
             self._aliases.update({alias.asname: alias.name for alias in node.names if alias.asname})
         elif isinstance(node, ast.Call):
@@ -391,9 +399,11 @@ class _Reader:
         if not isinstance(function, _Function) or depth > 3:
             return [{}]
         names = [a.arg for a in [*function.args.posonlyargs, *function.args.args]]
-        if not names or names == ["self"] or len(self._functions.get(function.name, ())) != 1:
+        is_initialiser = function.name == "__init__"
+        is_ambiguous = len(self._functions.get(function.name, ())) != 1 and not is_initialiser
+        if not names or names == ["self"] or is_ambiguous:
             return [{}]
-        key = (self.class_of(function) or "") if function.name == "__init__" else function.name
+        key = (self.class_of(function) or "") if is_initialiser else function.name
         cases: list[_Bindings] = []
         for call in self._callers.get(key, ())[:CASE_LIMIT]:
             cases.extend(self._bound(function, call, case) for case in self.cases(call, depth + 1))
@@ -413,6 +423,7 @@ class _Reader:
             return bound
         if names and names[0] in ("self", "cls"):
             names = names[1:]
+        bound.update(self._spread(call, names, case))
         for name, argument_node in _arguments(call, tuple(names)).items():
             value = self.value(argument_node, case)
             if value is _UNKNOWN and isinstance(argument_node, (ast.Name, ast.Attribute)):
@@ -420,9 +431,18 @@ class _Reader:
             bound[name] = value
         return bound
 
+    def _spread(self, call: ast.Call, names: list[str], case: _Bindings) -> dict[str, Any]:
+        """Parameters that a starred last argument fills."""
+        if not call.args or not isinstance(call.args[-1], ast.Starred):
+            return {}
+        items = self.value(call.args[-1].value, case)
+        if not isinstance(items, (list, tuple)):
+            return {}
+        return dict(zip(names[len(call.args) - 1 :], items, strict=False))
+
     def _turns(self, loop: ast.For | ast.AsyncFor | ast.comprehension, case: _Bindings) -> list[_Bindings]:
         items = self.value(loop.iter, case)
-        if isinstance(items, dict) and not isinstance(items, _Profile):
+        if isinstance(items, dict) and not isinstance(items, (_Profile, _Instance)):
             items = list(items)
         if not isinstance(items, (list, tuple)):
             return [case]
@@ -504,10 +524,41 @@ class _Reader:
             values = holder.assigned.get(f"self.{node.attr}") or holder.assigned.get(node.attr) or []
             value = self.value(values[0], bindings, depth) if len(values) == 1 else _UNKNOWN
             return self._amended(value, holder, f"self.{node.attr}", bindings, depth)
+        if node.attr in _PARAMETER_VALUES and isinstance(node.value, ast.Call):
+            return self._parameter(node.value, bindings, depth)
         inner = self.value(node.value, bindings, depth)
         if isinstance(inner, _Profile):
             return inner if node.attr == "value" else inner.get(node.attr, _UNKNOWN)
+        return inner.get(node.attr, _UNKNOWN) if isinstance(inner, _Instance) else _UNKNOWN
+
+    def _parameter(self, call: ast.Call, bindings: _Bindings, depth: int) -> Any:
+        """Default of the parameter that `call` declares or gets."""
+        if _called(call) == "get_parameter_value" and isinstance(call.func, ast.Attribute):
+            holder = call.func.value
+            return self._parameter(holder, bindings, depth) if isinstance(holder, ast.Call) else _UNKNOWN
+        if _called(call) == "get_parameter" and call.args:
+            name = self.value(call.args[0], bindings, depth)
+            declared = [
+                c
+                for c in self._callers.get("declare_parameter", ())[:CASE_LIMIT]
+                if len(c.args) > 1 and self.value(c.args[0], {}, depth) == name
+            ]
+            return self.value(declared[0].args[1], {}, depth) if len(declared) == 1 else _UNKNOWN
+        if _called(call) == "declare_parameter" and len(call.args) > 1:
+            return self.value(call.args[1], bindings, depth)
         return _UNKNOWN
+
+    def _instance(self, holder: ast.ClassDef, call: ast.Call, bindings: _Bindings, depth: int) -> Any:
+        """An object of a class of the file that has fields only, as a dataclass or a named tuple."""
+        names = [
+            statement.target.id
+            for statement in holder.body
+            if isinstance(statement, ast.AnnAssign) and isinstance(statement.target, ast.Name)
+        ]
+        if not names:
+            return _UNKNOWN
+        arguments = _arguments(call, tuple(names))
+        return _Instance({name: self.value(value, bindings, depth) for name, value in arguments.items()})
 
     def _dictionary(self, node: ast.Dict, bindings: _Bindings, depth: int) -> Any:
         result: dict[Any, Any] = {}
@@ -541,6 +592,10 @@ class _Reader:
             return list(getattr(holder, name)()) if isinstance(holder, dict) else _UNKNOWN
         if name in ("list", "tuple", "float", "int", "str", "copy", "deepcopy", "enumerate", "sorted"):
             return self._builtin(name, node, bindings, depth)
+        if name == "dict" and not node.args:
+            return {k.arg: self.value(k.value, bindings, depth) for k in node.keywords if k.arg}
+        if name in self._classes:
+            return self._instance(self._classes[name], node, bindings, depth)
         functions = self._functions.get(name, [])
         if len(functions) == 1 and depth < DEPTH_LIMIT:
             returns = self._returns_of(functions[0])

@@ -43,6 +43,7 @@ COMMAND_LIMIT = 500
 _TOPIC_ENDING = 3
 _EXCERPT_LENGTH = 120
 _OPENING_LENGTH = 4
+_SECOND_SHARE = 0.25
 _STUFFING_RATIO = 1.5
 _COMMAND_START = re.compile(r"^[\s>*+-]{0,8}(?:[$#%]\s+)?")
 
@@ -224,7 +225,7 @@ def coverage(
     """How `document` describes each of `topics`.
 
     A sentence counts for the topic of the heading above it, and for those that it names: fully for the
-    first of two, half for the second, and for each its part where more are listed. One that names none
+    first of two, a quarter for the second, and for each its part where more are listed. One that names none
     continues the one before. The same sentence said of several topics, names aside, counts for none.
     """
     known = [
@@ -306,11 +307,11 @@ def _shares(
     A sentence, item or row that opens with a part's name is about that part, whatever the heading.
     """
     if opens_with_name and len(named) <= 2:
-        return {topic: 0.5 if place else 1.0 for place, topic in enumerate(named)}
+        return {topic: _SECOND_SHARE if place else 1.0 for place, topic in enumerate(named)}
     if len(heading) == 1 and len(named) <= 2:
-        return {heading[0]: 1.0, **{topic: 0.5 for topic in named if topic != heading[0]}}
+        return {heading[0]: 1.0, **{topic: _SECOND_SHARE for topic in named if topic != heading[0]}}
     if len(named) == 2:
-        return {named[0]: 1.0, named[1]: 0.5}
+        return {named[0]: 1.0, named[1]: _SECOND_SHARE}
     meant = named or current
     return {topic: 1 / len(meant) for topic in meant}
 

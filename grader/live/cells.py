@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import fcntl
 import json
 import os
 import shutil
@@ -84,29 +85,24 @@ class Sessions:
 
     async def _record_all(self, chosen: Sequence[str], on_progress: Callable[[Progress], None], at_a_time: int) -> None:
         queue = sorted((self.rubric.sessions[name] for name in chosen), key=lambda s: -s.typical_s)
-        slots = list(range(at_a_time))
         turn = asyncio.Semaphore(at_a_time)
 
         async def one(spec: SessionSpec) -> None:
             async with turn:
-                slot = slots.pop()
-                try:
-                    await self._record_one(spec, slot, on_progress)
-                finally:
-                    slots.append(slot)
-                    on_progress(Progress(spec.id, "recorded", ended=True))
+                await self._record_one(spec, on_progress)
+                on_progress(Progress(spec.id, "recorded", ended=True))
 
         await asyncio.gather(*(one(spec) for spec in queue))
 
-    async def _record_one(self, spec: SessionSpec, slot: int, on_progress: Callable[[Progress], None]) -> None:
+    async def _record_one(self, spec: SessionSpec, on_progress: Callable[[Progress], None]) -> None:
         folder = self.recordings / spec.id
         partial = self.recordings / f".{spec.id}.partial"
         shutil.rmtree(partial, ignore_errors=True)
         partial.mkdir(parents=True)
         scratch = Path(tempfile.mkdtemp(prefix="grade-"))
         try:
-            with _domain(self.isolation) as domain_id:
-                plan = self._plan(spec, partial, scratch, slot, domain_id)
+            with _number() as number:
+                plan = self._plan(spec, partial, scratch, number)
                 (scratch / "plan.json").write_text(json.dumps(asdict(plan)), encoding="utf-8")
                 await self._run_cell(spec, scratch, on_progress)
         finally:
@@ -114,7 +110,7 @@ class Sessions:
         shutil.rmtree(folder, ignore_errors=True)
         partial.rename(folder)
 
-    def _plan(self, spec: SessionSpec, folder: Path, scratch: Path, slot: int, domain_id: int) -> SessionPlan:
+    def _plan(self, spec: SessionSpec, folder: Path, scratch: Path, number: int) -> SessionPlan:
         return SessionPlan(
             session=spec.id,
             steps=[{"kind": s.kind, "parameters": s.parameters, "label": s.label} for s in spec.steps],
@@ -131,8 +127,8 @@ class Sessions:
             expected=names_in(self.rubric),
             isolation=self.isolation.to_plain(),
             interpreter=str(self.interpreter),
-            slot=slot,
-            domain_id=domain_id,
+            slot=number,
+            domain_id=number if self.isolation.form is Form.NONE else 0,
             timeout_s=spec.timeout_s,
             versions=self.versions,
         )
@@ -171,21 +167,19 @@ async def _follow(process: asyncio.subprocess.Process, session: str, on_progress
 
 
 @contextmanager
-def _domain(isolation: Isolation) -> Iterator[int]:
-    """Yield a ROS domain: 0 in a network of one's own, else one that no other grading here uses."""
-    if isolation.form is not Form.NONE:
-        yield 0
-        return
-    import fcntl
+def _number() -> Iterator[int]:
+    """Yield a number from 1 to 101 that no other cell on this machine has at the time.
 
-    folder = Path(tempfile.gettempdir()) / f"grade-domains-{os.getuid()}"
+    It makes the cell's user id where cells have their own, and its ROS domain where they share a network.
+    """
+    folder = Path(tempfile.gettempdir()) / f"grade-cells-{os.getuid()}"
     folder.mkdir(exist_ok=True)
-    for domain_id in range(1, 102):
-        with (folder / str(domain_id)).open("w") as lock:
+    for number in range(1, 102):
+        with (folder / str(number)).open("w") as lock:
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 continue
-            yield domain_id
+            yield number
             return
-    raise RuntimeError("all ROS domains from 1 to 101 are in use by other gradings")
+    raise RuntimeError("there are 101 cells on this machine already")

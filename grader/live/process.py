@@ -205,6 +205,41 @@ class RunningProcess:
         self.run.usage.append(Usage(time.time_ns(), cpu_ns, delay_ns))
 
 
+class PipeReader:
+    """Collects what comes through a pipe, up to a limit, and hands it on when the pipe closes."""
+
+    def __init__(self, fd: int, limit_bytes: int, on_end: Callable[[str], None]) -> None:
+        self._fd, self._limit, self._on_end = fd, limit_bytes, on_end
+        self._blocks: list[bytes] = []
+        self._size = 0
+        os.set_blocking(fd, False)
+        asyncio.get_running_loop().add_reader(fd, self._read)
+
+    def _read(self) -> None:
+        try:
+            block = os.read(self._fd, 65536)
+        except BlockingIOError:
+            return
+        if not block:
+            self.close()
+        elif self._size < self._limit:
+            self._size += len(block)
+            self._blocks.append(block)
+
+    def close(self) -> None:
+        """Take what is left in the pipe, close it, and hand everything on."""
+        if self._fd < 0:
+            return
+        with suppress(BlockingIOError):
+            while self._size < self._limit and (block := os.read(self._fd, 65536)):
+                self._size += len(block)
+                self._blocks.append(block)
+        asyncio.get_running_loop().remove_reader(self._fd)
+        os.close(self._fd)
+        self._fd = -1
+        self._on_end(b"".join(self._blocks).decode("utf-8", "replace"))
+
+
 def children_of(pid: int) -> list[int]:
     """Return the process ids of a process's children."""
     try:

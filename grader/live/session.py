@@ -26,7 +26,8 @@ from typing import Any
 
 from grader.live.environment import INSIDE_FOLDER, student_environment, trusted_environment
 from grader.live.isolation import HOME, INSIDE, LAUNCHING, WORKSPACE, Form, Isolation, student_argv, student_uid
-from grader.live.process import RunningProcess
+from grader.live.launched import LaunchRunner
+from grader.live.process import PipeReader, RunningProcess
 from grader.recording.session import (
     Claim,
     GraphSnapshot,
@@ -41,7 +42,6 @@ from grader.recording.session import (
 _HERE = Path(__file__).parent
 _WORKSPACE_BYTES = 256 * 1024 * 1024
 _MAX_CLAIM_BYTES = 512 * 1024
-_MAX_PLAN_BYTES = 4 * 1024 * 1024
 _DIRECTOR_START_S = 20.0
 _DIRECTOR_STOP_S = 8.0
 _REFERENCE_START_S = 15.0
@@ -152,8 +152,7 @@ class Session:
         self.seen_tools = {t: t if confined else str(p) for t, p in self.tools.items()}
         self.processes: dict[str, RunningProcess] = {}
         self.director: _Director | None = None
-        self._deferred: set[asyncio.Task[None]] = set()
-        self._ending = False
+        self._launch = LaunchRunner(self)
 
     async def run(self) -> None:
         """Run the session and leave its record, whatever happens."""
@@ -216,9 +215,7 @@ class Session:
         return await RunningProcess.start(run, argv, environment=environment, cwd="/", with_input=with_input, on_message=on_message)
 
     async def _finish(self) -> None:
-        self._ending = True
-        for task in self._deferred:
-            task.cancel()
+        self._launch.end()
         for name, process in self.processes.items():
             if process.alive and process.run.role == "student":
                 await process.kill()
@@ -262,7 +259,7 @@ class Session:
         if parameters["reference"]:
             return await self._start_reference(parameters["reference"], parameters["with"])
         if parameters["launch"]:
-            return await self._start_launch(parameters["launch"])
+            return await self._launch.start(self.record.plan)
         artifact = parameters["student"]
         wrapper = self.plan.executables.get(artifact)
         if wrapper is None:
@@ -279,10 +276,10 @@ class Session:
         command += ["--ros-args", *arguments] if arguments else []
         source = Path(self.plan.sources.get(artifact, ""))
         cwd = str(Path(self.seen_workspace) / "src" / source.parent)
-        await self._start_student(name, command, artifact=artifact, cwd=cwd)
+        await self.start_student(name, command, artifact=artifact, cwd=cwd)
         return "done", {"started": True}
 
-    async def _start_student(
+    async def start_student(
         self, name: str, command: list[str], *, artifact: str | None = None, cwd: str | None = None,
         environment: dict[str, str] | None = None,
     ) -> RunningProcess:
@@ -291,25 +288,25 @@ class Session:
         info_read, info_write = os.pipe()
         tap_read, tap_write = os.pipe()
         os.set_blocking(info_read, False)
-        base = self._student_environment({"GRADER_TAP_FD": str(tap_write), **(environment or {})})
-        argv = self._confined(command, base, info_write, cwd)
+        base = self.student_environment({"GRADER_TAP_FD": str(tap_write), **(environment or {})})
+        argv = self.confined(command, base, info_write, cwd)
         running = await RunningProcess.start(
             run, argv, environment={"PATH": os.environ.get("PATH", "/usr/bin:/bin")}, cwd="/",
             pass_fds=(info_write, tap_write), child_pid_fd=info_read if self.isolation.form is not Form.NONE else None,
         )
         os.close(info_write)
         os.close(tap_write)
-        _PipeReader(tap_read, _MAX_CLAIM_BYTES, lambda text: self._note_claims(run, text))
+        PipeReader(tap_read, _MAX_CLAIM_BYTES, lambda text: self._note_claims(run, text))
         self.processes[name] = running
         return running
 
-    def _student_environment(self, more: dict[str, str]) -> dict[str, str]:
+    def student_environment(self, more: dict[str, str]) -> dict[str, str]:
         base = student_environment(
             Path(self.plan.interpreter), self.seen_home, self.seen_workspace, self.seen_tools[INSIDE], self.plan.domain_id
         )
         return {**base, **more}
 
-    def _confined(self, command: list[str], environment: dict[str, str], info_fd: int, cwd: str | None) -> list[str]:
+    def confined(self, command: list[str], environment: dict[str, str], info_fd: int, cwd: str | None) -> list[str]:
         return student_argv(
             self.isolation, command, environment=environment, workspace=self.workspace, tools=self.tools,
             interpreter=Path(self.plan.interpreter), slot=self.plan.slot, info_fd=info_fd, cwd=cwd or self.seen_home,
@@ -362,7 +359,7 @@ class Session:
     async def _direct(self, op: str, parameters: dict[str, Any]) -> tuple[str, dict[str, Any]]:
         """Have the director do it, but not for longer than the student has processes."""
         assert self.director is not None
-        if not any(p.alive for p in self._students()) and not self._deferred:
+        if not any(p.alive for p in self._students()) and not self._launch.waiting:
             return "cancelled", {"problem": "the student's process had ended"}
         answer = asyncio.create_task(self.director.ask({"op": op, **parameters}))
         ended = asyncio.create_task(self._students_ended())
@@ -376,8 +373,8 @@ class Session:
         return [p for p in self.processes.values() if p.run.role == "student"]
 
     async def _students_ended(self) -> None:
-        while self._deferred or any(p.alive for p in self._students()):
-            await asyncio.wait({p.exited for p in self._students() if p.alive} | self._deferred, return_when=asyncio.FIRST_COMPLETED)
+        while self._launch.waiting or any(p.alive for p in self._students()):
+            await asyncio.wait({p.exited for p in self._students() if p.alive} | self._launch.waiting, return_when=asyncio.FIRST_COMPLETED)
         await asyncio.sleep(_AFTER_EXIT_S)
 
     async def _wait_output(self, name: str, text: str, timeout_s: float) -> tuple[str, dict[str, Any]]:
@@ -398,7 +395,7 @@ class Session:
         everyone = parameters["process"] == "*"
         chosen = [p for p in self._students() if everyone or p.run.name == parameters["process"]]
         if everyone:
-            self._ending = True
+            self._launch.end()
         alive = [p for p in chosen if p.alive]
         await asyncio.gather(*(p.stop(parameters["timeout_s"]) for p in alive))
         ended = {p.run.name: p.run.ended_by for p in chosen}
@@ -414,146 +411,13 @@ class Session:
     # -- launch files -------------------------------------------------------------------------
 
     async def _step_plan(self, parameters: dict[str, Any]) -> tuple[str, dict[str, Any]]:
-        source = self.plan.sources.get(parameters["launch"])
-        if source is None:
-            return "failed", {"problem": "missing artifact", "artifact": parameters["launch"]}
-        outcome, plan = await self._evaluate(source, parameters["arguments"], parameters["timeout_s"])
+        outcome, result = await self._launch.plan(parameters)
         if self.record.plan is None and not parameters["arguments"]:
-            self.record.plan = plan
-        return outcome, {"plan": plan}
-
-    async def _evaluate(self, source: str, arguments: dict[str, str], timeout_s: float) -> tuple[str, dict[str, Any]]:
-        """Execute the launch file, confined, and read its plan from a pipe of its own."""
-        root = f"{self.seen_workspace}/src"
-        request = {"file": f"{root}/{source}", "arguments": arguments, "root": root}
-        result_read, result_write = os.pipe()
-        info_read, info_write = os.pipe()
-        os.set_blocking(info_read, False)
-        command = [self.plan.interpreter, f"{self.seen_tools[LAUNCHING]}/evaluate.py", "--result-fd", str(result_write)]
-        environment = self._student_environment({"PYTHONPATH": ""})
-        run = ProcessRun("launch file" + "".join(f" {k}:={v}" for k, v in arguments.items()), "student", command)
-        self.record.processes.append(run)
-        received: list[str] = []
-        running = await RunningProcess.start(
-            run, self._confined(command, environment, info_write, f"{root}/{Path(source).parent}"),
-            environment={"PATH": os.environ.get("PATH", "/usr/bin:/bin")}, cwd="/", pass_fds=(info_write, result_write),
-            child_pid_fd=info_read if self.isolation.form is not Form.NONE else None, with_input=True,
-        )
-        os.close(info_write)
-        os.close(result_write)
-        reader = _PipeReader(result_read, _MAX_PLAN_BYTES, received.append)
-        running.write(json.dumps(request).encode())
-        running.close_input()
-        in_time = await running.wait_exit(timeout_s)
-        await running.kill()
-        reader.close()
-        return _read_plan(received, in_time, timeout_s, run)
-
-    async def _start_launch(self, artifact: str) -> tuple[str, dict[str, Any]]:
-        plan = self.record.plan
-        if plan is None or plan.get("outcome") != "ok":
-            return "failed", {"problem": "the launch file could not be evaluated"}
-        files = self.workspace / "parameters"
-        files.mkdir(exist_ok=True)
-        started, waiting = [], []
-        for entry in plan["processes"]:
-            for name, text in entry.get("parameter_files", {}).items():
-                (files / Path(name).name).write_text(text, encoding="utf-8")
-            if entry.get("when"):
-                waiting.append(entry)
-            elif entry.get("path"):
-                started.append(entry["id"])
-                await self._start_planned(entry)
-        for entry in waiting:
-            task = asyncio.create_task(self._start_later(entry))
-            self._deferred.add(task)
-            task.add_done_callback(self._deferred.discard)
-        return "done", {"started": started, "later": [e["id"] for e in waiting]}
-
-    async def _start_planned(self, entry: dict[str, Any]) -> None:
-        argv = [a.replace("{parameters}", f"{self.seen_workspace}/parameters") for a in entry["argv"]]
-        running = await self._start_student(
-            entry["id"], [entry["path"], *argv], environment=entry.get("env") or {}, cwd=entry.get("cwd") or None
-        )
-        if entry.get("respawn"):
-            task = asyncio.create_task(self._respawn(entry, running))
-            self._deferred.add(task)
-            task.add_done_callback(self._deferred.discard)
-
-    async def _respawn(self, entry: dict[str, Any], running: RunningProcess, limit: int = 3) -> None:
-        await running.wait_exit(self.plan.timeout_s)
-        if not self._ending and limit > 0:
-            await asyncio.sleep(float(entry.get("respawn_delay_s") or 0.0))
-            again = {**entry, "id": f"{entry['id']} (again)", "respawn": False}
-            await self._start_planned(again)
-
-    async def _start_later(self, entry: dict[str, Any]) -> None:
-        when = entry["when"]
-        if "after_s" in when:
-            await asyncio.sleep(float(when["after_s"]))
-        elif "on_exit_of" in when or "on_start_of" in when:
-            awaited = when.get("on_exit_of") or when.get("on_start_of")
-            while awaited not in self.processes:
-                await asyncio.sleep(0.05)
-            if "on_exit_of" in when:
-                await self.processes[awaited].wait_exit(self.plan.timeout_s)
-        else:
-            return
-        if not self._ending:
-            await self._start_planned(entry)
+            self.record.plan = result.get("plan")
+        return outcome, result
 
 
 _NAMED = ("node", "publisher", "subscription", "service")
-
-
-class _PipeReader:
-    """Collects what comes through a pipe, up to a limit, and hands it on when the pipe closes."""
-
-    def __init__(self, fd: int, limit_bytes: int, on_end: Any) -> None:
-        self._fd, self._limit, self._on_end = fd, limit_bytes, on_end
-        self._blocks: list[bytes] = []
-        self._size = 0
-        os.set_blocking(fd, False)
-        asyncio.get_running_loop().add_reader(fd, self._read)
-
-    def _read(self) -> None:
-        try:
-            block = os.read(self._fd, 65536)
-        except BlockingIOError:
-            return
-        if not block:
-            self.close()
-        elif self._size < self._limit:
-            self._size += len(block)
-            self._blocks.append(block)
-
-    def close(self) -> None:
-        if self._fd < 0:
-            return
-        with suppress(BlockingIOError):
-            while self._size < self._limit and (block := os.read(self._fd, 65536)):
-                self._size += len(block)
-                self._blocks.append(block)
-        asyncio.get_running_loop().remove_reader(self._fd)
-        os.close(self._fd)
-        self._fd = -1
-        self._on_end(b"".join(self._blocks).decode("utf-8", "replace"))
-
-
-def _read_plan(received: list[str], in_time: bool, timeout_s: float, run: ProcessRun) -> tuple[str, dict[str, Any]]:
-    """Make a plan out of what the evaluation wrote, or of its silence."""
-    with suppress(ValueError, IndexError, TypeError):
-        plan = json.loads(received[0])
-        if isinstance(plan, dict) and plan.get("outcome") in ("ok", "error", "not_assessable"):
-            return "done", plan
-    said = run.output[-1].text if run.output else ""
-    message = (
-        f"evaluating the launch file ended with status {run.exit_status} and no description. {said}".strip()
-        if in_time
-        else f"the launch file was still busy after {timeout_s:g} s; a launch file describes processes and returns at once"
-    )
-    problem = {"kind": "no_plan" if in_time else "too_slow", "message": message, "file": "", "line": 0, "remedy": ""}
-    return ("done" if in_time else "timeout"), {"outcome": "error", "problem": problem, "processes": [], "arguments": []}
 
 
 def _describe(step: StepRun) -> str:

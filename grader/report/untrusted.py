@@ -10,13 +10,17 @@ import unicodedata
 
 LONGEST = 4000
 
-#: What a terminal obeys and does not show: CSI, OSC and the other string sequences, and two-character escapes.
+#: What a terminal obeys and does not show: CSI, OSC and other string sequences, and two-character escapes.
 _ANSI = re.compile(
     r"(?:\x1b\[|\x9b)[0-?]*[ -/]*[@-~]"
     r"|(?:\x1b[\]PX^_]|[\x9d\x90\x98\x9e\x9f])[^\x07\x1b\x9c]{0,4000}(?:\x07|\x1b\\|\x9c)"
     r"|\x1b[ -/]*[0-~]"
 )
 _MOST_MARKS = 3
+#: Line end, tab, and the joiners that some scripts and emoji are written with.
+_KEPT = "\n\t\u200c\u200d"
+#: Control, format (direction, no width), surrogate, no character at all, line and paragraph separators.
+_HIDDEN = frozenset({"Cc", "Cf", "Cs", "Cn", "Zl", "Zp"})
 
 
 def shown(text: str, longest: int = LONGEST) -> str:
@@ -52,10 +56,4 @@ def line(text: str, longest: int = 300) -> str:
 
 
 def _harmless(character: str) -> bool:
-    if character in "\n\t":
-        return True
-    # Cc control, Cf format (bidirectional, zero width), Cs surrogate, Cn not a character, Zl and Zp line ends
-    return character.isascii() and character.isprintable() or unicodedata.category(character) not in _HIDDEN
-
-
-_HIDDEN = frozenset({"Cc", "Cf", "Cs", "Cn", "Zl", "Zp"})
+    return character in _KEPT or unicodedata.category(character) not in _HIDDEN

@@ -127,8 +127,24 @@ def test_an_unknown_policy_is_left_out() -> None:
     def make(self, depth):
         return QoSProfile(depth=depth)
         """,
+        """
+        self.both = [Channel(self, *pair) for pair in dict(a=1, b=2).items()]
+class Channel:
+    def __init__(self, node, name, qos):
+        node.create_publisher(String, '/test_' + name, qos)
+        """,
+        """
+        for candidate in candidates():
+            self.create_publisher(String, '/test_' + candidate.name, candidate.qos)
+@dataclass
+class Candidate:
+    name: str
+    qos: int
+def candidates():
+    return [Candidate('a', 1), Candidate(qos=2, name='b')]
+        """,
     ],
-    ids=["items", "keys", "filled", "pairs", "helper", "factory"],
+    ids=["items", "keys", "filled", "pairs", "helper", "factory", "class", "dataclass"],
 )
 def test_loops_and_helpers_are_followed(body: str) -> None:
     """A call that a loop or a helper reaches several times is several facts."""
@@ -171,6 +187,18 @@ def test_all_kinds_of_calls() -> None:
 def test_launch_nodes_are_no_nodes_of_rclpy() -> None:
     """The Node of a launch file names an executable, and is none of rclpy's."""
     assert rclpy_calls("Node(package='p', executable='e', name='n')\n") == ()
+
+
+def test_a_parameter_counts_by_its_default() -> None:
+    """A timer whose period comes from a parameter has that of the parameter's default."""
+    body = """
+        rate = self.declare_parameter('rate', 50.0).value
+        self.declare_parameter('period', 0.25)
+        self.create_timer(1.0 / rate, self.tick)
+        self.create_timer(self.get_parameter('period').get_parameter_value().double_value, self.tick)
+        self.create_timer(self.get_parameter('other').value, self.tick)
+    """
+    assert [fact.value for fact in calls(body, "timer")] == [0.02, 0.25, None]
 
 
 def test_a_name_assigned_twice_is_unknown() -> None:

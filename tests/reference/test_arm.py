@@ -5,7 +5,6 @@ import sys
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 import pytest
@@ -95,30 +94,34 @@ def test_arm_follows_commands_and_keeps_its_rates(student: Listener, domain_id: 
     assert (status, rest, error) == (0, "ignored 1 malformed commands\n", "")
 
 
-@pytest.mark.live
-def test_simulation_time_keeps_a_100_hz_timer_at_100_hz(student: Listener, domain_id: int) -> None:
-    """A node on simulation time with a timer of 0.01 s ticks at a true 100 Hz on the arm's clock."""
+def add_timed_node(student: Listener, topic: str, simulation_time: bool) -> None:
+    """Add a node beside the listener that publishes from a timer of 0.01 s, and listen to it."""
     import rclpy
     from rclpy.parameter import Parameter
     from std_msgs.msg import Float64MultiArray
 
-    overrides = [Parameter("use_sim_time", value=True)]
-    node = rclpy.create_node("timed", context=student.node.context, parameter_overrides=overrides)
-    publisher = node.create_publisher(Float64MultiArray, "/ticks", 10)
+    overrides = [Parameter("use_sim_time", value=simulation_time)]
+    name = topic.strip("/")
+    node = rclpy.create_node(name, context=student.node.context, parameter_overrides=overrides)
+    publisher = node.create_publisher(Float64MultiArray, topic, 10)
     node.create_timer(0.01, lambda: publisher.publish(Float64MultiArray()))
     student.executor.add_node(node)
-    student.listen("/ticks", Float64MultiArray)
+    student.listen(topic, Float64MultiArray)
+
+
+@pytest.mark.live
+def test_simulation_time_keeps_a_100_hz_timer_at_100_hz(student: Listener, domain_id: int) -> None:
+    """A timer of 0.01 s ticks as often on the arm's clock as on the machine's own, which may be busy."""
+    add_timed_node(student, "/simulated", simulation_time=True)
+    add_timed_node(student, "/real", simulation_time=False)
     with started("arm.py", {"seed": 5, "with": {"simulation_time": True}}, domain_id):
-        assert student.spin_until(lambda: len(student.received["/ticks"]) > 10, 10)
-        student.received["/ticks"].clear()
+        assert student.spin_until(lambda: len(student.received["/simulated"]) > 10, 10)
+        for received in student.received.values():
+            received.clear()
         student.spin_for(2.0)
-    node.destroy_node()
-    # A stall of the machine costs any timer some periods, so it is the usual period that is judged.
-    sent_ns = [sent for sent, _ in student.received["/ticks"]]
-    periods_ms = [(b - a) / 1e6 for a, b in pairwise(sent_ns)]
-    assert median(periods_ms) == pytest.approx(10, rel=0.02)
-    assert sum(abs(period - 10) < 4 for period in periods_ms) > 0.9 * len(periods_ms)
-    assert rate_hz(student.received["/ticks"]) == pytest.approx(100, rel=0.1)
+    assert rate_hz(student.received["/simulated"]) == pytest.approx(
+        rate_hz(student.received["/real"]), rel=0.1
+    )
 
 
 class Enabling:

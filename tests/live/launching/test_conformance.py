@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from grader.live.launching.plan import Plan
+from grader.recording.plan import Plan
 
 ROOT = Path(__file__).parents[3]
 sys.path.append(str(ROOT))

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from grader.live.launching.plan import PLAN_SCHEMA, MalformedPlanError, Parameter, Plan, Process
+from grader.recording.plan import PLAN_SCHEMA, MalformedPlanError, Parameter, Plan, Process
 
 
 def plain(**more: Any) -> dict[str, Any]:

@@ -1,0 +1,31 @@
+"use strict";
+(function () {
+  var all = function () { return Array.prototype.slice.call(document.querySelectorAll("details")); };
+  var button = document.getElementById("toggle");
+  button.parentNode.hidden = false;
+  button.addEventListener("click", function () {
+    var open = button.getAttribute("aria-pressed") !== "true";
+    all().forEach(function (d) { d.open = open; });
+    button.setAttribute("aria-pressed", String(open));
+    button.textContent = open ? "Collapse all" : "Expand all";
+  });
+  function reveal() {
+    var target = location.hash && document.getElementById(decodeURIComponent(location.hash.slice(1)));
+    if (!target) { return; }
+    for (var e = target; e; e = e.parentElement) {
+      if (e.tagName === "DETAILS") { e.open = true; }
+    }
+    target.scrollIntoView();
+  }
+  window.addEventListener("hashchange", reveal);
+  reveal();
+  var closed = [];
+  window.addEventListener("beforeprint", function () {
+    closed = all().filter(function (d) { return !d.open; });
+    closed.forEach(function (d) { d.open = true; });
+  });
+  window.addEventListener("afterprint", function () {
+    closed.forEach(function (d) { d.open = false; });
+    closed = [];
+  });
+})();

@@ -1,0 +1,515 @@
+"""What the report's template shows: values of the judgement and the recordings, put in order and in words."""
+
+from __future__ import annotations
+
+import re
+import signal
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from decimal import Decimal
+from typing import Any
+
+from grader.recording.session import OutputLine, ProcessRun, SessionRecord, StepRun
+from grader.recording.submission import SubmissionRecord
+from grader.report.untrusted import line
+from grader.result import CheckResult, CriterionResult, Outcome, Result, Where
+
+HEAD_LINES, TAIL_LINES = 40, 60
+PRINTED_HEAD_LINES, PRINTED_TAIL_LINES = 6, 14
+CONTEXT_LINES = 2
+LONGEST_SOURCE_LINE = 200
+LONGEST_OUTPUT_LINE = 500
+MOST_WHERES = 8
+
+#: Style class, sign and word of each outcome.
+OUTCOMES: Mapping[Outcome, tuple[str, str, str]] = {
+    Outcome.PASSED: ("passed", "✓", "passed"),
+    Outcome.PARTIAL: ("partial", "◐", "partial"),
+    Outcome.FAILED: ("failed", "✕", "failed"),
+    Outcome.NOT_REACHED: ("not-reached", "–", "not reached"),
+    Outcome.INCONCLUSIVE: ("undecided", "?", "undecided"),
+    Outcome.ERROR: ("undecided", "?", "undecided"),
+}
+
+
+def points(value: Decimal) -> str:
+    """Write points without trailing zeros."""
+    text = f"{value:f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def anchor(kind: str, name: str) -> str:
+    """Return an id for the page's links."""
+    return f"{kind}-" + re.sub(r"[^A-Za-z0-9_.-]", "-", name)
+
+
+@dataclass(frozen=True)
+class Badge:
+    """An outcome as style class, sign and word: colour is never the only difference."""
+
+    style: str
+    sign: str
+    word: str
+
+
+def badge_of(outcome: Outcome) -> Badge:
+    """Return a check's badge."""
+    return Badge(*OUTCOMES[outcome])
+
+
+# -- points ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Share:
+    """Earned, undecided and lost points, and the first two as parts of 100 for a bar."""
+
+    earned: str
+    possible: str
+    undecided: str
+    lost: str
+    earned_part: str
+    undecided_part: str
+    badge: Badge
+
+
+def share_of(earned: Decimal, possible: Decimal, undecided: Decimal) -> Share:
+    """Describe points; the badge is that of the whole."""
+    lost = possible - earned - undecided
+    whole = possible or Decimal(1)
+    outcome = Outcome.PASSED if earned == possible else Outcome.PARTIAL
+    if lost == 0 and undecided:
+        outcome = Outcome.INCONCLUSIVE
+    elif lost and earned == 0:
+        outcome = Outcome.FAILED
+    return Share(
+        points(earned),
+        points(possible),
+        points(undecided) if undecided else "",
+        points(lost) if lost > 0 else "",
+        f"{100 * earned / whole:.2f}",
+        f"{100 * undecided / whole:.2f}",
+        badge_of(outcome),
+    )
+
+
+@dataclass(frozen=True)
+class Mend:
+    """A check that cost points."""
+
+    lost: str
+    title: str
+    criterion: str
+    href: str
+    text: str
+    badge: Badge
+
+
+def _lost(check: CheckResult) -> Decimal:
+    return check.possible - check.earned - check.undecided
+
+
+def mends_of(result: Result, outcomes: Sequence[Outcome]) -> list[Mend]:
+    """Return what cost points with one of some outcomes, the dearest first."""
+    found = [
+        (check, criterion)
+        for criterion in result.criteria
+        for check in criterion.checks
+        if check.finding.outcome in outcomes and _lost(check) > 0
+    ]
+    found.sort(key=lambda pair: -_lost(pair[0]))
+    return [
+        Mend(
+            points(_lost(check)),
+            check.title,
+            criterion.title,
+            "#" + anchor("check", check.id),
+            line(check.finding.reason or check.finding.hint, 220),
+            badge_of(check.finding.outcome),
+        )
+        for check, criterion in found
+    ]
+
+
+# -- where the proof lies ----------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class SourceLine:
+    """A line of a student's file; `meant` if it is the one that is pointed at."""
+
+    number: int
+    text: str
+    meant: bool
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where proof lies: words, a link within the page, and source lines."""
+
+    text: str
+    href: str
+    lines: tuple[SourceLine, ...]
+
+
+def _excerpt(texts: Mapping[str, str], file: str, number: int) -> tuple[SourceLine, ...]:
+    """Return a line of a file with those around it, numbered as Python counts them."""
+    lines = re.split(r"\r\n|\r|\n", texts.get(file, ""))
+    if not 1 <= number <= len(lines) or file not in texts:
+        return ()
+    first = max(1, number - CONTEXT_LINES)
+    last = min(len(lines), number + CONTEXT_LINES)
+    return tuple(
+        SourceLine(n, _source(lines[n - 1]), n == number)
+        for n in range(first, last + 1)
+        if n == number or n < len(lines) or lines[n - 1]
+    )
+
+
+def _source(text: str) -> str:
+    text = text.replace("\t", "    ")
+    return text if len(text) <= LONGEST_SOURCE_LINE else text[: LONGEST_SOURCE_LINE - 1] + "…"
+
+
+def _span(where: Where) -> str:
+    if where.start_s is None:
+        return ""
+    if where.end_s is None:
+        return f"at {where.start_s:.1f} s"
+    return f"{where.start_s:.1f}–{where.end_s:.1f} s"
+
+
+def place_of(where: Where, texts: Mapping[str, str], anchors: Mapping[tuple[str, str], str]) -> Place:
+    """Put a place in words, with its source lines and the part of the page that shows more."""
+    session, process = where.session or "", where.process or ""
+    parts = [f"{where.file}:{where.line}" if where.line else where.file] if where.file else []
+    parts += [f"output of {process}"] if process else []
+    parts += [f"recording '{session}'"] if session else []
+    parts += [p for p in (where.topic, _span(where)) if p]
+    href = anchors.get((session, process)) or anchors.get((session, "")) or ""
+    lines = _excerpt(texts, where.file, where.line) if where.file and where.line else ()
+    return Place(", ".join(p for p in parts if p), "" if where.file else href, lines)
+
+
+@dataclass(frozen=True)
+class CheckView:
+    """A check as the report shows it."""
+
+    anchor: str
+    title: str
+    earned: str
+    possible: str
+    lost: str
+    badge: Badge
+    full: bool
+    expected: str
+    measured: str
+    reason: str
+    hint: str
+    places: tuple[Place, ...]
+    more_places: int
+
+
+def check_view(check: CheckResult, texts: Mapping[str, str], anchors: Mapping[tuple[str, str], str]) -> CheckView:
+    """Describe a check with its proof."""
+    finding = check.finding
+    lost = _lost(check)
+    wheres = dict.fromkeys(finding.where)
+    places = tuple(place_of(w, texts, anchors) for w in list(wheres)[:MOST_WHERES])
+    return CheckView(
+        anchor("check", check.id),
+        check.title,
+        points(check.earned),
+        points(check.possible),
+        points(lost) if lost > 0 else "",
+        badge_of(finding.outcome),
+        finding.outcome is Outcome.PASSED,
+        finding.expected,
+        finding.measured,
+        finding.reason,
+        finding.hint,
+        tuple(p for p in places if p.text),
+        max(0, len(wheres) - MOST_WHERES),
+    )
+
+
+@dataclass(frozen=True)
+class CriterionView:
+    """A criterion as the report shows it."""
+
+    id: str
+    anchor: str
+    title: str
+    description: str
+    share: Share
+    checks: tuple[CheckView, ...]
+
+
+def criterion_view(
+    criterion: CriterionResult, texts: Mapping[str, str], anchors: Mapping[tuple[str, str], str]
+) -> CriterionView:
+    """Describe a criterion with its checks."""
+    return CriterionView(
+        criterion.id,
+        anchor("criterion", criterion.id),
+        criterion.title,
+        criterion.description,
+        share_of(criterion.earned, criterion.possible, criterion.undecided),
+        tuple(check_view(check, texts, anchors) for check in criterion.checks),
+    )
+
+
+# -- sessions ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class PrintedLine:
+    """A line of output; `far` if it is left out on paper."""
+
+    time: str
+    error: bool
+    text: str
+    far: bool
+
+
+@dataclass(frozen=True)
+class ProcessView:
+    """A process with the first and the last lines of its output."""
+
+    anchor: str
+    name: str
+    role: str
+    end: str
+    count: int
+    head: tuple[PrintedLine, ...]
+    left_out: int
+    tail: tuple[PrintedLine, ...]
+    dropped_bytes: int
+
+
+@dataclass(frozen=True)
+class StepView:
+    """A step with when it began and how long it took."""
+
+    text: str
+    label: str
+    outcome: str
+    note: str
+    start: str
+    took: str
+    good: bool
+
+
+@dataclass(frozen=True)
+class SessionView:
+    """A session as the report shows it."""
+
+    anchor: str
+    name: str
+    recorded: str
+    took: str
+    seed: int
+    complete: bool
+    problems: tuple[str, ...]
+    names: tuple[tuple[str, str], ...]
+    steps: tuple[StepView, ...]
+    processes: tuple[ProcessView, ...]
+
+
+def anchors_of(sessions: Mapping[str, SessionRecord]) -> dict[tuple[str, str], str]:
+    """Return the links to each session, and to the last process of each name in it."""
+    links = {}
+    for name, record in sessions.items():
+        links[name, ""] = "#" + anchor("session", name)
+        for number, process in enumerate(record.processes):
+            links[name, process.name] = f"#{anchor('output', name)}-{number}"
+    return links
+
+
+def session_view(name: str, record: SessionRecord) -> SessionView:
+    """Describe a session."""
+    processes = [process_view(name, n, p, record.started_ns) for n, p in enumerate(record.processes)]
+    order = {"student": 0, "reference": 1, "grader": 2}
+    return SessionView(
+        anchor("session", name),
+        name,
+        utc(record.started_ns),
+        f"{(record.ended_ns - record.started_ns) / 1e9:.1f} s" if record.ended_ns else "",
+        record.seed,
+        record.complete,
+        tuple(record.problems),
+        tuple(record.names.items()),
+        tuple(step_view(step, record.started_ns) for step in record.steps),
+        tuple(sorted(processes, key=lambda p: order.get(p.role, 3))),
+    )
+
+
+_TARGETS = ("node", "publisher", "subscription", "service", "output_of", "student", "launch", "reference")
+
+
+def _step_text(step: StepRun) -> str:
+    p = step.parameters
+    key = next((k for k in _TARGETS if p.get(k)), "")
+    target = f"{key.replace('output_of', 'output of')} {p[key]}" if key else ""
+    texts = {
+        "start": f"start {target}",
+        "wait_for": f"wait for {target}" + (f" to say '{p['text']}'" if p.get("text") else ""),
+        "observe": f"observe for {p.get('duration_s')} s",
+        "publish": f"publish {p.get('count')} messages on {p.get('topic')}",
+        "call": f"call {p.get('service')}" + (f" {p['repeat']} times" if p.get("repeat", 1) != 1 else ""),
+        "get_parameters": f"read parameters of {p.get('node')}",
+        "set_parameters": f"set parameters of {p.get('node')}",
+        "interrupt": "interrupt " + ("all processes" if p.get("process") == "*" else str(p.get("process"))),
+        "wait_exit": f"wait until {p.get('process')} ends",
+        "plan": f"evaluate {p.get('launch')}",
+    }
+    return texts.get(step.kind, step.kind)
+
+
+def step_view(step: StepRun, started_ns: int) -> StepView:
+    """Describe a step."""
+    words = {"done": "done", "timeout": "not in time", "cancelled": "cancelled", "failed": "failed"}
+    note = step.result.get("problem", "")
+    name = step.result.get("name")
+    if not note and isinstance(name, str) and name not in step.parameters.values():
+        note = f"found as {name}"
+    return StepView(
+        line(_step_text(step), 160),
+        step.label or "",
+        words.get(step.outcome, step.outcome),
+        line(str(note), 160),
+        f"{(step.started_ns - started_ns) / 1e9:.2f}",
+        f"{(step.ended_ns - step.started_ns) / 1e9:.2f}" if step.ended_ns else "",
+        step.outcome == "done",
+    )
+
+
+def process_view(session: str, number: int, run: ProcessRun, started_ns: int) -> ProcessView:
+    """Describe a process, with its first and last lines of output."""
+    lines = run.output
+    long = len(lines) > HEAD_LINES + TAIL_LINES
+    head = lines[:HEAD_LINES] if long else lines
+    tail = lines[-TAIL_LINES:] if long else []
+    near = set(range(PRINTED_HEAD_LINES)) | set(range(len(lines) - PRINTED_TAIL_LINES, len(lines)))
+    return ProcessView(
+        f"{anchor('output', session)}-{number}",
+        run.name,
+        run.role,
+        end_of(run),
+        len(lines),
+        tuple(_printed(text, started_ns, n not in near) for n, text in enumerate(head)),
+        len(lines) - len(head) - len(tail),
+        tuple(_printed(text, started_ns, n not in near) for n, text in enumerate(tail, len(lines) - len(tail))),
+        run.output_dropped_bytes,
+    )
+
+
+def _printed(output: OutputLine, started_ns: int, far: bool) -> PrintedLine:
+    text = output.text
+    if len(text) > LONGEST_OUTPUT_LINE:
+        text = text[: LONGEST_OUTPUT_LINE - 1] + "…"
+    return PrintedLine(f"{(output.t_ns - started_ns) / 1e9:.3f}", output.stream == "stderr", text, far)
+
+
+def end_of(run: ProcessRun) -> str:
+    """Say how a process ended."""
+    status = run.exit_status
+    if status is None:
+        return "did not end" if run.exited_ns is None else "ended, exit status not known"
+    how = f"signal {_signal(-status)}" if status < 0 else f"exit status {status}"
+    ways = {
+        "itself": f"ended by itself, {how}",
+        "interrupt": f"ended after Ctrl-C (SIGINT), {how}",
+        "terminate": f"did not end on Ctrl-C; ended on SIGTERM, {how}",
+        "kill": f"did not end on Ctrl-C or SIGTERM; killed, {how}",
+    }
+    return ways.get(run.ended_by, f"ended by a limit ({run.ended_by}), {how}")
+
+
+def _signal(number: int) -> str:
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return str(number)
+
+
+# -- where and how -----------------------------------------------------------------------------
+
+
+def utc(t_ns: Any) -> str:
+    """Write a time of the system clock as date and minute in UTC; empty if it is none."""
+    if not isinstance(t_ns, int) or not 0 < t_ns < 2**62:
+        return ""
+    return datetime.fromtimestamp(t_ns // 10**9, tz=timezone.utc).strftime("%Y-%m-%d %H:%M UTC")
+
+
+@dataclass(frozen=True)
+class IsolationView:
+    """How some sessions were confined."""
+
+    level: str
+    sessions: str
+    covers: tuple[str, ...]
+    lacks: tuple[str, ...]
+
+
+def isolations_of(sessions: Mapping[str, SessionRecord]) -> list[IsolationView]:
+    """Return the levels of isolation, each with the sessions that had it."""
+    found: dict[tuple[str, tuple[str, ...], tuple[str, ...]], list[str]] = {}
+    for name, record in sessions.items():
+        known = record.isolation
+        key = (str(known.get("level", "unknown")), _words(known.get("covers")), _words(known.get("lacks")))
+        found.setdefault(key, []).append(name)
+    return [IsolationView(level, ", ".join(n), covers, lacks) for (level, covers, lacks), n in found.items()]
+
+
+def _words(items: Any) -> tuple[str, ...]:
+    return tuple(str(item) for item in items) if isinstance(items, (list, tuple)) else ()
+
+
+def recorded_at(result: Result, sessions: Mapping[str, SessionRecord]) -> str:
+    """Return when the first of the recordings began, by the provenance."""
+    noted = result.provenance.get("sessions")
+    entries = noted.values() if isinstance(noted, Mapping) else ()
+    times = [e.get("started_ns") for e in entries if isinstance(e, Mapping)]
+    known = [t for t in times if isinstance(t, int) and t > 0] or [r.started_ns for r in sessions.values()]
+    return utc(min(known)) if known else ""
+
+
+def versions_of(result: Result) -> list[tuple[str, str]]:
+    """Return names and values of what the result depends on: versions and hashes."""
+    provenance = result.provenance
+    versions = provenance.get("versions")
+    rows = [(str(k), str(v)) for k, v in versions.items()] if isinstance(versions, Mapping) else []
+    if provenance.get("grader") and not any(name == "grader" for name, _ in rows):
+        rows.insert(0, ("grader", str(provenance["grader"])))
+    hashes = (("submission, SHA-256", "submission_sha256"), ("rubric, SHA-256", "rubric_sha256"))
+    return rows + [(label, str(provenance[key])) for label, key in hashes if provenance.get(key)]
+
+
+@dataclass(frozen=True)
+class HandedIn:
+    """What stood for one of the lab's files."""
+
+    expected: str
+    found: str
+    note: str
+
+
+def handed_in(submission: SubmissionRecord) -> list[HandedIn]:
+    """Return for each of the lab's files what was found."""
+    notes = {"name": "", "near miss": "taken for it, under another name", "missing": ""}
+    return [
+        HandedIn(
+            a.expected,
+            a.path or "missing",
+            notes.get(a.found_by, a.found_by) if a.path else _candidates(a.candidates),
+        )
+        for a in submission.artifacts
+    ]
+
+
+def _candidates(paths: Iterable[str]) -> str:
+    listed = list(paths)[:5]
+    return f"could have been meant: {', '.join(listed)}" if listed else ""
