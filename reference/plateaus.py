@@ -45,11 +45,18 @@ def open_publishers(node: Node, configuration: Configuration) -> dict[str, Any]:
     }
 
 
-def wait_for_matched(publishers: Collection[Any], settings: PlateauSettings, stop: StopRequest) -> None:
-    """Wait until each publisher is matched by so many subscriptions, at most until the time is up."""
+def wait_for_matched(
+    publishers: Collection[Any], configuration: Configuration, settings: PlateauSettings, stop: StopRequest
+) -> None:
+    """Wait until each publisher is matched by the recorder's subscription and all of the student's."""
+
+    def matched(publisher: Any) -> bool:
+        students = configuration.subscriptions.get(publisher.topic_name, 0)
+        return bool(publisher.get_subscription_count() >= max(settings.subscriptions, students + 1))
+
     deadline_ns = time.monotonic_ns() + round(settings.match_timeout_s * 1e9)
     while not stop and (now_ns := time.monotonic_ns()) < deadline_ns:
-        if all(p.get_subscription_count() >= settings.subscriptions for p in publishers):
+        if all(matched(publisher) for publisher in publishers):
             return
         sleep_until(min(now_ns + MATCH_POLL_NS, deadline_ns), stop)
 
@@ -75,7 +82,7 @@ def play(configuration: Configuration, settings: PlateauSettings, stop: StopRequ
         print("ready", flush=True)
         events = schedule(configuration.seed, settings)
         if settings.wait_for_matched:
-            wait_for_matched(publishers.values(), settings, stop)
+            wait_for_matched(publishers.values(), configuration, settings, stop)
         publish_all(publishers, events, stop)
         if not stop:
             print("done", flush=True)

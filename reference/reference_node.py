@@ -42,11 +42,15 @@ class Configuration:
         Topic or service name in the rubric -> name that the student used.
     settings : dict
         The rubric's `with`.
+    subscriptions : dict
+        Topic on the graph -> number of the student's subscriptions to it. Those of a process that died may
+        be among them: DDS counts them until their lease has run out.
     """
 
     seed: int = 0
     names: dict[str, str] = field(default_factory=dict)
     settings: dict[str, Any] = field(default_factory=dict)
+    subscriptions: dict[str, int] = field(default_factory=dict)
 
     def name(self, rubric_name: str) -> str:
         """Give the name to use on the graph for a topic or service of the rubric."""
@@ -65,12 +69,13 @@ def parse_configuration(text: str) -> Configuration:
         plain = json.loads(text)
     except ValueError as problem:
         raise ConfigurationError(f"the configuration is not JSON: {problem}") from problem
-    if not isinstance(plain, dict) or not set(plain) <= {"seed", "names", "with"}:
-        raise ConfigurationError('the configuration must be an object with "seed", "names" and "with"')
-    seed, names, settings = plain.get("seed", 0), plain.get("names") or {}, plain.get("with") or {}
-    if not isinstance(seed, int) or not isinstance(names, dict) or not isinstance(settings, dict):
-        raise ConfigurationError('"seed" must be an integer, "names" and "with" objects')
-    return Configuration(seed, names, settings)
+    if not isinstance(plain, dict) or not set(plain) <= {"seed", "names", "with", "subscriptions"}:
+        raise ConfigurationError('the configuration must be an object with "seed", "names", "with" and "subscriptions"')
+    seed = plain.get("seed", 0)
+    names, settings, subscriptions = (plain.get(key) or {} for key in ("names", "with", "subscriptions"))
+    if not isinstance(seed, int) or not all(isinstance(x, dict) for x in (names, settings, subscriptions)):
+        raise ConfigurationError('"seed" must be an integer, "names", "with" and "subscriptions" objects')
+    return Configuration(seed, names, settings, subscriptions)
 
 
 def build_settings(kind: type[T], plain: dict[str, Any]) -> T:

@@ -109,6 +109,7 @@ class Comments(Parameters):
 
     artifacts: tuple[str, ...]
     full_per_100_lines: float = Field(gt=0)
+    zero_to_per_100_lines: float = Field(0, ge=0, description="Up to this there is no credit.")
 
 
 def comments(context: Context, p: Comments) -> Finding:
@@ -125,7 +126,8 @@ def comments(context: Context, p: Comments) -> Finding:
     reason = f"Only {explaining} comments explain something"
     reason += f"; {len(others)} are commented-out code, repeats or echoes of the code." if others else "."
     bare = sorted(facts, key=lambda f: len(f.explaining) / max(1, f.code_lines))[:3]
-    return graded(density / p.full_per_100_lines, expected, measured, reason, where=[Where(file=f.path) for f in bare])
+    share = (density - p.zero_to_per_100_lines) / (p.full_per_100_lines - p.zero_to_per_100_lines)
+    return graded(share, expected, measured, reason, where=[Where(file=f.path) for f in bare])
 
 
 class ConceptsExplained(Parameters):
@@ -134,6 +136,8 @@ class ConceptsExplained(Parameters):
     artifacts: tuple[str, ...] = Field((), description="Sources whose docstrings and comments count too.")
     concepts: Mapping[str, tuple[str, ...]] = Field(description="Concept -> word stems in any languages.")
     reasons: tuple[str, ...] = Field((), description="Words of reason and comparison in any languages.")
+    anchors: tuple[str, ...] = Field((), description="A passage without any of these is about something else.")
+    min_words: int = Field(8, description="Words of its own from which a passage discusses.")
     full_concepts: int
     least_concepts: int = Field(1, description="With fewer there is no credit.")
 
@@ -145,7 +149,7 @@ def concepts_explained(context: Context, p: ConceptsExplained) -> Finding:
     known = {passage.file for passage in passages}
     passages += [q for path in sorted(other) if path not in known for q in document_passages(read_markdown(context.submission.texts[path]), path)]
     passages += [passage for facts in sources(context, p.artifacts) for passage in source_passages(facts)]
-    found = concepts(passages, p.concepts, p.reasons)
+    found = concepts(passages, p.concepts, p.reasons, p.anchors, p.min_words)
     expected = f"{p.full_concepts} of {len(p.concepts)} concepts discussed, with reasons"
     measured = f"{', '.join(found.discussed) or 'none'} discussed in {found.words} words"
     where = [Where(file=c.places[0].file, line=c.places[0].line) for c in found.concepts if c.places]

@@ -91,7 +91,7 @@ class Context:
         if self.recorded is None:
             return None
         for process in self.recorded.processes_of(artifact):
-            found = explain(process.output, paths)
+            found = explain(process.output, paths, process.interrupted_ns)
             if found is not None:
                 return found
         return None
@@ -175,13 +175,20 @@ def missing_artifact(context: Context, artifact: str, expected: str) -> Finding 
     return failed(expected, "no such file", f"There is no {name} in the submission.", hint=f"Hand in a file named {name}.")
 
 
+def told(found: Diagnosis) -> str:
+    """Return a diagnosis as a sentence, with the exception and the student's line."""
+    place = f"{found.file}, line {found.line}" if found.file and found.line else found.file or ""
+    parts = [part for part in (found.exception_type, place) if part]
+    return f"{found.sentence} ({' in '.join(parts)})" if parts else found.sentence
+
+
 def why_nothing(context: Context, artifact: str, fallback: str) -> tuple[str, str, tuple[Where, ...]]:
     """Say why an artifact's process did not show what was expected: (reason, hint, where)."""
     session = context.session.record.session
     found = context.diagnosis(artifact)
     if found is not None:
         spot = Where(file=found.file, line=found.line) if found.file else Where(session=session, process=artifact)
-        return found.sentence, found.remedy, (spot,)
+        return told(found), found.remedy, (spot,)
     processes = context.session.processes_of(artifact)
     if processes and processes[-1].ended_by == "itself" and processes[-1].exit_status is not None:
         status = processes[-1].exit_status

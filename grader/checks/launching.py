@@ -18,6 +18,7 @@ from grader.checks.finding import (
     missing_artifact,
     not_reached,
     passed,
+    told,
 )
 from grader.evidence.diagnosis import explain
 from grader.evidence.timing import timing_of
@@ -63,7 +64,8 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
     if plan.outcome == "not_assessable" and problem is not None:
         return inconclusive(expected, problem.message, "The grader cannot evaluate this launch file.", where=where)
     if problem is not None and problem.kind not in ("unknown_executable", "unknown_package"):
-        return failed(expected, problem.message, _sentence(problem.message), hint=problem.remedy, where=where)
+        place = f" ({problem.file}, line {problem.line})" if problem.file and problem.line else ""
+        return failed(expected, problem.message, _sentence(problem.message) + place, hint=problem.remedy, where=where)
     notes = [f"{w.message} ({w.file}:{w.line})" if w.file else w.message for w in plan.warnings]
     return passed(expected, f"{len(plan.processes)} processes, {len(plan.arguments)} arguments", where=where, notes=notes)
 
@@ -193,7 +195,7 @@ def _judge_node(context: Context, plan: Plan, wanted: WantedNode) -> tuple[float
         return 1.0, "", ""
     entry = _entry_for(plan, wanted.node, wanted.executable)
     if entry is None:
-        return 0.0, f"Nothing in the launch file starts {wanted.executable}.", ""
+        return 0.0, f"Nothing in the launch file starts {wanted.executable} as {wanted.node}.", ""
     name = wanted.node.rsplit("/", 1)[-1]
     if context.path_of(wanted.artifact) is None:
         return 1.0, "", f"The file for {wanted.node} is missing, which is charged in {wanted.charged_by}."
@@ -212,7 +214,7 @@ def _why_down(context: Context, entry: Process, executable: str) -> str:
     if run.exited_ns is None or run.interrupted_ns is not None:
         return f"{executable} ran, but no such node appeared."
     found = explain(run.output, [f.path for f in context.submission.files])
-    said = f": {found.sentence}" if found else (f", saying {run.output[-1].text!r}." if run.output else ".")
+    said = f": {told(found)}" if found else (f", saying {run.output[-1].text!r}." if run.output else ".")
     return f"{executable} ended with status {run.exit_status}{said}"
 
 
@@ -241,10 +243,14 @@ def launch_parameters(context: Context, p: LaunchParameters) -> Finding:
     plan, other = plan_of(context, p.step), plan_of(context, p.other_step)
     parts, reasons, texts = [], [], []
     for wanted in p.parameters:
+        if plan is not None and _entry_for(plan, wanted.node, wanted.executable) is None:
+            continue  # The node is not started, which is charged with the nodes.
         share, reason, text = _judge_parameter(context, wanted, plan, other)
         parts.append(share)
         texts.append(text)
         reasons += [reason] if reason else []
+    if not parts:
+        return not_reached("None of the nodes is started.", expected=expected)
     return graded(sum(parts) / len(parts), expected, ", ".join(texts), " ".join(reasons), where=(context.where(),))
 
 

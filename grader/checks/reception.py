@@ -17,11 +17,13 @@ from grader.checks.finding import (
     graded,
     inconclusive,
     missing_artifact,
+    not_reached,
     passed,
     why_nothing,
 )
 from grader.checks.traffic import claimed_at, student_endpoints
 from grader.evidence.printed import Report, labelled_vector, reports
+from grader.evidence.recorded import Span, usage_between
 from grader.recording.session import Endpoint
 from grader.result import Finding, Where
 
@@ -167,7 +169,7 @@ def reported_series(context: Context, p: ReportedSeries) -> Finding:
         fallback = "The node reported no tracking error at all, neither on its output nor in its log."
         reason, hint, where = why_nothing(context, p.artifact, fallback)
         return failed(expected, "no report", reason, hint=hint, where=where)
-    right, ratios, worst = 0, [], ""
+    right, silent, ratios, worst = 0, 0, [], ""
     for span in spans:
         inside = _inside(heard, span, p.settle_s)
         value = float(np.median([r.value for r in inside])) if inside else float("nan")
@@ -177,10 +179,13 @@ def reported_series(context: Context, p: ReportedSeries) -> Finding:
             ratios.append(value / span["value"])
             worst = worst or f"At {context.session.since_start_s(span['start_ns']):.1f} s it reports {value:.4f}; right is {span['value']:.4f}."
         else:
+            silent += 1
             worst = worst or f"From {context.session.since_start_s(span['start_ns']):.1f} s on there is no report on a whole plateau."
     measured = f"right on {right} of {len(spans)} plateaus ({len(heard)} reports)"
     reason = f"{worst}{_formula(ratios, len(spans), context, p)}"
     spot = Where(session=context.session.record.session, process=p.artifact)
+    if silent and right + silent == len(spans) and (late := _starved(context, p)):
+        return inconclusive(expected, measured, late, where=(spot,))
     return graded(right / len(spans), expected, measured, reason, where=(spot, context.where(next(iter(p.streams.values())))))
 
 
@@ -217,6 +222,7 @@ class ReportedStatistics(Streams):
     length: int
     tolerance: float = Field(0.001, description="Absolute; 1 % of the value is allowed in any case.")
     alternatives: tuple[Alternative, ...] = ()
+    report_pattern: str | None = Field(None, description="The node's report on each message, to see whether it lost any.")
 
 
 def reported_statistics(context: Context, p: ReportedStatistics) -> Finding:
@@ -238,6 +244,8 @@ def reported_statistics(context: Context, p: ReportedStatistics) -> Finding:
             reason = f"These numbers fit {other.meaning}."
             notes = (reason,) if other.credit >= 1 else ()
             return graded(other.credit, expected, measured, reason, where=(spot,), notes=notes)
+    if len(printed) == p.length and _lost_reports(context, p) and (late := _starved(context, p)):
+        return inconclusive(expected, measured, late, where=(spot,))
     right = context.oracle(p.oracle)(streams, p.parameters, context.session.record.seed)[p.key]["value"]
     reason = "Right would be [" + " ".join(f"{x:.4f}" for x in right) + "]."
     if len(printed) != p.length:
@@ -253,6 +261,7 @@ def _nothing_printed(context: Context, p: ReportedStatistics, expected: str) -> 
         reason = "After Ctrl-C the node did not end in time, and had to be stopped before it printed statistics."
         return failed(expected, "nothing", reason, hint="Let KeyboardInterrupt end rclpy.spin, then print.", where=(spot,))
     reason, hint, where = why_nothing(context, p.artifact, f"Nothing of the form '{p.label}: [...]' was printed after Ctrl-C.")
+    hint = hint or f"Catch KeyboardInterrupt around rclpy.spin(node), and print '{p.label}: [...]' after it."
     return failed(expected, "nothing", reason, hint=hint, where=where)
 
 
@@ -264,6 +273,30 @@ def _agreement(context: Context, p: ReportedStatistics, streams: Mapping[str, An
     slack = [max(p.tolerance, 0.01 * abs(v)) for v in right["value"]]
     bounds = zip(printed, right["low"], right["high"], slack, strict=True)
     return sum(low - s <= x <= high + s for x, low, high, s in bounds) / len(printed)
+
+
+#: Share of a time for which a process was kept from a core, from which it may have lost messages by that.
+_STARVED_SHARE = 0.03
+
+
+def _starved(context: Context, p: Streams) -> str:
+    """Say that the machine kept the node from a core while messages came, if it did."""
+    streams = context.streams(p.streams, p.field)
+    processes = context.session.processes_of(p.artifact)
+    if not streams or not processes:
+        return ""
+    span = Span(min(int(s.source_ns[0]) for s in streams.values()), max(int(s.source_ns[-1]) for s in streams.values()))
+    delay_s = usage_between(processes[-1], span)[1]
+    if delay_s < _STARVED_SHARE * span.duration_s:
+        return ""
+    return f"The machine kept the node from a core for {delay_s:.2f} s of {span.duration_s:.1f} s, so it may have lost messages by that."
+
+
+def _lost_reports(context: Context, p: ReportedStatistics) -> bool:
+    """Whether the node reported on clearly fewer messages than came: a sign that some never reached it."""
+    streams = context.streams(p.streams, p.field)
+    heard = len(reports(context.session, p.artifact, p.report_pattern)) if p.report_pattern else 0
+    return 0 < heard < 0.99 * max(len(s.source_ns) for s in streams.values())
 
 
 class Survives(Parameters):
@@ -310,12 +343,16 @@ def report_share(context: Context, p: ReportShare) -> Finding:
         return inconclusive(expected, "no stimulus recorded", "Commands and states were not recorded, so there is nothing to compare with.")
     possible = int(context.oracle(p.oracle)(streams, p.parameters, context.session.record.seed))
     heard = len(reports(context.session, p.artifact, p.pattern))
+    if not heard:
+        return not_reached("There is no report at all, as said above.", expected=expected)
     dropped = sum(process.output_dropped_bytes for process in context.session.processes_of(p.artifact))
     measured = f"{heard} reports for {possible} messages"
     if dropped and heard < p.full_from * possible:
         return passed(expected, measured + ", more output than is kept")
     spot = Where(session=context.session.record.session, process=p.artifact)
     share = heard / max(1, possible) / p.full_from
+    if share < 1 and (late := _starved(context, p)):
+        return inconclusive(expected, measured, late, where=(spot,))
     return graded(share, expected, measured, f"Only {heard} of {possible} messages led to a report.", where=(spot,))
 
 

@@ -11,7 +11,18 @@ from typing import Any
 
 from pydantic import Field
 
-from grader.checks.finding import Context, Parameters, failed, graded, inconclusive, missing_artifact, passed, why_nothing
+from grader.checks.finding import (
+    Context,
+    Parameters,
+    failed,
+    graded,
+    inconclusive,
+    missing_artifact,
+    not_reached,
+    passed,
+    told,
+    why_nothing,
+)
 from grader.checks.traffic import claimed_at
 from grader.recording.session import StepRun
 from grader.result import Finding, Where
@@ -56,6 +67,7 @@ def service_offered(context: Context, p: ServiceOffered) -> Finding:
 class CallAnswered(Parameters):
     """A call is answered with the right values; a message that says something else costs a quarter."""
 
+    artifact: str
     step: str
     response: Mapping[str, Any] = Field(description="Fields that must have these values.")
     message_field: str = "message"
@@ -88,6 +100,32 @@ def _shown(response: Mapping[str, Any] | None) -> str:
     return "no answer" if response is None else ", ".join(f"{k}={v!r}" for k, v in response.items())
 
 
+def _silent(step: StepRun) -> bool:
+    calls = step.result.get("calls", [])
+    return step.kind == "call" and all(c["response"] is None for c in calls)
+
+
+def _earlier_silence(context: Context, step: StepRun | None, expected: str) -> Finding | None:
+    """State that a call could not be judged since an earlier one had no answer either; that is one mistake."""
+    steps = context.session.record.steps
+    before = steps[: steps.index(step)] if step is not None else steps
+    if any(_silent(earlier) for earlier in before):
+        return not_reached("An earlier call had no answer already, which is charged there.", expected=expected)
+    return None
+
+
+def _silence(context: Context, artifact: str, expected: str, problem: str, where: tuple[Where, ...]) -> Finding:
+    """Explain why a call had no answer: an exception, a node that does not spin, or a callback that never returns."""
+    found = context.diagnosis(artifact)
+    if found is not None:
+        spot = (Where(file=found.file, line=found.line),) if found.file else ()
+        return failed(expected, "no answer", f"{problem} {told(found)}", hint=found.remedy, where=(*spot, *where))
+    if any(s.kind == "get_parameters" and s.outcome == "timeout" for s in context.session.record.steps):
+        reason = f"{problem} The node does not answer questions for its parameters either: it does not spin."
+        return failed(expected, "no answer", reason, hint="rclpy.spin(node) lets a node answer; it must be reached.", where=where)
+    return failed(expected, "no answer", problem, hint="A service callback must return its response, and soon.", where=where)
+
+
 def call_answered(context: Context, p: CallAnswered) -> Finding:
     """Judge one answer."""
     step = context.session.step(p.step)
@@ -96,7 +134,7 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
     response, latency_s, problem = _answer(step)
     where = (_spot(context, step),)
     if response is None:
-        return failed(expected, "no answer", problem, where=where)
+        return _earlier_silence(context, step, expected) or _silence(context, p.artifact, expected, problem, where)
     measured = f"{_shown(response)} after {latency_s * 1e3:.1f} ms"
     wrong = [f"{k} is {response.get(k)!r}, not {v!r}" for k, v in p.response.items() if response.get(k) != v]
     if wrong:
@@ -165,6 +203,8 @@ def parameters_declared(context: Context, p: ParametersDeclared) -> Finding:
     """Judge the parameters as the running node gives them."""
     expected = ", ".join(f"{w.name} = {w.value!r}" for w in p.parameters)
     step = context.session.step(p.step)
+    if step is not None and step.outcome == "timeout" and any(_silent(s) for s in context.session.record.steps):
+        return not_reached("The node answers nothing at all, which is charged with its calls.", expected=expected)
     if step is None or step.outcome != "done":
         problem = str(step.result.get("problem", "")) if step is not None else ""
         return failed(expected, "no answer", f"The node's parameters could not be read{': ' + problem if problem else ''}.", where=(context.where(),))
@@ -198,6 +238,8 @@ def calls_in_time(context: Context, p: CallsInTime) -> Finding:
     expected = f"{wanted} calls, each answered within {p.within_s:g} s"
     calls = step.result.get("calls", []) if step is not None else []
     where = (_spot(context, step),)
+    if (silence := _earlier_silence(context, step, expected)) is not None:
+        return silence
     if not calls:
         return failed(expected, "no calls", _answer(step)[2], where=where)
     latencies = [(c["ended_ns"] - c["started_ns"]) / 1e9 for c in calls if c["response"] is not None]
@@ -208,4 +250,5 @@ def calls_in_time(context: Context, p: CallsInTime) -> Finding:
         return inconclusive(expected, measured, "There was no time for all the calls, but those made were answered in time.", where=where)
     share = quick / len(calls)
     reason = f"{len(calls) - quick} of {len(calls)} calls took longer than {p.within_s:g} s, or got no answer."
+    reason += f" The quickest took {min(latencies):.2f} s." if latencies and not quick else ""
     return graded(share, expected, measured, reason, where=where)

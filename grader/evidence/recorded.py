@@ -121,18 +121,21 @@ class Recorded:
         return tuple(rows)
 
     @functools.cache  # noqa: B019
-    def numeric(self, name: str, field: str) -> NumericStream | None:
-        """Return the messages whose field holds finite numbers of the most frequent length, by source time."""
+    def numeric(self, name: str, field: str, *, finite: bool = True) -> NumericStream | None:
+        """Return the messages whose field holds numbers of the most frequent length, by source time.
+
+        Parameters
+        ----------
+        finite : bool
+            Leave out messages with a number that is not finite.
+        """
         stream, rows = self.stream(name), self.rows(name, field)
-        lengths = [len(row) for row in rows if row is not None and len(row) and np.isfinite(row).all()]
+        fit = [row is not None and len(row) > 0 and (not finite or bool(np.isfinite(row).all())) for row in rows]
+        lengths = [len(row) for row, ok in zip(rows, fit, strict=True) if ok and row is not None]
         if not lengths:
             return None
         length = max(set(lengths), key=lambda n: (lengths.count(n), n))
-        kept = [
-            i
-            for i, row in enumerate(rows)
-            if row is not None and len(row) == length and bool(np.isfinite(row).all())
-        ]
+        kept = [i for i, row in enumerate(rows) if fit[i] and row is not None and len(row) == length]
         order = sorted(kept, key=lambda i: (int(stream.source_ns[i]), int(stream.sequence[i])))
         values = np.array([rows[i] for i in order], dtype=np.float64)
         return NumericStream(

@@ -169,7 +169,12 @@ class Terms:
     def of(cls, terms: Iterable[str], ending: int | None = None) -> Terms:
         """Terms from their spellings; up to `ending` letters may follow one, None for any number."""
         unique = sorted({fold(term).strip() for term in terms}, key=lambda term: (-len(term), term))
-        patterns = [_term_pattern(term, ending) for term in unique if term.strip("*$ \t\n_-")]
+        shapes: dict[tuple[str, str], list[str]] = {}
+        for term in unique:
+            if term.strip("*$ \t\n_-"):
+                shapes.setdefault(_surroundings(term, ending), []).append(_body(term))
+        # Terms of one shape share their surroundings: each class of letters is costly to compile.
+        patterns = [f"{before}(?:{'|'.join(bodies)}){after}" for (before, after), bodies in shapes.items()]
         return cls(re.compile("|".join(patterns)) if patterns else None)
 
     def count(self, text: str) -> int:
@@ -196,15 +201,19 @@ _SPACED_LETTER = rf"[^\W\d_{_JOINED}]"
 _SPACED_WORD = rf"[^\W_{_JOINED}]"
 
 
-def _term_pattern(term: str, ending: int | None) -> str:
-    inside = term.startswith("*")
+def _body(term: str) -> str:
+    parts = [re.escape(part) for part in re.split(r"[\s_-]+", term.strip("*$")) if part]
+    return r"[\s_-]{0,2}".join(parts)
+
+
+def _surroundings(term: str, ending: int | None) -> tuple[str, str]:
+    """What may stand before and after a term."""
+    if re.search(f"[{_JOINED}]", term):
+        return "", ""
+    before = "" if term.startswith("*") else f"(?<!{_SPACED_WORD})"
     if term.endswith("$"):
         ending = 0
-    parts = [re.escape(part) for part in re.split(r"[\s_-]+", term.strip("*$")) if part]
-    body = r"[\s_-]{0,2}".join(parts)
-    if re.search(f"[{_JOINED}]", term):
-        return body
-    before = "" if inside else f"(?<!{_SPACED_WORD})"
     if ending is None:
-        return f"{before}{body}{_SPACED_LETTER}*"
-    return f"{before}{body}{_SPACED_LETTER}{{0,{ending}}}(?!{_SPACED_WORD})"
+        return before, f"{_SPACED_LETTER}*"
+    return before, f"{_SPACED_LETTER}{{0,{ending}}}(?!{_SPACED_WORD})"
+

@@ -3,8 +3,8 @@
 It reads one JSON request a line from standard input and answers with one JSON line each on standard
 output; snapshots of the graph come in between. It starts no process and parses no file of a student's.
 
-Requests: ``{"op": "wait_for", ...}``, ``observe``, ``call``, ``get_parameters``, ``set_parameters``,
-``expect_gone``, ``stop``; ``{"op": "cancel"}`` ends the one under way. Every answer has ``outcome``
+Requests: ``{"op": "wait_for", ...}``, ``observe``, ``publish``, ``call``, ``get_parameters``,
+``set_parameters``, ``forget``, ``stop``; ``{"op": "cancel"}`` ends the one under way. Every answer has ``outcome``
 ("done", "timeout", "cancelled" or "failed") and ``result``.
 """
 
@@ -81,6 +81,7 @@ class Director:
         self._expected = set(expected)
         self._names: dict[str, str] = {}
         self._domain_id = domain_id
+        self._forgotten: set[str] = set()
         self._clients: dict[tuple[str, str, int], Client[Any, Any]] = {}
         self._requests: queue.Queue[dict[str, Any] | None] = queue.Queue()
         self._cancelled = False
@@ -117,6 +118,7 @@ class Director:
         operations: dict[str, Callable[[dict[str, Any]], tuple[str, dict[str, Any]]]] = {
             "wait_for": self._wait_for,
             "observe": self._observe,
+            "forget": self._forget,
             "publish": self._publish,
             "call": self._call,
             "get_parameters": self._get_parameters,
@@ -200,8 +202,16 @@ class Director:
         return [
             Candidate(e.topic, e.type)
             for e in graph.endpoints
-            if e.kind == kind and e.node not in self._reference_nodes and e.topic not in _STANDARD
+            if e.kind == kind
+            and e.node not in self._reference_nodes
+            and e.topic not in _STANDARD
+            and e.gid not in self._forgotten
         ]
+
+    def _forget(self, request: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+        """Take the endpoints that are there as those of a dead process, which may stay in the graph for a while."""
+        self._forgotten = {e.gid for e in self._watch.look(now=True).endpoints}
+        return "done", {}
 
     def _observe(self, request: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
         topic = request.get("first_message_on")

@@ -18,6 +18,7 @@ import socket
 import struct
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -265,8 +266,11 @@ class Session:
         if wrapper is None:
             return "failed", {"problem": "missing artifact", "artifact": artifact}
         name = parameters["name"] or artifact
-        if parameters["if_ended"] and self.processes[name].alive:
-            return "done", {"started": False}
+        if parameters["if_ended"]:
+            if self.processes[name].alive:
+                return "done", {"started": False}
+            assert self.director is not None
+            await self.director.ask({"op": "forget"})
         arguments = []
         for parameter, value in parameters["parameters"].items():
             arguments += ["-p", f"{parameter}:={json.dumps(value)}"]
@@ -328,13 +332,22 @@ class Session:
 
     async def _start_reference(self, name: str, settings: dict[str, Any]) -> tuple[str, dict[str, Any]]:
         spec = self.plan.reference[name]
-        configuration = {"seed": self.plan.seed, "names": self.record.names, "with": settings}
+        configuration = {
+            "seed": self.plan.seed, "names": self.record.names, "with": settings,
+            "subscriptions": self._subscriptions(),
+        }
         run = ProcessRun(name, "reference", ["python", Path(spec["file"]).name, json.dumps(configuration)])
         self.processes[name] = await self._start_trusted(run, [spec["file"], json.dumps(configuration)])
         outcome, result = await self._wait_output(name, "ready", _REFERENCE_START_S)
         if outcome != "done":
             self.record.problems.append(f"the reference node {name} did not get ready")
         return outcome, result
+
+    def _subscriptions(self) -> dict[str, int]:
+        """Count the student's subscriptions by topic, those of a process that died included."""
+        ours = {spec["node"] for spec in self.plan.reference.values()}
+        endpoints = self.record.graph[-1].endpoints if self.record.graph else []
+        return dict(Counter(e.topic for e in endpoints if e.kind == "subscription" and e.node not in ours))
 
     async def _step_wait_for(self, parameters: dict[str, Any]) -> tuple[str, dict[str, Any]]:
         if parameters["output_of"]:

@@ -27,6 +27,7 @@ from grader.report.untrusted import line as one_line
 WIDE, HALF, NARROW = 920, 440, 400
 _LEFT, _RIGHT, _TOP, _BOTTOM = 50, 14, 14, 44
 _NARROW_POINTS = 160
+_SINCE = "seconds since the session's start"
 
 
 @dataclass(frozen=True)
@@ -180,7 +181,9 @@ def _frame(
     return _Frame(_LEFT, top, width - _RIGHT, height - _BOTTOM, x, y)
 
 
-def _both(name: str, title: str, caption: str, paint: Callable[[int], tuple[float, list[Markup]]]) -> tuple[Markup, Markup]:
+def _both(
+    name: str, title: str, caption: str, paint: Callable[[int], tuple[float, list[Markup]]]
+) -> tuple[Markup, Markup]:
     """Paint a picture in its wide and its narrow form."""
     images = []
     for suffix, width in (("w", WIDE), ("n", NARROW)):
@@ -203,9 +206,8 @@ def intervals_chart(figure: Intervals, name: str) -> Chart:
     for left, right, count in zip(figure.edges_s, figure.edges_s[1:], figure.counts, strict=False):
         if count:
             x, y = frame.px(left) + 0.5, frame.py(count)
-            parts.append(
-                _tag("rect", x=x, y=y, width=max(1.0, frame.px(right) - x - 0.5), height=frame.bottom - y, class_="bar")
-            )
+            thick = max(1.0, frame.px(right) - x - 0.5)
+            parts.append(_tag("rect", x=x, y=y, width=thick, height=frame.bottom - y, class_="bar"))
     at = frame.px(figure.expected_s)
     parts.append(_rule(at, frame.top - 8, at, frame.bottom, "expected"))
     parts.append(_text(at, frame.top - 14, f"expected {duration(figure.expected_s)}", class_="note"))
@@ -215,9 +217,8 @@ def intervals_chart(figure: Intervals, name: str) -> Chart:
         parts.append(_text(frame.right, frame.top + 8, f"{figure.above} longer", "end", "note"))
     parts += frame.x_axis(f"time between messages on {one_line(figure.topic, 30)}, {unit}", scale)
     caption = (
-        f"{total} intervals. Half of them are longer than {duration(figure.median_s)}; "
-        f"95 % lie between {duration(figure.low_s)} and {duration(figure.high_s)}. "
-        f"Expected are {duration(figure.expected_s)}."
+        f"{total} intervals, median {duration(figure.median_s)}; 95 % lie between {duration(figure.low_s)} "
+        f"and {duration(figure.high_s)}. Expected: {duration(figure.expected_s)}."
     )
     return Chart(_svg(width, height, name, figure.title, caption, parts), None, caption)
 
@@ -234,15 +235,17 @@ def rate_chart(figure: Rate, name: str) -> Chart:
     parts.append(_text(4, 16, "messages a second", "start", "label"))
     at = frame.py(figure.expected_hz)
     parts.append(_rule(frame.left, at, frame.right, at, "expected"))
-    parts.append(_text(frame.right, frame.top - 6, f"dashed: expected {_short(figure.expected_hz)} Hz", "end", "note"))
+    meaning = f"dashed: expected {_short(figure.expected_hz)} Hz"
+    parts.append(_text(frame.right, frame.top - 6, meaning, "end", "note"))
     edges = [t for t in figure.times_s for _ in (0, 1)][1:-1]
     steps = [rate for rate in figure.rates_hz for _ in (0, 1)]
     parts.append(frame.path(edges, steps, "line line-0"))
-    parts += frame.x_axis("seconds since the session's start")
+    parts += frame.x_axis(_SINCE)
     width_s = (span[1] - span[0]) / len(figure.rates_hz)
     caption = (
         f"Between {_short(min(figure.rates_hz))} and {_short(max(figure.rates_hz))} messages a second on "
-        f"{one_line(figure.topic, 60)}, each step over {duration(width_s)}; expected are {_short(figure.expected_hz)}."
+        f"{one_line(figure.topic, 60)}, each step over {duration(width_s)}. "
+        f"Expected: {_short(figure.expected_hz)}."
     )
     return Chart(_svg(width, height, name, figure.title, caption, parts), None, caption)
 
@@ -252,32 +255,34 @@ def rate_chart(figure: Rate, name: str) -> Chart:
 
 def series_chart(figure: Series, name: str) -> Chart:
     """Draw elements of messages over time: one frame an element, the roles in it over each other."""
-    indices = sorted({line.index for line in figure.lines})
     roles = list(dict.fromkeys(line.role for line in figure.lines))
-    times = [t for line in figure.lines for t in (line.times_s[0], line.times_s[-1])]
-    values = [v for line in figure.lines for v in (min(line.values), max(line.values))]
-    x, y = (min(times), max(times)), _padded(values, least=0.05)
-    row = 230 if len(indices) == 1 else 110 if len(indices) == 2 else 58
-
-    def paint(width: int) -> tuple[float, list[Markup]]:
-        parts: list[Markup] = []
-        height = _TOP + 8 + row * len(indices) + _BOTTOM
-        for n, index in enumerate(indices):
-            top = _TOP + 8 + row * n
-            frame = _Frame(_LEFT, top, width - _RIGHT, top + row - 12, x, y)
-            parts += frame.y_axis(5 if row > 100 else 2)
-            label = f"{figure.field}[{index}]" + (f", {figure.unit}" if figure.unit and n == 0 else "")
-            parts.append(_text(frame.left + 4, top + 1, label, "start", "label"))
-            for line in figure.lines:
-                if line.index == index:
-                    parts.append(_curve(frame, line, roles.index(line.role), width))
-        last = _Frame(_LEFT, 0, width - _RIGHT, height - _BOTTOM, x, y)
-        return height, parts + last.x_axis("seconds since the session's start")
-
-    caption = _series_caption(figure, indices, roles)
-    wide, narrow = _both(name, figure.title, caption, paint)
+    caption = _series_caption(figure)
+    wide, narrow = _both(name, figure.title, caption, lambda width: _series(figure, roles, width))
     key = tuple((f"line-{i % 4}", f"{role}: {_topic_of(figure, role)}") for i, role in enumerate(roles))
     return Chart(wide, narrow, caption, key)
+
+
+def _series(figure: Series, roles: Sequence[str], width: int) -> tuple[float, list[Markup]]:
+    """Paint the frames one below the other, on one scale; elements that never move get a low one."""
+    indices = sorted({line.index for line in figure.lines})
+    times = [t for line in figure.lines for t in (line.times_s[0], line.times_s[-1])]
+    x = (min(times), max(times))
+    moving = {line.index for line in figure.lines if max(line.values) > min(line.values)}
+    y = _padded([v for line in figure.lines for v in (min(line.values), max(line.values))], least=0.05)
+    row = 220 if len(indices) == 1 else 130 if len(moving) == 2 else 88
+    parts: list[Markup] = []
+    top = float(_TOP + 8)
+    for n, index in enumerate(indices):
+        lines = [line for line in figure.lines if line.index == index]
+        high = row if index in moving or len(indices) == 1 else 26
+        middle = lines[0].values[0]
+        frame = _Frame(_LEFT, top, width - _RIGHT, top + high - 12, x, y if high > 26 else (middle, middle))
+        parts += frame.y_axis(4 if high > 100 else 3)
+        parts += [_curve(frame, line, roles.index(line.role), width) for line in lines]
+        label = f"{figure.field}[{index}]" + (f", {figure.unit}" if figure.unit and n == 0 else "")
+        parts.append(_text(frame.left + 6, top + (1 if high > 26 else 6), label, "start", "label"))
+        top += high
+    return top + _BOTTOM, parts + _Frame(_LEFT, 0, width - _RIGHT, top, x, y).x_axis(_SINCE)
 
 
 def _curve(frame: _Frame, line: Line, role: int, width: int) -> Markup:
@@ -289,7 +294,7 @@ def _topic_of(figure: Series, role: str) -> str:
     return next(line.topic for line in figure.lines if line.role == role)
 
 
-def _series_caption(figure: Series, indices: Sequence[int], roles: Sequence[str]) -> str:
+def _series_caption(figure: Series) -> str:
     unit = f" {figure.unit}" if figure.unit else ""
     moving = [
         f"{line.role} {figure.field}[{line.index}] {_short(min(line.values))} to {_short(max(line.values))}"
@@ -328,7 +333,7 @@ def reports_chart(figure: Reports, name: str) -> Chart:
             for t, v in marks
             if -limit <= v <= limit
         ]
-        return height, parts + frame.x_axis("seconds since the session's start")
+        return height, parts + frame.x_axis(_SINCE)
 
     caption = f"{figure.total} reported numbers"
     caption += f" and {len(right)} spans in which the right value is known." if right else "."
@@ -352,19 +357,21 @@ def calls_chart(figure: Calls, name: str) -> Chart:
     def paint(width: int) -> tuple[float, list[Markup]]:
         height = 260
         x = _padded((start, end), 0.04, 0.02)
-        frame = _frame(width, height, x, (0, slowest * 1.15 or 1e-3), top=48)
+        frame = _frame(width, height, x, (0, slowest * 1.15 or 1e-3), top=52)
         parts = frame.y_axis(4, scale)
         parts.append(_text(4, 16, f"time until the answer, {unit}", "start", "label"))
         for n, mark in enumerate(figure.marks):
             at = frame.px(mark.at_s)
-            parts.append(_rule(at, frame.top - 6 - 12 * (n % 2), at, frame.bottom, "mark"))
-            anchor = "end" if at > width * 0.6 else "start"
-            parts.append(_text(at + (-3 if anchor == "end" else 3), frame.top - 8 - 12 * (n % 2), one_line(mark.text, 30), anchor, "note"))
+            parts.append(_rule(at, frame.top - 6 - 14 * (n % 2), at, frame.bottom, "mark"))
+            aside, gap = ("end", -3) if at > width * 0.6 else ("start", 3)
+            parts.append(
+                _text(at + gap, frame.top - 8 - 14 * (n % 2), one_line(mark.text, 30), aside, "note")
+            )
         for call in calls:
             at, height_at = frame.px(call.start_s), frame.py(min(call.latency_s, slowest))
             parts.append(_rule(at, frame.bottom, at, height_at, "stem"))
             parts.append(_call_mark(at, height_at, call.answer is not None, call.accepted))
-        return height, parts + frame.x_axis("seconds since the session's start")
+        return height, parts + frame.x_axis(_SINCE)
 
     silent = len(calls) - len(answered)
     caption = f"{len(calls)} calls of {one_line(figure.service, 60)}; "
@@ -421,11 +428,14 @@ def latency_chart(figure: Latency, name: str) -> Chart:
         return height, [*parts, _text(middle, frame.bottom + 36, label, class_="label")]
 
     caption = " ".join(
-        f"{one_line(d.topic, 60)}: half within {duration(d.median_s)}, 95 % within {duration(d.high_s)}, longest {duration(d.most_s)}."
+        f"{one_line(d.topic, 60)}: half within {duration(d.median_s)}, 95 % within {duration(d.high_s)}, "
+        f"longest {duration(d.most_s)}."
         for d in figure.distributions
     )
     wide, narrow = _both(name, figure.title, caption, paint)
-    return Chart(wide, narrow, caption, (("box", "middle half, line at the median"), ("dot", "single messages")))
+    return Chart(
+        wide, narrow, caption, (("box", "middle half, line at the median"), ("dot", "single messages"))
+    )
 
 
 def _box(frame: _Frame, d: Distribution, top: float, floor: float, width: int) -> list[Markup]:

@@ -154,16 +154,18 @@ class Place:
 
 
 def _excerpt(texts: Mapping[str, str], file: str, number: int) -> tuple[SourceLine, ...]:
-    """Return a line of a file with those around it, numbered as Python counts them."""
+    """Return a line of a file with those around it, numbered as Python counts; common indentation is left out."""
     lines = re.split(r"\r\n|\r|\n", texts.get(file, ""))
     if not 1 <= number <= len(lines) or file not in texts:
         return ()
     first = max(1, number - CONTEXT_LINES)
     last = min(len(lines), number + CONTEXT_LINES)
+    near = [_source(text) for text in lines[first - 1 : last]]
+    common = min((len(text) - len(text.lstrip(" ")) for text in near if text.strip()), default=0)
     return tuple(
-        SourceLine(n, _source(lines[n - 1]), n == number)
-        for n in range(first, last + 1)
-        if n == number or n < len(lines) or lines[n - 1]
+        SourceLine(n, text[common:], n == number)
+        for n, text in enumerate(near, first)
+        if n == number or n < len(lines) or text
     )
 
 
@@ -211,7 +213,9 @@ class CheckView:
     more_places: int
 
 
-def check_view(check: CheckResult, texts: Mapping[str, str], anchors: Mapping[tuple[str, str], str]) -> CheckView:
+def check_view(
+    check: CheckResult, texts: Mapping[str, str], anchors: Mapping[tuple[str, str], str]
+) -> CheckView:
     """Describe a check with its proof."""
     finding = check.finding
     lost = _lost(check)
@@ -220,7 +224,7 @@ def check_view(check: CheckResult, texts: Mapping[str, str], anchors: Mapping[tu
     return CheckView(
         anchor("check", check.id),
         check.title,
-        points(check.earned),
+        points(check.earned) if check.undecided < check.possible or not check.possible else "?",
         points(check.possible),
         points(lost) if lost > 0 else "",
         badge_of(finding.outcome),
@@ -309,6 +313,7 @@ class SessionView:
     name: str
     recorded: str
     took: str
+    count: str
     seed: int
     complete: bool
     problems: tuple[str, ...]
@@ -329,13 +334,20 @@ def anchors_of(sessions: Mapping[str, SessionRecord]) -> dict[tuple[str, str], s
 
 def session_view(name: str, record: SessionRecord) -> SessionView:
     """Describe a session."""
-    processes = [process_view(name, n, p, record.started_ns) for n, p in enumerate(record.processes)]
+    processes = [
+        process_view(name, n, p, record.started_ns)
+        for n, p in enumerate(record.processes)
+        if p.role != "grader" or p.output
+    ]
+    students = sum(process.role == "student" for process in record.processes)
     order = {"student": 0, "reference": 1, "grader": 2}
     return SessionView(
         anchor("session", name),
         name,
         utc(record.started_ns),
         f"{(record.ended_ns - record.started_ns) / 1e9:.1f} s" if record.ended_ns else "",
+        f"{_counted(students, 'process', 'processes')} of the submission, "
+        f"{_counted(len(record.steps), 'step', 'steps')}",
         record.seed,
         record.complete,
         tuple(record.problems),
@@ -343,6 +355,10 @@ def session_view(name: str, record: SessionRecord) -> SessionView:
         tuple(step_view(step, record.started_ns) for step in record.steps),
         tuple(sorted(processes, key=lambda p: order.get(p.role, 3))),
     )
+
+
+def _counted(number: int, one: str, many: str) -> str:
+    return f"{number} {one if number == 1 else many}"
 
 
 _TARGETS = ("node", "publisher", "subscription", "service", "output_of", "student", "launch", "reference")
@@ -400,7 +416,9 @@ def process_view(session: str, number: int, run: ProcessRun, started_ns: int) ->
         len(lines),
         tuple(_printed(text, started_ns, n not in near) for n, text in enumerate(head)),
         len(lines) - len(head) - len(tail),
-        tuple(_printed(text, started_ns, n not in near) for n, text in enumerate(tail, len(lines) - len(tail))),
+        tuple(
+            _printed(text, started_ns, n not in near) for n, text in enumerate(tail, len(lines) - len(tail))
+        ),
         run.output_dropped_bytes,
     )
 
