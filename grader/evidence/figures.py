@@ -604,22 +604,30 @@ def _branch(item: Mapping[str, Any]) -> Branch:
         _where(item),
         _conditions(item),
         tuple(_parameter(p) for p in _mappings(item.get("parameters"))),
-        tuple(
-            Item(_text(pair[0]), _text(pair[1]))
-            for pair in item.get("remappings") or ()
-            if isinstance(pair, (list, tuple)) and len(pair) == 2
-        )[:MOST_ITEMS],
+        _remappings(item.get("remappings")),
     )
+
+
+def _remappings(pairs: Any) -> tuple[Item, ...]:
+    listed = pairs[:MOST_ITEMS] if isinstance(pairs, (list, tuple)) else ()
+    twos = [pair for pair in listed if isinstance(pair, (list, tuple)) and len(pair) == 2]
+    return tuple(Item(_text(old), _text(new)) for old, new in twos)
 
 
 def _conditions(item: Mapping[str, Any]) -> tuple[str, ...]:
     found = [_text(item.get("condition_note"))]
     when = item.get("when")
     if isinstance(when, Mapping):
-        found += [f"{str(key).replace('_', ' ')} {_literal(value)}" for key, value in when.items()]
+        found += [_condition(str(key), value) for key, value in when.items()]
     if item.get("respawn"):
         found.append("started again whenever it ends")
     return tuple(text for text in found if text)
+
+
+def _condition(key: str, value: Any) -> str:
+    """Put what a process waits for in words: `after_s: 2` is "after 2 s"."""
+    words = key.removesuffix("_s").replace("_", " ")
+    return f"{words} {_literal(value)}" + (" s" if key.endswith("_s") else "")
 
 
 def _parameter(item: Mapping[str, Any]) -> Item:

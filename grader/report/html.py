@@ -125,7 +125,7 @@ def _template() -> Template:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters.update(line=line, duration=duration)
+    environment.filters.update(line=line, duration=duration, prose=prose)
     css, js = _read("report.css"), _read("report.js")
     environment.globals.update(
         css=Markup(css),
@@ -136,6 +136,15 @@ def _template() -> Template:
         ),
     )
     return environment.get_template("report.html.j2")
+
+
+def prose(text: str) -> Markup:
+    """Make text fit to be shown, with what stands between backticks as code."""
+    parts = shown(text).split("`")
+    if len(parts) % 2 == 0:
+        return Markup.escape(shown(text))
+    pieces = [Markup("<code>{}</code>") if n % 2 else Markup("{}") for n in range(len(parts))]
+    return Markup("").join(piece.format(part) for piece, part in zip(pieces, parts, strict=True))
 
 
 def _read(name: str) -> str:

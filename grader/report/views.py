@@ -154,7 +154,7 @@ class Place:
 
 
 def _excerpt(texts: Mapping[str, str], file: str, number: int) -> tuple[SourceLine, ...]:
-    """Return a line of a file with those around it, numbered as Python counts; common indentation is left out."""
+    """Return a line of a file with those around it, numbered as Python counts, without common indentation."""
     lines = re.split(r"\r\n|\r|\n", texts.get(file, ""))
     if not 1 <= number <= len(lines) or file not in texts:
         return ()
@@ -335,7 +335,7 @@ def anchors_of(sessions: Mapping[str, SessionRecord]) -> dict[tuple[str, str], s
 def session_view(name: str, record: SessionRecord) -> SessionView:
     """Describe a session."""
     processes = [
-        process_view(name, n, p, record.started_ns)
+        process_view(name, n, p, record)
         for n, p in enumerate(record.processes)
         if p.role != "grader" or p.output
     ]
@@ -368,8 +368,12 @@ def _step_text(step: StepRun) -> str:
     p = step.parameters
     key = next((k for k in _TARGETS if p.get(k)), "")
     target = f"{key.replace('output_of', 'output of')} {p[key]}" if key else ""
+    begun = {
+        "launch": "what the launch file describes",
+        "reference": f"the reference node {p.get('reference')}",
+    }
     texts = {
-        "start": f"start {target}",
+        "start": f"start {begun.get(key, p.get('name') or p.get(key))}",
         "wait_for": f"wait for {target}" + (f" to say '{p['text']}'" if p.get("text") else ""),
         "observe": f"observe for {p.get('duration_s')} s",
         "publish": f"publish {p.get('count')} messages on {p.get('topic')}",
@@ -401,16 +405,17 @@ def step_view(step: StepRun, started_ns: int) -> StepView:
     )
 
 
-def process_view(session: str, number: int, run: ProcessRun, started_ns: int) -> ProcessView:
-    """Describe a process, with its first and last lines of output."""
-    lines = run.output
+def process_view(session: str, number: int, run: ProcessRun, record: SessionRecord) -> ProcessView:
+    """Describe a process, with its first and last lines of output; `number` is its place in the record."""
+    lines, started_ns = run.output, record.started_ns
     long = len(lines) > HEAD_LINES + TAIL_LINES
     head = lines[:HEAD_LINES] if long else lines
     tail = lines[-TAIL_LINES:] if long else []
-    near = set(range(PRINTED_HEAD_LINES)) | set(range(len(lines) - PRINTED_TAIL_LINES, len(lines)))
+    near = {*range(PRINTED_HEAD_LINES), *range(len(lines) - PRINTED_TAIL_LINES, len(lines))}
+    starts = [n for n, other in enumerate(record.processes) if other.name == run.name]
     return ProcessView(
         f"{anchor('output', session)}-{number}",
-        run.name,
+        line(run.name, 120) + (f", start {starts.index(number) + 1}" if len(starts) > 1 else ""),
         run.role,
         end_of(run),
         len(lines),

@@ -83,7 +83,7 @@ def ticking(count: int, period_ns: int, *values: float) -> list[Row]:
     return [(n + 1, 10**9 + n * period_ns, list(values)) for n in range(count)]
 
 
-def drawn(kind: str, data: Recorded, lab: Path = Path("."), **settings_: Any) -> Figure | None:
+def drawn(kind: str, data: Recorded, lab: Path = Path(), **settings_: Any) -> Figure | None:
     """Draw a figure of a kind."""
     return draw(FigureSpec(kind=kind, title="Title", session="alone", **{"with": settings_}), data, lab)
 
@@ -277,8 +277,8 @@ def test_plan_is_a_tree(tmp_path: Path) -> None:
     assert (figure.includes[0].name, figure.includes[0].where) == ("other.py", "l.py:9")
     branch = figure.branches[0]
     assert (branch.name, branch.runs, branch.where) == ("/ns/talker", "pkg/talker", "l.py:12")
-    assert branch.conditions == ("after s 2.0",)
-    assert [(p.name, p.value) for p in branch.parameters][0] == ("use_sim_time", "true")
+    assert branch.conditions == ("after 2.0 s",)
+    assert (branch.parameters[0].name, branch.parameters[0].value) == ("use_sim_time", "true")
     assert [(r.name, r.value) for r in branch.remappings] == [("/a", "/b")]
 
 
