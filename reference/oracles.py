@@ -7,7 +7,7 @@ order of `source_ns`, and `values`, n rows of float64, one column a joint.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Protocol
@@ -20,6 +20,7 @@ Integers = NDArray[np.int64]
 
 HISTORY = 1000
 SLACK_STATES = 5
+REPORT_TOLERANCE = 0.002
 SHORTEST_PLATEAU_STATES = 10
 
 
@@ -213,6 +214,17 @@ def _statistics(errors: Floats, mixture: _Mixture, signed: bool) -> dict[str, di
     }
 
 
+def _reported(tracking: _Tracking, reports: Sequence[Sequence[float]]) -> _Tracking:
+    """Give the states that were reported: for each report one of the last run before it whose error it shows."""
+    runs = list(tracking.runs())
+    values = np.sqrt(np.mean(tracking.errors**2, axis=1))
+    rows = []
+    for t_ns, value in reports:
+        begun = [a for a, _ in runs if tracking.source_ns[a] <= t_ns and abs(values[a] - value) <= REPORT_TOLERANCE]
+        rows += begun[-1:]
+    return _Tracking(tracking.source_ns[rows], tracking.commands[rows], tracking.states[rows])
+
+
 def tracking_statistics(
     streams: Mapping[str, Stream], parameters: Mapping[str, Any], seed: int
 ) -> dict[str, dict[str, list[float]]]:
@@ -227,6 +239,8 @@ def tracking_statistics(
         `slack_states` (5): how many states of each plateau may be missing, the last ones included, or
         taken with the next plateau's command.
         `signed` (false): mean and maximum of the error itself, to recognise a forgotten absolute value.
+        `reports` (none): pairs of time (ns) and RMS error as a subscriber reported them. Then the statistics
+        are those over the states that it reported, which are fewer where it lost some.
     seed : int
         Not used: the recording holds all that is needed.
 
@@ -243,6 +257,8 @@ def tracking_statistics(
     """
     history = parameters.get("history", HISTORY)
     tracking = _tracking(streams)
+    if parameters.get("reports") is not None:
+        tracking = _reported(tracking, parameters["reports"])
     if not len(tracking.source_ns):
         raise ValueError("no state after a first command was recorded: the stimulus did not run")
     mixture = _mixture(tracking, history, parameters.get("slack_states", SLACK_STATES))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal
@@ -13,6 +11,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, BeforeValidator, ConfigDict
 
 from grader.evidence.diagnosis import Diagnosis, explain
+from grader.evidence.oracle import load_oracle
 from grader.evidence.recorded import NumericStream, Recorded
 from grader.recording.submission import SubmissionRecord
 from grader.result import Finding, Outcome, Where
@@ -103,24 +102,7 @@ class Context:
 
     def oracle(self, reference: str) -> Callable[..., Any]:
         """Load an oracle by ``file.py:function``, relative to the rubric's folder."""
-        file, _, function = reference.partition(":")
-        return getattr(_module(self.lab_folder / file), function)  # type: ignore[no-any-return]
-
-
-def _module(path: Path) -> Any:
-    name = f"lab_oracles_{abs(hash(str(path)))}"
-    if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name, path)
-        if spec is None or spec.loader is None:
-            raise FileNotFoundError(path)
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[name] = module
-        try:
-            spec.loader.exec_module(module)
-        except BaseException:
-            del sys.modules[name]
-            raise
-    return sys.modules[name]
+        return load_oracle(self.lab_folder, reference)
 
 
 def credit_of(share: float) -> Decimal:

@@ -19,7 +19,7 @@ from grader.checks.finding import (
     ramp,
     why_nothing,
 )
-from grader.evidence.recorded import Floats, NumericStream, Span, usage_between
+from grader.evidence.recorded import Floats, NumericStream, Span, machine_delay_s
 from grader.evidence.timing import Timing, timing_of
 from grader.evidence.waves import Sinusoid, fit_sinusoid
 from grader.recording.session import Endpoint, Qos
@@ -107,7 +107,7 @@ def _measured(context: Context, topic: str, window: str | None) -> tuple[Timing 
 
 def _delay_s(context: Context, process: str, span: Span | None) -> float:
     run = context.session.process(process)
-    return usage_between(run, span)[1] if run is not None and span is not None else 0.0
+    return machine_delay_s(run, span) if run is not None and span is not None else 0.0
 
 
 def topic_rate(context: Context, p: TopicRate) -> Finding:

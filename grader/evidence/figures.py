@@ -6,8 +6,6 @@ since the session's start. A picture of nothing is no picture: then `draw` gives
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from grader.evidence.oracle import load_oracle
 from grader.evidence.printed import reports
 from grader.evidence.recorded import Floats, Integers, NumericStream, Recorded
 from grader.evidence.timing import timing_of
@@ -438,30 +437,8 @@ def _series(spec: FigureSpec, recorded: Recorded, lab_folder: Path) -> Series | 
     return Series(spec.title, spec.session, p.field, p.unit, tuple(lines), left_out)
 
 
-def _oracle(lab_folder: Path, reference: str) -> Callable[..., Any]:
-    """Load an oracle by ``file.py:function``, relative to the rubric's folder."""
-    file, _, function = reference.partition(":")
-    path = lab_folder / file
-    name = f"lab_figure_oracles_{abs(hash(str(path)))}"
-    if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name, path)
-        if spec is None or spec.loader is None or not path.is_file():
-            raise ValueError(f"there is no oracle file {file} beside the rubric")
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[name] = module
-        try:
-            spec.loader.exec_module(module)
-        except BaseException:
-            del sys.modules[name]
-            raise
-    oracle: Callable[..., Any] | None = getattr(sys.modules[name], function, None)
-    if oracle is None:
-        raise ValueError(f"{file} has no function {function}")
-    return oracle
-
-
 def _plateaus(p: _Reported, recorded: Recorded, lab_folder: Path) -> tuple[Plateau, ...]:
-    oracle = _oracle(lab_folder, p.oracle)
+    oracle = load_oracle(lab_folder, p.oracle)
     found = {role: recorded.numeric(topic, p.field) for role, topic in p.streams.items()}
     streams = {role: stream for role, stream in found.items() if stream is not None}
     try:

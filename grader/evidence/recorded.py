@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 
 from grader.recording.bag import Bag, Stream
 from grader.recording.session import (
+    PARTICIPANT_DIGITS,
+    UNKNOWN_NODE,
     Endpoint,
     OutputLine,
     ProcessRun,
@@ -146,14 +148,23 @@ class Recorded:
 
     @functools.cached_property
     def endpoints(self) -> tuple[Endpoint, ...]:
-        """All endpoints that were ever in the graph, by gid, as first seen complete."""
+        """All endpoints that were ever in the graph, by gid, as first seen complete.
+
+        One whose node never became known belongs to the node of its participant; where there is none, it
+        left before anybody could tell whose it was, and may have been our own.
+        """
         seen: dict[tuple[str, str], Endpoint] = {}
         for graph in self.record.graph:
             for endpoint in graph.endpoints:
                 known = seen.get((endpoint.gid, endpoint.topic))
-                if known is None or "_NODE_NAME_UNKNOWN_" in known.node:
+                if known is None or UNKNOWN_NODE in known.node:
                     seen[endpoint.gid, endpoint.topic] = endpoint
-        return tuple(seen.values())
+        nodes = {e.gid[:PARTICIPANT_DIGITS]: e.node for e in seen.values() if UNKNOWN_NODE not in e.node}
+        named = (
+            replace(e, node=nodes.get(e.gid[:PARTICIPANT_DIGITS], e.node)) if UNKNOWN_NODE in e.node else e
+            for e in seen.values()
+        )
+        return tuple(e for e in named if UNKNOWN_NODE not in e.node)
 
     def endpoints_on(self, name: str, kind: str, without: Iterable[str] = ()) -> tuple[Endpoint, ...]:
         """Return the endpoints of a kind ("publisher", "subscription") on a topic of the rubric's.
@@ -189,31 +200,23 @@ class Recorded:
         return processes[-1].output if processes else []
 
 
-def usage_between(run: ProcessRun, span: Span) -> tuple[float, float]:
-    """Return CPU time and run-queue delay of a process within a span, in s.
+def machine_delay_s(run: ProcessRun, span: Span) -> float:
+    """Return for how long within a span the machine kept a process from its core, in s.
 
-    Interpolated between the samples; the part of a span beyond the last sample counts nothing.
+    Notes
+    -----
+    Taken from the run-queue delay of its threads, interpolated between samples; the part of a span beyond
+    the last sample counts nothing. Threads of one process also wait for each other, and a process that is
+    busy all the time has itself to blame: others can have had the core no longer than it was not in use.
     """
     if len(run.usage) < 2:
-        return 0.0, 0.0
+        return 0.0
     times = [u.t_ns for u in run.usage]
-
-    def at(t_ns: int, value: Mapping[int, int]) -> float:
-        return float(np.interp(t_ns, times, list(value.values())))
-
-    spent = []
-    for pick in (_cpu, _delay):
-        series = {i: pick(u) for i, u in enumerate(run.usage)}
-        spent.append((at(span.end_ns, series) - at(span.start_ns, series)) / 1e9)
-    return spent[0], spent[1]
-
-
-def _cpu(usage: Usage) -> int:
-    return usage.cpu_ns
-
-
-def _delay(usage: Usage) -> int:
-    return usage.run_delay_ns
+    ends = [span.start_ns, span.end_ns]
+    cpu = np.interp(ends, times, [u.cpu_ns for u in run.usage])
+    delay = np.interp(ends, times, [u.run_delay_ns for u in run.usage])
+    idle_s = max(0.0, span.duration_s - float(cpu[1] - cpu[0]) / 1e9)
+    return min(float(delay[1] - delay[0]) / 1e9, idle_s)
 
 
 def _numbers(value: Any) -> Floats | None:

@@ -32,7 +32,7 @@ from grader.live.graph import GRADER_NAMESPACE, GraphWatch
 from grader.live.names import Candidate, near_miss
 from grader.live.recorder import Recorder
 from grader.recording.bag import BagWriter
-from grader.recording.session import GraphSnapshot
+from grader.recording.session import UNKNOWN_NODE, GraphSnapshot
 
 #: Once a student's node shows other endpoints, how long the wanted name may still take to appear.
 _NEAR_MISS_AFTER_S = 2.0
@@ -205,6 +205,7 @@ class Director:
             if e.kind == kind
             and e.node not in self._reference_nodes
             and e.topic not in _STANDARD
+            and UNKNOWN_NODE not in e.node
             and e.gid not in self._forgotten
         ]
 
@@ -335,6 +336,7 @@ class _Call:
         self._client, self._message, self._timeout_s = client, message, timeout_s
         self._future: Any = None
         self._started_ns = 0
+        self._ended: list[int] = []
 
     @property
     def idle(self) -> bool:
@@ -343,11 +345,9 @@ class _Call:
     def start(self) -> None:
         self._started_ns = time.time_ns()
         self._future = self._client.call_async(self._message)
-        self._future.add_done_callback(self._note_end)
-        self._ended_ns = 0
-
-    def _note_end(self, future: Any) -> None:
-        self._ended_ns = time.time_ns()
+        ended: list[int] = []
+        self._future.add_done_callback(lambda future: ended.append(time.time_ns()))
+        self._ended = ended
 
     def finish(self) -> dict[str, Any] | None:
         """Return the record of a call that has ended (answered or too late), else None."""
@@ -357,7 +357,8 @@ class _Call:
         if not self._future.done() and not late:
             return None
         answer = self._future.result() if self._future.done() else None
-        ended_ns = self._ended_ns or time.time_ns()
+        # The callback runs in the executor, so it may come after we have seen the answer.
+        ended_ns = self._ended[0] if self._ended else time.time_ns()
         if answer is None:
             self._client.remove_pending_request(self._future)
         self._future = None

@@ -251,10 +251,18 @@ class Session:
             _tell({"event": "step", "text": _describe(step), "index": len(self.record.steps), "of": len(self.plan.steps)})
             step.outcome, step.result = await getattr(self, f"_step_{step.kind}")(step.parameters)
             step.ended_ns = time.time_ns()
+            if step.kind == "wait_for":
+                self._hold_students_to_cores()
             if step.kind == "wait_for" and (name := step.result.get("name")):
                 wanted = next(step.parameters[k] for k in _NAMED if step.parameters.get(k))
                 if name != wanted:
                     self.record.names[wanted] = name
+
+    def _hold_students_to_cores(self) -> None:
+        cores = sorted(os.sched_getaffinity(0))
+        for number, process in enumerate(self._students()):
+            if process.alive:
+                process.hold_to_core(cores[(self.plan.slot + number) % len(cores)])
 
     async def _step_start(self, parameters: dict[str, Any]) -> tuple[str, dict[str, Any]]:
         if parameters["reference"]:

@@ -18,6 +18,11 @@ from typing import Any, TypeVar
 SESSION_SCHEMA = "ros-lab-grader/session/v1"
 SESSION_FILE = "session.json"
 
+#: What discovery says of an endpoint whose node is not known yet.
+UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
+#: Hexadecimal digits of a gid that tell the participant: endpoints that share them live in one process.
+PARTICIPANT_DIGITS = 24
+
 
 @dataclass
 class OutputLine:
