@@ -37,12 +37,28 @@ def _grade_parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("submissions", nargs="+", type=Path, metavar="PATH", help="folder of a student's files")
-    parser.add_argument("-o", "--output", type=Path, default=Path("results"), metavar="DIR", help="where results go (default: results)")
-    parser.add_argument("--rubric", type=Path, metavar="FILE", help="rubric (default: that of the lab which travels with grade)")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        default=Path("results"),
+        metavar="DIR",
+        help="where results go (default: results)",
+    )
+    parser.add_argument(
+        "--rubric",
+        type=Path,
+        metavar="FILE",
+        help="rubric (default: that of the lab which travels with grade)",
+    )
     parser.add_argument("--sessions", metavar="A,B", help="run only these sessions of the rubric")
-    parser.add_argument("--python", type=Path, metavar="FILE", help="interpreter for students' code (default: grade's own)")
+    parser.add_argument(
+        "--python", type=Path, metavar="FILE", help="interpreter for students' code (default: grade's own)"
+    )
     parser.add_argument("--seed", type=int, help="seed of the stimuli (default: drawn anew)")
-    parser.add_argument("-j", "--jobs", type=_count, metavar="N", help="sessions side by side (default: as the cores allow)")
+    parser.add_argument(
+        "-j", "--jobs", type=_count, metavar="N", help="sessions side by side (default: as the cores allow)"
+    )
     _add_fail_under(parser)
     parser.add_argument("--version", action="version", version=f"grade {__version__}")
     return parser
@@ -50,7 +66,13 @@ def _grade_parser() -> argparse.ArgumentParser:
 
 def _regrade_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="grade regrade", description="Judge recordings again; needs no ROS.")
-    parser.add_argument("results", nargs="+", type=Path, metavar="RESULTS_DIR", help="results of a submission, e.g. results/alice")
+    parser.add_argument(
+        "results",
+        nargs="+",
+        type=Path,
+        metavar="RESULTS_DIR",
+        help="results of a submission, e.g. results/alice",
+    )
     parser.add_argument("--rubric", type=Path, metavar="FILE", help="rubric (default: the one it was recorded with)")
     _add_fail_under(parser)
     return parser
@@ -111,8 +133,11 @@ def _grade(arguments: Sequence[str], console: Console) -> int:
         name = folder.resolve().name
         with ProgressDisplay(console, name, chosen if chosen is not None else list(rubric.sessions)) as display:
             result = pipeline.grade(
-                folder, rubric, options.output / name, live,
-                lambda p: display.update(p.session, p.text, p.step, p.steps, p.ended),  # noqa: B023
+                folder,
+                rubric,
+                options.output / name,
+                live,
+                lambda p: display.update(p.session, p.text, p.step, p.steps, p.ended),
             )
         print_result(console, result)
         console.print(f"Report: {options.output / name / pipeline.REPORT_FILE}", soft_wrap=True)
@@ -150,7 +175,9 @@ def _regrade(arguments: Sequence[str], console: Console) -> int:
 def _checks(arguments: Sequence[str], console: Console) -> int:
     from grader.checks import REGISTRY
 
-    argparse.ArgumentParser(prog="grade checks", description="List the checks that a rubric can use.").parse_args(arguments)
+    argparse.ArgumentParser(prog="grade checks", description="List the checks that a rubric can use.").parse_args(
+        arguments
+    )
     for name, check in REGISTRY.items():
         console.print(f"[bold]{name}[/]: {' '.join((check.parameters.__doc__ or '').split())}")
         for key, field in check.parameters.model_fields.items():

@@ -52,7 +52,7 @@ class RubricError(GraderError):
 
 
 class PlatformError(GraderError):
-    """This machine cannot run ROS 2 nodes, or lacks a part that grading needs."""
+    """The machine cannot run ROS 2 nodes, or lacks a part that grading needs."""
 
     exit_status = 5
 

@@ -57,7 +57,9 @@ def open_recordings(folder: Path, rubric: Rubric) -> Recordings:
         submission = read_submission(folder)
     except (OSError, ValueError) as problem:
         raise RecordingError(
-            "this is no folder of recordings", where=str(folder), remedy=f"Give a results folder of `grade`. ({problem})"
+            "this is no folder of recordings",
+            where=str(folder),
+            remedy=f"Give a results folder of `grade`. ({problem})",
         ) from problem
     sessions, problems = {}, []
     for name in rubric.sessions:
@@ -70,7 +72,9 @@ def open_recordings(folder: Path, rubric: Rubric) -> Recordings:
             continue
         except ValueError as problem:
             raise RecordingError(
-                "a recording cannot be read", where=str(folder / name), remedy=f"It may be of another version. ({problem})"
+                "a recording cannot be read",
+                where=str(folder / name),
+                remedy=f"It may be of another version. ({problem})",
             ) from problem
         sessions[name] = recorded
         problems += [f"{name}: {p}" for p in recorded.record.problems]
@@ -99,7 +103,11 @@ def _judge(spec: CheckSpec, recordings: Recordings, rubric: Rubric, findings: Ma
         return _without_recording(spec, context, rubric)
     if recorded is not None and not _sound(recorded):
         reason = "; ".join(recorded.record.problems) or "The recording was cut off."
-        return Finding(Outcome.INCONCLUSIVE, Decimal(0), reason=f"The experiment could not be carried out in order: {reason}")
+        return Finding(
+            Outcome.INCONCLUSIVE,
+            Decimal(0),
+            reason=f"The experiment could not be carried out in order: {reason}",
+        )
     try:
         finding = REGISTRY[spec.check].judge(context, spec.parameters)
     except Exception as problem:  # A broken check never costs points; it must not take the others with it.
@@ -129,14 +137,22 @@ def _without_recording(spec: CheckSpec, context: Context, rubric: Rubric) -> Fin
         fact = context.submission.artifact(needs[0])
         name = fact.expected if fact else needs[0]
         return Finding(
-            Outcome.FAILED, Decimal(0), expected=f"a file {name}", measured="no such file",
-            reason=f"There is no {name} in the submission.", hint=f"Hand in a file named {name}.",
+            Outcome.FAILED,
+            Decimal(0),
+            expected=f"a file {name}",
+            measured="no such file",
+            reason=f"There is no {name} in the submission.",
+            hint=f"Hand in a file named {name}.",
         )
     return Finding(Outcome.INCONCLUSIVE, Decimal(0), reason=f"The session '{spec.session}' was not recorded.")
 
 
 def _context(
-    spec: CheckSpec, recordings: Recordings, rubric: Rubric, findings: Mapping[str, Finding], recorded: Recorded | None
+    spec: CheckSpec,
+    recordings: Recordings,
+    rubric: Rubric,
+    findings: Mapping[str, Finding],
+    recorded: Recorded | None,
 ) -> Context:
     return Context(
         submission=recordings.submission,

@@ -130,7 +130,11 @@ def _value(node: ast.expr, constants: dict[str, object]) -> object:
     if isinstance(node, (ast.List, ast.Tuple)):
         return [_value(item, constants) for item in node.elts]
     if isinstance(node, ast.Dict):
-        return {_value(k, constants): _value(v, constants) for k, v in zip(node.keys, node.values, strict=True) if isinstance(k, ast.Constant)}
+        return {
+            _value(k, constants): _value(v, constants)
+            for k, v in zip(node.keys, node.values, strict=True)
+            if isinstance(k, ast.Constant)
+        }
     if isinstance(node, ast.JoinedStr):
         return "".join(_text(v.value if isinstance(v, ast.FormattedValue) else v, constants) for v in node.values)
     if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.metadata
 import importlib.util
-import os
 import platform
 import random
 import shutil
@@ -87,7 +86,8 @@ def require_platform() -> None:
         )
     if importlib.util.find_spec("rclpy") is None:
         raise PlatformError(
-            "the Python package rclpy is not installed", remedy="pip install 'ros-jazzy-rclpy[fastrtps]' ros-jazzy-common-interfaces"
+            "the Python package rclpy is not installed",
+            remedy="pip install 'ros-jazzy-rclpy[fastrtps]' ros-jazzy-common-interfaces",
         )
 
 
@@ -113,7 +113,9 @@ def chosen_sessions(rubric: Rubric, options: Options, submission: SubmissionReco
     unknown = [s for s in options.sessions or () if s not in rubric.sessions]
     if unknown:
         raise RubricError(
-            f"there is no session {unknown[0]!r}", [], remedy=f"Sessions of this rubric are {', '.join(rubric.sessions)}."
+            f"there is no session {unknown[0]!r}",
+            [],
+            remedy=f"Sessions of this rubric are {', '.join(rubric.sessions)}.",
         )
     there = {a.name for a in submission.artifacts if a.path is not None}
     wanted = options.sessions if options.sessions is not None else list(rubric.sessions)
@@ -143,7 +145,12 @@ def grade(folder: Path, rubric: Rubric, results: Path, options: Options, on_prog
 
 
 def record(
-    folder: Path, submission: SubmissionRecord, rubric: Rubric, results: Path, options: Options, on_progress: Callable[..., None]
+    folder: Path,
+    submission: SubmissionRecord,
+    rubric: Rubric,
+    results: Path,
+    options: Options,
+    on_progress: Callable[..., None],
 ) -> None:
     """Run the live half: stage, isolate, run the sessions, and again those whose checks are undecided."""
     from grader.live.cells import Sessions
@@ -156,8 +163,15 @@ def record(
     with tempfile.TemporaryDirectory(prefix="grade-stage-") as scratch:
         workspace = stage(folder, submission, rubric, Path(scratch), str(options.interpreter))
         sessions = Sessions(
-            rubric, submission, workspace.folder, workspace.executables, recordings, probe_isolation(options.interpreter),
-            options.interpreter, options.seed if options.seed is not None else random.SystemRandom().randrange(2**31), versions(),
+            rubric,
+            submission,
+            workspace.folder,
+            workspace.executables,
+            recordings,
+            probe_isolation(options.interpreter),
+            options.interpreter,
+            options.seed if options.seed is not None else random.SystemRandom().randrange(2**31),
+            versions(),
         )
         sessions.record(chosen, on_progress, at_a_time=options.jobs)
         for _ in range(RETRIES):
@@ -180,7 +194,11 @@ def _start_afresh(results: Path, recordings: Path, submission: SubmissionRecord,
 def undecided_sessions(recordings: Recordings, rubric: Rubric, chosen: Sequence[str]) -> list[str]:
     """Return the recorded sessions with a check whose outcome the recording leaves open."""
     findings = judge_checks(recordings, rubric)
-    open_checks = [c for c in rubric.checks() if c.id in findings and not findings[c.id].outcome.decided and not _by_file(findings[c.id].reason)]
+    open_checks = [
+        c
+        for c in rubric.checks()
+        if c.id in findings and not findings[c.id].outcome.decided and not _by_file(findings[c.id].reason)
+    ]
     return [s for s in chosen if any(c.session == s for c in open_checks)]
 
 
@@ -229,7 +247,9 @@ def regrade(results: Path, rubric_path: Path | None) -> Result:
     copy = results / RECORDINGS / RUBRIC_COPY
     if not copy.is_file():
         raise RecordingError(
-            "there are no recordings to judge", where=str(results), remedy="Give the folder of one submission's results, e.g. results/alice."
+            "there are no recordings to judge",
+            where=str(results),
+            remedy="Give the folder of one submission's results, e.g. results/alice.",
         )
     return judge_results(results, read_rubric(rubric_path or copy))
 
@@ -237,4 +257,4 @@ def regrade(results: Path, rubric_path: Path | None) -> Result:
 def _replace(path: Path, text: str) -> None:
     partial = path.with_suffix(path.suffix + ".partial")
     partial.write_text(text, encoding="utf-8", newline="\n")
-    os.replace(partial, path)
+    partial.replace(path)

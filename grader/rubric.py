@@ -297,7 +297,9 @@ class _Mistakes:
     def add(self, loc: Loc, message: str) -> None:
         line = next((self.lines[loc[:n]] for n in range(len(loc), -1, -1) if loc[:n] in self.lines), 1)
         path = ".".join(str(part) for part in loc)
-        self.found.append((line, f"{self.name}:{line}: {path}: {message}" if path else f"{self.name}:{line}: {message}"))
+        self.found.append(
+            (line, f"{self.name}:{line}: {path}: {message}" if path else f"{self.name}:{line}: {message}")
+        )
 
     def add_validation(self, loc: Loc, error: ValidationError) -> None:
         for item in error.errors():
@@ -327,12 +329,16 @@ def load_rubric(path: Path, parameters_of: Mapping[str, type[BaseModel]], folder
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as problem:
-        raise RubricError("the rubric cannot be read", [str(problem)], where=str(path), remedy="Check --rubric.") from problem
+        raise RubricError(
+            "the rubric cannot be read", [str(problem)], where=str(path), remedy="Check --rubric."
+        ) from problem
     return _Loader(path, text, parameters_of, folder).load()
 
 
 class _Loader:
-    def __init__(self, path: Path, text: str, parameters_of: Mapping[str, type[BaseModel]], folder: Path | None) -> None:
+    def __init__(
+        self, path: Path, text: str, parameters_of: Mapping[str, type[BaseModel]], folder: Path | None
+    ) -> None:
         self.path, self.text, self.parameters_of = path, text, parameters_of
         self.fallback = folder
         self.plain, lines, repeated = _parse_yaml(path, text)
@@ -348,7 +354,9 @@ class _Loader:
         lab = self._model(LabSpec, ("lab",), self.plain.get("lab"))
         artifacts = self._models(ArtifactSpec, "artifacts")
         reference = self._models(ReferenceSpec, "reference")
-        sessions = {str(k): self._session(str(k), v, artifacts, reference) for k, v in self._mapping("sessions").items()}
+        sessions = {
+            str(k): self._session(str(k), v, artifacts, reference) for k, v in self._mapping("sessions").items()
+        }
         criteria = tuple(self._criteria(sessions))
         self._check_whole(lab, criteria)
         folder = self._folder(reference)
@@ -356,7 +364,9 @@ class _Loader:
             listed = [message for _, message in sorted(self.mistakes.found)]
             raise RubricError(
                 f"the rubric has {len(listed)} mistake{'s' * (len(listed) != 1)}",
-                listed, where=str(self.path), remedy="`grade checks` lists every check with its parameters.",
+                listed,
+                where=str(self.path),
+                remedy="`grade checks` lists every check with its parameters.",
             )
         return Rubric(lab, artifacts, reference, sessions, criteria, folder, self.text)
 
@@ -394,7 +404,9 @@ class _Loader:
         parsed = {str(k): self._model(model, (key, k), v) for k, v in self._mapping(key).items()}
         return {k: v for k, v in parsed.items() if v is not None}
 
-    def _session(self, name: str, value: Any, artifacts: Mapping[str, Any], reference: Mapping[str, Any]) -> SessionSpec:
+    def _session(
+        self, name: str, value: Any, artifacts: Mapping[str, Any], reference: Mapping[str, Any]
+    ) -> SessionSpec:
         loc: Loc = ("sessions", name)
         if not isinstance(value, dict):
             self.mistakes.add(loc, "a mapping is expected")
@@ -413,12 +425,16 @@ class _Loader:
             if isinstance(time_s, bool) or not isinstance(time_s, (int, float)) or time_s <= 0:
                 self.mistakes.add((*loc, key), "a time in seconds is expected")
                 times[key] = 1.0
-        return SessionSpec(name, str(value.get("title", name)), steps, tuple(dict.fromkeys(n for n in needs if n)), **times)
+        return SessionSpec(
+            name, str(value.get("title", name)), steps, tuple(dict.fromkeys(n for n in needs if n)), **times
+        )
 
     def _step(self, loc: Loc, raw: Any, artifacts: Mapping[str, Any], reference: Mapping[str, Any]) -> Step | None:
         kinds = [k for k in raw if k != "label"] if isinstance(raw, dict) else []
         if len(kinds) != 1 or kinds[0] not in STEP_KINDS:
-            self.mistakes.add(loc, f"a step has one key of {', '.join(STEP_KINDS)}, and a label where checks refer to it")
+            self.mistakes.add(
+                loc, f"a step has one key of {', '.join(STEP_KINDS)}, and a label where checks refer to it"
+            )
             return None
         kind = kinds[0]
         model = self._model(STEP_KINDS[kind], (*loc, kind), raw[kind])
@@ -454,7 +470,12 @@ class _Loader:
                 if (figure := self._figure((*loc, "figures", n), item, sessions)) is not None
             )
             yield CriterionSpec(
-                str(raw.get("id")), str(raw.get("title")), points, str(raw.get("description", "")), found, figures
+                str(raw.get("id")),
+                str(raw.get("title")),
+                points,
+                str(raw.get("description", "")),
+                found,
+                figures,
             )
 
     def _figure(self, loc: Loc, raw: Any, sessions: Mapping[str, SessionSpec]) -> FigureSpec | None:
@@ -491,7 +512,14 @@ class _Loader:
         if parameters is None:
             return None
         return CheckSpec(
-            identity, str(raw.get("title", identity)), points, str(raw["check"]), parameters, session, requires, str(raw.get("hint", ""))
+            identity,
+            str(raw.get("title", identity)),
+            points,
+            str(raw["check"]),
+            parameters,
+            session,
+            requires,
+            str(raw.get("hint", "")),
         )
 
     def _parameters(self, loc: Loc, raw: dict[str, Any]) -> BaseModel | None:
@@ -523,10 +551,15 @@ def _parse_yaml(path: Path, text: str) -> tuple[dict[str, Any], dict[Loc, int], 
         line = mark.line + 1 if mark else 1
         detail = getattr(problem, "problem", None) or str(problem)
         raise RubricError(
-            "the rubric is not valid YAML", [f"{path.name}:{line}: {detail}"], where=str(path), remedy="Mend the line named."
+            "the rubric is not valid YAML",
+            [f"{path.name}:{line}: {detail}"],
+            where=str(path),
+            remedy="Mend the line named.",
         ) from problem
     if not isinstance(plain, dict) or root is None:
-        raise RubricError("the rubric is empty or not a mapping", [f"{path.name}:1: a mapping is expected"], where=str(path))
+        raise RubricError(
+            "the rubric is empty or not a mapping", [f"{path.name}:1: a mapping is expected"], where=str(path)
+        )
     lines: dict[Loc, int] = {}
     repeated: list[Loc] = []
     _note_lines(root, (), lines, repeated)
@@ -545,5 +578,3 @@ def _note_lines(node: yaml.Node, loc: Loc, lines: dict[Loc, int], repeated: list
     elif isinstance(node, yaml.SequenceNode):
         for index, item in enumerate(node.value):
             _note_lines(item, (*loc, index), lines, repeated)
-
-

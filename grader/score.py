@@ -26,7 +26,9 @@ def score_criteria(rubric: Rubric, findings: Mapping[str, Finding]) -> tuple[Cri
         if checks:
             earned, possible, undecided = _sums(checks)
             criteria.append(
-                CriterionResult(criterion.id, criterion.title, criterion.description, checks, earned, possible, undecided)
+                CriterionResult(
+                    criterion.id, criterion.title, criterion.description, checks, earned, possible, undecided
+                )
             )
     return tuple(criteria)
 

@@ -20,14 +20,28 @@ from grader.rubric import ArtifactSpec, Rubric
 
 #: Folders that tools make; a copy of a student's file in them is not the student's file.
 TOOL_FOLDERS = frozenset(
-    {"build", "install", "log", "__pycache__", ".git", ".venv", "venv", "node_modules", ".vscode", ".idea", "__MACOSX"}
+    {
+        "build",
+        "install",
+        "log",
+        "__pycache__",
+        ".git",
+        ".venv",
+        "venv",
+        "node_modules",
+        ".vscode",
+        ".idea",
+        "__MACOSX",
+    }
 )
 #: Files beyond these limits are left out, and the report says so.
 MAX_FILES = 2_000
 MAX_FILE_BYTES = 8 * 1024 * 1024
 MAX_TEXT_BYTES = 512 * 1024
 #: Kinds of files whose text the judging half may read.
-TEXT_SUFFIXES = frozenset({".py", ".md", ".rst", ".txt", ".xml", ".cfg", ".toml", ".yaml", ".yml", ".launch", ".org", ".adoc", ""})
+TEXT_SUFFIXES = frozenset(
+    {".py", ".md", ".rst", ".txt", ".xml", ".cfg", ".toml", ".yaml", ".yml", ".launch", ".org", ".adoc", ""}
+)
 #: How similar two file names must be for one to count as a misspelling of the other (difflib's ratio).
 NEAR_MISS_RATIO = 0.75
 
@@ -42,11 +56,15 @@ def read_submission_folder(folder: Path, rubric: Rubric) -> SubmissionRecord:
     """
     if not folder.exists():
         raise SubmissionError(
-            "there is no such submission", where=str(folder), remedy=f"Check the path. {_neighbours(folder)}".strip()
+            "there is no such submission",
+            where=str(folder),
+            remedy=f"Check the path. {_neighbours(folder)}".strip(),
         )
     if not folder.is_dir():
         raise SubmissionError(
-            "a submission is a folder", where=str(folder), remedy="Unpack the archive and give the folder with the student's files."
+            "a submission is a folder",
+            where=str(folder),
+            remedy="Unpack the archive and give the folder with the student's files.",
         )
     record = SubmissionRecord(name=folder.resolve().name)
     _collect_files(folder, record)
@@ -59,7 +77,8 @@ def read_submission_folder(folder: Path, rubric: Rubric) -> SubmissionRecord:
         raise SubmissionError(
             "nothing in this folder looks like a submission",
             where=str(folder),
-            remedy=f"One of these files is expected at least: {wanted}. For a folder of several submissions, name each of them.",
+            remedy=f"At least one of these files is expected: {wanted}. "
+            "For a folder of several submissions, name each of them.",
         )
     record.packages = find_packages(record.texts, [f.path for f in record.files])
     record.sha256 = _digest_of(record.files)
@@ -150,9 +169,7 @@ def _plain(name: str) -> str:
     return re.sub(r"[^a-z0-9]", "", re.sub(r"\.py$", "", name.lower()))
 
 
-def _by_similarity(
-    name: str, spec: ArtifactSpec, free: list[PurePosixPath], texts: dict[str, str]
-) -> ArtifactFact:
+def _by_similarity(name: str, spec: ArtifactSpec, free: list[PurePosixPath], texts: dict[str, str]) -> ArtifactFact:
     def ratio(path: PurePosixPath) -> float:
         return difflib.SequenceMatcher(None, _plain(spec.file), _plain(path.name)).ratio()
 

@@ -75,9 +75,7 @@ def _tracking(streams: Mapping[str, Stream]) -> _Tracking:
     return _Tracking(state.source_ns[known], commands, state.values[known])
 
 
-def tracking_plateaus(
-    streams: Mapping[str, Stream], parameters: Mapping[str, Any], seed: int
-) -> list[dict[str, Any]]:
+def tracking_plateaus(streams: Mapping[str, Stream], parameters: Mapping[str, Any], seed: int) -> list[dict[str, Any]]:
     """Give the spans of constant command and state with the RMS tracking error that a report must show.
 
     Parameters

@@ -8,7 +8,17 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from pydantic import Field, field_validator
 
-from grader.checks.finding import Context, Parameters, Share, failed, graded, inconclusive, missing_artifact, passed, why_nothing
+from grader.checks.finding import (
+    Context,
+    Parameters,
+    Share,
+    failed,
+    graded,
+    inconclusive,
+    missing_artifact,
+    passed,
+    why_nothing,
+)
 from grader.checks.traffic import claimed_qos, student_endpoints
 from grader.evidence.calls import rclpy_calls
 from grader.evidence.printed import text_of
@@ -40,11 +50,24 @@ def ends_by_itself(context: Context, p: EndsByItself) -> Finding:
     said = re.search(p.output, text_of(run.output)) is not None
     ran_s = ((run.exited_ns or context.session.record.ended_ns) - run.started_ns) / 1e9
     if run.interrupted_ns is not None or run.ended_by != "itself":
-        reason = f"It was still running after {(run.interrupted_ns or run.started_ns) / 1e9 - run.started_ns / 1e9:.0f} s and had to be stopped."
-        return graded(0.5 if said else 0.0, expected, "had to be stopped", reason, hint="End rclpy.spin after 10 s: count the time in a timer, or spin_once in a loop.", where=(spot,))
+        stopped_s = ((run.interrupted_ns or run.started_ns) - run.started_ns) / 1e9
+        reason = f"It was still running after {stopped_s:.0f} s and had to be stopped."
+        return graded(
+            0.5 if said else 0.0,
+            expected,
+            "had to be stopped",
+            reason,
+            hint="End rclpy.spin after 10 s: count the time in a timer, or spin_once in a loop.",
+            where=(spot,),
+        )
     measured = f"ended after {ran_s:.1f} s with status {run.exit_status}" + ("" if said else ", no results")
     if said and ran_s >= p.least_s:
-        return passed(expected, measured, where=(spot,), notes=() if run.exit_status == 0 else (f"Its exit status is {run.exit_status}.",))
+        return passed(
+            expected,
+            measured,
+            where=(spot,),
+            notes=() if run.exit_status == 0 else (f"Its exit status is {run.exit_status}.",),
+        )
     reason, hint, where = why_nothing(context, p.artifact, "It ended without results.")
     if said:
         return graded(0.5, expected, measured, f"It ended after {ran_s:.1f} s already.", where=(spot,))
@@ -134,7 +157,12 @@ def _claim(context: Context, artifact: str, kind: str, topic: str) -> tuple[Qos 
         return qos, spot
     path = context.path_of(artifact) or ""
     for call in rclpy_calls(context.submission.texts.get(path, "")):
-        if call.kind == kind and call.name is not None and call.name.strip("/") == topic.strip("/") and call.qos is not None:
+        if (
+            call.kind == kind
+            and call.name is not None
+            and call.name.strip("/") == topic.strip("/")
+            and call.qos is not None
+        ):
             known = {k: v for k, v in call.qos.items() if k in ("history", "depth", "reliability", "durability")}
             return Qos(**known), Where(file=path, line=call.line)  # type: ignore[arg-type]
     return None, None
@@ -161,7 +189,9 @@ class ReportedTraffic(Parameters):
     rows: tuple[Row, ...]
     pattern: str = Field(description="Regular expression with groups count, mean_ms and max_ms.")
     count_tolerance: Share = 0.02
-    latency_factor: float = Field(4, description="The reported mean may be above the recorded one, or below its least, by this factor.")
+    latency_factor: float = Field(
+        4, description="The reported mean may be above the recorded one, or below its least, by this factor."
+    )
     latency_slack_s: float = Field(0.004, description="It may be above the recorded one by this much in any case.")
 
     @field_validator("pattern")
@@ -216,7 +246,10 @@ def _judge_row(context: Context, p: ReportedTraffic, row: Row, got: Mapping[str,
     most_s = max(truth_s * p.latency_factor, truth_s + p.latency_slack_s)
     latency_right = listens and least_s <= mean_s <= most_s and mean_s <= max_s + 1e-5
     if listens and not latency_right:
-        reasons.append(f"{row.name} reports a mean latency of {mean_s * 1e3:.2f} ms (max {max_s * 1e3:.2f} ms); recorded was {truth_s * 1e3:.2f} ms.")
+        reasons.append(
+            f"{row.name} reports a mean latency of {mean_s * 1e3:.2f} ms (max {max_s * 1e3:.2f} ms); "
+            f"recorded was {truth_s * 1e3:.2f} ms."
+        )
     return 0.5 * count_right + 0.5 * latency_right, text, " ".join(reasons)
 
 

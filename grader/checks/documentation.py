@@ -10,7 +10,14 @@ from pydantic import Field
 
 from grader.checks.finding import Context, Parameters, Share, failed, graded
 from grader.evidence.markup import Document, read_markdown
-from grader.evidence.prose import TopicWords, concepts, coverage, document_passages, run_instructions, source_passages
+from grader.evidence.prose import (
+    TopicWords,
+    concepts,
+    coverage,
+    document_passages,
+    run_instructions,
+    source_passages,
+)
 from grader.evidence.source import SourceFacts, docstring_share, parse
 from grader.result import Finding, Where
 
@@ -66,14 +73,22 @@ def readme(context: Context, p: Readme) -> Finding:
         return failed(expected, "no README", "There is no README.", hint="Write a README.md beside the code.")
     commands = [(path, i) for path, document in documents for i in run_instructions(document, p.commands)]
     topics = [TopicWords(part.artifact, part.names, part.synonyms) for part in p.parts]
-    described = {t.id: (path, t) for path, d in reversed(documents) for t in coverage(d, topics, p.words_each).topics if t.state == "described"}
+    described = {
+        t.id: (path, t)
+        for path, d in reversed(documents)
+        for t in coverage(d, topics, p.words_each).topics
+        if t.state == "described"
+    }
     lacking = [part for part in p.parts if part.artifact not in described]
     share = p.run_weight * bool(commands) + (1 - p.run_weight) * len(described) / len(p.parts)
     reasons = []
     if not commands:
         reasons.append("It does not say by which commands the work is run.")
     if lacking:
-        reasons.append(f"It does not say what {', '.join(part.names[0] for part in lacking)} {'does' if len(lacking) == 1 else 'do'}.")
+        reasons.append(
+            f"It does not say what {', '.join(part.names[0] for part in lacking)} "
+            + ("does." if len(lacking) == 1 else "do.")
+        )
     measured = f"{len(commands)} commands, {len(described)} of {len(p.parts)} parts described"
     where = [Where(file=path, line=i.line) for path, i in commands[:1]]
     where += [Where(file=path, line=t.lines[0] if t.lines else None) for path, t in described.values()]
@@ -147,7 +162,12 @@ def concepts_explained(context: Context, p: ConceptsExplained) -> Finding:
     passages = [passage for path, d in readmes(context) for passage in document_passages(d, path)]
     other = [path for path in context.submission.texts if PurePosixPath(path).suffix.lower() in (".md", ".rst", ".txt")]
     known = {passage.file for passage in passages}
-    passages += [q for path in sorted(other) if path not in known for q in document_passages(read_markdown(context.submission.texts[path]), path)]
+    passages += [
+        q
+        for path in sorted(other)
+        if path not in known
+        for q in document_passages(read_markdown(context.submission.texts[path]), path)
+    ]
     passages += [passage for facts in sources(context, p.artifacts) for passage in source_passages(facts)]
     found = concepts(passages, p.concepts, p.reasons, p.anchors, p.min_words)
     expected = f"{p.full_concepts} of {len(p.concepts)} concepts discussed, with reasons"

@@ -116,7 +116,14 @@ def passed(expected: str, measured: str, *, where: Sequence[Where] = (), notes: 
 
 
 def graded(
-    share: float, expected: str, measured: str, reason: str, *, hint: str = "", where: Sequence[Where] = (), notes: Sequence[str] = ()
+    share: float,
+    expected: str,
+    measured: str,
+    reason: str,
+    *,
+    hint: str = "",
+    where: Sequence[Where] = (),
+    notes: Sequence[str] = (),
 ) -> Finding:
     """State a finding by the share of credit that it earns; the reason is dropped when that is all."""
     credit = credit_of(share)
@@ -154,7 +161,12 @@ def missing_artifact(context: Context, artifact: str, expected: str) -> Finding 
         return None
     fact = context.submission.artifact(artifact)
     name = fact.expected if fact else artifact
-    return failed(expected, "no such file", f"There is no {name} in the submission.", hint=f"Hand in a file named {name}.")
+    return failed(
+        expected,
+        "no such file",
+        f"There is no {name} in the submission.",
+        hint=f"Hand in a file named {name}.",
+    )
 
 
 def told(found: Diagnosis) -> str:
@@ -175,5 +187,9 @@ def why_nothing(context: Context, artifact: str, fallback: str) -> tuple[str, st
     if processes and processes[-1].ended_by == "itself" and processes[-1].exit_status is not None:
         status = processes[-1].exit_status
         reason = f"The program ended by itself with exit status {status} before it did anything that can be seen."
-        return reason, "A node has to spin: rclpy.spin(node) keeps it alive.", (Where(session=session, process=artifact),)
+        return (
+            reason,
+            "A node has to spin: rclpy.spin(node) keeps it alive.",
+            (Where(session=session, process=artifact),),
+        )
     return fallback, "", (Where(session=session, process=artifact),)

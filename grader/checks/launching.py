@@ -60,14 +60,21 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
     if plan is None:
         return inconclusive(expected, "not evaluated", "The recording does not hold an evaluation of the launch file.")
     problem = plan.problem
-    where = (Where(file=problem.file, line=problem.line),) if problem is not None and problem.file else (context.where(),)
+    where = (
+        (Where(file=problem.file, line=problem.line),) if problem is not None and problem.file else (context.where(),)
+    )
     if plan.outcome == "not_assessable" and problem is not None:
         return inconclusive(expected, problem.message, "The grader cannot evaluate this launch file.", where=where)
     if problem is not None and problem.kind not in ("unknown_executable", "unknown_package"):
         place = f" ({problem.file}, line {problem.line})" if problem.file and problem.line else ""
         return failed(expected, problem.message, _sentence(problem.message) + place, hint=problem.remedy, where=where)
     notes = [f"{w.message} ({w.file}:{w.line})" if w.file else w.message for w in plan.warnings]
-    return passed(expected, f"{len(plan.processes)} processes, {len(plan.arguments)} arguments", where=where, notes=notes)
+    return passed(
+        expected,
+        f"{len(plan.processes)} processes, {len(plan.arguments)} arguments",
+        where=where,
+        notes=notes,
+    )
 
 
 def _sentence(message: str) -> str:
@@ -110,7 +117,10 @@ def launch_arguments(context: Context, p: LaunchArguments) -> Finding:
         if got is None:
             parts.append(0.0)
             others = [n for n in declared if n not in {a.name for a in p.arguments}]
-            reasons.append(f"The argument {wanted.name} is not declared" + (f"; declared are {', '.join(others)}." if others else "."))
+            reasons.append(
+                f"The argument {wanted.name} is not declared"
+                + (f"; declared are {', '.join(others)}." if others else ".")
+            )
             continue
         spots.append(Where(file=got.file, line=got.line))
         right = got.default is not None and _same(got.default, wanted.default)
@@ -161,10 +171,20 @@ def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
     plan = plan_of(context, p.step)
     if plan is None or plan.problem is not None:
         problem = plan.problem if plan is not None else None
-        where = (Where(file=problem.file, line=problem.line),) if problem is not None and problem.file else (context.where(),)
+        where = (
+            (Where(file=problem.file, line=problem.line),)
+            if problem is not None and problem.file
+            else (context.where(),)
+        )
         reason = _sentence(problem.message) if problem is not None else "The launch file could not be evaluated."
         hint = problem.remedy if problem is not None else ""
-        return failed(expected, "nothing was started", f"{reason} `ros2 launch` stops there and starts nothing.", hint=hint, where=where)
+        return failed(
+            expected,
+            "nothing was started",
+            f"{reason} `ros2 launch` stops there and starts nothing.",
+            hint=hint,
+            where=where,
+        )
     parts, reasons, notes, spots = [], [], [], []
     for wanted in p.nodes:
         share, reason, note = _judge_node(context, plan, wanted)
@@ -175,18 +195,28 @@ def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
         spots += [Where(file=entry.file, line=entry.line)] if entry and share < 1 else []
     unknown = mended(context, p.step, "unknown_executable", "unknown_package")
     hint = ""
-    for problem in unknown:
-        if any(a.path is None and a.expected.removesuffix(".py") in problem["message"] for a in context.submission.artifacts):
-            notes.append(f"{_sentence(problem['message'])} Its file is missing, which is charged elsewhere.")
+    for noted in unknown:
+        if any(
+            a.path is None and a.expected.removesuffix(".py") in noted["message"] for a in context.submission.artifacts
+        ):
+            notes.append(f"{_sentence(noted['message'])} Its file is missing, which is charged elsewhere.")
             continue
         parts.append(parts.pop() - 1.0)
-        reasons.insert(0, f"{_sentence(problem['message'])} `ros2 launch` stops there and starts nothing.")
-        hint = str(problem["remedy"])
-        spots.insert(0, Where(file=problem["file"], line=problem["line"]))
+        reasons.insert(0, f"{_sentence(noted['message'])} `ros2 launch` stops there and starts nothing.")
+        hint = str(noted["remedy"])
+        spots.insert(0, Where(file=noted["file"], line=noted["line"]))
     up = [n for n in context.session.nodes if n not in context.reference_nodes]
     measured = ", ".join(up) or "no node of the student's in the graph"
     share = max(0.0, sum(parts) / len(parts))
-    return graded(share, expected, measured, " ".join(reasons), hint=hint, where=spots or (context.where(),), notes=notes)
+    return graded(
+        share,
+        expected,
+        measured,
+        " ".join(reasons),
+        hint=hint,
+        where=spots or (context.where(),),
+        notes=notes,
+    )
 
 
 def _judge_node(context: Context, plan: Plan, wanted: WantedNode) -> tuple[float, str, str]:
@@ -200,7 +230,11 @@ def _judge_node(context: Context, plan: Plan, wanted: WantedNode) -> tuple[float
     if context.path_of(wanted.artifact) is None:
         return 1.0, "", f"The file for {wanted.node} is missing, which is charged in {wanted.charged_by}."
     if entry.name in (name, None) and _charged(context, wanted.charged_by):
-        return 1.0, "", f"{wanted.node} did not come up by its own fault, which is charged in {wanted.charged_by}."
+        return (
+            1.0,
+            "",
+            f"{wanted.node} did not come up by its own fault, which is charged in {wanted.charged_by}.",
+        )
     used = context.session.used(wanted.node)
     if entry.name not in (name, None) or used != wanted.node:
         return 0.5, f"{wanted.executable} runs under the name {entry.name or used}, not {name}.", ""
@@ -274,19 +308,33 @@ def _judge_parameter(
     if value is _MISSING:
         return 0.0, f"The launch file gives {short} no {wanted.name}.", f"{short}.{wanted.name} missing"
     text = f"{short}.{wanted.name} = {value!r}"
-    if running is None and step is not None and step.outcome == "done" and wanted.name in step.result.get("declared", []):
+    if (
+        running is None
+        and step is not None
+        and step.outcome == "done"
+        and wanted.name in step.result.get("declared", [])
+    ):
         return 0.0, f"{wanted.name} of {short} could not be read.", text
     if not _same(value, wanted.value):
         return 0.0, f"{wanted.name} of {short} is {value!r}, not {wanted.value!r}.", text
     if planned is _MISSING:
-        return 0.0, f"The launch file gives {short} no {wanted.name}; {value!r} is the node's own default.", text
+        return (
+            0.0,
+            f"The launch file gives {short} no {wanted.name}; {value!r} is the node's own default.",
+            text,
+        )
     if wanted.other is None:
         return 1.0, "", text
     changed = _planned(other, wanted)
     if changed is not _MISSING and _same(changed, wanted.other):
         return 1.0, "", text
     shown = "nothing" if changed is _MISSING else repr(changed)
-    return 0.5, f"{wanted.name} of {short} is not wired to its launch argument: with another argument it is {shown}, not {wanted.other!r}.", text
+    return (
+        0.5,
+        f"{wanted.name} of {short} is not wired to its launch argument: "
+        f"with another argument it is {shown}, not {wanted.other!r}.",
+        text,
+    )
 
 
 class TogetherCommands(Parameters):
@@ -327,13 +375,26 @@ class LaunchTogether(Parameters):
 def launch_together(context: Context, p: LaunchTogether) -> Finding:
     """Judge what happened while all ran; a part whose node is at fault by itself is left out."""
     expected = "commands at the rate the publisher has alone, an arm that follows, a service that answers"
-    parts = [_commands_come(context, p.commands), _arm_follows(context, p.follows), _service_answers(context, p.answers)]
+    parts = [
+        _commands_come(context, p.commands),
+        _arm_follows(context, p.follows),
+        _service_answers(context, p.answers),
+    ]
     judged = [part for part in parts if part is not None]
     if not judged:
-        return not_reached("Each of the nodes fails by its own fault, which is charged in its own criterion.", expected=expected)
+        return not_reached(
+            "Each of the nodes fails by its own fault, which is charged in its own criterion.",
+            expected=expected,
+        )
     measured = "; ".join(text for _, text, _ in judged)
     reasons = " ".join(reason for share, _, reason in judged if share < 1)
-    return graded(sum(s for s, _, _ in judged) / len(judged), expected, measured, reasons, where=(context.where(p.commands.topic),))
+    return graded(
+        sum(s for s, _, _ in judged) / len(judged),
+        expected,
+        measured,
+        reasons,
+        where=(context.where(p.commands.topic),),
+    )
 
 
 def _commands_come(context: Context, p: TogetherCommands) -> tuple[float, str, str] | None:
@@ -343,12 +404,20 @@ def _commands_come(context: Context, p: TogetherCommands) -> tuple[float, str, s
     if timing is None:
         if _charged(context, p.charged_by):
             return None
-        return 0.0, "no commands", "No commands came while all ran together; do the nodes follow the simulation's clock?"
+        return (
+            0.0,
+            "no commands",
+            "No commands came while all ran together; do the nodes follow the simulation's clock?",
+        )
     if alone_timing is None:
         return 1.0, f"commands at {timing.rate_hz:.1f} Hz", ""
     share = min(1.0, timing.rate_hz / alone_timing.rate_hz / p.least_share)
     text = f"commands at {timing.rate_hz:.1f} Hz ({alone_timing.rate_hz:.1f} Hz alone)"
-    return share, text, f"Commands come at {timing.rate_hz:.1f} Hz, while alone they come at {alone_timing.rate_hz:.1f} Hz."
+    return (
+        share,
+        text,
+        f"Commands come at {timing.rate_hz:.1f} Hz, while alone they come at {alone_timing.rate_hz:.1f} Hz.",
+    )
 
 
 def _arm_follows(context: Context, p: TogetherFollows) -> tuple[float, str, str] | None:
@@ -370,4 +439,8 @@ def _service_answers(context: Context, p: TogetherAnswers) -> tuple[float, str, 
     calls: Sequence[Mapping[str, Any]] = step.result.get("calls", []) if step is not None else []
     if calls and calls[0]["response"] is not None:
         return 1.0, "the service answers", ""
-    return None if _charged(context, p.charged_by) else (0.0, "no answer from the service", "The service does not answer while all run together.")
+    return (
+        None
+        if _charged(context, p.charged_by)
+        else (0.0, "no answer from the service", "The service does not answer while all run together.")
+    )

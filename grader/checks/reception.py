@@ -101,7 +101,11 @@ def _judge_subscription(
 ) -> tuple[float, str, str]:
     used = context.session.used(wanted.topic)
     if not endpoints:
-        return 0.0, f"nothing on {wanted.topic}", f"There is no subscription on {wanted.topic}, nor on a similar name."
+        return (
+            0.0,
+            f"nothing on {wanted.topic}",
+            f"There is no subscription on {wanted.topic}, nor on a similar name.",
+        )
     endpoint = next((e for e in endpoints if e.type == wanted.type), endpoints[0])
     text = f"{endpoint.type} from {used} ({endpoint.qos.reliability}, {endpoint.qos.durability})"
     share, reasons = 1.0, []
@@ -114,7 +118,10 @@ def _judge_subscription(
     policy = clash(endpoint, offered)
     if policy is not None:
         share -= 0.6
-        reasons.append(f"On {used} the two sides are incompatible in {policy}, so no message would arrive from the lab's publisher.")
+        reasons.append(
+            f"On {used} the two sides are incompatible in {policy}, "
+            "so no message would arrive from the lab's publisher."
+        )
     return max(0.0, share), text, " ".join(reasons)
 
 
@@ -163,7 +170,11 @@ def reported_series(context: Context, p: ReportedSeries) -> Finding:
     spans = spans_of(context, p)
     expected = f"the right value on each of {len(spans)} plateaus, ± {p.tolerance:g}"
     if not spans:
-        return inconclusive(expected, "no stimulus recorded", "Commands and states were not recorded, so there is nothing to compare with.")
+        return inconclusive(
+            expected,
+            "no stimulus recorded",
+            "Commands and states were not recorded, so there is nothing to compare with.",
+        )
     heard = reports(context.session, p.artifact, p.pattern)
     if not heard:
         fallback = "The node reported no tracking error at all, neither on its output nor in its log."
@@ -171,24 +182,33 @@ def reported_series(context: Context, p: ReportedSeries) -> Finding:
         return failed(expected, "no report", reason, hint=hint, where=where)
     right, silent, left_out, ratios, worst = 0, 0, 0, [], ""
     for span in spans:
-        inside = _inside(heard, span, p.settle_s)
+        inside, begin_s = _inside(heard, span, p.settle_s), context.session.since_start_s(span["start_ns"])
         value = float(np.median([r.value for r in inside])) if inside else float("nan")
         if abs(value - span["value"]) <= max(p.tolerance, 0.01 * span["value"]):
             right += 1
-            left_out, silent = left_out + silent, 0  # It went on: what it lost before is charged by its share.
+            left_out, silent = (
+                left_out + silent,
+                0,
+            )  # It went on: what it lost before is charged by its share.
         elif inside:
             ratios.append(value / span["value"])
-            worst = worst or f"At {context.session.since_start_s(span['start_ns']):.1f} s it reports {value:.4f}; right is {span['value']:.4f}."
+            worst = worst or f"At {begin_s:.1f} s it reports {value:.4f}; right is {span['value']:.4f}."
         else:
             silent += 1
-            worst = worst or f"From {context.session.since_start_s(span['start_ns']):.1f} s on there is no report on a whole plateau."
+            worst = worst or f"From {begin_s:.1f} s on there is no report on a whole plateau."
     measured = f"right on {right} of {len(spans)} plateaus ({len(heard)} reports)"
     judged = len(spans) - left_out
     reason = f"{worst}{_formula(ratios, len(spans), context, p)}"
     spot = Where(session=context.session.record.session, process=p.artifact)
     if silent and right + silent == len(spans) and (late := _starved(context, p)):
         return inconclusive(expected, measured, late, where=(spot,))
-    return graded(right / judged, expected, measured, reason, where=(spot, context.where(next(iter(p.streams.values())))))
+    return graded(
+        right / judged,
+        expected,
+        measured,
+        reason,
+        where=(spot, context.where(next(iter(p.streams.values())))),
+    )
 
 
 def _inside(heard: Sequence[Report], span: Mapping[str, Any], settle_s: float) -> list[Report]:
@@ -204,7 +224,8 @@ def _formula(ratios: Sequence[float], spans: int, context: Context, p: Streams) 
     count = next(iter(streams.values())).values.shape[1]
     ratio = float(np.mean(ratios))
     if abs(ratio / np.sqrt(count) - 1) < 0.02:
-        return f" It is always {ratio:.2f} times the right value, the root of {count}: the sum was taken where the mean belongs."
+        root = f"the root of {count}: the sum was taken where the mean belongs"
+        return f" It is always {ratio:.2f} times the right value, {root}."
     return f" It is always {ratio:.2f} times the right value."
 
 
@@ -224,7 +245,9 @@ class ReportedStatistics(Streams):
     length: int
     tolerance: float = Field(0.001, description="Absolute; 1 % of the value is allowed in any case.")
     alternatives: tuple[Alternative, ...] = ()
-    report_pattern: str | None = Field(None, description="The node's report on each message, to see whether it lost any.")
+    report_pattern: str | None = Field(
+        None, description="The node's report on each message, to see whether it lost any."
+    )
 
 
 def reported_statistics(context: Context, p: ReportedStatistics) -> Finding:
@@ -232,7 +255,11 @@ def reported_statistics(context: Context, p: ReportedStatistics) -> Finding:
     expected = f"{p.length} numbers behind '{p.label}:' at Ctrl-C, agreeing with the recording"
     streams = context.streams(p.streams, p.field)
     if len(streams) < len(p.streams):
-        return inconclusive(expected, "no stimulus recorded", "Commands and states were not recorded, so there is nothing to compare with.")
+        return inconclusive(
+            expected,
+            "no stimulus recorded",
+            "Commands and states were not recorded, so there is nothing to compare with.",
+        )
     printed = labelled_vector(context.session.output_of(p.artifact), p.label)
     spot = Where(session=context.session.record.session, process=p.artifact)
     if printed is None:
@@ -265,20 +292,35 @@ def _nothing_printed(context: Context, p: ReportedStatistics, expected: str) -> 
     spot = Where(session=context.session.record.session, process=p.artifact)
     if processes and processes[-1].interrupted_ns and processes[-1].ended_by in ("terminate", "kill"):
         reason = "After Ctrl-C the node did not end in time, and had to be stopped before it printed statistics."
-        return failed(expected, "nothing", reason, hint="Let KeyboardInterrupt end rclpy.spin, then print.", where=(spot,))
-    reason, hint, where = why_nothing(context, p.artifact, f"Nothing of the form '{p.label}: [...]' was printed after Ctrl-C.")
+        return failed(
+            expected,
+            "nothing",
+            reason,
+            hint="Let KeyboardInterrupt end rclpy.spin, then print.",
+            where=(spot,),
+        )
+    reason, hint, where = why_nothing(
+        context, p.artifact, f"Nothing of the form '{p.label}: [...]' was printed after Ctrl-C."
+    )
     hint = hint or f"Catch KeyboardInterrupt around rclpy.spin(node), and print '{p.label}: [...]' after it."
     return failed(expected, "nothing", reason, hint=hint, where=where)
 
 
-def _agreement(context: Context, p: ReportedStatistics, streams: Mapping[str, Any], other: Mapping[str, Any], printed: Sequence[float]) -> float:
+def _agreement(
+    context: Context,
+    p: ReportedStatistics,
+    streams: Mapping[str, Any],
+    other: Mapping[str, Any],
+    printed: Sequence[float],
+) -> float:
     """Return the share of elements that lie within the oracle's bounds."""
     right = context.oracle(p.oracle)(streams, {**p.parameters, **other}, context.session.record.seed)[p.key]
     if len(printed) != len(right["value"]):
         return 0.0
     slack = [max(p.tolerance, 0.01 * abs(v)) for v in right["value"]]
     bounds = zip(printed, right["low"], right["high"], slack, strict=True)
-    return sum(low - s <= x <= high + s for x, low, high, s in bounds) / len(printed)
+    right_ones: list[bool] = [low - s <= x <= high + s for x, low, high, s in bounds]
+    return sum(right_ones) / len(printed)
 
 
 def _messages_during_delay(context: Context, p: Streams) -> float:
@@ -298,7 +340,8 @@ def _starved(context: Context, p: Streams) -> str:
     delay_s, length_s = _delay_s(context, p)
     if delay_s < _STARVED_SHARE * length_s:
         return ""
-    return f"The machine kept the node from a core for {delay_s:.2f} s of {length_s:.1f} s, so it may have lost messages by that."
+    late = f"for {delay_s:.2f} s of {length_s:.1f} s"
+    return f"The machine kept the node from a core {late}, so it may have lost messages by that."
 
 
 def _delay_s(context: Context, p: Streams) -> tuple[float, float]:
@@ -307,7 +350,10 @@ def _delay_s(context: Context, p: Streams) -> tuple[float, float]:
     processes = context.session.processes_of(p.artifact)
     if not streams or not processes:
         return 0.0, 0.0
-    span = Span(min(int(s.source_ns[0]) for s in streams.values()), max(int(s.source_ns[-1]) for s in streams.values()))
+    span = Span(
+        min(int(s.source_ns[0]) for s in streams.values()),
+        max(int(s.source_ns[-1]) for s in streams.values()),
+    )
     return machine_delay_s(processes[-1], span), span.duration_s
 
 
@@ -361,7 +407,11 @@ def report_share(context: Context, p: ReportShare) -> Finding:
     streams = context.streams(p.streams, p.field)
     expected = f"a report for at least {p.full_from:.0%} of the messages"
     if len(streams) < len(p.streams):
-        return inconclusive(expected, "no stimulus recorded", "Commands and states were not recorded, so there is nothing to compare with.")
+        return inconclusive(
+            expected,
+            "no stimulus recorded",
+            "Commands and states were not recorded, so there is nothing to compare with.",
+        )
     possible = int(context.oracle(p.oracle)(streams, p.parameters, context.session.record.seed))
     heard = len(reports(context.session, p.artifact, p.pattern))
     if not heard:
@@ -375,5 +425,3 @@ def report_share(context: Context, p: ReportShare) -> Finding:
     if min(1.0, best) - share > 0.25:
         return inconclusive(expected, measured, _starved(context, p), where=(spot,))
     return graded(best, expected, measured, f"Only {heard} of {possible} messages led to a report.", where=(spot,))
-
-

@@ -60,7 +60,11 @@ def service_offered(context: Context, p: ServiceOffered) -> Finding:
     spot = claimed_at(context, "service", used)
     where = (*([spot] if spot else []), context.where())
     return graded(
-        1 - sum(w for w, _ in wrong), expected, f"{used} of type {offer.type}, from {offer.node}", " ".join(r for _, r in wrong), where=where
+        1 - sum(w for w, _ in wrong),
+        expected,
+        f"{used} of type {offer.type}, from {offer.node}",
+        " ".join(r for _, r in wrong),
+        where=where,
     )
 
 
@@ -91,8 +95,10 @@ def _spot(context: Context, step: StepRun | None) -> Where:
         return context.where()
     service = step.result.get("service") or step.parameters.get("service")
     return Where(
-        session=context.session.record.session, topic=service,
-        start_s=context.session.since_start_s(step.started_ns), end_s=context.session.since_start_s(step.ended_ns or step.started_ns),
+        session=context.session.record.session,
+        topic=service,
+        start_s=context.session.since_start_s(step.started_ns),
+        end_s=context.session.since_start_s(step.ended_ns or step.started_ns),
     )
 
 
@@ -122,8 +128,20 @@ def _silence(context: Context, artifact: str, expected: str, problem: str, where
         return failed(expected, "no answer", f"{problem} {told(found)}", hint=found.remedy, where=(*spot, *where))
     if any(s.kind == "get_parameters" and s.outcome == "timeout" for s in context.session.record.steps):
         reason = f"{problem} The node does not answer questions for its parameters either: it does not spin."
-        return failed(expected, "no answer", reason, hint="rclpy.spin(node) lets a node answer; it must be reached.", where=where)
-    return failed(expected, "no answer", problem, hint="A service callback must return its response, and soon.", where=where)
+        return failed(
+            expected,
+            "no answer",
+            reason,
+            hint="rclpy.spin(node) lets a node answer; it must be reached.",
+            where=where,
+        )
+    return failed(
+        expected,
+        "no answer",
+        problem,
+        hint="A service callback must return its response, and soon.",
+        where=where,
+    )
 
 
 def call_answered(context: Context, p: CallAnswered) -> Finding:
@@ -172,13 +190,27 @@ def call_gated(context: Context, p: CallGated) -> Finding:
     measured = f"off: {_shown(answers[p.refused_step])}; on again: {_shown(answers[p.recovered_step])}"
     where = tuple(_spot(context, steps[n]) for n in (p.refused_step, p.recovered_step))
     if refuses:
-        return graded(0.5 + 0.5 * recovers, expected, measured, "It refuses, but does not recover when the parameter is true again.", where=where)
+        return graded(
+            0.5 + 0.5 * recovers,
+            expected,
+            measured,
+            "It refuses, but does not recover when the parameter is true again.",
+            where=where,
+        )
     if fits(p.from_start_step, p.refused):
         reason = "It refuses only when the parameter is false from the start; a change while it runs has no effect."
-        return graded(0.5, expected, measured + f"; off from the start: {_shown(answers[p.from_start_step])}", reason, where=where)
+        return graded(
+            0.5,
+            expected,
+            measured + f"; off from the start: {_shown(answers[p.from_start_step])}",
+            reason,
+            where=where,
+        )
     set_step = context.session.step(p.set_step)
     unset = set_step is not None and set_step.outcome != "done"
-    reason = "It enables although the parameter is false" + (", and the parameter could not be set at all." if unset else ".")
+    reason = "It enables although the parameter is false" + (
+        ", and the parameter could not be set at all." if unset else "."
+    )
     if answers[p.refused_step] is None:
         reason = "No answer came while the parameter was false."
     return failed(expected, measured, reason, where=where)
@@ -207,7 +239,12 @@ def parameters_declared(context: Context, p: ParametersDeclared) -> Finding:
         return not_reached("The node answers nothing at all, which is charged with its calls.", expected=expected)
     if step is None or step.outcome != "done":
         problem = str(step.result.get("problem", "")) if step is not None else ""
-        return failed(expected, "no answer", f"The node's parameters could not be read{': ' + problem if problem else ''}.", where=(context.where(),))
+        return failed(
+            expected,
+            "no answer",
+            f"The node's parameters could not be read{': ' + problem if problem else ''}.",
+            where=(context.where(),),
+        )
     values: Mapping[str, Mapping[str, Any]] = step.result["values"]
     parts, reasons = [], []
     for wanted in p.parameters:
@@ -247,7 +284,12 @@ def calls_in_time(context: Context, p: CallsInTime) -> Finding:
     slowest = f", slowest {max(latencies) * 1e3:.1f} ms" if latencies else ""
     measured = f"{quick} of {len(calls)} calls made in time{slowest}"
     if quick == len(calls) < wanted:
-        return inconclusive(expected, measured, "There was no time for all the calls, but those made were answered in time.", where=where)
+        return inconclusive(
+            expected,
+            measured,
+            "There was no time for all the calls, but those made were answered in time.",
+            where=where,
+        )
     share = quick / len(calls)
     reason = f"{len(calls) - quick} of {len(calls)} calls took longer than {p.within_s:g} s, or got no answer."
     reason += f" The quickest took {min(latencies):.2f} s." if latencies and not quick else ""

@@ -73,7 +73,9 @@ def topic_published(context: Context, p: TopicPublished) -> Finding:
     if found_type != p.type:
         wrong.append((0.6, f"The messages are of type {found_type}, not {p.type}."))
     wrong += _wrong_node(p.node, [e.node for e in endpoints])
-    measured = f"{len(stream)} messages of type {found_type} on {used}" + (f", from {endpoints[0].node}" if endpoints else "")
+    measured = f"{len(stream)} messages of type {found_type} on {used}" + (
+        f", from {endpoints[0].node}" if endpoints else ""
+    )
     where = (*([spot] if spot else []), context.where(p.topic))
     return graded(1 - sum(w for w, _ in wrong), expected, measured, " ".join(r for _, r in wrong), where=where)
 
@@ -129,7 +131,8 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
         late = f"The machine kept the node from a core for {delay_s:.2f} s of {length_s:.1f} s, which may be why."
         return inconclusive(expected, measured, late, where=where)
     slower = "slower" if timing.rate_hz < p.rate_hz else "faster"
-    reason = f"Messages come at {timing.rate_hz:.1f} Hz, {abs(timing.rate_hz / p.rate_hz - 1):.1%} {slower} than {p.rate_hz:g} Hz."
+    off = f"{abs(timing.rate_hz / p.rate_hz - 1):.1%} {slower}"
+    reason = f"Messages come at {timing.rate_hz:.1f} Hz, {off} than {p.rate_hz:g} Hz."
     return graded(best, expected, measured, reason, where=where)
 
 
@@ -147,7 +150,10 @@ def _best_rate_hz(timing: Timing, length_s: float, delay_s: float, wanted_hz: fl
 def _spots(context: Context, topic: str, span: Span | None) -> tuple[Where, ...]:
     times = {}
     if span is not None:
-        times = {"start_s": context.session.since_start_s(span.start_ns), "end_s": context.session.since_start_s(span.end_ns)}
+        times = {
+            "start_s": context.session.since_start_s(span.start_ns),
+            "end_s": context.session.since_start_s(span.end_ns),
+        }
     return (context.where(topic, **times),)
 
 
@@ -170,13 +176,15 @@ def topic_jitter(context: Context, p: TopicJitter) -> Finding:
     if timing is None or not len(timing.intervals_s):
         return failed(expected, "too few messages", "Too few messages came to speak of intervals.", where=where)
     deviation_s = timing.deviation_s(p.share)
-    measured = f"{p.share:.0%} within {deviation_s * 1e3:.2f} ms of {timing.median_s * 1e3:.2f} ms (longest {timing.intervals_s.max() * 1e3:.1f} ms)"
+    longest = f"longest {timing.intervals_s.max() * 1e3:.1f} ms"
+    measured = f"{p.share:.0%} within {deviation_s * 1e3:.2f} ms of {timing.median_s * 1e3:.2f} ms ({longest})"
     share = ramp(deviation_s, p.full_within_s, p.zero_beyond_s)
     excused_s = timing.deviation_s(p.share, _delay_s(context, p.process, span))
     if share < 1 and ramp(excused_s, p.full_within_s, p.zero_beyond_s) - share > 0.02:
         reason = "The machine kept the node from a core for times that may explain the uneven intervals."
         return inconclusive(expected, measured, reason, where=where)
-    reason = f"One interval in {round(1 / (1 - p.share))} is more than {deviation_s * 1e3:.1f} ms off the usual {timing.median_s * 1e3:.1f} ms."
+    off = f"{deviation_s * 1e3:.1f} ms off the usual {timing.median_s * 1e3:.1f} ms"
+    reason = f"One interval in {round(1 / (1 - p.share))} is more than {off}."
     return graded(share, expected, measured, reason, where=where)
 
 
@@ -203,7 +211,9 @@ def message_values(context: Context, p: MessageValues) -> Finding:
     measured = f"{usual} numbers in most of {len(rows)} messages, {len(rows) - finite} messages with NaN or infinity"
     reasons = []
     if right < len(rows):
-        reasons.append(f"{len(rows) - right} of {len(rows)} messages do not hold {p.length} numbers (most hold {usual}).")
+        reasons.append(
+            f"{len(rows) - right} of {len(rows)} messages do not hold {p.length} numbers (most hold {usual})."
+        )
     if finite < len(rows):
         reasons.append(f"{len(rows) - finite} messages hold numbers that are not finite.")
     return graded(good / len(rows), expected, measured, " ".join(reasons), where=where)
@@ -266,7 +276,9 @@ def _judge_component(series: NumericStream, c: Component, p: Sinusoids) -> tuple
     known = np.isfinite(series.values[:, c.index])
     if known.sum() < 20:
         return 0.0, f"[{c.index}] is not a number", f"Element {c.index} is not a number."
-    series = NumericStream(series.source_ns[known], series.received_ns[known], series.sequence[known], series.values[known])
+    series = NumericStream(
+        series.source_ns[known], series.received_ns[known], series.sequence[known], series.values[known]
+    )
     values = series.values[:, c.index]
     by_clock = (series.source_ns - series.source_ns[0]) / 1e9
     by_count = (series.sequence - series.sequence[0]) * p.tick_s
@@ -280,15 +292,19 @@ def _judge_component(series: NumericStream, c: Component, p: Sinusoids) -> tuple
     frequency_right = abs(best.frequency_hz / c.frequency_hz - 1) <= p.tolerance and best.residual < 0.2 * c.amplitude
     amplitude_right = abs(best.amplitude / c.amplitude - 1) <= p.tolerance and best.residual < 0.2 * c.amplitude
     reason = f"Element {c.index} has amplitude {best.amplitude:.3f} and frequency {best.frequency_hz:.3f} Hz"
-    reason += f" (wanted {c.amplitude:g} and {c.frequency_hz:g} Hz)" + ("." if best.residual < 0.2 * c.amplitude else ", and is no clean sine.")
+    reason += f" (wanted {c.amplitude:g} and {c.frequency_hz:g} Hz)" + (
+        "." if best.residual < 0.2 * c.amplitude else ", and is no clean sine."
+    )
     return 0.5 * (frequency_right + amplitude_right), text, reason
 
 
 def _badness(fit: Sinusoid, c: Component) -> float:
     """Return the largest relative deviation of a fit from a component."""
     return max(
-        abs(fit.amplitude / c.amplitude - 1), abs(fit.frequency_hz / c.frequency_hz - 1),
-        abs(fit.offset) / c.amplitude, fit.residual / c.amplitude,
+        abs(fit.amplitude / c.amplitude - 1),
+        abs(fit.frequency_hz / c.frequency_hz - 1),
+        abs(fit.offset) / c.amplitude,
+        fit.residual / c.amplitude,
     )
 
 
@@ -324,8 +340,12 @@ def offered_qos(context: Context, p: OfferedQos) -> Finding:
     notes = []
     if claim is not None and p.depth is not None and claim.depth != p.depth:
         notes.append(f"The depth is {claim.depth}; the lab asks for {p.depth}.")
-    reason = " ".join(f"The publisher offers {value.upper()} {name}, not {wanted[name].upper()}." for name, value in wrong)
-    measured = f"offers {qos.reliability.upper()}, {qos.durability.upper()}" + (f", depth {claim.depth} in the source" if claim else "")
+    reason = " ".join(
+        f"The publisher offers {value.upper()} {name}, not {wanted[name].upper()}." for name, value in wrong
+    )
+    measured = f"offers {qos.reliability.upper()}, {qos.durability.upper()}" + (
+        f", depth {claim.depth} in the source" if claim else ""
+    )
     where = (*([spot] if spot else []), context.where(p.topic))
     if not wrong:
         return passed(expected, measured, where=where, notes=notes)

@@ -23,9 +23,7 @@ CASE_LIMIT = 64
 DEPTH_LIMIT = 40
 
 _NUMBER_LIMIT = 1e15
-_MAIN_GUARD = re.compile(
-    r"^if\s+__name__\s*==\s*['\"]__main__['\"]|^if\s+['\"]__main__['\"]\s*==\s*__name__", re.M
-)
+_MAIN_GUARD = re.compile(r"^if\s+__name__\s*==\s*['\"]__main__['\"]|^if\s+['\"]__main__['\"]\s*==\s*__name__", re.M)
 _MAIN = re.compile(r"^(?:async\s+)?def\s+main\s*\(", re.MULTILINE)
 _PARAMETER_VALUES = frozenset(["value", "double_value", "integer_value", "string_value", "bool_value"])
 _POLICY = re.compile(r"(?:QoS)?(Reliability|Durability|History|Liveliness)Policy$")
@@ -219,9 +217,7 @@ def _facts_of_case(
     name = next((value(n) for n in ("topic", "srv_name", "name", "node_name") if n in arguments), _UNKNOWN)
     if kind == "node" and not isinstance(name, str) and not arguments:
         return
-    plain = (
-        value("value") if kind == "parameter" else value("timer_period_sec") if kind == "timer" else _UNKNOWN
-    )
+    plain = value("value") if kind == "parameter" else value("timer_period_sec") if kind == "timer" else _UNKNOWN
     qos: Any = None
     if "qos_profile" in arguments:
         qos = _as_profile(value("qos_profile"))
@@ -487,9 +483,7 @@ class _Reader:
         scope: _Scope | None = self._scope.get(node, self._module)
         while scope is not None:
             values = scope.assigned.get(node.id)
-            if values is not None and (
-                not isinstance(scope.node, ast.ClassDef) or scope is self._scope[node]
-            ):
+            if values is not None and (not isinstance(scope.node, ast.ClassDef) or scope is self._scope[node]):
                 value = self.value(values[0], bindings, depth) if len(values) == 1 else _UNKNOWN
                 return self._amended(value, scope, node.id, bindings, depth)
             scope = scope.parent

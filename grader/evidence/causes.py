@@ -216,9 +216,7 @@ def _missing_name(case: Case) -> Told | None:
 
 
 def _read_only_property(case: Case) -> Told | None:
-    match = _match(
-        r"property '(\w+)' of '(\w+)' object has no setter|can't set attribute(?: '(\w+)')?", case.text
-    )
+    match = _match(r"property '(\w+)' of '(\w+)' object has no setter|can't set attribute(?: '(\w+)')?", case.text)
     if case.name == "AttributeError" and case.text.startswith("handle cannot be modified"):
         name, owner = "handle", ""
     elif match is not None and case.name == "AttributeError":
@@ -292,9 +290,7 @@ def _not_initialised(case: Case) -> Told | None:
 
 
 def _names(case: Case) -> Told | None:
-    match = re.match(
-        r"Invalid(Topic|Service|Node|Namespace)\w*NameException|InvalidNamespaceException", case.name
-    )
+    match = re.match(r"Invalid(Topic|Service|Node|Namespace)\w*NameException|InvalidNamespaceException", case.name)
     quoted = _match(r"\n\s*'([^'\n]{1,200})'", case.raised.message)
     if match is None and not case.text.startswith("invalid node name"):
         return None
@@ -443,9 +439,7 @@ def _wrong_message(case: Case) -> Told | None:
             "",
         )
     if "callback should be either be callable" in case.text:
-        remedy = (
-            "Pass a function of one argument, without calling it: self.on_message, not self.on_message()."
-        )
+        remedy = "Pass a function of one argument, without calling it: self.on_message, not self.on_message()."
         return "callback", "What is given as callback cannot be called with a message.", remedy, ""
     return None
 
@@ -556,9 +550,7 @@ def _system(case: Case) -> Told | None:
     if case.name == "PermissionError":
         remedy = "Nodes may write only to /tmp while they are graded; print or log instead."
         return "permission", f"The node may not use {subject or 'a file'}.", remedy, subject
-    if case.name == "OSError" and (
-        "Address already in use" in case.text or "assign requested address" in case.text
-    ):
+    if case.name == "OSError" and ("Address already in use" in case.text or "assign requested address" in case.text):
         remedy = "Leave the network to ROS; a node of this lab needs no socket of its own."
         return "address", f"A network address cannot be had: {case.text}.", remedy, ""
     return None

@@ -26,16 +26,12 @@ _MARKER = re.compile(
     r"!|\s*-\*-|\s*(?:vim?|emacs|ex)?:.*\b(?:set|coding)\b|\s*coding[:=]|\s*(?:type:|noqa\b|pylint:|flake8:|mypy:|ruff:"
     r"|fmt:|isort:|yapf:|pragma:|nosec\b|pyright:|region\b|endregion\b|%%)"
 )
-_UNDONE = re.compile(
-    r"\s*(?:todo|fixme|xxx|hack|bug)\b[\s:.!()\w]{0,20}$|\s*(?:todo|fixme|xxx)\b\W*$", re.IGNORECASE
-)
+_UNDONE = re.compile(r"\s*(?:todo|fixme|xxx|hack|bug)\b[\s:.!()\w]{0,20}$|\s*(?:todo|fixme|xxx)\b\W*$", re.IGNORECASE)
 _LICENCE = re.compile(r"copyright|\(c\) ?\d{4}|spdx-|licen[cs]ed under|all rights reserved", re.IGNORECASE)
 _RULED = re.compile(r"[-=*#~_+<>/|.\s]{3,}")
 _BANNER_WORDS = 4
 _UNDONE_WORDS = 5
-_CODE_HINT = re.compile(
-    r"[=(\[{@]|\bimport\b|:$|^\W*(?:return|raise|del|pass|break|continue|else|try|finally)\b"
-)
+_CODE_HINT = re.compile(r"[=(\[{@]|\bimport\b|:$|^\W*(?:return|raise|del|pass|break|continue|else|try|finally)\b")
 _DECORATOR = re.compile(r"@[A-Za-z_][\w.]{0,80}(?:\(.*\))?$")
 _FORMULA_NAMES = frozenset(
     word
@@ -210,9 +206,7 @@ def _mark_code(block: Sequence[_Raw], budget: _Budget) -> None:
                 block[index].kind = "code"
 
 
-def _code_from(
-    block: Sequence[_Raw], depths: Sequence[int], position: int, budget: _Budget
-) -> tuple[int, str]:
+def _code_from(block: Sequence[_Raw], depths: Sequence[int], position: int, budget: _Budget) -> tuple[int, str]:
     """How many lines from `position` on belong to one statement, and whether it is code."""
     line = block[position].text
     if not _CODE_HINT.search(line[:400]):
@@ -291,12 +285,7 @@ def _import(node: ast.Import) -> str:
     known = _PACKAGES | sys.stdlib_module_names
     for alias in node.names:
         root = alias.name.split(".")[0]
-        if (
-            alias.asname
-            or "." in alias.name
-            or root in known
-            or root.endswith(("_msgs", "_srvs", "_interfaces"))
-        ):
+        if alias.asname or "." in alias.name or root in known or root.endswith(("_msgs", "_srvs", "_interfaces")):
             return "sure"
     return "leaning"
 
@@ -327,21 +316,11 @@ def _expression(node: ast.expr, fragment: str) -> str:
 def _has_code(node: ast.expr) -> bool:
     """Whether an expression has what prose and formulas lack: calls (but of mathematics), `self.`, lists."""
     for part in ast.walk(node):
-        if (
-            isinstance(part, ast.Call)
-            and _is_technical(part.func)
-            and _last_name(part.func) not in _FORMULA_NAMES
-        ):
+        if isinstance(part, ast.Call) and _is_technical(part.func) and _last_name(part.func) not in _FORMULA_NAMES:
             return True
-        if (
-            isinstance(part, ast.Attribute)
-            and isinstance(part.value, ast.Name)
-            and part.value.id in ("self", "msg")
-        ):
+        if isinstance(part, ast.Attribute) and isinstance(part.value, ast.Name) and part.value.id in ("self", "msg"):
             return True
-        if isinstance(part, (ast.List, ast.Dict)) and any(
-            isinstance(c, ast.Constant) for c in ast.walk(part)
-        ):
+        if isinstance(part, (ast.List, ast.Dict)) and any(isinstance(c, ast.Constant) for c in ast.walk(part)):
             return True
     return False
 

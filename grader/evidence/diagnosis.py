@@ -171,9 +171,7 @@ def _unopened(line: str) -> Told | None:
 
 
 def _fatal(line: str) -> Told | None:
-    match = _search(
-        r"^Fatal Python error: (.{1,200})|^(Segmentation fault)|^(terminate called .{1,200})", line
-    )
+    match = _search(r"^Fatal Python error: (.{1,200})|^(Segmentation fault)|^(terminate called .{1,200})", line)
     if match is None:
         return None
     what = match[1] or match[2] or match[3]

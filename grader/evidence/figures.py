@@ -412,9 +412,7 @@ def _thinned(times: Floats, values: Floats) -> tuple[Floats, Floats]:
 
 def _near(stream: NumericStream) -> NumericStream:
     kept = np.abs(stream.source_ns - stream.received_ns) < _FAR_NS
-    return NumericStream(
-        stream.source_ns[kept], stream.received_ns[kept], stream.sequence[kept], stream.values[kept]
-    )
+    return NumericStream(stream.source_ns[kept], stream.received_ns[kept], stream.sequence[kept], stream.values[kept])
 
 
 def _series(spec: FigureSpec, recorded: Recorded, lab_folder: Path) -> Series | None:
@@ -461,9 +459,7 @@ def _reports(spec: FigureSpec, recorded: Recorded, lab_folder: Path) -> Reports 
     times = _seconds(np.array([r.t_ns for r in said], dtype=np.int64), recorded)
     values = np.array([r.value for r in said], dtype=np.float64)
     times, values = _thinned(times, values)
-    return Reports(
-        spec.title, spec.session, p.artifact, p.unit, _floats(times), _floats(values), len(said), plateaus
-    )
+    return Reports(spec.title, spec.session, p.artifact, p.unit, _floats(times), _floats(values), len(said), plateaus)
 
 
 # -- services ----------------------------------------------------------------------------------
@@ -610,9 +606,7 @@ def _condition(key: str, value: Any) -> str:
 def _parameter(item: Mapping[str, Any]) -> Item:
     if item.get("name") is None:
         content = item.get("content")
-        return Item(
-            f"file {_text(item.get('file'))}", "" if content is None else _literal(_fields(content))[1:-1]
-        )
+        return Item(f"file {_text(item.get('file'))}", "" if content is None else _literal(_fields(content))[1:-1])
     kind = _text(item.get("type"))
     return Item(_text(item.get("name")), _literal(item.get("value")), kind)
 

@@ -235,9 +235,7 @@ class _Reader:
         """Take the indented lines that begin `skip` lines on; how many lines that took in all."""
         first = self.number + skip
         last = first
-        while last < len(self.lines) and (
-            self.lines[last].startswith((" ", "\t")) or not self.lines[last].strip()
-        ):
+        while last < len(self.lines) and (self.lines[last].startswith((" ", "\t")) or not self.lines[last].strip()):
             last += 1
         content = [line for line in self.lines[first:last] if not re.match(r"\s*:[\w-]+:", line)]
         if kind and any(line.strip() for line in content):
@@ -251,9 +249,7 @@ class _Reader:
         if _is_row(line):
             self._flush()
             if not _is_table_rule(line):
-                self._add(
-                    "row", [" | ".join(cell.strip() for cell in line.strip().strip("|").split("|"))], None
-                )
+                self._add("row", [" | ".join(cell.strip() for cell in line.strip().strip("|").split("|"))], None)
             return
         if _is_table_rule(line):
             self._flush()

@@ -32,9 +32,7 @@ def reports(recorded: Recorded, artifact: str, pattern: str) -> list[Report]:
     for process in recorded.processes_of(artifact):
         until_ns = process.interrupted_ns or process.exited_ns or 2**63
         found += [
-            r
-            for line in process.output
-            if line.t_ns < until_ns and (r := _report(expression, line.t_ns, line.text))
+            r for line in process.output if line.t_ns < until_ns and (r := _report(expression, line.t_ns, line.text))
         ]
     if found:
         return found
@@ -68,9 +66,7 @@ def labelled_vector(output: Sequence[OutputLine], label: str) -> list[float] | N
     found: list[float] | None = None
     for stream in ("stdout", "stderr"):
         text = "\n".join(line.text for line in output if line.stream == stream)
-        for match in re.finditer(
-            rf"\b{re.escape(label)}\w*\b[^\[\n]{{0,60}}\n?[^\[\n]{{0,60}}\[", text, re.IGNORECASE
-        ):
+        for match in re.finditer(rf"\b{re.escape(label)}\w*\b[^\[\n]{{0,60}}\n?[^\[\n]{{0,60}}\[", text, re.IGNORECASE):
             vector = _vector(text[match.end() : match.end() + _MAX_VECTOR_TEXT])
             found = vector if vector is not None else found
         if found is not None:

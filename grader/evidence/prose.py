@@ -219,18 +219,14 @@ class _Saying:
     form: str
 
 
-def coverage(
-    document: Document, topics: Sequence[TopicWords], min_words: int = DESCRIPTION_WORDS
-) -> Coverage:
+def coverage(document: Document, topics: Sequence[TopicWords], min_words: int = DESCRIPTION_WORDS) -> Coverage:
     """How `document` describes each of `topics`.
 
     A sentence counts for the topic of the heading above it, and for those that it names: fully for the
     first of two, a quarter for the second, and for each its part where more are listed. One that names none
     continues the one before. The same sentence said of several topics, names aside, counts for none.
     """
-    known = [
-        _Topic(t.id, Terms.of(t.names, _TOPIC_ENDING), Terms.of(t.synonyms, _TOPIC_ENDING)) for t in topics
-    ]
+    known = [_Topic(t.id, Terms.of(t.names, _TOPIC_ENDING), Terms.of(t.synonyms, _TOPIC_ENDING)) for t in topics]
     every = Terms.of((w for t in topics for w in (*t.names, *t.synonyms)), _TOPIC_ENDING)
     sayings = list(_sayings(document, known, every, min_words))
     first = _first_mentions(document, known)
@@ -488,9 +484,7 @@ def _discussion(
     return Discussion(found, tuple(related), tuple(reasoned), amount)
 
 
-def _discussing(
-    passages: Iterable[Passage], every: Terms, min_words: int
-) -> Iterator[tuple[Passage, str, list[str]]]:
+def _discussing(passages: Iterable[Passage], every: Terms, min_words: int) -> Iterator[tuple[Passage, str, list[str]]]:
     """Passages with enough own words, with their text and these words; each sentence counts once in all."""
     seen: set[str] = set()
     for passage in passages:

@@ -7,7 +7,7 @@ and used), it is followed silently. Times handed out as floats are seconds since
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,6 @@ from grader.recording.session import (
     ProcessRun,
     SessionRecord,
     StepRun,
-    Usage,
     read_session,
 )
 
@@ -140,9 +139,7 @@ class Recorded:
         kept = [i for i, row in enumerate(rows) if fit[i] and row is not None and len(row) == length]
         order = sorted(kept, key=lambda i: (int(stream.source_ns[i]), int(stream.sequence[i])))
         values = np.array([rows[i] for i in order], dtype=np.float64)
-        return NumericStream(
-            stream.source_ns[order], stream.received_ns[order], stream.sequence[order], values
-        )
+        return NumericStream(stream.source_ns[order], stream.received_ns[order], stream.sequence[order], values)
 
     # -- graph --------------------------------------------------------------------------------
 
@@ -175,9 +172,7 @@ class Recorded:
             Nodes (fully qualified) whose endpoints do not count, e.g. reference nodes.
         """
         topic, left_out = self.used(name), set(without)
-        return tuple(
-            e for e in self.endpoints if e.topic == topic and e.kind == kind and e.node not in left_out
-        )
+        return tuple(e for e in self.endpoints if e.topic == topic and e.kind == kind and e.node not in left_out)
 
     @functools.cached_property
     def nodes(self) -> tuple[str, ...]:

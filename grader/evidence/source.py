@@ -135,9 +135,7 @@ def parse(path: str, text: str) -> SourceFacts:
         definitions = list(_definitions(module, tree, lines))
     definitions = _with_header_comment(definitions, comments := comments_of(whole, found, blank), blank)
     code_lines = sum(
-        1
-        for number, line in enumerate(blank.split("\n"), 1)
-        if line.strip() and number not in docstring_lines
+        1 for number, line in enumerate(blank.split("\n"), 1) if line.strip() and number not in docstring_lines
     )
     return SourceFacts(
         path, problem, tuple(definitions), comments, code_lines, len(text.replace("\r\n", "\n")) > SIZE_LIMIT
@@ -206,11 +204,7 @@ def _docstring_lines(tree: ast.Module) -> set[int]:
     """Lines taken by strings that stand alone as statements: docstrings and strings used as comments."""
     found: set[int] = set()
     for node in ast.walk(tree):
-        if (
-            isinstance(node, ast.Expr)
-            and isinstance(node.value, ast.Constant)
-            and isinstance(node.value.value, str)
-        ):
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
             found.update(range(node.lineno, (node.end_lineno or node.lineno) + 1))
     return found
 
@@ -255,9 +249,7 @@ def _numbered(text: str, pattern: re.Pattern[str]) -> Iterator[tuple[re.Match[st
         yield match, line
 
 
-def _docstring_below(
-    text: str, lines: Sequence[str], number: int, last: int, strings: dict[int, Span]
-) -> str | None:
+def _docstring_below(text: str, lines: Sequence[str], number: int, last: int, strings: dict[int, Span]) -> str | None:
     header_open = True
     for below in range(number, min(last, number + _HEADER_SPAN_LINES, len(lines)) + 1):
         line = lines[below - 1].strip()
@@ -274,9 +266,7 @@ def _literal(text: str, span: Span | None) -> str | None:
     return text[span.start : span.end].strip("\"'").strip()
 
 
-def _with_header_comment(
-    definitions: list[Definition], comments: Sequence[Comment], blank: str
-) -> list[Definition]:
+def _with_header_comment(definitions: list[Definition], comments: Sequence[Comment], blank: str) -> list[Definition]:
     """Take an explaining comment above the first line of code for the docstring of a module that has none."""
     module = definitions[0]
     if module.docstring is not None:

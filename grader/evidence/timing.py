@@ -60,9 +60,7 @@ class Timing:
             return float("nan")
         distances = np.sort(np.abs(self.intervals_s - self.median_s))[::-1]
         # A late sample lengthens one interval and shortens the next: two distances for one delay.
-        left_out = (
-            int(np.searchsorted(np.cumsum(distances), 2 * excused_s, side="right")) if excused_s > 0 else 0
-        )
+        left_out = int(np.searchsorted(np.cumsum(distances), 2 * excused_s, side="right")) if excused_s > 0 else 0
         kept = distances[left_out:]
         return float(np.quantile(kept, share)) if len(kept) else 0.0
 

@@ -56,6 +56,4 @@ def _fit_at(times_s: Floats, values: Floats, frequency_hz: float) -> Sinusoid:
     normal = design.T @ design + 1e-12 * np.eye(3)
     offset, sine, cosine = np.linalg.solve(normal, design.T @ values)
     left = values - design @ np.array([offset, sine, cosine])
-    return Sinusoid(
-        float(np.hypot(sine, cosine)), frequency_hz, float(offset), float(np.sqrt(np.mean(left**2)))
-    )
+    return Sinusoid(float(np.hypot(sine, cosine)), frequency_hz, float(offset), float(np.sqrt(np.mean(left**2))))

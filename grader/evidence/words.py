@@ -25,9 +25,7 @@ _IS_IDEOGRAPH = re.compile(f"[{_IDEOGRAPH}]").match
 _IS_UNSPACED = re.compile(f"[{_UNSPACED}]").match
 _SENTENCE_END = re.compile(r"(?<=[.!?])\s+|[。！？；।؟۔]+|\n[ \t]*\n")
 _SENTENCE_LIMIT = 20_000
-_UNDONE = re.compile(
-    r"\W*(?:todo|tbd|tba|fixme|xxx|wip|lorem ipsum|coming soon)\b|\W*(?:待办|待完成|未完成)", re.I
-)
+_UNDONE = re.compile(r"\W*(?:todo|tbd|tba|fixme|xxx|wip|lorem ipsum|coming soon)\b|\W*(?:待办|待完成|未完成)", re.I)
 UNDONE_LIMIT_WORDS = 12
 """Words up to which a text that begins with TODO is no more than that."""
 
@@ -216,4 +214,3 @@ def _surroundings(term: str, ending: int | None) -> tuple[str, str]:
     if ending is None:
         return before, f"{_SPACED_LETTER}*"
     return before, f"{_SPACED_LETTER}{{0,{ending}}}(?!{_SPACED_WORD})"
-

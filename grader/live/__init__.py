@@ -1,0 +1,1 @@
+"""The live half: the only part that starts processes or knows ROS."""

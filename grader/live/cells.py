@@ -76,7 +76,9 @@ class Sessions:
     seed: int
     versions: dict[str, str]
 
-    def record(self, chosen: Sequence[str], on_progress: Callable[[Progress], None], *, at_a_time: int | None = None) -> None:
+    def record(
+        self, chosen: Sequence[str], on_progress: Callable[[Progress], None], *, at_a_time: int | None = None
+    ) -> None:
         """Record the chosen sessions; returns when all have ended.
 
         A session that cannot be run to its end leaves a recording that says so.

@@ -39,8 +39,13 @@ _NEAR_MISS_AFTER_S = 2.0
 #: Names that every node has; never what a lab asks for.
 _STANDARD = ("/rosout", "/parameter_events", "/clock")
 _STANDARD_SERVICES = (
-    "describe_parameters", "get_parameters", "get_parameter_types", "list_parameters", "set_parameters",
-    "set_parameters_atomically", "get_type_description",
+    "describe_parameters",
+    "get_parameters",
+    "get_parameter_types",
+    "list_parameters",
+    "set_parameters",
+    "set_parameters_atomically",
+    "get_type_description",
 )
 _SPIN_S = 0.01
 #: How long a publisher of ours waits until the student's subscriptions are matched.
@@ -66,12 +71,23 @@ class Director:
         Names that the rubric uses; never taken for a misspelling of another.
     """
 
-    def __init__(self, folder: Path, name: str, domain_id: int, reference_nodes: list[str], expected: list[str]) -> None:
+    def __init__(
+        self, folder: Path, name: str, domain_id: int, reference_nodes: list[str], expected: list[str]
+    ) -> None:
         self._context = rclpy.Context()
-        rclpy.init(args=[], context=self._context, domain_id=domain_id, signal_handler_options=rclpy.SignalHandlerOptions.NO)
+        rclpy.init(
+            args=[],
+            context=self._context,
+            domain_id=domain_id,
+            signal_handler_options=rclpy.SignalHandlerOptions.NO,
+        )
         self._node = Node(
-            "probe", namespace=GRADER_NAMESPACE, context=self._context, use_global_arguments=False,
-            start_parameter_services=False, enable_rosout=False,
+            "probe",
+            namespace=GRADER_NAMESPACE,
+            context=self._context,
+            use_global_arguments=False,
+            start_parameter_services=False,
+            enable_rosout=False,
         )
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
@@ -218,7 +234,10 @@ class Director:
         topic = request.get("first_message_on")
         if topic:
             actual = self._names.get(topic, topic)
-            if not self._until(lambda: any(n for (t, _), n in self._recorder.counts.items() if t == actual), float(request["timeout_s"])):
+            if not self._until(
+                lambda: any(n for (t, _), n in self._recorder.counts.items() if t == actual),
+                float(request["timeout_s"]),
+            ):
                 return "timeout", {"topic": actual}
         opened_ns = time.time_ns()
         self._until(lambda: False, float(request["duration_s"]))
@@ -229,10 +248,19 @@ class Director:
         kind = _interface(request["type"], "msg")
         offered = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # compatible with every request
         context = rclpy.Context()  # its own, since the student may use another type on this topic
-        rclpy.init(args=[], context=context, domain_id=self._domain_id, signal_handler_options=rclpy.SignalHandlerOptions.NO)
+        rclpy.init(
+            args=[],
+            context=context,
+            domain_id=self._domain_id,
+            signal_handler_options=rclpy.SignalHandlerOptions.NO,
+        )
         node = Node(
-            "publisher", namespace=GRADER_NAMESPACE, context=context, use_global_arguments=False,
-            start_parameter_services=False, enable_rosout=False,
+            "publisher",
+            namespace=GRADER_NAMESPACE,
+            context=context,
+            use_global_arguments=False,
+            start_parameter_services=False,
+            enable_rosout=False,
         )
         publisher = node.create_publisher(kind, topic, offered)
         try:
@@ -300,17 +328,27 @@ class Director:
 
     def _node_name(self, request: Mapping[str, Any]) -> str:
         wanted = request["node"] if request["node"].startswith("/") else "/" + request["node"]
-        return self._names.get(request["node"], self._names.get(wanted, wanted))
+        return str(self._names.get(request["node"], self._names.get(wanted, wanted)))
 
     def _get_parameters(self, request: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
         node = self._node_name(request)
         kind = _interface("rcl_interfaces/srv/ListParameters", "srv")
-        listed = self._ask(f"{node}/list_parameters", "rcl_interfaces/srv/ListParameters", kind.Request(), float(request["timeout_s"]))
+        listed = self._ask(
+            f"{node}/list_parameters",
+            "rcl_interfaces/srv/ListParameters",
+            kind.Request(),
+            float(request["timeout_s"]),
+        )
         if listed is None:
             return "timeout", {"node": node, "problem": "the node's parameter services do not answer"}
         names = [n for n in request["names"] if n in listed.result.names]
         kind = _interface("rcl_interfaces/srv/GetParameters", "srv")
-        got = self._ask(f"{node}/get_parameters", "rcl_interfaces/srv/GetParameters", kind.Request(names=names), float(request["timeout_s"]))
+        got = self._ask(
+            f"{node}/get_parameters",
+            "rcl_interfaces/srv/GetParameters",
+            kind.Request(names=names),
+            float(request["timeout_s"]),
+        )
         if got is None:
             return "timeout", {"node": node, "problem": "the node's parameter services do not answer"}
         values = {n: _plain_parameter(v) for n, v in zip(names, got.values, strict=False)}
@@ -322,7 +360,9 @@ class Director:
 
         message = _interface("rcl_interfaces/srv/SetParameters", "srv").Request()
         message.parameters = [Parameter(n, value=v).to_parameter_msg() for n, v in request["values"].items()]
-        answer = self._ask(f"{node}/set_parameters", "rcl_interfaces/srv/SetParameters", message, float(request["timeout_s"]))
+        answer = self._ask(
+            f"{node}/set_parameters", "rcl_interfaces/srv/SetParameters", message, float(request["timeout_s"])
+        )
         if answer is None:
             return "timeout", {"node": node, "problem": "the node's parameter services do not answer"}
         refused = {n: r.reason for n, r in zip(request["values"], answer.results, strict=False) if not r.successful}
@@ -407,7 +447,11 @@ def main() -> None:
     """Run the director; its configuration is a JSON object in argv[1]."""
     settings = json.loads(sys.argv[1])
     Director(
-        Path(settings["folder"]), settings["name"], settings["domain_id"], settings["reference_nodes"], settings["expected"]
+        Path(settings["folder"]),
+        settings["name"],
+        settings["domain_id"],
+        settings["reference_nodes"],
+        settings["expected"],
     ).serve()
 
 

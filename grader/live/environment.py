@@ -6,7 +6,6 @@ reaches no process of a session.
 
 from __future__ import annotations
 
-import glob
 import sys
 import sysconfig
 from pathlib import Path
@@ -27,7 +26,7 @@ def wheel_library_path(prefix: Path) -> str:
     """Return the LD_LIBRARY_PATH that the ROS wheels' start-up hook would set, which spares its second start."""
     version = f"python{sys.version_info.major}.{sys.version_info.minor}"
     site = prefix / "lib" / version / "site-packages"
-    return ":".join([str(prefix / "lib"), *sorted(glob.glob(str(site / "ros_*.libs")))])
+    return ":".join([str(prefix / "lib"), *sorted(str(p) for p in site.glob("ros_*.libs"))])
 
 
 def _ros(prefix: Path) -> dict[str, str]:

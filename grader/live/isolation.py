@@ -65,12 +65,27 @@ class Isolation:
     def describe(self) -> dict[str, Any]:
         """Return what a recording keeps of this: level, form, and what is and is not covered."""
         covered = [
-            "own network with loopback only", "own process ids", "private /tmp, /dev/shm and home", "read-only file system",
-            "no capabilities", "limits on processes, open files and file sizes", "time limit",
+            "own network with loopback only",
+            "own process ids",
+            "private /tmp, /dev/shm and home",
+            "read-only file system",
+            "no capabilities",
+            "limits on processes, open files and file sizes",
+            "time limit",
         ]
         if self.form is Form.NONE:
-            return {"level": self.level, "form": self.form.value, "covers": ["time limit"], "lacks": covered[:-1]}
-        return {"level": self.level, "form": self.form.value, "covers": covered, "lacks": ["memory limit", "system call filter"]}
+            return {
+                "level": self.level,
+                "form": self.form.value,
+                "covers": ["time limit"],
+                "lacks": covered[:-1],
+            }
+        return {
+            "level": self.level,
+            "form": self.form.value,
+            "covers": covered,
+            "lacks": ["memory limit", "system call filter"],
+        }
 
     def to_plain(self) -> dict[str, Any]:
         """Return this as plain data, for the session process."""
@@ -124,19 +139,51 @@ def student_argv(
     cwd : str
         Working folder as the student's process sees it.
     """
-    limits = [f"--nproc={_MAX_PROCESSES}", f"--nofile={_MAX_OPEN_FILES}", f"--fsize={_MAX_FILE_BYTES}", "--core=0"]
+    limits = [
+        f"--nproc={_MAX_PROCESSES}",
+        f"--nofile={_MAX_OPEN_FILES}",
+        f"--fsize={_MAX_FILE_BYTES}",
+        "--core=0",
+    ]
     limited = ["prlimit", *limits, "--", *command]
     if isolation.form is Form.NONE:
-        return ["setpriv", "--pdeathsig", "KILL", "env", "-i", *(f"{k}={v}" for k, v in environment.items()), *limited]
-    arguments = ["bwrap", "--unshare-pid", "--unshare-ipc", "--unshare-uts", "--unshare-cgroup-try", "--die-with-parent"]
+        return [
+            "setpriv",
+            "--pdeathsig",
+            "KILL",
+            "env",
+            "-i",
+            *(f"{k}={v}" for k, v in environment.items()),
+            *limited,
+        ]
+    arguments = [
+        "bwrap",
+        "--unshare-pid",
+        "--unshare-ipc",
+        "--unshare-uts",
+        "--unshare-cgroup-try",
+        "--die-with-parent",
+    ]
     arguments += ["--new-session", "--info-fd", str(info_fd), "--hostname", "lab"]
     if isolation.form is Form.USER:
         arguments += ["--unshare-user", "--uid", "1000", "--gid", "1000"]
         arguments += [] if isolation.old_bubblewrap else ["--disable-userns"]
     else:
-        arguments += ["--cap-drop", "ALL", "--cap-add", "CAP_SETUID", "--cap-add", "CAP_SETGID", "--cap-add", "CAP_SETPCAP"]
+        arguments += [
+            "--cap-drop",
+            "ALL",
+            "--cap-add",
+            "CAP_SETUID",
+            "--cap-add",
+            "CAP_SETGID",
+            "--cap-add",
+            "CAP_SETPCAP",
+        ]
     arguments += _file_system(isolation, workspace, tools, interpreter)
-    arguments += ["--clearenv", *(word for key, value in environment.items() for word in ("--setenv", key, value))]
+    arguments += [
+        "--clearenv",
+        *(word for key, value in environment.items() for word in ("--setenv", key, value)),
+    ]
     arguments += ["--chdir", cwd, "--"]
     if isolation.form is Form.ROOT:
         uid = str(student_uid(isolation, slot))
@@ -164,7 +211,7 @@ def _file_system(isolation: Isolation, workspace: Path, tools: Mapping[str, Path
     for name in ("bin", "sbin", "lib", "lib32", "lib64", "libx32"):
         path = Path("/") / name
         if path.is_symlink():
-            arguments += ["--symlink", os.readlink(path), str(path)]
+            arguments += ["--symlink", str(path.readlink()), str(path)]
         elif path.is_dir():
             bind("--ro-bind", str(path), str(path))
     for name in ("ld.so.cache", "localtime", "alternatives", "timezone"):
@@ -202,16 +249,32 @@ def _try(isolation: Isolation, interpreter: Path) -> str | None:
     """Run the interpreter in a cell with the real arguments; return None or what went wrong."""
     here = INSIDE_FOLDER
     command = student_argv(
-        isolation, [str(interpreter), "-c", "import os; print('in', os.getpid())"], environment={"PATH": "/usr/bin"},
-        workspace=here, tools={INSIDE: here}, interpreter=interpreter, slot=0, info_fd=2, cwd="/",
+        isolation,
+        [str(interpreter), "-c", "import os; print('in', os.getpid())"],
+        environment={"PATH": "/usr/bin"},
+        workspace=here,
+        tools={INSIDE: here},
+        interpreter=interpreter,
+        slot=0,
+        info_fd=2,
+        cwd="/",
     )
     try:
         run = subprocess.run(
-            cell_argv(isolation, command), capture_output=True, text=True, timeout=20, check=False, stdin=subprocess.DEVNULL
+            cell_argv(isolation, command),
+            capture_output=True,
+            text=True,
+            timeout=20,
+            check=False,
+            stdin=subprocess.DEVNULL,
         )
     except (OSError, subprocess.TimeoutExpired) as problem:
         return str(problem)
-    return None if run.returncode == 0 and run.stdout.startswith("in ") else (run.stderr.strip() or "no answer from the cell")
+    return (
+        None
+        if run.returncode == 0 and run.stdout.startswith("in ")
+        else (run.stderr.strip() or "no answer from the cell")
+    )
 
 
 def _remedy(problem: str) -> str:

@@ -62,7 +62,15 @@ class LaunchRunner:
             problem = plan.problem
             if problem is None or len(mended) >= _MAX_MENDS or not self._mend(problem, parameters["assume"], arguments):
                 break
-            mended.append({"kind": problem.kind, "message": problem.message, "file": problem.file, "line": problem.line, "remedy": problem.remedy})
+            mended.append(
+                {
+                    "kind": problem.kind,
+                    "message": problem.message,
+                    "file": problem.file,
+                    "line": problem.line,
+                    "remedy": problem.remedy,
+                }
+            )
         return outcome, {"plan": plan.to_plain(), "mended": mended}
 
     def _mend(self, problem: Problem, assume: Mapping[str, str], arguments: dict[str, str]) -> bool:
@@ -85,14 +93,23 @@ class LaunchRunner:
         result_read, result_write = os.pipe()
         info_read, info_write = os.pipe()
         os.set_blocking(info_read, False)
-        command = [session.plan.interpreter, f"{session.seen_tools[LAUNCHING]}/evaluate.py", "--result-fd", str(result_write)]
+        command = [
+            session.plan.interpreter,
+            f"{session.seen_tools[LAUNCHING]}/evaluate.py",
+            "--result-fd",
+            str(result_write),
+        ]
         environment = session.student_environment({"PYTHONPATH": ""})
         run = ProcessRun("launch file" + "".join(f" {k}:={v}" for k, v in arguments.items()), "student", command)
         session.record.processes.append(run)
         running = await RunningProcess.start(
-            run, session.confined(command, environment, info_write, f"{root}/{Path(source).parent}"),
-            environment={"PATH": os.environ.get("PATH", "/usr/bin:/bin")}, cwd="/", pass_fds=(info_write, result_write),
-            child_pid_fd=info_read if session.isolation.form is not Form.NONE else None, with_input=True,
+            run,
+            session.confined(command, environment, info_write, f"{root}/{Path(source).parent}"),
+            environment={"PATH": os.environ.get("PATH", "/usr/bin:/bin")},
+            cwd="/",
+            pass_fds=(info_write, result_write),
+            child_pid_fd=info_read if session.isolation.form is not Form.NONE else None,
+            with_input=True,
         )
         os.close(info_write)
         os.close(result_write)
@@ -188,7 +205,9 @@ def _read_plan(received: list[str], in_time: bool, timeout_s: float, run: Proces
     with suppress(ValueError, IndexError, MalformedPlanError):
         return Plan.from_plain(json.loads(received[0]))
     if not in_time:
-        message = f"the launch file was still busy after {timeout_s:g} s; a launch file describes processes and returns at once"
+        message = (
+            f"the launch file was still busy after {timeout_s:g} s; it should describe processes and return at once"
+        )
         return Plan("error", Problem("too_slow", message))
     said = run.output[-1].text if run.output else ""
     message = f"evaluating the launch file ended with status {run.exit_status} and no description. {said}".strip()

@@ -205,9 +205,9 @@ class RunningProcess:
         root = self._sandbox_pid or self._pid()
         for pid in descendants_of(root) if root is not None else ():
             with suppress(OSError):
-                for task in os.listdir(f"/proc/{pid}/task"):
+                for task in Path(f"/proc/{pid}/task").iterdir():
                     with suppress(OSError):
-                        os.sched_setaffinity(int(task), {core})
+                        os.sched_setaffinity(int(task.name), {core})
 
     def sample_usage(self) -> None:
         """Read CPU time and run-queue delay of all its processes and threads, while they exist."""
@@ -265,7 +265,8 @@ def children_of(pid: int) -> list[int]:
 
 def descendants_of(pid: int) -> list[int]:
     """Return a process id and those of all below it."""
-    found, queue = [], [pid]
+    found: list[int] = []
+    queue = [pid]
     while queue and len(found) < 1000:
         current = queue.pop()
         found.append(current)
@@ -277,9 +278,9 @@ def _scheduling_of(pid: int) -> tuple[int, int]:
     """Return (CPU time, run-queue delay) in ns, summed over a process's threads."""
     cpu = delay = 0
     with suppress(OSError):
-        for task in os.listdir(f"/proc/{pid}/task"):
+        for task in Path(f"/proc/{pid}/task").iterdir():
             with suppress(OSError, ValueError, IndexError):
-                words = Path(f"/proc/{pid}/task/{task}/schedstat").read_text().split()
+                words = (task / "schedstat").read_text().split()
                 cpu += int(words[0])
                 delay += int(words[1])
     return cpu, delay

@@ -68,9 +68,7 @@ class _Request:
             history=HistoryPolicy.KEEP_LAST,
             depth=_DEPTH,
             reliability=ReliabilityPolicy.RELIABLE if self.reliable else ReliabilityPolicy.BEST_EFFORT,
-            durability=(
-                DurabilityPolicy.TRANSIENT_LOCAL if self.transient_local else DurabilityPolicy.VOLATILE
-            ),
+            durability=(DurabilityPolicy.TRANSIENT_LOCAL if self.transient_local else DurabilityPolicy.VOLATILE),
         )
 
 
@@ -346,9 +344,7 @@ class Recorder:
             self._cut(line)
             return
         received_ns = info["received_timestamp"]
-        self._writer.write(
-            line.channel, data, received_ns=received_ns, source_ns=source_ns, sequence=sequence
-        )
+        self._writer.write(line.channel, data, received_ns=received_ns, source_ns=source_ns, sequence=sequence)
         self._left_bytes -= cost_bytes
         line.written_bytes += cost_bytes
         line.count += 1

@@ -26,7 +26,16 @@ from pathlib import Path
 from typing import Any
 
 from grader.live.environment import INSIDE_FOLDER, student_environment, trusted_environment
-from grader.live.isolation import HOME, INSIDE, LAUNCHING, WORKSPACE, Form, Isolation, student_argv, student_uid
+from grader.live.isolation import (
+    HOME,
+    INSIDE,
+    LAUNCHING,
+    WORKSPACE,
+    Form,
+    Isolation,
+    student_argv,
+    student_uid,
+)
 from grader.live.launched import LaunchRunner
 from grader.live.process import PipeReader, RunningProcess
 from grader.recording.session import (
@@ -118,8 +127,9 @@ class _Director:
     async def ask(self, request: dict[str, Any]) -> tuple[str, dict[str, Any]]:
         self._answer = asyncio.get_running_loop().create_future()
         self._send(request)
-        done, _ = await asyncio.wait({self._answer, self.running.exited}, return_when=asyncio.FIRST_COMPLETED)
-        if self._answer not in done:
+        either: list[asyncio.Future[Any]] = [self._answer, self.running.exited]
+        await asyncio.wait(either, return_when=asyncio.FIRST_COMPLETED)
+        if not self._answer.done():
             return "failed", {"problem": "the director ended"}
         answer = self._answer.result()
         return answer["outcome"], answer["result"]
@@ -143,7 +153,9 @@ class Session:
     def __init__(self, plan: SessionPlan) -> None:
         self.plan = plan
         self.isolation = Isolation.from_plain(plan.isolation)
-        self.record = SessionRecord(plan.session, seed=plan.seed, isolation=self.isolation.describe(), versions=plan.versions)
+        self.record = SessionRecord(
+            plan.session, seed=plan.seed, isolation=self.isolation.describe(), versions=plan.versions
+        )
         self.folder, self.scratch = Path(plan.folder), Path(plan.scratch)
         self.workspace = self.scratch / "ws"
         confined = self.isolation.form is not Form.NONE
@@ -192,8 +204,11 @@ class Session:
 
     async def _start_director(self) -> None:
         settings = {
-            "folder": self.plan.folder, "name": self.plan.session, "domain_id": self.plan.domain_id,
-            "reference_nodes": [spec["node"] for spec in self.plan.reference.values()], "expected": self.plan.expected,
+            "folder": self.plan.folder,
+            "name": self.plan.session,
+            "domain_id": self.plan.domain_id,
+            "reference_nodes": [spec["node"] for spec in self.plan.reference.values()],
+            "expected": self.plan.expected,
         }
         run = ProcessRun("director", "grader", ["python", "-m", "grader.live.director"])
         director = _Director(self.record)
@@ -201,19 +216,28 @@ class Session:
         director.running = await self._start_trusted(run, arguments, with_input=True, on_message=director.on_message)
         self.director = director
         ready = asyncio.create_task(director.ready.wait())
-        await asyncio.wait({ready, director.running.exited}, timeout=_DIRECTOR_START_S, return_when=asyncio.FIRST_COMPLETED)
+        await asyncio.wait(
+            {ready, director.running.exited}, timeout=_DIRECTOR_START_S, return_when=asyncio.FIRST_COMPLETED
+        )
         if not director.ready.is_set():
             said = "; ".join(line.text for line in run.output[-5:])
             raise RuntimeError(f"the director did not start: {said}")
 
     async def _start_trusted(
-        self, run: ProcessRun, arguments: list[str], *, with_input: bool = False, on_message: Callable[[bytes], None] | None = None
+        self,
+        run: ProcessRun,
+        arguments: list[str],
+        *,
+        with_input: bool = False,
+        on_message: Callable[[bytes], None] | None = None,
     ) -> RunningProcess:
         self.record.processes.append(run)
         home = self.scratch / "trusted"
         environment = trusted_environment(home, self.plan.domain_id)
         argv = ["setpriv", "--pdeathsig", "KILL", sys.executable, "-I", *arguments]
-        return await RunningProcess.start(run, argv, environment=environment, cwd="/", with_input=with_input, on_message=on_message)
+        return await RunningProcess.start(
+            run, argv, environment=environment, cwd="/", with_input=with_input, on_message=on_message
+        )
 
     async def _finish(self) -> None:
         self._launch.end()
@@ -248,7 +272,14 @@ class Session:
         for raw in self.plan.steps:
             step = StepRun(raw["kind"], raw["parameters"], raw.get("label"), started_ns=time.time_ns())
             self.record.steps.append(step)
-            _tell({"event": "step", "text": _describe(step), "index": len(self.record.steps), "of": len(self.plan.steps)})
+            _tell(
+                {
+                    "event": "step",
+                    "text": _describe(step),
+                    "index": len(self.record.steps),
+                    "of": len(self.plan.steps),
+                }
+            )
             step.outcome, step.result = await getattr(self, f"_step_{step.kind}")(step.parameters)
             step.ended_ns = time.time_ns()
             if step.kind == "wait_for":
@@ -292,9 +323,15 @@ class Session:
         return "done", {"started": True}
 
     async def start_student(
-        self, name: str, command: list[str], *, artifact: str | None = None, cwd: str | None = None,
+        self,
+        name: str,
+        command: list[str],
+        *,
+        artifact: str | None = None,
+        cwd: str | None = None,
         environment: dict[str, str] | None = None,
     ) -> RunningProcess:
+        """Start one of the student's processes, confined and with the tap."""
         run = ProcessRun(name, "student", command, artifact)
         self.record.processes.append(run)
         info_read, info_write = os.pipe()
@@ -303,8 +340,12 @@ class Session:
         base = self.student_environment({"GRADER_TAP_FD": str(tap_write), **(environment or {})})
         argv = self.confined(command, base, info_write, cwd)
         running = await RunningProcess.start(
-            run, argv, environment={"PATH": os.environ.get("PATH", "/usr/bin:/bin")}, cwd="/",
-            pass_fds=(info_write, tap_write), child_pid_fd=info_read if self.isolation.form is not Form.NONE else None,
+            run,
+            argv,
+            environment={"PATH": os.environ.get("PATH", "/usr/bin:/bin")},
+            cwd="/",
+            pass_fds=(info_write, tap_write),
+            child_pid_fd=info_read if self.isolation.form is not Form.NONE else None,
         )
         os.close(info_write)
         os.close(tap_write)
@@ -313,15 +354,28 @@ class Session:
         return running
 
     def student_environment(self, more: dict[str, str]) -> dict[str, str]:
+        """Environment of a student's process, with some variables more."""
         base = student_environment(
-            Path(self.plan.interpreter), self.seen_home, self.seen_workspace, self.seen_tools[INSIDE], self.plan.domain_id
+            Path(self.plan.interpreter),
+            self.seen_home,
+            self.seen_workspace,
+            self.seen_tools[INSIDE],
+            self.plan.domain_id,
         )
         return {**base, **more}
 
     def confined(self, command: list[str], environment: dict[str, str], info_fd: int, cwd: str | None) -> list[str]:
+        """Return the command line that runs a student's command, confined."""
         return student_argv(
-            self.isolation, command, environment=environment, workspace=self.workspace, tools=self.tools,
-            interpreter=Path(self.plan.interpreter), slot=self.plan.slot, info_fd=info_fd, cwd=cwd or self.seen_home,
+            self.isolation,
+            command,
+            environment=environment,
+            workspace=self.workspace,
+            tools=self.tools,
+            interpreter=Path(self.plan.interpreter),
+            slot=self.plan.slot,
+            info_fd=info_fd,
+            cwd=cwd or self.seen_home,
         )
 
     def _note_claims(self, run: ProcessRun, text: str) -> None:
@@ -333,15 +387,24 @@ class Session:
                 note = json.loads(line)
                 qos = Qos(**note["qos"]) if note.get("qos") else None
                 claim = Claim(
-                    run.name, str(note["kind"]), str(note["name"]), str(note["node"]), str(note.get("type", "")),
-                    str(note["file"]).removeprefix(f"{self.seen_workspace}/src/"), int(note["line"]), qos, note.get("value"),
+                    run.name,
+                    str(note["kind"]),
+                    str(note["name"]),
+                    str(note["node"]),
+                    str(note.get("type", "")),
+                    str(note["file"]).removeprefix(f"{self.seen_workspace}/src/"),
+                    int(note["line"]),
+                    qos,
+                    note.get("value"),
                 )
                 self.record.claims.append(claim)
 
     async def _start_reference(self, name: str, settings: dict[str, Any]) -> tuple[str, dict[str, Any]]:
         spec = self.plan.reference[name]
         configuration = {
-            "seed": self.plan.seed, "names": self.record.names, "with": settings,
+            "seed": self.plan.seed,
+            "names": self.record.names,
+            "with": settings,
             "subscriptions": self._subscriptions(),
         }
         run = ProcessRun(name, "reference", ["python", Path(spec["file"]).name, json.dumps(configuration)])
@@ -395,7 +458,10 @@ class Session:
 
     async def _students_ended(self) -> None:
         while self._launch.waiting or any(p.alive for p in self._students()):
-            await asyncio.wait({p.exited for p in self._students() if p.alive} | self._launch.waiting, return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait(
+                {p.exited for p in self._students() if p.alive} | self._launch.waiting,
+                return_when=asyncio.FIRST_COMPLETED,
+            )
         await asyncio.sleep(_AFTER_EXIT_S)
 
     async def _wait_output(self, name: str, text: str, timeout_s: float) -> tuple[str, dict[str, Any]]:
@@ -444,13 +510,20 @@ _NAMED = ("node", "publisher", "subscription", "service")
 def _describe(step: StepRun) -> str:
     """Say in a few words what a step does, for the progress display."""
     p = step.parameters
-    named = next((str(p[k]) for k in (*_NAMED, "output_of", "student", "launch", "reference", "process") if p.get(k)), "")
+    named = next(
+        (str(p[k]) for k in (*_NAMED, "output_of", "student", "launch", "reference", "process") if p.get(k)),
+        "",
+    )
     words = {
-        "start": f"starting {named}", "wait_for": f"waiting for {named}", "call": f"calling {named}",
+        "start": f"starting {named}",
+        "wait_for": f"waiting for {named}",
+        "call": f"calling {named}",
         "publish": f"publishing on {p.get('topic', '')}",
         "observe": f"observing for {p.get('duration_s', 0):g} s" if step.kind == "observe" else "",
-        "interrupt": f"interrupting {named}", "wait_exit": f"waiting until {named} ends",
-        "plan": f"evaluating {named}", "get_parameters": f"reading parameters of {named}",
+        "interrupt": f"interrupting {named}",
+        "wait_exit": f"waiting until {named} ends",
+        "plan": f"evaluating {named}",
+        "get_parameters": f"reading parameters of {named}",
         "set_parameters": f"setting parameters of {named}",
     }
     return words[step.kind]
@@ -492,5 +565,3 @@ def main() -> None:
 
 if __name__ == "__main__":
     main()
-
-

@@ -17,7 +17,7 @@ from pathlib import Path, PurePosixPath
 from grader.recording.submission import PackageFact, SubmissionRecord
 from grader.rubric import Rubric
 
-#: Longest time for which a half-made module name may be searched in launch files, in characters.
+#: Packages that launch files name literally.
 _PACKAGE_ARGUMENT = re.compile(r"""package\s*=\s*['"]([A-Za-z][A-Za-z0-9_]{0,80})['"]""")
 
 _WRAPPER = '''\
@@ -33,6 +33,7 @@ sys.argv[0] = source
 {run}
 '''
 
+_PACKAGE_PATH = "os.path.normpath(os.path.join(os.path.dirname(os.path.realpath(__file__)), '../../..', {root!r}))"
 _RUN_FILE = 'runpy.run_path(source, run_name="__main__")'
 _RUN_FILE_MAIN = 'sys.exit(runpy.run_path(source, run_name="student_module")["main"]())'
 _RUN_MODULE = 'runpy.run_module({module!r}, run_name="__main__", alter_sys=True)'
@@ -134,7 +135,10 @@ def _install_package(folder: Path, package: PackageFact, record: SubmissionRecor
                 shutil.copyfile(origin, share / "launch" / inside.name)
     for name, target in package.executables.items():
         if re.fullmatch(r"[\w.+-]{1,200}", name):
-            _write(folder / "install/lib" / package.name / name, _wrapper_of_entry(package, target, record, interpreter))
+            _write(
+                folder / "install/lib" / package.name / name,
+                _wrapper_of_entry(package, target, record, interpreter),
+            )
 
 
 def _is_shared(inside: PurePosixPath) -> bool:
@@ -151,7 +155,7 @@ def _wrapper_of_entry(package: PackageFact, target: str, record: SubmissionRecor
         target=target,
         up="../../..",
         source=str(PurePosixPath("src") / package.path / (module.replace(".", "/") + ".py")),
-        path_entry=f"os.path.normpath(os.path.join(os.path.dirname(os.path.realpath(__file__)), '../../..', {str(PurePosixPath('src') / package.path)!r}))",
+        path_entry=_PACKAGE_PATH.format(root=str(PurePosixPath("src") / package.path)),
         run=_RUN_ENTRY.format(module=module, attribute=attribute.split(".")[0], function=attribute),
     )
 

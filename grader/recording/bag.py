@@ -249,9 +249,7 @@ def _read_records(buffer: _Buffer, offset: int, end: int, contents: _Contents) -
                 return
             channel, sequence, log_ns, publish_ns = read_message(buffer, body)
             if channel in rows:
-                rows[channel].append(
-                    (log_ns, publish_ns, sequence, buffer, body + _MESSAGE_HEAD.size, offset)
-                )
+                rows[channel].append((log_ns, publish_ns, sequence, buffer, body + _MESSAGE_HEAD.size, offset))
         elif opcode == _CHUNK:
             _read_chunk(buffer, body, min(offset, end), contents)
         elif opcode == _FOOTER or not 0 < opcode <= _LAST_OPCODE or offset > end:

@@ -1,0 +1,1 @@
+"""Words and layout of a result: HTML page, JSON, terminal. No arithmetic."""

@@ -175,9 +175,7 @@ class _Frame:
         return parts
 
 
-def _frame(
-    width: float, height: float, x: tuple[float, float], y: tuple[float, float], top: float = _TOP
-) -> _Frame:
+def _frame(width: float, height: float, x: tuple[float, float], y: tuple[float, float], top: float = _TOP) -> _Frame:
     return _Frame(_LEFT, top, width - _RIGHT, height - _BOTTOM, x, y)
 
 
@@ -364,9 +362,7 @@ def calls_chart(figure: Calls, name: str) -> Chart:
             at = frame.px(mark.at_s)
             parts.append(_rule(at, frame.top - 6 - 14 * (n % 2), at, frame.bottom, "mark"))
             aside, gap = ("end", -3) if at > width * 0.6 else ("start", 3)
-            parts.append(
-                _text(at + gap, frame.top - 8 - 14 * (n % 2), one_line(mark.text, 30), aside, "note")
-            )
+            parts.append(_text(at + gap, frame.top - 8 - 14 * (n % 2), one_line(mark.text, 30), aside, "note"))
         for call in calls:
             at, height_at = frame.px(call.start_s), frame.py(min(call.latency_s, slowest))
             parts.append(_rule(at, frame.bottom, at, height_at, "stem"))
@@ -433,9 +429,7 @@ def latency_chart(figure: Latency, name: str) -> Chart:
         for d in figure.distributions
     )
     wide, narrow = _both(name, figure.title, caption, paint)
-    return Chart(
-        wide, narrow, caption, (("box", "middle half, line at the median"), ("dot", "single messages"))
-    )
+    return Chart(wide, narrow, caption, (("box", "middle half, line at the median"), ("dot", "single messages")))
 
 
 def _box(frame: _Frame, d: Distribution, top: float, floor: float, width: int) -> list[Markup]:

@@ -131,8 +131,7 @@ def _template() -> Template:
         css=Markup(css),
         js=Markup(js),
         policy=(
-            f"default-src 'none'; style-src {_hash(css)}; script-src {_hash(js)}; "
-            "base-uri 'none'; form-action 'none'"
+            f"default-src 'none'; style-src {_hash(css)}; script-src {_hash(js)}; base-uri 'none'; form-action 'none'"
         ),
     )
     return environment.get_template("report.html.j2")

@@ -16,8 +16,13 @@ def points(value: Decimal) -> int | float:
 
 def _where(where: Where) -> dict[str, Any]:
     parts = {
-        "file": where.file, "line": where.line, "session": where.session, "topic": where.topic, "process": where.process,
-        "start_s": where.start_s, "end_s": where.end_s,
+        "file": where.file,
+        "line": where.line,
+        "session": where.session,
+        "topic": where.topic,
+        "process": where.process,
+        "start_s": where.start_s,
+        "end_s": where.end_s,
     }
     return {k: (round(v, 3) if isinstance(v, float) else v) for k, v in parts.items() if v is not None}
 

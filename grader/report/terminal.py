@@ -43,7 +43,7 @@ class ProgressDisplay:
     def __init__(self, console: Console, submission: str, sessions: Sequence[str]) -> None:
         self._console = console
         self._submission = terminal_text(submission, 80)
-        self._states: dict[str, tuple[str, int, int, bool]] = {name: ("in the queue", 0, 0, False) for name in sessions}
+        self._states: dict[str, tuple[str, int, int, bool]] = dict.fromkeys(sessions, ("in the queue", 0, 0, False))
         self._started_s = time.monotonic()
         self._began: dict[str, float] = {}
         self._took: dict[str, float] = {}
@@ -54,7 +54,9 @@ class ProgressDisplay:
             self._live.__enter__()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
         if self._console.is_terminal:
             self._live.__exit__(kind, value, trace)
 
@@ -110,7 +112,11 @@ def print_result(console: Console, result: Result) -> None:
 def _add_criterion(table: Table, criterion: CriterionResult) -> None:
     whole = criterion.earned == criterion.possible
     style = "bold green" if whole else "bold"
-    table.add_row("", Text(criterion.title, style), Text(f"{points_text(criterion.earned)} / {points_text(criterion.possible)}", style))
+    table.add_row(
+        "",
+        Text(criterion.title, style),
+        Text(f"{points_text(criterion.earned)} / {points_text(criterion.possible)}", style),
+    )
     for check in criterion.checks:
         if check.finding.outcome is not Outcome.PASSED:
             _add_check(table, check)

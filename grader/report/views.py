@@ -213,9 +213,7 @@ class CheckView:
     more_places: int
 
 
-def check_view(
-    check: CheckResult, texts: Mapping[str, str], anchors: Mapping[tuple[str, str], str]
-) -> CheckView:
+def check_view(check: CheckResult, texts: Mapping[str, str], anchors: Mapping[tuple[str, str], str]) -> CheckView:
     """Describe a check with its proof."""
     finding = check.finding
     lost = _lost(check)
@@ -335,9 +333,7 @@ def anchors_of(sessions: Mapping[str, SessionRecord]) -> dict[tuple[str, str], s
 def session_view(name: str, record: SessionRecord) -> SessionView:
     """Describe a session."""
     processes = [
-        process_view(name, n, p, record)
-        for n, p in enumerate(record.processes)
-        if p.role != "grader" or p.output
+        process_view(name, n, p, record) for n, p in enumerate(record.processes) if p.role != "grader" or p.output
     ]
     students = sum(process.role == "student" for process in record.processes)
     order = {"student": 0, "reference": 1, "grader": 2}
@@ -421,9 +417,7 @@ def process_view(session: str, number: int, run: ProcessRun, record: SessionReco
         len(lines),
         tuple(_printed(text, started_ns, n not in near) for n, text in enumerate(head)),
         len(lines) - len(head) - len(tail),
-        tuple(
-            _printed(text, started_ns, n not in near) for n, text in enumerate(tail, len(lines) - len(tail))
-        ),
+        tuple(_printed(text, started_ns, n not in near) for n, text in enumerate(tail, len(lines) - len(tail))),
         run.output_dropped_bytes,
     )
 

@@ -28,9 +28,7 @@ def calls(body: str, kind: str = "publisher") -> list[CallFact]:
     return [fact for fact in rclpy_calls(source) if fact.kind == kind]
 
 
-def profile(
-    reliability: str, depth: int, durability: str = "volatile", history: str = "keep_last"
-) -> dict[str, Any]:
+def profile(reliability: str, depth: int, durability: str = "volatile", history: str = "keep_last") -> dict[str, Any]:
     """A profile as the facts spell it."""
     return {"reliability": reliability, "history": history, "depth": depth, "durability": durability}
 
@@ -84,9 +82,7 @@ def test_presets_are_those_of_rclpy() -> None:
 
 def test_an_unknown_policy_is_left_out() -> None:
     """What cannot be told is missing, what can is there."""
-    (fact,) = calls(
-        "self.create_publisher(String, 'a', QoSProfile(depth=self.deep(), reliability=RP.RELIABLE))"
-    )
+    (fact,) = calls("self.create_publisher(String, 'a', QoSProfile(depth=self.deep(), reliability=RP.RELIABLE))")
     assert fact.qos == {"reliability": "reliable", "history": "keep_last", "durability": "volatile"}
 
 

@@ -110,8 +110,7 @@ def told(final: str, library: str = "") -> Diagnosis:
             "B",
         ),
         (
-            "rclpy.exceptions.NotInitializedException: rclpy.init() has not been called. msg:cannot "
-            "create node",
+            "rclpy.exceptions.NotInitializedException: rclpy.init() has not been called. msg:cannot create node",
             "",
             "not-initialised",
             "",
@@ -146,8 +145,7 @@ def told(final: str, library: str = "") -> Diagnosis:
             "bad name",
         ),
         (
-            "rclpy.exceptions.ParameterNotDeclaredException: Invalid access to undeclared "
-            "parameter(s): max_velocity",
+            "rclpy.exceptions.ParameterNotDeclaredException: Invalid access to undeclared parameter(s): max_velocity",
             "",
             "parameter-not-declared",
             "max_velocity",
@@ -208,8 +206,7 @@ def told(final: str, library: str = "") -> Diagnosis:
             "String",
         ),
         (
-            "AttributeError: type object 'str' has no attribute '_TYPE_SUPPORT' This might be a ROS 1 "
-            "message type",
+            "AttributeError: type object 'str' has no attribute '_TYPE_SUPPORT' This might be a ROS 1 message type",
             "",
             "message-type",
             "",
@@ -302,9 +299,7 @@ def test_the_trap_of_read_only_properties_is_explained_with_its_mend() -> None:
 
 def test_near_misses_are_named() -> None:
     """A misspelt name comes with the right one, of Python or of ROS."""
-    assert (
-        "QoSProfile" in told("ImportError: cannot import name 'QosProfile' from 'rclpy.qos' (q.py)").sentence
-    )
+    assert "QoSProfile" in told("ImportError: cannot import name 'QosProfile' from 'rclpy.qos' (q.py)").sentence
     assert "print" in told("NameError: name 'prnt' is not defined. Did you mean: 'print'?").sentence
     assert "numpy" in told("ModuleNotFoundError: No module named 'numppy'").remedy
     assert "BEST_EFFORT" in told("AttributeError: BESTEFFORT").remedy
@@ -320,9 +315,7 @@ def test_near_misses_are_named() -> None:
 )
 def test_syntax_errors_point_at_their_line(text: str, kind: str, line: int) -> None:
     """The file that Python cannot read is named with the line."""
-    diagnosis = explain(
-        lines(f'  File "/cell/ws/joint_publisher.py", line 2\n    a = (1,\n        ^\n{text}'), FILES
-    )
+    diagnosis = explain(lines(f'  File "/cell/ws/joint_publisher.py", line 2\n    a = (1,\n        ^\n{text}'), FILES)
     assert diagnosis is not None
     assert (diagnosis.kind, diagnosis.file, diagnosis.line) == (kind, "joint_publisher.py", line)
 
@@ -434,8 +427,7 @@ def test_an_exception_before_a_clean_stop_is_still_told() -> None:
             "t2",
         ),
         (
-            "/venv/bin/python: can't open file '/cell/ws/joint_publisher.py': [Errno 2] No such file "
-            "or directory",
+            "/venv/bin/python: can't open file '/cell/ws/joint_publisher.py': [Errno 2] No such file or directory",
             "not-startable",
             "/cell/ws/joint_publisher.py",
         ),
@@ -595,9 +587,7 @@ def test_real_rclpy_is_understood(tmp_path: Path, body: str, kind: str) -> None:
     script = tmp_path / "ws" / "talker.py"
     script.parent.mkdir()
     script.write_text(NODE + body, encoding="utf-8")
-    environment = dict(
-        os.environ, HOME=str(tmp_path), ROS_AUTOMATIC_DISCOVERY_RANGE="OFF", ROS_DOMAIN_ID="93"
-    )
+    environment = dict(os.environ, HOME=str(tmp_path), ROS_AUTOMATIC_DISCOVERY_RANGE="OFF", ROS_DOMAIN_ID="93")
     run = subprocess.run(
         [sys.executable, str(script)],
         capture_output=True,

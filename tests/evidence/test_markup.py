@@ -122,9 +122,7 @@ def test_own_text_is_what_the_author_wrote() -> None:
     assert code_spans("run `a b` or ``c``") == ["a b", "c"]
 
 
-@pytest.mark.parametrize(
-    "text", ["", "\n\n", "#", "```", "|", "---", "***", "- ", "> ", "=\n=", ".. x::", "<!--"]
-)
+@pytest.mark.parametrize("text", ["", "\n\n", "#", "```", "|", "---", "***", "- ", "> ", "=\n=", ".. x::", "<!--"])
 def test_scraps_are_survived(text: str) -> None:
     """A README of one sign is a README."""
     assert read_markdown(text).lines >= 1

@@ -22,9 +22,7 @@ from grader.evidence.prose import (
 from grader.evidence.source import parse
 
 TOPICS = (
-    TopicWords(
-        "talker", ("talker.py", "talker", "talker_node"), ("publisher", "发布者", "Sender", "издатель")
-    ),
+    TopicWords("talker", ("talker.py", "talker", "talker_node"), ("publisher", "发布者", "Sender", "издатель")),
     TopicWords("listener", ("listener.py", "listener"), ("subscriber", "订阅者", "Empfänger", "подписчик")),
     TopicWords("switch", ("switch_service.py", "switch_service"), ("service", "服务", "Dienst", "сервис")),
 )
@@ -162,8 +160,7 @@ def test_descriptions_count_in_every_form_and_language(text: str) -> None:
     [
         "",
         "# talker.py\n\n# listener.py\n\n# switch_service.py\n",
-        "# talker.py\nTODO\n# listener.py\nTODO: describe this node\n# switch_service.py\n"
-        "<description of the node>\n",
+        "# talker.py\nTODO\n# listener.py\nTODO: describe this node\n# switch_service.py\n<description of the node>\n",
         "# talker.py\nLorem ipsum dolor sit amet, consectetur adipiscing elit, sed do eiusmod.\n",
         "- talker.py\n- listener.py\n- switch_service.py\n",
         "Files: talker.py, listener.py, switch_service.py\n",
@@ -256,10 +253,8 @@ def test_talk_about_running_is_no_instruction() -> None:
         "ersetzt wird und die Verzögerung klein bleibt.",
         "Para los sensores uso best_effort porque perder una muestra no importa y el retraso es menor "
         "que con reintentos.",
-        "Pour les capteurs, best_effort suffit car un message perdu est sans conséquence et le retard "
-        "reste faible.",
-        "Для датчиков подходит best_effort, потому что потеря одного сообщения не важна, а задержка "
-        "остаётся меньше.",
+        "Pour les capteurs, best_effort suffit car un message perdu est sans conséquence et le retard reste faible.",
+        "Для датчиков подходит best_effort, потому что потеря одного сообщения не важна, а задержка остаётся меньше.",
         "传感器数据用 best_effort，因为丢失一帧没有关系，延迟更低；控制命令必须可靠送达。",
         "センサーデータは欠落しても次の値がすぐ届くため、遅延の小さいベストエフォートを使う。",
         "센서 데이터는 한 번 손실되어도 곧 새 값이 오기 때문에 지연이 적은 best_effort가 좋다고 생각한다.",
@@ -320,10 +315,7 @@ def test_repeated_passages_count_once() -> None:
 
 def test_anchors_keep_to_the_matter() -> None:
     """With anchors, only passages about the matter count, be it by their heading."""
-    text = (
-        "The sensor values are lost on purpose whenever a delay of the arm is seen by us, because "
-        "they are wrong."
-    )
+    text = "The sensor values are lost on purpose whenever a delay of the arm is seen by us, because they are wrong."
     assert discussion(text).related
     assert not discussion(text, anchors=("QoS",)).related
     document = read_markdown(f"## QoS\n{text}\n")

@@ -129,12 +129,7 @@ def test_docstrings_count_in_any_language(docstring: str) -> None:
 
 def test_nothing_documented_is_nothing() -> None:
     """Without any docstring, and for an empty submission, the share is zero."""
-    assert (
-        share(
-            "import os\n\n\nclass A:\n    def f(self):\n        x = 1\n        y = 2\n        return x + y\n"
-        )
-        == 0
-    )
+    assert share("import os\n\n\nclass A:\n    def f(self):\n        x = 1\n        y = 2\n        return x + y\n") == 0
     assert share("") == 0
     assert share() == 0
 
@@ -144,16 +139,12 @@ def test_documenting_small_things_makes_up_for_something() -> None:
     text = DOCUMENTED.replace('        """Compute the next positions and publish them."""\n', "")
     text = text.replace("def main():\n", 'def main():\n    """Start the node and spin until Ctrl-C."""\n')
     assert share(text) == Decimal("0.875")
-    assert (
-        share(DOCUMENTED.replace("def main():\n", 'def main():\n    """Start and spin the node."""\n')) == 1
-    )
+    assert share(DOCUMENTED.replace("def main():\n", 'def main():\n    """Start and spin the node."""\n')) == 1
 
 
 def test_a_comment_above_the_code_stands_for_the_module_docstring() -> None:
     """Students who explain a file in a leading comment have documented it."""
-    text = DOCUMENTED.replace(
-        '"""Publish joint commands for the arm."""', "# Publishes joint commands for the arm."
-    )
+    text = DOCUMENTED.replace('"""Publish joint commands for the arm."""', "# Publishes joint commands for the arm.")
     assert share(text) == 1
 
 

@@ -13,9 +13,7 @@ from grader.recording.session import OutputLine
 
 def lines(text: str, stream: str = "stderr") -> list[OutputLine]:
     """A text as a process's output, a line every nanosecond."""
-    return [
-        OutputLine(t, stream, line) for t, line in enumerate(textwrap.dedent(text).strip("\n").split("\n"))
-    ]
+    return [OutputLine(t, stream, line) for t, line in enumerate(textwrap.dedent(text).strip("\n").split("\n"))]
 
 
 PLAIN = """

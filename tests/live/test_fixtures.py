@@ -69,7 +69,9 @@ def differences(check: CheckResult, wanted: dict[str, Any]) -> list[str]:
     found = []
     finding = check.finding
     if finding.outcome.value != wanted["outcome"]:
-        found.append(f"{check.id}: {finding.outcome.value}, not {wanted['outcome']}: {finding.measured} | {finding.reason}")
+        found.append(
+            f"{check.id}: {finding.outcome.value}, not {wanted['outcome']}: {finding.measured} | {finding.reason}"
+        )
     bounds = wanted.get("earned")
     if bounds is None and finding.outcome in (Outcome.FAILED, Outcome.NOT_REACHED):
         bounds = [0, 0]

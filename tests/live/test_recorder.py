@@ -197,9 +197,7 @@ class Recorded:
         late = {"topic": "/late", "kind": "text", "rate_hz": 70, "count": LATE_COUNT}
         weak = {"topic": "/late", "kind": "text", "rate_hz": 50, "count": 50, "reliability": "BEST_EFFORT"}
         burst = {"topic": "/burst", "kind": "floats", "rate_hz": BURST_HZ, "count": BURST_COUNT}
-        mixed = [
-            {"topic": "/mixed", "kind": kind, "rate_hz": 100, "count": 100} for kind in ("text", "floats")
-        ]
+        mixed = [{"topic": "/mixed", "kind": kind, "rate_hz": 100, "count": 100} for kind in ("text", "floats")]
         self.printed = record(
             self.folder,
             71,
@@ -286,9 +284,7 @@ def test_log_and_service_events_are_recorded(recorded: Recorded) -> None:
     # A client notes its request (0, request sent) and the answer (3, response received).
     kinds = events.field("info.event_type")
     sent = [value for kind, value in zip(kinds, events.field("request.0.data"), strict=True) if kind == 0]
-    answers = [
-        value for kind, value in zip(kinds, events.field("response.0.message"), strict=True) if kind == 3
-    ]
+    answers = [value for kind, value in zip(kinds, events.field("response.0.message"), strict=True) if kind == 3]
     assert sent == [True, False, True]
     assert answers == ["set to True", "set to False", "set to True"]
 

@@ -85,9 +85,7 @@ def test_other_readers_agree(tmp_path: Path) -> None:
     with AnyReader([tmp_path]) as reader:
         theirs = [(t, reader.deserialize(d, c.msgtype).data.tolist()) for c, t, d in reader.messages()]  # type: ignore[attr-defined]
     with (tmp_path / "session.mcap").open("rb") as stream:
-        raw = [
-            (m.log_time, m.publish_time, m.sequence, m.data) for *_, m in make_reader(stream).iter_messages()
-        ]
+        raw = [(m.log_time, m.publish_time, m.sequence, m.data) for *_, m in make_reader(stream).iter_messages()]
 
     values = [array.tolist() for array in ours.field("data")]
     assert theirs == list(zip(ours.received_ns.tolist(), values, strict=True))
@@ -317,9 +315,7 @@ def test_opening_is_fast(tmp_path: Path) -> None:
         "n = len(Bag.open(pathlib.Path(sys.argv[1])).stream('/a').field('data'));"
         "print(n, time.process_time() - t)"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", program, str(tmp_path)], capture_output=True, text=True, check=True
-    )
+    done = subprocess.run([sys.executable, "-c", program, str(tmp_path)], capture_output=True, text=True, check=True)
     count, seconds = done.stdout.split()
     assert int(count) == 5000
     assert float(seconds) < 0.2
@@ -328,8 +324,7 @@ def test_opening_is_fast(tmp_path: Path) -> None:
 def test_reading_needs_no_ros() -> None:
     """Neither ROS nor processes are imported for reading a bag."""
     program = (
-        "import sys, grader.recording.bag;"
-        "print([m for m in ('rclpy', 'subprocess', 'rosbags') if m in sys.modules])"
+        "import sys, grader.recording.bag;print([m for m in ('rclpy', 'subprocess', 'rosbags') if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

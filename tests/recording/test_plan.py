@@ -38,9 +38,7 @@ def test_a_plan_is_ready_for_json() -> None:
 
 def test_keys_of_a_later_version_are_ignored() -> None:
     """A key that is not known does no harm."""
-    assert (
-        Plan.from_plain(plain(later=1, problem={"kind": "k", "message": "m", "later": 2})).problem is not None
-    )
+    assert Plan.from_plain(plain(later=1, problem={"kind": "k", "message": "m", "later": 2})).problem is not None
 
 
 @pytest.mark.parametrize(
@@ -72,9 +70,7 @@ def test_the_command_has_its_parameter_files_where_the_runner_put_them() -> None
     assert process.command("/run") == ["nice", "/a", "--params-file", "/run/x.yaml"]
 
 
-@pytest.mark.parametrize(
-    ("namespace", "expected"), [(None, "/t"), ("/", "/t"), ("/n", "/n/t"), ("/n/m", "/n/m/t")]
-)
+@pytest.mark.parametrize(("namespace", "expected"), [(None, "/t"), ("/", "/t"), ("/n", "/n/t"), ("/n/m", "/n/m/t")])
 def test_the_full_name_has_the_namespace(namespace: str | None, expected: str) -> None:
     """A node's full name is its namespace and its name, parted by one slash."""
     assert Process("a-1", "/a", name="t", namespace=namespace).full_name == expected

@@ -119,9 +119,7 @@ def test_simulation_time_keeps_a_100_hz_timer_at_100_hz(student: Listener, domai
         for received in student.received.values():
             received.clear()
         student.spin_for(2.0)
-    assert rate_hz(student.received["/simulated"]) == pytest.approx(
-        rate_hz(student.received["/real"]), rel=0.1
-    )
+    assert rate_hz(student.received["/simulated"]) == pytest.approx(rate_hz(student.received["/real"]), rel=0.1)
 
 
 class Enabling:

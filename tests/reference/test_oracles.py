@@ -82,9 +82,7 @@ def border_trouble(events: Sequence[Event], rng: np.random.Generator, most: int)
     heard: list[Event] = []
     for k, event in enumerate(events):
         new_command = (
-            event.role == COMMAND
-            and events[k - 1].role == STATE
-            and any(earlier.role == COMMAND for earlier in heard)
+            event.role == COMMAND and events[k - 1].role == STATE and any(earlier.role == COMMAND for earlier in heard)
         )
         if new_command:
             amount = int(rng.integers(0, most + 1))

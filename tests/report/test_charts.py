@@ -56,9 +56,7 @@ CALLS = Calls(
     ),
     (Mark(0.05, EVIL),),
 )
-LATENCY = Latency(
-    "Title", "s", (Distribution(EVIL, 3, 1e-4, 2e-4, 3e-4, 4e-4, 5e-4, 0.01, (1e-4, 3e-4, -1.0)),)
-)
+LATENCY = Latency("Title", "s", (Distribution(EVIL, 3, 1e-4, 2e-4, 3e-4, 4e-4, 5e-4, 0.01, (1e-4, 3e-4, -1.0)),))
 ALL: list[tuple[Callable[..., Chart], Any]] = [
     (charts.intervals_chart, INTERVALS),
     (charts.rate_chart, RATE),

@@ -119,9 +119,7 @@ CHECKS = (
         hint="Use a timer.",
         where=(Where(file="node.py", line=3), Where(session="alone", topic="/cmd", start_s=1.23, end_s=7.29)),
     ),
-    check(
-        "a.bad", Outcome.FAILED, "0", reason="It crashed.", where=(Where(session="alone", process="node"),)
-    ),
+    check("a.bad", Outcome.FAILED, "0", reason="It crashed.", where=(Where(session="alone", process="node"),)),
     check("a.after", Outcome.NOT_REACHED, "0", "2", reason="since 'x' failed"),
     check("a.open", Outcome.INCONCLUSIVE, "0", "4", reason="overloaded"),
     check("a.broken", Outcome.ERROR, "0", "1", reason="The check broke"),
@@ -134,9 +132,7 @@ def result_of(checks: Sequence[CheckResult] = CHECKS, **changes: Any) -> Result:
     earned = sum((c.earned for c in checks), zero)
     possible = sum((c.possible for c in checks), zero)
     undecided = sum((c.undecided for c in checks), zero)
-    criterion = CriterionResult(
-        "a", "Criterion A", "What it is about", tuple(checks), earned, possible, undecided
-    )
+    criterion = CriterionResult("a", "Criterion A", "What it is about", tuple(checks), earned, possible, undecided)
     result = Result("alice", "Lab 1: Nodes", Score(earned, possible, undecided), (criterion,))
     return dataclasses.replace(result, **changes)
 
@@ -245,9 +241,7 @@ def test_nothing_is_fetched() -> None:
     """No element loads anything, no address stands in the page, and the policy allows only our own code."""
     html = page_of(figures=FIGURES)
     page = Page(html)
-    assert page.tags().isdisjoint(
-        {"link", "img", "iframe", "object", "embed", "form", "base", "image", "use"}
-    )
+    assert page.tags().isdisjoint({"link", "img", "iframe", "object", "embed", "form", "base", "image", "use"})
     assert not page.values("src") + page.values("srcset") + page.values("style")
     assert "http:" not in html
     assert "https:" not in html

@@ -581,8 +581,7 @@ FLOW = [
     ),
     body(
         "the accepted words, in any case and with blanks",
-        "*[talker(condition=IfCondition(w)) for w in "
-        "('true', 'True', 'TRUE', '1', ' true ', 'false', 'False', '0')]",
+        "*[talker(condition=IfCondition(w)) for w in ('true', 'True', 'TRUE', '1', ' true ', 'false', 'False', '0')]",
         expect={"len processes": 5},
     ),
     body(
@@ -614,8 +613,7 @@ FLOW = [
     ),
     body(
         "a scoped group keeps its configurations",
-        "Arg('a', default_value='1'), GroupAction([SetLaunchConfiguration('a', '2')]), "
-        "talker(name=['n', Value('a')])",
+        "Arg('a', default_value='1'), GroupAction([SetLaunchConfiguration('a', '2')]), talker(name=['n', Value('a')])",
         expect={"processes.0.name": "n1"},
     ),
     body(
@@ -793,17 +791,13 @@ FLOW = [
 ]
 
 SUBSTITUTIONS = [
-    body(
-        "texts are joined", "LogInfo(msg=['a', TextSubstitution(text='b')])", expect={"logs.0.message": "ab"}
-    ),
+    body("texts are joined", "LogInfo(msg=['a', TextSubstitution(text='b')])", expect={"logs.0.message": "ab"}),
     body(
         "a default of a configuration",
         "LogInfo(msg=Value('none', default='d'))",
         expect={"logs.0.message": "d"},
     ),
-    body(
-        "a path", "LogInfo(msg=PathJoinSubstitution(['a', 'b', 'c.x']))", expect={"logs.0.message": "a/b/c.x"}
-    ),
+    body("a path", "LogInfo(msg=PathJoinSubstitution(['a', 'b', 'c.x']))", expect={"logs.0.message": "a/b/c.x"}),
     body(
         "an absolute part begins the path anew",
         "LogInfo(msg=PathJoinSubstitution(['a', '/b']))",

@@ -80,9 +80,7 @@ def plans(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     requests = []
     for number, case in enumerate(CASES):
         root = folder / f"case_{number}"
-        requests.append(
-            {"file": str(write(case, root)), "arguments": dict(case.arguments), "root": str(root)}
-        )
+        requests.append({"file": str(write(case, root)), "arguments": dict(case.arguments), "root": str(root)})
     done = subprocess.run(
         [sys.executable, "-c", BATCH, str(LAUNCHING / "standin")],
         input=json.dumps(requests),
@@ -169,9 +167,7 @@ def test_a_plan_survives_the_round_trip(case: Case, plans: dict[str, Any]) -> No
     assert Plan.from_plain(json.loads(json.dumps(plan.to_plain()))) == plan
 
 
-@pytest.mark.parametrize(
-    "case", [c for c in CASES if c.expect["outcome"] == "error"], ids=lambda case: case.name
-)
+@pytest.mark.parametrize("case", [c for c in CASES if c.expect["outcome"] == "error"], ids=lambda case: case.name)
 def test_a_problem_says_what_where_and_how(case: Case, plans: dict[str, Any]) -> None:
     """A problem names the student's file and has a message and a remedy that do not speak of the grader."""
     problem = plans[case.name]["problem"]

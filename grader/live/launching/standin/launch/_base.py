@@ -249,8 +249,7 @@ def normalize_to_list_of_substitutions(subs: Any) -> list[Substitution]:
     if isinstance(subs, collections.abc.Iterable):
         return [_as_substitution(item) for item in subs]
     raise TypeError(
-        f"only text, substitutions, or a list of them can stand here, "
-        f"but {subs!r} is of type '{type(subs).__name__}'"
+        f"only text, substitutions, or a list of them can stand here, but {subs!r} is of type '{type(subs).__name__}'"
     )
 
 
@@ -262,8 +261,7 @@ def _as_substitution(item: Any) -> Substitution:
     if isinstance(item, Substitution):
         return item
     raise TypeError(
-        f"only text or substitutions can stand in a list here, "
-        f"but {item!r} is of type '{type(item).__name__}'"
+        f"only text or substitutions can stand in a list here, but {item!r} is of type '{type(item).__name__}'"
     )
 
 

@@ -38,9 +38,7 @@ class LaunchDescription(LaunchDescriptionEntity):
     def visit(self, context: Any) -> list[Any]:
         """The entities."""
         if self.__deprecated_reason is not None:
-            context.session.warn(
-                f"deprecated launch description: {self.__deprecated_reason}", self.source_line
-            )
+            context.session.warn(f"deprecated launch description: {self.__deprecated_reason}", self.source_line)
         return self.__entities
 
     def describe_sub_entities(self) -> list[Any]:

@@ -75,9 +75,7 @@ def _plan(
     declared = {entry["name"] for entry in session.arguments}
     if outcome == "ok":
         for name in sorted(set(given) - declared):
-            session.warn(
-                f"the argument '{name}' is given, but the launch file declares no such argument", None
-            )
+            session.warn(f"the argument '{name}' is given, but the launch file declares no such argument", None)
     configurations = {n: v for n, v in context.launch_configurations.items() if isinstance(v, str)}
     plan = {
         "schema": SCHEMA,

@@ -226,9 +226,7 @@ def _package(error: Any, _: Any) -> Described | None:
 
 def _file(error: Any, _: Any) -> Described | None:
     path = str(error.filename or error)
-    if getattr(error, "launch_object", "") == "IncludeLaunchDescription" or path.endswith(
-        (".launch.py", "launch.xml")
-    ):
+    if getattr(error, "launch_object", "") == "IncludeLaunchDescription" or path.endswith((".launch.py", "launch.xml")):
         remedy = "Correct the path, and install the file in setup.py under data_files."
         return "include_not_found", f"the included launch file '{path}' does not exist", remedy
     return "file_not_found", f"the file '{path}' does not exist", "Correct the path, or hand the file in."

@@ -82,9 +82,7 @@ class Session:
         if getattr(action, "completes_later", False):
             return
         event = ExecutionComplete(action=action)
-        if action.context_of_completion is not None and action.context_of_completion.would_handle_event(
-            event
-        ):
+        if action.context_of_completion is not None and action.context_of_completion.would_handle_event(event):
             self.emit(event, {"on_completion_of": type(action).__name__})
 
     def number_process(self, name: str) -> str:

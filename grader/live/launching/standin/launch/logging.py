@@ -35,8 +35,6 @@ def get_output_loggers(process_name: str, output_config: Any) -> Any:
             raise ValueError(f"output can be set for stdout, stderr or both, but not for '{stream}'")
         chosen = [words] if isinstance(words, str) else sorted(words)
         if any(word not in _STREAM_WORDS for word in chosen):
-            raise ValueError(
-                f"the output of {stream} must be among {', '.join(_STREAM_WORDS)}, but it is {words!r}"
-            )
+            raise ValueError(f"the output of {stream} must be among {', '.join(_STREAM_WORDS)}, but it is {words!r}")
         plain[stream] = chosen
     return plain

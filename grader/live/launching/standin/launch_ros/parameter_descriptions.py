@@ -101,9 +101,7 @@ class ParameterFile(Located):
         SubstitutionFailure
             It is no YAML, before or after.
         """
-        path = Path(
-            self.__file if isinstance(self.__file, str) else perform_substitutions(context, self.__file)
-        )
+        path = Path(self.__file if isinstance(self.__file, str) else perform_substitutions(context, self.__file))
         if not perform_typed_substitution(context, self.__allow_substs, bool):
             return path, None
         import yaml

@@ -34,17 +34,14 @@ class DeclareLaunchArgument(Action):
     ) -> None:
         super().__init__(**kwargs)
         self.__name = name
-        self.__default_value = (
-            None if default_value is None else normalize_to_list_of_substitutions(default_value)
-        )
+        self.__default_value = None if default_value is None else normalize_to_list_of_substitutions(default_value)
         if choices is not None:
             if len(choices) == 0:
                 raise RuntimeError(f"the list of choices of the argument '{name}' is empty")
             fixed = default_value is not None and not isinstance(default_value, (Substitution, list))
             if fixed and default_value not in choices:
                 raise RuntimeError(
-                    f"the default_value '{default_value}' of the argument '{name}' "
-                    f"is not among its choices {choices}"
+                    f"the default_value '{default_value}' of the argument '{name}' is not among its choices {choices}"
                 )
         self.__given_description = description
         self.__choices = choices
@@ -102,8 +99,7 @@ class DeclareLaunchArgument(Action):
             value = context.launch_configurations[self.__name]
             if value not in self.__choices:
                 raise RuntimeError(
-                    f"the launch argument '{self.__name}' is '{value}', "
-                    f"but it must be one of {self.__choices}"
+                    f"the launch argument '{self.__name}' is '{value}', but it must be one of {self.__choices}"
                 )
 
     def _note(self, context: Any) -> None:
@@ -260,9 +256,7 @@ class SetEnvironmentVariable(Action):
 class AppendEnvironmentVariable(Action):
     """Adds to an environment variable for the processes that follow."""
 
-    def __init__(
-        self, name: Any, value: Any, prepend: Any = False, separator: Any = os.pathsep, **kwargs: Any
-    ) -> None:
+    def __init__(self, name: Any, value: Any, prepend: Any = False, separator: Any = os.pathsep, **kwargs: Any) -> None:
         super().__init__(**kwargs)
         self.__name = normalize_to_list_of_substitutions(name)
         self.__value = normalize_to_list_of_substitutions(value)
@@ -384,9 +378,7 @@ class _EndOfInclude(Action):
 class IncludeLaunchDescription(Action):
     """Visits another launch description."""
 
-    def __init__(
-        self, launch_description_source: Any, *, launch_arguments: Any = None, **kwargs: Any
-    ) -> None:
+    def __init__(self, launch_description_source: Any, *, launch_arguments: Any = None, **kwargs: Any) -> None:
         super().__init__(**kwargs)
         if not isinstance(launch_description_source, LaunchDescriptionSource):
             launch_description_source = AnyLaunchDescriptionSource(launch_description_source)

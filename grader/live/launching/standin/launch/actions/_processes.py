@@ -93,14 +93,10 @@ class LogInfo(Action):
 class OpaqueFunction(Action):
     """Calls a function of the launch file."""
 
-    def __init__(
-        self, *, function: Callable[..., Any], args: Any = None, kwargs: Any = None, **left_over: Any
-    ) -> None:
+    def __init__(self, *, function: Callable[..., Any], args: Any = None, kwargs: Any = None, **left_over: Any) -> None:
         super().__init__(**left_over)
         if not callable(function):
-            raise TypeError(
-                f"OpaqueFunction needs a function, but {function!r} is of type '{type(function).__name__}'"
-            )
+            raise TypeError(f"OpaqueFunction needs a function, but {function!r} is of type '{type(function).__name__}'")
         ensure_argument_type(args, (collections.abc.Iterable, type(None)), "args", "OpaqueFunction")
         ensure_argument_type(kwargs, (dict, type(None)), "kwargs", "OpaqueFunction")
         self.__function = function
@@ -396,9 +392,7 @@ class ExecuteLocal(Action):
         if not self.__shell:
             found = shutil.which(path, path=context.environment.get("PATH"))
             if found is None:
-                context.session.warn(
-                    f"the program '{path}' is not found, so it cannot start", self.source_line
-                )
+                context.session.warn(f"the program '{path}' is not found, so it cannot start", self.source_line)
             path = found or path
         return {"path": path, "argv": argv}
 
@@ -441,9 +435,7 @@ class ExecuteProcess(ExecuteLocal):
         additional_env: Any = None,
         **kwargs: Any,
     ) -> None:
-        description = Executable(
-            cmd=cmd, prefix=prefix, name=name, cwd=cwd, env=env, additional_env=additional_env
-        )
+        description = Executable(cmd=cmd, prefix=prefix, name=name, cwd=cwd, env=env, additional_env=additional_env)
         super().__init__(process_description=description, **kwargs)
 
     @classmethod

@@ -42,9 +42,7 @@ class Executable(Located):
         normal = normalize_to_list_of_substitutions
         self.cmd = [normal(item) for item in cmd] + [normal(item) for item in arguments or []]
         self.prefix = normal(LaunchConfiguration("launch-prefix", default="") if prefix is None else prefix)
-        self.__filter = (
-            normal(LaunchConfiguration("launch-prefix-filter", default="")) if prefix is None else None
-        )
+        self.__filter = normal(LaunchConfiguration("launch-prefix-filter", default="")) if prefix is None else None
         self.name = None if name is None else normal(name)
         self.cwd = None if cwd is None else normal(cwd)
         self.env = _pairs(env)

@@ -62,9 +62,7 @@ class BaseEventHandler(Located):
 class EventHandler(BaseEventHandler):
     """Visits fixed entities when an event matches."""
 
-    def __init__(
-        self, *, matcher: Callable[[Any], bool], entities: Any = None, handle_once: bool = False
-    ) -> None:
+    def __init__(self, *, matcher: Callable[[Any], bool], entities: Any = None, handle_once: bool = False) -> None:
         super().__init__(matcher=matcher, handle_once=handle_once)
         self.__entities = entities
 
@@ -129,9 +127,7 @@ def _entities(given: Any, name: str) -> list[Any]:
     entities = list(given)
     for entity in entities:
         if not isinstance(entity, LaunchDescriptionEntity):
-            raise TypeError(
-                f"{name}: every item must be an action, but one is of type '{type(entity).__name__}'"
-            )
+            raise TypeError(f"{name}: every item must be an action, but one is of type '{type(entity).__name__}'")
     return entities
 
 

@@ -23,9 +23,7 @@ class Shutdown(Event):
 
     name = "launch.events.Shutdown"
 
-    def __init__(
-        self, *, reason: str = "reason not given", due_to_sigint: bool = False, **kwargs: Any
-    ) -> None:
+    def __init__(self, *, reason: str = "reason not given", due_to_sigint: bool = False, **kwargs: Any) -> None:
         super().__init__(**kwargs)
         self.reason = reason
         self.due_to_sigint = due_to_sigint

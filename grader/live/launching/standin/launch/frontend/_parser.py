@@ -39,9 +39,7 @@ class Entity:
         self.__read.add(tag)
         return [Entity(child, self.__path, self) for child in self.__element.children if child.tag == tag]
 
-    def get_attr(
-        self, name: str, *, data_type: Any = str, optional: bool = False, can_be_str: bool = True
-    ) -> Any:
+    def get_attr(self, name: str, *, data_type: Any = str, optional: bool = False, can_be_str: bool = True) -> Any:
         """An attribute, read as a type.
 
         Raises
@@ -70,9 +68,7 @@ class Entity:
             return float(value)
         if not is_instance_of(value, data_type, can_be_str):
             kind = getattr(data_type, "__name__", data_type)
-            raise TypeError(
-                f"the attribute '{name}' of <{self.type_name}> must be of type {kind}, not {value!r}"
-            )
+            raise TypeError(f"the attribute '{name}' of <{self.type_name}> must be of type {kind}, not {value!r}")
         return value
 
     def assert_entity_completely_parsed(self) -> None:

@@ -96,9 +96,7 @@ def _only_key(item: Any, path: str) -> Element:
 
     line = item.start_mark.line + 1
     if not isinstance(item, yaml.MappingNode) or len(item.value) != 1:
-        raise InvalidMarkupError(
-            "every item of this list must be a mapping with one key: the action", (path, line)
-        )
+        raise InvalidMarkupError("every item of this list must be a mapping with one key: the action", (path, line))
     key, value = item.value[0]
     return _yaml_element(str(key.value), value, line, path)
 

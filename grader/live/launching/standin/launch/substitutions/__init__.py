@@ -224,9 +224,7 @@ class AnonName(Substitution):
         """The unique name."""
         name = perform_substitutions(context, self.__name)
         made: dict[str, str] = context.session.anonymous_names
-        return made.setdefault(
-            name, f"{name}_{os.uname().nodename.replace('-', '_')}_{os.getpid()}_{len(made)}"
-        )
+        return made.setdefault(name, f"{name}_{os.uname().nodename.replace('-', '_')}_{os.getpid()}_{len(made)}")
 
 
 class LocalSubstitution(Substitution):
@@ -364,9 +362,7 @@ class Command(Substitution):
             raise SubstitutionFailure(f"on_stderr must be fail, ignore, warn or capture, not '{on_stderr}'")
         stderr = subprocess.STDOUT if on_stderr == "capture" else subprocess.PIPE
         try:
-            done = subprocess.run(
-                shlex.split(line), stdout=subprocess.PIPE, stderr=stderr, text=True, check=False
-            )
+            done = subprocess.run(shlex.split(line), stdout=subprocess.PIPE, stderr=stderr, text=True, check=False)
         except FileNotFoundError as error:
             raise SubstitutionFailure(f"command not found: {error}") from error
         said = f", which said: {done.stderr.strip()}" if done.stderr else ""

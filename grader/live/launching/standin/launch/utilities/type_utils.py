@@ -158,11 +158,7 @@ def is_substitution(x: Any) -> bool:
     """Whether something is a substitution, or a list of texts with at least one substitution."""
     if isinstance(x, Substitution):
         return True
-    if (
-        isinstance(x, str)
-        or not isinstance(x, collections.abc.Sized)
-        or not isinstance(x, collections.abc.Iterable)
-    ):
+    if isinstance(x, str) or not isinstance(x, collections.abc.Sized) or not isinstance(x, collections.abc.Iterable):
         return False
     return all(isinstance(i, (Substitution, str)) for i in x) and any(isinstance(i, Substitution) for i in x)
 
@@ -182,16 +178,12 @@ def normalize_typed_substitution(value: Any, data_type: Any) -> Any:
     """
     if isinstance(value, ScalarTypesTuple):
         if not is_instance_of(value, data_type):
-            raise TypeError(
-                f"{value!r} is given where a {getattr(data_type, '__name__', data_type)} is wanted"
-            )
+            raise TypeError(f"{value!r} is given where a {getattr(data_type, '__name__', data_type)} is wanted")
         return value
     if is_substitution(value):
         return normalize_to_list_of_substitutions(value)
     if not isinstance(value, collections.abc.Iterable):
-        raise TypeError(
-            f"{value!r} of type '{type(value).__name__}' is no value, no substitution and no list of them"
-        )
+        raise TypeError(f"{value!r} of type '{type(value).__name__}' is no value, no substitution and no list of them")
     return _normalize_typed_list(list(value), data_type)
 
 
@@ -238,9 +230,7 @@ def perform_typed_substitution(context: Any, value: Any, data_type: Any) -> Any:
             if not is_list:
                 raise ValueError(f"the list {value!r} is given where one {scalar.__name__} is wanted")
         return [
-            coerce_to_type(perform_substitutions(context, item), scalar)
-            if is_normalized_substitution(item)
-            else item
+            coerce_to_type(perform_substitutions(context, item), scalar) if is_normalized_substitution(item) else item
             for item in value
         ]
     raise TypeError(f"{value!r} is no value, no substitution and no list of them")

@@ -80,9 +80,7 @@ class Node(ExecuteProcess):
         arguments: Any = None,
         **kwargs: Any,
     ) -> None:
-        program = (
-            executable if package is None else ExecutableInPackage(package=package, executable=executable)
-        )
+        program = executable if package is None else ExecutableInPackage(package=package, executable=executable)
         cmd: list[Any] = [program]
         cmd += [] if arguments is None else arguments
         cmd += [] if ros_arguments is None else ["--ros-args", *_as_list(ros_arguments)]
@@ -412,9 +410,7 @@ class ComposableNodeContainer(Node):
 
     kind = "container"
 
-    def __init__(
-        self, *, name: Any, namespace: Any, composable_node_descriptions: Any = None, **kwargs: Any
-    ) -> None:
+    def __init__(self, *, name: Any, namespace: Any, composable_node_descriptions: Any = None, **kwargs: Any) -> None:
         super().__init__(name=name, namespace=namespace, **kwargs)
         self.__nodes = composable_node_descriptions
 

@@ -121,9 +121,7 @@ class ExecutableInPackage(FindPackagePrefix):
 def _not_found(executable: str, package: str, folder: Path) -> str:
     there = sorted(p.name for p in folder.iterdir() if p.is_file() and os.access(p, os.X_OK))
     if (folder / executable).is_file():
-        return (
-            f"executable '{executable}' of package '{package}' is there, but may not be executed (chmod +x)"
-        )
+        return f"executable '{executable}' of package '{package}' is there, but may not be executed (chmod +x)"
     close = difflib.get_close_matches(executable.removesuffix(".py"), there, n=1)
     meant = f"; did you mean '{close[0]}'?" if close else ""
     listed = ", ".join(there) or "nothing"

@@ -58,8 +58,7 @@ def validate_node_name(name: str) -> None:
     """
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) or len(name) > 255:
         raise InvalidNodeNameException(
-            f"invalid node name '{name}': it may hold only letters, digits and '_', "
-            "and may not begin with a digit"
+            f"invalid node name '{name}': it may hold only letters, digits and '_', and may not begin with a digit"
         )
 
 
@@ -115,9 +114,7 @@ def normalize_remap_rule(remap_rule: Any) -> tuple[list[Substitution], list[Subs
     ensure_argument_type(remap_rule, tuple, "remap_rule")
     if len(remap_rule) != 2:
         raise TypeError(f"a remapping must be a tuple of two, but {remap_rule!r} has {len(remap_rule)}")
-    return normalize_to_list_of_substitutions(remap_rule[0]), normalize_to_list_of_substitutions(
-        remap_rule[1]
-    )
+    return normalize_to_list_of_substitutions(remap_rule[0]), normalize_to_list_of_substitutions(remap_rule[1])
 
 
 def normalize_remap_rules(remap_rules: Any) -> Iterator[tuple[list[Substitution], list[Substitution]]]:
@@ -134,9 +131,7 @@ def normalize_parameters(parameters: Any) -> tuple[Any, ...]:
         They are not a list of dicts, files, or `Parameter`s.
     """
     if isinstance(parameters, str) or not isinstance(parameters, Sequence):
-        raise TypeError(
-            f"parameters must be a list, but {parameters!r} is of type '{type(parameters).__name__}'"
-        )
+        raise TypeError(f"parameters must be a list, but {parameters!r} is of type '{type(parameters).__name__}'")
     normal: list[Any] = []
     for item in parameters:
         if isinstance(item, Mapping):
@@ -185,9 +180,7 @@ def _normalize_value(name: Any, value: Any) -> Any:
         return value
     if isinstance(value, Sequence):
         return _normalize_array(value)
-    raise TypeError(
-        f"the parameter '{name}' cannot have the value {value!r} of type '{type(value).__name__}'"
-    )
+    raise TypeError(f"the parameter '{name}' cannot have the value {value!r} of type '{type(value).__name__}'")
 
 
 def _normalize_array(value: Sequence[Any]) -> Any:

@@ -35,9 +35,7 @@ class RunningProcessEvent(Event):
 
     name = "launch.events.process.RunningProcessEvent"
 
-    def __init__(
-        self, *, action: Any, name: str, cmd: list[str], cwd: str | None, env: Any, pid: int = 0
-    ) -> None:
+    def __init__(self, *, action: Any, name: str, cmd: list[str], cwd: str | None, env: Any, pid: int = 0) -> None:
         self.action = action
         self.execute_process_action = action
         self.process_name = name
@@ -121,9 +119,7 @@ class SignalProcess(ProcessTargetedEvent):
 
     def __init__(self, *, signal_number: Any, process_matcher: Callable[[Any], bool]) -> None:
         super().__init__(process_matcher=process_matcher)
-        self.signal = (
-            signal.Signals[signal_number] if isinstance(signal_number, str) else signal.Signals(signal_number)
-        )
+        self.signal = signal.Signals[signal_number] if isinstance(signal_number, str) else signal.Signals(signal_number)
         self.signal_name = self.signal.name
 
 
@@ -139,6 +135,4 @@ def matches_name(name: str) -> Callable[[Any], bool]:
 
 def matches_executable(name: str) -> Callable[[Any], bool]:
     """A matcher of one program."""
-    return lambda action: bool(
-        action.process_details and action.process_details["cmd"][0].split("/")[-1] == name
-    )
+    return lambda action: bool(action.process_details and action.process_details["cmd"][0].split("/")[-1] == name)
