@@ -20,7 +20,7 @@ from grader.evidence.diagnosis import advisories
 from grader.evidence.recorded import Recorded
 from grader.recording.session import SESSION_FILE
 from grader.recording.submission import SubmissionRecord, read_submission
-from grader.result import Finding, Outcome, Result
+from grader.result import CriterionResult, Finding, Outcome, Result
 from grader.rubric import CheckSpec, Rubric
 from grader.score import score_criteria, total
 
@@ -179,12 +179,18 @@ def judge(recordings: Recordings, rubric: Rubric) -> Result:
     )
 
 
-def _advisories(recordings: Recordings, criteria: Any) -> tuple[str, ...]:
-    found = []
+def _advisories(recordings: Recordings, criteria: tuple[CriterionResult, ...]) -> tuple[str, ...]:
+    """Collect what costs nothing: from the processes' output (by artifact), the files, and the checks' notes."""
+    sources: dict[str, list[str]] = {}
     for recorded in recordings.sessions.values():
         for process in recorded.record.processes:
             if process.role == "student":
-                found += [f"{process.artifact or process.name}: {a}" for a in advisories(process.output)]
+                for text in advisories(process.output):
+                    sources.setdefault(text, []).append(process.artifact or "")
+    found = []
+    for text, names in sources.items():
+        named = list(dict.fromkeys(name for name in names if name))
+        found.append(f"{', '.join(named)}: {text}" if named else text)
     for fact in recordings.submission.artifacts:
         if fact.found_by == "near miss":
             found.append(f"{fact.path} was taken for {fact.expected}.")

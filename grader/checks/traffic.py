@@ -116,7 +116,7 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
     """Judge the rate from source timestamps and sequence numbers."""
     timing, span = _measured(context, p.topic, p.window)
     expected = f"{p.rate_hz:g} Hz ± {p.full_within:.0%}"
-    where = _spots(context, p.topic, span)
+    where = (*_timer_spot(context), *_spots(context, p.topic, span))
     if timing is None:
         count = len(context.session.stream(p.topic))
         reason = f"Only {count} messages came, too few to speak of a rate."
@@ -145,6 +145,12 @@ def _best_rate_hz(timing: Timing, length_s: float, delay_s: float, wanted_hz: fl
     without_delay_hz = timing.rate_hz * length_s / (length_s - delay_s)
     usual_hz = 1 / timing.median_s if timing.median_s > 0 else timing.rate_hz
     return max(timing.rate_hz, min(without_delay_hz, usual_hz, wanted_hz))
+
+
+def _timer_spot(context: Context) -> tuple[Where, ...]:
+    """Return the source line of the student's timer, where there is only one."""
+    timers = [c for c in context.session.record.claims if c.kind == "timer" and not c.file.startswith("/")]
+    return (Where(file=timers[0].file, line=timers[0].line),) if len(timers) == 1 else ()
 
 
 def _spots(context: Context, topic: str, span: Span | None) -> tuple[Where, ...]:

@@ -25,7 +25,7 @@ class JointCommandPublisher(Node):
 
         # a bit more than 10 ms, because publishing itself also needs some time
         # and otherwise the callbacks would overlap
-        self.timer = self.create_timer(0.0105, self.timer_callback)
+        self.timer = self.create_timer(0.011, self.timer_callback)
 
         self.t = 0.0
         self.get_logger().info('publisher started')

@@ -1,0 +1,221 @@
+"""Recordings made by hand, for tests of what judges them: no ROS is needed, and every number is known.
+
+They are written to disk and read back as real ones are.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from grader.checks import REGISTRY, Context
+from grader.evidence.recorded import Recorded
+from grader.recording.bag import BagWriter
+from grader.recording.definitions import SEPARATOR, MessageDefinition
+from grader.recording.session import (
+    Claim,
+    Endpoint,
+    GraphSnapshot,
+    OutputLine,
+    ProcessRun,
+    Qos,
+    ServiceOffer,
+    SessionRecord,
+    StepRun,
+    Usage,
+    write_session,
+)
+from grader.recording.submission import ArtifactFact, FileFact, SubmissionRecord
+from grader.result import Finding
+
+ROOT = Path(__file__).resolve().parents[1]
+START_NS = 1_800_000_000_000_000_000
+FLOATS, TEXT = "std_msgs/msg/Float64MultiArray", "std_msgs/msg/String"
+RELIABLE = Qos("reliable", "volatile", liveliness="automatic")
+BEST_EFFORT = replace(RELIABLE, reliability="best_effort")
+
+DEFINITIONS = {
+    FLOATS: MessageDefinition(
+        "ros2msg",
+        "MultiArrayLayout layout\nfloat64[] data\n"
+        f"{SEPARATOR}\nMSG: std_msgs/MultiArrayLayout\nMultiArrayDimension[] dim\nuint32 data_offset\n"
+        f"{SEPARATOR}\nMSG: std_msgs/MultiArrayDimension\nstring label\nuint32 size\nuint32 stride\n",
+    ),
+    TEXT: MessageDefinition("ros2msg", "string data\n"),
+}
+
+
+def at(time_s: float) -> int:
+    """Give a time of the system clock, in ns, by seconds since the session's start."""
+    return START_NS + round(time_s * 1e9)
+
+
+def floats(values: Iterable[float]) -> bytes:
+    """Give the CDR of a Float64MultiArray without a layout."""
+    listed = list(values)
+    body = struct.pack(f"<4x{len(listed)}d", *listed) if listed else b""
+    return struct.pack("<BBHIII", 0, 1, 0, 0, 0, len(listed)) + body
+
+
+def text(value: str) -> bytes:
+    """Give the CDR of a String."""
+    data = value.encode() + b"\0"
+    return struct.pack("<BBHI", 0, 1, 0, len(data)) + data
+
+
+class Session:
+    """One session in the making.
+
+    Parameters
+    ----------
+    folder : Path
+        Where it is written.
+    """
+
+    def __init__(self, folder: Path, name: str = "experiment") -> None:
+        self.folder = folder / name
+        self.record = SessionRecord(name, started_ns=START_NS, ended_ns=at(30.0), complete=True)
+        self.record.graph.append(GraphSnapshot(at(1.0)))
+        self._writer = BagWriter(self.folder, name)
+        self._gids = 0
+
+    @property
+    def graph(self) -> GraphSnapshot:
+        """The only snapshot."""
+        return self.record.graph[0]
+
+    def messages(
+        self,
+        topic: str,
+        rows: Sequence[Sequence[float]],
+        times_s: Iterable[float],
+        *,
+        sequence: Iterable[int] | None = None,
+        latency_s: float = 0.0002,
+    ) -> Session:
+        """Record messages of numbers, published at the times given."""
+        channel = self._writer.add_channel(topic, FLOATS, "", DEFINITIONS[FLOATS], [RELIABLE])
+        numbers = sequence if sequence is not None else range(1, len(rows) + 1)
+        for row, time_s, number in zip(rows, times_s, numbers, strict=True):
+            self._writer.write(
+                channel, floats(row), received_ns=at(time_s + latency_s), source_ns=at(time_s), sequence=number
+            )
+        return self
+
+    def texts(self, topic: str, texts: Sequence[str], times_s: Iterable[float]) -> Session:
+        """Record messages of text."""
+        channel = self._writer.add_channel(topic, TEXT, "", DEFINITIONS[TEXT], [RELIABLE])
+        for number, (value, time_s) in enumerate(zip(texts, times_s, strict=True), 1):
+            self._writer.write(
+                channel, text(value), received_ns=at(time_s), source_ns=at(time_s), sequence=number
+            )
+        return self
+
+    def endpoint(
+        self, kind: str, topic: str, node: str = "/student", topic_type: str = FLOATS, qos: Qos = RELIABLE
+    ) -> Session:
+        """Put a publisher or a subscription into the graph, and its node."""
+        self._gids += 1
+        self.graph.endpoints.append(Endpoint(kind, topic, topic_type, "", node, f"{self._gids:032x}", qos))
+        return self.node(node)
+
+    def node(self, name: str) -> Session:
+        """Put a node into the graph."""
+        if name not in self.graph.nodes:
+            self.graph.nodes.append(name)
+        return self
+
+    def service(self, name: str, node: str = "/student", kind: str = "std_srvs/srv/SetBool") -> Session:
+        """Put a service into the graph."""
+        self.graph.services.append(ServiceOffer(name, kind, node))
+        return self.node(node)
+
+    def process(self, name: str = "it", lines: Iterable[str | tuple[float, str]] = (), **facts: Any) -> Session:
+        """Add a student's process that wrote lines; each may have its time in s."""
+        timed = [line if isinstance(line, tuple) else (2.0, line) for line in lines]
+        output = [OutputLine(at(time_s), "stdout", said) for time_s, said in timed]
+        run = ProcessRun(name, "student", ["python", name], artifact=name, started_ns=at(0.1), output=output)
+        run.interrupted_ns, run.exited_ns, run.exit_status, run.ended_by = at(20.0), at(20.1), 0, "interrupt"
+        for key, value in facts.items():
+            setattr(run, key, value)
+        self.record.processes.append(run)
+        return self
+
+    def delayed(self, name: str, delay_s: float, until_s: float, cpu_s: float = 0.0) -> Session:
+        """Let the machine have kept a process from its core for a time, evenly from 0 to `until_s`."""
+        run = next(p for p in self.record.processes if p.name == name)
+        run.usage = [Usage(at(0.0), 0, 0), Usage(at(until_s), round(cpu_s * 1e9), round(delay_s * 1e9))]
+        return self
+
+    def step(self, kind: str, label: str, outcome: str = "done", **result: Any) -> Session:
+        """Add a step by its result; `parameters` are taken out of it."""
+        parameters = result.pop("parameters", {})
+        self.record.steps.append(StepRun(kind, parameters, label, at(1.0), at(2.0), outcome, result))
+        return self
+
+    def window(self, start_s: float, end_s: float, label: str = "window") -> Session:
+        """Add the step that observed a span of time."""
+        return self.step("observe", label, opened_ns=at(start_s), closed_ns=at(end_s))
+
+    def claim(self, kind: str, name: str, line: int = 7, qos: Qos | None = None) -> Session:
+        """Add what the tap noted of a call."""
+        self.record.claims.append(Claim("it", kind, name, file="it.py", line=line, qos=qos))
+        return self
+
+    def called(self, name: str) -> Session:
+        """Note the name that the student used: `wanted=used`."""
+        wanted, _, used = name.partition("=")
+        self.record.names[wanted] = used
+        return self
+
+    def recorded(self) -> Recorded:
+        """Write all to disk and open it."""
+        self._writer.close()
+        write_session(self.folder, self.record)
+        return Recorded.open(self.folder)
+
+
+def submission(files: Mapping[str, str] | None = None, **artifacts: str | None) -> SubmissionRecord:
+    """Give the record of a submission: texts by path, and artifacts by name with their path."""
+    record = SubmissionRecord("ann")
+    for path, content in (files or {"it.py": ""}).items():
+        record.files.append(FileFact(path, len(content), ""))
+        record.texts[path] = content
+    for name, path in (artifacts or {"it": "it.py"}).items():
+        record.artifacts.append(ArtifactFact(name, f"{name}.py", path, "name" if path else "missing"))
+    return record
+
+
+def judged(
+    check: str,
+    parameters: Mapping[str, Any],
+    session: Session | Recorded | None,
+    record: SubmissionRecord | None = None,
+    *,
+    findings: Mapping[str, Finding] | None = None,
+    others: Mapping[str, Recorded] | None = None,
+    reference_nodes: Iterable[str] = (),
+) -> Finding:
+    """Let a check of the registry judge a session."""
+    entry = REGISTRY[check]
+    recorded = session.recorded() if isinstance(session, Session) else session
+    sessions = {recorded.record.session: recorded} if recorded is not None else {}
+    context = Context(
+        submission=record if record is not None else submission(),
+        recorded=recorded,
+        sessions={**sessions, **(others or {})},
+        findings=findings or {},
+        reference_nodes=frozenset(reference_nodes),
+        lab_folder=ROOT,
+    )
+    return entry.judge(context, entry.parameters.model_validate(dict(parameters)))
+
+
+def evenly(rate_hz: float, duration_s: float, start_s: float = 1.0) -> list[float]:
+    """Give the times of messages at a rate."""
+    return (start_s + np.arange(round(rate_hz * duration_s) + 1) / rate_hz).tolist()
