@@ -286,6 +286,10 @@ class Rubric:
         return (check for criterion in self.criteria for check in criterion.checks)
 
 
+#: The safe loader, in C where PyYAML was built with it.
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
 class _Mistakes:
     """Collects mistakes with the line of the YAML node that they concern."""
 
@@ -544,8 +548,8 @@ class _Loader:
 def _parse_yaml(path: Path, text: str) -> tuple[dict[str, Any], dict[Loc, int], list[Loc]]:
     """Parse YAML into plain data, the line of each node, and the repeated keys."""
     try:
-        root = yaml.compose(text, Loader=yaml.SafeLoader)
-        plain = yaml.safe_load(text)
+        root = yaml.compose(text, Loader=_LOADER)
+        plain = yaml.load(text, Loader=_LOADER)
     except yaml.YAMLError as problem:
         mark = getattr(problem, "problem_mark", None)
         line = mark.line + 1 if mark else 1

@@ -13,7 +13,7 @@ import numpy as np
 
 from grader.evidence.recorded import Floats
 
-_GRID_POINTS = 400
+_GRID_POINTS = 200
 _REFINEMENTS = 3
 
 
@@ -40,20 +40,22 @@ def fit_sinusoid(times_s: Floats, values: Floats, lowest_hz: float, highest_hz: 
     The frequency is searched on a grid, which is then refined around its best point.
     """
     low, high = lowest_hz, highest_hz
-    best = _fit_at(times_s, values, low)
+    best = Sinusoid(0.0, lowest_hz, 0.0, float("inf"))
     for _ in range(_REFINEMENTS):
         grid = np.linspace(low, high, _GRID_POINTS)
-        fits = [_fit_at(times_s, values, float(f)) for f in grid]
-        index = int(np.argmin([fit.residual for fit in fits]))
-        best = fits[index]
+        fits, residuals = _fit_each(times_s, values, grid)
+        index = int(np.argmin(residuals))
+        offset, sine, cosine = fits[index]
+        best = Sinusoid(float(np.hypot(sine, cosine)), float(grid[index]), float(offset), float(residuals[index]))
         low, high = float(grid[max(index - 1, 0)]), float(grid[min(index + 1, len(grid) - 1)])
     return best
 
 
-def _fit_at(times_s: Floats, values: Floats, frequency_hz: float) -> Sinusoid:
-    phase = 2 * np.pi * frequency_hz * times_s
-    design = np.column_stack([np.ones_like(phase), np.sin(phase), np.cos(phase)])
-    normal = design.T @ design + 1e-12 * np.eye(3)
-    offset, sine, cosine = np.linalg.solve(normal, design.T @ values)
-    left = values - design @ np.array([offset, sine, cosine])
-    return Sinusoid(float(np.hypot(sine, cosine)), frequency_hz, float(offset), float(np.sqrt(np.mean(left**2))))
+def _fit_each(times_s: Floats, values: Floats, frequencies_hz: Floats) -> tuple[Floats, Floats]:
+    """Fit offset, sine and cosine at each frequency; returns the (n, 3) coefficients and n residuals."""
+    phases = 2 * np.pi * np.outer(frequencies_hz, times_s)
+    design = np.stack([np.ones_like(phases), np.sin(phases), np.cos(phases)], axis=1)
+    normal = design @ design.transpose(0, 2, 1) + 1e-12 * np.eye(3)
+    coefficients = np.linalg.solve(normal, (design @ values)[:, :, np.newaxis])[:, :, 0]
+    left = values - np.einsum("fk,fkt->ft", coefficients, design)
+    return coefficients, np.sqrt(np.mean(left**2, axis=1))
