@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 
@@ -25,7 +25,7 @@ other commands:
 exit status:
   0 graded, whatever the score    1 below --fail-under    2 wrong usage
   3 no such submission            4 rubric not usable     5 platform not supported
-  6 recording not readable        7 isolation not to be had
+  6 recording not readable        7 isolation not to be had  70 other trouble
 """
 
 
@@ -106,6 +106,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except GraderError as error:
         _print_error(error)
         return error.exit_status
+    except OSError as error:
+        _print_error(GraderError(error.strerror or str(error), where=str(error.filename or ""), remedy="Check -o."))
+        return GraderError.exit_status
     except KeyboardInterrupt:
         print("grade: interrupted; nothing of this submission was written", file=sys.stderr)
         return 130
@@ -124,12 +127,17 @@ def _grade(arguments: Sequence[str], console: Console) -> int:
     from grader import pipeline
     from grader.report.terminal import ProgressDisplay, print_result
 
-    options = _grade_parser().parse_args(arguments)
+    parser = _grade_parser()
+    options = parser.parse_args(arguments)
     rubric = pipeline.read_rubric(options.rubric)
     chosen = [s for s in options.sessions.split(",") if s] if options.sessions is not None else None
     live = pipeline.Options(_interpreter(options.python), chosen, options.seed, options.jobs)
-    below = False
-    for folder in options.submissions:
+    names = [folder.resolve().name for folder in options.submissions]
+    for name in names:
+        if names.count(name) > 1:
+            parser.error(f"two submissions are named {name}; their results would overwrite each other")
+
+    def grade_one(folder: Path) -> Decimal:
         name = folder.resolve().name
         with ProgressDisplay(console, name, chosen if chosen is not None else list(rubric.sessions)) as display:
             result = pipeline.grade(
@@ -141,8 +149,23 @@ def _grade(arguments: Sequence[str], console: Console) -> int:
             )
         print_result(console, result)
         console.print(f"Report: {options.output / name / pipeline.REPORT_FILE}", soft_wrap=True)
-        below |= _is_below(result.score.earned, options.fail_under)
-    return BELOW if below else 0
+        return result.score.earned
+
+    return _each(options.submissions, grade_one, options.fail_under)
+
+
+def _each(folders: Sequence[Path], work: Callable[[Path], Decimal], least: Decimal | None) -> int:
+    """Do the work for each folder; one that cannot be graded does not keep the others from it."""
+    statuses = []
+    for folder in folders:
+        try:
+            earned = work(folder)
+        except GraderError as error:
+            _print_error(error)
+            statuses.append(error.exit_status)
+        else:
+            statuses.append(BELOW if least is not None and earned < least else 0)
+    return max(statuses)
 
 
 def _interpreter(chosen: Path | None) -> Path:
@@ -155,21 +178,18 @@ def _interpreter(chosen: Path | None) -> Path:
     return chosen.absolute()
 
 
-def _is_below(earned: Decimal, least: Decimal | None) -> bool:
-    return least is not None and earned < least
-
-
 def _regrade(arguments: Sequence[str], console: Console) -> int:
     from grader import pipeline
     from grader.report.terminal import print_result
 
     options = _regrade_parser().parse_args(arguments)
-    below = False
-    for folder in options.results:
+
+    def regrade_one(folder: Path) -> Decimal:
         result = pipeline.regrade(folder, options.rubric)
         print_result(console, result)
-        below |= _is_below(result.score.earned, options.fail_under)
-    return BELOW if below else 0
+        return result.score.earned
+
+    return _each(options.results, regrade_one, options.fail_under)
 
 
 def _checks(arguments: Sequence[str], console: Console) -> int:

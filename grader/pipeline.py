@@ -153,12 +153,15 @@ def record(
     on_progress: Callable[..., None],
 ) -> None:
     """Run the live half: stage, isolate, run the sessions, and again those whose checks are undecided."""
-    from grader.live.cells import Sessions
+    from grader.live.cells import Progress, Sessions
     from grader.live.isolation import probe_isolation
     from grader.live.stage import stage
 
     recordings = results / RECORDINGS
     chosen = chosen_sessions(rubric, options, submission)
+    for name in options.sessions or rubric.sessions:
+        if name not in chosen:
+            on_progress(Progress(name, "left out, since its file is missing", ended=True))
     _start_afresh(results, recordings, submission, rubric)
     with tempfile.TemporaryDirectory(prefix="grade-stage-") as scratch:
         workspace = stage(folder, submission, rubric, Path(scratch), str(options.interpreter))

@@ -67,7 +67,7 @@ class ProgressDisplay:
         if ended:
             self._took[session] = now - self._began.pop(session)
             if not self._console.is_terminal:
-                self._console.print(f"  {session}: {text} in {self._took[session]:.1f} s", highlight=False)
+                self._console.print(f"  {session}: {text} ({self._took[session]:.1f} s)", highlight=False)
         self._states[session] = (text, step, steps, ended)
 
     def _table(self) -> Group:
@@ -75,7 +75,7 @@ class ProgressDisplay:
         table = Table.grid(padding=(0, 2))
         for name, (text, step, steps, ended) in self._states.items():
             if ended:
-                table.add_row("  [green]✓[/]", name, "recorded", f"{self._took.get(name, 0.0):.1f} s")
+                table.add_row("  [green]✓[/]", name, text, f"{self._took.get(name, 0.0):.1f} s")
             elif name in self._began:
                 count = f" ({step} of {steps})" if steps else ""
                 line = Text(f"{terminal_text(text, 60)}{count}")
