@@ -59,6 +59,13 @@ def _grade_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "-j", "--jobs", type=_count, metavar="N", help="sessions side by side (default: as the cores allow)"
     )
+    parser.add_argument(
+        "--launch",
+        choices=("standin", "native", "auto"),
+        default="standin",
+        help="what evaluates launch files: grade's own stand-in (default), the real launch of a sourced ROS "
+        "installation, or the real one where there is one",
+    )
     _add_fail_under(parser)
     parser.add_argument("--version", action="version", version=f"grade {__version__}")
     return parser
@@ -131,7 +138,7 @@ def _grade(arguments: Sequence[str], console: Console) -> int:
     options = parser.parse_args(arguments)
     rubric = pipeline.read_rubric(options.rubric)
     chosen = [s for s in options.sessions.split(",") if s] if options.sessions is not None else None
-    live = pipeline.Options(_interpreter(options.python), chosen, options.seed, options.jobs)
+    live = pipeline.Options(_interpreter(options.python), chosen, options.seed, options.jobs, options.launch)
     names = [folder.resolve().name for folder in options.submissions]
     for name in names:
         if names.count(name) > 1:

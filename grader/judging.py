@@ -127,6 +127,8 @@ def _blocked(required: str, findings: Mapping[str, Finding], rubric: Rubric) -> 
     earlier = findings[required]
     if not earlier.outcome.decided:
         return Finding(Outcome.INCONCLUSIVE, Decimal(0), reason=f"It hangs on '{title}', which is undecided.")
+    if earlier.outcome is Outcome.NOT_REACHED:
+        return not_reached(earlier.reason)  # It names what is at the root of both.
     return not_reached(f"It could not be looked at, since '{title}' failed.")
 
 

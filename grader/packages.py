@@ -12,6 +12,7 @@ import re
 from pathlib import PurePosixPath
 from xml.etree import ElementTree
 
+from grader.data_files import data_files_of_cmake, data_files_of_setup
 from grader.recording.submission import PackageFact
 
 
@@ -33,6 +34,7 @@ def find_packages(texts: dict[str, str], paths: list[str]) -> list[PackageFact]:
             _read_setup(package, texts)
         else:
             _read_cmake(package, texts, paths)
+        _read_data_files(package, texts, paths)
         packages.append(package)
     return packages
 
@@ -79,6 +81,36 @@ def _read_setup(package: PackageFact, texts: dict[str, str]) -> None:
         package.problems.append("setup.py declares no console_scripts, so `ros2 run` finds no executable")
 
 
+def _read_data_files(package: PackageFact, texts: dict[str, str], paths: list[str]) -> None:
+    """Note what goes into the share folder, and launch files that do not."""
+    above = f"{package.path}/" if package.path else ""
+    inside = [path.removeprefix(above) for path in paths if path.startswith(above)]
+    by_cmake = package.build_type != "ament_python"
+    name = "CMakeLists.txt" if by_cmake else "setup.py"
+    text = texts.get(above + name)
+    if text is None or (not by_cmake and "options.data_files" in texts.get(f"{above}setup.cfg", "")):
+        return
+    found = data_files_of_cmake(text, package.name, inside) if by_cmake else data_files_of_setup(text, inside)
+    if found is None:
+        return
+    package.shared = {target: above + file for target, file in found.items() if file in inside}
+    gone = sorted(file for file in found.values() if file not in inside and "resource/" not in file)
+    package.problems += [f"{name} installs {file}, which is not there" for file in gone[:3]]
+    for file in (f for f in inside if is_launch_file(f) and above + f not in package.shared.values()):
+        folder = str(PurePosixPath(file).parent).removeprefix(".")
+        entry = f"('share/{package.name}/{folder or 'launch'}', ['{file}'])"
+        line = f"install(DIRECTORY {folder or '.'} DESTINATION share/${{PROJECT_NAME}})" if by_cmake else entry
+        package.problems.append(
+            f"{name} does not install {file}, so `ros2 launch {package.name} {PurePosixPath(file).name}` "
+            f"does not find it; add {line}" + ("" if by_cmake else " to data_files")
+        )
+
+
+def is_launch_file(path: str) -> bool:
+    """Whether a file's name is one that `ros2 launch` completes."""
+    return re.search(r"[._-]launch\.(py|xml|ya?ml)$", path) is not None
+
+
 def _console_scripts(text: str, package: PackageFact) -> list[str]:
     try:
         tree = ast.parse(text)
@@ -98,9 +130,20 @@ def _scripts_of(points: object) -> list[str]:
         scripts = points.get("console_scripts", [])
         if isinstance(scripts, (list, tuple)):
             return [s for s in scripts if isinstance(s, str)]
-    if isinstance(points, str):
-        return _console_scripts_of_config("[options.entry_points]\n" + points)
-    return []
+    return _scripts_of_text(points) if isinstance(points, str) else []
+
+
+def _scripts_of_text(points: str) -> list[str]:
+    """Read entry points written as text: a section a group, a line a script."""
+    parser = configparser.ConfigParser(interpolation=None, strict=False, delimiters=("=",))
+    parser.optionxform = str  # type: ignore[method-assign,assignment]
+    try:
+        parser.read_string(points)
+    except configparser.Error:
+        return []
+    if not parser.has_section("console_scripts"):
+        return []
+    return [f"{name} = {target}" for name, target in parser.items("console_scripts")]
 
 
 def _console_scripts_of_config(text: str) -> list[str]:

@@ -44,12 +44,16 @@ class Options:
         For the stimuli; drawn anew by default.
     jobs : int or None
         Sessions side by side; as many as the cores allow by default.
+    launch : str
+        What evaluates launch files: "standin", "native" (the real `launch`, as the interpreter finds it) or
+        "auto" (the real one where there is one).
     """
 
     interpreter: Path
     sessions: Sequence[str] | None = None
     seed: int | None = None
     jobs: int | None = None
+    launch: str = "standin"
 
 
 def lab_folder() -> Path:
@@ -155,8 +159,10 @@ def record(
     """Run the live half: stage, isolate, run the sessions, and again those whose checks are undecided."""
     from grader.live.cells import Progress, Sessions
     from grader.live.isolation import probe_isolation
+    from grader.live.ros_launch import LaunchChoice, find_native_launch
     from grader.live.stage import stage
 
+    native = find_native_launch(options.interpreter, LaunchChoice(options.launch))
     recordings = results / RECORDINGS
     chosen = chosen_sessions(rubric, options, submission)
     for name in options.sessions or rubric.sessions:
@@ -174,7 +180,8 @@ def record(
             probe_isolation(options.interpreter),
             options.interpreter,
             options.seed if options.seed is not None else random.SystemRandom().randrange(2**31),
-            versions(),
+            versions() | {"launch": "native" if native is not None else "stand-in"},
+            native,
         )
         sessions.record(chosen, on_progress, at_a_time=options.jobs)
         for _ in range(RETRIES):

@@ -448,7 +448,10 @@ class _Loader:
         for key, known in (("student", artifacts), ("launch", artifacts), ("reference", reference)):
             if parameters.get(key) is not None and parameters[key] not in known:
                 self.mistakes.add((*loc, kind, key), f"{parameters[key]!r} is not defined above")
-        return Step(kind, parameters, raw.get("label"))
+        label = raw.get("label")
+        if label is not None and not isinstance(label, str):
+            self.mistakes.add((*loc, "label"), "a name is expected")
+        return Step(kind, parameters, label)
 
     def _criteria(self, sessions: Mapping[str, SessionSpec]) -> Iterable[CriterionSpec]:
         earlier: set[str] = set()
@@ -459,6 +462,9 @@ class _Loader:
                 continue
             for key in set(raw) - {"id", "title", "points", "description", "checks", "figures"}:
                 self.mistakes.add((*loc, key), "unknown key")
+            for key in ("id", "title"):
+                if not raw.get(key):
+                    self.mistakes.add((*loc, key), "it is missing")
             checks = [
                 self._check((*loc, "checks", n), check, sessions, earlier)
                 for n, check in enumerate(self._list((*loc, "checks"), raw.get("checks")))
@@ -489,7 +495,7 @@ class _Loader:
         return figure
 
     def _points(self, loc: Loc, value: Any) -> Decimal:
-        if isinstance(value, (int, float)) and not isinstance(value, bool) and value >= 0:
+        if isinstance(value, (int, float)) and not isinstance(value, bool) and 0 <= value < float("inf"):
             return Decimal(str(value))
         self.mistakes.add(loc, "a number of points is expected")
         return Decimal(0)
@@ -503,13 +509,13 @@ class _Loader:
         identity = str(raw.get("id"))
         if not raw.get("id") or identity in earlier:
             self.mistakes.add((*loc, "id"), f"{identity!r} is missing or used twice")
-        requires = tuple(str(r) for r in raw.get("requires", []) or [])
+        requires = tuple(str(r) for r in self._list((*loc, "requires"), raw.get("requires") or []))
         for required in requires:
             if required not in earlier:
                 self.mistakes.add((*loc, "requires"), f"{required!r} is no earlier check")
         earlier.add(identity)
         session = raw.get("session")
-        if session is not None and session not in sessions:
+        if session is not None and not (isinstance(session, str) and session in sessions):
             self.mistakes.add((*loc, "session"), f"there is no session {session!r}")
         points = self._points((*loc, "points"), raw.get("points"))
         parameters = self._parameters(loc, raw)

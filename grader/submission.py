@@ -114,11 +114,19 @@ def _collect_files(folder: Path, record: SubmissionRecord) -> None:
         elif len(record.files) >= MAX_FILES:
             record.left_out.append(f"{shown}: more than {MAX_FILES} files")
             return
+        elif (content := _content_of(path)) is None:
+            record.left_out.append(f"{shown}: not readable")
         else:
-            content = path.read_bytes()
             record.files.append(FileFact(shown, len(content), hashlib.sha256(content).hexdigest()))
             if path.suffix.lower() in TEXT_SUFFIXES and len(content) <= MAX_TEXT_BYTES and b"\0" not in content:
                 record.texts[shown] = decode_text(content)
+
+
+def _content_of(path: Path) -> bytes | None:
+    try:
+        return path.read_bytes()
+    except OSError:
+        return None
 
 
 def decode_text(content: bytes) -> str:

@@ -11,8 +11,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from grader.checks import REGISTRY, Context
 from grader.evidence.recorded import Recorded
 from grader.recording.bag import BagWriter
@@ -111,9 +109,7 @@ class Session:
         """Record messages of text."""
         channel = self._writer.add_channel(topic, TEXT, "", DEFINITIONS[TEXT], [RELIABLE])
         for number, (value, time_s) in enumerate(zip(texts, times_s, strict=True), 1):
-            self._writer.write(
-                channel, text(value), received_ns=at(time_s), source_ns=at(time_s), sequence=number
-            )
+            self._writer.write(channel, text(value), received_ns=at(time_s), source_ns=at(time_s), sequence=number)
         return self
 
     def endpoint(
@@ -186,8 +182,8 @@ def submission(files: Mapping[str, str] | None = None, **artifacts: str | None) 
     for path, content in (files or {"it.py": ""}).items():
         record.files.append(FileFact(path, len(content), ""))
         record.texts[path] = content
-    for name, path in (artifacts or {"it": "it.py"}).items():
-        record.artifacts.append(ArtifactFact(name, f"{name}.py", path, "name" if path else "missing"))
+    for name, place in (artifacts or {"it": "it.py"}).items():
+        record.artifacts.append(ArtifactFact(name, f"{name}.py", place, "name" if place else "missing"))
     return record
 
 
@@ -218,4 +214,4 @@ def judged(
 
 def evenly(rate_hz: float, duration_s: float, start_s: float = 1.0) -> list[float]:
     """Give the times of messages at a rate."""
-    return (start_s + np.arange(round(rate_hz * duration_s) + 1) / rate_hz).tolist()
+    return [start_s + n / rate_hz for n in range(round(rate_hz * duration_s) + 1)]

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Mapping
 from pathlib import PurePosixPath
 
 from pydantic import Field
 
-from grader.checks.finding import Context, Parameters, Share, failed, graded
+from grader.checks.finding import Context, Parameters, Pattern, Share, failed, graded
 from grader.evidence.markup import Document, read_markdown
 from grader.evidence.prose import (
     TopicWords,
@@ -61,7 +62,7 @@ class Readme(Parameters):
 
     parts: tuple[Part, ...]
     words_each: int = Field(8, description="Distinct words of its own that a description has at least.")
-    commands: tuple[str, ...] = Field(description="Regular expressions of commands that run something.")
+    commands: tuple[Pattern, ...] = Field(description="Regular expressions of commands that run something.")
     run_weight: Share = Field(0.25, description="Share of the credit for the commands.")
 
 
@@ -138,8 +139,10 @@ def comments(context: Context, p: Comments) -> Finding:
     others = [c for f in facts for c in f.comments if c.kind in ("code", "repeated", "echo")]
     density = 100 * explaining / lines
     measured = f"{explaining} in {lines} lines of code ({density:.1f} in 100)"
-    reason = f"Only {explaining} comments explain something"
-    reason += f"; {len(others)} are commented-out code, repeats or echoes of the code." if others else "."
+    wanted = math.ceil(p.full_per_100_lines * lines / 100)
+    said = f"{explaining} comment explains" if explaining == 1 else f"{explaining} comments explain"
+    reason = f"{said} something; for {lines} lines of code {wanted} give full credit"
+    reason += f". {len(others)} more are commented-out code, repeats or echoes of the code." if others else "."
     bare = sorted(facts, key=lambda f: len(f.explaining) / max(1, f.code_lines))[:3]
     share = (density - p.zero_to_per_100_lines) / (p.full_per_100_lines - p.zero_to_per_100_lines)
     return graded(share, expected, measured, reason, where=[Where(file=f.path) for f in bare])

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict
 
 from grader.evidence.diagnosis import Diagnosis, explain
 from grader.evidence.oracle import load_oracle
@@ -31,6 +32,18 @@ def _share(value: Any) -> Any:
 
 #: A share, written as 0.02 or as 2%.
 Share = Annotated[float, BeforeValidator(_share)]
+
+
+def _compiles(value: str) -> str:
+    try:
+        re.compile(value)
+    except re.error as problem:
+        raise ValueError(f"no valid regular expression: {problem}") from problem
+    return value
+
+
+#: A regular expression.
+Pattern = Annotated[str, AfterValidator(_compiles)]
 
 
 @dataclass(frozen=True)

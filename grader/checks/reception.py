@@ -7,11 +7,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from grader.checks.finding import (
     Context,
     Parameters,
+    Pattern,
     Share,
     failed,
     graded,
@@ -24,7 +25,7 @@ from grader.checks.finding import (
 from grader.checks.traffic import claimed_at, student_endpoints
 from grader.evidence.printed import Report, labelled_vector, reports
 from grader.evidence.recorded import Span, machine_delay_s
-from grader.recording.session import Endpoint
+from grader.recording.session import Endpoint, ProcessRun
 from grader.result import Finding, Where
 
 
@@ -138,22 +139,9 @@ class Streams(Parameters):
 class ReportedSeries(Streams):
     """Numbers that a node reports agree with an oracle's value on each span of time."""
 
-    pattern: str
+    pattern: Pattern
     tolerance: float = Field(gt=0, description="Absolute; 1 % of the value is allowed in any case.")
     settle_s: float = Field(0.05, description="Reports this close to a span's ends do not count.")
-
-    @field_validator("pattern")
-    @classmethod
-    def _compiles(cls, value: str) -> str:
-        return _valid_pattern(value)
-
-
-def _valid_pattern(value: str) -> str:
-    try:
-        re.compile(value)
-    except re.error as problem:
-        raise ValueError(f"no valid regular expression: {problem}") from problem
-    return value
 
 
 def spans_of(context: Context, p: Streams) -> list[dict[str, Any]]:
@@ -178,6 +166,9 @@ def reported_series(context: Context, p: ReportedSeries) -> Finding:
     heard = reports(context.session, p.artifact, p.pattern)
     if not heard:
         fallback = "The node reported no tracking error at all, neither on its output nor in its log."
+        if (mismatch := _deaf(context, p)) is not None:
+            spot = Where(session=context.session.record.session, process=p.artifact)
+            return failed(expected, "no report", mismatch, hint=_DEAF_HINT, where=(spot,))
         reason, hint, where = why_nothing(context, p.artifact, fallback)
         return failed(expected, "no report", reason, hint=hint, where=where)
     right, silent, left_out, ratios, worst = 0, 0, 0, [], ""
@@ -226,6 +217,8 @@ def _formula(ratios: Sequence[float], spans: int, context: Context, p: Streams) 
     if abs(ratio / np.sqrt(count) - 1) < 0.02:
         root = f"the root of {count}: the sum was taken where the mean belongs"
         return f" It is always {ratio:.2f} times the right value, {root}."
+    if abs(ratio / np.degrees(1) - 1) < 0.02:
+        return f" It is always {ratio:.2f} times the right value: it is in degrees, not in rad."
     return f" It is always {ratio:.2f} times the right value."
 
 
@@ -245,7 +238,7 @@ class ReportedStatistics(Streams):
     length: int
     tolerance: float = Field(0.001, description="Absolute; 1 % of the value is allowed in any case.")
     alternatives: tuple[Alternative, ...] = ()
-    report_pattern: str | None = Field(
+    report_pattern: Pattern | None = Field(
         None, description="The node's report on each message, to see whether it lost any."
     )
 
@@ -299,11 +292,37 @@ def _nothing_printed(context: Context, p: ReportedStatistics, expected: str) -> 
             hint="Let KeyboardInterrupt end rclpy.spin, then print.",
             where=(spot,),
         )
-    reason, hint, where = why_nothing(
-        context, p.artifact, f"Nothing of the form '{p.label}: [...]' was printed after Ctrl-C."
-    )
-    hint = hint or f"Catch KeyboardInterrupt around rclpy.spin(node), and print '{p.label}: [...]' after it."
-    return failed(expected, "nothing", reason, hint=hint, where=where)
+    nothing = f"Nothing of the form '{p.label}: [...]' was printed after Ctrl-C."
+    hint = f"Catch KeyboardInterrupt around rclpy.spin(node), and print '{p.label}: [...]' after it."
+    if (mismatch := _deaf(context, p)) is not None:
+        return failed(expected, "nothing", f"{nothing} {mismatch}", hint=_DEAF_HINT, where=(spot,))
+    if last := _last_words(processes):
+        nothing += f" What was printed then begins with: {last!r}"
+        hint = f"Print a line '{p.label}: ' with all {p.length} numbers behind it, as numpy prints an array."
+    reason, remedy, where = why_nothing(context, p.artifact, nothing)
+    return failed(expected, "nothing", reason, hint=remedy or hint, where=where)
+
+
+_DEAF_HINT = "Subscribe with the right type; then the rest follows."
+
+
+def _deaf(context: Context, p: Streams) -> str | None:
+    """Say that the node could not hear a topic since it asked for another type, if so."""
+    for topic in p.streams.values():
+        kinds = {e.type for e in student_endpoints(context, topic, "subscription")}
+        sent = context.session.stream(topic).topic_type
+        if kinds and sent and sent not in kinds:
+            return f"No message reached it on {context.session.used(topic)}, where it asks for {min(kinds)}."
+    return None
+
+
+def _last_words(processes: Sequence[ProcessRun]) -> str:
+    """Return the first line with a number that the last process printed after it was interrupted."""
+    until_ns = processes[-1].interrupted_ns if processes else None
+    if until_ns is None:
+        return ""
+    lines = (o.text.strip() for o in processes[-1].output if o.t_ns >= until_ns and o.stream == "stdout")
+    return next((line[:80] for line in lines if re.search(r"\d\.\d", line)), "")
 
 
 def _agreement(
@@ -393,13 +412,8 @@ def survives(context: Context, p: Survives) -> Finding:
 class ReportShare(Streams):
     """A node reports for a share of the messages for which it could."""
 
-    pattern: str
+    pattern: Pattern
     full_from: Share = 0.9
-
-    @field_validator("pattern")
-    @classmethod
-    def _compiles(cls, value: str) -> str:
-        return _valid_pattern(value)
 
 
 def report_share(context: Context, p: ReportShare) -> Finding:

@@ -14,6 +14,7 @@ from pydantic import Field
 from grader.checks.finding import (
     Context,
     Parameters,
+    Pattern,
     failed,
     graded,
     inconclusive,
@@ -75,7 +76,7 @@ class CallAnswered(Parameters):
     step: str
     response: Mapping[str, Any] = Field(description="Fields that must have these values.")
     message_field: str = "message"
-    message: str | None = Field(None, description="Regular expression for the message field.")
+    message: Pattern | None = Field(None, description="Regular expression for the message field.")
 
 
 def _answer(step: StepRun | None) -> tuple[Mapping[str, Any] | None, float, str]:
@@ -109,6 +110,15 @@ def _shown(response: Mapping[str, Any] | None) -> str:
 def _silent(step: StepRun) -> bool:
     calls = step.result.get("calls", [])
     return step.kind == "call" and all(c["response"] is None for c in calls)
+
+
+def _other_type(context: Context, step: StepRun | None) -> str | None:
+    """Return the type under which the service of a call is offered, if it is never offered under the call's."""
+    if step is None:
+        return None
+    name = context.session.used(str(step.parameters.get("service")))
+    types = {s.type for graph in context.session.record.graph for s in graph.services if s.name == name}
+    return min(types) if types and step.parameters.get("type") not in types else None
 
 
 def _earlier_silence(context: Context, step: StepRun | None, expected: str) -> Finding | None:
@@ -151,6 +161,9 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
     expected = f"{_shown(request)} → {_shown(p.response)}"
     response, latency_s, problem = _answer(step)
     where = (_spot(context, step),)
+    if response is None and (other := _other_type(context, step)):
+        reason = f"The service is of type {other}, so it cannot be asked; that is charged where it is offered."
+        return not_reached(reason, expected=expected)
     if response is None:
         return _earlier_silence(context, step, expected) or _silence(context, p.artifact, expected, problem, where)
     measured = f"{_shown(response)} after {latency_s * 1e3:.1f} ms"
@@ -161,7 +174,8 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
     if p.message is not None and not text.strip():
         return graded(0.75, expected, measured, "The answer's message is empty.", where=where)
     if p.message is not None and not re.search(p.message, text):
-        return passed(expected, measured, where=where, notes=(f"The message {text!r} does not say what was done.",))
+        note = f"The message {text!r} is worded otherwise than the lab's."
+        return passed(expected, measured, where=where, notes=(note,))
     return passed(expected, measured, where=where)
 
 
@@ -197,6 +211,13 @@ def call_gated(context: Context, p: CallGated) -> Finding:
             "It refuses, but does not recover when the parameter is true again.",
             where=where,
         )
+    if answers[p.refused_step] is None and _earlier_silence(context, steps[p.refused_step], expected) is not None:
+        reason = "The node had stopped answering before, which is charged there, so no change could be looked at."
+        return graded(0.5 * fits(p.from_start_step, p.refused), expected, measured, reason, where=where)
+    if answers[p.refused_step] is None:
+        students = (run.artifact for run in context.session.record.processes if run.role == "student")
+        problem = "No answer came while the parameter was false."
+        return _silence(context, next(students, None) or "", expected, problem, where)
     if fits(p.from_start_step, p.refused):
         reason = "It refuses only when the parameter is false from the start; a change while it runs has no effect."
         return graded(
@@ -207,13 +228,14 @@ def call_gated(context: Context, p: CallGated) -> Finding:
             where=where,
         )
     set_step = context.session.step(p.set_step)
-    unset = set_step is not None and set_step.outcome != "done"
-    reason = "It enables although the parameter is false" + (
-        ", and the parameter could not be set at all." if unset else "."
-    )
-    if answers[p.refused_step] is None:
-        reason = "No answer came while the parameter was false."
-    return failed(expected, measured, reason, where=where)
+    if set_step is not None and set_step.outcome != "done":
+        why = "; ".join(str(problem) for problem in set_step.result.get("refused", {}).values())
+        reason = f"The parameter could not be set to false{': ' + why if why else ''}. So the node goes on enabling."
+        return failed(expected, measured, reason, hint=_SET_HINT, where=where)
+    return failed(expected, measured, "It enables although the parameter is false.", where=where)
+
+
+_SET_HINT = "Declare the parameter with a default of the type that the lab gives it; others can then set it."
 
 
 class WantedParameter(Parameters):

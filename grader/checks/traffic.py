@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -24,6 +25,8 @@ from grader.evidence.timing import Timing, timing_of
 from grader.evidence.waves import Sinusoid, fit_sinusoid
 from grader.recording.session import Endpoint, Qos
 from grader.result import Finding, Where
+
+_NUMBER = re.compile(r"\d+(?:\.\d*)?(?:[eE][+-]?\d+)?")
 
 
 class TopicPublished(Parameters):
@@ -63,9 +66,9 @@ def topic_published(context: Context, p: TopicPublished) -> Finding:
     used = context.session.used(p.topic)
     found_type = endpoints[0].type if endpoints else stream.topic_type
     if not len(stream):
-        fallback = f"The publisher on {used} exists, but not one message came from it."
+        fallback, remedy = _silent_publisher(context, used)
         reason, hint, where = why_nothing(context, p.artifact, fallback)
-        return failed(expected, f"{found_type} on {used}, 0 messages", reason, hint=hint, where=where)
+        return failed(expected, f"{found_type} on {used}, 0 messages", reason, hint=hint or remedy, where=where)
     spot = claimed_at(context, "publisher", used)
     wrong: list[tuple[float, str]] = []
     if used != p.topic:
@@ -78,6 +81,21 @@ def topic_published(context: Context, p: TopicPublished) -> Finding:
     )
     where = (*([spot] if spot else []), context.where(p.topic))
     return graded(1 - sum(w for w, _ in wrong), expected, measured, " ".join(r for _, r in wrong), where=where)
+
+
+def _silent_publisher(context: Context, used: str) -> tuple[str, str]:
+    """Say of a publisher without messages what its timers tell: reason and hint."""
+    silent = f"The publisher on {used} exists, but not one message came from it."
+    timers = [c for c in context.session.record.claims if c.kind == "timer" and not c.file.startswith("/")]
+    periods_s = [float(c.name) for c in timers if _NUMBER.fullmatch(c.name)]
+    if not timers:
+        return silent, "Call publish() from a timer that the node creates, and spin the node."
+    if periods_s and min(periods_s) >= 1:
+        return (
+            f"{silent} The period of the node's timer is {min(periods_s):g} s.",
+            "create_timer takes the period in seconds: 1 divided by the rate in Hz.",
+        )
+    return silent, "See that the timer's callback reaches publish(), and that the node spins."
 
 
 def _wrong_node(wanted: str | None, nodes: Sequence[str]) -> list[tuple[float, str]]:
@@ -186,12 +204,18 @@ def topic_jitter(context: Context, p: TopicJitter) -> Finding:
     measured = f"{p.share:.0%} within {deviation_s * 1e3:.2f} ms of {timing.median_s * 1e3:.2f} ms ({longest})"
     share = ramp(deviation_s, p.full_within_s, p.zero_beyond_s)
     excused_s = timing.deviation_s(p.share, _delay_s(context, p.process, span))
-    if share < 1 and ramp(excused_s, p.full_within_s, p.zero_beyond_s) - share > 0.02:
+    best = ramp(excused_s, p.full_within_s, p.zero_beyond_s)
+    if best - share > 0.02:
         reason = "The machine kept the node from a core for times that may explain the uneven intervals."
         return inconclusive(expected, measured, reason, where=where)
     off = f"{deviation_s * 1e3:.1f} ms off the usual {timing.median_s * 1e3:.1f} ms"
     reason = f"One interval in {round(1 / (1 - p.share))} is more than {off}."
-    return graded(share, expected, measured, reason, where=where)
+    mean_s = float(timing.intervals_s.mean())
+    if timing.median_s < 0.5 * mean_s:
+        reason = (
+            f"Messages come in bursts: most follow the one before at once, and then none comes for up to {longest[8:]}."
+        )
+    return graded(max(share, best), expected, measured, reason, where=where)
 
 
 class MessageValues(Parameters):
@@ -242,6 +266,7 @@ class Sinusoids(Parameters):
     tick_s: float = Field(gt=0, description="Time per message in the node's own reckoning.")
     others_still: int = Field(0, description="The elements up to this one that have no component stay at 0.")
     tolerance: Share = 0.05
+    phase_tolerance: Share = Field(0.125, description="Share of a period by which a sinusoid may begin elsewhere.")
 
 
 def sinusoids(context: Context, p: Sinusoids) -> Finding:
@@ -286,22 +311,49 @@ def _judge_component(series: NumericStream, c: Component, p: Sinusoids) -> tuple
         series.source_ns[known], series.received_ns[known], series.sequence[known], series.values[known]
     )
     values = series.values[:, c.index]
-    by_clock = (series.source_ns - series.source_ns[0]) / 1e9
-    by_count = (series.sequence - series.sequence[0]) * p.tick_s
+    by_count: Floats = (series.sequence - 1) * np.float64(p.tick_s)
+    by_clock = _since_first_s(series)
     fits = [fit_sinusoid(times, values, 0.1 * c.frequency_hz, 5 * c.frequency_hz) for times in (by_clock, by_count)]
     best = min(fits, key=lambda fit: _badness(fit, c))
     text = f"[{c.index}] {best.amplitude:.3f} at {best.frequency_hz:.3f} Hz"
     if _badness(best, c) <= p.tolerance:
-        return 1.0, text, ""
+        early = min((f for f in fits if _badness(f, c) <= p.tolerance), key=lambda fit: abs(fit.phase))
+        if abs(early.phase) <= 2 * np.pi * p.phase_tolerance:
+            return 1.0, text, ""
+        begins = f"begins at {early.amplitude * np.sin(early.phase):.2f} ({np.degrees(early.phase):.0f}° into a sine)"
+        return 2 / 3, text, f"Element {c.index} has the right amplitude and frequency, but {begins} instead of at 0."
     if float(np.ptp(values)) < p.tolerance * c.amplitude:
         return 0.0, f"[{c.index}] does not move", f"Element {c.index} does not move."
     frequency_right = abs(best.frequency_hz / c.frequency_hz - 1) <= p.tolerance and best.residual < 0.2 * c.amplitude
-    amplitude_right = abs(best.amplitude / c.amplitude - 1) <= p.tolerance and best.residual < 0.2 * c.amplitude
+    centred = abs(best.offset) <= p.tolerance * c.amplitude
+    amplitude_right = (
+        centred and abs(best.amplitude / c.amplitude - 1) <= p.tolerance and best.residual < 0.2 * c.amplitude
+    )
     reason = f"Element {c.index} has amplitude {best.amplitude:.3f} and frequency {best.frequency_hz:.3f} Hz"
+    reason += "" if centred else f" about {best.offset:.3f} instead of 0"
     reason += f" (wanted {c.amplitude:g} and {c.frequency_hz:g} Hz)" + (
         "." if best.residual < 0.2 * c.amplitude else ", and is no clean sine."
     )
-    return 0.5 * (frequency_right + amplitude_right), text, reason
+    return 0.5 * (frequency_right + amplitude_right), text, reason + _likely_slip(best, c)
+
+
+def _since_first_s(series: NumericStream) -> Floats:
+    """Return the time of each message since the node's first, which may not have been recorded."""
+    times_s: Floats = (series.source_ns - series.source_ns[0]) / np.float64(1e9)
+    written = int(series.sequence[-1] - series.sequence[0])
+    missed_s = (int(series.sequence[0]) - 1) * float(times_s[-1]) / written if written > 0 else 0.0
+    shifted: Floats = times_s + max(0.0, missed_s)
+    return shifted
+
+
+def _likely_slip(fit: Sinusoid, c: Component) -> str:
+    """Name the mistake that a constant ratio to the right amplitude or frequency gives away."""
+    slips = []
+    if abs(fit.amplitude / c.amplitude / np.degrees(1) - 1) < 0.05:
+        slips.append("The amplitude is in degrees; it belongs in rad.")
+    if abs(fit.frequency_hz / c.frequency_hz * 2 * np.pi - 1) < 0.05:
+        slips.append("It is 2π times too slow: the factor 2π is missing in the sine.")
+    return " ".join(["", *slips])
 
 
 def _badness(fit: Sinusoid, c: Component) -> float:

@@ -245,6 +245,23 @@ def _read_only_property(case: Case) -> Told | None:
     )
 
 
+def _hidden_property(case: Case) -> Told | None:
+    """A method named like a property of Node: rclpy takes the method for the property."""
+    in_node = any(f.path.endswith(("rclpy/node.py", "rclpy/executors.py")) for f in case.raised.frames)
+    method = _match(r"'(?:method|function)' object|^__enter__$", case.text)
+    if method is None or case.name not in ("TypeError", "AttributeError") or not in_node:
+        return None
+    name = "handle" if _match(r"context manager|__enter__", case.text) else ""
+    named = f"a method named {name}" if name else "a method with the name of one of Node's own attributes"
+    return (
+        "hidden-property",
+        f"The class has {named}, which hides the one of rclpy's Node that rclpy itself needs.",
+        f"Rename the method, for instance to on_{name or 'request'}; Node uses for itself: "
+        f"{', '.join(sorted(NODE_PROPERTIES))}.",
+        name,
+    )
+
+
 _OWN_ATTRIBUTES = re.compile(
     r"'(\w{1,100})' object has no attribute '(?:_default_callback_group|_Node__\w{1,60}|_parameters|_clock"
     r"|_logger|_context|_publishers|_subscriptions|_services|_timers|_clients)'"
@@ -478,6 +495,13 @@ def _undefined(case: Case) -> Told | None:
 def _none(case: Case) -> Told | None:
     if "NoneType" not in case.text or case.name not in ("AttributeError", "TypeError"):
         return None
+    if "context manager protocol" in case.text:
+        return (
+            "nothing-to-enter",
+            "What stands behind `with` is None. In ROS 2 Jazzy rclpy.init() returns nothing that `with` can use.",
+            "Call rclpy.init() on a line of its own, and rclpy.try_shutdown() at the end.",
+            "",
+        )
     return (
         "value-is-none",
         f"A value is still None where it is used: {case.text}.",
@@ -570,6 +594,7 @@ RULES: tuple[Callable[[Case], Told | None], ...] = (
     _missing_module,
     _missing_name,
     _read_only_property,
+    _hidden_property,
     _no_super_init,
     _not_initialised,
     _names,

@@ -571,6 +571,10 @@ def _argument(item: Mapping[str, Any]) -> Item:
 def _branch(item: Mapping[str, Any]) -> Branch:
     name, namespace = _text(item.get("name")), _text(item.get("namespace")).rstrip("/")
     program = "/".join(_text(item.get(k)) for k in ("package", "executable") if item.get(k))
+    if item.get("kind") == "executable":
+        words = item.get("argv")
+        listed = words[:MOST_ITEMS] if isinstance(words, (list, tuple)) else ()
+        program = " ".join(_text(word) for word in (item.get("path"), *listed))[:300]
     return Branch(
         f"{namespace}/{name}" if name else _text(item.get("id")),
         program or _text(item.get("path")),
@@ -594,6 +598,11 @@ def _conditions(item: Mapping[str, Any]) -> tuple[str, ...]:
         found += [_condition(str(key), value) for key, value in when.items()]
     if item.get("respawn"):
         found.append("started again whenever it ends")
+    if item.get("absent"):
+        found.append(f"not started here: {_text(item['absent'])}")
+    for component in _mappings(item.get("components")):
+        named = f" as {_text(component['name'])}" if component.get("name") else ""
+        found.append(f"loads {_text(component.get('plugin'))}{named}")
     return tuple(text for text in found if text)
 
 

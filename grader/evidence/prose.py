@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from grader.evidence.markup import Block, Document, Section, code_spans, own_text, plain_text, read_markdown
 from grader.evidence.source import SourceFacts
-from grader.evidence.words import Terms, is_placeholder, measure, normal_form, sentences, words
+from grader.evidence.words import Terms, fold, is_placeholder, measure, normal_form, sentences, words
 
 __all__ = [
     "Concept",
@@ -45,6 +45,7 @@ _EXCERPT_LENGTH = 120
 _OPENING_LENGTH = 4
 _SECOND_SHARE = 0.25
 _STUFFING_RATIO = 1.5
+_LISTING = re.compile(r"[,;/&、，،]")
 _COMMAND_START = re.compile(r"^[\s>*+-]{0,8}(?:[$#%]\s+)?")
 
 
@@ -283,7 +284,12 @@ def _block_sayings(
     block: Block, heading: tuple[str, ...], current: tuple[str, ...], topics: Sequence[_Topic], every: Terms
 ) -> Iterator[_Saying]:
     for line, sentence in _lines_of(block):
-        shares = _shares(_about(sentence, topics), heading, current, _opens_with_name(sentence, topics))
+        named = _about(sentence, topics)
+        opens = _opens_with_name(sentence, topics)
+        if opens and len(named) > 2 and _is_subject(sentence, named, topics, every):
+            shares = {topic: 1 / len(named) if place else 1.0 for place, topic in enumerate(named)}
+        else:
+            shares = _shares(named, heading, current, opens)
         current = tuple(shares)
         form = normal_form(every.without(own_text(sentence)))
         yield _Saying(shares, line, plain_text(sentence), form)
@@ -295,17 +301,29 @@ def _opens_with_name(sentence: str, topics: Sequence[_Topic]) -> bool:
     return min(places, default=_OPENING_LENGTH) < _OPENING_LENGTH
 
 
+def _is_subject(sentence: str, named: tuple[str, ...], topics: Sequence[_Topic], every: Terms) -> bool:
+    """Whether the first of the parts named does something with the others, rather than being listed with them."""
+    plain = plain_text(sentence)
+    terms = {t.id: t.names if any(u.names.found(plain) for u in topics) else t.synonyms for t in topics}
+    first, second = (terms[topic].place(plain) or 0 for topic in named[:2])
+    between = every.without(fold(plain)[first:second])
+    return bool(words(between)) and not _LISTING.search(between)
+
+
 def _shares(
     named: tuple[str, ...], heading: tuple[str, ...], current: tuple[str, ...], opens_with_name: bool
 ) -> dict[str, float]:
     """What part of a sentence's words each topic gets.
 
-    A sentence, item or row that opens with a part's name is about that part, whatever the heading.
+    A sentence, item or row that opens with a part's name is about that part, whatever the heading. One that
+    lists others is still about the part in the heading: what starts them, say.
     """
     if opens_with_name and len(named) <= 2:
         return {topic: _SECOND_SHARE if place else 1.0 for place, topic in enumerate(named)}
     if len(heading) == 1 and len(named) <= 2:
         return {heading[0]: 1.0, **{topic: _SECOND_SHARE for topic in named if topic != heading[0]}}
+    if len(heading) == 1 and heading[0] not in named:
+        return {heading[0]: 1.0, **{topic: 1 / len(named) for topic in named}}
     if len(named) == 2:
         return {named[0]: 1.0, named[1]: _SECOND_SHARE}
     meant = named or current

@@ -26,12 +26,15 @@ class Sinusoid:
     amplitude, offset, residual : float
         In the unit of the series; `residual` is the root mean square of what is left.
     frequency_hz : float
+    phase : float
+        In rad, at time 0: between -π and π, and 0 for a sine that begins there.
     """
 
     amplitude: float
     frequency_hz: float
     offset: float
     residual: float
+    phase: float = 0.0
 
 
 def fit_sinusoid(times_s: Floats, values: Floats, lowest_hz: float, highest_hz: float) -> Sinusoid:
@@ -46,7 +49,8 @@ def fit_sinusoid(times_s: Floats, values: Floats, lowest_hz: float, highest_hz: 
         fits, residuals = _fit_each(times_s, values, grid)
         index = int(np.argmin(residuals))
         offset, sine, cosine = fits[index]
-        best = Sinusoid(float(np.hypot(sine, cosine)), float(grid[index]), float(offset), float(residuals[index]))
+        amplitude, phase = float(np.hypot(sine, cosine)), float(np.arctan2(cosine, sine))
+        best = Sinusoid(amplitude, float(grid[index]), float(offset), float(residuals[index]), phase)
         low, high = float(grid[max(index - 1, 0)]), float(grid[min(index + 1, len(grid) - 1)])
     return best
 

@@ -10,7 +10,8 @@ import shutil
 import signal
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+import threading
+from collections.abc import Callable, Coroutine, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -18,6 +19,7 @@ from typing import Any
 
 from grader.live.environment import trusted_environment
 from grader.live.isolation import Form, Isolation, cell_argv
+from grader.live.ros_launch import NativeLaunch
 from grader.live.session import SessionPlan
 from grader.recording.submission import SubmissionRecord
 from grader.rubric import Rubric, SessionSpec
@@ -27,6 +29,8 @@ _CELLS_PER_CORE = 2
 _MOST_CELLS = 4
 #: Time that a session may take beyond its own limit before its cell is killed.
 _GRACE_S = 25.0
+#: How long the pipe from a cell may take to close once the cell has ended.
+_PIPE_CLOSES_S = 5.0
 
 
 @dataclass(frozen=True)
@@ -75,15 +79,17 @@ class Sessions:
     interpreter: Path
     seed: int
     versions: dict[str, str]
+    native: NativeLaunch | None = None
 
     def record(
         self, chosen: Sequence[str], on_progress: Callable[[Progress], None], *, at_a_time: int | None = None
     ) -> None:
         """Record the chosen sessions; returns when all have ended.
 
-        A session that cannot be run to its end leaves a recording that says so.
+        A session that cannot be run to its end leaves a recording that says so. If the grader is ended by
+        Ctrl-C or by a signal that asks for it, the cells end too, and nothing of their sessions stays.
         """
-        asyncio.run(self._record_all(chosen, on_progress, at_a_time or cells_at_a_time(self.isolation)))
+        _run_to_an_end(self._record_all(chosen, on_progress, at_a_time or cells_at_a_time(self.isolation)))
 
     async def _record_all(self, chosen: Sequence[str], on_progress: Callable[[Progress], None], at_a_time: int) -> None:
         queue = sorted((self.rubric.sessions[name] for name in chosen), key=lambda s: -s.typical_s)
@@ -94,7 +100,17 @@ class Sessions:
                 await self._record_one(spec, on_progress)
                 on_progress(Progress(spec.id, "recorded", ended=True))
 
-        await asyncio.gather(*(one(spec) for spec in queue))
+        tasks = [asyncio.ensure_future(one(spec)) for spec in queue]
+        try:
+            await asyncio.gather(*tasks)
+        except Exception:
+            for task in tasks:
+                task.cancel()
+            raise
+        finally:
+            # `gather` ends with the first that fails or is cancelled; the others are still cleaning up.
+            if tasks:
+                await asyncio.wait(tasks)
 
     async def _record_one(self, spec: SessionSpec, on_progress: Callable[[Progress], None]) -> None:
         folder = self.recordings / spec.id
@@ -107,6 +123,9 @@ class Sessions:
                 plan = self._plan(spec, partial, scratch, number)
                 (scratch / "plan.json").write_text(json.dumps(asdict(plan)), encoding="utf-8")
                 await self._run_cell(spec, scratch, on_progress)
+        except BaseException:
+            shutil.rmtree(partial, ignore_errors=True)
+            raise
         finally:
             shutil.rmtree(scratch, ignore_errors=True)
         shutil.rmtree(folder, ignore_errors=True)
@@ -133,6 +152,7 @@ class Sessions:
             domain_id=number if self.isolation.form is Form.NONE else 0,
             timeout_s=spec.timeout_s,
             versions=self.versions,
+            native=self.native.to_plain() if self.native is not None else None,
         )
 
     async def _run_cell(self, spec: SessionSpec, scratch: Path, on_progress: Callable[[Progress], None]) -> None:
@@ -156,7 +176,9 @@ class Sessions:
             if process.returncode is None:
                 with suppress(ProcessLookupError):
                     os.killpg(process.pid, signal.SIGKILL)
-                await process.wait()
+            # Read to its end, so that the pipe is closed before the event loop is.
+            with suppress(asyncio.TimeoutError):
+                await asyncio.wait_for(process.communicate(), _PIPE_CLOSES_S)
 
 
 async def _follow(process: asyncio.subprocess.Process, session: str, on_progress: Callable[[Progress], None]) -> None:
@@ -166,6 +188,46 @@ async def _follow(process: asyncio.subprocess.Process, session: str, on_progress
             event: dict[str, Any] = json.loads(line)
             if event["event"] == "step":
                 on_progress(Progress(session, event["text"], event["index"], event["of"]))
+
+
+def _run_to_an_end(work: Coroutine[Any, Any, None]) -> None:
+    """Run `work`; Ctrl-C, or a signal that asks the grader to end, cancels it once and lets it clean up.
+
+    `asyncio` by itself cancels tasks a second time on its way out, in the midst of their cleaning up.
+    """
+    received: list[int] = []
+
+    async def guarded() -> None:
+        task, loop = asyncio.ensure_future(work), asyncio.get_running_loop()
+
+        def end(number: int) -> None:
+            received.append(number)
+            if len(received) == 1:
+                task.cancel()
+
+        numbers = _heeded_signals()
+        for number in numbers:
+            loop.add_signal_handler(number, end, number)
+        try:
+            await task
+        except asyncio.CancelledError:
+            if not received:
+                raise
+        finally:
+            for number in numbers:
+                loop.remove_signal_handler(number)
+
+    asyncio.run(guarded())
+    if received:
+        raise KeyboardInterrupt if received[0] == signal.SIGINT else SystemExit(128 + received[0])
+
+
+def _heeded_signals() -> list[signal.Signals]:
+    """Return the signals that end the grader; one that the caller ignores (as `nohup` does) stays ignored."""
+    if threading.current_thread() is not threading.main_thread():
+        return []
+    asking = [n for n in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(n) == signal.SIG_DFL]
+    return asking if signal.getsignal(signal.SIGINT) == signal.SIG_IGN else [signal.SIGINT, *asking]
 
 
 @contextmanager

@@ -23,16 +23,17 @@ from typing import Any
 
 import rclpy
 from rclpy.client import Client
+from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_system_default
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.service_introspection import ServiceIntrospectionState
 
 from grader.live.graph import GRADER_NAMESPACE, GraphWatch
 from grader.live.names import Candidate, near_miss
 from grader.live.recorder import Recorder
 from grader.recording.bag import BagWriter
-from grader.recording.session import UNKNOWN_NODE, GraphSnapshot
+from grader.recording.session import UNKNOWN_NODE, Endpoint, GraphSnapshot, Qos
 
 #: Once a student's node shows other endpoints, how long the wanted name may still take to appear.
 _NEAR_MISS_AFTER_S = 2.0
@@ -48,8 +49,12 @@ _STANDARD_SERVICES = (
     "get_type_description",
 )
 _SPIN_S = 0.01
-#: How long a publisher of ours waits until the student's subscriptions are matched.
+#: How long a publisher of ours waits until the subscriptions of the student and the recorder are matched.
 _MATCH_S = 3.0
+#: How long it stays for a subscription that has not taken all of it.
+_ACKNOWLEDGED_S = 1.0
+#: Service events that the middleware keeps until the recorder has them.
+_EVENTS_DEPTH = 100
 
 
 class Cancelled(Exception):
@@ -100,7 +105,8 @@ class Director:
         self._forgotten: set[str] = set()
         self._clients: dict[tuple[str, str, int], Client[Any, Any]] = {}
         self._requests: queue.Queue[dict[str, Any] | None] = queue.Queue()
-        self._cancelled = False
+        # Requests are numbered as they come, so that one can be cancelled before its turn.
+        self._received = self._current = self._cancelled_to = 0
 
     def serve(self) -> None:
         """Answer requests until `stop` or the end of input."""
@@ -123,14 +129,20 @@ class Director:
     def _listen(self) -> None:
         for line in sys.stdin:
             request = json.loads(line)
-            if request["op"] == "cancel":
-                self._cancelled = True
+            if request["op"] in ("cancel", "stop"):
+                self._cancelled_to = self._received
+            else:
+                self._received += 1
             self._requests.put(request)
+        self._cancelled_to = self._received
         self._requests.put(None)
-        self._cancelled = True
+
+    @property
+    def _cancelled(self) -> bool:
+        return self._current <= self._cancelled_to
 
     def _answer(self, request: dict[str, Any]) -> None:
-        self._cancelled = False
+        self._current += 1
         operations: dict[str, Callable[[dict[str, Any]], tuple[str, dict[str, Any]]]] = {
             "wait_for": self._wait_for,
             "observe": self._observe,
@@ -246,7 +258,9 @@ class Director:
     def _publish(self, request: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
         topic = self._names.get(request["topic"], request["topic"])
         kind = _interface(request["type"], "msg")
-        offered = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # compatible with every request
+        # Compatible with every request. All messages are kept, since the student's side may be matched later
+        # than ours, and then asks for those that it has missed.
+        offered = QoSProfile(depth=int(request["count"]), durability=DurabilityPolicy.TRANSIENT_LOCAL)
         context = rclpy.Context()  # its own, since the student may use another type on this topic
         rclpy.init(
             args=[],
@@ -263,13 +277,16 @@ class Director:
             enable_rosout=False,
         )
         publisher = node.create_publisher(kind, topic, offered)
+        self._record(topic, request["type"], "transient_local")
         try:
             students = [e for e in self._watch.last.endpoints if e.kind == "subscription" and e.topic == topic]
-            matched = self._until(lambda: publisher.get_subscription_count() >= len(students), _MATCH_S)
+            # The recorder's subscription is one more.
+            matched = self._until(lambda: publisher.get_subscription_count() > len(students), _MATCH_S)
             message = _fill(kind(), request["message"])
             for _ in range(int(request["count"])):
                 publisher.publish(message)
                 self._until(lambda: False, 1.0 / float(request["rate_hz"]))
+            publisher.wait_for_all_acked(Duration(seconds=_ACKNOWLEDGED_S))
         finally:
             node.destroy_node()
             context.shutdown()
@@ -282,10 +299,18 @@ class Director:
         if key not in self._clients:
             client = self._node.create_client(_interface(service_type, "srv"), service)
             client.configure_introspection(
-                self._node.get_clock(), qos_profile_system_default, ServiceIntrospectionState.CONTENTS
+                self._node.get_clock(), QoSProfile(depth=_EVENTS_DEPTH), ServiceIntrospectionState.CONTENTS
             )
             self._clients[key] = client
+            events, events_type = f"{service}/_service_event", f"{service_type}_Event"
+            self._record(events, events_type)
+            self._until(lambda: self._recorder.matched(events, events_type) > number, _MATCH_S)
         return self._clients[key]
+
+    def _record(self, topic: str, topic_type: str, durability: str = "volatile") -> None:
+        """Have a topic of our own recorded, which no snapshot of the graph shows."""
+        offered = Qos(reliability="reliable", durability=durability)
+        self._recorder.follow([Endpoint("publisher", topic, topic_type, "", f"{GRADER_NAMESPACE}/probe", "", offered)])
 
     def _ready_client(self, service: str, service_type: str, number: int, timeout_s: float) -> Client[Any, Any] | None:
         client = self._client(service, service_type, number)

@@ -25,6 +25,7 @@ WORKSPACE = "/ws"
 HOME = "/home/student"
 INSIDE = "/inside"
 LAUNCHING = "/launching"
+PARAMETERS = "/parameters"
 
 _FIRST_UID = 64100
 _TMPFS_BYTES = 64 * 1024 * 1024
@@ -217,9 +218,6 @@ def _file_system(isolation: Isolation, workspace: Path, tools: Mapping[str, Path
     for name in ("ld.so.cache", "localtime", "alternatives", "timezone"):
         if (Path("/etc") / name).exists():
             bind("--ro-bind", f"/etc/{name}", f"/etc/{name}")
-    for root in interpreter_roots(interpreter):
-        if not root.is_relative_to("/usr") and str(root) != "/":
-            bind("--ro-bind", str(root), str(root))
     bind("--bind", str(workspace), WORKSPACE)
     for target, source in tools.items():
         bind("--ro-bind", str(source), target)
@@ -228,7 +226,21 @@ def _file_system(isolation: Isolation, workspace: Path, tools: Mapping[str, Path
     for target in ("/dev/shm", "/tmp", HOME):
         parents(target)
         arguments.extend(["--perms", "1777", *size, "--tmpfs", target])
+        made.add(target)
+    # After these, since a virtual environment may well lie below /tmp.
+    for root in interpreter_roots(interpreter):
+        if not root.is_relative_to("/usr") and str(root) != "/":
+            bind("--ro-bind", str(root), str(root))
+    arguments += _hidden_package(interpreter)
     return [*arguments, "--remount-ro", "/"]
+
+
+def _hidden_package(interpreter: Path) -> list[str]:
+    """Cover the grader's own package, oracles and solution included, where it lies among what a student sees."""
+    package = INSIDE_FOLDER.parents[1]
+    if not any(package.is_relative_to(root) for root in (Path("/usr"), *interpreter_roots(interpreter))):
+        return []
+    return ["--perms", "0555", "--tmpfs", str(package), "--remount-ro", str(package)]
 
 
 def probe_isolation(interpreter: Path) -> Isolation:

@@ -18,17 +18,19 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from grader.live.isolation import LAUNCHING, Form
+from grader.live.isolation import LAUNCHING, PARAMETERS, Form
 from grader.live.names import LEAST_RATIO, likeness
 from grader.live.process import PipeReader, RunningProcess
-from grader.recording.plan import MalformedPlanError, Plan, Problem, Process
-from grader.recording.session import ProcessRun
+from grader.live.ros_launch import NativeLaunch
+from grader.recording.plan import MalformedPlanError, Plan, Problem, Process, ros2_run
+from grader.recording.session import OutputLine, ProcessRun
 
 if TYPE_CHECKING:
     from grader.live.session import Session
 
 _MAX_PLAN_BYTES = 4 * 1024 * 1024
 _MAX_MENDS = 6
+_MAX_MEMORY_BYTES = 2 * 1024 * 1024 * 1024
 #: A process that is to be started again and again is so at most this often.
 _MAX_RESPAWNS = 3
 
@@ -39,6 +41,10 @@ class LaunchRunner:
     def __init__(self, session: Session) -> None:
         self._session = session
         self._ending = False
+        #: Plans of files that did not come to their end: what was tried once is not waited for again.
+        self._given_up: dict[str, Plan] = {}
+        #: Processes that cannot be started here; what waits for one of them does not wait.
+        self._absent: set[str] = set()
         #: Tasks that may still start processes.
         self.waiting: set[asyncio.Task[None]] = set()
 
@@ -77,8 +83,11 @@ class LaunchRunner:
         """Make good a problem that a check of its own charges; False if that cannot be done."""
         quoted = re.findall(r"'([^']+)'", problem.message)
         install = self._session.workspace / "install"
+        if any(p.alive for p in self._session.processes.values() if p.run.role == "student"):
+            return False  # What stands in the workspace is the student's to change by now.
         if problem.kind == "unknown_executable" and len(quoted) >= 2 and "found in package" in problem.message:
-            return _mend_executable(install / "lib" / quoted[1], quoted[0])
+            folder, wanted = install / "lib" / quoted[1], quoted[0]
+            return self._mend_entry_point(folder, wanted) or _mend_executable(folder, wanted)
         if problem.kind == "unknown_package" and quoted:
             return _mend_package(install, quoted[0])
         if problem.kind == "undefined_configuration" and quoted and quoted[0] in assume and quoted[0] not in arguments:
@@ -86,25 +95,52 @@ class LaunchRunner:
             return True
         return False
 
+    def _mend_entry_point(self, folder: Path, wanted: str) -> bool:
+        """Install an artifact that no entry point runs, under the name of its module."""
+        plan = self._session.plan
+        meant = [a for a, source in plan.sources.items() if Path(source).stem == wanted.removesuffix(".py")]
+        if not meant or meant[0] not in plan.executables or not folder.is_dir() or (folder / wanted).exists():
+            return False
+        shutil.copy(self._session.workspace / plan.executables[meant[0]], folder / wanted)
+        return True
+
     async def _evaluate(self, source: str, arguments: dict[str, str], timeout_s: float) -> tuple[str, Plan]:
         """Execute the launch file, confined, and read its plan from a pipe of its own."""
         session = self._session
+        if source in self._given_up:
+            return "failed", self._given_up[source]
         root = f"{session.seen_workspace}/src"
+        trial = None
+        if session.isolation.form is not Form.NONE:
+            trial = session.trial
+            session.copy_workspace(session.workspace, trial)
         result_read, result_write = os.pipe()
         info_read, info_write = os.pipe()
         os.set_blocking(info_read, False)
         command = [
+            "prlimit",
+            f"--as={_MAX_MEMORY_BYTES}",
             session.plan.interpreter,
             f"{session.seen_tools[LAUNCHING]}/evaluate.py",
             "--result-fd",
             str(result_write),
         ]
+        native = NativeLaunch(**session.plan.native) if session.plan.native is not None else None
         environment = session.student_environment({"PYTHONPATH": ""})
+        if native is not None:
+            environment |= native.environment(f"{session.seen_workspace}/install")
         run = ProcessRun("launch file" + "".join(f" {k}:={v}" for k, v in arguments.items()), "student", command)
         session.record.processes.append(run)
         running = await RunningProcess.start(
             run,
-            session.confined(command, environment, info_write, f"{root}/{Path(source).parent}"),
+            session.confined(
+                command,
+                environment,
+                info_write,
+                f"{root}/{Path(source).parent}",
+                trial,
+                native.folders if native is not None else {},
+            ),
             environment={"PATH": os.environ.get("PATH", "/usr/bin:/bin")},
             cwd="/",
             pass_fds=(info_write, result_write),
@@ -115,13 +151,21 @@ class LaunchRunner:
         os.close(result_write)
         received: list[str] = []
         reader = PipeReader(result_read, _MAX_PLAN_BYTES, received.append)
-        running.write(json.dumps({"file": f"{root}/{source}", "arguments": arguments, "root": root}).encode())
+        request = {"file": f"{root}/{source}", "arguments": arguments, "root": root, "native": native is not None}
+        running.write(json.dumps(request).encode())
         running.close_input()
         in_time = await running.wait_exit(timeout_s)
         await running.kill()
         reader.close()
         os.close(info_read)
-        return ("done" if in_time else "timeout"), _read_plan(received, in_time, timeout_s, run)
+        text = received[0] if received else ""
+        if not text:
+            said = run.output[-1].text if run.output else "nothing"
+            session.record.problems.append(f"the launch file could not be evaluated in its cell: {said}")
+        plan = _read_plan(text, in_time, timeout_s, run, source)
+        if plan.problem is not None and plan.problem.kind in ("too_slow", "no_plan"):
+            self._given_up[source] = plan
+        return ("done" if in_time else "timeout"), plan
 
     # -- running ------------------------------------------------------------------------------
 
@@ -130,19 +174,20 @@ class LaunchRunner:
         if plain is None or plain.get("outcome") != "ok":
             return "failed", {"problem": "the launch file could not be evaluated"}
         plan = Plan.from_plain(plain)
-        folder = self._session.workspace / "parameters"
-        folder.mkdir(exist_ok=True)
+        folder = self._session.tools[PARAMETERS]
         files = dict(plan.parameter_files)
         for process in plan.processes:
             files.update(process.parameter_files)
         for name, text in files.items():
-            (folder / Path(name).name).write_text(text, encoding="utf-8")
-        for process in plan.processes:
+            if Path(name).name:
+                (folder / Path(name).name).write_text(text, encoding="utf-8")
+        self._absent = {process.id for process in plan.processes if process.absent}
+        for process in (p for p in plan.processes if not p.absent):
             if process.when is None:
                 await self._start(process)
             else:
                 self._later(self._start_when(process, process.when))
-        return "done", {"processes": [process.id for process in plan.processes]}
+        return "done", {"processes": [process.id for process in plan.processes if not process.absent]}
 
     def _later(self, work: Coroutine[Any, Any, None]) -> None:
         task = asyncio.create_task(work)
@@ -151,10 +196,36 @@ class LaunchRunner:
 
     async def _start(self, process: Process, respawns: int = 0) -> None:
         name = process.id + (f" (start {respawns + 1})" if respawns else "")
-        command = process.command(f"{self._session.seen_workspace}/parameters")
-        running = await self._session.start_student(name, command, environment=dict(process.env), cwd=process.cwd)
+        command = self._command(process)
+        try:
+            running = await self._session.start_student(name, command, environment=dict(process.env), cwd=process.cwd)
+        except (OSError, ValueError) as error:  # a command line that no system takes
+            run = self._session.record.processes[-1]
+            run.exited_ns, run.exit_status = run.started_ns, 127
+            run.output.append(OutputLine(run.started_ns, "stderr", f"this cannot be started: {error}"))
+            return
         if process.respawn and respawns < _MAX_RESPAWNS:
             self._later(self._start_again(process, running, respawns + 1))
+
+    def _command(self, process: Process) -> list[str]:
+        """Return the command line, with `ros2 run` and Python as they are found here."""
+        session = self._session
+        command = process.command(session.seen_tools[PARAMETERS])
+        if process.shell and re.search(r"[^\w\s./:=+,@%-]", " ".join(command)):
+            return ["sh", "-c", " ".join(command)]
+        if process.shell:
+            command = " ".join(command).split() or ["true"]
+        program = 0 if process.shell else len(process.prefix)
+        named, rest = Path(command[program]).name, command[program + 1 :]
+        if re.fullmatch(r"python3?(\.\d+)?", named):
+            return [*command[:program], session.plan.interpreter, *rest]
+        if named == "ros2" and (run := ros2_run(rest)) is not None:
+            package, executable, arguments = run
+            installed = Path("install/lib") / package / executable
+            if not (session.workspace / installed).is_file():
+                return ["sh", "-c", "echo No executable found >&2; exit 1"]
+            return [*command[:program], f"{session.seen_workspace}/{installed}", *arguments]
+        return command
 
     async def _start_again(self, process: Process, running: RunningProcess, respawns: int) -> None:
         await running.wait_exit(self._session.plan.timeout_s)
@@ -164,12 +235,12 @@ class LaunchRunner:
 
     async def _start_when(self, process: Process, when: Mapping[str, Any]) -> None:
         awaited = when.get("on_exit_of") or when.get("on_start_of")
-        if awaited is not None:
+        if awaited is not None and awaited not in self._absent:
             while awaited not in self._session.processes:
                 await asyncio.sleep(0.05)
             if "on_exit_of" in when:
                 await self._session.processes[awaited].wait_exit(self._session.plan.timeout_s)
-        elif "after_s" not in when:
+        elif awaited is None and "after_s" not in when:
             return  # It waits for the shutdown, which ends the session.
         await asyncio.sleep(float(when.get("after_s", 0.0)))
         if not self._ending:
@@ -178,7 +249,7 @@ class LaunchRunner:
 
 def _mend_executable(folder: Path, wanted: str) -> bool:
     """Install the executable that was meant under the name that was used."""
-    if not folder.is_dir() or not re.fullmatch(r"[\w.+-]{1,200}", wanted):
+    if not folder.is_dir() or not re.fullmatch(r"[\w.+-]{1,200}", wanted) or (folder / wanted).exists():
         return False
     there = [p for p in folder.iterdir() if p.suffix != ".py" and p.is_file()]
     near = sorted(there, key=lambda p: (-likeness(wanted, p.name), p.name))
@@ -192,7 +263,7 @@ def _mend_package(install: Path, wanted: str) -> bool:
     """Install the submission's package under the name that was used, if it has only one."""
     index = install / "share/ament_index/resource_index/packages"
     there = sorted(p.name for p in index.iterdir()) if index.is_dir() else []
-    if len(there) != 1 or not re.fullmatch(r"[A-Za-z]\w{0,200}", wanted):
+    if len(there) != 1 or wanted in there or not re.fullmatch(r"[A-Za-z]\w{0,200}", wanted):
         return False
     for part in ("lib", "share"):
         shutil.copytree(install / part / there[0], install / part / wanted)
@@ -200,15 +271,23 @@ def _mend_package(install: Path, wanted: str) -> bool:
     return True
 
 
-def _read_plan(received: list[str], in_time: bool, timeout_s: float, run: ProcessRun) -> Plan:
+def _read_plan(text: str, in_time: bool, timeout_s: float, run: ProcessRun, source: str) -> Plan:
     """Make a plan out of what the evaluation wrote, or of its silence."""
-    with suppress(ValueError, IndexError, MalformedPlanError):
-        return Plan.from_plain(json.loads(received[0]))
+    with suppress(ValueError, RecursionError, MalformedPlanError):
+        return Plan.from_plain(json.loads(text))
     if not in_time:
         message = (
             f"the launch file was still busy after {timeout_s:g} s; it should describe processes and return at once"
         )
-        return Plan("error", Problem("too_slow", message))
-    said = run.output[-1].text if run.output else ""
-    message = f"evaluating the launch file ended with status {run.exit_status} and no description. {said}".strip()
-    return Plan("error", Problem("no_plan", message))
+        remedy = "Take out what waits or loops: `ros2 launch` reads the whole file before it starts anything."
+        return Plan("error", Problem("too_slow", message, source, None, remedy))
+    if text.strip():
+        message = "evaluating the launch file gave no description that can be read"
+        remedy = "Return a LaunchDescription of a few entities, and write to no file descriptor but your own."
+        return Plan("error", Problem("no_plan", message, source, None, remedy))
+    status = run.exit_status or 0
+    how = f"by signal {status - 128}" if status > 128 else f"with status {status}"
+    said = f"; it said: {run.output[-1].text[:300]}" if run.output else ""
+    message = f"the program that reads the launch file was ended by it ({how}), before it gave a description{said}"
+    remedy = "Take out what ends or replaces the program (os._exit, exec, signals), and return a LaunchDescription."
+    return Plan("error", Problem("no_plan", message, source, None, remedy))

@@ -20,6 +20,8 @@ MAX_LINE_BYTES = 8 * 1024
 _READ_BYTES = 64 * 1024
 #: After SIGINT, how long a process may take to SIGTERM and then to SIGKILL.
 _TERMINATE_GRACE_S = 1.0
+#: After its exit, how long what it wrote last may take to be read on a busy machine.
+_LAST_OUTPUT_S = 2.0
 
 
 class RunningProcess:
@@ -46,6 +48,7 @@ class RunningProcess:
         self._process = process
         self._child_pid_fd = child_pid_fd
         self._sandbox_pid: int | None = None
+        #: By thread id; those that have ended keep what they used.
         self._usage: dict[int, tuple[int, int]] = {}
         self._kept = 0
         self._on_message = on_message
@@ -135,7 +138,7 @@ class RunningProcess:
         self.run.exited_ns = time.time_ns()
         self.run.exit_status = status
         # A grandchild may hold the pipes open; what it writes later is not waited for.
-        await asyncio.wait(self._readers, timeout=0.5)
+        await asyncio.wait(self._readers, timeout=_LAST_OUTPUT_S)
         for reader in self._readers:
             reader.cancel()
         return status
@@ -215,7 +218,9 @@ class RunningProcess:
         if root is None or not self.alive:
             return
         for pid in descendants_of(root):
-            self._usage[pid] = max(self._usage.get(pid, (0, 0)), _scheduling_of(pid))
+            self._usage.update(_scheduling_of(pid))
+        if not self._usage:  # It ended before it was ever looked at.
+            return
         cpu_ns, delay_ns = (sum(values) for values in zip(*self._usage.values(), strict=True))
         self.run.usage.append(Usage(time.time_ns(), cpu_ns, delay_ns))
 
@@ -274,13 +279,12 @@ def descendants_of(pid: int) -> list[int]:
     return found
 
 
-def _scheduling_of(pid: int) -> tuple[int, int]:
-    """Return (CPU time, run-queue delay) in ns, summed over a process's threads."""
-    cpu = delay = 0
+def _scheduling_of(pid: int) -> dict[int, tuple[int, int]]:
+    """Return (CPU time, run-queue delay) in ns for each of a process's threads, by thread id."""
+    found = {}
     with suppress(OSError):
         for task in Path(f"/proc/{pid}/task").iterdir():
             with suppress(OSError, ValueError, IndexError):
                 words = (task / "schedstat").read_text().split()
-                cpu += int(words[0])
-                delay += int(words[1])
-    return cpu, delay
+                found[int(task.name)] = (int(words[0]), int(words[1]))
+    return found

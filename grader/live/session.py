@@ -19,7 +19,7 @@ import struct
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -30,6 +30,7 @@ from grader.live.isolation import (
     HOME,
     INSIDE,
     LAUNCHING,
+    PARAMETERS,
     WORKSPACE,
     Form,
     Isolation,
@@ -78,6 +79,8 @@ class SessionPlan:
         Reference node -> {"file": absolute path, "node": fully qualified name}.
     expected : list of str
         Names of topics, services and nodes that the rubric uses.
+    native : dict or None
+        Where the real `launch` is, if it evaluates launch files; see `grader.live.ros_launch`.
     """
 
     session: str
@@ -96,6 +99,7 @@ class SessionPlan:
     domain_id: int
     timeout_s: float
     versions: dict[str, str] = field(default_factory=dict)
+    native: dict[str, Any] | None = None
 
 
 class _Director:
@@ -139,8 +143,10 @@ class _Director:
 
     async def stop(self) -> None:
         self._send({"op": "stop"})
-        with suppress(asyncio.TimeoutError):
-            await asyncio.wait_for(self.stopped.wait(), _DIRECTOR_STOP_S)
+        stopped = asyncio.create_task(self.stopped.wait())
+        either: set[asyncio.Task[Any]] = {stopped, self.running.exited}
+        await asyncio.wait(either, timeout=_DIRECTOR_STOP_S, return_when=asyncio.FIRST_COMPLETED)
+        stopped.cancel()
         if not self.stopped.is_set():
             self._record.problems.append("the recorder did not end in order; its bag was recovered")
         await self.running.wait_exit(1.0)
@@ -158,10 +164,16 @@ class Session:
         )
         self.folder, self.scratch = Path(plan.folder), Path(plan.scratch)
         self.workspace = self.scratch / "ws"
+        #: Where launch files are evaluated: a copy, since reading one runs what it will.
+        self.trial = self.scratch / "trial"
         confined = self.isolation.form is not Form.NONE
         self.seen_workspace = WORKSPACE if confined else str(self.workspace)
         self.seen_home = HOME if confined else str(self.scratch / "home")
-        self.tools = {INSIDE: INSIDE_FOLDER, LAUNCHING: _HERE / "launching"}
+        self.tools = {
+            INSIDE: INSIDE_FOLDER,
+            LAUNCHING: _HERE / "launching",
+            PARAMETERS: self.scratch / "parameters",
+        }
         self.seen_tools = {t: t if confined else str(p) for t, p in self.tools.items()}
         self.processes: dict[str, RunningProcess] = {}
         self.director: _Director | None = None
@@ -194,10 +206,22 @@ class Session:
         if self.isolation.form is not Form.NONE:
             _bring_loopback_up()
             _mount_tmpfs("/dev/shm", 64 * 1024 * 1024)
-            _mount_tmpfs(str(self.workspace), _WORKSPACE_BYTES)
-        shutil.copytree(self.plan.staged, self.workspace, dirs_exist_ok=True, copy_function=shutil.copy)
+            self.trial.mkdir()
+            for folder in (self.workspace, self.trial):
+                _mount_tmpfs(str(folder), _WORKSPACE_BYTES)
+        self.tools[PARAMETERS].mkdir()
+        self.copy_workspace(Path(self.plan.staged), self.workspace)
+
+    def copy_workspace(self, source: Path, target: Path) -> None:
+        """Make a folder a copy of a staged submission, owned by the student; links are copied as links."""
+        for left in target.iterdir():
+            if left.is_dir() and not left.is_symlink():
+                shutil.rmtree(left)
+            else:
+                left.unlink()
+        shutil.copytree(source, target, dirs_exist_ok=True, copy_function=shutil.copy, symlinks=True)
         uid = student_uid(self.isolation, self.plan.slot)
-        for path in (self.workspace, *self.workspace.rglob("*")):
+        for path in (target, *(p for p in target.rglob("*") if not p.is_symlink())):
             path.chmod(0o755 if path.is_dir() else path.stat().st_mode & 0o777 | 0o644)
             if uid is not None:
                 os.chown(path, uid, uid, follow_symlinks=False)
@@ -364,14 +388,22 @@ class Session:
         )
         return {**base, **more}
 
-    def confined(self, command: list[str], environment: dict[str, str], info_fd: int, cwd: str | None) -> list[str]:
+    def confined(
+        self,
+        command: list[str],
+        environment: dict[str, str],
+        info_fd: int,
+        cwd: str | None,
+        workspace: Path | None = None,
+        folders: Mapping[str, Path] | None = None,
+    ) -> list[str]:
         """Return the command line that runs a student's command, confined."""
         return student_argv(
             self.isolation,
             command,
             environment=environment,
-            workspace=self.workspace,
-            tools=self.tools,
+            workspace=workspace or self.workspace,
+            tools={**self.tools, **(folders or {})},
             interpreter=Path(self.plan.interpreter),
             slot=self.plan.slot,
             info_fd=info_fd,

@@ -11,9 +11,11 @@ from __future__ import annotations
 import ast
 import re
 import shutil
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
+from grader.packages import is_launch_file
 from grader.recording.submission import PackageFact, SubmissionRecord
 from grader.rubric import Rubric
 
@@ -32,6 +34,9 @@ sys.path[0] = {path_entry}
 sys.argv[0] = source
 {run}
 '''
+
+#: Where packages keep data files of a kind.
+_USUAL_FOLDERS = {".yaml": "config", ".yml": "config", ".rviz": "rviz", ".urdf": "urdf", ".xacro": "urdf"}
 
 _PACKAGE_PATH = "os.path.normpath(os.path.join(os.path.dirname(os.path.realpath(__file__)), '../../..', {root!r}))"
 _RUN_FILE = 'runpy.run_path(source, run_name="__main__")'
@@ -115,30 +120,48 @@ def _install_bare_files(folder: Path, package: str, record: SubmissionRecord, ru
         text = _wrapper_of_file(artifact.path, record, interpreter, depth=3)
         for name in {executable, PurePosixPath(artifact.path).name}:
             _write(folder / "install/lib" / package / name, text)
+    for file in record.files:
+        # Nothing says what would be installed, so all data files are, where they lie and where they usually do.
+        path = PurePosixPath(file.path)
+        usual = _USUAL_FOLDERS.get(path.suffix, "launch" if is_launch_file(path.name) else None)
+        if _is_shared(path):
+            for target in {str(path), f"{usual}/{path.name}" if usual and len(path.parts) == 1 else str(path)}:
+                _share(folder, file.path, f"share/{package}/{target}")
 
 
 def _install_package(folder: Path, package: PackageFact, record: SubmissionRecord, interpreter: str) -> None:
     _register(folder, package.name)
-    share = folder / "install/share" / package.name
-    for file in record.files:
-        relative = PurePosixPath(file.path)
-        root = PurePosixPath(package.path)
-        if not relative.is_relative_to(root):
-            continue
-        inside = relative.relative_to(root)
-        origin = folder / "src" / file.path
-        if origin.is_file() and _is_shared(inside):
-            (share / inside).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(origin, share / inside)
-            if inside.name.endswith((".launch.py", "_launch.py")) and len(inside.parts) == 1:
-                (share / "launch").mkdir(exist_ok=True)
-                shutil.copyfile(origin, share / "launch" / inside.name)
+    for target, file_path in (_all_data(package, record) if package.shared is None else package.shared).items():
+        _share(folder, file_path, target)
     for name, target in package.executables.items():
         if re.fullmatch(r"[\w.+-]{1,200}", name):
             _write(
                 folder / "install/lib" / package.name / name,
                 _wrapper_of_entry(package, target, record, interpreter),
             )
+
+
+def _share(folder: Path, file_path: str, target: str) -> None:
+    """Install a file below the prefix's share folder, and nowhere else."""
+    origin, parts = folder / "src" / file_path, PurePosixPath(target).parts
+    if parts[:1] != ("share",) or ".." in parts or not origin.is_file():
+        return
+    installed = folder / "install" / target
+    with suppress(OSError):  # a name that is a folder elsewhere, or too long
+        installed.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(origin, installed)
+
+
+def _all_data(package: PackageFact, record: SubmissionRecord) -> dict[str, str]:
+    """All data files of a package, for one whose setup.py or CMakeLists.txt does not tell."""
+    shared = {}
+    for file in record.files:
+        relative, root = PurePosixPath(file.path), PurePosixPath(package.path)
+        if relative.is_relative_to(root) and _is_shared(inside := relative.relative_to(root)):
+            shared[f"share/{package.name}/{inside}"] = file.path
+            if is_launch_file(inside.name) and len(inside.parts) == 1:
+                shared[f"share/{package.name}/launch/{inside.name}"] = file.path
+    return shared
 
 
 def _is_shared(inside: PurePosixPath) -> bool:

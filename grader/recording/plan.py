@@ -5,8 +5,14 @@ A plan is data: the live half runs it, the recording keeps it, the report shows 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import numbers
+import re
+import types
+import typing
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from itertools import pairwise
+from pathlib import PurePosixPath
 from typing import Any, TypeVar
 
 PLAN_SCHEMA = "ros-lab-grader/launch-plan/v1"
@@ -107,6 +113,8 @@ class Process:
         On what condition it was started.
     parameter_files : mapping
         Text by file name.
+    absent : str
+        Why it cannot be started here, through no fault of the launch file's.
     """
 
     id: str
@@ -137,6 +145,7 @@ class Process:
     parameter_files: Mapping[str, str] = field(default_factory=dict)
     components: tuple[Component, ...] = ()
     autostart: bool = False
+    absent: str = ""
     file: str | None = None
     line: int | None = None
 
@@ -146,6 +155,33 @@ class Process:
         if self.name is None:
             return None
         return f"{(self.namespace or '').rstrip('/')}/{self.name}"
+
+    @property
+    def _words(self) -> list[str]:
+        words = [self.path, *self.argv]
+        return " ".join(words).split() if self.shell else words
+
+    @property
+    def runs(self) -> str:
+        """Name of the executable or script that runs, behind `ros2 run` or a Python interpreter too."""
+        own = self.executable or PurePosixPath(self.path).name
+        if self.kind != "executable":
+            return own
+        words = self._words
+        program, rest = PurePosixPath(words[0]).name if words else "", words[1:]
+        if program == "ros2" and (run := ros2_run(rest)) is not None:
+            return run[1]
+        if re.fullmatch(r"python3?(\.\d+)?", program):
+            scripts = [word for word in rest if word.endswith(".py")]
+            return PurePosixPath(scripts[0]).name if scripts else own
+        return own
+
+    @property
+    def called(self) -> str | None:
+        """The node's name without its namespace, from the launch file or from a rule on the command line."""
+        rules = [word.partition(":=") for word in self._words]
+        given = [target for source, _, target in rules if source in ("__node", "__name")]
+        return self.name or (given[-1] if given else None)
 
     def command(self, parameters_folder: str) -> list[str]:
         """The command line, with the parameter files in a folder."""
@@ -173,7 +209,12 @@ class Process:
                     target = {0: None, 1: values, 2: exact}[kind]
                     if target is not None:
                         target.update(_flat(content, ""))
-        return {**values, **exact}
+        return {**self._parameters_on_command_line(), **values, **exact}
+
+    def _parameters_on_command_line(self) -> dict[str, Any]:
+        words = self._words
+        given = [word.partition(":=") for flag, word in pairwise(words) if flag in ("-p", "--param")]
+        return {name: value for name, is_rule, value in given if is_rule}
 
 
 def _sections(content: Mapping[str, Any], above: str) -> list[tuple[str, Mapping[str, Any]]]:
@@ -212,6 +253,19 @@ def _flat(content: Mapping[str, Any], above: str) -> dict[str, Any]:
         else:
             flat[f"{above}{key}"] = value
     return flat
+
+
+def ros2_run(words: Sequence[str]) -> tuple[str, str, list[str]] | None:
+    """Return package, executable and arguments of what follows `ros2` if it is `run` with a plain name for both."""
+    rest = list(words)
+    if rest[:1] != ["run"]:
+        return None
+    rest = rest[1:]
+    while rest and rest[0].startswith("--prefix"):
+        rest = rest[1 if "=" in rest[0] else 2 :]
+    if len(rest) < 2 or not all(re.fullmatch(r"[\w+-][\w.+-]{0,199}", word) for word in rest[:2]):
+        return None
+    return rest[0], rest[1], rest[2:]
 
 
 @dataclass(frozen=True)
@@ -319,8 +373,26 @@ class Plan:
 
 
 def _made(cls: type[_T], item: Mapping[str, Any], **converted: Any) -> _T:
-    known = {f.name for f in fields(cls)}  # type: ignore[arg-type]
-    return cls(**{**{k: v for k, v in item.items() if k in known}, **converted})
+    hints = typing.get_type_hints(cls)
+    given = {name: value for name, value in item.items() if name in hints and name not in converted}
+    for name, value in given.items():
+        hint = hints[name]
+        kinds = typing.get_args(hint) if isinstance(hint, types.UnionType) else (hint,)
+        if all(kind in _PLAIN for kind in kinds) and not isinstance(value, tuple(_PLAIN[kind] for kind in kinds)):
+            raise MalformedPlanError(f"'{name}' of a {cls.__name__} in a launch plan cannot be {value!r:.80}")
+    return cls(**given, **converted)
+
+
+#: What a field of a kind may hold; a field of another kind may hold anything.
+_PLAIN: Mapping[Any, type] = {
+    str: str,
+    int: int,
+    float: numbers.Real,
+    bool: bool,
+    type(None): type(None),
+    Mapping[str, str]: Mapping,
+    Mapping[str, Any]: Mapping,
+}
 
 
 def _listed(plain: Mapping[str, Any], name: str) -> list[Any]:

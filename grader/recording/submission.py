@@ -59,6 +59,8 @@ class PackageFact:
         Folder of its package.xml, relative to the root; "" for the root itself.
     executables : dict
         Executable name -> "module:function" or a file's path.
+    shared : dict or None
+        What is installed below `share/`: path below the prefix -> file's path; None if that is not known.
     problems : list of str
         What `colcon build` would stumble over, or not install.
     """
@@ -67,6 +69,7 @@ class PackageFact:
     path: str
     build_type: str
     executables: dict[str, str] = field(default_factory=dict)
+    shared: dict[str, str] | None = None
     problems: list[str] = field(default_factory=list)
 
 

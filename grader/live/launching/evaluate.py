@@ -1,6 +1,7 @@
 """Evaluates one launch file, as a script in a process that somebody else confines.
 
-Reads a request as JSON from standard input: `{"file": ..., "arguments": {...}, "root": ...}`. Writes the plan
+Reads a request as JSON from standard input: `{"file": ..., "arguments": {...}, "root": ...,
+"native": false}`; `native` asks for the real `launch` instead of the stand-in beside this script. Writes the plan
 as JSON to the file descriptor that `--result-fd` names. The launch file's own output goes where it would.
 Nothing of the rest of the grader is imported, so that the script and the stand-in beside it can be all that
 the process sees.
@@ -9,6 +10,7 @@ the process sees.
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import json
 import os
 import sys
@@ -32,8 +34,9 @@ def main(argv: list[str] | None = None) -> int:
     options = parser.parse_args(argv)
     os.set_inheritable(options.result_fd, False)
     request = json.load(sys.stdin)
+    os.write(options.result_fd, b"\n")  # whatever happens now, the evaluation itself has started
     process = os.getpid()
-    _see_only_the_standin()
+    _see_only(*([] if request.get("native") else [str(STANDIN)]))
     plan = _evaluate(request)
     if os.getpid() != process:
         os._exit(0)  # the launch file forked, and this is its child
@@ -43,17 +46,26 @@ def main(argv: list[str] | None = None) -> int:
     return 0
 
 
-def _see_only_the_standin() -> None:
+def _see_only(*folders: str) -> None:
     # A launch file must not be able to import this script's neighbours.
     kept = [p for p in sys.path if p and Path(p).resolve() != HERE]
-    sys.path[:] = [str(STANDIN), *kept]
+    sys.path[:] = [*folders, *kept]
     sys.dont_write_bytecode = True
 
 
 def _evaluate(request: dict[str, Any]) -> dict[str, Any]:
-    from launch._evaluation import evaluate
+    if request.get("native"):
+        spec = importlib.util.spec_from_file_location("native_evaluation", HERE / "native.py")
+        assert spec is not None
+        assert spec.loader is not None
+        native = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(native)
+        evaluate = native.evaluate
+    else:
+        from launch._evaluation import evaluate
 
-    return evaluate(request["file"], request.get("arguments") or {}, request["root"])
+    plan: dict[str, Any] = evaluate(request["file"], request.get("arguments") or {}, request["root"])
+    return plan
 
 
 if __name__ == "__main__":

@@ -525,7 +525,6 @@ NODES = [
         "unknown_keyword",
         expect={"problem.remedy has": "'name='"},
     ),
-    fails("Foxy's node_executable", "Node(package='demo', node_executable='talker')", "missing_keyword"),
     fails("positional arguments", "Node('demo', 'talker')", "positional_argument"),
     fails(
         "a misspelt keyword",
@@ -1006,7 +1005,7 @@ WHOLE = [
     whole(
         "a name error",
         "def generate_launch_description():\n    return LaunchDescription([])\n",
-        "exception",
+        "unknown_name",
         2,
     ),
     whole("exit at load", "import sys\nsys.exit(0)\n", "exits", 2),
@@ -1183,4 +1182,130 @@ MARKUP = [
     ),
 ]
 
-CASES = [*ARGUMENTS, *PARAMETERS, *NODES, *FLOW, *SUBSTITUTIONS, *INCLUDES, *WHOLE, *MARKUP]
+DEPENDS = """\
+from launch import LaunchDescription
+from launch.actions import IncludeLaunchDescription
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+from ament_index_python.packages import get_package_share_directory
+def generate_launch_description():
+    share = get_package_share_directory('{}')
+    return LaunchDescription([IncludeLaunchDescription(PythonLaunchDescriptionSource(share + '/launch/{}'))])
+"""
+PACKAGE = {"pkg/package.xml": "<package/>", "pkg/setup.py": "", "pkg/demo/speaker.py": "", "pkg/demo/__init__.py": ""}
+
+MISTAKES = [
+    fails(
+        "an executable of Foxy, by its keyword",
+        "Node(package='demo', node_executable='talker')",
+        "unknown_keyword",
+        expect={"problem.remedy has": "'executable='", "problem.message has": "Node() got"},
+    ),
+    fails(
+        "a name of Foxy, by its keyword",
+        "talker(node_name='t')",
+        "unknown_keyword",
+        expect={"problem.remedy has": "'name='", "problem.message has": "Node() got"},
+    ),
+    fails("a remapping as text", "talker(remappings=['a:=b'])", "bad_remapping"),
+    fails("a pair of texts instead of a list of pairs", "talker(remappings=('a', 'b'))", "bad_remapping"),
+    fails("a condition that says yes", "LogInfo(msg='x', condition=IfCondition('yes'))", "bad_condition"),
+    fails("a condition that is a bool", "LogInfo(msg='x', condition=IfCondition(True))", "bad_text"),
+    fails(
+        "a file that includes itself, by its short name",
+        "IncludeLaunchDescription(PythonLaunchDescriptionSource(__file__))",
+        "include_recursive",
+        expect={"problem.message": "'x_launch.py' includes itself without end"},
+    ),
+    fails(
+        "a name that was not imported",
+        "Nodee(package='demo', executable='talker')",
+        "unknown_name",
+        expect={"problem.remedy has": "'Node'"},
+    ),
+    whole(
+        "an action from the wrong module",
+        "from launch.actions import Node\n",
+        "unknown_import",
+        1,
+        expect={"problem.remedy": "Import it from 'launch_ros.actions'."},
+    ),
+    whole(
+        "a function whose name is misspelt",
+        "def generate_launch_descripton():\n    pass\n",
+        "no_generate_function",
+        None,
+        expect={"problem.remedy has": "Rename 'generate_launch_descripton'"},
+    ),
+    fails(
+        "an executable whose module has no entry point",
+        "Node(package='demo', executable='speaker')",
+        "unknown_executable",
+        _files=PACKAGE,
+        expect={"problem.remedy has": '"speaker = demo.speaker:main"', "problem.message has": "pkg/demo/speaker.py"},
+    ),
+    Case(
+        "an included file that is not installed",
+        DEPENDS.format("demo", "inner.launch.py"),
+        {
+            "outcome": "error",
+            "problem.kind": "include_not_found",
+            "problem.line": 7,
+            "problem.remedy has": "data_files: ('share/demo/launch', ['launch/inner.launch.py'])",
+        },
+        files={**PACKAGE, "pkg/launch/inner.launch.py": ""},
+    ),
+    Case(
+        "a package of ROS that is not here",
+        DEPENDS.format("ros_gz_sim", "gz_sim.launch.py"),
+        {"outcome": "not_assessable", "problem.kind": "missing_package", "problem.module": "ros_gz_sim"},
+    ),
+    body(
+        "a node of a package of ROS that is not here",
+        "Node(package='rviz2', executable='rviz2'), talker()",
+        expect={"len processes": 2, "processes.0.absent has": "'rviz2'", "processes.1.absent": "", "warnings": []},
+    ),
+    body(
+        "a container of components is not here",
+        "ComposableNodeContainer(package='rclcpp_components', executable='component_container', name='c', namespace='',\n"
+        " composable_node_descriptions=[ComposableNode(package='demo', plugin='demo::Talker', name='t')])",
+        expect={"processes.0.kind": "container", "processes.0.components.0.name": "t"},
+    ),
+    Case(
+        "an attribute of ROS 1",
+        "<launch>\n<node pkg='demo' type='talker'/>\n</launch>",
+        {"outcome": "error", "problem.kind": "bad_markup", "problem.line": 2, "problem.remedy has": "exec="},
+        filename="x.xml",
+    ),
+    Case(
+        "a substitution of ROS 1",
+        "<launch>\n<log message='$(find demo)'/>\n</launch>",
+        {"outcome": "error", "problem.kind": "bad_markup", "problem.line": 2, "problem.remedy has": "find-pkg-share"},
+        filename="x.xml",
+    ),
+    Case(
+        "a parameter without a name in XML",
+        "<launch>\n<node pkg='demo' exec='talker'>\n<param value='1'/>\n</node>\n</launch>",
+        {"outcome": "error", "problem.kind": "bad_markup", "problem.line": 3},
+        filename="x.xml",
+    ),
+    Case(
+        "an executable that does not exist in YAML",
+        "launch:\n- node:\n    pkg: demo\n    exec: taker\n",
+        {"outcome": "error", "problem.kind": "unknown_executable", "problem.line": 2},
+        filename="x.yaml",
+    ),
+    Case(
+        "YAML that is indented wrongly",
+        "launch:\n- node:\n    pkg: demo\n   exec: talker\n",
+        {"outcome": "error", "problem.kind": "bad_markup", "problem.line": 4},
+        filename="x.yaml",
+    ),
+    Case(
+        "a required argument in YAML",
+        "launch:\n- arg:\n    name: a\n",
+        {"outcome": "error", "problem.kind": "required_argument", "problem.line": 2},
+        filename="x.yaml",
+    ),
+]
+
+CASES = [*MISTAKES, *ARGUMENTS, *PARAMETERS, *NODES, *FLOW, *SUBSTITUTIONS, *INCLUDES, *WHOLE, *MARKUP]

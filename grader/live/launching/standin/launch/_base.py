@@ -130,6 +130,8 @@ class Condition(Located):
 class LaunchDescriptionEntity(Located):
     """Whatever may stand in a launch description."""
 
+    context_of_completion: Any = None
+
     def describe(self) -> str:
         """Text for people."""
         return f"<{type(self).__name__}>"

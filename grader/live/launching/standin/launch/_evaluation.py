@@ -30,6 +30,7 @@ def evaluate(file: str, arguments: dict[str, Any], root: str) -> dict[str, Any]:
         The plan, ready for JSON.
     """
     context = LaunchContext()
+    context.session.root = root
     outcome, problem = "ok", None
     given = {str(name): str(value) for name, value in arguments.items()}
     sys.argv = ["ros2", "launch", file, *(f"{name}:={value}" for name, value in given.items())]

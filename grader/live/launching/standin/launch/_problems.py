@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import difflib
+import importlib
+import os
 import re
 import sys
 import traceback
@@ -10,8 +12,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ._base import UnsupportedByStandin
-from ._catalogue import SUBMODULES, homes_of, similar_names
+from ._base import Located, UnsupportedByStandin
+from ._catalogue import SUBMODULES, homes_of, is_released, similar_names
+from ._installed import missing_data_file
 from ._session import LimitExceededError
 from ._sources import InvalidPythonLaunchFileError, WrongReturnError
 
@@ -42,6 +45,8 @@ _KEYWORDS = (
     "on_start on_stdout on_stderr on_shutdown function scoped forwarding sigterm_timeout sigkill_timeout",
 )
 
+_NOT_HERE = ("unsupported", "missing_module", "missing_package")
+
 Described = tuple[str, str, str]
 
 
@@ -67,8 +72,8 @@ def problem_of(error: BaseException, root: str, file: str, context: Any) -> tupl
         "line": line,
         "remedy": remedy,
     }
-    outcome = "not_assessable" if kind in ("unsupported", "missing_module", "no_prefix") else "error"
-    if kind in ("unsupported", "missing_module"):
+    outcome = "not_assessable" if kind in (*_NOT_HERE, "no_prefix") else "error"
+    if kind in _NOT_HERE:
         problem["module"] = getattr(error, "name", None) or ""
     return outcome, problem
 
@@ -113,7 +118,7 @@ def _describe(error: BaseException, context: Any) -> Described:
             found = describe(error, context)
             if found is not None:
                 return found
-    message = _text(error)
+    message = _with_class(_text(error), error)
     for pattern, kind, remedy in _BY_MESSAGE:
         match = re.search(pattern, message)
         if match:
@@ -124,6 +129,26 @@ def _describe(error: BaseException, context: Any) -> Described:
         f"{name}: {message}",
         "Mend the line: it raises this exception while the file is read.",
     )
+
+
+def _with_class(message: str, error: BaseException) -> str:
+    """Name the class that the student used, where Python names one behind it."""
+    match = re.match(r"\w+\.__init__\(\) got an unexpected", message)
+    if match is None:
+        return message
+    made = [frame.f_locals.get("self") for frame, _ in traceback.walk_tb(error.__traceback__)]
+    ours = [type(one).__name__ for one in made if isinstance(one, Located)]
+    return f"{ours[-1]}() {message.partition('() ')[2]}" if ours else message
+
+
+def _markup(match: re.Match[str], _: Any) -> str:
+    if "'exec'" in match.string:
+        return "Write exec='...' (ROS 1 wrote type='...')."
+    if "'$(find " in match.string:
+        return "Write $(find-pkg-share package) (ROS 1 wrote $(find package))."
+    if "'$(arg " in match.string:
+        return "Write $(var name) (ROS 1 wrote $(arg name))."
+    return "Use what the format knows."
 
 
 def _text(error: BaseException) -> str:
@@ -184,6 +209,7 @@ def _attribute(error: Any, _: Any) -> Described | None:
 
 
 def _unknown_name(name: str, module: str) -> Described:
+    _import_all()
     homes = [home for home in homes_of(name) if home != module]
     similar = similar_names(module, name)
     if homes:
@@ -196,9 +222,41 @@ def _unknown_name(name: str, module: str) -> Described:
 
 
 def _no_function(error: Any, _: Any) -> Described:
-    meant = near("generate_launch_description", getattr(error, "module_names", ()))
-    remedy = f"{meant}Write a function 'def generate_launch_description():' that returns a LaunchDescription."
+    names = getattr(error, "module_names", ())
+    meant = difflib.get_close_matches("generate_launch_description", names, n=1)
+    remedy = f"Rename '{meant[0]}': w" if meant else "W"
+    remedy += "rite a function 'def generate_launch_description():' that returns a LaunchDescription."
     return "no_generate_function", str(error), remedy
+
+
+def _name(error: Any, _: Any) -> Described | None:
+    name = getattr(error, "name", None) or ""
+    _import_all()
+    homes = homes_of(name)
+    if homes:
+        return "unknown_name", str(error), f"Import it: from {homes[0]} import {name}"
+    there = [n for m in list(sys.modules) if m.split(".")[0] in ("launch", "launch_ros") for n in _public(m)]
+    return "unknown_name", str(error), f"{near(name, there)}Define or import the name before it is used."
+
+
+def _public(module: str) -> tuple[str, ...]:
+    return tuple(getattr(sys.modules.get(module), "__all__", ()))
+
+
+def _import_all() -> None:
+    """Load the modules whose names a student may mean."""
+    for module in (
+        "launch.actions",
+        "launch.conditions",
+        "launch.event_handlers",
+        "launch.launch_description_sources",
+        "launch.substitutions",
+        "launch_ros.actions",
+        "launch_ros.descriptions",
+        "launch_ros.parameter_descriptions",
+        "launch_ros.substitutions",
+    ):
+        importlib.import_module(module)
 
 
 def _wrong_return(error: Any, _: Any) -> Described:
@@ -218,15 +276,32 @@ def _package(error: Any, _: Any) -> Described | None:
 
     match = re.search(r"package '([^']*)'", _text(error))
     name = match[1] if match else ""
+    if is_released(name):
+        message = f"the launch file needs the package '{name}', which is not installed where it is evaluated"
+        error.name = name
+        return "missing_package", message, "Nothing, if the package is installed where you launch."
     there = sorted(get_packages_with_prefixes())
-    shown = ", ".join(there[:8]) + (" …" if len(there) > 8 else "")
-    remedy = f"{near(name, there)}Write the name as in package.xml and setup.py."
-    return "unknown_package", f"package '{name}' not found; there are: {shown}", remedy
+    own_prefix = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)[0]
+    own = [package for package in there if (Path(own_prefix) / "share" / package).is_dir()]
+    shown = ", ".join(own[:8]) + (" …" if len(own) > 8 else "") if own else "no package"
+    remedy = f"{near(name, own or there)}Write the name as in package.xml and setup.py."
+    return "unknown_package", f"package '{name}' not found; the submission has: {shown}", remedy
 
 
-def _file(error: Any, _: Any) -> Described | None:
+def _file(error: Any, context: Any) -> Described | None:
     path = str(error.filename or error)
-    if getattr(error, "launch_object", "") == "IncludeLaunchDescription" or path.endswith((".launch.py", "launch.xml")):
+    included = getattr(error, "launch_object", "") == "IncludeLaunchDescription" or path.endswith(
+        (".launch.py", "launch.xml")
+    )
+    missing = missing_data_file(path, context.session.root)
+    if missing is not None:
+        what, kind = ("the included launch file", "include_not_found") if included else ("the file", "file_not_found")
+        message = (
+            f"{what} '{missing[0]}' is in the package, but {missing[1]} does not install it "
+            f"into the share folder, where this launch file looks for it"
+        )
+        return kind, message, f"Add to {missing[1]}: {missing[2]}, and build again."
+    if included:
         remedy = "Correct the path, and install the file in setup.py under data_files."
         return "include_not_found", f"the included launch file '{path}' does not exist", remedy
     return "file_not_found", f"the file '{path}' does not exist", "Correct the path, or hand the file in."
@@ -250,6 +325,7 @@ _BY_TYPE: list[tuple[Any, Callable[[Any, Any], Described | None]]] = [
     (WrongReturnError, _wrong_return),
     (AttributeError, _attribute),
     (LimitExceededError, _limit),
+    (NameError, _name),
     (KeyError, _package),
     (FileNotFoundError, _file),
     (OSError, _no_prefix),
@@ -270,6 +346,11 @@ def _configuration(match: re.Match[str], context: Any) -> str:
 
 
 def _executable(match: re.Match[str], _: Any) -> str:
+    missing = re.search(r"but (\S+) does not install it \((.+) is missing\)", match.string)
+    if missing and missing[1] == "setup.py":
+        return f"Add to console_scripts in setup.py: {missing[2]}, and build again."
+    if missing:
+        return f"Add to {missing[1]}: {missing[2]}, and build again."
     return "Write the name of an entry point of setup.py ('name = package.module:main'), and build again."
 
 
@@ -343,8 +424,8 @@ _BY_MESSAGE: list[tuple[str, str, _Remedy]] = [
     (r"target_action must be", "bad_target", "Give the action itself, as it is kept in a variable."),
     (r"not well-formed|root of a launch file|mapping", "bad_markup", "Mend the file where it says."),
     (
-        r"^<\w+> |the attribute '|there is no (action|substitution)",
+        r"^(a )?<\w+> |the attribute '|there is no (action|substitution)",
         "bad_markup",
-        "Use what the format knows.",
+        _markup,
     ),
 ]

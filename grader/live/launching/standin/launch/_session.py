@@ -31,6 +31,7 @@ class Session:
     """What an evaluation has found so far."""
 
     def __init__(self) -> None:
+        self.root = ""
         self.initial_environment = dict(os.environ)
         self.processes: list[dict[str, Any]] = []
         self.arguments: list[dict[str, Any]] = []
@@ -162,7 +163,8 @@ class Session:
         """
         self.include_chain.append(file)
         if self.include_chain.count(file) > INCLUDE_LIMIT:
-            raise LimitExceededError(f"'{file}' includes itself without end")
+            shown = os.path.relpath(file, self.root) if self.root else file
+            raise LimitExceededError(f"'{shown}' includes itself without end")
 
     def add_process(self, process: dict[str, Any]) -> None:
         """Note a process that would be started.

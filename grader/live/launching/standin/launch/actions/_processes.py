@@ -20,6 +20,7 @@ from .._base import (
     normalize_to_list_of_substitutions,
     perform_substitutions,
 )
+from .._catalogue import ELSEWHERE
 from ..conditions import evaluate_condition_expression
 from ..descriptions import Executable
 from ..event_handlers import BaseEventHandler, EventHandler, OnProcessExit
@@ -384,6 +385,7 @@ class ExecuteLocal(Action):
             "sigkill_timeout_s": float(perform_substitutions(context, self.__sigkill_timeout)),
             "when": context.session.when,
             "condition_note": context.session.condition_note(self),
+            "absent": "",
             "source": self.source_line,
         }
 
@@ -391,7 +393,7 @@ class ExecuteLocal(Action):
         path, argv = command[0], command[1:]
         if not self.__shell:
             found = shutil.which(path, path=context.environment.get("PATH"))
-            if found is None:
+            if found is None and not path.startswith(f"{ELSEWHERE}/"):
                 context.session.warn(f"the program '{path}' is not found, so it cannot start", self.source_line)
             path = found or path
         return {"path": path, "argv": argv}

@@ -70,7 +70,9 @@ def read_yaml(text: str, path: str) -> Element:
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = mark.line + 1 if mark else 1
-        raise InvalidMarkupError(f"this is not well-formed YAML: {error}", (path, line)) from error
+        raise InvalidMarkupError(
+            f"this is not well-formed YAML: {getattr(error, 'problem', None) or error}", (path, line)
+        ) from error
     if not isinstance(node, yaml.MappingNode) or not node.value:
         raise InvalidMarkupError("the file must be a mapping with the key 'launch'", (path, 1))
     key, value = node.value[0]

@@ -9,10 +9,13 @@ from typing import Any
 
 from launch._base import (
     Action,
+    blame,
     ensure_argument_type,
     normalize_to_list_of_substitutions,
     perform_substitutions,
 )
+from launch._catalogue import ELSEWHERE
+from launch._installed import missing_data_file
 from launch.actions import ExecuteProcess
 from launch.frontend.expose import expose_action
 from launch.substitutions import LocalSubstitution
@@ -65,6 +68,12 @@ class Node(ExecuteProcess):
     kind = "node"
     UNSPECIFIED_NODE_NAME = "<node_name_unspecified>"
     UNSPECIFIED_NODE_NAMESPACE = "<node_namespace_unspecified>"
+
+    def __new__(cls, *args: Any, **kwargs: Any) -> Any:
+        # Python would complain of the missing 'executable', and not say what was given instead.
+        if "node_executable" in kwargs and "executable" not in kwargs:
+            raise TypeError(f"{cls.__name__}() got an unexpected keyword argument 'node_executable'")
+        return super().__new__(cls, *args, **kwargs)
 
     def __init__(
         self,
@@ -134,7 +143,7 @@ class Node(ExecuteProcess):
             ]
         params = entity.nested("param")
         if params:
-            kwargs["parameters"] = [_parse_param(param, parser) for param in params]
+            kwargs["parameters"] = [_parse_param_at_its_line(param, parser) for param in params]
         for inner in [*remaps, *params]:
             inner.assert_entity_completely_parsed()
         return kwargs
@@ -234,6 +243,11 @@ class Node(ExecuteProcess):
             self._extend("--params-file", placeholder)
         elif not path.is_file():
             message = f"the parameter file '{path}' does not exist, so the node starts without it"
+            if missing := missing_data_file(str(path), context.session.root):
+                message = (
+                    f"the parameter file '{missing[0]}' is not installed, so the node starts without it: "
+                    f"add to {missing[1]}: {missing[2]}"
+                )
             context.session.warn(message, self.source_line)
             return
         else:
@@ -278,7 +292,9 @@ class Node(ExecuteProcess):
     def _complete_plan(self, context: Any, plan: dict[str, Any]) -> None:
         normal = normalize_to_list_of_substitutions
         if self.__package is not None:
-            plan["package"] = perform_substitutions(context, normal(self.__package))
+            package = plan["package"] = perform_substitutions(context, normal(self.__package))
+            if plan["path"].startswith(f"{ELSEWHERE}/lib/{package}/") and not os.access(plan["path"], os.X_OK):
+                plan["absent"] = f"the package '{package}' is not installed where this is evaluated"
         plan["executable"] = perform_substitutions(context, normal(self.__executable))
         plan["name"] = None if self.__name is None else self.__expanded_name
         known = self.__expanded_namespace != self.UNSPECIFIED_NODE_NAMESPACE
@@ -326,6 +342,14 @@ def _type_named(name: str | None) -> Any:
 
         return {"int": List[int], "float": List[float], "bool": List[bool], "str": List[str]}[name[8:]]  # noqa: UP006
     return kind
+
+
+def _parse_param_at_its_line(param: Any, parser: Any) -> Any:
+    try:
+        return _parse_param(param, parser)
+    except Exception as error:
+        blame(error, param)
+        raise
 
 
 def _parse_param(param: Any, parser: Any) -> Any:

@@ -13,7 +13,8 @@ from launch._base import (
     normalize_to_list_of_substitutions,
     perform_substitutions,
 )
-from launch._catalogue import missing_name
+from launch._catalogue import ELSEWHERE, is_released, missing_name
+from launch._installed import missing_entry_point
 from launch.frontend.expose import expose_substitution
 
 __all__ = [
@@ -107,7 +108,12 @@ class ExecutableInPackage(FindPackagePrefix):
         """The path."""
         executable = perform_substitutions(context, self.__executable)
         package = perform_substitutions(context, self._package)
-        folder = Path(self.find(package)) / "lib" / package
+        try:
+            folder = Path(self.find(package)) / "lib" / package
+        except LookupError:
+            if is_released(package):
+                return f"{ELSEWHERE}/lib/{package}/{executable}"
+            raise
         if not folder.exists():
             raise SubstitutionFailure(
                 f"package '{package}' has no executables at all: its folder lib/{package} does not exist"
@@ -115,16 +121,22 @@ class ExecutableInPackage(FindPackagePrefix):
         path = folder / executable
         if path.is_file() and os.access(path, os.X_OK):
             return str(path)
-        raise SubstitutionFailure(_not_found(executable, package, folder))
+        raise SubstitutionFailure(_not_found(executable, package, folder, context.session.root))
 
 
-def _not_found(executable: str, package: str, folder: Path) -> str:
+def _not_found(executable: str, package: str, folder: Path, root: str) -> str:
     there = sorted(p.name for p in folder.iterdir() if p.is_file() and os.access(p, os.X_OK))
     if (folder / executable).is_file():
         return f"executable '{executable}' of package '{package}' is there, but may not be executed (chmod +x)"
+    listed = ", ".join(there) or "nothing"
+    entry = missing_entry_point(executable, package, root)
+    if entry is not None:
+        return (
+            f"executable '{executable}' not found in package '{package}': its file {entry[0]} is there, "
+            f"but {entry[1]} does not install it ({entry[2]} is missing). The package has: {listed}"
+        )
     close = difflib.get_close_matches(executable.removesuffix(".py"), there, n=1)
     meant = f"; did you mean '{close[0]}'?" if close else ""
-    listed = ", ".join(there) or "nothing"
     return f"executable '{executable}' not found in package '{package}'{meant} The package has: {listed}"
 
 

@@ -1,0 +1,76 @@
+"""What lies in the submission, but is not installed: the commonest reason why something is not found."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+MOST_FILES = 5000
+
+
+def _files_below(root: str) -> Iterator[Path]:
+    seen = 0
+    for folder, folders, names in os.walk(root):
+        folders[:] = sorted(name for name in folders if not name.startswith(".") and name != "__pycache__")
+        for name in sorted(names):
+            seen += 1
+            if seen > MOST_FILES:
+                return
+            yield Path(folder) / name
+
+
+def _package_of(path: Path, root: str) -> Path | None:
+    """The folder with the package.xml above a file, inside the submission."""
+    for folder in path.parents:
+        if not folder.is_relative_to(root):
+            return None
+        if (folder / "package.xml").is_file():
+            return folder
+    return None
+
+
+def missing_entry_point(executable: str, package: str, root: str) -> tuple[str, str, str] | None:
+    """A file that an executable was meant to run: (its path, the build file, the line that is missing).
+
+    Parameters
+    ----------
+    executable, package : str
+        As the launch file names them.
+    root : str
+        The submission.
+    """
+    wanted = executable.removesuffix(".py") + ".py"
+    for path in _files_below(root) if root else ():
+        home = _package_of(path, root) if path.name == wanted else None
+        if home is None:
+            continue
+        inside = path.relative_to(home)
+        shown = str(path.relative_to(root))
+        if (home / "setup.py").is_file() and len(inside.parts) > 1:
+            module = ".".join(inside.with_suffix("").parts)
+            return shown, "setup.py", f'"{executable} = {module}:main"'
+        if (home / "CMakeLists.txt").is_file():
+            return shown, "CMakeLists.txt", f"install(PROGRAMS {inside} DESTINATION lib/${{PROJECT_NAME}})"
+    return None
+
+
+def missing_data_file(path: str, root: str) -> tuple[str, str, str] | None:
+    """A file that was meant by a path in a share folder: (its path, the build file, the line that is missing)."""
+    parts = Path(path).parts
+    if not root or "share" not in parts[:-2]:
+        return None
+    at = len(parts) - 1 - parts[::-1].index("share")
+    package, inside = parts[at + 1], Path(*parts[at + 2 :])
+    for file in _files_below(root):
+        home = _package_of(file, root) if file.name == inside.name else None
+        home = _package_of(file, root) if file.name == inside.name else None
+        if home is None:
+            continue
+        source = file.relative_to(home)
+        if (home / "setup.py").is_file():
+            target = (Path("share") / package / inside).parent
+            return str(file.relative_to(root)), "setup.py", f"data_files: ('{target}', ['{source}'])"
+        line = f"install(DIRECTORY {source.parts[0]} DESTINATION share/${{PROJECT_NAME}})"
+        return str(file.relative_to(root)), "CMakeLists.txt", line
+    return None

@@ -1,0 +1,93 @@
+"""Where the real `launch` and `launch_ros` are, on a machine that has them."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+from dataclasses import asdict, dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+from grader.errors import PlatformError
+
+_PROBE = """
+import json, os, sys
+import launch, launch_ros, launch.actions, launch_ros.actions, launch.launch_description_sources
+print(json.dumps({
+    "python_path": [p for p in sys.path if p and os.path.isdir(p)],
+    "prefixes": [p for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if os.path.isdir(p)],
+    "library_path": os.environ.get("LD_LIBRARY_PATH", ""),
+}))
+"""
+
+
+class LaunchChoice(str, Enum):
+    """Which implementation of `launch` evaluates launch files."""
+
+    STANDIN = "standin"
+    NATIVE = "native"
+    AUTO = "auto"
+
+
+@dataclass(frozen=True)
+class NativeLaunch:
+    """What an interpreter needs in order to import the real `launch`."""
+
+    python_path: list[str]
+    prefixes: list[str]
+    library_path: str
+
+    def environment(self, prefix: str) -> dict[str, str]:
+        """Variables for an evaluation; `prefix` is where the submission is installed."""
+        return {
+            "PYTHONPATH": ":".join(self.python_path),
+            "AMENT_PREFIX_PATH": ":".join([prefix, *self.prefixes]),
+            "LD_LIBRARY_PATH": self.library_path,
+        }
+
+    @property
+    def folders(self) -> dict[str, Path]:
+        """Folders that must be seen, where they are, besides those that always are."""
+        return {p: Path(p) for p in [*self.prefixes, *self.python_path] if not p.startswith("/usr")}
+
+    def to_plain(self) -> dict[str, Any]:
+        """Plain data, for the session process."""
+        return asdict(self)
+
+
+def find_native_launch(interpreter: Path, choice: LaunchChoice) -> NativeLaunch | None:
+    """Find the real `launch` in the environment from which the grader was started; None for the stand-in.
+
+    Raises
+    ------
+    PlatformError
+        If it was asked for and cannot be imported.
+    """
+    if choice is LaunchChoice.STANDIN:
+        return None
+    problem = "it does not answer"
+    try:
+        run = subprocess.run(
+            [str(interpreter), "-c", _PROBE],
+            capture_output=True,
+            text=True,
+            timeout=30,
+            check=False,
+            stdin=subprocess.DEVNULL,
+            env=dict(os.environ),
+        )
+        if run.returncode == 0:
+            return NativeLaunch(**json.loads(run.stdout))
+        problem = run.stderr.strip().rsplit("\n", 1)[-1] or problem
+    except (OSError, subprocess.TimeoutExpired, ValueError, TypeError) as error:
+        problem = str(error)
+    if choice is LaunchChoice.AUTO:
+        return None
+    raise PlatformError(
+        f"the real launch and launch_ros cannot be imported ({problem[:200]})",
+        where=str(interpreter),
+        remedy="Source a ROS 2 installation and give its interpreter with --python, or leave --launch out: "
+        "the stand-in needs no ROS installation.",
+    )

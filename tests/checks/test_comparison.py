@@ -1,0 +1,234 @@
+"""Checks of a tool that compares QoS profiles: how it ends, its profiles, and whether its numbers are true."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import ValidationError
+
+from grader.checks import REGISTRY
+from grader.recording.session import Qos
+from grader.result import Finding, Outcome
+from tests.synthetic import BEST_EFFORT, RELIABLE, Session, at, evenly, judged, submission
+
+TOPIC = "/test_fast"
+ENDS = {"artifact": "it", "step": "exit", "least_s": 8, "most_s": 16, "output": "Results"}
+WANTED = {
+    "topic": TOPIC,
+    "reliability": "reliable",
+    "durability": "volatile",
+    "history": "keep_last",
+    "depth": 10,
+}
+PROFILES = {"artifact": "it", "profiles": [WANTED]}
+REPORTED = {
+    "artifact": "it",
+    "rows": [{"name": "fast", "topic": TOPIC}],
+    "pattern": r"(?P<count>\d+) msgs, avg latency: (?P<mean_ms>[\d.]+)ms, max: (?P<max_ms>[\d.]+)ms",
+}
+CLAIM = replace(RELIABLE, history="keep_last", depth=10)
+
+
+# -- the end ---------------------------------------------------------------------------------------
+
+
+def ended(folder: Path, after_s: float, *lines: str, **facts: Any) -> Finding:
+    """Judge a program that ended by itself after a time."""
+    how = {"interrupted_ns": None, "exited_ns": at(0.1 + after_s), "ended_by": "itself", **facts}
+    return judged("ends_by_itself", ENDS, Session(folder).process("it", lines, **how))
+
+
+def test_a_program_that_ends_with_results_passes(tmp_path: Path) -> None:
+    """Results and an end in time earn all, and another exit status is noted only."""
+    assert ended(tmp_path / "a", 10.2, "Results").outcome is Outcome.PASSED
+    assert ended(tmp_path / "b", 10.2, "Results", exit_status=1).notes == ("Its exit status is 1.",)
+
+
+@pytest.mark.parametrize(
+    ("after_s", "lines", "facts", "credit", "words"),
+    [
+        (3.0, ["Results"], {}, "0.5", "after 3.0 s already"),
+        (10.0, [], {}, "0", "ended by itself with exit status 0"),
+        (22.0, ["Results"], {"interrupted_ns": at(22.1), "ended_by": "interrupt"}, "0.5", "had to be stopped"),
+        (22.0, [], {"interrupted_ns": at(22.1), "ended_by": "kill"}, "0", "still running after 22 s"),
+    ],
+)
+def test_each_other_end_is_told_apart(
+    tmp_path: Path, after_s: float, lines: list[str], facts: dict[str, Any], credit: str, words: str
+) -> None:
+    """Ending well and having results are half each."""
+    finding = ended(tmp_path, after_s, *lines, **facts)
+    assert finding.credit == Decimal(credit)
+    assert words in finding.reason
+
+
+def test_a_program_that_was_not_started_decides_nothing(tmp_path: Path) -> None:
+    """Without its process the recording cannot answer; without its file the check fails."""
+    assert judged("ends_by_itself", ENDS, Session(tmp_path)).outcome is Outcome.INCONCLUSIVE
+    assert judged("ends_by_itself", ENDS, Session(tmp_path), submission(it=None)).outcome is Outcome.FAILED
+
+
+# -- traffic ---------------------------------------------------------------------------------------
+
+
+def test_each_topic_with_traffic_is_a_part(tmp_path: Path) -> None:
+    """One of two topics with enough messages earns half, counted by sequence numbers."""
+    session = Session(tmp_path).messages("/a", [[0.0]] * 2, [1.0, 2.0], sequence=[1, 200])
+    session.messages("/b", [[0.0]] * 3, [1.0, 2.0, 3.0])
+    finding = judged("topics_carry_traffic", {"topics": ["/a", "/b"], "least_messages": 100}, session)
+    assert finding.credit == Decimal("0.5")
+    assert finding.reason == "Too little came on /b."
+
+
+# -- profiles --------------------------------------------------------------------------------------
+
+
+def profiled(
+    folder: Path, qos: Qos, claim: Qos | None = CLAIM, kinds: tuple[str, ...] = ("publisher", "subscription")
+) -> Finding:
+    """Judge a topic whose sides have this QoS in the graph, and asked for that in the source."""
+    session = Session(folder)
+    for kind in kinds:
+        session.endpoint(kind, TOPIC, qos=qos)
+        if claim is not None:
+            session.claim(kind, TOPIC, qos=claim)
+    return judged("qos_profiles", PROFILES, session)
+
+
+def test_a_profile_as_asked_passes(tmp_path: Path) -> None:
+    """All four policies right earn all."""
+    assert profiled(tmp_path, RELIABLE).outcome is Outcome.PASSED
+
+
+@pytest.mark.parametrize(
+    ("qos", "claim", "credit", "words"),
+    [
+        (BEST_EFFORT, CLAIM, "0.75", "reliability best_effort, not reliable"),
+        (RELIABLE, replace(CLAIM, depth=1), "0.75", "depth 1, not 10"),
+        (RELIABLE, replace(CLAIM, history="keep_all", depth=0), "0.5", "history keep_all"),
+        (RELIABLE, None, "1", ""),
+    ],
+)
+def test_each_policy_is_a_part(tmp_path: Path, qos: Qos, claim: Qos | None, credit: str, words: str) -> None:
+    """A wrong policy costs a quarter; a depth that nobody knows costs nothing."""
+    finding = profiled(tmp_path, qos, claim)
+    assert finding.credit == Decimal(credit)
+    assert words in finding.reason
+
+
+def test_a_side_that_is_missing_costs_half(tmp_path: Path) -> None:
+    """A publisher without a subscription shows half of the profile."""
+    finding = profiled(tmp_path, RELIABLE, kinds=("publisher",))
+    assert finding.credit == Decimal("0.5")
+    assert f"no subscription on {TOPIC}" in finding.reason
+
+
+def test_no_endpoint_earns_nothing(tmp_path: Path) -> None:
+    """A topic that is not there has no profile."""
+    assert profiled(tmp_path, RELIABLE, kinds=()).outcome is Outcome.FAILED
+
+
+def test_without_the_tap_the_source_is_read(tmp_path: Path) -> None:
+    """History and depth come from the source where the tap noted nothing."""
+    source = (
+        "from rclpy.qos import QoSProfile\n"
+        "class N(Node):\n    def __init__(self):\n"
+        f"        self.create_publisher(T, '{TOPIC}', QoSProfile(depth=3))\n"
+    )
+    session = Session(tmp_path).endpoint("publisher", TOPIC).endpoint("subscription", TOPIC)
+    finding = judged("qos_profiles", PROFILES, session, submission({"it.py": source}))
+    assert "depth 3, not 10" in finding.reason
+    assert finding.where[0].line == 4
+
+
+# -- honesty ---------------------------------------------------------------------------------------
+
+
+def reported(folder: Path, line: str, latency_s: float = 0.001, listens: bool = True) -> Finding:
+    """Judge what is printed of a thousand messages."""
+    session = Session(folder).endpoint("publisher", TOPIC).process("it", [line])
+    if listens:
+        session.endpoint("subscription", TOPIC)
+    times = evenly(100, 9.99)
+    session.messages(TOPIC, [[0.0]] * len(times), times, latency_s=latency_s)
+    return judged("reported_traffic", REPORTED, session)
+
+
+def row(count: int = 1000, mean_ms: float = 1.0, max_ms: float = 3.0, name: str = "fast") -> str:
+    """Give a line of results."""
+    return f"{name:10}: {count:5} msgs, avg latency: {mean_ms:.2f}ms, max: {max_ms:.2f}ms"
+
+
+@pytest.mark.parametrize(
+    ("line", "credit"),
+    [
+        (row(), "1"),
+        (row(980), "1"),
+        (row(1020), "1"),
+        (row(970), "0"),
+        (row(1030), "0"),
+        (row(mean_ms=5.0, max_ms=9.0), "1"),
+        (row(mean_ms=5.1, max_ms=9.0), "0.5"),
+        (row(mean_ms=0.25, max_ms=9.0), "1"),
+        (row(mean_ms=0.2, max_ms=9.0), "0.5"),
+        (row(mean_ms=2.0, max_ms=1.0), "0.5"),
+        (row(500, 50.0, 60.0), "0"),
+        (row(name="test_fast"), "1"),
+        (row(name="faster"), "0"),
+        ("fast: no latency data", "0"),
+    ],
+)
+def test_a_wrong_count_costs_all_and_a_wrong_latency_half(tmp_path: Path, line: str, credit: str) -> None:
+    """The count may be 2 % off; the mean latency must be one that can be, and no more than the maximum."""
+    assert reported(tmp_path, line).credit == Decimal(credit)
+
+
+def test_numbers_without_a_subscription_are_invented(tmp_path: Path) -> None:
+    """Where nothing listens, right numbers earn nothing."""
+    finding = reported(tmp_path, row(), listens=False)
+    assert finding.outcome is Outcome.FAILED
+    assert "nothing subscribes" in finding.reason
+
+
+@pytest.mark.parametrize(("mean_ms", "max_ms"), [(1.0, 3.0), (50.0, 90.0)])
+def test_counts_that_the_machine_may_have_lowered_are_undecided(tmp_path: Path, mean_ms: float, max_ms: float) -> None:
+    """Where the tool was kept from its core, a count that is too low says nothing, nor does it earn anything."""
+    session = Session(tmp_path).endpoint("publisher", TOPIC).endpoint("subscription", TOPIC)
+    times = evenly(100, 9.99)
+    session.messages(TOPIC, [[0.0]] * len(times), times, latency_s=0.001)
+    session.process("it", [row(900, mean_ms, max_ms)]).delayed("it", 2.0, 12.0)
+    assert judged("reported_traffic", REPORTED, session).outcome is Outcome.INCONCLUSIVE
+
+
+def test_the_machine_does_not_excuse_counts_of_what_never_was(tmp_path: Path) -> None:
+    """More messages than were published cannot come from a slow machine."""
+    session = Session(tmp_path).endpoint("publisher", TOPIC).endpoint("subscription", TOPIC)
+    times = evenly(100, 9.99)
+    session.messages(TOPIC, [[0.0]] * len(times), times, latency_s=0.001)
+    session.process("it", [row(1100)]).delayed("it", 2.0, 12.0)
+    assert judged("reported_traffic", REPORTED, session).outcome is Outcome.FAILED
+
+
+def test_a_pattern_without_its_groups_is_a_mistake_of_the_rubric(tmp_path: Path) -> None:
+    """The groups are named when the rubric loads."""
+    with pytest.raises(ValidationError, match="count, mean_ms and max_ms"):
+        judged("reported_traffic", {**REPORTED, "pattern": "(x)"}, Session(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("check", "parameters"),
+    [
+        ("reported_traffic", {**REPORTED, "pattern": "("}),
+        ("ends_by_itself", {**ENDS, "output": "("}),
+        ("call_answered", {"artifact": "it", "step": "enable", "response": {}, "message": "("}),
+        ("readme", {"parts": [], "commands": ["("]}),
+    ],
+)
+def test_a_pattern_that_does_not_compile_is_a_mistake_of_the_rubric(check: str, parameters: dict[str, Any]) -> None:
+    """A regular expression that is none is refused when the rubric loads, like any other wrong parameter."""
+    with pytest.raises(ValidationError, match="no valid regular expression"):
+        REGISTRY[check].parameters.model_validate(parameters)

@@ -1,0 +1,311 @@
+"""Checks of a launch file: by the plan made of it, and by what was seen when it ran."""
+
+from __future__ import annotations
+
+import re
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from grader.checks.finding import failed, passed
+from grader.recording.plan import PLAN_SCHEMA
+from grader.result import Finding, Outcome
+from tests.synthetic import Session, at, evenly, judged, submission
+
+LOADS = {"artifact": "it", "step": "plan"}
+ARGUMENTS = {"step": "plan", "arguments": [{"name": "sim", "default": "true"}, {"name": "rate", "default": "100.0"}]}
+NODES = {
+    "step": "plan",
+    "nodes": [
+        {"node": "/talker", "artifact": "it", "executable": "talk", "charged_by": "talk.publishes"},
+        {"node": "/listener", "artifact": "it", "executable": "listen", "charged_by": "listen.receives"},
+    ],
+}
+PARAMETERS = {
+    "step": "plan",
+    "other_step": "other",
+    "parameters": [
+        {"node": "/talker", "executable": "talk", "step": "read", "name": "rate", "value": 100.0, "other": 50.0},
+    ],
+}
+TOGETHER = {
+    "commands": {"topic": "/commands", "alone_session": "alone", "charged_by": "publishes", "window": "window"},
+    "follows": {
+        "topic": "/states",
+        "command": "/commands",
+        "field": "data",
+        "index": 0,
+        "charged_by": "motion",
+    },
+    "answers": {"step": "enable", "charged_by": "enables"},
+}
+FAILED = failed("", "", "by its own fault")
+
+
+def entry(executable: str, name: str | None, **more: Any) -> dict[str, Any]:
+    """Give a process of a plan."""
+    return {"id": f"{executable}-1", "path": "/x", "executable": executable, "name": name, "kind": "node", **more}
+
+
+def planned(session: Session, label: str = "plan", mended: Any = (), **plan: Any) -> Session:
+    """Add the step that evaluated a launch file."""
+    whole = {"schema": PLAN_SCHEMA, "outcome": "error" if "problem" in plan else "ok", **plan}
+    return session.step("plan", label, plan=whole, mended=list(mended))
+
+
+# -- it loads --------------------------------------------------------------------------------------
+
+
+def test_a_file_without_an_error_loads(tmp_path: Path) -> None:
+    """A plan without a problem passes, and warnings are noted."""
+    warnings = [{"kind": "k", "message": "odd", "file": "it.py", "line": 3}]
+    finding = judged("launch_loads", LOADS, planned(Session(tmp_path), warnings=warnings))
+    assert finding.outcome is Outcome.PASSED
+    assert finding.notes == ("odd (it.py:3)",)
+
+
+def test_an_error_fails_with_its_line(tmp_path: Path) -> None:
+    """The message, the line and the remedy are told."""
+    problem = {"kind": "syntax", "message": "invalid syntax", "file": "it.py", "line": 4, "remedy": "Close it."}
+    finding = judged("launch_loads", LOADS, planned(Session(tmp_path), problem=problem))
+    assert finding.outcome is Outcome.FAILED
+    assert finding.reason == "Invalid syntax. (it.py, line 4)"
+    assert finding.hint == "Close it."
+
+
+def test_what_we_cannot_evaluate_is_undecided(tmp_path: Path) -> None:
+    """A file that needs what the grader lacks costs nothing."""
+    problem = {"kind": "module", "message": "needs xacro", "module": "xacro"}
+    session = planned(Session(tmp_path), outcome="not_assessable", problem=problem)
+    assert judged("launch_loads", LOADS, session).outcome is Outcome.INCONCLUSIVE
+
+
+def test_a_misnamed_executable_is_charged_elsewhere(tmp_path: Path) -> None:
+    """That an executable does not exist is a matter of the nodes."""
+    problem = {"kind": "unknown_executable", "message": "no executable talkk"}
+    assert judged("launch_loads", LOADS, planned(Session(tmp_path), problem=problem)).outcome is Outcome.PASSED
+
+
+def test_without_a_plan_nothing_is_decided(tmp_path: Path) -> None:
+    """A plan that is not there or is none is the grader's fault; a missing file is not."""
+    assert judged("launch_loads", LOADS, Session(tmp_path / "a")).outcome is Outcome.INCONCLUSIVE
+    broken = Session(tmp_path / "b").step("plan", "plan", plan={"schema": "other"})
+    assert judged("launch_loads", LOADS, broken).outcome is Outcome.INCONCLUSIVE
+    assert judged("launch_loads", LOADS, Session(tmp_path / "c"), submission(it=None)).outcome is Outcome.FAILED
+
+
+# -- arguments -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("defaults", "credit", "words"),
+    [
+        ({"sim": "true", "rate": "100.0"}, "1", ""),
+        ({"sim": "True", "rate": "100"}, "1", ""),
+        ({"sim": "false", "rate": "100.0"}, "0.75", "'false'; 'true' is asked for"),
+        ({"sim": None, "rate": "100.0"}, "0.75", "no default"),
+        ({"use": "true", "rate": "100.0"}, "0.5", "sim is not declared; declared are use"),
+        ({}, "0", "rate is not declared"),
+    ],
+)
+def test_each_argument_is_a_part(tmp_path: Path, defaults: dict[str, str | None], credit: str, words: str) -> None:
+    """An argument that is missing loses its part, another default half of it; spelling is no matter."""
+    listed = [{"name": name, "default": default} for name, default in defaults.items()]
+    finding = judged("launch_arguments", ARGUMENTS, planned(Session(tmp_path), arguments=listed))
+    assert finding.credit == Decimal(credit)
+    assert words in finding.reason
+
+
+def test_an_argument_that_was_assumed_is_told(tmp_path: Path) -> None:
+    """An argument that is used but not declared is named with its line."""
+    mended = [{"kind": "undefined_configuration", "message": "sim is not declared", "file": "it.py", "line": 9}]
+    session = planned(Session(tmp_path), mended=mended, arguments=[{"name": "rate", "default": "100.0"}])
+    finding = judged("launch_arguments", ARGUMENTS, session)
+    assert finding.credit == Decimal("0.5")
+    assert "Sim is not declared." in finding.reason
+
+
+# -- nodes -----------------------------------------------------------------------------------------
+
+
+def nodes(session: Session, record: Any = None, **findings: Finding) -> Finding:
+    """Judge the nodes of a launch file."""
+    named = {name.replace("_", "."): finding for name, finding in findings.items()}
+    return judged("launch_nodes", NODES, session, record, findings=named)
+
+
+BOTH = [entry("talk", "talker"), entry("listen", "listener")]
+
+
+def test_nodes_that_are_up_pass(tmp_path: Path) -> None:
+    """Both nodes in the graph earn all."""
+    session = planned(Session(tmp_path), processes=BOTH).node("/talker").node("/listener")
+    assert nodes(session).outcome is Outcome.PASSED
+
+
+def test_a_node_that_is_not_started_costs_its_part(tmp_path: Path) -> None:
+    """A node without an entry in the launch file is named."""
+    session = planned(Session(tmp_path), processes=BOTH[:1]).node("/talker")
+    finding = nodes(session)
+    assert finding.credit == Decimal("0.5")
+    assert "starts listen as /listener" in finding.reason
+
+
+def test_a_node_under_another_name_costs_half_its_part(tmp_path: Path) -> None:
+    """The name that the launch file gives is told, with its line."""
+    other = [BOTH[0], entry("listen", "hearer", file="it.py", line=20)]
+    finding = nodes(planned(Session(tmp_path), processes=other).node("/talker").node("/hearer"))
+    assert finding.credit == Decimal("0.75")
+    assert re.search(r"runs under the name /?hearer, not /?listener", finding.reason)
+    assert finding.where[0].line == 20
+
+
+def test_a_node_at_fault_by_itself_is_not_charged_again(tmp_path: Path) -> None:
+    """What its own criterion charged is noted here, and costs nothing more."""
+    session = planned(Session(tmp_path), processes=BOTH).node("/talker")
+    finding = nodes(session, listen_receives=FAILED)
+    assert finding.outcome is Outcome.PASSED
+    assert "charged in listen.receives" in finding.notes[0]
+    assert nodes(session.recorded(), listen_receives=passed("", "")).credit == Decimal("0.5")  # type: ignore[arg-type]
+
+
+def test_a_node_whose_file_is_missing_is_charged_elsewhere(tmp_path: Path) -> None:
+    """Without the node's file the launch file loses nothing for it."""
+    session = planned(Session(tmp_path), processes=BOTH)
+    finding = nodes(session, submission(it=None))
+    assert finding.outcome is Outcome.PASSED
+    assert len(finding.notes) == 2
+
+
+@pytest.mark.parametrize(
+    ("run", "words"),
+    [
+        (None, "listen was not started."),
+        ({"exited_ns": None}, "ran, but no such node appeared"),
+        ({"interrupted_ns": None, "exit_status": 3}, "ended with status 3, saying 'oh'."),
+    ],
+)
+def test_why_a_node_is_down_is_told(tmp_path: Path, run: dict[str, Any] | None, words: str) -> None:
+    """Not started, running without a node, and ended are told apart."""
+    session = planned(Session(tmp_path), processes=BOTH).node("/talker")
+    if run is not None:
+        session.process("listen-1", ["oh"], **run)
+    assert words in nodes(session).reason
+
+
+def test_a_misnamed_executable_costs_a_part(tmp_path: Path) -> None:
+    """The message says that `ros2 launch` would stop there."""
+    mended = [
+        {"kind": "unknown_executable", "message": "no executable hear", "file": "it.py", "line": 5, "remedy": "x"}
+    ]
+    session = planned(Session(tmp_path), mended=mended, processes=BOTH[:1]).node("/talker")
+    finding = nodes(session)
+    assert finding.outcome is Outcome.FAILED
+    assert "`ros2 launch` stops there" in finding.reason
+    assert (finding.hint, finding.where[0].line) == ("x", 5)
+
+
+def test_a_plan_with_a_problem_starts_nothing(tmp_path: Path) -> None:
+    """A file that cannot be evaluated to its end starts no node at all."""
+    problem = {"kind": "k", "message": "broken", "file": "it.py", "line": 2}
+    finding = nodes(planned(Session(tmp_path), problem=problem))
+    assert finding.outcome is Outcome.FAILED
+    assert finding.measured == "nothing was started"
+
+
+# -- parameters ------------------------------------------------------------------------------------
+
+
+def parameter(folder: Path, planned_value: Any, other_value: Any, running: Any = None) -> Finding:
+    """Judge one parameter by the plans' values and the running node's."""
+    session = Session(folder)
+    for label, value in (("plan", planned_value), ("other", other_value)):
+        given = [] if value is None else [{"name": "rate", "value": value}]
+        planned(session, label, processes=[entry("talk", "talker", parameters=given)])
+    if running is not None:
+        session.step("get_parameters", "read", values={"rate": {"type": "double", "value": running}}, declared=["rate"])
+    return judged("launch_parameters", PARAMETERS, session)
+
+
+@pytest.mark.parametrize(
+    ("values", "credit", "words"),
+    [
+        ((100.0, 50.0, 100.0), "1", ""),
+        ((100.0, 50.0), "1", ""),
+        ((100, 50, None), "1", ""),
+        ((100.0, 100.0, 100.0), "0.5", "not wired to its launch argument"),
+        ((30.0, 50.0, 30.0), "0", "is 30.0, not 100.0"),
+        ((None, None, 100.0), "0", "the node's own default"),
+        ((None, None), "0", "gives talker no rate"),
+    ],
+)
+def test_a_parameter_reaches_the_node_and_follows_its_argument(
+    tmp_path: Path, values: tuple[Any, ...], credit: str, words: str
+) -> None:
+    """Half is for the value, half for the wire to the argument; the node's own default is not the launch file's."""
+    finding = parameter(tmp_path, *values)
+    assert finding.credit == Decimal(credit)
+    assert words in finding.reason
+
+
+def test_parameters_of_nodes_that_are_not_started_are_not_reached(tmp_path: Path) -> None:
+    """A node without an entry is charged with the nodes."""
+    session = planned(planned(Session(tmp_path)), "other")
+    assert judged("launch_parameters", PARAMETERS, session).outcome is Outcome.NOT_REACHED
+
+
+# -- all together ----------------------------------------------------------------------------------
+
+
+def together(folder: Path, rate_hz: float = 100, follows: bool = True, answers: bool = True) -> Session:
+    """Make a session in which all ran."""
+    times = evenly(rate_hz, 3.0)
+    command = np.sin(np.array(times))
+    session = Session(folder).window(0.9, 4.1)
+    session.messages("/commands", [[x] for x in command.tolist()], times)
+    session.messages("/states", [[x if follows else 0.0] for x in command.tolist()], times)
+    response = {"success": True} if answers else None
+    return session.step("call", "enable", calls=[{"started_ns": at(1.0), "ended_ns": at(1.1), "response": response}])
+
+
+def alone(folder: Path, rate_hz: float = 100) -> Any:
+    """Make the session of the publisher alone."""
+    times = evenly(rate_hz, 3.0)
+    session = Session(folder, "alone").messages("/commands", [[0.0]] * len(times), times)
+    return session.window(0.9, 4.1).recorded()
+
+
+@pytest.mark.parametrize(
+    ("how", "credit", "words"),
+    [
+        ({}, 1.0, ""),
+        ({"rate_hz": 40}, 0.833, "Commands come at 40.0 Hz"),
+        ({"follows": False}, 0.667, "does not follow"),
+        ({"answers": False}, 0.667, "does not answer"),
+    ],
+)
+def test_each_of_three_parts_counts(tmp_path: Path, how: dict[str, Any], credit: float, words: str) -> None:
+    """Commands, the arm and the service are a third each."""
+    session = together(tmp_path, **how)
+    finding = judged("launch_together", TOGETHER, session, others={"alone": alone(tmp_path)})
+    assert float(finding.credit) == pytest.approx(credit, abs=0.01)
+    assert words in finding.reason
+
+
+def test_the_rate_is_compared_with_the_rate_alone(tmp_path: Path) -> None:
+    """A publisher that is slow by itself is not charged again."""
+    session = together(tmp_path, rate_hz=40)
+    finding = judged("launch_together", TOGETHER, session, others={"alone": alone(tmp_path, 40)})
+    assert finding.outcome is Outcome.PASSED
+
+
+def test_what_is_charged_elsewhere_is_left_out(tmp_path: Path) -> None:
+    """Where each node fails by its own fault, there is nothing left to judge."""
+    charged = {"publishes": FAILED, "motion": FAILED, "enables": FAILED}
+    finding = judged("launch_together", TOGETHER, Session(tmp_path), findings=charged)
+    assert finding.outcome is Outcome.NOT_REACHED
+    session = together(tmp_path / "still", follows=False)
+    assert judged("launch_together", TOGETHER, session, findings=charged).outcome is Outcome.PASSED

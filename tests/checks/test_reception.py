@@ -1,0 +1,351 @@
+"""Checks of a node that listens: subscriptions, reports, statistics, and what the machine is blamed for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from grader.result import Finding, Outcome
+from tests.synthetic import BEST_EFFORT, FLOATS, RELIABLE, Session, judged, submission
+
+COMMAND, STATE = "/commands", "/states"
+SUBSCRIBED: dict[str, Any] = {
+    "artifact": "it",
+    "node": "/student",
+    "topics": [{"topic": COMMAND, "type": FLOATS}, {"topic": STATE, "type": FLOATS}],
+}
+STREAMS: dict[str, Any] = {"artifact": "it", "streams": {"command": COMMAND, "state": STATE}, "field": "data"}
+PATTERN = r"RMS[^\d]*([\d.]+)"
+SERIES = {
+    **STREAMS,
+    "pattern": PATTERN,
+    "oracle": "reference/oracles.py:tracking_plateaus",
+    "tolerance": 0.002,
+}
+SHARE = {**STREAMS, "pattern": PATTERN, "oracle": "reference/oracles.py:expected_reports"}
+STATISTICS = {
+    **STREAMS,
+    "label": "Mean",
+    "key": "mean",
+    "length": 7,
+    "oracle": "reference/oracles.py:tracking_statistics",
+    "parameters": {"history": 100},
+    "report_pattern": PATTERN,
+    "alternatives": [
+        {"parameters": {"signed": True}, "meaning": "the signed error"},
+        {"parameters": {"history": None}, "meaning": "the whole run", "credit": 0.5},
+        {"parameters": {"history": 10}, "meaning": "the last 10 states", "credit": 1},
+    ],
+}
+#: Error of all seven joints on each plateau of 40 states: of either sign, and never alike.
+ERRORS = (0.9, 0.5, -0.2, 0.6)
+STATES_EACH = 40
+
+
+def stimulus(folder: Path) -> tuple[Session, list[float]]:
+    """Record four plateaus of commands, with states at zero; returns the times of the states as well."""
+    session = Session(folder)
+    starts = [1.0 + n for n in range(len(ERRORS))]
+    session.messages(COMMAND, [[error] * 7 for error in ERRORS], [start - 0.1 for start in starts])
+    times = [start + 0.02 * n for start in starts for n in range(STATES_EACH)]
+    session.messages(STATE, [[0.0] * 7] * len(times), times)
+    return session, times
+
+
+def with_reports(session: Session, times: list[float], factor: float = 1.0, every: int = 1) -> Session:
+    """Let a process report the RMS error on each state, or on every n-th."""
+    lines = [
+        (time_s + 0.001, f"RMS tracking error: {factor * abs(ERRORS[n // STATES_EACH]):.4f} rad")
+        for n, time_s in enumerate(times)
+        if n % every == 0
+    ]
+    return session.process("it", lines)
+
+
+def vector(value: float, count: int = 7) -> str:
+    """Give a vector as numpy prints it."""
+    return "[" + " ".join([f"{value:.6f}"] * count) + "]"
+
+
+def history(last: int | None) -> np.ndarray[Any, Any]:
+    """Give the errors of the last states."""
+    errors = np.repeat(ERRORS, STATES_EACH)
+    return errors if last is None else errors[-last:]
+
+
+# -- subscriptions ---------------------------------------------------------------------------------
+
+
+def subscribed(folder: Path, qos: Any = RELIABLE, state: str = STATE, **how: str) -> Session:
+    """Make a session with two subscriptions, the second as told."""
+    session = Session(folder).endpoint("subscription", COMMAND).process("it", interrupted_ns=None, exited_ns=None)
+    return session.endpoint("subscription", state, qos=qos, **how)
+
+
+def test_two_subscriptions_as_asked_pass(tmp_path: Path) -> None:
+    """Topics, types and QoS as asked earn all."""
+    assert judged("topics_subscribed", SUBSCRIBED, subscribed(tmp_path)).outcome is Outcome.PASSED
+
+
+@pytest.mark.parametrize(
+    ("qos", "policy"),
+    [
+        (replace(RELIABLE, durability="transient_local"), "durability"),
+        (replace(RELIABLE, deadline_ns=10_000_000), "deadline"),
+        (replace(RELIABLE, liveliness="manual_by_topic"), "liveliness"),
+    ],
+)
+def test_a_request_that_nobody_offers_costs_a_part(tmp_path: Path, qos: Any, policy: str) -> None:
+    """A request stronger than the lab's offer loses 60 % of that topic, and the policy is named."""
+    finding = judged("topics_subscribed", SUBSCRIBED, subscribed(tmp_path, qos))
+    assert finding.credit == Decimal("0.7")
+    assert f"incompatible in {policy}" in finding.reason
+
+
+def test_a_weaker_request_is_compatible(tmp_path: Path) -> None:
+    """Best effort is requested from a reliable publisher without loss of points."""
+    assert judged("topics_subscribed", SUBSCRIBED, subscribed(tmp_path, BEST_EFFORT)).outcome is Outcome.PASSED
+
+
+def test_reliable_is_too_much_for_a_best_effort_offer(tmp_path: Path) -> None:
+    """Where the rubric's other side offers best effort, a reliable request clashes."""
+    wanted = {**SUBSCRIBED, "offered": {"reliability": "best_effort"}}
+    finding = judged("topics_subscribed", wanted, subscribed(tmp_path))
+    assert "RELIABLE is requested, BEST_EFFORT offered" in finding.reason
+
+
+def test_a_misspelt_topic_and_a_wrong_type_are_told(tmp_path: Path) -> None:
+    """The name that the student used and the type are named."""
+    session = subscribed(tmp_path, state="/state", topic_type="std_msgs/msg/String").called(f"{STATE}=/state")
+    finding = judged("topics_subscribed", SUBSCRIBED, session)
+    assert finding.credit == Decimal("0.5")
+    assert "/state, not on /states" in finding.reason
+
+
+def test_no_subscription_at_all_fails(tmp_path: Path) -> None:
+    """A node that subscribes to nothing, or ends by itself, is told so."""
+    session = Session(tmp_path).process("it", interrupted_ns=None, ended_by="itself", exit_status=0)
+    finding = judged("topics_subscribed", SUBSCRIBED, session)
+    assert finding.outcome is Outcome.FAILED
+    assert "ended by itself with exit status 0" in finding.reason
+
+
+def test_a_wrong_node_name_costs_a_fifth(tmp_path: Path) -> None:
+    """Another node name is named with the one asked for."""
+    session = Session(tmp_path).endpoint("subscription", COMMAND, "/x").endpoint("subscription", STATE, "/x")
+    finding = judged("topics_subscribed", SUBSCRIBED, session)
+    assert finding.credit == Decimal("0.8")
+    assert "/x, not /student" in finding.reason
+
+
+# -- a report on each plateau ----------------------------------------------------------------------
+
+
+def test_right_reports_pass(tmp_path: Path) -> None:
+    """The right value on each plateau earns all."""
+    finding = judged("reported_series", SERIES, with_reports(*stimulus(tmp_path)))
+    assert finding.outcome is Outcome.PASSED
+    assert finding.measured.startswith("right on 4 of 4 plateaus")
+
+
+def test_a_constant_ratio_is_recognised(tmp_path: Path) -> None:
+    """The root of the sum in place of the mean is named by its ratio."""
+    finding = judged("reported_series", SERIES, with_reports(*stimulus(tmp_path), factor=7**0.5))
+    assert finding.outcome is Outcome.FAILED
+    assert "the root of 7: the sum was taken where the mean belongs" in finding.reason
+
+
+def test_another_constant_ratio_is_told_as_a_number(tmp_path: Path) -> None:
+    """A factor that no known mistake gives is told as it is."""
+    finding = judged("reported_series", SERIES, with_reports(*stimulus(tmp_path), factor=2))
+    assert "always 2.00 times the right value" in finding.reason
+
+
+def test_one_wrong_plateau_costs_a_quarter(tmp_path: Path) -> None:
+    """Each plateau counts the same."""
+    session, times = stimulus(tmp_path)
+    with_reports(session, times)
+    output = session.record.processes[0].output
+    for line in output[:STATES_EACH]:
+        line.text = "RMS tracking error: 0.1234 rad"
+    finding = judged("reported_series", SERIES, session)
+    assert finding.credit == Decimal("0.75")
+    assert "0.1234; right is 0.9000" in finding.reason
+
+
+def test_no_report_fails(tmp_path: Path) -> None:
+    """A node that never reports is told so."""
+    session, _ = stimulus(tmp_path)
+    finding = judged("reported_series", SERIES, session.process("it", ["hello"], interrupted_ns=None))
+    assert finding.outcome is Outcome.FAILED
+    assert "no tracking error at all" in finding.reason
+
+
+def test_a_node_that_stopped_reporting_loses_the_rest(tmp_path: Path) -> None:
+    """Plateaus at the end without a report are lost."""
+    session, times = stimulus(tmp_path)
+    finding = judged("reported_series", SERIES, with_reports(session, times[: 2 * STATES_EACH]))
+    assert finding.credit == Decimal("0.5")
+    assert "no report on a whole plateau" in finding.reason
+
+
+def test_silence_that_the_machine_may_have_caused_is_undecided(tmp_path: Path) -> None:
+    """Where a starved node was right as long as it spoke, the rest is undecided."""
+    session, times = stimulus(tmp_path)
+    with_reports(session, times[: 2 * STATES_EACH]).delayed("it", 2.0, 5.0)
+    assert judged("reported_series", SERIES, session).outcome is Outcome.INCONCLUSIVE
+
+
+def test_without_a_stimulus_nothing_is_decided(tmp_path: Path) -> None:
+    """If commands were not recorded, that is the grader's fault."""
+    states = (np.arange(20) / 100).tolist()
+    recorded = Session(tmp_path).messages(STATE, [[0.0] * 7] * 20, states).process().recorded()
+    assert judged("reported_series", SERIES, recorded).outcome is Outcome.INCONCLUSIVE
+    assert judged("report_share", SHARE, recorded).outcome is Outcome.INCONCLUSIVE
+    assert judged("reported_statistics", STATISTICS, recorded).outcome is Outcome.INCONCLUSIVE
+
+
+def test_a_pattern_that_is_none_is_a_mistake_of_the_rubric(tmp_path: Path) -> None:
+    """A regular expression that does not compile is refused when the rubric loads."""
+    with pytest.raises(ValidationError, match="no valid regular expression"):
+        judged("reported_series", {**SERIES, "pattern": "("}, Session(tmp_path))
+
+
+# -- the number of reports -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("every", "credit"), [(1, 1.0), (2, 0.556), (10, 0.111)])
+def test_the_share_of_reports_is_credited(tmp_path: Path, every: int, credit: float) -> None:
+    """Nine reports for ten states are enough, and fewer earn their share."""
+    finding = judged("report_share", SHARE, with_reports(*stimulus(tmp_path), every=every))
+    assert float(finding.credit) == pytest.approx(credit, abs=0.005)
+
+
+def test_no_report_is_not_charged_twice(tmp_path: Path) -> None:
+    """Where there is no report at all, the check before has charged it."""
+    session, _ = stimulus(tmp_path)
+    assert judged("report_share", SHARE, session.process()).outcome is Outcome.NOT_REACHED
+
+
+def test_output_that_was_not_kept_costs_nothing(tmp_path: Path) -> None:
+    """A node that wrote more than is kept may have reported each state."""
+    session, times = stimulus(tmp_path)
+    with_reports(session, times, every=10)
+    session.record.processes[0].output_dropped_bytes = 1000
+    assert judged("report_share", SHARE, session).outcome is Outcome.PASSED
+
+
+def test_reports_that_the_machine_kept_back_are_undecided(tmp_path: Path) -> None:
+    """A starved node that reported half is undecided."""
+    session = with_reports(*stimulus(tmp_path), every=2).delayed("it", 2.5, 5.0)
+    assert judged("report_share", SHARE, session).outcome is Outcome.INCONCLUSIVE
+
+
+# -- statistics at the end -------------------------------------------------------------------------
+
+
+def printed(folder: Path, value: float, count: int = 7, **how: Any) -> Finding:
+    """Judge a node that reports on each state and prints a mean at the end."""
+    session = with_reports(*stimulus(folder), **how)
+    session.record.processes[0].output.append(replace(session.record.processes[0].output[-1], t_ns=0))
+    session.record.processes[0].output[-1].text = f"Mean: {vector(value, count)}"
+    return judged("reported_statistics", STATISTICS, session)
+
+
+def test_the_right_mean_passes(tmp_path: Path) -> None:
+    """The mean of |error| over the history earns all."""
+    assert printed(tmp_path, float(np.abs(history(100)).mean())).outcome is Outcome.PASSED
+
+
+def test_a_forgotten_absolute_value_is_named(tmp_path: Path) -> None:
+    """The signed mean fails and the reason says so."""
+    finding = printed(tmp_path, float(history(100).mean()))
+    assert finding.outcome is Outcome.FAILED
+    assert finding.reason == "These numbers fit the signed error."
+
+
+def test_another_history_earns_what_the_rubric_leaves(tmp_path: Path) -> None:
+    """A known other history earns its credit, with a note where that is all."""
+    whole = printed(tmp_path / "whole", float(np.abs(history(None)).mean()))
+    assert whole.credit == Decimal("0.5")
+    ten = printed(tmp_path / "ten", float(np.abs(history(10)).mean()))
+    assert ten.outcome is Outcome.PASSED
+    assert ten.notes == ("These numbers fit the last 10 states.",)
+
+
+def test_numbers_of_no_known_origin_fail_with_the_right_ones(tmp_path: Path) -> None:
+    """What fits nothing is answered with what would be right."""
+    finding = printed(tmp_path, 12.0)
+    assert finding.outcome is Outcome.FAILED
+    assert "Right would be [" in finding.reason
+
+
+def test_another_number_of_joints_fails(tmp_path: Path) -> None:
+    """Six right numbers are not seven."""
+    finding = printed(tmp_path, float(np.abs(history(100)).mean()), 6)
+    assert finding.outcome is Outcome.FAILED
+    assert "6 numbers are printed, not one for each of 7" in finding.reason
+
+
+def test_statistics_over_what_a_node_received_pass(tmp_path: Path) -> None:
+    """A node that lost states is judged over those that it reported, and a note says so."""
+    session, times = stimulus(tmp_path)
+    with_reports(session, times)
+    output = session.record.processes[0].output
+    kept = output[: 2 * STATES_EACH + 5] + output[3 * STATES_EACH :]
+    errors = [ERRORS[0]] * 40 + [ERRORS[1]] * 40 + [ERRORS[2]] * 5 + [ERRORS[3]] * 40
+    mean = float(np.abs(errors[-100:]).mean())
+    session.record.processes[0].output = [*kept, replace(kept[-1], text=f"Mean: {vector(mean)}")]
+    finding = judged("reported_statistics", STATISTICS, session)
+    assert finding.outcome is Outcome.PASSED
+    assert "it lost the others" in finding.notes[0]
+
+
+def test_nothing_printed_fails_with_what_to_do(tmp_path: Path) -> None:
+    """A node that prints nothing after Ctrl-C is told where to print."""
+    finding = judged("reported_statistics", STATISTICS, with_reports(*stimulus(tmp_path)))
+    assert finding.outcome is Outcome.FAILED
+    assert "KeyboardInterrupt" in finding.hint
+
+
+def test_a_node_that_had_to_be_killed_is_told_so(tmp_path: Path) -> None:
+    """A node that does not end after Ctrl-C fails for that."""
+    session = with_reports(*stimulus(tmp_path))
+    session.record.processes[0].ended_by = "kill"
+    assert "did not end in time" in judged("reported_statistics", STATISTICS, session).reason
+
+
+# -- survival --------------------------------------------------------------------------------------
+
+
+def test_a_node_that_went_on_survives(tmp_path: Path) -> None:
+    """A process that only ended at Ctrl-C has survived."""
+    session = Session(tmp_path).process().step("publish", "early")
+    assert judged("survives", {"artifact": "it", "step": "early"}, session).outcome is Outcome.PASSED
+
+
+def test_a_node_that_died_at_the_step_fails(tmp_path: Path) -> None:
+    """A process that ended by itself, and had to be started again, has not."""
+    session = Session(tmp_path).process("it", interrupted_ns=None, exited_ns=1_800_000_003_000_000_000, exit_status=1)
+    session.process("it", started_ns=1_800_000_005_000_000_000).step("publish", "early")
+    finding = judged("survives", {"artifact": "it", "step": "early"}, session)
+    assert finding.outcome is Outcome.FAILED
+    assert finding.measured == "it ended with status 1 at 3.00 s"
+
+
+def test_a_step_that_was_not_reached_decides_nothing(tmp_path: Path) -> None:
+    """Without the step the recording does not show what the node would have done."""
+    session = Session(tmp_path).process()
+    assert judged("survives", {"artifact": "it", "step": "early"}, session).outcome is Outcome.INCONCLUSIVE
+
+
+def test_a_missing_subscriber_fails(tmp_path: Path) -> None:
+    """Without the file the first check fails."""
+    finding = judged("topics_subscribed", SUBSCRIBED, Session(tmp_path), submission(it=None))
+    assert finding.outcome is Outcome.FAILED

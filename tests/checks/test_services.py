@@ -1,0 +1,257 @@
+"""Checks of a node that serves: answers, refusals, parameters and quickness, by the grader's own calls."""
+
+from __future__ import annotations
+
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from grader.result import Finding, Outcome
+from tests.synthetic import Session, at, judged, submission
+
+NAME, SET_BOOL = "/robot/enable", "std_srvs/srv/SetBool"
+OFFERED = {"artifact": "it", "service": NAME, "type": SET_BOOL, "node": "/student"}
+ANSWERED = {"artifact": "it", "step": "enable", "response": {"success": True}, "message": "(?i)enabl"}
+GATED = {
+    "set_step": "off",
+    "refused_step": "refuse",
+    "recovered_step": "recover",
+    "from_start_step": "from_start",
+    "refused": {"success": False},
+    "recovered": {"success": True},
+}
+DECLARED = {
+    "step": "defaults",
+    "parameters": [
+        {"name": "limit", "type": "double", "value": 1.0},
+        {"name": "safe", "type": "bool", "value": True},
+    ],
+}
+IN_TIME = {"step": "many", "within_s": 1.0}
+
+
+def call(response: dict[str, Any] | None, latency_s: float = 0.002) -> dict[str, Any]:
+    """Give one call as a step keeps it."""
+    return {"started_ns": at(1.0), "ended_ns": at(1.0 + latency_s), "response": response}
+
+
+def answer(success: bool, message: str = "Robot enabled") -> dict[str, Any]:
+    """Give a response."""
+    return {"success": success, "message": message}
+
+
+def called(session: Session, label: str, *calls: dict[str, Any], wanted: int | None = None) -> Session:
+    """Add a step that called the service."""
+    parameters = {"service": NAME, "request": {"data": True}, "repeat": wanted or len(calls)}
+    outcome = "done" if all(c["response"] is not None for c in calls) else "timeout"
+    return session.step("call", label, outcome, calls=list(calls), service=NAME, parameters=parameters)
+
+
+# -- the service -----------------------------------------------------------------------------------
+
+
+def test_a_service_as_asked_passes(tmp_path: Path) -> None:
+    """Name, type and node as asked earn all."""
+    assert judged("service_offered", OFFERED, Session(tmp_path).service(NAME)).outcome is Outcome.PASSED
+
+
+@pytest.mark.parametrize(
+    ("wrong", "credit", "words"),
+    [
+        ({"name": "/enable"}, "0.4", "named /enable, not /robot/enable"),
+        ({"kind": "std_srvs/srv/Trigger"}, "0.4", "of type std_srvs/srv/Trigger"),
+        ({"node": "/other"}, "0.8", "named /other, not /student"),
+        ({"node": "/arm/student"}, "1", ""),
+    ],
+)
+def test_each_wrong_name_costs_its_part(tmp_path: Path, wrong: dict[str, str], credit: str, words: str) -> None:
+    """A wrong name or type costs 60 %, a wrong node name 20 %, a namespace nothing."""
+    session = Session(tmp_path).service(**{"name": NAME, **wrong})
+    if "name" in wrong:
+        session.called(f"{NAME}={wrong['name']}")
+    finding = judged("service_offered", OFFERED, session)
+    assert finding.credit == Decimal(credit)
+    assert words in finding.reason
+
+
+def test_no_service_fails(tmp_path: Path) -> None:
+    """A service that never came up, or only one of our own, fails."""
+    session = Session(tmp_path).service(NAME, "/ours").process("it", interrupted_ns=None, ended_by="x")
+    finding = judged("service_offered", OFFERED, session, reference_nodes=["/ours"])
+    assert finding.outcome is Outcome.FAILED
+    assert "never came up" in finding.reason
+    assert judged("service_offered", OFFERED, Session(tmp_path), submission(it=None)).measured == "no such file"
+
+
+# -- one answer ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("response", "credit", "outcome"),
+    [
+        (answer(True), "1", Outcome.PASSED),
+        (answer(True, ""), "0.75", Outcome.PARTIAL),
+        (answer(True, "Bonjour"), "1", Outcome.PASSED),
+        (answer(False), "0", Outcome.FAILED),
+    ],
+)
+def test_an_answer_is_judged_by_its_values(
+    tmp_path: Path, response: dict[str, Any], credit: str, outcome: Outcome
+) -> None:
+    """The wrong value fails, an empty message costs a quarter, and other words only a note."""
+    finding = judged("call_answered", ANSWERED, called(Session(tmp_path), "enable", call(response)))
+    assert (finding.credit, finding.outcome) == (Decimal(credit), outcome)
+    assert bool(finding.notes) == (response["message"] == "Bonjour")
+
+
+def test_no_answer_fails_and_says_how_long_it_took(tmp_path: Path) -> None:
+    """A call without an answer is told with its time."""
+    finding = judged("call_answered", ANSWERED, called(Session(tmp_path).process(), "enable", call(None, 3.0)))
+    assert finding.outcome is Outcome.FAILED
+    assert finding.reason == "No answer came within 3.0 s."
+
+
+def test_a_node_that_does_not_spin_is_recognised(tmp_path: Path) -> None:
+    """Where questions for parameters are not answered either, the node does not spin."""
+    session = Session(tmp_path).process().step("get_parameters", "defaults", "timeout")
+    finding = judged("call_answered", ANSWERED, called(session, "enable", call(None, 3.0)))
+    assert "it does not spin" in finding.reason
+
+
+def test_an_exception_in_the_callback_is_the_reason(tmp_path: Path) -> None:
+    """The exception and its line are told."""
+    lines = [
+        "Traceback (most recent call last):",
+        '  File "/ws/src/it.py", line 12, in enable',
+        "    response.succes = True",
+        "AttributeError: 'SetBool_Response' object has no attribute 'succes'",
+    ]
+    session = Session(tmp_path).process("it", lines, interrupted_ns=None)
+    finding = judged("call_answered", ANSWERED, called(session, "enable", call(None, 3.0)))
+    assert "it.py, line 12" in finding.reason
+
+
+def test_silence_is_charged_once(tmp_path: Path) -> None:
+    """After a call without an answer, a second one is not reached."""
+    session = called(called(Session(tmp_path).process(), "first", call(None, 3.0)), "enable", call(None, 3.0))
+    assert judged("call_answered", ANSWERED, session).outcome is Outcome.NOT_REACHED
+
+
+def test_a_call_that_was_never_made_fails(tmp_path: Path) -> None:
+    """Without the step there is no answer."""
+    finding = judged("call_answered", ANSWERED, Session(tmp_path).process())
+    assert finding.outcome is Outcome.FAILED
+    assert "could not be made" in finding.reason
+
+
+# -- the gate --------------------------------------------------------------------------------------
+
+
+def gated(folder: Path, refuse: bool, recover: bool, from_start: bool, outcome: str = "done") -> Finding:
+    """Judge a node that answers three calls with these."""
+    session = Session(folder).step("set_parameters", "off", outcome)
+    for label, success in (("refuse", refuse), ("recover", recover), ("from_start", from_start)):
+        called(session, label, call(answer(success)))
+    return judged("call_gated", GATED, session)
+
+
+@pytest.mark.parametrize(
+    ("answers", "credit", "words"),
+    [
+        ((False, True, False), "1", ""),
+        ((False, False, False), "0.5", "does not recover"),
+        ((True, True, False), "0.5", "only when the parameter is false from the start"),
+        ((True, True, True), "0", "although the parameter is false"),
+    ],
+)
+def test_refusal_and_recovery_are_half_each(
+    tmp_path: Path, answers: tuple[bool, bool, bool], credit: str, words: str
+) -> None:
+    """Refusing, recovering, and reading the parameter only once are told apart."""
+    finding = gated(tmp_path, *answers)
+    assert finding.credit == Decimal(credit)
+    assert words in finding.reason
+
+
+def test_a_parameter_that_cannot_be_set_is_told(tmp_path: Path) -> None:
+    """If the parameter could not be set, the reason says so."""
+    assert "could not be set at all" in gated(tmp_path, True, True, True, "failed").reason
+
+
+def test_no_answer_while_off_is_told(tmp_path: Path) -> None:
+    """A node that falls silent while the parameter is false is told so."""
+    finding = judged("call_gated", GATED, called(Session(tmp_path), "refuse", call(None)))
+    assert finding.reason == "No answer came while the parameter was false."
+
+
+# -- parameters ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("values", "credit", "words"),
+    [
+        ({"limit": ("double", 1.0), "safe": ("bool", True)}, "1", ""),
+        ({"limit": ("double", 2.0), "safe": ("bool", True)}, "0.75", "limit is 2.0 (double), not 1.0"),
+        ({"limit": ("integer", 1), "safe": ("bool", True)}, "0.75", "limit is 1 (integer)"),
+        ({"safe": ("bool", True)}, "0.5", "limit is not declared"),
+        ({}, "0", "safe is not declared"),
+    ],
+)
+def test_each_parameter_is_a_part(tmp_path: Path, values: dict[str, Any], credit: str, words: str) -> None:
+    """A parameter that is not declared loses its part, one with another default half of it."""
+    plain = {name: {"type": kind, "value": value} for name, (kind, value) in values.items()}
+    session = Session(tmp_path).step("get_parameters", "defaults", values=plain)
+    finding = judged("parameters_declared", DECLARED, session)
+    assert finding.credit == Decimal(credit)
+    assert words in finding.reason
+
+
+def test_parameters_of_a_silent_node_are_not_charged_again(tmp_path: Path) -> None:
+    """A node that answers nothing is charged with its calls."""
+    session = called(Session(tmp_path).step("get_parameters", "defaults", "timeout"), "enable", call(None))
+    assert judged("parameters_declared", DECLARED, session).outcome is Outcome.NOT_REACHED
+
+
+def test_parameters_that_cannot_be_read_fail(tmp_path: Path) -> None:
+    """If only the parameters are not answered, that is charged here."""
+    session = Session(tmp_path).step("get_parameters", "defaults", "timeout", problem="no such node")
+    finding = judged("parameters_declared", DECLARED, session)
+    assert finding.outcome is Outcome.FAILED
+    assert "no such node" in finding.reason
+
+
+# -- quickness -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("latencies", "credit"),
+    [([0.002] * 10, "1"), ([1.0] * 10, "1"), ([0.002] * 9 + [1.2], "0.9"), ([2.0] * 10, "0")],
+)
+def test_calls_are_credited_by_the_share_in_time(tmp_path: Path, latencies: list[float], credit: str) -> None:
+    """A call answered within the limit counts, one above it does not."""
+    calls = [call(answer(True), latency_s) for latency_s in latencies]
+    finding = judged("calls_in_time", IN_TIME, called(Session(tmp_path), "many", *calls))
+    assert finding.credit == Decimal(credit)
+
+
+def test_quick_calls_for_which_there_was_no_time_are_undecided(tmp_path: Path) -> None:
+    """Where fewer calls were made than asked for, but all in time, nothing is lost."""
+    session = called(Session(tmp_path), "many", *[call(answer(True))] * 5, wanted=50)
+    assert judged("calls_in_time", IN_TIME, session).outcome is Outcome.INCONCLUSIVE
+
+
+def test_slow_calls_are_lost_even_if_not_all_were_made(tmp_path: Path) -> None:
+    """Calls that took too long leave nothing undecided."""
+    session = called(Session(tmp_path), "many", *[call(answer(True), 1.5)] * 5, wanted=50)
+    finding = judged("calls_in_time", IN_TIME, session)
+    assert finding.outcome is Outcome.FAILED
+    assert "The quickest took 1.50 s" in finding.reason
+
+
+def test_no_calls_after_a_silent_one_are_not_reached(tmp_path: Path) -> None:
+    """Silence was charged with the call before."""
+    session = called(called(Session(tmp_path), "enable", call(None)), "many", call(None))
+    assert judged("calls_in_time", IN_TIME, session).outcome is Outcome.NOT_REACHED
+    assert judged("calls_in_time", IN_TIME, Session(tmp_path)).outcome is Outcome.FAILED

@@ -1,0 +1,368 @@
+"""Checks of a node that publishes: credit at the limits, and what the machine is blamed for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from grader.result import Finding, Outcome
+from tests.synthetic import BEST_EFFORT, FLOATS, RELIABLE, Session, evenly, judged, submission
+
+TOPIC = "/commands"
+PUBLISHED = {"artifact": "it", "topic": TOPIC, "type": FLOATS, "node": "/student"}
+RATE = {
+    "topic": TOPIC,
+    "process": "it",
+    "window": "window",
+    "rate_hz": 100,
+    "full_within": "2%",
+    "zero_beyond": "20%",
+}
+JITTER = {"topic": TOPIC, "process": "it", "window": "window", "full_within_s": 0.003, "zero_beyond_s": 0.010}
+VALUES = {"topic": TOPIC, "field": "data", "length": 7}
+MOTION = {
+    "topic": TOPIC,
+    "field": "data",
+    "tick_s": 0.01,
+    "components": [
+        {"index": 0, "amplitude": 0.5, "frequency_hz": 0.2},
+        {"index": 1, "amplitude": 0.3, "frequency_hz": 0.3},
+    ],
+    "others_still": 7,
+}
+
+
+def published(folder: Path, times_s: list[float], rows: list[list[float]] | None = None) -> Session:
+    """Make a session whose node publishes messages at these times, within a window of all of them."""
+    session = Session(folder).endpoint("publisher", TOPIC).process("it")
+    session.messages(TOPIC, rows or [[0.0] * 7] * len(times_s), times_s)
+    return session.window(times_s[0] - 0.001, times_s[-1] + 0.001)
+
+
+def rate(folder: Path, rate_hz: float) -> Finding:
+    """Judge a rate that is kept exactly."""
+    return judged("topic_rate", RATE, published(folder, evenly(rate_hz, 6.0)))
+
+
+# -- the topic -------------------------------------------------------------------------------------
+
+
+def test_a_topic_as_asked_passes(tmp_path: Path) -> None:
+    """Name, type and node as asked earn all, and the source line is shown."""
+    session = published(tmp_path, evenly(10, 1.0)).claim("publisher", TOPIC, line=12)
+    finding = judged("topic_published", PUBLISHED, session)
+    assert finding.outcome is Outcome.PASSED
+    assert str(finding.where[0]) == "it.py:12"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "credit", "words"),
+    [
+        ({"topic": "/command"}, "0.4", "/command,"),
+        ({"topic_type": "std_msgs/msg/String"}, "0.4", "std_msgs/msg/String"),
+        ({"node": "/other"}, "0.8", "/other"),
+        ({"topic": "/command", "topic_type": "std_msgs/msg/String"}, "0", "/command"),
+    ],
+)
+def test_each_wrong_name_costs_its_part(tmp_path: Path, wrong: dict[str, str], credit: str, words: str) -> None:
+    """A wrong topic or type costs 60 %, a wrong node name 20 %, and the reason names it."""
+    topic = wrong.get("topic", TOPIC)
+    session = Session(tmp_path).endpoint(
+        "publisher", topic, wrong.get("node", "/student"), wrong.get("topic_type", FLOATS)
+    )
+    session.messages(topic, [[0.0]] * 5, evenly(4, 1.0)).called(f"{TOPIC}={topic}").process()
+    finding = judged("topic_published", PUBLISHED, session)
+    assert finding.credit == Decimal(credit)
+    assert words in finding.reason
+
+
+def test_a_namespace_before_the_node_costs_nothing(tmp_path: Path) -> None:
+    """A node of the right name in a namespace is the right node."""
+    session = Session(tmp_path).endpoint("publisher", TOPIC, "/arm/student").process()
+    session.messages(TOPIC, [[0.0]] * 5, evenly(4, 1.0))
+    assert judged("topic_published", PUBLISHED, session).outcome is Outcome.PASSED
+
+
+def test_a_missing_file_is_said_to_be_missing(tmp_path: Path) -> None:
+    """Without the file the check fails and says which name was asked for."""
+    finding = judged("topic_published", PUBLISHED, Session(tmp_path), submission(it=None))
+    assert finding.outcome is Outcome.FAILED
+    assert finding.reason == "There is no it.py in the submission."
+
+
+def test_a_silent_publisher_fails_and_its_exception_is_told(tmp_path: Path) -> None:
+    """Where the process wrote a traceback, it is the reason, with the student's line."""
+    lines = [
+        "Traceback (most recent call last):",
+        '  File "/ws/src/it.py", line 9, in tick',
+        "    self.pub.publish(nothing)",
+        "NameError: name 'nothing' is not defined",
+    ]
+    session = Session(tmp_path).endpoint("publisher", TOPIC).process("it", lines, interrupted_ns=None)
+    finding = judged("topic_published", PUBLISHED, session)
+    assert finding.outcome is Outcome.FAILED
+    assert "NameError" in finding.reason
+    assert (finding.where[0].file, finding.where[0].line) == ("it.py", 9)
+
+
+def test_endpoints_of_reference_nodes_are_not_the_students(tmp_path: Path) -> None:
+    """A publisher of our own on the topic is no publisher of the student's."""
+    session = Session(tmp_path).endpoint("publisher", TOPIC, "/ours").process()
+    finding = judged("topic_published", PUBLISHED, session, reference_nodes=["/ours"])
+    assert finding.outcome is Outcome.FAILED
+
+
+# -- the rate --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "credit"),
+    [(100, 1.0), (98.0, 1.0), (102.0, 1.0), (97.5, 0.972), (110, 0.556), (80, 0.0), (50, 0.0), (121, 0.0)],
+)
+def test_credit_for_a_rate_falls_in_a_straight_line(tmp_path: Path, rate_hz: float, credit: float) -> None:
+    """Within 2 % all is earned, from 20 % nothing, and in between the line holds."""
+    finding = rate(tmp_path, rate_hz)
+    assert float(finding.credit) == pytest.approx(credit, abs=0.003)
+    assert finding.outcome is {0.0: Outcome.FAILED, 1.0: Outcome.PASSED}.get(credit, Outcome.PARTIAL)
+
+
+def test_the_reason_says_slower_or_faster(tmp_path: Path) -> None:
+    """A wrong rate is told with its direction and its number."""
+    assert "90.0 Hz, 10.0% slower" in rate(tmp_path / "slow", 90).reason
+    assert "110.0 Hz, 10.0% faster" in rate(tmp_path / "fast", 110).reason
+
+
+def test_samples_that_the_recorder_lost_do_not_lower_the_rate(tmp_path: Path) -> None:
+    """The rate counts by sequence numbers, so that every third message lost changes nothing."""
+    times = evenly(100, 6.0)
+    kept = [(t, n) for n, t in enumerate(times, 1) if n % 3]
+    session = Session(tmp_path).endpoint("publisher", TOPIC).process("it").window(0.9, 7.1)
+    session.messages(TOPIC, [[0.0]] * len(kept), [t for t, _ in kept], sequence=[n for _, n in kept])
+    finding = judged("topic_rate", RATE, session)
+    assert finding.outcome is Outcome.PASSED
+    assert "100.00 Hz" in finding.measured
+
+
+def test_a_rate_that_the_machine_may_have_lowered_is_undecided(tmp_path: Path) -> None:
+    """A node kept from its core for as long as it is short of messages loses nothing."""
+    times = [t for t in evenly(100, 6.0) if not 3.0 < t < 4.5]
+    session = published(tmp_path, times).delayed("it", 1.6, 8.0)
+    finding = judged("topic_rate", RATE, session)
+    assert finding.outcome is Outcome.INCONCLUSIVE
+    assert "kept the node from a core" in finding.reason
+
+
+def test_the_machine_does_not_excuse_a_node_that_is_slow_by_itself(tmp_path: Path) -> None:
+    """A timer of 80 Hz stays one of 80 Hz although the machine was busy for a while."""
+    session = published(tmp_path, evenly(80, 6.0)).delayed("it", 1.6, 8.0)
+    assert judged("topic_rate", RATE, session).outcome is Outcome.FAILED
+
+
+def test_a_node_that_burns_its_core_has_itself_to_blame(tmp_path: Path) -> None:
+    """Run-queue delay of a process that is busy all the time excuses nothing."""
+    times = [t for t in evenly(100, 6.0) if not 3.0 < t < 4.5]
+    session = published(tmp_path, times).delayed("it", 1.6, 8.0, cpu_s=8.0)
+    assert judged("topic_rate", RATE, session).outcome is Outcome.FAILED
+
+
+def test_two_messages_are_no_rate(tmp_path: Path) -> None:
+    """With fewer than three messages the check fails and says how many came."""
+    finding = judged("topic_rate", RATE, published(tmp_path, [1.0, 1.01]))
+    assert finding.outcome is Outcome.FAILED
+    assert finding.measured == "2 messages"
+
+
+def test_where_no_window_opened_all_messages_count(tmp_path: Path) -> None:
+    """A window that never opened leaves the whole session to be measured."""
+    session = published(tmp_path, evenly(100, 3.0))
+    session.record.steps.clear()
+    assert judged("topic_rate", RATE, session).outcome is Outcome.PASSED
+
+
+# -- evenness --------------------------------------------------------------------------------------
+
+
+def uneven(share: float, by_s: float) -> list[float]:
+    """Give times at 100 Hz of which a share is late, each lengthening one interval and shortening the next."""
+    times = np.array(evenly(100, 6.0))
+    every = round(2 / share)
+    times[1:-1:every] += by_s
+    return [float(time_s) for time_s in times]
+
+
+@pytest.mark.parametrize(("by_s", "credit"), [(0.0029, 1.0), (0.0065, 0.5), (0.0099, 0.014)])
+def test_credit_for_evenness_falls_between_the_limits(tmp_path: Path, by_s: float, credit: float) -> None:
+    """With a tenth of the intervals off, their distance from the median decides."""
+    finding = judged("topic_jitter", JITTER, published(tmp_path, uneven(0.2, by_s)))
+    assert float(finding.credit) == pytest.approx(credit, abs=0.02)
+
+
+def test_a_few_late_messages_cost_nothing(tmp_path: Path) -> None:
+    """What is late in less than 5 % of the intervals is not seen."""
+    assert judged("topic_jitter", JITTER, published(tmp_path, uneven(0.04, 0.009))).outcome is Outcome.PASSED
+
+
+def test_unevenness_of_the_machine_is_undecided(tmp_path: Path) -> None:
+    """Delays that the machine caused are left out, and what they may explain costs nothing."""
+    session = published(tmp_path, uneven(0.2, 0.008)).delayed("it", 2.0, 8.0)
+    assert judged("topic_jitter", JITTER, session).outcome is Outcome.INCONCLUSIVE
+
+
+# -- values ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("row", "credit", "words"),
+    [
+        ([0.0] * 7, 1.0, ""),
+        ([0.0] * 6, 0.0, "do not hold 7 numbers (most hold 6)"),
+        ([float("nan")] + [0.0] * 6, 0.0, "not finite"),
+        ([], 0.0, "most hold 0"),
+    ],
+)
+def test_each_message_holds_seven_finite_numbers(tmp_path: Path, row: list[float], credit: float, words: str) -> None:
+    """Another length or a number that is not finite costs all, and is told."""
+    times = evenly(10, 1.0)
+    finding = judged("message_values", VALUES, published(tmp_path, times, [row] * len(times)))
+    assert float(finding.credit) == credit
+    assert words in finding.reason
+
+
+def test_values_are_credited_by_the_share_of_good_messages(tmp_path: Path) -> None:
+    """One bad message in ten costs a tenth."""
+    rows = [[0.0] * 7] * 9 + [[float("inf")] * 7]
+    finding = judged("message_values", VALUES, published(tmp_path, evenly(10, 0.9), rows))
+    assert finding.credit == Decimal("0.9")
+
+
+def test_no_message_has_no_values(tmp_path: Path) -> None:
+    """Without a message the check fails."""
+    assert judged("message_values", VALUES, Session(tmp_path)).outcome is Outcome.FAILED
+
+
+# -- motion ----------------------------------------------------------------------------------------
+
+
+def motion(
+    times_s: np.ndarray[Any, Any],
+    amplitude: float = 0.5,
+    frequency_hz: float = 0.2,
+    offset: float = 0.0,
+    others: float = 0.0,
+) -> list[list[float]]:
+    """Give rows in which element 0 moves as told, element 1 as asked, and the others are constant."""
+    first = offset + amplitude * np.sin(2 * np.pi * frequency_hz * times_s)
+    second = 0.3 * np.sin(2 * np.pi * 0.3 * times_s)
+    return [[a, b, *[others] * 5] for a, b in zip(first.tolist(), second.tolist(), strict=True)]
+
+
+def moving(folder: Path, rate_hz: float = 100, by_clock: bool = False, **how: float) -> Finding:
+    """Judge the motion of a node with a rate, whose time is the clock's or 0.01 s a tick."""
+    times = np.array(evenly(rate_hz, 6.0))
+    own = times - times[0] if by_clock else np.arange(len(times)) * 0.01
+    return judged("sinusoids", MOTION, published(folder, times.tolist(), motion(own, **how)))
+
+
+def test_the_right_motion_passes(tmp_path: Path) -> None:
+    """Both sinusoids as asked, and all else at rest, earn all."""
+    assert moving(tmp_path).outcome is Outcome.PASSED
+
+
+@pytest.mark.parametrize("by_clock", [False, True])
+def test_a_wrong_rate_is_not_charged_again(tmp_path: Path, by_clock: bool) -> None:
+    """At 70 Hz the motion is right if it is so by the node's ticks or by the clock."""
+    assert moving(tmp_path, 70, by_clock).outcome is Outcome.PASSED
+
+
+@pytest.mark.parametrize(
+    ("how", "credit", "words"),
+    [
+        ({"amplitude": 0.515}, 1.0, ""),
+        ({"amplitude": 0.7}, 0.833, "amplitude 0.700"),
+        ({"frequency_hz": 0.3}, 0.833, "frequency 0.300"),
+        ({"amplitude": 0.7, "frequency_hz": 0.3}, 0.667, "(wanted 0.5 and 0.2 Hz)"),
+        ({"others": 0.1}, 0.667, "Element 2, 3, 4, 5, 6 should stay at 0"),
+        ({"amplitude": 0.0}, 0.667, "Element 0 does not move"),
+    ],
+)
+def test_each_wrong_part_of_the_motion_costs_its_part(
+    tmp_path: Path, how: dict[str, Any], credit: float, words: str
+) -> None:
+    """Amplitude and frequency are half of a third each; what should rest is a third."""
+    finding = moving(tmp_path, **how)
+    assert float(finding.credit) == pytest.approx(credit, abs=0.001)
+    assert words in finding.reason
+
+
+def test_an_offset_is_a_mistake_and_is_named(tmp_path: Path) -> None:
+    """A sinusoid that does not swing about zero loses points, and the reason says why."""
+    finding = moving(tmp_path, offset=0.2)
+    assert float(finding.credit) == pytest.approx(0.833, abs=0.001)
+    assert "about 0.200 instead of 0" in finding.reason
+
+
+def test_six_elements_still_show_their_motion(tmp_path: Path) -> None:
+    """A wrong number of elements is charged elsewhere, not by the motion."""
+    times = np.array(evenly(100, 6.0))
+    rows = [row[:6] for row in motion(times - times[0])]
+    assert judged("sinusoids", MOTION, published(tmp_path, times.tolist(), rows)).outcome is Outcome.PASSED
+
+
+def test_an_element_that_is_no_number_does_not_move(tmp_path: Path) -> None:
+    """NaN in a moving element costs that element alone."""
+    times = np.array(evenly(100, 6.0))
+    rows = [[float("nan"), *row[1:]] for row in motion(times - times[0])]
+    finding = judged("sinusoids", MOTION, published(tmp_path, times.tolist(), rows))
+    assert float(finding.credit) == pytest.approx(2 / 3, abs=0.001)
+    assert "Element 0 is not a number" in finding.reason
+
+
+def test_an_element_that_is_not_there_is_named(tmp_path: Path) -> None:
+    """With a single element, the second sinusoid is missing."""
+    times = np.array(evenly(100, 6.0))
+    rows = [row[:1] for row in motion(times - times[0])]
+    finding = judged("sinusoids", MOTION, published(tmp_path, times.tolist(), rows))
+    assert "no element 1" in finding.reason
+
+
+def test_a_square_wave_is_no_clean_sine(tmp_path: Path) -> None:
+    """A motion of another shape is told to be no sine."""
+    times = np.array(evenly(100, 6.0))
+    rows = motion(times - times[0])
+    square = [[0.5 if row[0] > 0 else -0.5, *row[1:]] for row in rows]
+    finding = judged("sinusoids", MOTION, published(tmp_path, times.tolist(), square))
+    assert finding.outcome is Outcome.PARTIAL
+    assert "no clean sine" in finding.reason
+
+
+# -- QoS -------------------------------------------------------------------------------------------
+
+
+def test_best_effort_is_not_reliable(tmp_path: Path) -> None:
+    """An offer of best effort where reliable is asked for fails, at the line of the tap."""
+    session = Session(tmp_path).endpoint("publisher", TOPIC, qos=BEST_EFFORT).claim("publisher", TOPIC, 31, BEST_EFFORT)
+    finding = judged("offered_qos", {"topic": TOPIC, "reliability": "reliable"}, session)
+    assert finding.outcome is Outcome.FAILED
+    assert "BEST_EFFORT" in finding.reason
+    assert finding.where[0].line == 31
+
+
+def test_a_wrong_depth_only_advises(tmp_path: Path) -> None:
+    """The depth is a claim of the student's code, so that it costs nothing."""
+    claim = replace(RELIABLE, history="keep_last", depth=1)
+    session = Session(tmp_path).endpoint("publisher", TOPIC).claim("publisher", TOPIC, qos=claim)
+    finding = judged("offered_qos", {"topic": TOPIC, "reliability": "reliable", "depth": 10}, session)
+    assert finding.outcome is Outcome.PASSED
+    assert "depth is 1" in finding.notes[0]
+
+
+def test_each_policy_asked_for_is_a_part(tmp_path: Path) -> None:
+    """One of two policies right earns half."""
+    session = Session(tmp_path).endpoint("publisher", TOPIC)
+    wanted = {"topic": TOPIC, "reliability": "reliable", "durability": "transient_local"}
+    assert judged("offered_qos", wanted, session).credit == Decimal("0.5")

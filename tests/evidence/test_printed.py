@@ -1,0 +1,112 @@
+"""Numbers that students' processes print, in the many ways in which they do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from grader.evidence.printed import labelled_vector, reports, text_of
+from grader.recording.session import OutputLine
+from tests.synthetic import Session, at
+
+PATTERN = r"RMS[^\d\[\]+-]{0,60}([+-]?\d+(?:\.\d*)?(?:[eE][+-]?\d+)?)"
+
+
+def said(*lines: str, stream: str = "stdout") -> list[OutputLine]:
+    """Give output lines."""
+    return [OutputLine(at(1.0), stream, line) for line in lines]
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        ["Mean: [0.1 0.2 0.3]"],
+        ["  mean : [0.1, 0.2, 0.3]"],
+        ["Mean absolute error = [0.1 0.2 0.3] rad"],
+        ["Mean:", "[0.1 0.2 0.3]"],
+        ["Mean: [0.1 0.2", " 0.3]"],
+        ["Mean: array([0.1, 0.2, 0.3])"],
+        ["Mean: [np.float64(0.1), np.float64(0.2), np.float64(0.3)]"],
+        ["[INFO] [1.5] [node]: Mean: [1.0e-01 2.e-1 3E-1]"],
+        ["Mean: [9 9 9]", "Mean: [.1 .2 .3]"],
+    ],
+)
+def test_a_vector_is_found_however_it_is_printed(lines: list[str]) -> None:
+    """Wrapped lines, numpy's types, labels in any case: the last one counts."""
+    assert labelled_vector(said(*lines), "Mean") == pytest.approx([0.1, 0.2, 0.3])
+
+
+@pytest.mark.parametrize("lines", [[], ["Mean: 0.1"], ["Max: [0.1]"], ["Mean: [0.1 0.2"], ["Meaning [", "x"]])
+def test_where_there_is_no_vector_none_is_found(lines: list[str]) -> None:
+    """Another label, a single number or a bracket that never closes are none."""
+    assert labelled_vector(said(*lines), "Mean") is None
+
+
+def test_labels_do_not_reach_into_each_other() -> None:
+    """Each label finds its own vector."""
+    output = said("Error Statistics:", "Mean: [1. 2.]", "Max: [3. 4.]", "RMS: [5. 6.]")
+    assert [labelled_vector(output, label) for label in ("Mean", "Max", "RMS")] == [[1, 2], [3, 4], [5, 6]]
+
+
+def test_standard_output_comes_before_the_log() -> None:
+    """A vector on standard output wins over one on standard error, which stands in where there is none."""
+    both = said("Mean: [2.]", stream="stderr") + said("Mean: [1.]")
+    assert labelled_vector(both, "Mean") == [1.0]
+    assert labelled_vector(both[:1], "Mean") == [2.0]
+
+
+def test_numbers_that_are_none_are_read_as_such() -> None:
+    """NaN and infinity are numbers of their own."""
+    vector = labelled_vector(said("Mean: [nan inf -inf 1.]"), "Mean")
+    assert vector is not None
+    assert np.isnan(vector[0])
+    assert vector[1:] == [np.inf, -np.inf, 1.0]
+
+
+@given(st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=12))
+def test_what_numpy_prints_is_read_back(values: list[float]) -> None:
+    """Each array that numpy prints gives its numbers, also over several lines."""
+    lines = f"Mean: {np.array(values)}".splitlines()
+    assert labelled_vector(said(*lines), "Mean") == pytest.approx(values, rel=1e-3, abs=1e-6)
+
+
+@given(st.text(max_size=300))
+def test_no_text_breaks_it(text: str) -> None:
+    """Whatever is printed, the answer is a list of numbers or none."""
+    found = labelled_vector(said(*f"Mean: [{text}".splitlines()), "Mean")
+    assert found is None or all(isinstance(x, float) for x in found)
+
+
+# -- reports ---------------------------------------------------------------------------------------
+
+
+def test_reports_are_read_until_the_interrupt(tmp_path: Path) -> None:
+    """Each line's first group counts, with its time; statistics after Ctrl-C do not."""
+    lines = [(1.0, "RMS tracking error: 0.1234 rad"), (1.5, "other"), (2.0, "RMS: 1e-3"), (21.0, "RMS: 9.0")]
+    recorded = Session(tmp_path).process("it", lines).recorded()
+    found = reports(recorded, "it", PATTERN)
+    assert [(r.t_ns, r.value) for r in found] == [(at(1.0), 0.1234), (at(2.0), 0.001)]
+
+
+def test_reports_of_all_starts_count(tmp_path: Path) -> None:
+    """A node that was started twice reported in both lives."""
+    session = Session(tmp_path).process("it", [(1.0, "RMS: 1")]).process("it", [(2.0, "RMS: 2")])
+    assert [r.value for r in reports(session.recorded(), "it", PATTERN)] == [1.0, 2.0]
+
+
+def test_without_reports_there_are_none(tmp_path: Path) -> None:
+    """Neither output nor a log gives none, and numbers that are none are left out."""
+    session = Session(tmp_path).process("it", ["hello", "value x"])
+    recorded = session.recorded()
+    assert reports(recorded, "it", PATTERN) == []
+    assert reports(recorded, "it", r"value (\w)") == []
+    assert reports(recorded, "it", "value") == []
+
+
+def test_text_of_output() -> None:
+    """Lines are joined by line ends."""
+    assert text_of(said("a", "b")) == "a\nb"

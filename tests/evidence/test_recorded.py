@@ -1,0 +1,150 @@
+"""A recorded session as the checks see it: names that students used, windows, numbers, endpoints, processes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from grader.evidence.recorded import Recorded, Span, machine_delay_s
+from grader.recording.session import UNKNOWN_NODE, Endpoint, GraphSnapshot, ProcessRun, Usage
+from tests.synthetic import FLOATS, START_NS, Session, at
+
+
+def test_a_folder_without_a_recording_is_no_recording(tmp_path: Path) -> None:
+    """Without a record or a bag there is nothing to open."""
+    with pytest.raises(FileNotFoundError):
+        Recorded.open(tmp_path)
+    session = Session(tmp_path)
+    session.recorded()
+    next(session.folder.glob("*.mcap")).unlink()
+    with pytest.raises(FileNotFoundError):
+        Recorded.open(session.folder)
+
+
+def test_the_students_names_are_followed(tmp_path: Path) -> None:
+    """A topic of the rubric is read under the name that the student used."""
+    session = Session(tmp_path).messages("/command", [[1.0]], [1.0]).endpoint("publisher", "/command")
+    recorded = session.called("/commands=/command").recorded()
+    assert recorded.used("/commands") == "/command"
+    assert len(recorded.stream("/commands")) == 1
+    assert [e.topic for e in recorded.endpoints_on("/commands", "publisher")] == ["/command"]
+
+
+def test_times_are_since_the_sessions_start(tmp_path: Path) -> None:
+    """The session's start is zero."""
+    recorded = Session(tmp_path).recorded()
+    assert recorded.since_start_s(at(2.5)) == 2.5
+    assert Span(at(1.0), at(3.5)).duration_s == 2.5
+
+
+def test_a_window_is_there_if_it_opened(tmp_path: Path) -> None:
+    """A step that observed has a span; one that timed out, or is not there, has none."""
+    recorded = Session(tmp_path).window(1.0, 2.0).step("observe", "late", "timeout").recorded()
+    assert recorded.window("window") == Span(at(1.0), at(2.0))
+    assert recorded.window("late") is None
+    assert recorded.window("other") is None
+
+
+# -- numbers ---------------------------------------------------------------------------------------
+
+
+def test_rows_of_the_most_frequent_length_are_the_series(tmp_path: Path) -> None:
+    """Odd messages are left out, those that are not finite too, and order is by source time."""
+    rows = [[1.0, 1.0], [2.0], [float("nan"), 0.0], [3.0, 3.0], []]
+    recorded = Session(tmp_path).messages("/a", rows, [5.0, 1.0, 2.0, 3.0, 4.0]).recorded()
+    series = recorded.numeric("/a", "data")
+    assert series is not None
+    assert series.values.tolist() == [[3.0, 3.0], [1.0, 1.0]]
+    assert series.sequence.tolist() == [4, 1]
+    with_nan = recorded.numeric("/a", "data", finite=False)
+    assert with_nan is not None
+    assert len(with_nan.values) == 3
+
+
+def test_a_topic_without_numbers_has_no_series(tmp_path: Path) -> None:
+    """Text, empty messages and a topic that is not there have none."""
+    session = Session(tmp_path).texts("/text", ["hello"], [1.0]).messages("/empty", [[]], [1.0])
+    recorded = session.recorded()
+    assert [recorded.numeric(name, "data") for name in ("/text", "/empty", "/none")] == [None, None, None]
+    assert recorded.rows("/text", "data") == (None,)
+
+
+def test_another_field_of_numbers_stands_in(tmp_path: Path) -> None:
+    """Where no message has the field, the first that holds numbers is read, since the type is charged elsewhere."""
+    recorded = Session(tmp_path).messages("/a", [[1.0, 2.0]], [1.0]).recorded()
+    series = recorded.numeric("/a", "position")
+    assert series is not None
+    assert series.values.tolist() == [[1.0, 2.0]]
+
+
+# -- the graph -------------------------------------------------------------------------------------
+
+
+def endpoint(gid: str, node: str, topic: str = "/a") -> Endpoint:
+    """Give a publisher."""
+    return Endpoint("publisher", topic, FLOATS, "", node, gid)
+
+
+def test_an_endpoint_whose_node_was_unknown_belongs_to_its_participant(tmp_path: Path) -> None:
+    """What discovery completes later, or another endpoint of the process tells, is taken; the rest is left out."""
+    session = Session(tmp_path)
+    session.record.graph = [
+        GraphSnapshot(
+            at(1.0), endpoints=[endpoint("a" * 24 + "01", UNKNOWN_NODE), endpoint("b" * 24 + "01", UNKNOWN_NODE)]
+        ),
+        GraphSnapshot(at(2.0), endpoints=[endpoint("a" * 24 + "01", "/late"), endpoint("c" * 24 + "01", UNKNOWN_NODE)]),
+        GraphSnapshot(at(3.0), endpoints=[endpoint("c" * 24 + "02", "/same", "/b")]),
+    ]
+    recorded = session.recorded()
+    assert sorted((e.gid[0], e.node) for e in recorded.endpoints) == [("a", "/late"), ("c", "/same"), ("c", "/same")]
+    assert [e.node for e in recorded.endpoints_on("/a", "publisher", without=["/late"])] == ["/same"]
+
+
+def test_nodes_of_all_times_are_listed_once(tmp_path: Path) -> None:
+    """A node that left is still known."""
+    session = Session(tmp_path).node("/a")
+    session.record.graph.append(GraphSnapshot(at(2.0), nodes=["/b", "/a"]))
+    assert session.recorded().nodes == ("/a", "/b")
+
+
+# -- processes -------------------------------------------------------------------------------------
+
+
+def test_processes_are_found_by_artifact_and_by_name(tmp_path: Path) -> None:
+    """An artifact's own runs are in order; one under another name is not among them."""
+    session = Session(tmp_path).process("it", ["first"]).process("it", ["second"])
+    session.process("twin", ["third"], artifact="it")
+    recorded = session.recorded()
+    assert [p.output[0].text for p in recorded.processes_of("it")] == ["first", "second"]
+    assert [line.text for line in recorded.output_of("it")] == ["second"]
+    assert recorded.output_of("none") == []
+    twin = recorded.process("twin")
+    assert twin is not None
+    assert twin.artifact == "it"
+    assert recorded.process("none") is None
+
+
+def run(*samples: tuple[float, float, float]) -> ProcessRun:
+    """Give a process by samples of time, CPU time and run-queue delay, all in s."""
+    usage = [Usage(at(t), round(cpu * 1e9), round(delay * 1e9)) for t, cpu, delay in samples]
+    return ProcessRun("it", "student", [], usage=usage)
+
+
+def test_delay_is_interpolated_between_samples() -> None:
+    """Half of a span between two samples has half of their delay."""
+    assert machine_delay_s(run((0, 0, 0), (10, 1, 2)), Span(at(2), at(7))) == pytest.approx(1.0)
+
+
+def test_delay_is_never_more_than_the_time_in_which_the_process_did_not_run() -> None:
+    """A process that is busy all the time was kept from nothing by the machine."""
+    assert machine_delay_s(run((0, 0, 0), (10, 10, 8)), Span(at(0), at(10))) == pytest.approx(0.0)
+    assert machine_delay_s(run((0, 0, 0), (10, 7, 8)), Span(at(0), at(10))) == pytest.approx(3.0)
+
+
+def test_without_samples_the_machine_is_not_blamed() -> None:
+    """One sample says nothing, and beyond the last there is no delay."""
+    assert machine_delay_s(run((0, 0, 5)), Span(START_NS, at(10))) == 0.0
+    assert machine_delay_s(run((0, 0, 0), (1, 0, 1)), Span(at(5), at(10))) == pytest.approx(0.0)
+    assert np.isfinite(machine_delay_s(run(), Span(at(5), at(5))))

@@ -1,0 +1,130 @@
+"""The real `grade` command on the sample submission: files, score and exit statuses."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+ROOT = Path(__file__).parents[2]
+GRADE = Path(sys.executable).parent / "grade"
+ALICE = ROOT / "submissions" / "alice"
+
+pytestmark = pytest.mark.live
+
+
+def grade(*arguments: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """Run the command."""
+    return subprocess.run(
+        [str(GRADE), *map(str, arguments)], cwd=cwd, capture_output=True, text=True, timeout=280, check=False
+    )
+
+
+@dataclass(frozen=True)
+class Graded:
+    """Alice's results."""
+
+    folder: Path
+    exit_status: int
+    output: str
+    errors: str
+
+
+@pytest.fixture(scope="module")
+def alice(tmp_path_factory: pytest.TempPathFactory) -> Graded:
+    """Grade the sample once for all workers of a test run, as the README's first command does."""
+    base = tmp_path_factory.getbasetemp()
+    shared = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "alice"
+    shared.mkdir(exist_ok=True)
+    told = shared / "run.json"
+    with (shared / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not told.exists():
+            run = grade(ALICE, cwd=shared)
+            told.write_text(json.dumps([run.returncode, run.stdout, run.stderr]), encoding="utf-8")
+    return Graded(shared / "results" / "alice", *json.loads(told.read_text(encoding="utf-8")))
+
+
+def test_the_sample_is_graded(alice: Graded) -> None:
+    """The sample submission gets a believable score; the command says so and ends with 0."""
+    assert alice.exit_status == 0, alice.errors
+    assert "Traceback" not in alice.errors
+    result = json.loads((alice.folder / "result.json").read_text(encoding="utf-8"))
+    assert result["score"]["possible"] == 100
+    assert result["score"]["undecided"] == 0, result["problems"]
+    assert 80 < result["score"]["earned"] < 90
+    assert f"{result['score']['earned']:g}" in alice.output
+    assert "report.html" in alice.output
+
+
+def test_all_files_are_written(alice: Graded) -> None:
+    """Report, result and a recording for each session lie in the results folder, and nothing else."""
+    assert sorted(p.name for p in alice.folder.iterdir()) == ["recordings", "report.html", "result.json"]
+    recordings = alice.folder / "recordings"
+    sessions = {"publisher", "subscriber", "service", "launch", "qos"}
+    assert {p.name for p in recordings.iterdir()} == {*sessions, "submission.json", "rubric.yaml"}
+    for session in sessions:
+        names = {p.name for p in (recordings / session).iterdir()}
+        assert names == {"metadata.yaml", f"{session}.mcap", "session.json"}
+
+
+def test_the_result_keeps_its_contract(alice: Graded) -> None:
+    """`result.json` has the keys that scripts rely on, and its points add up."""
+    result = json.loads((alice.folder / "result.json").read_text(encoding="utf-8"))
+    assert {"schema", "submission", "lab", "score", "criteria", "advisories", "problems", "provenance"} <= set(result)
+    assert result["submission"] == "alice"
+    points = ("earned", "possible", "undecided")
+    assert set(result["score"]) == set(points)
+    for criterion in result["criteria"]:
+        assert {"id", "title", *points, "checks"} <= set(criterion)
+        for check in criterion["checks"]:
+            assert {"id", "title", "outcome", *points, "expected", "measured", "reason", "hint", "where"} <= set(check)
+        for key in points:
+            assert sum(check[key] for check in criterion["checks"]) == pytest.approx(criterion[key])
+    for key in points:
+        assert sum(criterion[key] for criterion in result["criteria"]) == pytest.approx(result["score"][key])
+    lost = [c for criterion in result["criteria"] for c in criterion["checks"] if c["earned"] < c["possible"]]
+    assert lost
+    assert all(check["reason"] and check["expected"] and check["measured"] for check in lost)
+
+
+def test_regrading_gives_the_same_bytes(alice: Graded, tmp_path: Path) -> None:
+    """`grade regrade` judges the recordings again and changes no byte; `--fail-under` sets the exit status."""
+    files = [alice.folder / "result.json", alice.folder / "report.html"]
+    before = [path.read_bytes() for path in files]
+    run = grade("regrade", alice.folder, "--fail-under", "50", cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    assert [path.read_bytes() for path in files] == before
+    assert grade("regrade", alice.folder, "--fail-under", "99", cwd=tmp_path).returncode == 1
+
+
+def test_one_session_can_be_chosen(tmp_path: Path) -> None:
+    """`--sessions`, `-o` and `--fail-under` do what they say; what was not asked for is not judged."""
+    arguments = ("--sessions", "publisher", "-o", tmp_path / "out", "--fail-under", "99")
+    run = grade(ALICE, *arguments, cwd=tmp_path)
+    assert run.returncode == 1, run.stderr
+    result = json.loads((tmp_path / "out" / "alice" / "result.json").read_text(encoding="utf-8"))
+    recordings = tmp_path / "out" / "alice" / "recordings"
+    assert [p.name for p in recordings.iterdir() if p.is_dir()] == ["publisher"]
+    judged = {check["id"].split(".")[0] for c in result["criteria"] for check in c["checks"]}
+    assert "publisher" in judged
+    assert not {"subscriber", "service"} & judged
+    assert not (tmp_path / "results").exists()
+
+
+def test_a_mistake_on_the_command_line_is_told(tmp_path: Path) -> None:
+    """A wrong path or session ends with the status of its kind, with a remedy and without a traceback."""
+    for arguments, status in (((tmp_path / "nobody",), 3), ((ALICE, "--sessions", "nonsense"), 4)):
+        run = grade(*arguments, cwd=tmp_path)
+        assert run.returncode == status
+        assert run.stderr.startswith("grade: ")
+        assert "Traceback" not in run.stderr
+    assert list(tmp_path.iterdir()) == [] or not list(tmp_path.rglob("result.json"))

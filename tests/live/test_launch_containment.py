@@ -1,0 +1,178 @@
+"""Launch files that misbehave while they are read: the grader goes on, and nothing outside changes."""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+import sys
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from grader import pipeline
+from grader.live.isolation import Form, probe_isolation
+from grader.result import CheckResult, Outcome, Result
+from grader.submission import read_submission_folder
+
+pytestmark = pytest.mark.live
+
+ROOT = Path(__file__).parents[2]
+CRITERION = "launch"
+#: An argument by which the processes that a case leaves behind would be known.
+MARK = "98765.4321"
+#: Ends within this time, whatever the launch file does: one evaluation may take 10 s, the rest is the session.
+BOUND_S = 60.0
+
+
+@dataclass(frozen=True)
+class Misdeed:
+    """What a launch file does while it is read, and what is to be said of it."""
+
+    name: str
+    code: str
+    outcome: Outcome = Outcome.FAILED
+    reason_has: str = ""
+    check: str = "launch.loads"
+
+
+MISDEEDS = [
+    Misdeed("loops", "while True:\n    pass", reason_has="still busy after 10 s"),
+    Misdeed("sleeps", "import time\ntime.sleep(1e6)", reason_has="still busy after 10 s"),
+    Misdeed(
+        "forks_without_end",
+        "import os, time\nfor _ in range(400):\n    try:\n        os.fork()\n    except OSError:\n        pass\n"
+        "time.sleep(1e6)",
+        reason_has="still busy after 10 s",
+    ),
+    Misdeed(
+        "leaves_a_daemon",
+        "import os, subprocess\n"
+        f"subprocess.Popen(['setsid', 'sleep', '{MARK}'], start_new_session=True, close_fds=False)\n"
+        "if os.fork() == 0:\n    os.setsid()\n    if os.fork() == 0:\n"
+        f"        os.execvp('sleep', ['sleep', '{MARK}'])\n    os._exit(0)",
+        Outcome.PASSED,
+    ),
+    Misdeed(
+        "writes_files",
+        "import pathlib\n"
+        "for folder in ('.', '..', '../..', '/ws', '/ws/install/lib', '/tmp', '/', '/launching', '/parameters'):\n"
+        "    try:\n        (pathlib.Path(folder) / 'planted_by_launch').write_text('x')\n"
+        "    except OSError:\n        pass",
+        Outcome.PASSED,
+    ),
+    Misdeed("floods_its_output", "import os\nfor _ in range(50):\n    os.write(1, b'x' * 2**20)", Outcome.PASSED),
+    Misdeed(
+        "floods_the_result",
+        "import os, sys\nfd = int(sys.orig_argv[-1])\nfor _ in range(50):\n    os.write(fd, b'x' * 2**20)",
+        reason_has="no description that can be read",
+    ),
+    Misdeed("exits_at_once", "import os\nos._exit(0)", reason_has="ended by it (with status 0)"),
+    Misdeed("raises_system_exit", "raise SystemExit(3)", reason_has="ends the whole program"),
+    Misdeed(
+        "kills_its_parent",
+        "import os, signal\nfor pid in (os.getppid(), -1):\n    try:\n        os.kill(pid, signal.SIGKILL)\n"
+        "    except OSError:\n        pass",
+        Outcome.PASSED,
+    ),
+    Misdeed("kills_itself", "import os\nos.kill(os.getpid(), 9)", reason_has="ended by it (by signal 9)"),
+    Misdeed(
+        "deletes_everything",
+        "import shutil\nfor folder in ('/ws/src', '/ws/install', '/tmp', '/home/student', '/usr'):\n"
+        "    shutil.rmtree(folder, ignore_errors=True)\n",
+        reason_has="not found",
+        check="launch.nodes",
+    ),
+    Misdeed(
+        "plants_links",
+        "import os, shutil\nshutil.rmtree('/ws/install/lib')\n"
+        "os.symlink('/etc', '/ws/install/lib')\nos.symlink('/etc', '/ws/parameters')\nraise RuntimeError('done')",
+        reason_has="RuntimeError: done",
+    ),
+    Misdeed("recurses", "def again():\n    again()\nagain()", reason_has="RecursionError"),
+    Misdeed("takes_memory", "hoard = [b'x' * 2**28 for _ in range(10**6)]", reason_has="MemoryError"),
+]
+
+
+def submission_of(misdeed: Misdeed, folder: Path) -> Path:
+    """Lay out the solution with a launch file that misbehaves before it describes what it should."""
+    submission = folder / misdeed.name
+    shutil.copytree(ROOT / "reference/solution", submission, ignore=shutil.ignore_patterns("__pycache__"))
+    launch = submission / "robot_launch.py"
+    docstring, rest = launch.read_text().split('"""\n', 1)
+    launch.write_text(f'{docstring}"""\n\n{misdeed.code}\n\n{rest}')
+    return submission
+
+
+def state_of(folder: Path) -> dict[str, str]:
+    """Digest every file below a folder."""
+    files = (p for p in folder.rglob("*") if p.is_file() and "__pycache__" not in p.parts)
+    return {str(p.relative_to(folder)): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
+
+
+def processes_with(words: str) -> set[str]:
+    """Process ids of this machine whose command line holds some words."""
+    found = set()
+    for path in Path("/proc").glob("[0-9]*/cmdline"):
+        with suppress(OSError):
+            if words in path.read_bytes().replace(b"\0", b" ").decode("utf-8", "replace"):
+                found.add(path.parent.name)
+    return found
+
+
+def left_running(words: str) -> set[str]:
+    """Processes that are still there after longer than another grading on this machine would need them."""
+    found, until = processes_with(words), time.monotonic() + 12
+    while found and time.monotonic() < until:
+        time.sleep(0.2)
+        found &= processes_with(words)
+    return found
+
+
+def record_and_judge(submission: Path, results: Path) -> Result:
+    """Record the launch session alone, and judge it."""
+    rubric = pipeline.read_rubric(None)
+    record = read_submission_folder(submission, rubric)
+    record.sessions = [CRITERION]
+    options = pipeline.Options(Path(sys.executable), [CRITERION], jobs=1)
+    pipeline.record(submission, record, rubric, results, options, lambda progress: None)
+    return pipeline.judge_results(results, rubric)
+
+
+def checks_of(result: Result) -> dict[str, CheckResult]:
+    """Return the checks of the launch criterion by their ids."""
+    return {c.id: c for criterion in result.criteria if criterion.id == CRITERION for c in criterion.checks}
+
+
+@pytest.mark.parametrize("misdeed", MISDEEDS, ids=lambda misdeed: misdeed.name)
+def test_a_launch_file_that_misbehaves_is_contained(misdeed: Misdeed, tmp_path: Path) -> None:
+    """The session ends in time with a finding, nothing goes on running, and nothing outside has changed."""
+    isolation = probe_isolation(Path(sys.executable))
+    if isolation.form is Form.NONE:
+        pytest.skip(f"no cells here: {isolation.remedy}")
+    submission = submission_of(misdeed, tmp_path / "submissions")
+    watched = [submission, ROOT / "grader/live/launching", ROOT / "reference"]
+    before = [state_of(folder) for folder in watched]
+    began = time.monotonic()
+    result = record_and_judge(submission, tmp_path / "results")
+    took_s = time.monotonic() - began
+    judged = checks_of(result)[misdeed.check]
+    said = f"{judged.finding.reason} | {judged.finding.measured} | {result.problems}"
+    assert took_s < BOUND_S
+    assert judged.finding.outcome is misdeed.outcome, said
+    assert misdeed.reason_has in judged.finding.reason, said
+    if misdeed.outcome is Outcome.FAILED:
+        assert judged.finding.hint
+        assert result.score.undecided == 0, said
+    else:
+        assert all(c.finding.outcome is Outcome.PASSED for c in checks_of(result).values()), said
+    assert not left_running(MARK)
+    assert not left_running("evaluate.py --result-fd")
+    assert [state_of(folder) for folder in watched] == before
+    assert not list(tmp_path.rglob("planted_by_launch"))
+    assert not Path("/tmp/planted_by_launch").exists()
+    assert not Path("/etc/robot_mode_service_1.yaml").exists()

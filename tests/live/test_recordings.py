@@ -1,0 +1,172 @@
+"""Recordings of the solution: other readers agree on them, judging them repeats, and a dead recorder costs nothing."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import shutil
+import signal
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+pytest.importorskip("rclpy")
+
+from mcap.reader import make_reader
+from rosbags.highlevel import AnyReader
+
+ROOT = Path(__file__).parents[2]
+sys.path.append(str(ROOT))
+
+from grader import pipeline  # noqa: E402
+from grader.evidence.recorded import Recorded  # noqa: E402
+from grader.judging import judge, open_recordings  # noqa: E402
+from grader.result import Outcome  # noqa: E402
+from grader.rubric import Rubric  # noqa: E402
+from grader.submission import read_submission_folder  # noqa: E402
+from tests.live.small_lab import TALKER, TEXT, below, command_of, make_lab, published  # noqa: E402
+
+pytestmark = pytest.mark.live
+
+SESSIONS = ("publisher", "subscriber", "service", "launch", "qos")
+
+
+@pytest.fixture(scope="module")
+def rubric() -> Rubric:
+    """Give the lab's own rubric."""
+    return pipeline.read_rubric(None)
+
+
+@pytest.fixture(scope="module")
+def solution(rubric: Rubric, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Give the results folder of the solution, recorded once for all workers of a test run."""
+    base = tmp_path_factory.getbasetemp()
+    shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+    results = shared / "solution"
+    with (shared / "solution.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not results.exists():
+            folder = ROOT / "reference" / "solution"
+            submission = read_submission_folder(folder, rubric)
+            partial = shared / "solution.partial"
+            shutil.rmtree(partial, ignore_errors=True)
+            options = pipeline.Options(Path(sys.executable))
+            pipeline.record(folder, submission, rubric, partial, options, lambda progress: None)
+            partial.rename(results)
+    return results
+
+
+@pytest.mark.parametrize("session", SESSIONS)
+def test_other_readers_agree_with_ours(session: str, solution: Path) -> None:
+    """`rosbags`, `mcap` and our own reader give the same counts, times and bytes, and every message decodes."""
+    folder = solution / pipeline.RECORDINGS / session
+    recorded = Recorded.open(folder)
+    assert recorded.record.complete
+    assert not recorded.record.problems
+    metadata = yaml.safe_load((folder / "metadata.yaml").read_text(encoding="utf-8"))["rosbag2_bagfile_information"]
+    assert metadata["version"] == 9
+    with (folder / metadata["relative_file_paths"][0]).open("rb") as stream:
+        reader = make_reader(stream)
+        assert reader.get_header().profile == "ros2"
+        raw = list(reader.iter_messages())
+        summary = reader.get_summary()
+    assert summary is not None
+    assert summary.statistics is not None
+    assert metadata["message_count"] == summary.statistics.message_count == len(raw) > 0
+    with AnyReader([folder]) as bag:
+        theirs = [(c.topic, t, data) for c, t, data in bag.messages()]
+        for connection, _, data in bag.messages():
+            bag.deserialize(data, connection.msgtype)
+    assert sorted(theirs) == sorted((channel.topic, m.log_time, m.data) for _, channel, m in raw)
+    for topic in {channel.topic for _, channel, _ in raw}:
+        ours = recorded.bag.stream(topic)
+        wanted = {(m.publish_time, m.sequence, m.log_time, m.data) for _, c, m in raw if c.topic == topic}
+        columns = zip(
+            ours.source_ns.tolist(), ours.sequence.tolist(), ours.received_ns.tolist(), ours.data, strict=True
+        )
+        assert {(a, b, c, bytes(d)) for a, b, c, d in columns} == wanted
+        assert ours.malformed == 0
+
+
+def test_values_are_those_that_were_published(solution: Path) -> None:
+    """The first joint's command in the bag is the solution's sinusoid, as read by `rosbags`."""
+    with AnyReader([solution / pipeline.RECORDINGS / "publisher"]) as bag:
+        connections = [c for c in bag.connections if c.topic == "/joint_commands"]
+        messages: list[Any] = [bag.deserialize(data, c.msgtype) for c, _, data in bag.messages(connections)]
+    ours = Recorded.open(solution / pipeline.RECORDINGS / "publisher").numeric("/joint_commands", "data")
+    assert ours is not None
+    values = np.array([message.data for message in messages])
+    assert len(values) >= 550
+    assert np.array_equal(values, ours.values)
+    first = round(float(np.arcsin(values[0, 0] / 0.5) / (2 * np.pi * 0.2 * 0.01)))
+    expected = 0.5 * np.sin(2 * np.pi * 0.2 * 0.01 * (first + np.arange(len(values))))
+    assert np.allclose(values[:, 0], expected, atol=1e-9)
+
+
+def test_all_traffic_is_recorded(solution: Path) -> None:
+    """Logs, the clock, the grader's own publications and its service calls are in the bags too."""
+    topics = {s: {t.topic for t in Recorded.open(solution / pipeline.RECORDINGS / s).bag.topics} for s in SESSIONS}
+    assert {"/joint_commands", "/rosout", "/parameter_events"} <= topics["publisher"]
+    assert {"/joint_commands", "/joint_states", "/rosout"} <= topics["subscriber"]
+    assert {"/robot/enable/_service_event", "/parameter_events"} <= topics["service"]
+    assert {"/clock", "/joint_states", "/joint_commands"} <= topics["launch"]
+    assert {"/test_best_effort", "/test_reliable", "/test_sensor_data", "/test_control_command"} <= topics["qos"]
+    early = Recorded.open(solution / pipeline.RECORDINGS / "subscriber").stream("/joint_states").field("data")
+    assert [list(data) for data in early[:20]] == [[0.1, 0.2, 0.3, 0.1, 0.2, 0.3, 0.1]] * 20
+
+
+def test_judging_a_recording_twice_gives_the_same_bytes(solution: Path, tmp_path: Path) -> None:
+    """Regrading writes the same result and report, byte for byte, wherever the recordings lie."""
+    pages = []
+    for name in ("first", "second"):
+        shutil.copytree(solution, tmp_path / name / "solution")
+        for _ in range(2):
+            pipeline.regrade(tmp_path / name / "solution", None)
+            files = [tmp_path / name / "solution" / f for f in (pipeline.RESULT_FILE, pipeline.REPORT_FILE)]
+            pages.append([path.read_bytes() for path in files])
+    assert all(page == pages[0] for page in pages)
+
+
+def test_a_killed_recorder_costs_no_points(tmp_path: Path) -> None:
+    """When the recorder dies, its bag is recovered, the checks are undecided, and the session is recorded again."""
+    steps: list[dict[str, Any]] = [
+        {"start": {"student": "talker"}},
+        {"wait_for": {"publisher": "/chatter", "type": TEXT, "timeout_s": 20}},
+        {"observe": {"duration_s": 3, "first_message_on": "/chatter", "timeout_s": 20}},
+        {"interrupt": {"process": "talker"}},
+    ]
+    lab = make_lab(tmp_path, {"talker": TALKER}, {"only": steps}, checks=[published("/chatter")])
+    broken = tmp_path / "broken"
+    killed_ns: list[int] = []
+
+    def on_progress(progress: Any) -> None:
+        if "observing" in progress.text and not killed_ns:
+            # The bag grows while we look, for the cell does not wait for us.
+            time.sleep(2.0)
+            mine = [p for p in below(os.getpid()) if "grader.live.director" in command_of(p)]
+            directors = [
+                p for p in mine if " -m grader.live.director " in command_of(p) and "setpriv" not in command_of(p)
+            ]
+            killed_ns.append(time.time_ns())
+            os.kill(max(directors), signal.SIGKILL)
+        if progress.ended and not broken.exists():
+            shutil.copytree(lab.recordings, broken)
+
+    again = lab.record(on_progress)["only"]
+    first = open_recordings(broken, lab.rubric())
+    cut = first.sessions["only"]
+    assert any("the recorder died" in problem for problem in cut.record.problems)
+    assert killed_ns[0] - int(cut.bag.stream("/chatter").received_ns[-1]) < 1.5e9
+    with AnyReader([broken / "only"]) as bag:
+        assert sum(c.msgcount for c in bag.connections if c.topic == "/chatter") == len(cut.bag.stream("/chatter"))
+    result = judge(first, lab.rubric())
+    assert [check.finding.outcome for c in result.criteria for check in c.checks] == [Outcome.INCONCLUSIVE]
+    assert result.score.earned == 0
+    assert result.score.undecided == 1
+    assert not again.record.problems
+    assert judge(open_recordings(lab.recordings, lab.rubric()), lab.rubric()).score.earned == 1

@@ -1,0 +1,97 @@
+"""`result.json`: the contract that others script against."""
+
+from __future__ import annotations
+
+import json
+from decimal import Decimal
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from grader.report.json import points, render, to_plain
+from grader.result import CheckResult, CriterionResult, Finding, Outcome, Result, Score, Where
+
+FINDING = Finding(
+    Outcome.PARTIAL,
+    Decimal("0.5"),
+    "100 Hz",
+    "90 Hz \x1b[31m ü \u2028",
+    "too slow",
+    "use a timer",
+    (Where(file="a.py", line=3), Where(session="s", topic="/a", start_s=1.23456789, end_s=2.0)),
+    ("a note",),
+)
+
+
+def result(finding: Finding = FINDING) -> Result:
+    """Give a result with one check."""
+    check = CheckResult("a.rate", "Rate", "s", finding, Decimal("2.5"), Decimal(5), Decimal(0))
+    criterion = CriterionResult("a", "A", "", (check,), Decimal("2.5"), Decimal(5), Decimal(0))
+    score = Score(Decimal("2.5"), Decimal("5.0"), Decimal(0))
+    return Result("ann", "Lab 1: One", score, (criterion,), ("advice",), ("problem",), {"grader": "0"})
+
+
+def test_the_contract() -> None:
+    """Each key is where scripts look for it."""
+    plain = json.loads(render(result()))
+    assert plain["schema"] == "ros-lab-grader/result/v1"
+    assert plain["score"] == {"earned": 2.5, "possible": 5, "undecided": 0}
+    assert set(plain) == {
+        "schema",
+        "submission",
+        "lab",
+        "score",
+        "criteria",
+        "advisories",
+        "problems",
+        "provenance",
+    }
+    assert set(plain["criteria"][0]) == {"id", "title", "earned", "possible", "undecided", "checks"}
+    check = plain["criteria"][0]["checks"][0]
+    assert set(check) == {
+        "id",
+        "title",
+        "outcome",
+        "earned",
+        "possible",
+        "undecided",
+        "expected",
+        "measured",
+        "reason",
+        "hint",
+        "where",
+        "notes",
+    }
+    assert check["outcome"] == "partial"
+    assert check["where"] == [
+        {"file": "a.py", "line": 3},
+        {"session": "s", "topic": "/a", "start_s": 1.235, "end_s": 2.0},
+    ]
+
+
+def test_text_of_students_comes_back_as_it_was() -> None:
+    """Control characters are escaped in the file, and are themselves again when it is read."""
+    text = render(result())
+    assert text.isascii()
+    assert "\x1b" not in text
+    assert json.loads(text) == to_plain(result())
+
+
+@given(st.text(max_size=50))
+def test_any_text_is_valid_json(text: str) -> None:
+    """Whatever a student wrote, the file can be read."""
+    plain = json.loads(render(result(Finding(Outcome.FAILED, Decimal(0), text, text, text, text))))
+    assert plain["criteria"][0]["checks"][0]["reason"] == text
+
+
+@pytest.mark.parametrize(("value", "shown"), [("5", "5"), ("5.0", "5"), ("2.5", "2.5"), ("0", "0"), ("1E+1", "10")])
+def test_whole_points_are_whole_numbers(value: str, shown: str) -> None:
+    """Points have no needless digits."""
+    assert json.dumps(points(Decimal(value))) == shown
+
+
+def test_equal_results_give_equal_bytes() -> None:
+    """The order of keys is fixed, and the text ends with a line end."""
+    assert render(result()) == render(result())
+    assert render(result()).endswith("}\n")

@@ -1,0 +1,131 @@
+"""The terminal's view: what is shown of a result, and what text of students can never do to the terminal."""
+
+from __future__ import annotations
+
+import io
+import re
+import unicodedata
+from decimal import Decimal
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console
+
+from grader.report.plain import terminal_text
+from grader.report.terminal import ProgressDisplay, points_text, print_result
+from grader.result import CheckResult, CriterionResult, Finding, Outcome, Result, Score, Where
+
+EVIL = "\x1b[2J\x1b]0;owned\x07[red]x[/red][link=http://a]\r\x9b31m\u202eabc\x00\ud800"
+
+
+def finding(outcome: Outcome, reason: str = "too slow", hint: str = "use a timer", file: str = "a.py") -> Finding:
+    """Give a finding of an outcome."""
+    return Finding(outcome, Decimal(0), "", "", reason, hint, (Where(file=file, line=3), Where(session="s")))
+
+
+def result(*findings: Finding, name: str = "ann", advice: str = "", problem: str = "") -> Result:
+    """Give a result whose checks have 5 points each and earn them if passed."""
+    checks = []
+    for number, each in enumerate(findings):
+        earned = Decimal(5) if each.outcome is Outcome.PASSED else Decimal(0)
+        undecided = Decimal(0) if each.outcome.decided else Decimal(5)
+        checks.append(CheckResult(f"a.{number}", f"Check {number}", "s", each, earned, Decimal(5), undecided))
+    sums = [sum((getattr(c, key) for c in checks), Decimal(0)) for key in ("earned", "possible", "undecided")]
+    criterion = CriterionResult("a", "Criterion", "", tuple(checks), *sums)
+    return Result(name, "Lab 1", Score(*sums), (criterion,), (advice,) if advice else (), (problem,) if problem else ())
+
+
+def printed(shown: Result, terminal: bool = False) -> str:
+    """Give what is printed of a result."""
+    file = io.StringIO()
+    print_result(Console(file=file, width=100, force_terminal=terminal, highlight=False), shown)
+    return file.getvalue()
+
+
+def test_each_lost_point_has_its_reason() -> None:
+    """Checks that did not pass are shown with reason, hint and line; those that passed are not."""
+    text = printed(result(finding(Outcome.PASSED), finding(Outcome.FAILED), finding(Outcome.NOT_REACHED)))
+    assert "Check 0" not in text
+    assert re.search(r"✗ +Check 1", text)
+    assert "too slow" in text
+    assert "→ use a timer" in text
+    assert "a.py:3" in text
+    assert re.search(r"– +Check 2", text)
+    assert "5 / 15" in text
+
+
+def test_what_is_undecided_is_not_shown_as_lost() -> None:
+    """Undecided points are asked, not subtracted, and told apart."""
+    text = printed(result(finding(Outcome.INCONCLUSIVE), finding(Outcome.ERROR)))
+    assert text.count("? / 5") == 2
+    assert "10 points are undecided through no fault of the submission." in text
+
+
+def test_advice_and_problems_are_shown() -> None:
+    """Advisories cost nothing and say so; the grader's problems are named as its own."""
+    text = printed(result(finding(Outcome.PASSED), advice="try_shutdown", problem="cut off"))
+    assert "Costs nothing, but worth knowing:" in text
+    assert "• try_shutdown" in text
+    assert "Grader: cut off" in text
+
+
+@pytest.mark.parametrize("terminal", [False, True])
+def test_escape_sequences_of_students_are_not_obeyed(terminal: bool) -> None:
+    """Neither reasons, hints, file names, advice nor the submission's name can steer the terminal or its markup."""
+    evil = finding(Outcome.FAILED, EVIL, EVIL, EVIL)
+    text = printed(result(evil, name=EVIL, advice=EVIL, problem=EVIL), terminal)
+    assert "\x1b[2J" not in text
+    assert "\x1b]" not in text
+    assert not {"\x07", "\r", "\x9b", "\u202e", "\x00", "\ud800"} & set(text)
+    assert text.count("[red]x[/red]") >= 4
+    if not terminal:
+        assert "\x1b" not in text
+
+
+@given(st.text(), st.integers(2, 50))
+def test_terminal_text_has_nothing_but_what_prints(text: str, limit: int) -> None:
+    """Whatever the text, no control, format, surrogate or separator character is left, and its length is bounded."""
+    shown = terminal_text(text, limit)
+    assert len(shown) <= limit
+    assert not {unicodedata.category(c) for c in shown} & {"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"}
+
+
+def test_plain_text_is_shown_as_it_is() -> None:
+    """Words of any language stay; line ends become spaces; what is cut says so."""
+    assert terminal_text("Größe 大小 ✓\n\tx") == "Größe 大小 ✓  x"
+    assert terminal_text("abcdef", 4) == "abc…"
+    assert terminal_text("\x1b[0m\u200b") == "\\x1b[0m\\u200b"
+
+
+@pytest.mark.parametrize(("value", "shown"), [("0", "0"), ("0.0", "0"), ("5.0", "5"), ("2.50", "2.5"), ("100", "100")])
+def test_points_have_no_needless_zeros(value: str, shown: str) -> None:
+    """Points are written as a person would."""
+    assert points_text(Decimal(value)) == shown
+
+
+def test_progress_without_a_terminal_is_a_line_a_session() -> None:
+    """In a log, a session is named once, when it has ended."""
+    file = io.StringIO()
+    console = Console(file=file, width=100, force_terminal=False)
+    with ProgressDisplay(console, "ann", ["one", "two"]) as display:
+        display.update("one", "starting", 1, 3, False)
+        display.update("one", "recorded", 3, 3, True)
+    lines = file.getvalue().splitlines()
+    assert len(lines) == 1
+    assert lines[0].startswith("  one: recorded")
+
+
+def test_progress_on_a_terminal_shows_each_session() -> None:
+    """In place, sessions that wait, run and have ended are told apart, and names cannot steer the terminal."""
+    file = io.StringIO()
+    console = Console(file=file, width=100, force_terminal=True)
+    with ProgressDisplay(console, EVIL, ["one", "two", "three"]) as display:
+        display.update("one", EVIL, 1, 3, False)
+        display.update("two", "recorded", 3, 3, True)
+        console.print(display._table())
+    text = file.getvalue()
+    assert "(1 of 3)" in text
+    assert "in the queue" in text
+    assert "\x1b[2J" not in text
+    assert "\x1b]0;owned" not in text

@@ -1,0 +1,212 @@
+"""The `grade` command without a live graph: what it says of mistakes, and its exit statuses."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from grader.checks import REGISTRY
+from grader.cli import main
+from grader.pipeline import RECORDINGS, REPORT_FILE, RESULT_FILE, RUBRIC_COPY, lab_folder
+
+ROOT = Path(__file__).resolve().parents[1]
+SHIPPED = lab_folder() / "rubric.yaml"
+
+
+def results_of(name: str, folder: Path) -> Path:
+    """Lay out a results folder with kept recordings."""
+    shutil.copytree(ROOT / "tests/recordings" / name, folder / name / RECORDINGS)
+    shutil.copy(SHIPPED, folder / name / RECORDINGS / RUBRIC_COPY)
+    return folder / name
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> tuple[int, str, str]:
+    """Run the command in this process; returns exit status, output and errors."""
+    try:
+        status = main([str(argument) for argument in arguments])
+    except SystemExit as end:  # argparse
+        status = int(end.code or 0)
+    captured = capsys.readouterr()
+    assert "Traceback" not in captured.err
+    return status, captured.out, captured.err
+
+
+# -- submissions -----------------------------------------------------------------------------------
+
+
+def test_no_such_submission(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A path that is not there ends with 3, and names what is."""
+    (tmp_path / "alice").mkdir()
+    status, _, errors = run(capsys, tmp_path / "alcie", "-o", tmp_path / "results")
+    assert status == 3
+    assert "there is no such submission" in errors
+    assert "alice" in errors
+    assert not (tmp_path / "results").exists()
+
+
+def test_an_empty_submission(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A folder without files ends with 3, and says what to do."""
+    (tmp_path / "ann").mkdir()
+    status, _, errors = run(capsys, tmp_path / "ann", "-o", tmp_path / "results")
+    assert (status, "the submission is empty" in errors) == (3, True)
+    assert len(errors.strip().splitlines()) == 2
+
+
+def test_a_folder_of_something_else(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A folder without any artifact ends with 3."""
+    (tmp_path / "notes.txt").write_text("hello")
+    status, _, errors = run(capsys, tmp_path, "-o", tmp_path / "results")
+    assert (status, "nothing in this folder looks like a submission" in errors) == (3, True)
+
+
+def test_a_file_in_place_of_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """An archive is to be unpacked."""
+    (tmp_path / "ann.zip").write_bytes(b"PK")
+    status, _, errors = run(capsys, tmp_path / "ann.zip", "-o", tmp_path / "results")
+    assert (status, "Unpack" in errors) == (3, True)
+
+
+def test_names_of_folders_cannot_steer_the_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Escape sequences in a path are shown, not obeyed."""
+    status, _, errors = run(capsys, tmp_path / "\x1b[2Jann", "-o", tmp_path / "results")
+    assert status == 3
+    assert "\x1b" not in errors
+
+
+# -- rubrics ---------------------------------------------------------------------------------------
+
+
+def test_a_broken_rubric_ends_with_all_its_lines(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Each mistake is a line with file and number, before anything is run."""
+    text = SHIPPED.read_text(encoding="utf-8")
+    broken = text.replace("points: 100", "points: 99").replace("check: topic_rate", "check: topic_rat")
+    shutil.copytree(lab_folder() / "reference", tmp_path / "reference")
+    (tmp_path / "mine.yaml").write_text(broken, encoding="utf-8")
+    status, _, errors = run(capsys, ROOT / "submissions/alice", "--rubric", tmp_path / "mine.yaml")
+    assert status == 4
+    assert [line for line in errors.splitlines() if "mine.yaml:" in line and "topic_rat" in line]
+    assert [line for line in errors.splitlines() if "mine.yaml:" in line and "add up to" in line]
+
+
+def test_a_rubric_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A wrong path of a rubric ends with 4."""
+    status, _, errors = run(capsys, ROOT / "submissions/alice", "--rubric", tmp_path / "none.yaml")
+    assert (status, "Check --rubric" in errors) == (4, True)
+
+
+def test_a_session_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A session that the rubric does not have ends with 4, and the known ones are named."""
+    pytest.importorskip("rclpy")
+    out = tmp_path / "results"
+    status, _, errors = run(capsys, ROOT / "submissions/alice", "--sessions", "publisher,sevrice", "-o", out)
+    assert status == 4
+    assert "there is no session 'sevrice'" in errors
+    assert "publisher, subscriber, service, launch, qos" in errors
+
+
+# -- usage -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        ["--colour"],
+        ["ann", "--seed", "x"],
+        ["ann", "--fail-under", "all"],
+        ["ann", "-j", "0"],
+        ["regrade"],
+        ["regrade", "x", "-j", "1"],
+        ["checks", "x"],
+    ],
+)
+def test_wrong_usage(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    """Wrong arguments end with 2 and the usage."""
+    status, _, errors = run(capsys, *arguments)
+    assert (status, "usage: grade" in errors) == (2, True)
+
+
+def test_no_such_interpreter(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """An interpreter that is not there ends with 5."""
+    status, _, errors = run(capsys, ROOT / "submissions/alice", "--python", tmp_path / "python")
+    assert (status, "Check --python" in errors) == (5, True)
+
+
+def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
+    """Help names the other commands and all exit statuses."""
+    status, output, _ = run(capsys, "--help")
+    assert status == 0
+    assert "grade regrade" in output
+    assert all(f"{number} " in output for number in range(8))
+    assert run(capsys, "--version")[:2] == (0, "grade 0.1.0\n")
+
+
+def test_checks_lists_each_check_with_its_parameters(capsys: pytest.CaptureFixture[str]) -> None:
+    """All checks of the registry are listed, and each of their parameters."""
+    status, output, _ = run(capsys, "checks")
+    assert status == 0
+    for name, check in REGISTRY.items():
+        assert f"{name}:" in output
+        assert all(f"    {key}: " in output for key in check.parameters.model_fields)
+
+
+# -- regrading -------------------------------------------------------------------------------------
+
+
+def test_regrading_writes_result_and_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Kept recordings are judged, and the points are printed."""
+    results = results_of("solution", tmp_path)
+    status, output, errors = run(capsys, "regrade", results)
+    assert (status, errors) == (0, "")
+    assert "100 / 100" in output
+    assert json.loads((results / RESULT_FILE).read_text())["score"]["earned"] == 100
+    assert (results / REPORT_FILE).read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+
+
+def test_fail_under(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A score below the limit ends with 1, one at it with 0."""
+    results = results_of("missing_service_file", tmp_path)
+    assert run(capsys, "regrade", results)[0] == 0
+    earned = json.loads((results / RESULT_FILE).read_text())["score"]["earned"]
+    assert run(capsys, "regrade", results, "--fail-under", str(earned))[0] == 0
+    assert run(capsys, "regrade", results, "--fail-under", str(earned + 0.1))[0] == 1
+
+
+def test_several_results_are_regraded_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One below the limit is enough to end with 1, and all are judged."""
+    folders = [results_of(name, tmp_path) for name in ("missing_service_file", "wrong_topic")]
+    status, output, _ = run(capsys, "regrade", *folders, "--fail-under", "20")
+    assert status == 1
+    assert "wrong_topic: Lab 09-01" in output
+    assert all((folder / RESULT_FILE).is_file() for folder in folders)
+
+
+@pytest.mark.parametrize("what", ["nothing", "no record", "damaged"])
+def test_recordings_that_cannot_be_read(tmp_path: Path, capsys: pytest.CaptureFixture[str], what: str) -> None:
+    """A folder without recordings, or with damaged ones, ends with 6 and says where."""
+    results = tmp_path / "empty"
+    if what != "nothing":
+        results = results_of("solution", tmp_path)
+        if what == "no record":
+            (results / RECORDINGS / "submission.json").unlink()
+        else:
+            (results / RECORDINGS / "qos/session.json").write_text("{")
+    status, _, errors = run(capsys, "regrade", results)
+    assert status == 6
+    assert errors.startswith(f"grade: {results}")
+    assert not (results / RESULT_FILE).exists()
+
+
+def test_the_installed_command_is_this_one(tmp_path: Path) -> None:
+    """The `grade` script ends as `main` does."""
+    script = Path(sys.executable).parent / "grade"
+    if not script.exists():
+        pytest.skip("the package is not installed here")
+    ended = subprocess.run([script, "regrade", tmp_path], capture_output=True, text=True, check=False)
+    assert ended.returncode == 6
+    assert "Traceback" not in ended.stderr

@@ -1,0 +1,318 @@
+"""Judging kept recordings: the verdicts, the same bytes each time, and nobody pays for the grader's faults."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.util
+import json
+import shutil
+import subprocess
+import sys
+from decimal import Decimal
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+import yaml
+
+from grader.checks import REGISTRY, Check
+from grader.errors import RecordingError
+from grader.judging import Recordings, judge, judge_checks, open_recordings
+from grader.pipeline import read_rubric, undecided_sessions
+from grader.recording.bag import Bag
+from grader.recording.session import read_session, write_session
+from grader.recording.submission import SUBMISSION_FILE, read_submission, write_submission
+from grader.report import json as result_json
+from grader.result import CheckResult, Outcome, Result, Score
+from grader.rubric import Rubric
+
+ROOT = Path(__file__).resolve().parents[1]
+KEPT = ROOT / "tests/recordings"
+SOLUTION = KEPT / "solution"
+FIXTURES = sorted(path.name for path in KEPT.iterdir() if path.name != SOLUTION.name)
+
+
+@pytest.fixture(scope="module")
+def rubric() -> Rubric:
+    """Give the lab's own rubric."""
+    return read_rubric(None)
+
+
+@pytest.fixture(scope="module")
+def solution(rubric: Rubric) -> Recordings:
+    """Give the recordings of the solution."""
+    return open_recordings(SOLUTION, rubric)
+
+
+@pytest.fixture
+def copy(tmp_path: Path) -> Path:
+    """Give a copy of the solution's recordings to damage."""
+    shutil.copytree(SOLUTION, tmp_path / "recordings")
+    return tmp_path / "recordings"
+
+
+def checks_of(result: Result) -> dict[str, CheckResult]:
+    """Give the results of all checks by their ids."""
+    return {check.id: check for criterion in result.criteria for check in criterion.checks}
+
+
+def lost(result: Result) -> Decimal:
+    """Give the points that are neither earned nor undecided."""
+    return result.score.possible - result.score.earned - result.score.undecided
+
+
+def verdicts() -> ModuleType:
+    """Load the comparison with `expected.yaml` from the test that grades fixtures live."""
+    spec = importlib.util.spec_from_file_location("fixture_verdicts", ROOT / "tests/live/test_fixtures.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+# -- verdicts --------------------------------------------------------------------------------------
+
+
+def test_the_solution_has_all_points(solution: Recordings, rubric: Rubric) -> None:
+    """A correct submission scores 100, with nothing undecided and no problem."""
+    result = judge(solution, rubric)
+    assert result.score == Score(Decimal(100), Decimal(100), Decimal(0))
+    assert result.problems == ()
+    assert {check.finding.outcome for check in checks_of(result).values()} == {Outcome.PASSED}
+
+
+@pytest.mark.parametrize("name", FIXTURES)
+def test_a_kept_fixture_gets_its_verdict(name: str, rubric: Rubric) -> None:
+    """A fixture loses points where its expected.yaml says, and nowhere else."""
+    expected = yaml.safe_load((ROOT / "fixtures" / name / "expected.yaml").read_text(encoding="utf-8"))
+    result = judge(open_recordings(KEPT / name, rubric), rubric)
+    module = verdicts()
+    pairs = module.asserted(expected, result, rubric)
+    assert pairs
+    assert [d for check, wanted in pairs for d in module.differences(check, wanted)] == []
+
+
+@pytest.mark.parametrize("name", FIXTURES)
+def test_each_lost_point_shows_its_proof(name: str, rubric: Rubric) -> None:
+    """What loses points says what was expected, what was measured, why, and how to mend it."""
+    result = judge(open_recordings(KEPT / name, rubric), rubric)
+    for check in checks_of(result).values():
+        if check.finding.outcome in (Outcome.FAILED, Outcome.PARTIAL):
+            finding = check.finding
+            assert finding.expected, check.id
+            assert finding.measured, check.id
+            assert finding.reason, check.id
+            assert finding.hint, check.id
+
+
+def test_a_typo_in_a_topic_is_charged_once(rubric: Rubric) -> None:
+    """All but the name is judged on the topic that the student used."""
+    result = judge(open_recordings(KEPT / "wrong_topic", rubric), rubric)
+    publisher = result.criteria[0]
+    outcomes = {check.id: check.finding.outcome for check in publisher.checks}
+    assert outcomes.pop("publisher.publishes") is Outcome.PARTIAL
+    assert set(outcomes.values()) == {Outcome.PASSED}
+
+
+def test_a_missing_file_is_charged_at_its_first_check(rubric: Rubric) -> None:
+    """The first check says which file, and all others that they could not be reached."""
+    checks = checks_of(judge(open_recordings(KEPT / "missing_service_file", rubric), rubric))
+    service = [check for name, check in checks.items() if name.startswith("service.")]
+    assert "no robot_service.py" in service[0].finding.reason
+    assert {check.finding.outcome for check in service[1:]} == {Outcome.NOT_REACHED}
+    assert all("Offers the service" in check.finding.reason for check in service[1:])
+
+
+def test_only_sessions_that_were_asked_for_are_judged(rubric: Rubric) -> None:
+    """Checks of other sessions are left out, and do not count as possible points."""
+    result = judge(open_recordings(KEPT / "wrong_topic", rubric), rubric)
+    assert {check.session for check in checks_of(result).values()} == {"publisher", None}
+
+
+# -- the same bytes --------------------------------------------------------------------------------
+
+
+def rendered(folder: Path, rubric: Rubric) -> str:
+    """Give the result of a folder of recordings as its file holds it."""
+    return result_json.render(judge(open_recordings(folder, rubric), rubric))
+
+
+@pytest.mark.parametrize("name", [SOLUTION.name, "wrong_topic", "qos_invented_numbers"])
+def test_judging_twice_gives_equal_bytes(name: str, rubric: Rubric) -> None:
+    """The same recording and rubric give the same text."""
+    assert rendered(KEPT / name, rubric) == rendered(KEPT / name, rubric)
+
+
+JUDGE = """
+import sys
+from pathlib import Path
+from grader.judging import judge, open_recordings
+from grader.pipeline import read_rubric
+from grader.report import json as result_json
+rubric = read_rubric(None)
+for name in sys.argv[2:]:
+    sys.stdout.write(result_json.render(judge(open_recordings(Path(sys.argv[1], name), rubric), rubric)))
+"""
+
+
+def test_another_process_gives_equal_bytes(rubric: Rubric) -> None:
+    """Neither hash seeds, nor time zone, nor working directory change a byte."""
+    names = ["solution", "qos_invented_numbers", "signed_mean_statistics"]
+    here = "".join(rendered(KEPT / name, rubric) for name in names)
+    for seed, zone in (("1", "Asia/Tokyo"), ("4242", "America/Lima")):
+        environment = {"PYTHONHASHSEED": seed, "TZ": zone, "PATH": "", "PYTHONPATH": str(ROOT), "LC_ALL": "C"}
+        command = [sys.executable, "-c", JUDGE, str(KEPT), *names]
+        run = subprocess.run(command, env=environment, cwd="/", capture_output=True, text=True, check=True)
+        assert run.stdout == here
+
+
+def test_where_the_recording_lies_makes_no_difference(copy: Path, rubric: Rubric) -> None:
+    """A copy elsewhere is judged alike."""
+    assert rendered(copy, rubric) == rendered(SOLUTION, rubric)
+
+
+# -- nobody pays for the grader's faults -----------------------------------------------------------
+
+
+@pytest.mark.parametrize("check", sorted({spec.check for spec in read_rubric(None).checks()}))
+def test_a_check_that_breaks_costs_nothing(
+    check: str, solution: Recordings, rubric: Rubric, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An exception in a check leaves its points undecided, and those that hang on it."""
+
+    def broken(context: object, parameters: object) -> Any:
+        raise ZeroDivisionError("inside")
+
+    monkeypatch.setitem(REGISTRY, check, Check(REGISTRY[check].parameters, broken))
+    result = judge(solution, rubric)
+    mine = [spec for spec in rubric.checks() if spec.check == check]
+    assert lost(result) == 0
+    assert result.score.undecided >= sum(spec.points for spec in mine)
+    reasons = [checks_of(result)[spec.id].finding for spec in mine]
+    assert {f.outcome for f in reasons} <= {Outcome.ERROR, Outcome.INCONCLUSIVE}
+    assert "ZeroDivisionError: inside" in reasons[0].reason
+
+
+@pytest.mark.parametrize("session", ["publisher", "subscriber", "service", "launch", "qos"])
+@pytest.mark.parametrize("how", ["cut off", "with a problem", "without its bag", "without its folder"])
+def test_a_broken_recording_costs_nothing(copy: Path, rubric: Rubric, session: str, how: str) -> None:
+    """A session that was cut off, disturbed or lost leaves its points undecided, and only those."""
+    record = read_session(copy / session)
+    if how == "without its folder":
+        shutil.rmtree(copy / session)
+    elif how == "without its bag":
+        next((copy / session).glob("*.mcap")).unlink()
+    else:
+        change = {"complete": False} if how == "cut off" else {"problems": ["a reference node died"]}
+        write_session(copy / session, dataclasses.replace(record, **change))
+    recordings = open_recordings(copy, rubric)
+    result = judge(recordings, rubric)
+    own = [spec for spec in rubric.checks() if spec.session == session]
+    assert lost(result) == 0
+    assert result.score.undecided == sum(spec.points for spec in own)
+    assert bool(result.problems) == (how != "without its folder")
+    assert undecided_sessions(recordings, rubric, list(rubric.sessions)) == [session]
+
+
+def test_a_bag_that_was_cut_short_is_still_read(copy: Path, rubric: Rubric) -> None:
+    """Half a bag of a session that says it is complete never breaks judging."""
+    path = next((copy / "publisher").glob("*.mcap"))
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    assert not Bag.open(copy / "publisher").finished
+    assert judge(open_recordings(copy, rubric), rubric).score.undecided == 0
+
+
+def test_what_hangs_on_an_undecided_check_is_undecided(
+    solution: Recordings, rubric: Rubric, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A check is not lost because the one that it requires could not be decided."""
+
+    def broken(context: object, parameters: object) -> Any:
+        raise ZeroDivisionError
+
+    monkeypatch.setitem(REGISTRY, "topic_published", Check(REGISTRY["topic_published"].parameters, broken))
+    checks = checks_of(judge(solution, rubric))
+    assert checks["publisher.rate"].finding.outcome is Outcome.INCONCLUSIVE
+    assert "Publishes joint commands" in checks["publisher.rate"].finding.reason
+
+
+def test_a_check_that_fails_lets_those_that_require_it_rest(rubric: Rubric) -> None:
+    """What needs a failed check is not reached, and names it."""
+    record = open_recordings(KEPT / "missing_service_file", rubric)
+    findings = judge_checks(record, rubric)
+    for spec in rubric.checks():
+        if spec.id in findings and findings[spec.id].outcome is Outcome.NOT_REACHED:
+            assert any(findings[r].outcome in (Outcome.FAILED, Outcome.NOT_REACHED) for r in spec.requires)
+
+
+def test_a_missing_artifact_is_the_students_even_without_a_recording(copy: Path, rubric: Rubric) -> None:
+    """A session that was not run because its file is missing fails at its first check."""
+    shutil.rmtree(copy / "service")
+    record = read_submission(copy)
+    next(fact for fact in record.artifacts if fact.name == "service").path = None
+    write_submission(copy, record)
+    checks = checks_of(judge(open_recordings(copy, rubric), rubric))
+    assert checks["service.offers"].finding.outcome is Outcome.FAILED
+    assert checks["service.enables"].finding.outcome is Outcome.NOT_REACHED
+
+
+# -- what cannot be judged at all ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "null", '{"schema": "other"}', '{"schema": 1}'])
+def test_files_of_another_shape_are_an_error(copy: Path, rubric: Rubric, text: str) -> None:
+    """A damaged or foreign file ends with an error that says where, and no score."""
+    for path in (copy / "publisher/session.json", copy / SUBMISSION_FILE):
+        path.write_text(text)
+        with pytest.raises(RecordingError) as caught:
+            open_recordings(copy, rubric)
+        assert caught.value.exit_status == 6
+        assert caught.value.remedy
+
+
+def test_a_record_with_an_unknown_key_is_an_error(copy: Path, rubric: Rubric) -> None:
+    """A recording of a later version is not half understood."""
+    path = copy / "qos/session.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), "later": 1}))
+    with pytest.raises(RecordingError, match="cannot be read") as caught:
+        open_recordings(copy, rubric)
+    assert "later" in caught.value.remedy
+
+
+# -- pure ------------------------------------------------------------------------------------------
+
+
+def test_judging_and_reporting_load_neither_ros_nor_processes() -> None:
+    """After a whole judgement and its report, no module of ROS, of processes or of the live half is loaded."""
+    code = (
+        "import sys\nbefore = set(sys.modules)\n"
+        "from pathlib import Path\n"
+        "from grader.judging import judge, open_recordings\n"
+        "from grader.pipeline import read_rubric, report_page\n"
+        "from grader.report import html, json\n"
+        "rubric = read_rubric(None)\n"
+        "recordings = open_recordings(Path(sys.argv[1]), rubric)\n"
+        "result = judge(recordings, rubric)\n"
+        "assert result.score.earned == 100\n"
+        "report_page(result, recordings, rubric), json.render(result)\n"
+        "print(*sorted(set(sys.modules) - before))\n"
+    )
+    command = [sys.executable, "-c", code, str(SOLUTION)]
+    run = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT)
+    loaded = set(run.stdout.split())
+    forbidden = {"rclpy", "subprocess", "asyncio", "multiprocessing", "grader.live", "launch", "rpyutils"}
+    assert not {name for name in loaded if name in forbidden or name.startswith(("rclpy.", "grader.live."))}
+
+
+def test_kept_recordings_tell_nothing_of_the_machine() -> None:
+    """No path of the machine on which they were made stands in them, and they stay small."""
+    own = [str(ROOT), sys.prefix, str(Path.home()) + "/"]
+    total = 0
+    for path in KEPT.rglob("*"):
+        if path.is_file():
+            content = path.read_bytes()
+            total += len(content)
+            assert not [name for name in own if name.encode() in content], path
+    assert total < 6_000_000

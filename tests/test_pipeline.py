@@ -1,0 +1,154 @@
+"""The judging side of the pipeline: regrading, with and without ROS, and files replaced in one step."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from grader import pipeline
+from grader.errors import GraderError, RubricError
+from grader.recording.submission import ArtifactFact, SubmissionRecord
+from grader.rubric import Rubric
+
+ROOT = Path(__file__).resolve().parents[1]
+SHIPPED = pipeline.lab_folder() / "rubric.yaml"
+
+
+@pytest.fixture(scope="module")
+def rubric() -> Rubric:
+    """Give the lab's own rubric."""
+    return pipeline.read_rubric(None)
+
+
+@pytest.fixture
+def results(tmp_path: Path) -> Path:
+    """Lay out a results folder with the solution's recordings."""
+    folder = tmp_path / "results/solution"
+    shutil.copytree(ROOT / "tests/recordings/solution", folder / pipeline.RECORDINGS)
+    shutil.copy(SHIPPED, folder / pipeline.RECORDINGS / pipeline.RUBRIC_COPY)
+    return folder
+
+
+def written(results: Path) -> dict[str, bytes]:
+    """Give the files that judging writes."""
+    return {name: (results / name).read_bytes() for name in (pipeline.RESULT_FILE, pipeline.REPORT_FILE)}
+
+
+def test_regrading_twice_gives_equal_bytes(results: Path) -> None:
+    """Result and report are the same each time."""
+    pipeline.regrade(results, None)
+    first = written(results)
+    pipeline.regrade(results, None)
+    assert written(results) == first
+
+
+WITHOUT_ROS = """
+import sys
+
+class Missing:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {"rclpy", "std_msgs", "std_srvs", "rcl_interfaces", "rpyutils", "launch",
+                                      "ament_index_python", "rosidl_parser", "rosidl_runtime_py"}:
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+sys.meta_path.insert(0, Missing())
+from grader.cli import main
+sys.exit(main(["regrade", sys.argv[1]]))
+"""
+
+
+def test_without_ros_regrading_gives_the_same_bytes(results: Path, tmp_path: Path) -> None:
+    """On a machine without ROS 2, in an empty environment, result and report are the same."""
+    pipeline.regrade(results, None)
+    here = written(results)
+    other = tmp_path / "elsewhere/solution"
+    shutil.copytree(results, other)
+    for name in here:
+        (other / name).unlink()
+    environment = {"PYTHONPATH": str(ROOT), "PYTHONHASHSEED": "7", "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1"}
+    command = [sys.executable, "-c", WITHOUT_ROS, str(other)]
+    run = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    assert written(other) == here
+
+
+def test_another_rubric_changes_the_points(results: Path) -> None:
+    """A mended rubric judges old recordings anew, and the provenance tells which it was."""
+    before = pipeline.regrade(results, None)
+    text = SHIPPED.read_text(encoding="utf-8").replace("rate_hz: 100, full_within", "rate_hz: 50, full_within")
+    mended = results.parent / "mended.yaml"
+    mended.write_text(text, encoding="utf-8")
+    after = pipeline.regrade(results, mended)
+    assert before.score.earned - after.score.earned == 6
+    assert before.provenance["rubric_sha256"] != after.provenance["rubric_sha256"]
+    kept = (results / pipeline.RECORDINGS / pipeline.RUBRIC_COPY).read_text(encoding="utf-8")
+    assert kept == SHIPPED.read_text(encoding="utf-8")
+
+
+def test_a_broken_rubric_leaves_the_old_result(results: Path) -> None:
+    """What cannot be judged leaves what was written before as it is."""
+    pipeline.regrade(results, None)
+    before = written(results)
+    broken = results.parent / "broken.yaml"
+    broken.write_text("lab: {}\n", encoding="utf-8")
+    with pytest.raises(RubricError):
+        pipeline.regrade(results, broken)
+    assert written(results) == before
+
+
+def test_results_are_replaced_in_one_step(results: Path) -> None:
+    """A reader of the old file keeps the whole of it, and nothing half-written is left."""
+    pipeline.regrade(results, None)
+    (results / pipeline.RESULT_FILE).write_text("old")
+    with (results / pipeline.RESULT_FILE).open() as old:
+        pipeline.regrade(results, None)
+        assert old.read() == "old"
+    assert json.loads((results / pipeline.RESULT_FILE).read_text())["score"]["earned"] == 100
+    assert sorted(path.name for path in results.iterdir()) == sorted(
+        [pipeline.RECORDINGS, pipeline.RESULT_FILE, pipeline.REPORT_FILE]
+    )
+
+
+def test_files_have_unix_line_ends(results: Path) -> None:
+    """Results are the same bytes on every system."""
+    pipeline.regrade(results, None)
+    assert b"\r" not in written(results)[pipeline.RESULT_FILE]
+
+
+# -- which sessions run ----------------------------------------------------------------------------
+
+
+def submission(*artifacts: str) -> SubmissionRecord:
+    """Give a submission with these artifacts."""
+    names = ("publisher", "subscriber", "service", "launch", "qos")
+    facts = [ArtifactFact(name, name, name if name in artifacts else None) for name in names]
+    return SubmissionRecord("ann", artifacts=facts)
+
+
+def options(sessions: list[str] | None) -> pipeline.Options:
+    """Give options that choose sessions."""
+    return pipeline.Options(Path(sys.executable), sessions)
+
+
+def test_sessions_without_their_file_do_not_run(rubric: Rubric) -> None:
+    """Only what was handed in is started."""
+    assert pipeline.chosen_sessions(rubric, options(None), submission("publisher", "qos")) == ["publisher", "qos"]
+    assert pipeline.chosen_sessions(rubric, options(["qos", "launch"]), submission("qos")) == ["qos"]
+    assert pipeline.chosen_sessions(rubric, options([]), submission("qos")) == []
+
+
+def test_unknown_sessions_are_refused(rubric: Rubric) -> None:
+    """A session that the rubric does not have is an error that names those it has."""
+    with pytest.raises(GraderError, match="there is no session 'x'") as caught:
+        pipeline.chosen_sessions(rubric, options(["x"]), submission())
+    assert "publisher, subscriber" in caught.value.remedy
+
+
+def test_versions_name_what_a_recording_depends_on() -> None:
+    """Grader, interpreter, kernel and middleware are named, installed or not."""
+    assert {"grader", "python", "kernel", "ros-jazzy-rclpy", "mcap"} <= set(pipeline.versions())
