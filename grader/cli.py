@@ -117,7 +117,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         _print_error(GraderError(error.strerror or str(error), where=str(error.filename or ""), remedy="Check -o."))
         return GraderError.exit_status
     except KeyboardInterrupt:
-        print("grade: interrupted; nothing of this submission was written", file=sys.stderr)
+        print("grade: interrupted; there is no result of this submission", file=sys.stderr)
         return 130
 
 

@@ -213,8 +213,8 @@ def undecided_sessions(recordings: Recordings, rubric: Rubric, chosen: Sequence[
 
 
 def _by_file(reason: str) -> bool:
-    """Whether a finding is open for a reason that another run cannot change."""
-    return reason.startswith("The grader cannot evaluate")
+    """Whether a finding is open for a reason that another run cannot change, or only because another one is."""
+    return reason.startswith(("The grader cannot evaluate", "It hangs on"))
 
 
 def judge_results(results: Path, rubric: Rubric) -> Result:

@@ -70,7 +70,7 @@ def ends_by_itself(context: Context, p: EndsByItself) -> Finding:
             expected,
             measured,
             where=(spot,),
-            notes=() if run.exit_status == 0 else (_bad_end(p.artifact, run.exit_status),),
+            notes=() if run.exit_status == 0 else (_bad_end(run.exit_status),),
         )
     reason, hint, where = why_nothing(context, p.artifact, "It ended without results.")
     if said:
@@ -78,11 +78,11 @@ def ends_by_itself(context: Context, p: EndsByItself) -> Finding:
     return failed(expected, measured, reason, hint=hint, where=where)
 
 
-def _bad_end(artifact: str, status: int | None) -> str:
-    """Say how a program ended that had done its work."""
-    crash = f"crashes (exit status {status}) when it ends; stop its executor and its threads before rclpy.shutdown()"
-    how = crash if status is not None and (status < 0 or status > 128) else f"ends with exit status {status}"
-    return f"{artifact}: The results are there, but the program {how}."
+def _bad_end(status: int | None) -> str:
+    """Say how a program ended that had done its work; shells give 128 and more for a signal that ended it."""
+    if status is None or 0 < status <= 128:
+        return f"Its exit status is {status}."
+    return f"It crashes when it ends (exit status {status}); stop executors and threads before rclpy.shutdown()."
 
 
 class TopicsCarryTraffic(Parameters):
@@ -93,13 +93,16 @@ class TopicsCarryTraffic(Parameters):
 
 
 def topics_carry_traffic(context: Context, p: TopicsCarryTraffic) -> Finding:
-    """Judge the number of messages by the publishers' sequence numbers."""
+    """Judge the number of messages by the publishers' sequence numbers; another name costs half a topic."""
     counts = {t: _written(context, t) for t in p.topics}
     silent = [t for t, n in counts.items() if n < p.least_messages]
+    renamed = [t for t in p.topics if t not in silent and context.session.used(t) != t]
     expected = f"at least {p.least_messages} messages on each of {', '.join(p.topics)}"
-    measured = ", ".join(f"{t} {n}" for t, n in counts.items())
-    reason = f"Too little came on {', '.join(silent)}."
-    return graded(1 - len(silent) / len(p.topics), expected, measured, reason, where=(context.where(),))
+    measured = ", ".join(f"{context.session.used(t)} {n}" for t, n in counts.items())
+    reasons = [f"Too little came on {', '.join(silent)}."] if silent else []
+    reasons += [f"{t} is named {context.session.used(t)}; the rest is judged on that." for t in renamed]
+    share = 1 - (len(silent) + 0.5 * len(renamed)) / len(p.topics)
+    return graded(share, expected, measured, " ".join(reasons), where=(context.where(),))
 
 
 def _written(context: Context, topic: str, until_ns: int | None = None) -> int:

@@ -253,7 +253,9 @@ def reported_statistics(context: Context, p: ReportedStatistics) -> Finding:
             "no stimulus recorded",
             "Commands and states were not recorded, so there is nothing to compare with.",
         )
-    printed = labelled_vector(context.session.output_of(p.artifact), p.label)
+    processes = context.session.processes_of(p.artifact)
+    stopped_ns = processes[-1].interrupted_ns if processes else None
+    printed = labelled_vector(context.session.output_of(p.artifact), p.label, stopped_ns)
     spot = Where(session=context.session.record.session, process=p.artifact)
     if printed is None:
         return _nothing_printed(context, p, expected)
@@ -275,7 +277,8 @@ def reported_statistics(context: Context, p: ReportedStatistics) -> Finding:
     right = context.oracle(p.oracle)(streams, p.parameters, context.session.record.seed)[p.key]["value"]
     reason = "Right would be [" + " ".join(f"{x:.4f}" for x in right) + "]."
     if len(printed) != p.length:
-        reason = f"{len(printed)} numbers are printed, not one for each of {p.length}. " + reason
+        amount = "One number is" if len(printed) == 1 else f"{len(printed)} numbers are"
+        reason = f"{amount} printed behind '{p.label}', not one for each of {p.length}. " + reason
         share = 0.0
     return graded(share, expected, measured, reason, where=(spot,))
 

@@ -77,6 +77,8 @@ class CallAnswered(Parameters):
     response: Mapping[str, Any] = Field(description="Fields that must have these values.")
     message_field: str = "message"
     message: Pattern | None = Field(None, description="Regular expression for the message field.")
+    contrary: Pattern | None = Field(None, description="A message that matches says the contrary: no credit.")
+    again: str | None = Field(None, description="A later step with the same request, to be answered alike.")
 
 
 def _answer(step: StepRun | None) -> tuple[Mapping[str, Any] | None, float, str]:
@@ -170,6 +172,10 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
     wrong = [f"{k} is {response.get(k)!r}, not {v!r}" for k, v in p.response.items() if response.get(k) != v]
     if wrong:
         return failed(expected, measured, f"In the answer, {' and '.join(wrong)}.", where=where)
+    if (other := _contrary(context, p, response)) is not None:
+        return failed(
+            expected, _shown(other), f"The answer says the contrary of the request: {_shown(other)}.", where=where
+        )
     text = str(response.get(p.message_field, ""))
     if p.message is not None and not text.strip():
         return graded(0.75, expected, measured, "The answer's message is empty.", where=where)
@@ -177,6 +183,15 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
         note = f"The message {text!r} is worded otherwise than the lab's."
         return passed(expected, measured, where=where, notes=(note,))
     return passed(expected, measured, where=where)
+
+
+def _contrary(context: Context, p: CallAnswered, first: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """Return the first answer whose message says the contrary of the request, of this step or of the later one."""
+    later = context.session.step(p.again) if p.again else None
+    calls = later.result.get("calls", []) if later is not None else []
+    answers = [first, *(c["response"] for c in calls if c["response"] is not None)]
+    messages = ((a, str(a.get(p.message_field, ""))) for a in answers)
+    return next((a for a, text in messages if p.contrary and re.search(p.contrary, text)), None)
 
 
 class CallGated(Parameters):
@@ -213,7 +228,8 @@ def call_gated(context: Context, p: CallGated) -> Finding:
         )
     if answers[p.refused_step] is None and _earlier_silence(context, steps[p.refused_step], expected) is not None:
         reason = "The node had stopped answering before, which is charged there, so no change could be looked at."
-        return graded(0.5 * fits(p.from_start_step, p.refused), expected, measured, reason, where=where)
+        share, hint = 0.5 * fits(p.from_start_step, p.refused), "Mend the earlier call first."
+        return graded(share, expected, measured, reason, hint=hint, where=where)
     if answers[p.refused_step] is None:
         students = (run.artifact for run in context.session.record.processes if run.role == "student")
         problem = "No answer came while the parameter was false."
@@ -230,7 +246,7 @@ def call_gated(context: Context, p: CallGated) -> Finding:
     set_step = context.session.step(p.set_step)
     if set_step is not None and set_step.outcome != "done":
         why = "; ".join(str(problem) for problem in set_step.result.get("refused", {}).values())
-        reason = f"The parameter could not be set to false{': ' + why if why else ''}. So the node goes on enabling."
+        reason = f"It goes on enabling, since the parameter could not be set at all{': ' + why if why else ''}."
         return failed(expected, measured, reason, hint=_SET_HINT, where=where)
     return failed(expected, measured, "It enables although the parameter is false.", where=where)
 

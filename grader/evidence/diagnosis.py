@@ -81,8 +81,8 @@ def advisories(output: Sequence[OutputLine]) -> tuple[str, ...]:
     found: list[str] = []
     if any(_is_second_shutdown(exception) for exception in raised):
         found.append(
-            "The node calls rclpy.shutdown() although Ctrl-C has already shut rclpy down, and leaves with an "
-            "RCLError; rclpy.try_shutdown() does the same without it."
+            "The node calls rclpy.shutdown() although rclpy is already shut down, as Ctrl-C does it too, and leaves "
+            "with an RCLError; rclpy.try_shutdown() does the same without it."
         )
     last = raised[-1].name if raised else ""
     if last in ("KeyboardInterrupt", "ExternalShutdownException"):

@@ -78,8 +78,9 @@ class Isolation:
             return {
                 "level": self.level,
                 "form": self.form.value,
-                "covers": ["time limit"],
-                "lacks": covered[:-1],
+                "covers": ["limits on processes, open files and file sizes", "time limit"],
+                "lacks": covered[:-2],
+                "remedy": self.remedy,
             }
         return {
             "level": self.level,

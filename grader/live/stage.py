@@ -15,6 +15,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
+from grader.live.launching.released import is_released
 from grader.packages import is_launch_file
 from grader.recording.submission import PackageFact, SubmissionRecord
 from grader.rubric import Rubric
@@ -108,7 +109,7 @@ def _register(folder: Path, package: str) -> None:
 def _packages_of_bare_files(record: SubmissionRecord, rubric: Rubric) -> list[str]:
     """Bare files stand for the lab's package, and for any other that their launch files name."""
     named = [m for text in record.texts.values() for m in _PACKAGE_ARGUMENT.findall(text)]
-    return list(dict.fromkeys([rubric.lab.package, *named]))[:20]
+    return [p for p in dict.fromkeys([rubric.lab.package, *named]) if not is_released(p)][:20]
 
 
 def _install_bare_files(folder: Path, package: str, record: SubmissionRecord, rubric: Rubric, interpreter: str) -> None:

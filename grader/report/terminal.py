@@ -101,6 +101,9 @@ def print_result(console: Console, result: Result) -> None:
         note = f"{points_text(score.undecided)} points are undecided through no fault of the submission."
         table.add_row("?", Text(note, "magenta"), "")
     console.print(table)
+    if any(s.get("isolation") == "none" for s in result.provenance.get("sessions", {}).values()):
+        note = "The submission's code ran unconfined: this machine makes no namespaces for it. The report says more."
+        console.print(Text(note, "bold red"))
     for problem in result.problems:
         console.print(Text(f"Grader: {terminal_text(problem)}", "magenta"))
     if result.advisories:

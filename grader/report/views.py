@@ -469,16 +469,18 @@ class IsolationView:
     sessions: str
     covers: tuple[str, ...]
     lacks: tuple[str, ...]
+    remedy: str
 
 
 def isolations_of(sessions: Mapping[str, SessionRecord]) -> list[IsolationView]:
     """Return the levels of isolation, each with the sessions that had it."""
-    found: dict[tuple[str, tuple[str, ...], tuple[str, ...]], list[str]] = {}
+    found: dict[tuple[str, tuple[str, ...], tuple[str, ...], str], list[str]] = {}
     for name, record in sessions.items():
         known = record.isolation
-        key = (str(known.get("level", "unknown")), _words(known.get("covers")), _words(known.get("lacks")))
+        level, remedy = str(known.get("level", "unknown")), str(known.get("remedy", ""))
+        key = (level, _words(known.get("covers")), _words(known.get("lacks")), remedy)
         found.setdefault(key, []).append(name)
-    return [IsolationView(level, ", ".join(n), covers, lacks) for (level, covers, lacks), n in found.items()]
+    return [IsolationView(key[0], ", ".join(names), *key[1:]) for key, names in found.items()]
 
 
 def _words(items: Any) -> tuple[str, ...]:

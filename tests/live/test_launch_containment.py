@@ -176,3 +176,26 @@ def test_a_launch_file_that_misbehaves_is_contained(misdeed: Misdeed, tmp_path: 
     assert not list(tmp_path.rglob("planted_by_launch"))
     assert not Path("/tmp/planted_by_launch").exists()
     assert not Path("/etc/robot_mode_service_1.yaml").exists()
+
+
+def test_a_node_in_a_container_is_left_undecided(tmp_path: Path) -> None:
+    """A container of components is not run here: its node is neither there nor missing, and nothing runs twice."""
+    submission = tmp_path / "contained"
+    shutil.copytree(ROOT / "reference/solution", submission, ignore=shutil.ignore_patterns("__pycache__"))
+    (submission / "robot_launch.py").write_text(
+        "from launch import LaunchDescription\n"
+        "from launch_ros.actions import ComposableNodeContainer, Node\n"
+        "from launch_ros.descriptions import ComposableNode\n"
+        "def generate_launch_description():\n"
+        "    inside = ComposableNode(package='lab', plugin='lab::RobotService', name='robot_mode_service')\n"
+        "    return LaunchDescription([\n"
+        "        Node(package='physical_ai_textbook', executable='joint_publisher', name='joint_command_publisher'),\n"
+        "        ComposableNodeContainer(package='rclcpp_components', executable='component_container', name='c',\n"
+        "                                namespace='', composable_node_descriptions=[inside]),\n"
+        "    ])\n"
+    )
+    judged = checks_of(record_and_judge(submission, tmp_path / "results"))
+    nodes = judged["launch.nodes"].finding
+    assert judged["launch.loads"].finding.outcome is Outcome.PASSED
+    assert nodes.outcome is Outcome.INCONCLUSIVE
+    assert "container" in nodes.reason
