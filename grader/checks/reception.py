@@ -278,7 +278,7 @@ def reported_statistics(context: Context, p: ReportedStatistics) -> Finding:
     reason = "Right would be [" + " ".join(f"{x:.4f}" for x in right) + "]."
     if len(printed) != p.length:
         amount = "One number is" if len(printed) == 1 else f"{len(printed)} numbers are"
-        reason = f"{amount} printed behind '{p.label}', not one for each of {p.length}. " + reason
+        reason = f"{amount} printed, not one for each of {p.length}. " + reason
         share = 0.0
     return graded(share, expected, measured, reason, where=(spot,))
 

@@ -172,10 +172,9 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
     wrong = [f"{k} is {response.get(k)!r}, not {v!r}" for k, v in p.response.items() if response.get(k) != v]
     if wrong:
         return failed(expected, measured, f"In the answer, {' and '.join(wrong)}.", where=where)
-    if (other := _contrary(context, p, response)) is not None:
-        return failed(
-            expected, _shown(other), f"The answer says the contrary of the request: {_shown(other)}.", where=where
-        )
+    if (contrary := _contrary(context, p, response)) is not None:
+        reason = f"To this request it also answers {_shown(contrary)}, which says the contrary."
+        return failed(expected, measured, reason, hint="Do what request.data says; do not switch over.", where=where)
     text = str(response.get(p.message_field, ""))
     if p.message is not None and not text.strip():
         return graded(0.75, expected, measured, "The answer's message is empty.", where=where)
