@@ -10,7 +10,7 @@ from __future__ import annotations
 import sys
 import time
 from array import array
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,10 +28,31 @@ MATCH_POLL_NS = 5_000_000
 IDLE_NS = 10**9
 
 
+def message_class(topic_type: str | None) -> Any:
+    """Give the message class of a type that can carry the values; the lab's own for all others."""
+    if topic_type == "sensor_msgs/msg/JointState":
+        from sensor_msgs.msg import JointState
+
+        return JointState
+    from std_msgs.msg import Float32MultiArray, Float64MultiArray
+
+    return Float32MultiArray if topic_type == "std_msgs/msg/Float32MultiArray" else Float64MultiArray
+
+
+def fill(message: Any, values: Sequence[float]) -> None:
+    """Put the values into a message of one of these classes."""
+    if hasattr(message, "position"):
+        message.position = array("d", values)
+    else:
+        message.data = array(message.data.typecode, values)
+
+
 def open_publishers(node: Node, configuration: Configuration) -> dict[str, Any]:
-    """Open a publisher for each role, offering the most, so that every request of QoS is compatible."""
+    """Open a publisher for each role, offering the most, so that every request of QoS is compatible.
+
+    A wrong type is charged elsewhere: where it can carry the values, it is what is published.
+    """
     from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-    from std_msgs.msg import Float64MultiArray
 
     offered = QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
@@ -40,7 +61,9 @@ def open_publishers(node: Node, configuration: Configuration) -> dict[str, Any]:
         durability=DurabilityPolicy.TRANSIENT_LOCAL,
     )
     return {
-        role: node.create_publisher(Float64MultiArray, configuration.name(topic), offered)
+        role: node.create_publisher(
+            message_class(configuration.types.get(configuration.name(topic))), configuration.name(topic), offered
+        )
         for role, topic in TOPICS.items()
     }
 
@@ -63,16 +86,14 @@ def wait_for_matched(
 
 def publish_all(publishers: dict[str, Any], events: list[Event], stop: StopRequest) -> None:
     """Publish each event at its time, paced by absolute deadlines."""
-    from std_msgs.msg import Float64MultiArray
-
-    message = Float64MultiArray()
+    messages = {role: publisher.msg_type() for role, publisher in publishers.items()}
     start_ns = time.monotonic_ns()
     for event in events:
         sleep_until(start_ns + round(event.t_s * 1e9), stop)
         if stop:
             return
-        message.data = array("d", event.values)
-        publishers[event.role].publish(message)
+        fill(messages[event.role], event.values)
+        publishers[event.role].publish(messages[event.role])
 
 
 def play(configuration: Configuration, settings: PlateauSettings, stop: StopRequest) -> None:

@@ -45,12 +45,15 @@ class Configuration:
     subscriptions : dict
         Topic on the graph -> number of the student's subscriptions to it. Those of a process that died may
         be among them: DDS counts them until their lease has run out.
+    types : dict
+        Topic on the graph -> type to which the student subscribes.
     """
 
     seed: int = 0
     names: dict[str, str] = field(default_factory=dict)
     settings: dict[str, Any] = field(default_factory=dict)
     subscriptions: dict[str, int] = field(default_factory=dict)
+    types: dict[str, str] = field(default_factory=dict)
 
     def name(self, rubric_name: str) -> str:
         """Give the name to use on the graph for a topic or service of the rubric."""
@@ -69,13 +72,15 @@ def parse_configuration(text: str) -> Configuration:
         plain = json.loads(text)
     except ValueError as problem:
         raise ConfigurationError(f"the configuration is not JSON: {problem}") from problem
-    if not isinstance(plain, dict) or not set(plain) <= {"seed", "names", "with", "subscriptions"}:
+    if not isinstance(plain, dict) or not set(plain) <= {"seed", "names", "with", "subscriptions", "types"}:
         raise ConfigurationError('the configuration must be an object with "seed", "names", "with" and "subscriptions"')
     seed = plain.get("seed", 0)
-    names, settings, subscriptions = (plain.get(key) or {} for key in ("names", "with", "subscriptions"))
-    if not isinstance(seed, int) or not all(isinstance(x, dict) for x in (names, settings, subscriptions)):
+    names, settings, subscriptions, types = (
+        plain.get(key) or {} for key in ("names", "with", "subscriptions", "types")
+    )
+    if not isinstance(seed, int) or not all(isinstance(x, dict) for x in (names, settings, subscriptions, types)):
         raise ConfigurationError('"seed" must be an integer, "names", "with" and "subscriptions" objects')
-    return Configuration(seed, names, settings, subscriptions)
+    return Configuration(seed, names, settings, subscriptions, types)
 
 
 def build_settings(kind: type[T], plain: dict[str, Any]) -> T:

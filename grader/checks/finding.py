@@ -128,6 +128,10 @@ def passed(expected: str, measured: str, *, where: Sequence[Where] = (), notes: 
     return Finding(Outcome.PASSED, Decimal(1), expected, measured, where=tuple(where), notes=tuple(notes))
 
 
+#: What is nearer to full credit than points are given is full credit.
+_AS_GOOD_AS_FULL = Decimal("0.99")
+
+
 def graded(
     share: float,
     expected: str,
@@ -140,7 +144,7 @@ def graded(
 ) -> Finding:
     """State a finding by the share of credit that it earns; the reason is dropped when that is all."""
     credit = credit_of(share)
-    if credit >= 1:
+    if credit >= _AS_GOOD_AS_FULL:
         return passed(expected, measured, where=where, notes=notes)
     outcome = Outcome.PARTIAL if credit > 0 else Outcome.FAILED
     return Finding(outcome, credit, expected, measured, reason, hint, tuple(where), tuple(notes))

@@ -78,7 +78,8 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
 
 
 def _sentence(message: str) -> str:
-    text = message[:1].upper() + message[1:]
+    first = message.split(" ", 1)[0]
+    text = message[:1].upper() + message[1:] if first.isalpha() else message  # a name stays as it is
     return text if text.endswith((".", "?", "!")) else text + "."
 
 

@@ -383,7 +383,8 @@ def _reports_of_some(context: Context, p: ReportedStatistics) -> list[tuple[int,
     """Return the node's reports if they are clearly fewer than the messages: some may never have reached it."""
     streams = context.streams(p.streams, p.field)
     heard = reports(context.session, p.artifact, p.report_pattern) if p.report_pattern else []
-    if len(heard) >= 0.99 * max(len(s.source_ns) for s in streams.values()):
+    begun_ns = max(int(s.source_ns[0]) for s in streams.values())  # before that there is nothing to compare with
+    if len(heard) >= 0.99 * max(int((s.source_ns >= begun_ns).sum()) for s in streams.values()):
         return []
     return [(r.t_ns, r.value) for r in heard]
 

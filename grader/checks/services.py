@@ -186,8 +186,9 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
 
 def _contrary(context: Context, p: CallAnswered, first: Mapping[str, Any]) -> Mapping[str, Any] | None:
     """Return the first answer whose message says the contrary of the request, of this step or of the later one."""
-    later = context.session.step(p.again) if p.again else None
-    calls = later.result.get("calls", []) if later is not None else []
+    step, later = context.session.step(p.step), context.session.step(p.again) if p.again else None
+    alike = step is not None and later is not None and later.parameters.get("request") == step.parameters.get("request")
+    calls = later.result.get("calls", []) if later is not None and alike else []
     answers = [first, *(c["response"] for c in calls if c["response"] is not None)]
     messages = ((a, str(a.get(p.message_field, ""))) for a in answers)
     return next((a for a, text in messages if p.contrary and re.search(p.contrary, text)), None)
@@ -312,7 +313,8 @@ def calls_in_time(context: Context, p: CallsInTime) -> Finding:
     expected = f"{wanted} calls, each answered within {p.within_s:g} s"
     calls = step.result.get("calls", []) if step is not None else []
     where = (_spot(context, step),)
-    if (silence := _earlier_silence(context, step, expected)) is not None:
+    silent = step is None or _silent(step)
+    if silent and (silence := _earlier_silence(context, step, expected)) is not None:
         return silence
     if not calls:
         return failed(expected, "no calls", _answer(step)[2], where=where)

@@ -479,6 +479,17 @@ def _syntax(case: Case) -> Told | None:
     return kind, f"Python cannot read the file: {case.text.split(' (')[0]}.", remedies[kind], ""
 
 
+def _logging(case: Case) -> Told | None:
+    if "Logger severity cannot be changed between calls" not in case.text:
+        return None
+    return (
+        "logger-severity",
+        "One line of code logs now with one severity, now with another, which rclpy refuses: it knows calls by line.",
+        "Write the calls on lines of their own, in an if and its else: one for info(), one for warning() or error().",
+        "",
+    )
+
+
 def _undefined(case: Case) -> Told | None:
     match = _match(r"name '([^']{1,200})' is not defined", case.text)
     if match is not None:
@@ -584,7 +595,7 @@ def _unknown(case: Case) -> Told:
     what = f"{case.name}: {case.text}" if case.text else case.name
     return (
         "exception",
-        f"The program ends with {what[:MESSAGE_LENGTH]}.",
+        f"The program ends with {what[:MESSAGE_LENGTH].rstrip('.')}.",
         "Run it by hand and follow the traceback to the line named here.",
         case.name,
     )
@@ -603,6 +614,7 @@ RULES: tuple[Callable[[Case], Told | None], ...] = (
     _wrong_message,
     _field,
     _syntax,
+    _logging,
     _undefined,
     _none,
     _attribute,

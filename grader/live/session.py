@@ -438,6 +438,7 @@ class Session:
             "names": self.record.names,
             "with": settings,
             "subscriptions": self._subscriptions(),
+            "types": self._types(),
         }
         run = ProcessRun(name, "reference", ["python", Path(spec["file"]).name, json.dumps(configuration)])
         self.processes[name] = await self._start_trusted(run, [spec["file"], json.dumps(configuration)])
@@ -445,6 +446,11 @@ class Session:
         if outcome != "done":
             self.record.problems.append(f"the reference node {name} did not get ready")
         return outcome, result
+
+    def _types(self) -> dict[str, str]:
+        """Return the types of the topics to which the student subscribes, which may not be the lab's."""
+        waits = [s for s in self.record.steps if s.kind == "wait_for" and s.parameters.get("subscription")]
+        return {s.result["name"]: s.result["type"] for s in waits if "type" in s.result}
 
     def _subscriptions(self) -> dict[str, int]:
         """Count the student's subscriptions by topic, those of a process that died included."""

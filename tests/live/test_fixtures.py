@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import fcntl
 import shutil
 import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -83,13 +87,26 @@ def differences(check: CheckResult, wanted: dict[str, Any]) -> list[str]:
     return found
 
 
+@contextmanager
+def machine(*, alone: bool) -> Iterator[None]:
+    """Hold this machine together with the other tests of this module, or alone."""
+    with (Path(tempfile.gettempdir()) / "grade-fixtures-lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX if alone else fcntl.LOCK_SH)
+        yield
+
+
 @pytest.mark.live
 @pytest.mark.parametrize("fixture", FIXTURES, ids=lambda path: path.name)
 def test_fixture_gets_its_verdict(fixture: Path, tmp_path: Path, rubric: Rubric) -> None:
     """A fixture loses points where its expected.yaml says, and nowhere else."""
     expected = yaml.safe_load((fixture / "expected.yaml").read_text(encoding="utf-8"))
     submission = lay_out(fixture, expected, tmp_path)
-    result = grade(submission, tmp_path / "results", rubric, expected["sessions"])
+    with machine(alone=False):
+        result = grade(submission, tmp_path / "results", rubric, expected["sessions"])
+    if any(not check.finding.outcome.decided for check, _ in asserted(expected, result, rubric)):
+        # Several fixtures at a time can be more than the machine takes; undecided is then the right answer.
+        with machine(alone=True):
+            result = grade(submission, tmp_path / "results", rubric, expected["sessions"])
     pairs = asserted(expected, result, rubric)
     assert pairs, "the fixture asserts nothing"
     wrong = [difference for check, wanted in pairs for difference in differences(check, wanted)]

@@ -94,7 +94,7 @@ MISDEEDS = [
         reason_has="RuntimeError: done",
     ),
     Misdeed("recurses", "def again():\n    again()\nagain()", reason_has="RecursionError"),
-    Misdeed("takes_memory", "hoard = [b'x' * 2**28 for _ in range(10**6)]", reason_has="MemoryError"),
+    Misdeed("takes_memory", "hoard = bytearray(2**36)", reason_has="MemoryError"),
 ]
 
 
