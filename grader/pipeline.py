@@ -9,7 +9,7 @@ import random
 import shutil
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import grader
@@ -184,11 +184,11 @@ def record(
             native,
         )
         sessions.record(chosen, on_progress, at_a_time=options.jobs)
-        for _ in range(RETRIES):
+        for attempt in range(2, RETRIES + 2):
             undecided = undecided_sessions(open_recordings(recordings, rubric), rubric, chosen)
             if not undecided:
                 break
-            sessions.record(undecided, on_progress, at_a_time=1)
+            replace(sessions, attempt=attempt).record(undecided, on_progress, at_a_time=1)
 
 
 def _start_afresh(results: Path, recordings: Path, submission: SubmissionRecord, rubric: Rubric) -> None:

@@ -68,6 +68,8 @@ class Sessions:
         The staged submission.
     recordings : Path
         Folder in which each session gets one of its own.
+    attempt : int
+        1, or more where an earlier recording left something undecided.
     """
 
     rubric: Rubric
@@ -80,6 +82,7 @@ class Sessions:
     seed: int
     versions: dict[str, str]
     native: NativeLaunch | None = None
+    attempt: int = 1
 
     def record(
         self, chosen: Sequence[str], on_progress: Callable[[Progress], None], *, at_a_time: int | None = None
@@ -151,6 +154,7 @@ class Sessions:
             slot=number,
             domain_id=number if self.isolation.form is Form.NONE else 0,
             timeout_s=spec.timeout_s,
+            attempt=self.attempt,
             versions=self.versions,
             native=self.native.to_plain() if self.native is not None else None,
         )

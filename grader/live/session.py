@@ -98,6 +98,7 @@ class SessionPlan:
     slot: int
     domain_id: int
     timeout_s: float
+    attempt: int = 1
     versions: dict[str, str] = field(default_factory=dict)
     native: dict[str, Any] | None = None
 
@@ -160,7 +161,11 @@ class Session:
         self.plan = plan
         self.isolation = Isolation.from_plain(plan.isolation)
         self.record = SessionRecord(
-            plan.session, seed=plan.seed, isolation=self.isolation.describe(), versions=plan.versions
+            plan.session,
+            attempt=plan.attempt,
+            seed=plan.seed,
+            isolation=self.isolation.describe(),
+            versions=plan.versions,
         )
         self.folder, self.scratch = Path(plan.folder), Path(plan.scratch)
         self.workspace = self.scratch / "ws"

@@ -186,6 +186,8 @@ class SessionRecord:
     ----------
     complete : bool
         False while it runs, and if the grader was stopped in the midst of it.
+    attempt : int
+        1 for the first recording, more where an earlier one left something undecided.
     problems : list of str
         The grader's own troubles (a reference node that died, a bag that had to be recovered).
         They make findings inconclusive, never failed.
@@ -198,6 +200,7 @@ class SessionRecord:
     session: str
     schema: str = SESSION_SCHEMA
     seed: int = 0
+    attempt: int = 1
     started_ns: int = 0
     ended_ns: int = 0
     complete: bool = False

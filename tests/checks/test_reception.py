@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from grader.recording.session import OutputLine
 from grader.result import Finding, Outcome
 from tests.synthetic import BEST_EFFORT, FLOATS, RELIABLE, Session, judged, submission
 
@@ -315,10 +316,21 @@ def test_nothing_printed_fails_with_what_to_do(tmp_path: Path) -> None:
 
 
 def test_a_node_that_had_to_be_killed_is_told_so(tmp_path: Path) -> None:
-    """A node that does not end after Ctrl-C fails for that."""
+    """A node that does not end after Ctrl-C fails for that, but not the first time it is seen to."""
     session = with_reports(*stimulus(tmp_path))
     session.record.processes[0].ended_by = "kill"
-    assert "did not end in time" in judged("reported_statistics", STATISTICS, session).reason
+    assert judged("reported_statistics", STATISTICS, session).outcome is Outcome.INCONCLUSIVE
+    session.record.attempt = 2
+    again = judged("reported_statistics", STATISTICS, session)
+    assert (again.outcome, "did not end in time" in again.reason) == (Outcome.FAILED, True)
+
+
+def test_a_signal_in_the_midst_of_a_call_is_nobodys_fault(tmp_path: Path) -> None:
+    """A Ctrl-C that rclpy turned into another error leaves the statistics undecided."""
+    session = with_reports(*stimulus(tmp_path))
+    text = "RuntimeError: Unable to convert call argument '0' to Python object"
+    session.record.processes[0].output.append(OutputLine(session.record.ended_ns, "stderr", text))
+    assert judged("reported_statistics", STATISTICS, session).outcome is Outcome.INCONCLUSIVE
 
 
 # -- survival --------------------------------------------------------------------------------------
