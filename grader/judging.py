@@ -163,7 +163,6 @@ def _context(
         findings=findings,
         reference_nodes=frozenset(ref.node for ref in rubric.reference.values()),
         lab_folder=rubric.folder,
-        hint=spec.hint,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
 from typing import Annotated, Any
@@ -70,8 +70,6 @@ class Context:
     findings: Mapping[str, Finding]
     reference_nodes: frozenset[str]
     lab_folder: Path
-    hint: str = ""
-    expected_names: frozenset[str] = field(default_factory=frozenset)
 
     @property
     def session(self) -> Recorded:

@@ -19,7 +19,7 @@ from grader.evidence.printed import reports
 from grader.evidence.recorded import Floats, Integers, NumericStream, Recorded
 from grader.evidence.timing import timing_of
 from grader.recording.bag import Stream
-from grader.recording.session import Claim, Endpoint, StepRun
+from grader.recording.session import UNKNOWN_NODE, Claim, Endpoint, StepRun
 from grader.rubric import FigureSpec
 
 MOST_POINTS = 400
@@ -30,7 +30,6 @@ MOST_ITEMS = 60
 
 #: A source timestamp comes over the wire; one that far from the arrival cannot be drawn to scale.
 _FAR_NS = 10_000_000_000
-_UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
 
 
 # -- what can be drawn -------------------------------------------------------------------------
@@ -636,7 +635,7 @@ def _qos_table(spec: FigureSpec, recorded: Recorded, lab_folder: Path) -> QosTab
 
 def _named(endpoints: Sequence[Endpoint]) -> Sequence[Endpoint]:
     """Leave out endpoints whose node was never known, unless there are no others."""
-    return [e for e in endpoints if _UNKNOWN_NODE not in e.node] or endpoints
+    return [e for e in endpoints if UNKNOWN_NODE not in e.node] or endpoints
 
 
 def _qos_row(endpoint: Endpoint, recorded: Recorded) -> QosRow:
