@@ -1,0 +1,1 @@
+"""The commands of `grade`, a module each: `run(arguments, console)` parses, calls, prints, returns the exit status."""

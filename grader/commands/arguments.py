@@ -1,0 +1,59 @@
+"""What several commands share: arguments with points and counts, and a turn for each submission."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+
+from grader.errors import GraderError, RubricError
+from grader.report.plain import terminal_text
+
+#: Exit status when the score is below --fail-under.
+BELOW = 1
+
+
+def add_fail_under(parser: argparse.ArgumentParser) -> None:
+    """Add `--fail-under`."""
+    parser.add_argument("--fail-under", type=points, metavar="N", help="exit with 1 if a score is below N points")
+
+
+def points(text: str) -> Decimal:
+    """Read a number of points from an argument."""
+    try:
+        return Decimal(text)
+    except InvalidOperation:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of points") from None
+
+
+def count(text: str) -> int:
+    """Read a number from 1 on from an argument."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number from 1 on")
+    return int(text)
+
+
+def print_error(error: GraderError) -> None:
+    """Print problem, where and remedy to standard error."""
+    where = f"{terminal_text(error.where)}: " if error.where else ""
+    print(f"grade: {where}{terminal_text(error.problem)}", file=sys.stderr)
+    for mistake in error.mistakes if isinstance(error, RubricError) else ():
+        print(f"  {terminal_text(mistake)}", file=sys.stderr)
+    if error.remedy:
+        print(f"  {terminal_text(error.remedy)}", file=sys.stderr)
+
+
+def each(folders: Sequence[Path], work: Callable[[Path], Decimal], least: Decimal | None) -> int:
+    """Do the work for each folder; one that cannot be graded does not keep the others from it."""
+    statuses = []
+    for folder in folders:
+        try:
+            earned = work(folder)
+        except GraderError as error:
+            print_error(error)
+            statuses.append(error.exit_status)
+        else:
+            statuses.append(BELOW if least is not None and earned < least else 0)
+    return max(statuses)
