@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import fcntl
 import json
 import os
 import shutil
 import signal
+import socket
 import sys
 import tempfile
 import threading
@@ -18,9 +18,11 @@ from pathlib import Path
 from typing import Any
 
 from grader.live.environment import trusted_environment
-from grader.live.isolation import Form, Isolation, cell_argv
+from grader.live.isolation import Isolation, cell_argv
 from grader.live.ros_launch import NativeLaunch
+from grader.live.scratch import scratch_prefix
 from grader.live.session import SessionPlan
+from grader.live.turns import Turns
 from grader.recording.submission import SubmissionRecord
 from grader.rubric import Rubric, SessionSpec
 
@@ -46,7 +48,7 @@ class Progress:
 
 def cells_at_a_time(isolation: Isolation) -> int:
     """How many cells may run side by side here; one where they would share a network."""
-    if isolation.form is Form.NONE:
+    if not isolation.namespaces:
         return 1
     return max(1, min(_MOST_CELLS, _CELLS_PER_CORE * len(os.sched_getaffinity(0))))
 
@@ -70,6 +72,8 @@ class Sessions:
         Folder in which each session gets one of its own.
     attempt : int
         1, or more where an earlier recording left something undecided.
+    turns : Turns or None
+        When each may run, where other submissions are recorded at the same time.
     """
 
     rubric: Rubric
@@ -83,6 +87,7 @@ class Sessions:
     versions: dict[str, str]
     native: NativeLaunch | None = None
     attempt: int = 1
+    turns: Turns | None = None
 
     def record(
         self, chosen: Sequence[str], on_progress: Callable[[Progress], None], *, at_a_time: int | None = None
@@ -92,14 +97,14 @@ class Sessions:
         A session that cannot be run to its end leaves a recording that says so. If the grader is ended by
         Ctrl-C or by a signal that asks for it, the cells end too, and nothing of their sessions stays.
         """
-        _run_to_an_end(self._record_all(chosen, on_progress, at_a_time or cells_at_a_time(self.isolation)))
+        run_to_an_end(self._record_all(chosen, on_progress, at_a_time or cells_at_a_time(self.isolation)))
 
     async def _record_all(self, chosen: Sequence[str], on_progress: Callable[[Progress], None], at_a_time: int) -> None:
         queue = sorted((self.rubric.sessions[name] for name in chosen), key=lambda s: -s.typical_s)
         turn = asyncio.Semaphore(at_a_time)
 
         async def one(spec: SessionSpec) -> None:
-            async with turn:
+            async with turn if self.turns is None else self.turns.cell(spec, alone=self.attempt > 1):
                 await self._record_one(spec, on_progress)
                 on_progress(Progress(spec.id, "recorded", ended=True))
 
@@ -120,7 +125,7 @@ class Sessions:
         partial = self.recordings / f".{spec.id}.partial"
         shutil.rmtree(partial, ignore_errors=True)
         partial.mkdir(parents=True)
-        scratch = Path(tempfile.mkdtemp(prefix="grade-"))
+        scratch = Path(tempfile.mkdtemp(prefix=scratch_prefix()))
         try:
             with _number() as number:
                 plan = self._plan(spec, partial, scratch, number)
@@ -152,7 +157,7 @@ class Sessions:
             isolation=self.isolation.to_plain(),
             interpreter=str(self.interpreter),
             slot=number,
-            domain_id=number if self.isolation.form is Form.NONE else 0,
+            domain_id=0 if self.isolation.namespaces else number,
             timeout_s=spec.timeout_s,
             attempt=self.attempt,
             versions=self.versions,
@@ -194,7 +199,7 @@ async def _follow(process: asyncio.subprocess.Process, session: str, on_progress
                 on_progress(Progress(session, event["text"], event["index"], event["of"]))
 
 
-def _run_to_an_end(work: Coroutine[Any, Any, None]) -> None:
+def run_to_an_end(work: Coroutine[Any, Any, None]) -> None:
     """Run `work`; Ctrl-C, or a signal that asks the grader to end, cancels it once and lets it clean up.
 
     `asyncio` by itself cancels tasks a second time on its way out, in the midst of their cleaning up.
@@ -238,15 +243,14 @@ def _heeded_signals() -> list[signal.Signals]:
 def _number() -> Iterator[int]:
     """Yield a number from 1 to 101 that no other cell on this machine has at the time.
 
-    It makes the cell's user id where cells have their own, and its ROS domain where they share a network.
+    It makes the cell's user id and control group where cells have their own, and its ROS domain where they share a
+    network. Whoever holds the socket of that name holds the number; it leaves nothing behind.
     """
-    folder = Path(tempfile.gettempdir()) / f"grade-cells-{os.getuid()}"
-    folder.mkdir(exist_ok=True)
     for number in range(1, 102):
-        with (folder / str(number)).open("w") as lock:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as held:
             try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
+                held.bind(f"\0grade-cell-{number}")
+            except OSError:
                 continue
             yield number
             return

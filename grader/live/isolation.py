@@ -2,36 +2,44 @@
 
 A *cell* is a set of namespaces of its own (network with only loopback up, mounts, IPC, processes)
 in which a session's processes run. Inside it each student's process is confined further by
-bubblewrap: read-only root, own process ids, no capabilities, limits. Two forms work: R, started as
-root, which gives each cell a user id of its own; and U, started as an ordinary user, in a user
-namespace. Which one a machine permits is found by trying it with the real argument list.
+bubblewrap: read-only root, own process ids, no capabilities, a system call filter, limits. Two forms
+work: R, started as root, which gives each cell a user id of its own; and U, started as an ordinary
+user, in a user namespace. Where neither does, Landlock and the system call filter remain. What a
+machine permits is found by `grader.live.probing`, which tries it with the real argument lists.
 """
 
 from __future__ import annotations
 
 import os
-import shutil
-import subprocess
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from enum import Enum
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from grader.live.cgroup import PROCESSES, CellGroup, GroupPlaces
+from grader.live.confine import Confinement
 from grader.live.environment import INSIDE_FOLDER, interpreter_roots
+from grader.live.landlock import confines_signals, landlock_version
 
 #: Paths inside a confined student's process.
 WORKSPACE = "/ws"
 HOME = "/home/student"
+TEMPORARY = "/tmp"
+SHARED_MEMORY = "/dev/shm"
 INSIDE = "/inside"
 LAUNCHING = "/launching"
 PARAMETERS = "/parameters"
 
 _FIRST_UID = 64100
-_TMPFS_BYTES = 64 * 1024 * 1024
-_MAX_PROCESSES = 256
 _MAX_FILE_BYTES = 64 * 1024 * 1024
 _MAX_OPEN_FILES = 1024
+#: Address space of one process where no control group limits the memory of all together.
+_MAX_ADDRESS_BYTES = 4 * 1024**3
+#: Of `/etc`, what programs need to run.
+_SETTINGS = ("ld.so.cache", "localtime", "alternatives", "timezone")
+_DEVICES = ("null", "zero", "full", "random", "urandom")
 
 
 class Form(str, Enum):
@@ -42,6 +50,32 @@ class Form(str, Enum):
     NONE = "none"
 
 
+class Level(str, Enum):
+    """How well students' code is confined, from the best to none; `at_least` compares."""
+
+    FULL = "full"
+    NO_CGROUP = "no cgroup"
+    REDUCED = "reduced"
+    NONE = "none"
+
+    def at_least(self, other: Level) -> bool:
+        """Whether this level is `other` or a better one."""
+        order = list(Level)
+        return order.index(self) <= order.index(other)
+
+    @classmethod
+    def of(cls, word: str) -> Level:
+        """Return the level that an argument of the command line names."""
+        return cls(word.replace("-", " "))
+
+
+_NAMESPACES = ("own network with loopback only", "own process ids", "sized private /tmp, /dev/shm and home")
+_FILES = "no file may be changed but its own, and none read that is not needed"
+_FILTER = "no privileges, and a system call filter"
+_LIMITS = "limits on memory, processes, disk, files, output and time"
+_ALL_TOGETHER = "a limit that the kernel keeps on the memory and processes of a session as a whole"
+
+
 @dataclass(frozen=True)
 class Isolation:
     """The confinement of a machine's cells, and what it covers.
@@ -49,60 +83,66 @@ class Isolation:
     Attributes
     ----------
     old_bubblewrap : bool
-        Whether bubblewrap lacks `--size` and `--disable-userns`.
+        Whether bubblewrap lacks `--disable-userns`.
+    groups : GroupPlaces or None
+        Where control groups can be made (level full).
+    own_uid : bool
+        Whether each cell's student has a user id of its own.
     remedy : str
         What would give more, where more can be had.
     """
 
-    form: Form
+    level: Level
+    form: Form = Form.NONE
     old_bubblewrap: bool = False
+    groups: GroupPlaces | None = None
+    own_uid: bool = False
     remedy: str = ""
 
     @property
-    def level(self) -> str:
-        """Name of the level, as reports state it."""
-        return "none" if self.form is Form.NONE else "confined"
+    def namespaces(self) -> bool:
+        """Whether cells are namespaces of their own."""
+        return self.form is not Form.NONE
 
     def describe(self) -> dict[str, Any]:
-        """Return what a recording keeps of this: level, form, and what is and is not covered."""
-        covered = [
-            "own network with loopback only",
-            "own process ids",
-            "private /tmp, /dev/shm and home",
-            "read-only file system",
-            "no capabilities",
-            "limits on processes, open files and file sizes",
-            "time limit",
-        ]
-        if self.form is Form.NONE:
-            return {
-                "level": self.level,
-                "form": self.form.value,
-                "covers": ["limits on processes, open files and file sizes", "time limit"],
-                "lacks": covered[:-2],
-                "remedy": self.remedy,
-            }
+        """Return what a recording keeps of this: level, form, what is and what is not covered."""
+        covers, lacks = self._coverage()
         return {
-            "level": self.level,
+            "level": self.level.value,
             "form": self.form.value,
-            "covers": covered,
-            "lacks": ["memory limit", "system call filter"],
+            "covers": covers,
+            "lacks": lacks,
+            "remedy": self.remedy,
         }
+
+    def _coverage(self) -> tuple[list[str], list[str]]:
+        if self.namespaces:
+            covers = [*_NAMESPACES, _FILES, _FILTER, _LIMITS]
+            return ([*covers, _ALL_TOGETHER], []) if self.level is Level.FULL else (covers, [_ALL_TOGETHER])
+        if self.level is Level.NONE:
+            return ["limits on output and time"], [*_NAMESPACES, _FILES, _FILTER, _LIMITS]
+        covers, lacks = [_FILES, _FILTER, _LIMITS], [*_NAMESPACES, _ALL_TOGETHER]
+        (covers if landlock_version() >= 4 else lacks).append("no connections by TCP")
+        lacks.append("UDP to other machines is not blocked")
+        if not self.own_uid and not confines_signals(landlock_version()):
+            lacks.append("signals to the grader's processes")
+        return covers, lacks
 
     def to_plain(self) -> dict[str, Any]:
         """Return this as plain data, for the session process."""
-        return {**asdict(self), "form": self.form.value}
+        return {**asdict(self), "level": self.level.value, "form": self.form.value}
 
     @classmethod
     def from_plain(cls, plain: Mapping[str, Any]) -> Isolation:
         """Undo `to_plain`."""
-        return cls(Form(plain["form"]), bool(plain["old_bubblewrap"]), str(plain["remedy"]))
+        groups = GroupPlaces(**plain["groups"]) if plain["groups"] else None
+        return cls(**{**plain, "level": Level(plain["level"]), "form": Form(plain["form"]), "groups": groups})
 
 
 def cell_argv(isolation: Isolation, command: Sequence[str]) -> list[str]:
     """Return the command line that runs `command` in a new cell; all of the cell ends with its first process."""
     ends_with_us = ["setpriv", "--pdeathsig", "KILL"]
-    if isolation.form is Form.NONE:
+    if not isolation.namespaces:
         return [*ends_with_us, *command]
     user = ["--user", "--map-root-user"] if isolation.form is Form.USER else []
     spaces = ["--net", "--mount", "--ipc", "--uts", "--pid", "--fork", "--kill-child", "--mount-proc"]
@@ -111,7 +151,26 @@ def cell_argv(isolation: Isolation, command: Sequence[str]) -> list[str]:
 
 def student_uid(isolation: Isolation, slot: int) -> int | None:
     """User id under which a cell's student runs, or None where it is the caller's own."""
-    return _FIRST_UID + slot if isolation.form is Form.ROOT else None
+    return _FIRST_UID + slot if isolation.own_uid else None
+
+
+@dataclass(frozen=True)
+class Room:
+    """What a student's process sees of the file system, and where.
+
+    Attributes
+    ----------
+    areas : mapping
+        Folders that it may change: where it sees them in a sandbox -> where they are.
+    tools : mapping
+        Folders of ours that it needs to read, likewise.
+    interpreter : Path
+        Python that runs it.
+    """
+
+    areas: Mapping[str, Path]
+    tools: Mapping[str, Path]
+    interpreter: Path
 
 
 def student_argv(
@@ -119,82 +178,80 @@ def student_argv(
     command: Sequence[str],
     *,
     environment: Mapping[str, str],
-    workspace: Path,
-    tools: Mapping[str, Path],
-    interpreter: Path,
+    room: Room,
     slot: int,
     info_fd: int,
+    seccomp_fd: int,
     cwd: str,
+    group: CellGroup | None,
 ) -> list[str]:
     """Return the command line that runs a student's `command`, confined; must be used inside a cell.
 
     Parameters
     ----------
-    workspace : Path
-        Folder shown to the student as `/ws`, writable.
-    tools : mapping
-        Folders of ours that the process needs: where it sees them -> where they are. Read-only.
     slot : int
         Number of the cell among those that run at a time.
     info_fd : int
         Descriptor to which bubblewrap writes the child's process id.
+    seccomp_fd : int
+        Descriptor of the system call filter, see `grader.live.seccomp.open_filter`.
     cwd : str
         Working folder as the student's process sees it.
+    group : CellGroup or None
+        The cell's control group.
     """
-    limits = [
-        f"--nproc={_MAX_PROCESSES}",
-        f"--nofile={_MAX_OPEN_FILES}",
-        f"--fsize={_MAX_FILE_BYTES}",
-        "--core=0",
-    ]
-    limited = ["prlimit", *limits, "--", *command]
-    if isolation.form is Form.NONE:
-        return [
-            "setpriv",
-            "--pdeathsig",
-            "KILL",
-            "env",
-            "-i",
-            *(f"{k}={v}" for k, v in environment.items()),
-            *limited,
-        ]
-    arguments = [
-        "bwrap",
-        "--unshare-pid",
-        "--unshare-ipc",
-        "--unshare-uts",
-        "--unshare-cgroup-try",
-        "--die-with-parent",
-    ]
-    arguments += ["--new-session", "--info-fd", str(info_fd), "--hostname", "lab"]
+    uid = student_uid(isolation, slot)
+    limits = _limits(group, uid)
+    if isolation.level is Level.NONE:
+        words = [f"{key}={value}" for key, value in environment.items()]
+        return ["setpriv", "--pdeathsig", "KILL", "env", "-i", *words, *_limited(limits, command)]
+    if not isolation.namespaces:
+        limits["nproc"] = PROCESSES if uid is not None else _tasks_of_user() + PROCESSES
+        read, write = _readable(room), [*map(str, room.areas.values()), *(f"/dev/{name}" for name in _DEVICES)]
+        return Confinement(list(command), dict(environment), cwd, read, write, uid, limits).argv(sys.executable)
+    limits["nproc"] = PROCESSES
+    arguments = ["bwrap", "--unshare-pid", "--unshare-ipc", "--unshare-uts", "--unshare-cgroup-try"]
+    arguments += ["--die-with-parent", "--new-session", "--info-fd", str(info_fd), "--hostname", "lab"]
+    arguments += ["--seccomp", str(seccomp_fd)]
     if isolation.form is Form.USER:
         arguments += ["--unshare-user", "--uid", "1000", "--gid", "1000"]
         arguments += [] if isolation.old_bubblewrap else ["--disable-userns"]
     else:
-        arguments += [
-            "--cap-drop",
-            "ALL",
-            "--cap-add",
-            "CAP_SETUID",
-            "--cap-add",
-            "CAP_SETGID",
-            "--cap-add",
-            "CAP_SETPCAP",
-        ]
-    arguments += _file_system(isolation, workspace, tools, interpreter)
-    arguments += [
-        "--clearenv",
-        *(word for key, value in environment.items() for word in ("--setenv", key, value)),
-    ]
+        arguments += ["--cap-drop", "ALL"]
+        arguments += [word for name in ("SETUID", "SETGID", "SETPCAP") for word in ("--cap-add", f"CAP_{name}")]
+    arguments += _file_system(room)
+    arguments += ["--clearenv", *(word for k, v in environment.items() for word in ("--setenv", k, v))]
     arguments += ["--chdir", cwd, "--"]
-    if isolation.form is Form.ROOT:
-        uid = str(student_uid(isolation, slot))
-        arguments += ["setpriv", "--reuid", uid, "--regid", uid, "--clear-groups", "--inh-caps=-all"]
+    if uid is not None:
+        arguments += ["setpriv", "--reuid", str(uid), "--regid", str(uid), "--clear-groups", "--inh-caps=-all"]
         arguments += ["--bounding-set=-all", "--no-new-privs"]
-    return [*arguments, *limited]
+    arguments += _limited(limits, command)
+    return group.entering(arguments) if group is not None else arguments
 
 
-def _file_system(isolation: Isolation, workspace: Path, tools: Mapping[str, Path], interpreter: Path) -> list[str]:
+def _limits(group: CellGroup | None, uid: int | None) -> dict[str, int]:
+    limits = {"nofile": _MAX_OPEN_FILES, "fsize": _MAX_FILE_BYTES, "core": 0}
+    return limits if group is not None else {**limits, "as": _MAX_ADDRESS_BYTES}
+
+
+def _limited(limits: Mapping[str, int], command: Sequence[str]) -> list[str]:
+    return ["prlimit", *(f"--{name}={value}" for name, value in limits.items()), "--", *command]
+
+
+def _tasks_of_user() -> int:
+    """Count the threads of all processes of this user, which a limit on processes counts too."""
+    count = 0
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdecimal():
+            try:
+                if entry.stat().st_uid == os.getuid():
+                    count += len(list((entry / "task").iterdir()))
+            except OSError:
+                continue
+    return count
+
+
+def _file_system(room: Room) -> list[str]:
     arguments: list[str] = []
     made: set[str] = {"/"}
 
@@ -216,23 +273,20 @@ def _file_system(isolation: Isolation, workspace: Path, tools: Mapping[str, Path
             arguments += ["--symlink", str(path.readlink()), str(path)]
         elif path.is_dir():
             bind("--ro-bind", str(path), str(path))
-    for name in ("ld.so.cache", "localtime", "alternatives", "timezone"):
+    for name in _SETTINGS:
         if (Path("/etc") / name).exists():
             bind("--ro-bind", f"/etc/{name}", f"/etc/{name}")
-    bind("--bind", str(workspace), WORKSPACE)
-    for target, source in tools.items():
-        bind("--ro-bind", str(source), target)
     arguments += ["--proc", "/proc", "--dev", "/dev"]
-    size = [] if isolation.old_bubblewrap else ["--size", str(_TMPFS_BYTES)]
-    for target in ("/dev/shm", "/tmp", HOME):
-        parents(target)
-        arguments.extend(["--perms", "1777", *size, "--tmpfs", target])
+    for target, source in room.areas.items():
+        bind("--bind", str(source), target)
         made.add(target)
+    for target, source in room.tools.items():
+        bind("--ro-bind", str(source), target)
     # After these, since a virtual environment may well lie below /tmp.
-    for root in interpreter_roots(interpreter):
+    for root in interpreter_roots(room.interpreter):
         if not root.is_relative_to("/usr") and str(root) != "/":
             bind("--ro-bind", str(root), str(root))
-    arguments += _hidden_package(interpreter)
+    arguments += _hidden_package(room.interpreter)
     return [*arguments, "--remount-ro", "/"]
 
 
@@ -244,56 +298,18 @@ def _hidden_package(interpreter: Path) -> list[str]:
     return ["--perms", "0555", "--tmpfs", str(package), "--remount-ro", str(package)]
 
 
-def probe_isolation(interpreter: Path) -> Isolation:
-    """Find the strongest form that works here, by running a program in a real cell."""
-    missing = [tool for tool in ("unshare", "setpriv", "prlimit") if shutil.which(tool) is None]
-    if missing:
-        return Isolation(Form.NONE, remedy=f"Install util-linux ({', '.join(missing)} not found).")
-    if shutil.which("bwrap") is None:
-        return Isolation(Form.NONE, remedy="Install bubblewrap: sudo apt-get install bubblewrap")
-    usage = subprocess.run(["bwrap", "--help"], capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL)
-    old = "--size" not in usage.stdout + usage.stderr
-    isolation = Isolation(Form.ROOT if os.geteuid() == 0 else Form.USER, old)
-    problem = _try(isolation, interpreter)
-    return isolation if problem is None else Isolation(Form.NONE, old, remedy=_remedy(problem))
-
-
-def _try(isolation: Isolation, interpreter: Path) -> str | None:
-    """Run the interpreter in a cell with the real arguments; return None or what went wrong."""
-    here = INSIDE_FOLDER
-    command = student_argv(
-        isolation,
-        [str(interpreter), "-c", "import os; print('in', os.getpid())"],
-        environment={"PATH": "/usr/bin"},
-        workspace=here,
-        tools={INSIDE: here},
-        interpreter=interpreter,
-        slot=0,
-        info_fd=2,
-        cwd="/",
-    )
-    try:
-        run = subprocess.run(
-            cell_argv(isolation, command),
-            capture_output=True,
-            text=True,
-            timeout=20,
-            check=False,
-            stdin=subprocess.DEVNULL,
-        )
-    except (OSError, subprocess.TimeoutExpired) as problem:
-        return str(problem)
-    return (
-        None
-        if run.returncode == 0 and run.stdout.startswith("in ")
-        else (run.stderr.strip() or "no answer from the cell")
-    )
-
-
-def _remedy(problem: str) -> str:
-    restricted = Path("/proc/sys/kernel/apparmor_restrict_unprivileged_userns")
-    if restricted.exists() and restricted.read_text().strip() == "1" and os.geteuid() != 0:
-        return "This system restricts user namespaces (AppArmor): run with sudo, or allow them for bubblewrap."
-    if Path("/.dockerenv").exists():
-        return "In a container, namespaces need `--privileged`, or run on the host."
-    return f"Namespaces cannot be made here: {problem.splitlines()[-1][:200]}"
+def _readable(room: Room) -> list[str]:
+    """Return what a student's process may read where it sees the machine's own files, our package left out."""
+    package = INSIDE_FOLDER.parents[1]
+    found = [Path("/proc"), *(Path("/") / n for n in ("bin", "sbin", "lib", "lib32", "lib64", "libx32"))]
+    found += [Path("/etc") / name for name in _SETTINGS]
+    queue = [Path("/usr"), *interpreter_roots(room.interpreter)]
+    while queue:
+        folder = queue.pop()
+        if folder == package or folder == Path("/"):
+            continue
+        if package.is_relative_to(folder):
+            queue += list(folder.iterdir())
+        else:
+            found.append(folder)
+    return [str(path) for path in (*found, *room.tools.values())]

@@ -18,7 +18,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from grader.live.isolation import LAUNCHING, PARAMETERS, Form
+from grader.live.isolation import LAUNCHING, PARAMETERS
 from grader.live.names import LEAST_RATIO, likeness
 from grader.live.process import PipeReader, RunningProcess
 from grader.live.ros_launch import NativeLaunch
@@ -111,12 +111,10 @@ class LaunchRunner:
             return "failed", self._given_up[source]
         root = f"{session.seen_workspace}/src"
         trial = None
-        if session.isolation.form is not Form.NONE:
+        if session.isolation.namespaces:
             trial = session.trial
             session.copy_workspace(session.workspace, trial)
         result_read, result_write = os.pipe()
-        info_read, info_write = os.pipe()
-        os.set_blocking(info_read, False)
         command = [
             "prlimit",
             f"--as={_MAX_MEMORY_BYTES}",
@@ -130,24 +128,16 @@ class LaunchRunner:
         if native is not None:
             environment |= native.environment(f"{session.seen_workspace}/install")
         run = ProcessRun("launch file" + "".join(f" {k}:={v}" for k, v in arguments.items()), "student", command)
-        session.record.processes.append(run)
-        running = await RunningProcess.start(
+        running = await session.start_confined(
             run,
-            session.confined(
-                command,
-                environment,
-                info_write,
-                f"{root}/{Path(source).parent}",
-                trial,
-                native.folders if native is not None else {},
-            ),
-            environment={"PATH": os.environ.get("PATH", "/usr/bin:/bin")},
-            cwd="/",
-            pass_fds=(info_write, result_write),
-            child_pid_fd=info_read if session.isolation.form is not Form.NONE else None,
+            command,
+            environment,
+            f"{root}/{Path(source).parent}",
+            workspace=trial,
+            folders=native.folders if native is not None else {},
+            pass_fds=(result_write,),
             with_input=True,
         )
-        os.close(info_write)
         os.close(result_write)
         received: list[str] = []
         reader = PipeReader(result_read, _MAX_PLAN_BYTES, received.append)
@@ -157,7 +147,6 @@ class LaunchRunner:
         in_time = await running.wait_exit(timeout_s)
         await running.kill()
         reader.close()
-        os.close(info_read)
         text = received[0] if received else ""
         if not text:
             said = run.output[-1].text if run.output else "nothing"

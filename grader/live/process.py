@@ -15,6 +15,8 @@ from grader.recording.session import OutputLine, ProcessRun, Usage
 
 #: Output kept of one process, in bytes; what comes after is counted and dropped.
 MAX_OUTPUT_BYTES = 1024 * 1024
+#: Output after which a process is ended, in bytes: reading it takes time from others.
+MAX_FLOOD_BYTES = 64 * 1024 * 1024
 #: The longest line that is kept whole, in bytes.
 MAX_LINE_BYTES = 8 * 1024
 _READ_BYTES = 64 * 1024
@@ -50,7 +52,7 @@ class RunningProcess:
         self._sandbox_pid: int | None = None
         #: By thread id; those that have ended keep what they used.
         self._usage: dict[int, tuple[int, int]] = {}
-        self._kept = 0
+        self._kept = self._written = 0
         self._on_message = on_message
         self.on_line: Callable[[OutputLine], None] | None = None
         assert process.stdout is not None
@@ -109,6 +111,10 @@ class RunningProcess:
         rest = b""
         while block := await stream.read(_READ_BYTES):
             now = time.time_ns()
+            self._written += len(block)
+            if self._written > MAX_FLOOD_BYTES and self._on_message is None:
+                self.run.limit = "output"
+                self._end_group()
             *lines, rest = (rest + block).split(b"\n")
             for line in lines:
                 if self._on_message is not None and name == "stdout":
@@ -183,14 +189,28 @@ class RunningProcess:
                 return
         await self.kill()
 
-    async def kill(self) -> None:
-        """Kill it with its process group (and with bubblewrap, all that is in its sandbox)."""
+    async def kill(self, limit: str | None = None) -> None:
+        """Kill it with its process group (and with bubblewrap, all that is in its sandbox).
+
+        Parameters
+        ----------
+        limit : str or None
+            The limit that it exceeded, if that is why.
+        """
         if self.alive:
             self.sample_usage()
-            self.run.ended_by = "kill"
-            with suppress(ProcessLookupError, PermissionError):
-                os.killpg(self._process.pid, signal.SIGKILL)
+            self.run.ended_by = "kill" if limit is None else "limit"
+            self.run.limit = limit or self.run.limit
+            self._end_group()
             await self.wait_exit(5.0)
+
+    def _end_group(self) -> None:
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+
+    def root_pid(self) -> int | None:
+        """Process id below which all of its processes are, while they have not left it."""
+        return self._sandbox_pid or self._pid()
 
     async def wait_exit(self, timeout_s: float) -> bool:
         """Wait until it has ended; False if it has not in time."""
@@ -205,7 +225,7 @@ class RunningProcess:
         messages on two cores, and 400 of 400 on one. It is done from outside and once the node stands, so
         that the node sees all cores when it decides how many threads to have.
         """
-        root = self._sandbox_pid or self._pid()
+        root = self.root_pid()
         for pid in descendants_of(root) if root is not None else ():
             with suppress(OSError):
                 for task in Path(f"/proc/{pid}/task").iterdir():
@@ -214,7 +234,7 @@ class RunningProcess:
 
     def sample_usage(self) -> None:
         """Read CPU time and run-queue delay of all its processes and threads, while they exist."""
-        root = self._sandbox_pid or self._pid()
+        root = self.root_pid()
         if root is None or not self.alive:
             return
         for pid in descendants_of(root):

@@ -25,33 +25,48 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from grader.live.cgroup import CellGroup
 from grader.live.environment import INSIDE_FOLDER, student_environment, trusted_environment
+from grader.live.guard import Guard
 from grader.live.isolation import (
     HOME,
     INSIDE,
     LAUNCHING,
     PARAMETERS,
+    SHARED_MEMORY,
+    TEMPORARY,
     WORKSPACE,
-    Form,
     Isolation,
+    Room,
     student_argv,
     student_uid,
 )
 from grader.live.launched import LaunchRunner
-from grader.live.process import PipeReader, RunningProcess
+from grader.live.machine import sample_machine
+from grader.live.process import PipeReader, RunningProcess, descendants_of
+from grader.live.seccomp import open_filter
 from grader.recording.session import (
     Claim,
     GraphSnapshot,
     ProcessRun,
+    Published,
     Qos,
     SessionRecord,
     StepRun,
+    Trusted,
     from_plain,
     write_session,
 )
+from grader.recording.told import take_told
 
 _HERE = Path(__file__).parent
 _WORKSPACE_BYTES = 256 * 1024 * 1024
+_SMALL_BYTES = 64 * 1024 * 1024
+_MAX_FILES = 20_000
+#: Address space of each of the grader's own processes.
+_TRUSTED_BYTES = 3 * 1024**3
+_SET_CHILD_SUBREAPER = 36
+_SWEEP_S = 5.0
 _MAX_CLAIM_BYTES = 512 * 1024
 _DIRECTOR_START_S = 20.0
 _DIRECTOR_STOP_S = 8.0
@@ -119,7 +134,10 @@ class _Director:
         if event["event"] == "graph":
             self._record.graph.append(from_plain(GraphSnapshot, event["graph"]))
         elif event["event"] == "ready":
+            self._record.trusted.append(from_plain(Trusted, event["trusted"]))
             self.ready.set()
+        elif event["event"] == "published":
+            self._record.published.append(from_plain(Published, event["published"]))
         elif event["event"] == "stopped":
             self._record.problems += event["problems"]
             self.stopped.set()
@@ -171,9 +189,16 @@ class Session:
         self.workspace = self.scratch / "ws"
         #: Where launch files are evaluated: a copy, since reading one runs what it will.
         self.trial = self.scratch / "trial"
-        confined = self.isolation.form is not Form.NONE
-        self.seen_workspace = WORKSPACE if confined else str(self.workspace)
-        self.seen_home = HOME if confined else str(self.scratch / "home")
+        #: Folders that the student's processes may change.
+        self.areas = {
+            WORKSPACE: self.workspace,
+            HOME: self.scratch / "home",
+            TEMPORARY: self.scratch / "tmp",
+            SHARED_MEMORY: self.scratch / "shm",
+        }
+        confined = self.isolation.namespaces
+        seen = {target: target if confined else str(folder) for target, folder in self.areas.items()}
+        self.seen_workspace, self.seen_home, self.seen_temporary = seen[WORKSPACE], seen[HOME], seen[TEMPORARY]
         self.tools = {
             INSIDE: INSIDE_FOLDER,
             LAUNCHING: _HERE / "launching",
@@ -183,6 +208,9 @@ class Session:
         self.processes: dict[str, RunningProcess] = {}
         self.director: _Director | None = None
         self._launch = LaunchRunner(self)
+        places = self.isolation.groups
+        self._group = CellGroup(places, f"cell-{plan.slot}") if places is not None else None
+        self._guard = Guard(self._students, self._group, self.areas, sized=confined)
 
     async def run(self) -> None:
         """Run the session and leave its record, whatever happens."""
@@ -191,12 +219,13 @@ class Session:
         try:
             self._prepare()
             await self._start_director()
-            sampler = asyncio.create_task(self._sample())
+            watchers = [asyncio.create_task(self._sample()), asyncio.create_task(self._guard.watch())]
             try:
                 await asyncio.wait_for(self._run_steps(), self.plan.timeout_s)
             except asyncio.TimeoutError:
                 self.record.problems.append(f"the session took longer than {self.plan.timeout_s:g} s and was stopped")
-            sampler.cancel()
+            for watcher in watchers:
+                watcher.cancel()
         except Exception as problem:
             self.record.problems.append(f"{type(problem).__name__}: {problem}")
         await self._finish()
@@ -204,17 +233,24 @@ class Session:
     # -- start and end ------------------------------------------------------------------------
 
     def _prepare(self) -> None:
-        """Bring the loopback up, and lay out the workspace on a sized file system of its own."""
-        self.workspace.mkdir()
-        (self.scratch / "home").mkdir()
+        """Bring the loopback up, and lay out the student's folders, each a file system of its own size."""
         (self.scratch / "trusted").mkdir()
-        if self.isolation.form is not Form.NONE:
-            _bring_loopback_up()
-            _mount_tmpfs("/dev/shm", 64 * 1024 * 1024)
-            self.trial.mkdir()
-            for folder in (self.workspace, self.trial):
-                _mount_tmpfs(str(folder), _WORKSPACE_BYTES)
         self.tools[PARAMETERS].mkdir()
+        for folder in (*self.areas.values(), self.trial):
+            folder.mkdir()
+        if self.isolation.namespaces:
+            _bring_loopback_up()
+            _mount_tmpfs("/dev/shm", _SMALL_BYTES)
+            for folder in (*self.areas.values(), self.trial):
+                large = folder in (self.workspace, self.trial)
+                _mount_tmpfs(str(folder), _WORKSPACE_BYTES if large else _SMALL_BYTES)
+        else:
+            _adopt_orphans()
+            self.scratch.chmod(0o711)
+        for area in (HOME, TEMPORARY, SHARED_MEMORY):
+            self.areas[area].chmod(0o1777)
+        if self._group is not None:
+            self._group.make()
         self.copy_workspace(Path(self.plan.staged), self.workspace)
 
     def copy_workspace(self, source: Path, target: Path) -> None:
@@ -263,7 +299,7 @@ class Session:
         self.record.processes.append(run)
         home = self.scratch / "trusted"
         environment = trusted_environment(home, self.plan.domain_id)
-        argv = ["setpriv", "--pdeathsig", "KILL", sys.executable, "-I", *arguments]
+        argv = ["setpriv", "--pdeathsig", "KILL", "prlimit", f"--as={_TRUSTED_BYTES}", sys.executable, "-I", *arguments]
         return await RunningProcess.start(
             run, argv, environment=environment, cwd="/", with_input=with_input, on_message=on_message
         )
@@ -275,21 +311,39 @@ class Session:
                 await process.kill()
             elif process.alive:
                 await process.stop(2.0)
-            elif process.run.role == "reference" and process.run.exit_status != 0:
+            elif process.run.role == "reference":
                 self.record.problems.append(f"the reference node {name} ended with status {process.run.exit_status}")
         if self.director is not None:
             if not self.director.running.alive:
                 said = "; ".join(line.text for line in self.director.running.run.output[-3:])
                 self.record.problems.append(f"the recorder died: {said}")
             await self.director.stop()
+        take_told(self.record)
+        await self._guard.look()
+        self._sweep()
         _recover_bag(self.folder)
         self.record.ended_ns = time.time_ns()
         self.record.complete = True
         write_session(self.folder, self.record)
 
+    def _sweep(self) -> None:
+        """See to it that none of the student's processes is left, where no namespace ends them all."""
+        if self._group is not None:
+            self._group.remove()
+        if self.isolation.namespaces:
+            return
+        end_s = time.monotonic() + _SWEEP_S
+        while (left := descendants_of(os.getpid())[1:]) and time.monotonic() < end_s:
+            for pid in left:
+                with suppress(ProcessLookupError, PermissionError):
+                    os.kill(pid, signal.SIGKILL)
+            with suppress(ChildProcessError):
+                os.waitpid(-1, os.WNOHANG)
+
     async def _sample(self) -> None:
         while True:
             await asyncio.sleep(_SAMPLE_PERIOD_S)
+            self.record.machine.append(sample_machine())
             for process in self.processes.values():
                 process.sample_usage()
             if self.director is not None:
@@ -362,25 +416,67 @@ class Session:
     ) -> RunningProcess:
         """Start one of the student's processes, confined and with the tap."""
         run = ProcessRun(name, "student", command, artifact)
-        self.record.processes.append(run)
-        info_read, info_write = os.pipe()
         tap_read, tap_write = os.pipe()
-        os.set_blocking(info_read, False)
         base = self.student_environment({"GRADER_TAP_FD": str(tap_write), **(environment or {})})
-        argv = self.confined(command, base, info_write, cwd)
-        running = await RunningProcess.start(
-            run,
-            argv,
-            environment={"PATH": os.environ.get("PATH", "/usr/bin:/bin")},
-            cwd="/",
-            pass_fds=(info_write, tap_write),
-            child_pid_fd=info_read if self.isolation.form is not Form.NONE else None,
-        )
-        os.close(info_write)
+        running = await self.start_confined(run, command, base, cwd, pass_fds=(tap_write,))
         os.close(tap_write)
         PipeReader(tap_read, _MAX_CLAIM_BYTES, lambda text: self._note_claims(run, text))
         self.processes[name] = running
         return running
+
+    async def start_confined(
+        self,
+        run: ProcessRun,
+        command: list[str],
+        environment: Mapping[str, str],
+        cwd: str | None,
+        *,
+        workspace: Path | None = None,
+        folders: Mapping[str, Path] | None = None,
+        pass_fds: tuple[int, ...] = (),
+        with_input: bool = False,
+    ) -> RunningProcess:
+        """Start a command of the student's, confined, and record it as `run`.
+
+        Parameters
+        ----------
+        workspace : Path or None
+            What it sees as the workspace, instead of the session's.
+        folders : mapping or None
+            Folders that it may read besides: where it sees them -> where they are.
+        """
+        self.record.processes.append(run)
+        info_read, info_write = os.pipe()
+        os.set_blocking(info_read, False)
+        seccomp = open_filter()
+        argv = student_argv(
+            self.isolation,
+            command,
+            environment=environment,
+            room=Room(
+                {**self.areas, WORKSPACE: workspace or self.workspace},
+                {**self.tools, **(folders or {})},
+                Path(self.plan.interpreter),
+            ),
+            slot=self.plan.slot,
+            info_fd=info_write,
+            seccomp_fd=seccomp,
+            cwd=cwd or self.seen_home,
+            group=self._group,
+        )
+        try:
+            return await RunningProcess.start(
+                run,
+                argv,
+                environment={"PATH": os.environ.get("PATH", "/usr/bin:/bin")},
+                cwd="/",
+                pass_fds=(info_write, seccomp, *pass_fds),
+                child_pid_fd=info_read if self.isolation.namespaces else None,
+                with_input=with_input,
+            )
+        finally:
+            os.close(info_write)
+            os.close(seccomp)
 
     def student_environment(self, more: dict[str, str]) -> dict[str, str]:
         """Environment of a student's process, with some variables more."""
@@ -391,29 +487,7 @@ class Session:
             self.seen_tools[INSIDE],
             self.plan.domain_id,
         )
-        return {**base, **more}
-
-    def confined(
-        self,
-        command: list[str],
-        environment: dict[str, str],
-        info_fd: int,
-        cwd: str | None,
-        workspace: Path | None = None,
-        folders: Mapping[str, Path] | None = None,
-    ) -> list[str]:
-        """Return the command line that runs a student's command, confined."""
-        return student_argv(
-            self.isolation,
-            command,
-            environment=environment,
-            workspace=workspace or self.workspace,
-            tools={**self.tools, **(folders or {})},
-            interpreter=Path(self.plan.interpreter),
-            slot=self.plan.slot,
-            info_fd=info_fd,
-            cwd=cwd or self.seen_home,
-        )
+        return {**base, "TMPDIR": self.seen_temporary, **more}
 
     def _note_claims(self, run: ProcessRun, text: str) -> None:
         if run.artifact is not None and not text.startswith('{"kind": "started"'):
@@ -586,9 +660,15 @@ def _bring_loopback_up() -> None:
         fcntl.ioctl(sock, set_flags, struct.pack("16sh14x", b"lo", flags | up))
 
 
+def _adopt_orphans() -> None:
+    """Become the parent of what the student's processes leave behind, so that it can be found."""
+    ctypes.CDLL(None).prctl(_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+
+
 def _mount_tmpfs(target: str, size_bytes: int) -> None:
     libc = ctypes.CDLL(None, use_errno=True)
-    if libc.mount(b"tmpfs", target.encode(), b"tmpfs", 0, f"size={size_bytes},mode=0755".encode()) != 0:
+    options = f"size={size_bytes},nr_inodes={_MAX_FILES},mode=0755"
+    if libc.mount(b"tmpfs", target.encode(), b"tmpfs", 0, options.encode()) != 0:
         raise OSError(ctypes.get_errno(), f"no tmpfs on {target}")
 
 

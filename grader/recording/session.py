@@ -8,6 +8,7 @@ are needed here. Standard library only, since the trusted processes in a cell im
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 import types
 import typing
@@ -22,6 +23,10 @@ SESSION_FILE = "session.json"
 UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
 #: Hexadecimal digits of a gid that tell the participant: endpoints that share them live in one process.
 PARTICIPANT_DIGITS = 24
+#: Those that tell the process: all its participants share them.
+PROCESS_DIGITS = 16
+#: Namespace of the grader's own nodes; their topics and endpoints are no part of a snapshot.
+GRADER_NAMESPACE = "/_grader"
 
 
 @dataclass
@@ -43,6 +48,26 @@ class Usage:
 
 
 @dataclass
+class MachineSample:
+    """The machine at one time.
+
+    Attributes
+    ----------
+    clock_offset_ns : int
+        The system clock's reading less the monotonic clock's: it changes when the clock is set.
+    stolen_ns : int
+        Time that the host of a virtual machine took from its cores since boot, all cores together.
+    waiting_us : int or None
+        Time since boot in which some process waited for a core (pressure stall information), where it is readable.
+    """
+
+    t_ns: int
+    clock_offset_ns: int
+    stolen_ns: int = 0
+    waiting_us: int | None = None
+
+
+@dataclass
 class ProcessRun:
     """One process, from start to exit.
 
@@ -57,7 +82,10 @@ class ProcessRun:
     exit_status : int or None
         Exit status; negative for the signal that ended it; None when it had to be given up.
     ended_by : str
-        "itself", "interrupt" (SIGINT was sent first), "terminate" or "kill" (it did not stop), or a limit's name.
+        "itself", "interrupt" (SIGINT was sent first), "terminate" or "kill" (it did not stop), or "limit".
+    limit : str or None
+        The limit that it hit, whether it was ended for that or not: "memory", "processes", "disk", "files"
+        (their number) or "output".
     usage : list of Usage
         Samples over time: CPU time used, and time ready to run but without a core, of all threads together.
     """
@@ -71,6 +99,7 @@ class ProcessRun:
     interrupted_ns: int | None = None
     exit_status: int | None = None
     ended_by: str = "itself"
+    limit: str | None = None
     output: list[OutputLine] = field(default_factory=list)
     output_dropped_bytes: int = 0
     usage: list[Usage] = field(default_factory=list)
@@ -116,6 +145,15 @@ class ServiceOffer:
 
 
 @dataclass
+class ServiceClient:
+    """A client of a service in the graph, attributed to its node."""
+
+    name: str
+    type: str
+    node: str  # fully qualified
+
+
+@dataclass
 class GraphSnapshot:
     """The ROS graph at one time, without the grader's own probe and recorder."""
 
@@ -123,6 +161,7 @@ class GraphSnapshot:
     nodes: list[str] = field(default_factory=list)  # fully qualified, with duplicates
     endpoints: list[Endpoint] = field(default_factory=list)
     services: list[ServiceOffer] = field(default_factory=list)
+    clients: list[ServiceClient] = field(default_factory=list)
 
 
 @dataclass
@@ -179,6 +218,41 @@ class Claim:
 
 
 @dataclass
+class Trusted:
+    """A process of the grader's with endpoints in the graph, by what it told through its pipe.
+
+    Attributes
+    ----------
+    process : str
+        Its name in the session.
+    gid_prefix : str
+        First digits of the gids of all its endpoints: those of its participant, or of its process.
+    """
+
+    process: str
+    gid_prefix: str
+
+
+@dataclass
+class Published:
+    """What a process of the grader's published on a topic, as it told through its pipe.
+
+    Attributes
+    ----------
+    process : str
+        Its name in the session.
+    digests : str
+        `digest` of each message's CDR, one behind the other: that of the message with the publication sequence
+        number n stands at place n, counted from 1.
+    """
+
+    process: str
+    topic: str
+    type: str
+    digests: str
+
+
+@dataclass
 class SessionRecord:
     """All of one session but its bag.
 
@@ -195,6 +269,10 @@ class SessionRecord:
         Name in the rubric -> name that the student used, where a near miss was found and used.
     plan : dict or None
         The plan of a launch file, see `grader.live.launching`.
+    trusted : list of Trusted
+        The grader's own processes in the graph. All other endpoints there are the student's.
+    published : list of Published
+        All that the grader's own processes published.
     """
 
     session: str
@@ -208,11 +286,14 @@ class SessionRecord:
     versions: dict[str, str] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
     processes: list[ProcessRun] = field(default_factory=list)
+    machine: list[MachineSample] = field(default_factory=list)
     steps: list[StepRun] = field(default_factory=list)
     graph: list[GraphSnapshot] = field(default_factory=list)
     names: dict[str, str] = field(default_factory=dict)
     claims: list[Claim] = field(default_factory=list)
     plan: dict[str, Any] | None = None
+    trusted: list[Trusted] = field(default_factory=list)
+    published: list[Published] = field(default_factory=list)
 
 
 T = TypeVar("T")
@@ -228,15 +309,21 @@ def from_plain(kind: type[T], plain: Any) -> T:
     """
     if not isinstance(plain, dict):
         raise ValueError(f"{kind.__name__}: an object was expected")
-    hints = typing.get_type_hints(kind)
-    known = {f.name for f in dataclasses.fields(kind)}  # type: ignore[arg-type]
-    unknown = sorted(set(plain) - known)
+    hints = _hints(kind)
+    unknown = sorted(set(plain) - set(hints))
     if unknown:
         raise ValueError(f"{kind.__name__}: unknown key {unknown[0]!r}")
     try:
         return kind(**{name: _convert(hints[name], value) for name, value in plain.items()})
     except TypeError as problem:
         raise ValueError(f"{kind.__name__}: {problem}") from problem
+
+
+@functools.lru_cache(maxsize=64)
+def _hints(kind: type[Any]) -> dict[str, Any]:
+    """Return the types of a dataclass's fields; finding them takes longer than all else in reading a record."""
+    hints = typing.get_type_hints(kind)
+    return {f.name: hints[f.name] for f in dataclasses.fields(kind)}
 
 
 def _convert(hint: Any, value: Any) -> Any:

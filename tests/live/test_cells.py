@@ -20,7 +20,7 @@ pytest.importorskip("rclpy")
 ROOT = Path(__file__).parents[2]
 sys.path.append(str(ROOT))
 
-from grader.live.isolation import Form, probe_isolation  # noqa: E402
+from grader.live.probing import probe_isolation  # noqa: E402
 from grader.recording.session import SessionRecord, read_session  # noqa: E402
 from tests.live.small_lab import (  # noqa: E402
     FLOATS,
@@ -52,7 +52,7 @@ INTERRUPT: dict[str, Any] = {"interrupt": {"process": "talker"}}
 def _confined() -> None:
     """Skip where no cells can be made."""
     isolation = probe_isolation(Path(sys.executable))
-    if isolation.form is Form.NONE:
+    if not isolation.namespaces:
         pytest.skip(f"no cells here: {isolation.remedy}")
 
 
@@ -102,7 +102,7 @@ def test_callers_environment_reaches_no_process_of_a_cell(tmp_path: Path) -> Non
     run = subprocess.run(command(lab), env=caller, capture_output=True, text=True, timeout=90, check=False)
     assert run.returncode == 0, run.stderr
     result = json.loads((lab.results / "submission" / "result.json").read_text(encoding="utf-8"))
-    assert result["score"] == {"earned": 1, "possible": 1, "undecided": 0}, result["criteria"]
+    assert result["score"] == {"earned": 1, "possible": 1, "undecided": 0, "final": 1}, result["criteria"]
     process = next(p for p in record_of(lab).processes if p.role == "student")
     seen = json.loads(process.output[0].text)
     assert not hostile.items() & seen.items()

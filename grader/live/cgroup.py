@@ -1,0 +1,168 @@
+"""Memory and process limits of a cell's students by control groups, version 1 or 2, where these can be made.
+
+Each cell has one group for all of the student's processes in it. Its name comes from the cell's number, so
+that what a killed grader left behind is taken over by the next.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+#: Limit of all of a cell's student processes together.
+MEMORY_BYTES = 2 * 1024**3
+PROCESSES = 256
+
+_REMOVAL_S = 2.0
+#: Moves the shell into each group that is named before `--`, then becomes the command.
+_ENTER = 'while [ "$1" != -- ]; do echo $$ > "$1/cgroup.procs" || exit 125; shift; done; shift; exec "$@"'
+
+
+@dataclass(frozen=True)
+class GroupPlaces:
+    """Folders in which a cell's group can be made.
+
+    Attributes
+    ----------
+    memory, processes : str
+        Parents of the group in the memory and the pids hierarchy; the same one in version 2.
+    version : int
+        1 or 2.
+    """
+
+    memory: str
+    processes: str
+    version: int
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return this as plain data."""
+        return {"memory": self.memory, "processes": self.processes, "version": self.version}
+
+
+class CellGroup:
+    """The control group of a cell's student processes.
+
+    Parameters
+    ----------
+    places : GroupPlaces
+        Where it is made.
+    label : str
+        Tells the group from others of this user.
+    """
+
+    def __init__(self, places: GroupPlaces, label: str) -> None:
+        self._version = places.version
+        name = f"grade-{os.getuid()}-{label}"
+        self._memory, self._processes = Path(places.memory) / name, Path(places.processes) / name
+
+    def make(self, memory_bytes: int = MEMORY_BYTES, processes: int = PROCESSES) -> None:
+        """Make the group and set its limits.
+
+        Raises
+        ------
+        OSError
+            If that is not permitted here.
+        """
+        self.remove()
+        for folder in self._folders():
+            folder.mkdir(exist_ok=True)
+            if self._version == 2:
+                with suppress(OSError):
+                    (folder.parent / "cgroup.subtree_control").write_text("+memory +pids")
+        (self._processes / "pids.max").write_text(str(processes))
+        if self._version == 2:
+            (self._memory / "memory.max").write_text(str(memory_bytes))
+            with suppress(OSError):
+                (self._memory / "memory.swap.max").write_text("0")
+            return
+        (self._memory / "memory.limit_in_bytes").write_text(str(memory_bytes))
+        with suppress(OSError):
+            (self._memory / "memory.memsw.limit_in_bytes").write_text(str(memory_bytes))
+
+    def entering(self, command: Sequence[str]) -> list[str]:
+        """Return the command line that runs `command` within the group."""
+        return ["sh", "-c", _ENTER, "sh", *map(str, self._folders()), "--", *command]
+
+    def exceeded(self) -> dict[str, int]:
+        """Return how often each limit was hit: {"memory": kills for want of memory, "processes": refused forks}."""
+        memory = self._memory / ("memory.events" if self._version == 2 else "memory.oom_control")
+        return {
+            "memory": _counter(memory, "oom_kill"),
+            "processes": _counter(self._processes / "pids.events", "max"),
+        }
+
+    def remove(self) -> None:
+        """Kill what is left in the group, and remove it; returns after a short while if it will not go."""
+        end_s = time.monotonic() + _REMOVAL_S
+        while self._processes.exists() or self._memory.exists():
+            for folder in self._folders():
+                with suppress(OSError):
+                    for word in (folder / "cgroup.procs").read_text().split():
+                        with suppress(ProcessLookupError):
+                            os.kill(int(word), 9)
+                with suppress(OSError):
+                    folder.rmdir()
+            if time.monotonic() > end_s:
+                return
+            time.sleep(0.002)
+
+    def _folders(self) -> list[Path]:
+        return list(dict.fromkeys((self._memory, self._processes)))
+
+
+def _counter(file: Path, name: str) -> int:
+    with suppress(OSError):
+        found = re.search(rf"^{name} (\d+)$", file.read_text(), re.MULTILINE)
+        return int(found[1]) if found else 0
+    return 0
+
+
+def group_places() -> list[GroupPlaces]:
+    """Return the places where groups might be made here, the likeliest first; none is tried."""
+    mounts = _mounted_hierarchies()
+    own = _own_groups()
+    places = []
+    if "memory" in mounts and "pids" in mounts:
+        memory, pids = (_within(mounts[name], own.get(name, "/")) for name in ("memory", "pids"))
+        places.append(GroupPlaces(memory, pids, 1))
+    if "" in mounts:
+        root = mounts[""]
+        places += [GroupPlaces(folder, folder, 2) for folder in (root, _within(root, own.get("", "/")))]
+    return list(dict.fromkeys(p for p in places if os.access(p.memory, os.W_OK) and os.access(p.processes, os.W_OK)))
+
+
+def _within(mount: str, group: str) -> str:
+    folder = Path(mount) / group.strip("/")
+    return str(folder) if folder.is_dir() else mount
+
+
+def _mounted_hierarchies() -> Mapping[str, str]:
+    """Return controller -> mount point; the hierarchy of version 2 has the name ""."""
+    found: dict[str, str] = {}
+    with suppress(OSError):
+        for line in Path("/proc/self/mountinfo").read_text().splitlines():
+            before, _, after = line.partition(" - ")
+            kind, _, options = after.split(" ", 2)
+            if kind == "cgroup2":
+                found.setdefault("", before.split()[4])
+            elif kind == "cgroup":
+                for name in options.split(","):
+                    found.setdefault(name, before.split()[4])
+    return found
+
+
+def _own_groups() -> Mapping[str, str]:
+    """Return controller -> path of this process's group; version 2 has the name ""."""
+    found: dict[str, str] = {}
+    with suppress(OSError):
+        for line in Path("/proc/self/cgroup").read_text().splitlines():
+            _, controllers, path = line.split(":", 2)
+            for name in controllers.split(","):
+                found[name] = path
+    return found

@@ -1,0 +1,197 @@
+"""Finds how well students' code can be confined on this machine, by running a program in a real cell."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+from grader.errors import IsolationError
+from grader.live.cgroup import CellGroup, GroupPlaces, group_places
+from grader.live.environment import INSIDE_FOLDER
+from grader.live.isolation import (
+    INSIDE,
+    SHARED_MEMORY,
+    TEMPORARY,
+    Form,
+    Isolation,
+    Level,
+    Room,
+    cell_argv,
+    student_argv,
+    student_uid,
+)
+from grader.live.landlock import landlock_version
+from grader.live.seccomp import open_filter
+
+_PROBE_BYTES = 96 * 1024 * 1024
+_TIMEOUT_S = 30.0
+_NUMBER = 0
+
+#: Says who and how privileged it is, and whether the system call filter holds.
+_WHO = """
+import ctypes, os
+status = open("/proc/self/status").read()
+denied = ctypes.CDLL(None).unshare(0x10000000)
+words = {line.split(":")[0]: line.split()[1] for line in status.splitlines() if len(line.split()) > 1}
+print("in", os.getuid(), int(words["CapEff"], 16), words["NoNewPrivs"], words["Seccomp"], denied)
+"""
+#: Two processes that together take twice the limit.
+_TAKE_MEMORY = f"""
+import os, time
+for _ in range(2):
+    if os.fork() == 0:
+        taken = bytearray({_PROBE_BYTES})
+        taken[::4096] = b"x" * len(taken[::4096])
+        time.sleep(0.5)
+        os._exit(0)
+for _ in range(2):
+    os.wait()
+print("in")
+"""
+
+
+def probe_isolation(interpreter: Path) -> Isolation:
+    """Find the strongest confinement that works here."""
+    missing = [tool for tool in ("unshare", "setpriv", "prlimit") if shutil.which(tool) is None]
+    if missing:
+        return Isolation(Level.NONE, remedy=f"Install util-linux ({', '.join(missing)} not found).")
+    problem, remedy = None, "Install bubblewrap: sudo apt-get install bubblewrap"
+    if shutil.which("bwrap") is not None:
+        root = os.geteuid() == 0
+        usage = subprocess.run(["bwrap", "--help"], capture_output=True, text=True, check=False)
+        old = "--disable-userns" not in usage.stdout + usage.stderr
+        found = Isolation(Level.NO_CGROUP, Form.ROOT if root else Form.USER, old, own_uid=root)
+        problem = _try(found, interpreter)
+        if problem is None:
+            return _with_groups(found, interpreter)
+        remedy = _remedy(problem)
+    return _without_namespaces(interpreter, remedy)
+
+
+def require(isolation: Isolation, least: Level) -> None:
+    """Raise unless the confinement is good enough.
+
+    Raises
+    ------
+    IsolationError
+        With the one thing that would mend it.
+    """
+    if isolation.level.at_least(least):
+        return
+    freely = "" if least is not Level.REDUCED else " If you trust this code, add --trust-code."
+    raise IsolationError(
+        f"students' code can be confined here at the level '{isolation.level.value}' only, "
+        f"and '{least.value}' is required",
+        remedy=f"{isolation.remedy}{freely} `grade doctor` tells more.",
+    )
+
+
+def _with_groups(found: Isolation, interpreter: Path) -> Isolation:
+    for places in group_places():
+        if _limits_memory(replace(found, level=Level.FULL, groups=places), places, interpreter):
+            return replace(found, level=Level.FULL, groups=places)
+    reason = "no control group for memory and processes can be made here"
+    return replace(found, remedy=f"For the level full, run as root on the machine itself: {reason}.")
+
+
+def _without_namespaces(interpreter: Path, remedy: str) -> Isolation:
+    if landlock_version() < 1:
+        return Isolation(Level.NONE, remedy=f"{remedy} (This kernel has no Landlock either.)")
+    for own_uid in (True, False) if os.geteuid() == 0 else (False,):
+        found = Isolation(Level.REDUCED, own_uid=own_uid, remedy=remedy)
+        if _try(found, interpreter) is None:
+            return found
+    return Isolation(Level.NONE, remedy=remedy)
+
+
+def _try(isolation: Isolation, interpreter: Path) -> str | None:
+    """Run the interpreter in a cell with the real arguments; return None or what went wrong."""
+    run = _run(isolation, interpreter, _WHO, None)
+    if isinstance(run, str):
+        return run
+    said = run.stdout.split()
+    if run.returncode != 0 or said[:1] != ["in"]:
+        return run.stderr.strip() or "no answer from the cell"
+    _, uid, capabilities, no_new_privileges, seccomp, denied = said
+    wanted = student_uid(isolation, _NUMBER)
+    if (wanted is not None and int(uid) != wanted) or capabilities != "0":
+        return f"the cell runs as user {uid} with capabilities {capabilities}"
+    return None if (no_new_privileges, seccomp, denied) == ("1", "2", "-1") else "the system call filter does not hold"
+
+
+def _limits_memory(isolation: Isolation, places: GroupPlaces, interpreter: Path) -> bool:
+    """Whether two processes that together take twice the limit are ended by the kernel."""
+    group = CellGroup(places, f"probe-{os.getpid()}")
+    try:
+        group.make(memory_bytes=_PROBE_BYTES)
+        run = _run(isolation, interpreter, _TAKE_MEMORY, group)
+        return not isinstance(run, str) and group.exceeded()["memory"] > 0
+    except OSError:
+        return False
+    finally:
+        group.remove()
+
+
+def _run(
+    isolation: Isolation, interpreter: Path, program: str, group: CellGroup | None
+) -> subprocess.CompletedProcess[str] | str:
+    with tempfile.TemporaryDirectory(prefix="grade-probe-", ignore_cleanup_errors=True) as scratch:
+        room, seen = _room(isolation, Path(scratch), interpreter)
+        descriptor = open_filter()
+        command = student_argv(
+            isolation,
+            [str(interpreter), "-c", program],
+            environment={"PATH": "/usr/bin"},
+            room=room,
+            slot=_NUMBER,
+            info_fd=2,
+            seccomp_fd=descriptor,
+            cwd=seen[TEMPORARY],
+            group=group,
+        )
+        try:
+            return subprocess.run(
+                cell_argv(isolation, command),
+                capture_output=True,
+                text=True,
+                timeout=_TIMEOUT_S,
+                check=False,
+                stdin=subprocess.DEVNULL,
+                pass_fds=(descriptor,),
+                cwd="/",
+            )
+        except (OSError, subprocess.TimeoutExpired) as problem:
+            return str(problem)
+        finally:
+            os.close(descriptor)
+
+
+def _room(isolation: Isolation, scratch: Path, interpreter: Path) -> tuple[Room, Mapping[str, str]]:
+    """Return a room as sessions have it, and where its areas are seen."""
+    areas = {TEMPORARY: scratch / "tmp", SHARED_MEMORY: scratch / "shm"}
+    scratch.chmod(0o711)
+    for folder in areas.values():
+        folder.mkdir()
+        folder.chmod(0o1777)
+    seen = {target: target if isolation.namespaces else str(folder) for target, folder in areas.items()}
+    return Room(areas, {INSIDE: INSIDE_FOLDER}, interpreter), seen
+
+
+def _remedy(problem: str) -> str:
+    restricted = Path("/proc/sys/kernel/apparmor_restrict_unprivileged_userns")
+    with suppress(OSError):
+        if restricted.read_text().strip() == "1" and os.geteuid() != 0:
+            return "This system restricts user namespaces (AppArmor): run with sudo."
+    with suppress(OSError):
+        if Path("/proc/sys/user/max_user_namespaces").read_text().strip() == "0" and os.geteuid() != 0:
+            return "This system permits no user namespaces: sudo sysctl user.max_user_namespaces=10000"
+    if Path("/.dockerenv").exists() or Path("/run/.containerenv").exists():
+        return "In a container, namespaces need `--privileged`; or run on the machine itself."
+    last = problem.splitlines()[-1][:200] if problem else "no reason was given"
+    return f"Namespaces cannot be made here ({last}): run on the machine itself or in a privileged container."

@@ -1,0 +1,239 @@
+"""What the confinement denies, permits and limits, at each level that this machine can have."""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from grader import pipeline
+from grader.errors import IsolationError
+from grader.evidence.recorded import Recorded
+from grader.live.cells import Sessions
+from grader.live.isolation import Form, Isolation, Level
+from grader.live.landlock import landlock_version
+from grader.live.probing import probe_isolation, require
+from grader.live.seccomp import DENIED
+from grader.live.stage import stage
+from grader.recording.session import ProcessRun
+from grader.submission import read_submission_folder
+from tests.live.small_lab import Lab, make_lab, texts
+
+pytestmark = pytest.mark.live
+
+PYTHON = Path(sys.executable)
+LEVELS = [Level.FULL, Level.NO_CGROUP, Level.REDUCED]
+
+#: Prints a JSON object: what was tried -> "done" or the error's name.
+TRIES = """
+import ctypes, json, multiprocessing, os, socket, subprocess, sys, threading
+
+libc = ctypes.CDLL(None, use_errno=True)
+
+def system_call(number, *arguments):
+    if libc.syscall(number, *arguments) < 0:
+        raise OSError(ctypes.get_errno(), "refused")
+
+def opened(family, kind):
+    socket.socket(family, kind).close()
+
+def bound():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
+        s.bind(("127.0.0.1", 0))
+
+def thread():
+    t = threading.Thread(target=int)
+    t.start()
+    t.join()
+
+def change(path):
+    with open(path, "w") as file:
+        file.write("x")
+
+denied = {
+    "namespace by clone": lambda: system_call(56, 0x10000000 | 17, 0, 0, 0, 0),
+    "packet socket": lambda: opened(17, 3),
+    "vsock": lambda: opened(40, 1),
+    "typing into the terminal": lambda: system_call(16, 0, 0x5412, b"x"),
+    "all processes": lambda: os.kill(1, 9) if os.getppid() == 0 else os.kill(-1, 0) if NAMESPACES else os.kill(-1, 9),
+    "a file of the system": lambda: change("/usr/made"),
+    "own interpreter": lambda: change(sys.prefix + "/made"),
+    "secrets": lambda: open(SECRET).read(),
+    "rubric": lambda: open(RUBRIC).read(),
+    **{f"call {n}": (lambda n=n: system_call(n, 0, 0, 0, 0, 0)) for n in NUMBERS},
+}
+permitted = {
+    "thread": thread,
+    "program": lambda: subprocess.run(["true"], check=True),
+    "fork": lambda: os.waitpid(os.fork() or os._exit(0), 0),
+    "udp": bound,
+    "unix socket": lambda: opened(1, 1),
+    "addresses": lambda: socket.if_nameindex(),
+    "own file": lambda: change(os.path.join(os.environ["HOME"], "mine")),
+    "temporary file": lambda: change(os.path.join(os.environ["TMPDIR"], "mine")),
+}
+
+def outcome(try_it):
+    try:
+        try_it()
+    except Exception as error:
+        return type(error).__name__
+    return "done"
+
+print(json.dumps({"denied": {k: outcome(v) for k, v in denied.items()},
+                  "permitted": {k: outcome(v) for k, v in permitted.items()}}), flush=True)
+"""
+
+
+def isolation_of(level: Level) -> Isolation:
+    """Return this machine's confinement, brought down to a level; skip where the machine has less."""
+    best = probe_isolation(PYTHON)
+    if not best.level.at_least(level):
+        pytest.skip(f"this machine confines at the level {best.level.value} only: {best.remedy}")
+    if level is Level.FULL:
+        return best
+    if level is Level.NO_CGROUP:
+        return replace(best, level=level, groups=None)
+    if landlock_version() < 1:
+        pytest.skip("this kernel has no Landlock")
+    return Isolation(level, Form.NONE)
+
+
+def record_at(lab: Lab, isolation: Isolation) -> Recorded:
+    """Record a lab's only session with a given confinement."""
+    rubric = lab.rubric()
+    submission = read_submission_folder(lab.submission, rubric)
+    with tempfile.TemporaryDirectory() as folder:
+        workspace = stage(lab.submission, submission, rubric, Path(folder), str(PYTHON))
+        sessions = Sessions(
+            rubric,
+            submission,
+            workspace.folder,
+            workspace.executables,
+            lab.recordings,
+            isolation,
+            PYTHON,
+            1,
+            pipeline.versions(),
+        )
+        sessions.record(["only"], lambda progress: None)
+    return Recorded.open(lab.recordings / "only")
+
+
+def run_at(level: Level, folder: Path, source: str, *, wait_s: float = 60.0) -> Recorded:
+    """Run a program as a student's, confined at a level, until it ends or is ended."""
+    steps: list[dict[str, Any]] = [
+        {"start": {"student": "node"}},
+        {"wait_exit": {"process": "node", "timeout_s": wait_s}},
+        {"interrupt": {"process": "node", "timeout_s": 1}},
+    ]
+    return record_at(make_lab(folder, {"node": source}, {"only": steps}, timeout_s=90), isolation_of(level))
+
+
+def process_of(recorded: Recorded) -> ProcessRun:
+    """Return the student's process."""
+    run = recorded.process("node")
+    assert run is not None
+    return run
+
+
+@pytest.mark.parametrize("level", LEVELS, ids=lambda level: level.value)
+def test_what_a_student_may_and_may_not_do(level: Level, tmp_path: Path) -> None:
+    """Nothing that leads out of the sandbox is permitted, and all that nodes need is."""
+    secret = tmp_path / "secret"
+    secret.write_text("truth")
+    head = f"SECRET, RUBRIC = {str(secret)!r}, {str(tmp_path / 'rubric.yaml')!r}\n"
+    head += f"NUMBERS, NAMESPACES = {sorted(DENIED.values())!r}, {level is not Level.REDUCED!r}\n"
+    tries = TRIES
+    if level is not Level.REDUCED:  # Its own processes are all that it sees.
+        tries = "\n".join(line for line in TRIES.splitlines() if '"all processes"' not in line)
+    recorded = run_at(level, tmp_path, head + tries)
+    said = texts(recorded)
+    assert said, [line.text for line in process_of(recorded).output]
+    facts = json.loads(said[0])
+    assert [k for k, v in facts["denied"].items() if v == "done"] == []
+    assert set(facts["permitted"].values()) == {"done"}, facts["permitted"]
+    assert recorded.record.isolation["level"] == level.value
+
+
+BOMBS = {
+    # Each of the six stays below what one process may have.
+    "memory": """
+import os, time
+for _ in range(6):
+    if os.fork() == 0:
+        taken = bytearray(600 * 1024 * 1024)
+        taken[::4096] = b"x" * len(taken[::4096])
+        time.sleep(60)
+        os._exit(0)
+time.sleep(60)
+""",
+    "processes": """
+import os, time
+for _ in range(1000):
+    try:
+        if os.fork() == 0:
+            time.sleep(60)
+            os._exit(0)
+    except OSError:
+        time.sleep(0.05)
+time.sleep(3)
+""",
+    "disk": """
+import os, time
+block = b"x" * 1024 * 1024
+for number in range(800):
+    try:
+        with open(os.path.join(os.environ["TMPDIR"], f"large-{number // 50}"), "ab") as file:
+            file.write(block)
+    except OSError:
+        break
+time.sleep(3)
+""",
+    "files": """
+import os, time
+folder = os.environ["TMPDIR"]
+for number in range(60000):
+    try:
+        os.close(os.open(f"{folder}/{number}", os.O_CREAT))
+    except OSError:
+        break
+time.sleep(3)
+""",
+    "output": """
+import sys
+while True:
+    sys.stdout.write("x" * 60000 + "\\n")
+""",
+}
+
+
+@pytest.mark.parametrize("level", LEVELS, ids=lambda level: level.value)
+@pytest.mark.parametrize("limit", BOMBS)
+def test_what_takes_too_much_is_stopped_and_named(limit: str, level: Level, tmp_path: Path) -> None:
+    """Memory over several processes, processes, disk, files and output end at their limits, which are named."""
+    recorded = run_at(level, tmp_path, BOMBS[limit])
+    run = process_of(recorded)
+    assert run.limit == limit, (run.limit, run.ended_by, run.exit_status, [line.text for line in run.output][-3:])
+    assert recorded.record.complete
+    assert recorded.record.problems == []
+
+
+def test_a_run_that_requires_more_than_there_is_is_refused() -> None:
+    """The refusal names both levels and the remedy; equal or better levels are let through."""
+    reduced = Isolation(Level.REDUCED, remedy="Install bubblewrap.")
+    with pytest.raises(IsolationError, match="'reduced' only, and 'no cgroup' is required") as caught:
+        require(reduced, Level.NO_CGROUP)
+    assert "Install bubblewrap." in caught.value.remedy
+    for level in (Level.REDUCED, Level.NONE):
+        require(reduced, level)
+    with pytest.raises(IsolationError) as caught:
+        require(Isolation(Level.NONE), Level.REDUCED)
+    assert "--trust-code" in caught.value.remedy
