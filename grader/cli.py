@@ -15,6 +15,9 @@ from grader.errors import GraderError
 #: Command -> what it does; each is a module of `grader.commands`. Without one of these words, submissions are graded.
 COMMANDS = {
     "regrade": "judge recordings again, without ROS",
+    "report": "the page over a class and its grades.csv, from results that are there",
+    "export": "write results in the forms of CI systems and learning platforms",
+    "doctor": "examine this machine: can it grade, how well does it confine, how quiet is it",
     "checks": "list the checks that a rubric can use",
 }
 

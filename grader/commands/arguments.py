@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Callable, Sequence
 from decimal import Decimal, InvalidOperation
@@ -13,11 +14,37 @@ from grader.report.plain import terminal_text
 
 #: Exit status when the score is below --fail-under.
 BELOW = 1
+_TRUE = ("1", "true", "yes")
 
 
 def add_fail_under(parser: argparse.ArgumentParser) -> None:
     """Add `--fail-under`."""
     parser.add_argument("--fail-under", type=points, metavar="N", help="exit with 1 if a score is below N points")
+
+
+def add_isolation(parser: argparse.ArgumentParser) -> None:
+    """Add `--require-isolation` and `--trust-code`."""
+    parser.add_argument(
+        "--require-isolation",
+        choices=("full", "no-cgroup", "reduced"),
+        metavar="LEVEL",
+        help="run nothing unless students' code is confined at least so: full, no-cgroup or reduced (default: "
+        "no-cgroup for several submissions and in CI jobs, reduced for one; `grade doctor` shows what there is)",
+    )
+    parser.add_argument(
+        "--trust-code",
+        action="store_true",
+        help="run the submissions even where they cannot be confined at all: I know and trust their code",
+    )
+
+
+def least_isolation(options: argparse.Namespace, *, several: bool) -> str:
+    """Return the level of confinement that is required: the one asked for, else by what is at stake."""
+    if options.trust_code:
+        return "none"
+    if options.require_isolation is not None:
+        return str(options.require_isolation)
+    return "no-cgroup" if several or os.environ.get("CI", "").lower() in _TRUE else "reduced"
 
 
 def points(text: str) -> Decimal:

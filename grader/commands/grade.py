@@ -11,7 +11,8 @@ from pathlib import Path
 from rich.console import Console
 
 from grader import __version__
-from grader.commands.arguments import add_fail_under, count, each
+from grader.commands.arguments import add_fail_under, add_isolation, count, each, least_isolation
+from grader.commands.export import add_exports
 
 
 def _parser(epilog: str) -> argparse.ArgumentParser:
@@ -51,6 +52,8 @@ def _parser(epilog: str) -> argparse.ArgumentParser:
         help="what evaluates launch files: grade's own stand-in (default), the real launch of a sourced ROS "
         "installation, or the real one where there is one",
     )
+    add_isolation(parser)
+    add_exports(parser, "--export")
     add_fail_under(parser)
     parser.add_argument("--version", action="version", version=f"grade {__version__}")
     return parser
@@ -64,7 +67,19 @@ def run(arguments: Sequence[str], console: Console, epilog: str = "") -> int:
     options = _parser(epilog).parse_args(arguments)
     rubric = pipeline.read_rubric(options.rubric)
     chosen = [s for s in options.sessions.split(",") if s] if options.sessions is not None else None
-    live = pipeline.Options(_interpreter(options.python), chosen, options.seed, options.jobs, options.launch)
+    live = pipeline.Options(
+        _interpreter(options.python),
+        chosen,
+        options.seed,
+        options.jobs,
+        options.launch,
+        least_isolation(options, several=len(options.submissions) > 1),
+        exports=options.exports,
+        path_prefix=options.path_prefix,
+        live_exports=len(options.submissions) == 1,
+    )
+    if len(options.submissions) > 1 and any(target.file is not None for target in options.exports):
+        _parser(epilog).error("the exports of several submissions go into their results folders; leave out the file")
     names = [folder.resolve().name for folder in options.submissions]
     for name in names:
         if names.count(name) > 1:

@@ -1,0 +1,51 @@
+"""`grade doctor`: examine this machine."""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.text import Text
+
+from grader.report.plain import terminal_text
+
+#: Exit status when something keeps this machine from grading.
+_UNFIT = 1
+_STYLES = {"PASS": "green", "CAUTION": "yellow", "FAIL": "red"}
+
+
+def run(arguments: Sequence[str], console: Console) -> int:
+    """Examine the machine; returns the exit status."""
+    from grader import pipeline
+    from grader.doctor.examination import Verdict, calibrate, examine
+
+    parser = argparse.ArgumentParser(
+        prog="grade doctor",
+        description="Examine this machine: can it grade, how well does it confine students' code, how quiet is it? "
+        "Exit status 1 if it cannot grade.",
+    )
+    parser.add_argument("--python", type=Path, metavar="FILE", help="interpreter for students' code")
+    parser.add_argument(
+        "--calibrate",
+        action="store_true",
+        help="also grade the lab's own solution: what can be decided here?",
+    )
+    parser.add_argument("--rubric", type=Path, metavar="FILE", help="rubric whose solution is graded")
+    options = parser.parse_args(arguments)
+    interpreter = options.python.absolute() if options.python else Path(sys.executable)
+    signs = examine(interpreter)
+    if options.calibrate:
+        signs = itertools.chain(signs, calibrate(interpreter, pipeline.read_rubric(options.rubric)))
+    verdicts = []
+    for sign in signs:
+        verdicts.append(sign.verdict)
+        line = Text(f"{sign.verdict.value:<8}", style=_STYLES[sign.verdict.value])
+        line.append(f"{sign.subject}: ", style="bold").append(terminal_text(sign.found), style="default not bold")
+        console.print(line, soft_wrap=True)
+        if sign.remedy:
+            console.print(Text(f"        → {terminal_text(sign.remedy)}"), soft_wrap=True)
+    return _UNFIT if Verdict.FAIL in verdicts else 0
