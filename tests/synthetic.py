@@ -19,6 +19,7 @@ from grader.recording.session import (
     Claim,
     Endpoint,
     GraphSnapshot,
+    MachineSample,
     OutputLine,
     ProcessRun,
     Qos,
@@ -112,6 +113,15 @@ class Session:
             self._writer.write(channel, text(value), received_ns=at(time_s), source_ns=at(time_s), sequence=number)
         return self
 
+    def raw(
+        self, topic: str, kind: str, definition: str, messages: Sequence[bytes], times_s: Iterable[float]
+    ) -> Session:
+        """Record messages of another type by their CDR."""
+        channel = self._writer.add_channel(topic, kind, "", MessageDefinition("ros2msg", definition), [RELIABLE])
+        for number, (data, time_s) in enumerate(zip(messages, times_s, strict=True), 1):
+            self._writer.write(channel, data, received_ns=at(time_s), source_ns=at(time_s), sequence=number)
+        return self
+
     def endpoint(
         self, kind: str, topic: str, node: str = "/student", topic_type: str = FLOATS, qos: Qos = RELIABLE
     ) -> Session:
@@ -146,6 +156,11 @@ class Session:
         """Let the machine have kept a process from its core for a time, evenly from 0 to `until_s`."""
         run = next(p for p in self.record.processes if p.name == name)
         run.usage = [Usage(at(0.0), 0, 0), Usage(at(until_s), round(cpu_s * 1e9), round(delay_s * 1e9))]
+        return self
+
+    def clock(self, ahead_s: Mapping[float, float]) -> Session:
+        """Let the system's clock be ahead of the monotonic one by some seconds, as sampled at some times."""
+        self.record.machine = [MachineSample(at(t), round(ahead * 1e9)) for t, ahead in ahead_s.items()]
         return self
 
     def step(self, kind: str, label: str, outcome: str = "done", **result: Any) -> Session:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict
 
 from grader.evidence.diagnosis import Diagnosis, explain
+from grader.evidence.limits import ended_by_limit, hit_limit
 from grader.evidence.oracle import load_oracle
 from grader.evidence.recorded import NumericStream, Recorded
 from grader.recording.submission import SubmissionRecord
@@ -148,14 +150,57 @@ def graded(
     return Finding(outcome, credit, expected, measured, reason, hint, tuple(where), tuple(notes))
 
 
+#: Steps in which a measured share earns credit.
+STEPS = 10
+
+
+def in_steps(share: float, steps: int = STEPS) -> float:
+    """Return a measured share as credit in even steps, rounded down; what is as good as full is full.
+
+    Two recordings of the same program never measure exactly the same. Steps keep the score the same, except
+    where the measurement lies at a step's edge, which `measured_share` leaves undecided.
+    """
+    if share >= float(_AS_GOOD_AS_FULL):
+        return 1.0
+    return math.floor(max(0.0, share) * steps + 1e-9) / steps
+
+
+def measured_share(
+    worst: float,
+    best: float,
+    expected: str,
+    measured: str,
+    reason: str,
+    doubt: str,
+    *,
+    steps: int = STEPS,
+    where: Sequence[Where] = (),
+) -> Finding:
+    """State a finding about a share that is known within bounds: decided where both ends earn the same credit.
+
+    Parameters
+    ----------
+    worst, best : float
+        The least and the largest share that the recording and the machine's delays leave possible.
+    doubt : str
+        What keeps it from being decided, where it is not.
+    """
+    low, high = in_steps(worst, steps), in_steps(best, steps)
+    if low != high:
+        return inconclusive(expected, measured, doubt, where=where)
+    return graded(high, expected, measured, reason, where=where)
+
+
 def failed(expected: str, measured: str, reason: str, *, hint: str = "", where: Sequence[Where] = ()) -> Finding:
     """State that nothing of it is as it should be."""
     return graded(0.0, expected, measured, reason, hint=hint, where=where)
 
 
-def inconclusive(expected: str, measured: str, reason: str, *, where: Sequence[Where] = ()) -> Finding:
-    """State that the recording cannot answer; it never costs points."""
-    return Finding(Outcome.INCONCLUSIVE, Decimal(0), expected, measured, reason, "", tuple(where))
+def inconclusive(
+    expected: str, measured: str, reason: str, *, where: Sequence[Where] = (), retry: bool = True
+) -> Finding:
+    """State that the recording cannot answer; it never costs points. `retry` tells whether another one might."""
+    return Finding(Outcome.INCONCLUSIVE, Decimal(0), expected, measured, reason, "", tuple(where), retry=retry)
 
 
 def not_reached(reason: str, *, expected: str = "") -> Finding:
@@ -194,11 +239,13 @@ def told(found: Diagnosis) -> str:
 def why_nothing(context: Context, artifact: str, fallback: str) -> tuple[str, str, tuple[Where, ...]]:
     """Say why an artifact's process did not show what was expected: (reason, hint, where)."""
     session = context.session.record.session
+    processes = context.session.processes_of(artifact)
+    if processes and ended_by_limit(processes[-1]) and (hit := hit_limit(processes[-1])) is not None:
+        return *hit, (Where(session=session, process=artifact),)
     found = context.diagnosis(artifact)
     if found is not None:
         spot = Where(file=found.file, line=found.line) if found.file else Where(session=session, process=artifact)
         return told(found), found.remedy, (spot,)
-    processes = context.session.processes_of(artifact)
     if processes and processes[-1].ended_by == "itself" and processes[-1].exit_status is not None:
         status = processes[-1].exit_status
         reason = f"The program ended by itself with exit status {status} before it did anything that can be seen."

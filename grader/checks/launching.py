@@ -14,6 +14,7 @@ from grader.checks.finding import (
     Share,
     failed,
     graded,
+    in_steps,
     inconclusive,
     missing_artifact,
     not_reached,
@@ -64,7 +65,8 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
         (Where(file=problem.file, line=problem.line),) if problem is not None and problem.file else (context.where(),)
     )
     if plan.outcome == "not_assessable" and problem is not None:
-        return inconclusive(expected, problem.message, "The grader cannot evaluate this launch file.", where=where)
+        reason = "The grader cannot evaluate this launch file."
+        return inconclusive(expected, problem.message, reason, where=where, retry=False)
     if problem is not None and problem.kind not in ("unknown_executable", "unknown_package"):
         place = f" ({problem.file}, line {problem.line})" if problem.file and problem.line else ""
         return failed(expected, problem.message, _sentence(problem.message) + place, hint=problem.remedy, where=where)
@@ -207,6 +209,7 @@ def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
             f"{', '.join(contained)} in a container of components",
             "The grader cannot evaluate nodes that are loaded into a container of components: it runs none.",
             where=(context.where(),),
+            retry=False,
         )
     parts, reasons, notes, spots = [], [], [], []
     for wanted in p.nodes:
@@ -437,7 +440,7 @@ def _commands_come(context: Context, p: TogetherCommands) -> tuple[float, str, s
         )
     if alone_timing is None:
         return 1.0, f"commands at {timing.rate_hz:.1f} Hz", ""
-    share = min(1.0, timing.rate_hz / alone_timing.rate_hz / p.least_share)
+    share = in_steps(min(1.0, timing.rate_hz / alone_timing.rate_hz / p.least_share), 2)
     text = f"commands at {timing.rate_hz:.1f} Hz ({alone_timing.rate_hz:.1f} Hz alone)"
     return (
         share,

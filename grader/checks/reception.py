@@ -17,6 +17,7 @@ from grader.checks.finding import (
     failed,
     graded,
     inconclusive,
+    measured_share,
     missing_artifact,
     not_reached,
     passed,
@@ -24,7 +25,7 @@ from grader.checks.finding import (
 )
 from grader.checks.traffic import claimed_at, student_endpoints
 from grader.evidence.printed import Report, labelled_vector, reports
-from grader.evidence.recorded import Span, machine_delay_s
+from grader.evidence.recorded import Span
 from grader.recording.session import Endpoint, ProcessRun
 from grader.result import Finding, Where
 
@@ -370,8 +371,11 @@ _STARVED_SHARE = 0.03
 def _starved(context: Context, p: Streams) -> str:
     """Say that the machine kept the node from a core while messages came, if it did."""
     delay_s, length_s = _delay_s(context, p)
-    if delay_s < _STARVED_SHARE * length_s:
-        return ""
+    return _late(context, p) if delay_s >= _STARVED_SHARE * length_s else ""
+
+
+def _late(context: Context, p: Streams) -> str:
+    delay_s, length_s = _delay_s(context, p)
     late = f"for {delay_s:.2f} s of {length_s:.1f} s"
     return f"The machine kept the node from a core {late}, so it may have lost messages by that."
 
@@ -386,7 +390,7 @@ def _delay_s(context: Context, p: Streams) -> tuple[float, float]:
         min(int(s.source_ns[0]) for s in streams.values()),
         max(int(s.source_ns[-1]) for s in streams.values()),
     )
-    return machine_delay_s(processes[-1], span), span.duration_s
+    return context.session.machine_delay_s(processes[-1], span), span.duration_s
 
 
 def _reports_of_some(context: Context, p: ReportedStatistics) -> list[tuple[int, float]]:
@@ -450,6 +454,5 @@ def report_share(context: Context, p: ReportShare) -> Finding:
         return passed(expected, measured + ", more output than is kept")
     spot = Where(session=context.session.record.session, process=p.artifact)
     share, best = (n / max(1, possible) / p.full_from for n in (heard, heard + _messages_during_delay(context, p)))
-    if min(1.0, best) - share > 0.25:
-        return inconclusive(expected, measured, _starved(context, p), where=(spot,))
-    return graded(best, expected, measured, f"Only {heard} of {possible} messages led to a report.", where=(spot,))
+    reason = f"Only {heard} of {possible} messages led to a report."
+    return measured_share(share, best, expected, measured, reason, _late(context, p), where=(spot,))

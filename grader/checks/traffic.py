@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 
@@ -9,18 +10,21 @@ import numpy as np
 from pydantic import Field
 
 from grader.checks.finding import (
+    STEPS,
     Context,
     Parameters,
     Share,
     failed,
     graded,
+    in_steps,
     inconclusive,
+    measured_share,
     missing_artifact,
     passed,
     ramp,
     why_nothing,
 )
-from grader.evidence.recorded import Floats, NumericStream, Span, machine_delay_s
+from grader.evidence.recorded import Floats, NumericStream, Span, clock_step_s
 from grader.evidence.timing import Timing, timing_of
 from grader.evidence.waves import Sinusoid, fit_sinusoid
 from grader.recording.session import Endpoint, Qos
@@ -105,12 +109,8 @@ def _wrong_node(wanted: str | None, nodes: Sequence[str]) -> list[tuple[float, s
     return [(0.2, f"The node is named {nodes[0]}, not {wanted}.")]
 
 
-#: By how much a delay through the machine may raise the credit before the measurement counts as undecided.
-_DOUBTFUL_SHARE = 0.25
-
-
 class TopicRate(Parameters):
-    """A topic is published at a rate; credit falls in a straight line between two deviations."""
+    """A topic is published at a rate; credit falls in even steps between two deviations."""
 
     topic: str
     process: str
@@ -127,7 +127,7 @@ def _measured(context: Context, topic: str, window: str | None) -> tuple[Timing 
 
 def _delay_s(context: Context, process: str, span: Span | None) -> float:
     run = context.session.process(process)
-    return machine_delay_s(run, span) if run is not None and span is not None else 0.0
+    return context.session.machine_delay_s(run, span) if run is not None and span is not None else 0.0
 
 
 def topic_rate(context: Context, p: TopicRate) -> Finding:
@@ -144,14 +144,32 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
     best_hz = _best_rate_hz(timing, length_s, delay_s, p.rate_hz)
     error_hz = 2 * timing.deviation_s() * timing.rate_hz / max(length_s, 1e-9)
     measured = f"{timing.rate_hz:.2f} Hz ± {max(error_hz, 0.01):.2f} Hz ({timing.written} messages in {length_s:.1f} s)"
-    share, best = (ramp(abs(hz / p.rate_hz - 1), p.full_within, p.zero_beyond) for hz in (timing.rate_hz, best_hz))
-    if best - share > _DOUBTFUL_SHARE:
-        late = f"The machine kept the node from a core for {delay_s:.2f} s of {length_s:.1f} s, which may be why."
-        return inconclusive(expected, measured, late, where=where)
+    span_hz = (timing.rate_hz - error_hz, best_hz + error_hz)
+    off_by = [abs(hz / p.rate_hz - 1) for hz in span_hz]
+    least_off = 0.0 if span_hz[0] <= p.rate_hz <= span_hz[1] else min(off_by)
+    worst, best = (ramp(off, p.full_within, p.zero_beyond) for off in (max(off_by), least_off))
     slower = "slower" if timing.rate_hz < p.rate_hz else "faster"
     off = f"{abs(timing.rate_hz / p.rate_hz - 1):.1%} {slower}"
     reason = f"Messages come at {timing.rate_hz:.1f} Hz, {off} than {p.rate_hz:g} Hz."
-    return graded(best, expected, measured, reason, where=where)
+    if (stepped := clock_was_set(context, span)) is not None:
+        return inconclusive(expected, measured, stepped, where=where)
+    return measured_share(worst, best, expected, measured, reason, _doubt(delay_s, length_s), where=where)
+
+
+def clock_was_set(context: Context, span: Span | None) -> str | None:
+    """Say that the system's clock, from which all times come, was set within a span; None if it was not."""
+    step_s = clock_step_s(context.session.record, span) if span is not None else 0.0
+    return f"The machine's clock was set by {step_s * 1e3:.1f} ms while this was measured." if step_s else None
+
+
+#: Share of a span for which a process was kept from a core, from which that is named as the reason of a doubt.
+_NOTABLE_DELAY = 0.005
+
+
+def _doubt(delay_s: float, length_s: float) -> str:
+    if delay_s > _NOTABLE_DELAY * length_s:
+        return f"The machine kept the node from a core for {delay_s:.2f} s of {length_s:.1f} s, which may be why."
+    return "The measurement's error reaches over a step of the credit."
 
 
 def _best_rate_hz(timing: Timing, length_s: float, delay_s: float, wanted_hz: float) -> float:
@@ -181,6 +199,12 @@ def _spots(context: Context, topic: str, span: Span | None) -> tuple[Where, ...]
     return (context.where(topic, **times),)
 
 
+#: Credit for evenness comes in halves: a quantile is known only to some part of itself.
+_JITTER_STEPS = 2
+#: Standard deviations of a sample's quantile that count as its error.
+_CONFIDENCE = 3.0
+
+
 class TopicJitter(Parameters):
     """Messages are evenly spaced: a quantile of the intervals' distances from their median."""
 
@@ -202,12 +226,13 @@ def topic_jitter(context: Context, p: TopicJitter) -> Finding:
     deviation_s = timing.deviation_s(p.share)
     longest = f"longest {timing.intervals_s.max() * 1e3:.1f} ms"
     measured = f"{p.share:.0%} within {deviation_s * 1e3:.2f} ms of {timing.median_s * 1e3:.2f} ms ({longest})"
-    share = ramp(deviation_s, p.full_within_s, p.zero_beyond_s)
-    excused_s = timing.deviation_s(p.share, _delay_s(context, p.process, span))
-    best = ramp(excused_s, p.full_within_s, p.zero_beyond_s)
-    if best - share > 0.02:
-        reason = "The machine kept the node from a core for times that may explain the uneven intervals."
-        return inconclusive(expected, measured, reason, where=where)
+    delay_s = _delay_s(context, p.process, span)
+    spread = _CONFIDENCE * math.sqrt(p.share * (1 - p.share) / len(timing.intervals_s))
+    largest_s = timing.deviation_s(min(1.0, p.share + spread))
+    least_s = timing.deviation_s(max(0.0, p.share - spread), delay_s)
+    worst, best = (ramp(d, p.full_within_s, p.zero_beyond_s) for d in (largest_s, least_s))
+    if (stepped := clock_was_set(context, span)) is not None:
+        return inconclusive(expected, measured, stepped, where=where)
     off = f"{deviation_s * 1e3:.1f} ms off the usual {timing.median_s * 1e3:.1f} ms"
     reason = f"One interval in {round(1 / (1 - p.share))} is more than {off}."
     mean_s = float(timing.intervals_s.mean())
@@ -215,7 +240,9 @@ def topic_jitter(context: Context, p: TopicJitter) -> Finding:
         reason = (
             f"Messages come in bursts: most follow the one before at once, and then none comes for up to {longest[8:]}."
         )
-    return graded(max(share, best), expected, measured, reason, where=where)
+    length_s = span.duration_s if span else float(timing.intervals_s.sum())
+    doubt = _doubt(delay_s, length_s)
+    return measured_share(worst, best, expected, measured, reason, doubt, steps=_JITTER_STEPS, where=where)
 
 
 class MessageValues(Parameters):
@@ -246,7 +273,9 @@ def message_values(context: Context, p: MessageValues) -> Finding:
         )
     if finite < len(rows):
         reasons.append(f"{len(rows) - finite} messages hold numbers that are not finite.")
-    return graded(good / len(rows), expected, measured, " ".join(reasons), where=where)
+    # One bad message is as clear as many, however often it comes.
+    share = 1.0 if good == len(rows) else min(in_steps(good / len(rows)), 1 - 1 / STEPS)
+    return graded(share, expected, measured, " ".join(reasons), where=where)
 
 
 class Component(Parameters):

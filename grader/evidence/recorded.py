@@ -7,6 +7,7 @@ and used), it is followed silently. Times handed out as floats are seconds since
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from grader.evidence.authorship import Authorship, authorship
 from grader.recording.bag import Bag, Stream
 from grader.recording.session import (
     PARTICIPANT_DIGITS,
@@ -22,10 +24,14 @@ from grader.recording.session import (
     Endpoint,
     OutputLine,
     ProcessRun,
+    Published,
     SessionRecord,
     StepRun,
     read_session,
 )
+
+#: How far the clock may move against the monotonic one; what is more than slewing means that it was set.
+_STEP_S, _SLEW = 0.002, 0.001
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -105,8 +111,41 @@ class Recorded:
 
     @functools.cache  # noqa: B019 - a recording lives as long as its judging
     def stream(self, name: str) -> Stream:
-        """Return all messages on a topic of the rubric's."""
-        return self.bag.stream(self.used(name))
+        """Return all messages on a topic of the rubric's; only the grader's own where the grader is to publish."""
+        topic = self.used(name)
+        apart = self.authorship(topic)
+        return self.bag.stream(topic) if apart is None else apart.own
+
+    @functools.cached_property
+    def awaited(self) -> frozenset[str]:
+        """Topics and services that the steps expect of the student, under the names that the student used."""
+        keys = {"wait_for": ("publisher", "service"), "observe": ("first_message_on",), "call": ("service",)}
+        names = [step.parameters.get(key) for step in self.record.steps for key in keys.get(step.kind, ())]
+        return frozenset(self.used(name) for name in names if isinstance(name, str))
+
+    def published_on(self, topic: str) -> tuple[Published, ...]:
+        """Return what the grader told that it published on a topic (of the graph).
+
+        Nothing, unless all of its publishers there told it, and the steps do not expect the student to publish there.
+        """
+        told = tuple(entry for entry in self.record.published if entry.topic == topic)
+        telling = {entry.process for entry in told}
+        prefixes = tuple(t.gid_prefix for t in self.record.trusted if t.process not in telling)
+        publishers = [e for e in self.endpoints if e.topic == topic and e.kind == "publisher"]
+        silent = any(publisher.gid.startswith(prefixes) for publisher in publishers)
+        return () if silent or self.silent_references or topic in self.awaited else told
+
+    @functools.cached_property
+    def silent_references(self) -> tuple[str, ...]:
+        """Reference nodes whose endpoints are not known, since they told nothing through their pipes."""
+        known = {t.process for t in self.record.trusted}
+        return tuple(p.name for p in self.record.processes if p.role == "reference" and p.name not in known)
+
+    @functools.cache  # noqa: B019
+    def authorship(self, topic: str) -> Authorship | None:
+        """Tell the grader's own messages on a topic (of the graph) from others; None where this cannot be done."""
+        told = self.published_on(topic)
+        return authorship(self.bag, topic, told) if told else None
 
     @functools.cache  # noqa: B019
     def rows(self, name: str, field: str) -> tuple[Floats | None, ...]:
@@ -143,6 +182,10 @@ class Recorded:
 
     # -- graph --------------------------------------------------------------------------------
 
+    def is_trusted(self, gid: str) -> bool:
+        """Whether an endpoint is one of the grader's own, by what its processes told through their pipes."""
+        return gid.startswith(tuple(t.gid_prefix for t in self.record.trusted))
+
     @functools.cached_property
     def endpoints(self) -> tuple[Endpoint, ...]:
         """All endpoints that were ever in the graph, by gid, as first seen complete.
@@ -169,10 +212,13 @@ class Recorded:
         Parameters
         ----------
         without : iterable of str
-            Nodes (fully qualified) whose endpoints do not count, e.g. reference nodes.
+            Nodes (fully qualified) whose endpoints do not count, e.g. reference nodes. Another node of such a name
+            counts where the grader's is known by its gid.
         """
         topic, left_out = self.used(name), set(without)
-        return tuple(e for e in self.endpoints if e.topic == topic and e.kind == kind and e.node not in left_out)
+        known = {e.node for e in self.endpoints if self.is_trusted(e.gid)}
+        fitting = (e for e in self.endpoints if e.topic == topic and e.kind == kind)
+        return tuple(e for e in fitting if e.node not in left_out or (e.node in known and not self.is_trusted(e.gid)))
 
     @functools.cached_property
     def nodes(self) -> tuple[str, ...]:
@@ -189,29 +235,49 @@ class Recorded:
         """Return the last process of this name."""
         return next((p for p in reversed(self.record.processes) if p.name == name), None)
 
+    def machine_delay_s(self, run: ProcessRun, span: Span) -> float:
+        """Return for how long within a span the machine kept a process from its core, in s.
+
+        Notes
+        -----
+        Taken from the run-queue delay of its threads, interpolated between samples, and the time that a virtual
+        machine's host took; the part of a span beyond the last sample counts nothing. Threads of one process also
+        wait for each other, and a process that is busy all the time has itself to blame: others can have had the
+        core no longer than it was not in use.
+        """
+        if len(run.usage) < 2:
+            return 0.0
+        times = [u.t_ns for u in run.usage]
+        ends = [span.start_ns, span.end_ns]
+        cpu = np.interp(ends, times, [u.cpu_ns for u in run.usage])
+        delay = np.interp(ends, times, [u.run_delay_ns for u in run.usage])
+        idle_s = max(0.0, span.duration_s - float(cpu[1] - cpu[0]) / 1e9)
+        return min(float(delay[1] - delay[0]) / 1e9 + _stolen_s(self.record, span), idle_s)
+
     def output_of(self, artifact: str) -> list[OutputLine]:
         """Return the output of the last process that ran an artifact."""
         processes = self.processes_of(artifact)
         return processes[-1].output if processes else []
 
 
-def machine_delay_s(run: ProcessRun, span: Span) -> float:
-    """Return for how long within a span the machine kept a process from its core, in s.
+def clock_step_s(record: SessionRecord, span: Span) -> float:
+    """Return by how much the system's clock was set within a span, in s; 0 where it ran on evenly."""
+    samples = [s for s in record.machine if span.start_ns - 1e9 <= s.t_ns <= span.end_ns + 1e9]
+    for before, after in itertools.pairwise(samples):
+        moved_s = (after.clock_offset_ns - before.clock_offset_ns) / 1e9
+        passed_s = (after.t_ns - before.t_ns) / 1e9 - moved_s
+        if abs(moved_s) > _STEP_S + _SLEW * passed_s:
+            return abs(moved_s)
+    return 0.0
 
-    Notes
-    -----
-    Taken from the run-queue delay of its threads, interpolated between samples; the part of a span beyond
-    the last sample counts nothing. Threads of one process also wait for each other, and a process that is
-    busy all the time has itself to blame: others can have had the core no longer than it was not in use.
-    """
-    if len(run.usage) < 2:
+
+def _stolen_s(record: SessionRecord, span: Span) -> float:
+    """Return the time within a span that the host took from the machine's cores, in s."""
+    if len(record.machine) < 2:
         return 0.0
-    times = [u.t_ns for u in run.usage]
-    ends = [span.start_ns, span.end_ns]
-    cpu = np.interp(ends, times, [u.cpu_ns for u in run.usage])
-    delay = np.interp(ends, times, [u.run_delay_ns for u in run.usage])
-    idle_s = max(0.0, span.duration_s - float(cpu[1] - cpu[0]) / 1e9)
-    return min(float(delay[1] - delay[0]) / 1e9, idle_s)
+    times, stolen = [s.t_ns for s in record.machine], [s.stolen_ns for s in record.machine]
+    ends = np.interp([span.start_ns, span.end_ns], times, stolen)
+    return float(ends[1] - ends[0]) / 1e9
 
 
 def _numbers(value: Any) -> Floats | None:

@@ -77,10 +77,11 @@ def test_an_error_fails_with_its_line(tmp_path: Path) -> None:
 
 
 def test_what_we_cannot_evaluate_is_undecided(tmp_path: Path) -> None:
-    """A file that needs what the grader lacks costs nothing."""
+    """A file that needs what the grader lacks costs nothing, and no other run would decide it."""
     problem = {"kind": "module", "message": "needs xacro", "module": "xacro"}
     session = planned(Session(tmp_path), outcome="not_assessable", problem=problem)
-    assert judged("launch_loads", LOADS, session).outcome is Outcome.INCONCLUSIVE
+    finding = judged("launch_loads", LOADS, session)
+    assert (finding.outcome, finding.retry) == (Outcome.INCONCLUSIVE, False)
 
 
 def test_a_misnamed_executable_is_charged_elsewhere(tmp_path: Path) -> None:
@@ -91,7 +92,8 @@ def test_a_misnamed_executable_is_charged_elsewhere(tmp_path: Path) -> None:
 
 def test_without_a_plan_nothing_is_decided(tmp_path: Path) -> None:
     """A plan that is not there or is none is the grader's fault; a missing file is not."""
-    assert judged("launch_loads", LOADS, Session(tmp_path / "a")).outcome is Outcome.INCONCLUSIVE
+    unevaluated = judged("launch_loads", LOADS, Session(tmp_path / "a"))
+    assert (unevaluated.outcome, unevaluated.retry) == (Outcome.INCONCLUSIVE, True)
     broken = Session(tmp_path / "b").step("plan", "plan", plan={"schema": "other"})
     assert judged("launch_loads", LOADS, broken).outcome is Outcome.INCONCLUSIVE
     assert judged("launch_loads", LOADS, Session(tmp_path / "c"), submission(it=None)).outcome is Outcome.FAILED

@@ -221,9 +221,9 @@ def test_a_pattern_that_is_none_is_a_mistake_of_the_rubric(tmp_path: Path) -> No
 # -- the number of reports -------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("every", "credit"), [(1, 1.0), (2, 0.556), (10, 0.111)])
+@pytest.mark.parametrize(("every", "credit"), [(1, 1.0), (2, 0.5), (10, 0.1)])
 def test_the_share_of_reports_is_credited(tmp_path: Path, every: int, credit: float) -> None:
-    """Nine reports for ten states are enough, and fewer earn their share."""
+    """Nine reports for ten states are enough, and fewer earn their share in tenths."""
     finding = judged("report_share", SHARE, with_reports(*stimulus(tmp_path), every=every))
     assert float(finding.credit) == pytest.approx(credit, abs=0.005)
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grader.evidence.recorded import Recorded, Span, machine_delay_s
-from grader.recording.session import UNKNOWN_NODE, Endpoint, GraphSnapshot, ProcessRun, Usage
+from grader.evidence.recorded import Recorded, Span
+from grader.recording.session import UNKNOWN_NODE, Endpoint, GraphSnapshot, MachineSample, ProcessRun, Usage
 from tests.synthetic import FLOATS, START_NS, Session, at
 
 
@@ -132,19 +132,32 @@ def run(*samples: tuple[float, float, float]) -> ProcessRun:
     return ProcessRun("it", "student", [], usage=usage)
 
 
-def test_delay_is_interpolated_between_samples() -> None:
+def machine_delay_s_of(folder: Path, process: ProcessRun, span: Span, stolen_s: float = 0.0) -> float:
+    """Return the delay of a process on a machine from which its host took some time, evenly over 10 s."""
+    recorded = Session(folder / "session").recorded()
+    recorded.record.machine = [MachineSample(at(0), 0, 0), MachineSample(at(10), 0, round(stolen_s * 1e9))]
+    return recorded.machine_delay_s(process, span)
+
+
+def test_time_that_the_host_took_counts_as_the_machines(tmp_path: Path) -> None:
+    """Half of the span in which a virtual machine's host took 4 s had 2 s of them."""
+    process = run((0, 0, 0), (10, 1, 1))
+    assert machine_delay_s_of(tmp_path, process, Span(at(0), at(5)), stolen_s=4.0) == pytest.approx(2.5)
+
+
+def test_delay_is_interpolated_between_samples(tmp_path: Path) -> None:
     """Half of a span between two samples has half of their delay."""
-    assert machine_delay_s(run((0, 0, 0), (10, 1, 2)), Span(at(2), at(7))) == pytest.approx(1.0)
+    assert machine_delay_s_of(tmp_path, run((0, 0, 0), (10, 1, 2)), Span(at(2), at(7))) == pytest.approx(1.0)
 
 
-def test_delay_is_never_more_than_the_time_in_which_the_process_did_not_run() -> None:
+def test_delay_is_never_more_than_the_time_in_which_the_process_did_not_run(tmp_path: Path) -> None:
     """A process that is busy all the time was kept from nothing by the machine."""
-    assert machine_delay_s(run((0, 0, 0), (10, 10, 8)), Span(at(0), at(10))) == pytest.approx(0.0)
-    assert machine_delay_s(run((0, 0, 0), (10, 7, 8)), Span(at(0), at(10))) == pytest.approx(3.0)
+    assert machine_delay_s_of(tmp_path, run((0, 0, 0), (10, 10, 8)), Span(at(0), at(10))) == pytest.approx(0.0)
+    assert machine_delay_s_of(tmp_path, run((0, 0, 0), (10, 7, 8)), Span(at(0), at(10))) == pytest.approx(3.0)
 
 
-def test_without_samples_the_machine_is_not_blamed() -> None:
+def test_without_samples_the_machine_is_not_blamed(tmp_path: Path) -> None:
     """One sample says nothing, and beyond the last there is no delay."""
-    assert machine_delay_s(run((0, 0, 5)), Span(START_NS, at(10))) == 0.0
-    assert machine_delay_s(run((0, 0, 0), (1, 0, 1)), Span(at(5), at(10))) == pytest.approx(0.0)
-    assert np.isfinite(machine_delay_s(run(), Span(at(5), at(5))))
+    assert machine_delay_s_of(tmp_path, run((0, 0, 5)), Span(START_NS, at(10))) == 0.0
+    assert machine_delay_s_of(tmp_path, run((0, 0, 0), (1, 0, 1)), Span(at(5), at(10))) == pytest.approx(0.0)
+    assert np.isfinite(machine_delay_s_of(tmp_path, run(), Span(at(5), at(5))))
