@@ -99,10 +99,10 @@ class ProcessRun:
     interrupted_ns: int | None = None
     exit_status: int | None = None
     ended_by: str = "itself"
-    limit: str | None = None
     output: list[OutputLine] = field(default_factory=list)
     output_dropped_bytes: int = 0
     usage: list[Usage] = field(default_factory=list)
+    limit: str | None = None
 
 
 @dataclass

@@ -332,6 +332,35 @@ def test_no_process_survives_a_killed_grader(tmp_path: Path) -> None:
     assert not list(lab.results.rglob("report.html"))
 
 
+def test_a_grader_killed_at_any_moment_leaves_nothing_that_counts(tmp_path: Path) -> None:
+    """Killed at 20 moments of its run, it leaves no process and no half result, and the next run is not disturbed."""
+    moments = 20
+    lab = make_lab(
+        tmp_path, {"talker": TALKER}, {"only": [START, HEARD, OBSERVE, INTERRUPT]}, checks=[published("/chatter")]
+    )
+    caller = environment(own_temporary_folder(tmp_path))
+    result = lab.results / "submission" / "result.json"
+    begun = time.monotonic()
+    subprocess.run(command(lab), env=caller, capture_output=True, timeout=90, check=True)
+    whole_s, whole = time.monotonic() - begun, json.loads(result.read_text(encoding="utf-8"))["score"]
+    assert whole["earned"] == 1
+    for moment in range(moments):
+        process = subprocess.Popen(command(lab), env=caller, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        watch = Watch(process.pid)
+        end = time.monotonic() + whole_s * (moment + 0.5) / moments
+        while time.monotonic() < end:
+            watch.look()
+            time.sleep(0.01)
+        process.kill()
+        process.wait()
+        until(lambda watch=watch: not watch.left(), 5)
+        # What is there is of this run or of one before it, and whole.
+        if result.exists():
+            assert json.loads(result.read_text(encoding="utf-8"))["score"] == whole
+    subprocess.run(command(lab), env=caller, capture_output=True, timeout=90, check=True)
+    assert json.loads(result.read_text(encoding="utf-8"))["score"] == whole
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["Ctrl-C", "SIGTERM"])
 def test_an_interrupted_grader_leaves_nothing(number: signal.Signals, tmp_path: Path) -> None:
     """Ctrl-C ends the grader with 130 and SIGTERM with 143; no process, folder or result stays."""
