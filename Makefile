@@ -1,6 +1,6 @@
 # Two commands: `make alice` grades the sample submission, `make test` runs every test and check.
 # Each makes the virtual environment that it needs; nothing else is installed into the system but
-# bubblewrap, and that only where we may.
+# bubblewrap, and Chromium for the tests of pages, and these only where we may.
 
 PYTHON ?= python3
 VENV := .venv
@@ -8,12 +8,12 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 DEV_STAMP := $(VENV)/.installed-dev
 
-.PHONY: alice test check system lint types layers clean
+.PHONY: alice test check system system-dev lint types layers clean
 
 alice: $(STAMP) system
 	$(BIN)/grade submissions/alice/
 
-test: $(DEV_STAMP) system lint types layers
+test: $(DEV_STAMP) system-dev lint types layers
 	$(BIN)/python -m pytest -n 4 --dist worksteal
 
 lint: $(DEV_STAMP)
@@ -28,6 +28,9 @@ layers: $(DEV_STAMP)
 
 system:
 	@tools/install-system-packages
+
+system-dev:
+	@tools/install-system-packages dev
 
 $(STAMP): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || \

@@ -17,6 +17,7 @@ COMMANDS = {
     "regrade": "judge recordings again, without ROS",
     "report": "the page over a class and its grades.csv, from results that are there",
     "export": "write results in the forms of CI systems and learning platforms",
+    "selftest": "grade submissions whose verdict is known, and compare",
     "doctor": "examine this machine: can it grade, how well does it confine, how quiet is it",
     "checks": "list the checks that a rubric can use",
 }

@@ -10,10 +10,11 @@ import ast
 import fnmatch
 import posixpath
 import re
-from pathlib import PurePosixPath
 from typing import Any
 
 _MOST_DEPTH, _MOST_STEPS, _MOST_PARTS = 50, 5000, 12
+#: Values that double each other, and lists of commands, would otherwise take without end.
+_LONGEST_VALUE, _MOST_NAMES, _MOST_PATTERNS = 100_000, 500, 100
 
 
 class _NotUnderstoodError(Exception):
@@ -42,7 +43,9 @@ def data_files_of_setup(text: str, paths: list[str]) -> dict[str, str] | None:
             return {}
         entries = _Reader(tree, paths).value(given)
         return _laid_out(entries)
-    except (SyntaxError, ValueError, TypeError, RecursionError, MemoryError, _NotUnderstoodError):
+    except (SyntaxError, ValueError, TypeError, AttributeError, OverflowError, RecursionError, MemoryError):
+        return None
+    except _NotUnderstoodError:
         return None
 
 
@@ -74,7 +77,7 @@ class _Reader:
     def __init__(self, tree: ast.Module, paths: list[str]) -> None:
         self._paths = paths
         self._names: dict[str, ast.expr | None] = {}
-        self._steps = 0
+        self._steps = self._patterns = 0
         for node in ast.walk(tree):
             if isinstance(node, ast.Assign):
                 for target in node.targets:
@@ -106,11 +109,13 @@ class _Reader:
         elif isinstance(node, ast.BinOp) and isinstance(node.op, (ast.Add, ast.Mod)):
             left, right = self.value(node.left, depth + 1), self.value(node.right, depth + 1)
             if isinstance(node.op, ast.Add):
+                if len(left) + len(right) > _LONGEST_VALUE:
+                    raise _NotUnderstoodError
                 return left + right
             return self._formatted(left.replace("%s", "{}"), right if isinstance(right, list) else [right])
         elif isinstance(node, ast.JoinedStr):
             parts = [p.value if isinstance(p, ast.FormattedValue) else p for p in node.values]
-            return "".join(str(self.value(part, depth + 1)) for part in parts)
+            return self._formatted("{}" * len(parts), [self.value(part, depth + 1) for part in parts])
         elif isinstance(node, ast.Call):
             return self._call(node, depth)
         raise _NotUnderstoodError
@@ -130,25 +135,36 @@ class _Reader:
         parts = template.split("{}")
         if len(parts) != len(given) + 1 or any(c in part for part in parts for c in "{}%"):
             raise _NotUnderstoodError
-        return "".join(a + str(b) for a, b in zip(parts, [*given, ""], strict=True))
+        whole = [a + str(b) for a, b in zip(parts, [*given, ""], strict=True)]
+        if sum(map(len, whole)) > _LONGEST_VALUE:
+            raise _NotUnderstoodError
+        return "".join(whole)
 
     def _glob(self, pattern: str) -> list[str]:
         wanted = posixpath.normpath(pattern).split("/")
-        if len(wanted) > _MOST_PARTS:
+        self._patterns += 1
+        if len(wanted) > _MOST_PARTS or self._patterns > _MOST_PATTERNS:
             raise _NotUnderstoodError
         return [path for path in self._paths if _fits(wanted, path.split("/"))]
 
 
 def _fits(wanted: list[str], path: list[str]) -> bool:
-    if not wanted or not path:
-        return not wanted and not path
-    if wanted[0] == "**":
-        return _fits(wanted[1:], path) or _fits(wanted, path[1:])
-    hidden = path[0].startswith(".") and not wanted[0].startswith(".")
-    return not hidden and fnmatch.fnmatchcase(path[0], wanted[0]) and _fits(wanted[1:], path[1:])
+    """Whether a path has the form of a pattern; part by part, so that many `**` take no longer than one."""
+    wanted = [part for part, before in zip(wanted, [None, *wanted], strict=False) if not part == before == "**"]
+    reached = {0}  # how many parts of the pattern may be used up
+    for part in path:
+        ahead = {n for n in reached if n < len(wanted) and wanted[n] == "**"}
+        reached |= {n + 1 for n in ahead}
+        reached = ahead | {n + 1 for n in reached if n < len(wanted) and _is_like(part, wanted[n])}
+    return len(wanted) in reached
 
 
-_COMMAND = re.compile(r"\b(install|ament_auto_package)\s*\(([^)]{0,10000})\)", re.IGNORECASE)
+def _is_like(part: str, wanted: str) -> bool:
+    hidden = part.startswith(".") and not wanted.startswith(".")
+    return wanted != "**" and not hidden and fnmatch.fnmatchcase(part, wanted)
+
+
+_COMMAND = re.compile(r"\b(install|ament_auto_package)\s*\(([^()]{0,10000})\)", re.IGNORECASE)
 
 
 def data_files_of_cmake(text: str, package: str, paths: list[str]) -> dict[str, str] | None:
@@ -169,6 +185,7 @@ def data_files_of_cmake(text: str, package: str, paths: list[str]) -> dict[str, 
         Path below the prefix -> path below the package; None if it is not understood.
     """
     installed: dict[str, str] = {}
+    named = 0
     text = re.sub(r"#[^\n]*", "", text).replace("${PROJECT_NAME}", package)
     text = re.sub(r"\$\{(CMAKE_CURRENT_SOURCE_DIR|CMAKE_SOURCE_DIR|PROJECT_SOURCE_DIR)\}/", "", text)
     for command, inside in _COMMAND.findall(text):
@@ -183,7 +200,8 @@ def data_files_of_cmake(text: str, package: str, paths: list[str]) -> dict[str, 
                 return None
         else:
             continue
-        if any("$" in word for word in (*names, destination)):
+        named += len(names)
+        if named > _MOST_NAMES or any("$" in word for word in (*names, destination)):
             return None
         for name in names:
             installed.update(_copied(name, kind, destination, paths))
@@ -193,7 +211,8 @@ def data_files_of_cmake(text: str, package: str, paths: list[str]) -> dict[str, 
 def _copied(name: str, kind: str, destination: str, paths: list[str]) -> dict[str, str]:
     if kind == "FILES":
         return {posixpath.join(destination, posixpath.basename(name)): name} if name in paths else {}
-    root = PurePosixPath(name)
-    above = root if name.endswith("/") else root.parent
-    inside = [PurePosixPath(path) for path in paths if PurePosixPath(path).is_relative_to(root)]
-    return {posixpath.join(destination, str(path.relative_to(above))): str(path) for path in inside}
+    root = posixpath.normpath(name)
+    above = root if name.endswith("/") else posixpath.dirname(root)
+    inside = [path for path in paths if root == "." or path == root or path.startswith(f"{root}/")]
+    below = 0 if above in ("", ".") else len(above) + 1
+    return {posixpath.join(destination, path[below:]): path for path in inside}

@@ -6,7 +6,7 @@ No ROS, no processes, no clock, no randomness: the same recording and rubric giv
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
@@ -14,13 +14,16 @@ from typing import Any
 
 from grader import __version__
 from grader.checks import REGISTRY, Context
+from grader.checks.affected import not_measurable, with_checks
 from grader.checks.finding import not_reached
 from grader.errors import RecordingError
+from grader.evidence.census import census
 from grader.evidence.diagnosis import advisories
+from grader.evidence.limits import hit_limit
 from grader.evidence.recorded import Recorded
 from grader.recording.session import SESSION_FILE
 from grader.recording.submission import SubmissionRecord, read_submission
-from grader.result import CriterionResult, Finding, Outcome, Result
+from grader.result import CriterionResult, Finding, Outcome, Result, Violation
 from grader.rubric import CheckSpec, Rubric
 from grader.score import score_criteria, total
 
@@ -83,17 +86,42 @@ def open_recordings(folder: Path, rubric: Rubric) -> Recordings:
     return Recordings(submission, sessions, tuple(problems))
 
 
-def judge_checks(recordings: Recordings, rubric: Rubric) -> dict[str, Finding]:
-    """Judge all checks in the rubric's order; those of sessions that were not asked for are left out."""
+def violations_of(recordings: Recordings, rubric: Rubric) -> tuple[Violation, ...]:
+    """Return what of the grader's own was touched in the sessions, with the checks that cannot be judged for it."""
+    nodes = {name: reference.node for name, reference in rubric.reference.items()}
+    return tuple(
+        with_checks(touched, recorded, rubric)
+        for recorded in recordings.sessions.values()
+        for touched in census(recorded, nodes)
+    )
+
+
+def judge_checks(
+    recordings: Recordings, rubric: Rubric, violations: Sequence[Violation] | None = None
+) -> dict[str, Finding]:
+    """Judge all checks in the rubric's order; those of sessions that were not asked for are left out.
+
+    Parameters
+    ----------
+    violations : sequence of Violation, optional
+        See `violations_of`, which gives them where they are not known yet.
+    """
+    known = violations_of(recordings, rubric) if violations is None else violations
     chosen = recordings.submission.sessions
     findings: dict[str, Finding] = {}
     for spec in rubric.checks():
         if chosen is None or spec.session is None or spec.session in chosen:
-            findings[spec.id] = _judge(spec, recordings, rubric, findings)
+            findings[spec.id] = _judge(spec, recordings, rubric, findings, known)
     return findings
 
 
-def _judge(spec: CheckSpec, recordings: Recordings, rubric: Rubric, findings: Mapping[str, Finding]) -> Finding:
+def _judge(
+    spec: CheckSpec,
+    recordings: Recordings,
+    rubric: Rubric,
+    findings: Mapping[str, Finding],
+    violations: Sequence[Violation],
+) -> Finding:
     recorded = recordings.sessions.get(spec.session) if spec.session else None
     unmet = [r for r in spec.requires if r in findings and findings[r].outcome not in _GOES_ON]
     if unmet:
@@ -111,7 +139,10 @@ def _judge(spec: CheckSpec, recordings: Recordings, rubric: Rubric, findings: Ma
     try:
         finding = REGISTRY[spec.check].judge(context, spec.parameters)
     except Exception as problem:  # A broken check never costs points; it must not take the others with it.
-        return Finding(Outcome.ERROR, Decimal(0), reason=f"The check broke: {type(problem).__name__}: {problem}")
+        finding = Finding(Outcome.ERROR, Decimal(0), reason=f"The check broke: {type(problem).__name__}: {problem}")
+    spoilt = next((violation for violation in violations if spec.id in violation.checks), None)
+    if spoilt is not None:
+        finding = not_measurable(finding, spoilt)
     if finding.outcome in (Outcome.FAILED, Outcome.PARTIAL) and not finding.hint:
         return dataclasses.replace(finding, hint=spec.hint)
     return finding
@@ -126,7 +157,8 @@ def _blocked(required: str, findings: Mapping[str, Finding], rubric: Rubric) -> 
     title = next(check.title for check in rubric.checks() if check.id == required)
     earlier = findings[required]
     if not earlier.outcome.decided:
-        return Finding(Outcome.INCONCLUSIVE, Decimal(0), reason=f"It hangs on '{title}', which is undecided.")
+        reason = f"It hangs on '{title}', which is undecided."
+        return Finding(Outcome.INCONCLUSIVE, Decimal(0), reason=reason, retry=False)
     if earlier.outcome is Outcome.NOT_REACHED:
         return not_reached(earlier.reason)  # It names what is at the root of both.
     return not_reached(f"It could not be looked at, since '{title}' failed.")
@@ -168,7 +200,8 @@ def _context(
 
 def judge(recordings: Recordings, rubric: Rubric) -> Result:
     """Judge one submission."""
-    criteria = score_criteria(rubric, judge_checks(recordings, rubric))
+    violations = violations_of(recordings, rubric)
+    criteria = score_criteria(rubric, judge_checks(recordings, rubric, violations))
     return Result(
         submission=recordings.submission.name,
         lab=f"Lab {rubric.lab.id}: {rubric.lab.title}",
@@ -177,6 +210,7 @@ def judge(recordings: Recordings, rubric: Rubric) -> Result:
         advisories=_advisories(recordings, criteria),
         problems=recordings.problems,
         provenance=_provenance(recordings, rubric),
+        violations=violations,
     )
 
 
@@ -186,7 +220,8 @@ def _advisories(recordings: Recordings, criteria: tuple[CriterionResult, ...]) -
     for recorded in recordings.sessions.values():
         for process in recorded.record.processes:
             if process.role == "student":
-                for text in advisories(process.output):
+                hit = hit_limit(process)
+                for text in (*advisories(process.output), *((" ".join(hit),) if hit is not None else ())):
                     sources.setdefault(text, []).append(process.artifact or "")
     found = []
     for text, names in sources.items():
@@ -210,6 +245,11 @@ def _provenance(recordings: Recordings, rubric: Rubric) -> dict[str, Any]:
             "duration_s": round((record.ended_ns - record.started_ns) / 1e9, 3),
             "seed": record.seed,
             "isolation": record.isolation.get("level", "unknown"),
+            "cpu_s": {
+                role: round(sum(p.usage[-1].cpu_ns for p in record.processes if p.role == role and p.usage) / 1e9, 3)
+                for role in ("student", "reference", "grader")
+            },
+            "limits": {p.name: p.limit for p in record.processes if p.limit is not None},
         }
     versions = next((dict(r.record.versions) for r in recordings.sessions.values()), {})
     return {

@@ -15,6 +15,11 @@ from xml.etree import ElementTree
 from grader.data_files import data_files_of_cmake, data_files_of_setup
 from grader.recording.submission import PackageFact
 
+#: Constants of a setup.py that double each other would otherwise grow beyond all bounds.
+_LONGEST_VALUE = 100_000
+_MOST_SCRIPTS = 200
+_MOST_PACKAGES = 100
+
 
 def find_packages(texts: dict[str, str], paths: list[str]) -> list[PackageFact]:
     """Find the packages by their `package.xml`.
@@ -27,7 +32,7 @@ def find_packages(texts: dict[str, str], paths: list[str]) -> list[PackageFact]:
         All files' relative paths.
     """
     packages = []
-    for path in sorted(p for p in paths if PurePosixPath(p).name == "package.xml"):
+    for path in sorted(p for p in paths if PurePosixPath(p).name == "package.xml")[:_MOST_PACKAGES]:
         folder = str(PurePosixPath(path).parent).removeprefix(".")
         package = _read_manifest(folder, texts.get(path, ""))
         if package.build_type == "ament_python":
@@ -45,12 +50,12 @@ def _read_manifest(folder: str, text: str) -> PackageFact:
         return PackageFact(fallback, folder, "ament_python", problems=["package.xml declares entities; it is not read"])
     try:
         root = ElementTree.fromstring(text)
-    except ElementTree.ParseError as problem:
+    except (ElementTree.ParseError, ValueError) as problem:
         return PackageFact(fallback, folder, "ament_python", problems=[f"package.xml is not valid XML: {problem}"])
     name = (root.findtext("name") or "").strip()
     build_type = (root.findtext("export/build_type") or "ament_cmake").strip()
     package = PackageFact(name or fallback, folder, build_type)
-    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_-]*", name):
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_-]{0,99}", name):
         package.name = fallback
         package.problems.append("package.xml names no valid package name")
     return package
@@ -71,9 +76,11 @@ def _read_setup(package: PackageFact, texts: dict[str, str]) -> None:
         scripts += _console_scripts(setup_text, package)
     if config_text is not None:
         scripts += _console_scripts_of_config(config_text)
-    for script in scripts:
+    if len(scripts) > _MOST_SCRIPTS:
+        package.problems.append(f"there are {len(scripts)} entry points; only the first {_MOST_SCRIPTS} are installed")
+    for script in scripts[:_MOST_SCRIPTS]:
         match = re.fullmatch(r"\s*([^=\s]+)\s*=\s*([\w.]+)\s*:\s*([\w.]+)\s*", script)
-        if match:
+        if match and match[1] not in (".", ".."):
             package.executables[match[1]] = f"{match[2]}:{match[3]}"
         else:
             package.problems.append(f"the entry point {script!r} is not of the form 'name = module:function'")
@@ -91,7 +98,13 @@ def _read_data_files(package: PackageFact, texts: dict[str, str], paths: list[st
     if text is None or (not by_cmake and "options.data_files" in texts.get(f"{above}setup.cfg", "")):
         return
     found = data_files_of_cmake(text, package.name, inside) if by_cmake else data_files_of_setup(text, inside)
+    if found is None and any("cannot be read" in problem for problem in package.problems):
+        return  # said already
     if found is None:
+        where = "CMakeLists.txt installs files" if by_cmake else "setup.py writes data_files"
+        package.problems.append(
+            f"{where} in a way that the grader does not follow; it takes every launch and data file for installed"
+        )
         return
     package.shared = {target: above + file for target, file in found.items() if file in inside}
     gone = sorted(file for file in found.values() if file not in inside and "resource/" not in file)
@@ -114,14 +127,13 @@ def is_launch_file(path: str) -> bool:
 def _console_scripts(text: str, package: PackageFact) -> list[str]:
     try:
         tree = ast.parse(text)
+        constants = _constants(tree)
+        for call in (n for n in ast.walk(tree) if isinstance(n, ast.Call)):
+            for keyword in call.keywords:
+                if keyword.arg == "entry_points":
+                    return _scripts_of(_value(keyword.value, constants))
     except (SyntaxError, ValueError, RecursionError, MemoryError) as problem:
         package.problems.append(f"setup.py cannot be read: {problem}")
-        return []
-    constants = _constants(tree)
-    for call in (n for n in ast.walk(tree) if isinstance(n, ast.Call)):
-        for keyword in call.keywords:
-            if keyword.arg == "entry_points":
-                return _scripts_of(_value(keyword.value, constants))
     return []
 
 
@@ -179,13 +191,14 @@ def _value(node: ast.expr, constants: dict[str, object]) -> object:
             if isinstance(k, ast.Constant)
         }
     if isinstance(node, ast.JoinedStr):
-        return "".join(_text(v.value if isinstance(v, ast.FormattedValue) else v, constants) for v in node.values)
+        parts = [_text(v.value if isinstance(v, ast.FormattedValue) else v, constants) for v in node.values]
+        return "".join(parts) if sum(map(len, parts)) <= _LONGEST_VALUE else None
     if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
         left, right = _value(node.left, constants), _value(node.right, constants)
         if isinstance(left, str) and isinstance(right, str):
-            return left + right
+            return left + right if len(left) + len(right) <= _LONGEST_VALUE else None
         if isinstance(left, list) and isinstance(right, list):
-            return left + right
+            return left + right if len(left) + len(right) <= _LONGEST_VALUE else None
     return None
 
 
@@ -200,7 +213,7 @@ def _read_cmake(package: PackageFact, texts: dict[str, str], paths: list[str]) -
         package.problems.append("there is no CMakeLists.txt beside package.xml, so nothing is installed")
         return
     text = re.sub(r"#[^\n]*", "", text)
-    for block in re.findall(r"install\s*\(\s*PROGRAMS\b([^)]{0,10000})\)", text):
+    for block in re.findall(r"install\s*\(\s*PROGRAMS\b([^()]{0,10000})\)", text):
         names = re.split(r"\bDESTINATION\b", block)[0].split()
         for name in names:
             relative = _inside(package.path, name.strip('"').replace("${PROJECT_NAME}", package.name))

@@ -2,30 +2,46 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib.metadata
 import importlib.util
 import platform
 import random
 import shutil
 import tempfile
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import grader
 from grader.checks import PARAMETERS_OF
+from grader.cohort.adjustments import adjust
+from grader.cohort.entries import ClassEntry
+from grader.cohort.overrides import OVERRIDES_FILE, Overrides, load_overrides, moment_of
 from grader.errors import PlatformError, RecordingError, RubricError
+from grader.exporting import ExportTarget
+from grader.intake import Handed, Intake, taken_in
 from grader.judging import Recordings, judge, judge_checks, open_recordings
 from grader.recording.submission import SubmissionRecord, write_submission
 from grader.report import json as result_json
-from grader.result import Result
+from grader.result import CheckResult, Result
 from grader.rubric import Rubric, load_rubric
-from grader.submission import read_submission_folder
+from grader.submission import read_submission
+from grader.timings import Stopwatch
+
+if TYPE_CHECKING:
+    from grader.cohort.summary import ClassSummary
+    from grader.live.turns import Shared
 
 RECORDINGS = "recordings"
 RUBRIC_COPY = "rubric.yaml"
 RESULT_FILE = "result.json"
 REPORT_FILE = "report.html"
+CLASS_PAGE = "index.html"
+GRADES_FILE = "grades.csv"
 #: How often a session whose checks are undecided is recorded again, alone.
 RETRIES = 2
 
@@ -47,6 +63,14 @@ class Options:
     launch : str
         What evaluates launch files: "standin", "native" (the real `launch`, as the interpreter finds it) or
         "auto" (the real one where there is one).
+    least_isolation : str
+        The level of confinement below which nothing is run: "full", "no-cgroup", "reduced" or "none".
+    overrides : Overrides
+        What people decided about single submissions.
+    exports : sequence of ExportTarget
+        Forms for other systems in which the result is written too; anew after each session, with what is known.
+    path_prefix : str
+        Folder of the submission in its repository.
     """
 
     interpreter: Path
@@ -54,6 +78,10 @@ class Options:
     seed: int | None = None
     jobs: int | None = None
     launch: str = "standin"
+    least_isolation: str = "reduced"
+    overrides: Overrides = field(default_factory=Overrides)
+    exports: Sequence[ExportTarget] = ()
+    path_prefix: str = ""
 
 
 def lab_folder() -> Path:
@@ -72,6 +100,25 @@ def read_rubric(path: Path | None) -> Rubric:
         With all its mistakes.
     """
     return load_rubric(path or lab_folder() / "rubric.yaml", PARAMETERS_OF, lab_folder())
+
+
+def read_overrides(path: Path | None, results: Path, rubric: Rubric) -> Overrides:
+    """Load the file of overrides that is given, or else the one beside the results, if there is one.
+
+    Parameters
+    ----------
+    results : Path
+        Folder with a folder of results for each submission.
+
+    Raises
+    ------
+    RubricError
+        With all its mistakes.
+    """
+    beside = results / OVERRIDES_FILE
+    if path is None and not beside.is_file():
+        return Overrides()
+    return load_overrides(path or beside, rubric)
 
 
 def require_platform() -> None:
@@ -126,26 +173,62 @@ def chosen_sessions(rubric: Rubric, options: Options, submission: SubmissionReco
     return [s for s in wanted if not rubric.sessions[s].needs or rubric.sessions[s].needs[0] in there]
 
 
-def grade(folder: Path, rubric: Rubric, results: Path, options: Options, on_progress: Callable[..., None]) -> Result:
+def grade(
+    handed: Handed | Path | Intake,
+    rubric: Rubric,
+    results: Path,
+    options: Options,
+    on_progress: Callable[..., None],
+    shared: Shared | None = None,
+    watch: Stopwatch | None = None,
+) -> Result:
     """Grade one submission: record, judge, run undecided sessions again, report.
 
     Parameters
     ----------
-    folder : Path
-        The submission.
+    handed : Handed, Path or Intake
+        The submission: a folder, an archive, what `grader.batch.found` made of more, or what was taken in already.
     results : Path
         Folder of this submission's results.
+    shared : Shared, optional
+        What other submissions on this machine have to do with it.
+    watch : Stopwatch, optional
+        Told what takes its time.
 
     Raises
     ------
     GraderError
         If no fair score exists; nothing is written then.
     """
+    from grader.live.scratch import scratch_prefix
+    from grader.live_exports import LiveExports
+
     require_platform()
-    submission = read_submission_folder(folder, rubric)
-    submission.sessions = list(options.sessions) if options.sessions is not None else None
-    record(folder, submission, rubric, results, options, on_progress)
-    return judge_results(results, rubric)
+    watch = watch or Stopwatch()
+    taking = nullcontext(handed) if isinstance(handed, Intake) else taken_in(handed, prefix=scratch_prefix())
+    with ExitStack() as stack:
+        with watch.stage("taking the submission in"):
+            intake = stack.enter_context(taking)
+            submission = read_submission(intake, rubric)
+        submission.sessions = list(options.sessions) if options.sessions is not None else None
+        with LiveExports(options.exports, results, options.path_prefix) as exports:
+            follow = exports.follow(on_progress)
+            recorded = record(intake.folder, submission, rubric, results, options, follow, shared, watch)
+            with _work(shared, watch)("judging"):
+                result = judge_results(results, rubric, options.overrides, recorded, watch)
+    exports.write(result)
+    return result
+
+
+def _work(shared: Shared | None, watch: Stopwatch) -> Callable[[str], AbstractContextManager[None]]:
+    """Return what measures a piece of work, and has it wait for its turn where the machine is shared."""
+
+    @contextmanager
+    def work(what: str) -> Iterator[None]:
+        with shared.turns.work(what) if shared is not None else nullcontext(), watch.stage(what):
+            yield
+
+    return work
 
 
 def record(
@@ -155,13 +238,21 @@ def record(
     results: Path,
     options: Options,
     on_progress: Callable[..., None],
-) -> None:
+    shared: Shared | None = None,
+    watch: Stopwatch | None = None,
+) -> Recordings:
     """Run the live half: stage, isolate, run the sessions, and again those whose checks are undecided."""
     from grader.live.cells import Progress, Sessions
-    from grader.live.isolation import probe_isolation
+    from grader.live.isolation import Level
+    from grader.live.probing import probe_isolation, require
     from grader.live.ros_launch import LaunchChoice, find_native_launch
+    from grader.live.scratch import scratch_prefix
     from grader.live.stage import stage
 
+    watch = watch or Stopwatch()
+    with watch.stage("trying the isolation"):
+        isolation = shared.isolation if shared is not None else probe_isolation(options.interpreter)
+    require(isolation, Level.of(options.least_isolation))
     native = find_native_launch(options.interpreter, LaunchChoice(options.launch))
     recordings = results / RECORDINGS
     chosen = chosen_sessions(rubric, options, submission)
@@ -169,26 +260,34 @@ def record(
         if name not in chosen:
             on_progress(Progress(name, "left out, since its file is missing", ended=True))
     _start_afresh(results, recordings, submission, rubric)
-    with tempfile.TemporaryDirectory(prefix="grade-stage-") as scratch:
-        workspace = stage(folder, submission, rubric, Path(scratch), str(options.interpreter))
+    with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as scratch:
+        with _work(shared, watch)("staging"):
+            workspace = stage(folder, submission, rubric, Path(scratch), str(options.interpreter))
         sessions = Sessions(
             rubric,
             submission,
             workspace.folder,
             workspace.executables,
             recordings,
-            probe_isolation(options.interpreter),
+            isolation,
             options.interpreter,
             options.seed if options.seed is not None else random.SystemRandom().randrange(2**31),
             versions() | {"launch": "native" if native is not None else "stand-in"},
             native,
+            turns=shared.turns if shared is not None else None,
         )
-        sessions.record(chosen, on_progress, at_a_time=options.jobs)
+        on_progress = watch.follow(on_progress)
+        with watch.stage("sessions"):
+            sessions.record(chosen, on_progress, at_a_time=options.jobs)
         for attempt in range(2, RETRIES + 2):
-            undecided = undecided_sessions(open_recordings(recordings, rubric), rubric, chosen)
+            with _work(shared, watch)("judging"):
+                recorded = open_recordings(recordings, rubric)
+                undecided = undecided_sessions(recorded, rubric, chosen)
             if not undecided:
-                break
-            replace(sessions, attempt=attempt).record(undecided, on_progress, at_a_time=1)
+                return recorded
+            with watch.stage(f"sessions again, attempt {attempt}"):
+                replace(sessions, attempt=attempt).record(undecided, on_progress, at_a_time=1)
+    return open_recordings(recordings, rubric)
 
 
 def _start_afresh(results: Path, recordings: Path, submission: SubmissionRecord, rubric: Rubric) -> None:
@@ -205,31 +304,76 @@ def undecided_sessions(recordings: Recordings, rubric: Rubric, chosen: Sequence[
     """Return the recorded sessions with a check whose outcome the recording leaves open."""
     findings = judge_checks(recordings, rubric)
     open_checks = [
-        c
-        for c in rubric.checks()
-        if c.id in findings and not findings[c.id].outcome.decided and not _by_file(findings[c.id].reason)
+        c for c in rubric.checks() if c.id in findings and not findings[c.id].outcome.decided and findings[c.id].retry
     ]
     return [s for s in chosen if any(c.session == s for c in open_checks)]
 
 
-def _by_file(reason: str) -> bool:
-    """Whether a finding is open for a reason that another run cannot change, or only because another one is."""
-    return reason.startswith(("The grader cannot evaluate", "It hangs on"))
-
-
-def judge_results(results: Path, rubric: Rubric) -> Result:
+def judge_results(
+    results: Path,
+    rubric: Rubric,
+    overrides: Overrides | None = None,
+    recordings: Recordings | None = None,
+    watch: Stopwatch | None = None,
+) -> Result:
     """Run the judging half on a results folder and write `result.json` and `report.html`.
+
+    Parameters
+    ----------
+    overrides : Overrides, optional
+        What people decided about single submissions.
+    recordings : Recordings, optional
+        The folder's, if they are open: what was found out of them already is not found out again.
+    watch : Stopwatch, optional
+        Told what takes its time.
 
     Raises
     ------
     RecordingError
         If there is nothing to judge.
     """
-    recordings = open_recordings(results / RECORDINGS, rubric)
-    result = judge(recordings, rubric)
-    _replace(results / REPORT_FILE, report_page(result, recordings, rubric))
-    _replace(results / RESULT_FILE, result_json.render(result))
+    recordings = recordings or open_recordings(results / RECORDINGS, rubric)
+    result = judge_with_policy(recordings, rubric, overrides or Overrides())
+    with (watch or Stopwatch()).stage("report"):
+        replace_file(results / REPORT_FILE, report_page(result, recordings, rubric))
+        replace_file(results / RESULT_FILE, result_json.render(result))
     return result
+
+
+def judge_with_policy(recordings: Recordings, rubric: Rubric, overrides: Overrides) -> Result:
+    """Judge one submission, and adjust the points by what people decided and by the rubric's policy."""
+    submission = recordings.submission
+    return adjust(
+        judge(recordings, rubric),
+        overrides.of(submission.name),
+        rubric.policy.late,
+        moment_of(submission.submitted_at),
+    )
+
+
+def judge_so_far(results: Path) -> Result:
+    """Judge what has been recorded until now of a submission that is still being graded, and write nothing.
+
+    Checks of sessions that have not ended are undecided, and say so.
+
+    Raises
+    ------
+    RecordingError
+        If nothing has been begun there.
+    """
+    rubric = read_rubric(rubric_copy(results))
+    recordings = open_recordings(results / RECORDINGS, rubric)
+    overrides = read_overrides(None, results.resolve().parent, rubric)
+    result = judge_with_policy(recordings, rubric, overrides)
+    criteria = [replace(c, checks=tuple(_not_yet_run(k, recordings) for k in c.checks)) for c in result.criteria]
+    return replace(result, criteria=tuple(criteria))
+
+
+def _not_yet_run(check: CheckResult, recordings: Recordings) -> CheckResult:
+    if check.session is None or check.session in recordings.sessions or check.finding.outcome.decided:
+        return check
+    reason = f"Not yet run: the session '{check.session}' has not ended."
+    return replace(check, finding=replace(check.finding, reason=reason))
 
 
 def report_page(result: Result, recordings: Recordings, rubric: Rubric) -> str:
@@ -246,8 +390,25 @@ def report_page(result: Result, recordings: Recordings, rubric: Rubric) -> str:
     return render(result, figures, records, recordings.submission)
 
 
-def regrade(results: Path, rubric_path: Path | None) -> Result:
+def regrade(results: Path, rubric_path: Path | None, overrides_path: Path | None = None) -> Result:
     """Judge a results folder again, by default with the rubric that it was recorded with.
+
+    Parameters
+    ----------
+    overrides_path : Path, optional
+        A file of overrides; by default `overrides.yaml` beside the results folder, if there is one.
+
+    Raises
+    ------
+    RecordingError
+        If it is no results folder.
+    """
+    rubric = read_rubric(rubric_path or rubric_copy(results))
+    return judge_results(results, rubric, read_overrides(overrides_path, results.resolve().parent, rubric))
+
+
+def rubric_copy(results: Path) -> Path:
+    """Return the rubric that a results folder was recorded with.
 
     Raises
     ------
@@ -261,10 +422,50 @@ def regrade(results: Path, rubric_path: Path | None) -> Result:
             where=str(results),
             remedy="Give the folder of one submission's results, e.g. results/alice.",
         )
-    return judge_results(results, read_rubric(rubric_path or copy))
+    return copy
 
 
-def _replace(path: Path, text: str) -> None:
+def report_class(
+    results: Path, entries: Sequence[ClassEntry], rubric: Rubric, *, anonymous: bool = False
+) -> ClassSummary:
+    """Sum up a class and write `index.html` and `grades.csv`.
+
+    Parameters
+    ----------
+    results : Path
+        Folder with a folder of results for each submission, to which the page links.
+    entries : sequence of ClassEntry
+        Those of `grader.cohort.entries.entries_in`, and what else is known.
+    anonymous : bool
+        Whether both are written under pseudonyms.
+    """
+    from grader.cohort.anonymous import anonymous as under_pseudonyms
+    from grader.cohort.summary import summarise
+    from grader.report import class_page, grades_csv
+
+    summary = summarise(under_pseudonyms(entries, rubric) if anonymous else entries, rubric)
+    replace_file(results / CLASS_PAGE, class_page.render(summary, anonymous=anonymous))
+    replace_file(results / GRADES_FILE, grades_csv.render(summary))
+    return summary
+
+
+def rubric_of_class(results: Path, entries: Sequence[ClassEntry]) -> Path | None:
+    """Return the copy of the rubric by which most of a class were judged; None if there is no copy of it."""
+    judged_by = {
+        entry.name: str(provenance.get("rubric_sha256"))
+        for entry in entries
+        if entry.result is not None and isinstance(provenance := entry.result.get("provenance"), Mapping)
+    }
+    for sha256, _ in Counter(judged_by.values()).most_common():
+        for name in (name for name, by in judged_by.items() if by == sha256):
+            copy = results / name / RECORDINGS / RUBRIC_COPY
+            if copy.is_file() and hashlib.sha256(copy.read_bytes()).hexdigest() == sha256:
+                return copy
+    return None
+
+
+def replace_file(path: Path, text: str) -> None:
+    """Write a file in one step, so that nobody reads half of it."""
     partial = path.with_suffix(path.suffix + ".partial")
     partial.write_text(text, encoding="utf-8", newline="\n")
     partial.replace(path)

@@ -30,6 +30,16 @@ class Outcome(str, Enum):
         return self not in (Outcome.INCONCLUSIVE, Outcome.ERROR)
 
 
+def outcome_of_points(earned: Decimal, possible: Decimal, undecided: Decimal) -> Outcome:
+    """Return the outcome of a whole, such as a criterion, by its points."""
+    lost = possible - earned - undecided
+    if undecided and not lost:
+        return Outcome.INCONCLUSIVE
+    if earned == possible:
+        return Outcome.PASSED
+    return Outcome.PARTIAL if earned or not lost else Outcome.FAILED
+
+
 @dataclass(frozen=True)
 class Where:
     """Where the proof of a finding lies: a span of a recorded topic, a source line, an output line.
@@ -95,6 +105,8 @@ class Finding:
         Where the proof lies.
     notes : tuple of str
         Advisories that cost nothing.
+    retry : bool
+        Whether another run can decide what is undecided.
     """
 
     outcome: Outcome
@@ -105,6 +117,49 @@ class Finding:
     hint: str = ""
     where: tuple[Where, ...] = ()
     notes: tuple[str, ...] = ()
+    retry: bool = True
+
+
+class ViolationKind(str, Enum):
+    """What of the grader's own was touched in a session."""
+
+    IMPERSONATES_NODE = "impersonates_node"
+    PUBLISHES_ON_REFERENCE_TOPIC = "publishes_on_reference_topic"
+    SPOOFS_CLOCK = "spoofs_clock"
+    SECOND_SERVER = "second_server"
+    CHANGES_REFERENCE = "changes_reference"
+    FORGES_ROSOUT = "forges_rosout"
+    FORGES_PARAMETER_EVENTS = "forges_parameter_events"
+    ENDS_REFERENCE = "ends_reference"
+
+
+@dataclass(frozen=True)
+class Violation:
+    """Something of the grader's own that was touched in a session: a fact, for a person to judge; not an intent.
+
+    Attributes
+    ----------
+    session : str
+        The session in whose recording it was seen.
+    text : str
+        What was seen, in a sentence.
+    evidence : tuple of str
+        What shows it: nodes, gids, counts, times.
+    where : Where
+        Where it lies in the recording.
+    certain : bool
+        Whether the recording leaves no other explanation than the submission's own processes.
+    checks : tuple of str
+        Ids of the checks that fail because what they measure was touched.
+    """
+
+    kind: ViolationKind
+    session: str
+    text: str
+    evidence: tuple[str, ...] = ()
+    where: Where = Where()
+    certain: bool = True
+    checks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -133,9 +188,44 @@ class CriterionResult:
     undecided: Decimal
 
 
+class AdjustmentKind(str, Enum):
+    """What changed the points after the judgement."""
+
+    POINTS = "points"
+    EXCUSED = "excused"
+    BONUS = "bonus"
+    SUBMITTED = "submitted"
+    EXTENSION = "extension"
+    LATE = "late"
+
+
+@dataclass(frozen=True)
+class Adjustment:
+    """One change of the points after the judgement: by a person's decision, or by the rubric's policy.
+
+    Attributes
+    ----------
+    what : str
+        What it concerns: id of a check or a criterion, a due date, or "score" for the whole.
+    points : Decimal
+        What it adds to the score, or takes from it.
+    reason : str
+        Why, in a sentence.
+    who, when : str
+        Who decided it, and when; empty where the rubric's policy did.
+    """
+
+    kind: AdjustmentKind
+    what: str
+    points: Decimal
+    reason: str
+    who: str = ""
+    when: str = ""
+
+
 @dataclass(frozen=True)
 class Score:
-    """Points earned, possible, and undecided through no fault of the student's."""
+    """Points earned, possible, and undecided through no fault of the student's; as judged, before adjustments."""
 
     earned: Decimal
     possible: Decimal
@@ -160,6 +250,10 @@ class Result:
         What went wrong on the grader's side; never costs points.
     provenance : mapping
         Hashes of submission and rubric, versions, isolation level, times of the recordings.
+    adjustments : tuple of Adjustment
+        What changed the points after the judgement, in the order in which it was applied.
+    violations : tuple of Violation
+        What of the grader's own was touched, session by session.
     """
 
     submission: str
@@ -169,3 +263,18 @@ class Result:
     advisories: tuple[str, ...] = ()
     problems: tuple[str, ...] = ()
     provenance: dict[str, Any] = field(default_factory=dict)
+    adjustments: tuple[Adjustment, ...] = ()
+    violations: tuple[Violation, ...] = ()
+
+    @property
+    def final(self) -> Decimal:
+        """The points earned, with all adjustments."""
+        return self.score.earned + sum((a.points for a in self.adjustments), Decimal(0))
+
+    @property
+    def still_undecided(self) -> Decimal:
+        """The undecided points of checks that no person has decided since, by themselves or by their criterion."""
+        by_hand = (AdjustmentKind.POINTS, AdjustmentKind.EXCUSED)
+        decided = {a.what for a in self.adjustments if a.kind in by_hand}
+        checks = (check for c in self.criteria if c.id not in decided for check in c.checks)
+        return sum((check.undecided for check in checks if check.id not in decided), Decimal(0))

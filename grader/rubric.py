@@ -7,23 +7,16 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
-import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from grader.errors import RubricError
-
-Loc = tuple[str | int, ...]
-
-
-class Strict(BaseModel):
-    """A part of the rubric: unknown keys are mistakes, values do not change."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
+from grader.lined_yaml import Loc, Strict, parse_yaml
+from grader.policy import Policy
 
 
 class LabSpec(Strict):
@@ -33,6 +26,7 @@ class LabSpec(Strict):
     title: str
     points: Decimal
     package: str = Field("student_lab", description="Package under which bare files are installed.")
+    solution: str | None = Field(None, description="Folder of a submission that earns all points.")
 
 
 class ArtifactSpec(Strict):
@@ -266,6 +260,8 @@ class Rubric:
         Folder from which `reference` paths are resolved.
     text : str
         The YAML text, a copy of which travels with each recording.
+    policy : Policy
+        What lateness costs.
     """
 
     lab: LabSpec
@@ -275,6 +271,7 @@ class Rubric:
     criteria: tuple[CriterionSpec, ...]
     folder: Path
     text: str
+    policy: Policy = field(default_factory=Policy)
 
     @property
     def sha256(self) -> str:
@@ -284,33 +281,6 @@ class Rubric:
     def checks(self) -> Iterable[CheckSpec]:
         """All checks, in the rubric's order."""
         return (check for criterion in self.criteria for check in criterion.checks)
-
-
-#: The safe loader, in C where PyYAML was built with it.
-_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-
-
-class _Mistakes:
-    """Collects mistakes with the line of the YAML node that they concern."""
-
-    def __init__(self, name: str, lines: Mapping[Loc, int]) -> None:
-        self.name = name
-        self.lines = lines
-        self.found: list[tuple[int, str]] = []
-
-    def add(self, loc: Loc, message: str) -> None:
-        line = next((self.lines[loc[:n]] for n in range(len(loc), -1, -1) if loc[:n] in self.lines), 1)
-        path = ".".join(str(part) for part in loc)
-        self.found.append(
-            (line, f"{self.name}:{line}: {path}: {message}" if path else f"{self.name}:{line}: {message}")
-        )
-
-    def add_validation(self, loc: Loc, error: ValidationError) -> None:
-        for item in error.errors():
-            message = item["msg"].removeprefix("Value error, ")
-            if item["type"] == "extra_forbidden":
-                message = "unknown key"
-            self.add(loc + tuple(item["loc"]), message)
 
 
 def load_rubric(path: Path, parameters_of: Mapping[str, type[BaseModel]], folder: Path | None = None) -> Rubric:
@@ -345,13 +315,10 @@ class _Loader:
     ) -> None:
         self.path, self.text, self.parameters_of = path, text, parameters_of
         self.fallback = folder
-        self.plain, lines, repeated = _parse_yaml(path, text)
-        self.mistakes = _Mistakes(path.name, lines)
-        for loc in repeated:
-            self.mistakes.add(loc, "this key stands here twice")
+        self.plain, self.mistakes = parse_yaml(path, text, "the rubric")
 
     def load(self) -> Rubric:
-        allowed = {"lab", "artifacts", "reference", "sessions", "criteria"}
+        allowed = {"lab", "artifacts", "reference", "sessions", "criteria", "policy"}
         for key in self.plain:
             if key not in allowed:
                 self.mistakes.add((key,), f"unknown key; known are {', '.join(sorted(allowed))}")
@@ -362,17 +329,11 @@ class _Loader:
             str(k): self._session(str(k), v, artifacts, reference) for k, v in self._mapping("sessions").items()
         }
         criteria = tuple(self._criteria(sessions))
+        policy = self._model(Policy, ("policy",), self.plain.get("policy"))
         self._check_whole(lab, criteria)
         folder = self._folder(reference)
-        if self.mistakes.found or lab is None:
-            listed = [message for _, message in sorted(self.mistakes.found)]
-            raise RubricError(
-                f"the rubric has {len(listed)} mistake{'s' * (len(listed) != 1)}",
-                listed,
-                where=str(self.path),
-                remedy="`grade checks` lists every check with its parameters.",
-            )
-        return Rubric(lab, artifacts, reference, sessions, criteria, folder, self.text)
+        self.mistakes.raise_any("`grade checks` lists every check with its parameters.")
+        return Rubric(lab, artifacts, reference, sessions, criteria, folder, self.text, policy)
 
     def _folder(self, reference: Mapping[str, ReferenceSpec]) -> Path:
         beside = self.path.resolve().parent
@@ -549,42 +510,3 @@ class _Loader:
         names = [criterion.id for criterion in criteria]
         for name in {n for n in names if names.count(n) > 1}:
             self.mistakes.add(("criteria",), f"the criterion {name!r} stands here twice")
-
-
-def _parse_yaml(path: Path, text: str) -> tuple[dict[str, Any], dict[Loc, int], list[Loc]]:
-    """Parse YAML into plain data, the line of each node, and the repeated keys."""
-    try:
-        root = yaml.compose(text, Loader=_LOADER)
-        plain = yaml.load(text, Loader=_LOADER)
-    except yaml.YAMLError as problem:
-        mark = getattr(problem, "problem_mark", None)
-        line = mark.line + 1 if mark else 1
-        detail = getattr(problem, "problem", None) or str(problem)
-        raise RubricError(
-            "the rubric is not valid YAML",
-            [f"{path.name}:{line}: {detail}"],
-            where=str(path),
-            remedy="Mend the line named.",
-        ) from problem
-    if not isinstance(plain, dict) or root is None:
-        raise RubricError(
-            "the rubric is empty or not a mapping", [f"{path.name}:1: a mapping is expected"], where=str(path)
-        )
-    lines: dict[Loc, int] = {}
-    repeated: list[Loc] = []
-    _note_lines(root, (), lines, repeated)
-    return plain, lines, repeated
-
-
-def _note_lines(node: yaml.Node, loc: Loc, lines: dict[Loc, int], repeated: list[Loc]) -> None:
-    lines.setdefault(loc, node.start_mark.line + 1)
-    if isinstance(node, yaml.MappingNode):
-        for key, value in node.value:
-            inner = (*loc, str(key.value))
-            if inner in lines:
-                repeated.append(inner)
-            lines[inner] = key.start_mark.line + 1
-            _note_lines(value, inner, lines, repeated)
-    elif isinstance(node, yaml.SequenceNode):
-        for index, item in enumerate(node.value):
-            _note_lines(item, (*loc, index), lines, repeated)

@@ -1,6 +1,6 @@
-"""A folder of a student's files → the artifacts that the rubric asks for, and static facts.
+"""A submission that was taken in → the artifacts that the rubric asks for, and static facts.
 
-Nothing is executed or imported here; links are never followed.
+Nothing is executed or imported here.
 """
 
 from __future__ import annotations
@@ -8,36 +8,18 @@ from __future__ import annotations
 import difflib
 import fnmatch
 import hashlib
-import os
 import re
-from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 
 from grader.errors import SubmissionError
+from grader.intake import Intake
 from grader.packages import find_packages
 from grader.recording.submission import ArtifactFact, FileFact, SubmissionRecord
 from grader.rubric import ArtifactSpec, Rubric
 
-#: Folders that tools make; a copy of a student's file in them is not the student's file.
-TOOL_FOLDERS = frozenset(
-    {
-        "build",
-        "install",
-        "log",
-        "__pycache__",
-        ".git",
-        ".venv",
-        "venv",
-        "node_modules",
-        ".vscode",
-        ".idea",
-        "__MACOSX",
-    }
-)
-#: Files beyond these limits are left out, and the report says so.
-MAX_FILES = 2_000
-MAX_FILE_BYTES = 8 * 1024 * 1024
+#: A text beyond this, and the largest of those that are too much together, are not read by the judging half.
 MAX_TEXT_BYTES = 512 * 1024
+MAX_TEXTS_CHARACTERS = 8 * 1024 * 1024
 #: Kinds of files whose text the judging half may read.
 TEXT_SUFFIXES = frozenset(
     {".py", ".md", ".rst", ".txt", ".xml", ".cfg", ".toml", ".yaml", ".yml", ".launch", ".org", ".adoc", ""}
@@ -46,37 +28,26 @@ TEXT_SUFFIXES = frozenset(
 NEAR_MISS_RATIO = 0.75
 
 
-def read_submission_folder(folder: Path, rubric: Rubric) -> SubmissionRecord:
-    """Find the rubric's artifacts in a folder and collect static facts.
+def read_submission(intake: Intake, rubric: Rubric) -> SubmissionRecord:
+    """Find the rubric's artifacts in a submission and collect static facts.
 
     Raises
     ------
     SubmissionError
-        If the folder is missing, empty, or holds nothing that the rubric asks for.
+        If it holds nothing that the rubric asks for.
     """
-    if not folder.exists():
-        raise SubmissionError(
-            "there is no such submission",
-            where=str(folder),
-            remedy=f"Check the path. {_neighbours(folder)}".strip(),
-        )
-    if not folder.is_dir():
-        raise SubmissionError(
-            "a submission is a folder",
-            where=str(folder),
-            remedy="Unpack the archive and give the folder with the student's files.",
-        )
-    record = SubmissionRecord(name=folder.resolve().name)
-    _collect_files(folder, record)
+    record = SubmissionRecord(name=intake.name, left_out=list(intake.left_out))
+    record.submitted_at = intake.submitted_at.isoformat() if intake.submitted_at is not None else None
+    _collect_files(intake.folder, record)
     if not record.files:
-        raise SubmissionError("the submission is empty", where=str(folder), remedy="Put the lab's files into it.")
+        raise SubmissionError("the submission is empty", where=intake.where, remedy="Put the lab's files into it.")
     paths = [PurePosixPath(f.path) for f in record.files]
     record.artifacts = find_artifacts(paths, record.texts, rubric.artifacts)
     if all(a.path is None for a in record.artifacts):
         wanted = ", ".join(spec.file for spec in rubric.artifacts.values())
         raise SubmissionError(
             "nothing in this folder looks like a submission",
-            where=str(folder),
+            where=intake.where,
             remedy=f"At least one of these files is expected: {wanted}. "
             "For a folder of several submissions, name each of them.",
         )
@@ -85,48 +56,38 @@ def read_submission_folder(folder: Path, rubric: Rubric) -> SubmissionRecord:
     return record
 
 
-def _neighbours(folder: Path) -> str:
-    parent = folder.parent
-    if not parent.is_dir():
-        return ""
-    names = sorted(p.name for p in parent.iterdir() if p.is_dir() and not p.name.startswith("."))
-    near = difflib.get_close_matches(folder.name, names, n=3, cutoff=0.5) or names[:5]
-    return f"In {parent}/ there is: {', '.join(near)}." if near else ""
+def read_submission_folder(folder: Path, rubric: Rubric) -> SubmissionRecord:
+    """Read a folder of the project's own as `read_submission` does; a student's is taken in first.
 
-
-def _walk(folder: Path) -> Iterator[tuple[str, Path]]:
-    for root, folders, files in os.walk(folder, followlinks=False):
-        folders[:] = sorted(d for d in folders if d not in TOOL_FOLDERS and not (Path(root) / d).is_symlink())
-        for name in sorted(files):
-            path = Path(root) / name
-            yield path.relative_to(folder).as_posix(), path
+    Raises
+    ------
+    SubmissionError
+        If it holds nothing that the rubric asks for.
+    """
+    return read_submission(Intake(folder, folder.resolve().name, where=str(folder)), rubric)
 
 
 def _collect_files(folder: Path, record: SubmissionRecord) -> None:
-    for relative, path in _walk(folder):
-        shown = relative.encode("utf-8", "backslashreplace").decode("utf-8")
-        if path.is_symlink() or not path.is_file():
-            record.left_out.append(f"{shown}: not a regular file")
-        elif path.stat().st_size > MAX_FILE_BYTES:
-            record.left_out.append(f"{shown}: larger than {MAX_FILE_BYTES // 1024 // 1024} MiB")
-        elif path.suffix in (".pyc", ".pyo"):
-            record.left_out.append(f"{shown}: compiled Python")
-        elif len(record.files) >= MAX_FILES:
-            record.left_out.append(f"{shown}: more than {MAX_FILES} files")
+    paths = [path.relative_to(folder) for path in folder.rglob("*") if path.is_file() and not path.is_symlink()]
+    for path in sorted(paths, key=_files_before_folders):
+        content = (folder / path).read_bytes()
+        record.files.append(FileFact(path.as_posix(), len(content), hashlib.sha256(content).hexdigest()))
+        if path.suffix.lower() in TEXT_SUFFIXES and len(content) <= MAX_TEXT_BYTES and b"\0" not in content:
+            record.texts[path.as_posix()] = decode_text(content)
+    _limit_texts(record.texts)
+
+
+def _files_before_folders(path: Path) -> tuple[tuple[bool, str], ...]:
+    return (*((True, folder) for folder in path.parts[:-1]), (False, path.name))
+
+
+def _limit_texts(texts: dict[str, str]) -> None:
+    """Drop the largest texts, which nobody has written, where all of them would be too much to judge."""
+    total = sum(map(len, texts.values()))
+    for path in sorted(texts, key=lambda path: (-len(texts[path]), path)):
+        if total <= MAX_TEXTS_CHARACTERS:
             return
-        elif (content := _content_of(path)) is None:
-            record.left_out.append(f"{shown}: not readable")
-        else:
-            record.files.append(FileFact(shown, len(content), hashlib.sha256(content).hexdigest()))
-            if path.suffix.lower() in TEXT_SUFFIXES and len(content) <= MAX_TEXT_BYTES and b"\0" not in content:
-                record.texts[shown] = decode_text(content)
-
-
-def _content_of(path: Path) -> bytes | None:
-    try:
-        return path.read_bytes()
-    except OSError:
-        return None
+        total -= len(texts.pop(path))
 
 
 def decode_text(content: bytes) -> str:

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from arm_model import JOINT_COUNT, ArmModel
-from reference_node import Configuration, StopRequest, reference_node, run, sleep_until
+from reference_node import Configuration, ReferenceNode, StopRequest, reference_node, run, sleep_until
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -153,7 +153,7 @@ def arm_qos(reliable: bool, depth: int = 10) -> Any:
 class SimulatedArm:
     """The node's endpoints and the arm's state."""
 
-    def __init__(self, node: Node, configuration: Configuration, settings: ArmSettings) -> None:
+    def __init__(self, reference: ReferenceNode, configuration: Configuration, settings: ArmSettings) -> None:
         self.settings = settings
         self.model = ArmModel(1.0 / settings.step_rate_hz, settings.max_velocity)
         self.state = self.model.initial_state(configuration.seed, settings.initial_offset_rad)
@@ -164,8 +164,8 @@ class SimulatedArm:
         # In whole milliseconds, as simulators count; never zero, which would mean "no time yet".
         start_ms = random.Random(f"arm clock {configuration.seed}").randrange(10_000, 900_000)
         self._clock_start_ns = start_ms * 10**6
-        self._open_inputs(node, configuration)
-        self._open_outputs(node, configuration)
+        self._open_inputs(reference.node, configuration)
+        self._open_outputs(reference, configuration)
 
     def _open_inputs(self, node: Node, configuration: Configuration) -> None:
         from std_msgs.msg import Float64MultiArray
@@ -184,18 +184,18 @@ class SimulatedArm:
             subscriptions.append(node.create_subscription(SetBool.Event, topic, self.gate.hear, qos))
         self._inputs = list(zip(subscriptions, inputs, strict=True))
 
-    def _open_outputs(self, node: Node, configuration: Configuration) -> None:
+    def _open_outputs(self, reference: ReferenceNode, configuration: Configuration) -> None:
         from std_msgs.msg import Float64MultiArray
 
         qos = arm_qos(reliable=True)
         self._state_message = Float64MultiArray()
-        self._states = node.create_publisher(Float64MultiArray, configuration.name(STATE_TOPIC), qos)
+        self._states = reference.open_publisher(Float64MultiArray, configuration.name(STATE_TOPIC), qos)
         self._clock = None
         if self.settings.simulation_time:
             from rosgraph_msgs.msg import Clock
 
             self._clock_message = Clock()
-            self._clock = node.create_publisher(Clock, CLOCK_TOPIC, qos)
+            self._clock = reference.open_publisher(Clock, CLOCK_TOPIC, qos)
 
     def step(self, count: int, elapsed_ns: int) -> None:
         """Do the step `count`, `elapsed_ns` after the first: read the inputs, move, publish."""
@@ -219,8 +219,8 @@ class SimulatedArm:
 
 def play(configuration: Configuration, settings: ArmSettings, stop: StopRequest) -> None:
     """Step the arm at its rate, paced by absolute deadlines, until a stop is requested."""
-    with reference_node("simulated_arm") as node:
-        arm = SimulatedArm(node, configuration, settings)
+    with reference_node("simulated_arm") as reference:
+        arm = SimulatedArm(reference, configuration, settings)
         print("ready", flush=True)
         start_ns, count = time.monotonic_ns(), 0
         while not stop:

@@ -12,16 +12,13 @@ import time
 from array import array
 from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 # `python -I` leaves the script's own folder off the path; its sibling modules are found there.
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from plateau_schedule import COMMAND, STATE, Event, PlateauSettings, schedule
-from reference_node import Configuration, StopRequest, reference_node, run, sleep_until
-
-if TYPE_CHECKING:
-    from rclpy.node import Node
+from reference_node import Configuration, ReferenceNode, StopRequest, ToldPublisher, reference_node, run, sleep_until
 
 TOPICS = {COMMAND: "/joint_commands", STATE: "/joint_states"}
 MATCH_POLL_NS = 5_000_000
@@ -47,7 +44,7 @@ def fill(message: Any, values: Sequence[float]) -> None:
         message.data = array(message.data.typecode, values)
 
 
-def open_publishers(node: Node, configuration: Configuration) -> dict[str, Any]:
+def open_publishers(reference: ReferenceNode, configuration: Configuration) -> dict[str, ToldPublisher]:
     """Open a publisher for each role, offering the most, so that every request of QoS is compatible.
 
     A wrong type is charged elsewhere: where it can carry the values, it is what is published.
@@ -61,7 +58,7 @@ def open_publishers(node: Node, configuration: Configuration) -> dict[str, Any]:
         durability=DurabilityPolicy.TRANSIENT_LOCAL,
     )
     return {
-        role: node.create_publisher(
+        role: reference.open_publisher(
             message_class(configuration.types.get(configuration.name(topic))), configuration.name(topic), offered
         )
         for role, topic in TOPICS.items()
@@ -69,13 +66,13 @@ def open_publishers(node: Node, configuration: Configuration) -> dict[str, Any]:
 
 
 def wait_for_matched(
-    publishers: Collection[Any], configuration: Configuration, settings: PlateauSettings, stop: StopRequest
+    publishers: Collection[ToldPublisher], configuration: Configuration, settings: PlateauSettings, stop: StopRequest
 ) -> None:
     """Wait until each publisher is matched by the recorder's subscription and all of the student's."""
 
-    def matched(publisher: Any) -> bool:
-        students = configuration.subscriptions.get(publisher.topic_name, 0)
-        return bool(publisher.get_subscription_count() >= max(settings.subscriptions, students + 1))
+    def matched(publisher: ToldPublisher) -> bool:
+        students = configuration.subscriptions.get(publisher.topic, 0)
+        return publisher.subscription_count >= max(settings.subscriptions, students + 1)
 
     deadline_ns = time.monotonic_ns() + round(settings.match_timeout_s * 1e9)
     while not stop and (now_ns := time.monotonic_ns()) < deadline_ns:
@@ -84,9 +81,9 @@ def wait_for_matched(
         sleep_until(min(now_ns + MATCH_POLL_NS, deadline_ns), stop)
 
 
-def publish_all(publishers: dict[str, Any], events: list[Event], stop: StopRequest) -> None:
+def publish_all(publishers: dict[str, ToldPublisher], events: list[Event], stop: StopRequest) -> None:
     """Publish each event at its time, paced by absolute deadlines."""
-    messages = {role: publisher.msg_type() for role, publisher in publishers.items()}
+    messages = {role: publisher.message_class() for role, publisher in publishers.items()}
     start_ns = time.monotonic_ns()
     for event in events:
         sleep_until(start_ns + round(event.t_s * 1e9), stop)
@@ -98,8 +95,8 @@ def publish_all(publishers: dict[str, Any], events: list[Event], stop: StopReque
 
 def play(configuration: Configuration, settings: PlateauSettings, stop: StopRequest) -> None:
     """Play the schedule of the seed once, then stay until a stop is requested."""
-    with reference_node("plateau_stimulus") as node:
-        publishers = open_publishers(node, configuration)
+    with reference_node("plateau_stimulus") as reference:
+        publishers = open_publishers(reference, configuration)
         print("ready", flush=True)
         events = schedule(configuration.seed, settings)
         if settings.wait_for_matched:

@@ -2,11 +2,17 @@
 
 A reference node is started as `python -I .../arm.py '{"seed": 1, "names": {...}, "with": {...}}'`.
 It prints `ready` once all its endpoints exist, runs until SIGINT or SIGTERM, and exits with status 0.
+
+What travels over DDS can be forged by students' nodes, standard output cannot. So it also prints who it is in
+the graph (`participant GID_PREFIX`, the first thing) and what it published (`published TOPIC TYPE DIGESTS`, the
+last; a digest a message). By these the judging half knows its endpoints and its messages from all others.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
+import secrets
 import signal
 import sys
 import time
@@ -18,10 +24,13 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
     from rclpy.node import Node
+    from rclpy.qos import QoSProfile
 
 # No sleep is longer than this, so that a stop is noticed soon: a signal does not cut `time.sleep` short.
 LONGEST_SLEEP_S = 0.02
 BAD_CONFIGURATION_STATUS = 2
+# As `grader.recording.told` has them. A line of output may not be longer than 8 KiB.
+DIGEST_BYTES, PARTICIPANT_BYTES, DIGESTS_IN_LINE = 6, 12, 500
 
 T = TypeVar("T")
 
@@ -122,17 +131,94 @@ def sleep_until(deadline_ns: int, stop: StopRequest) -> None:
         time.sleep(min(left_s, LONGEST_SLEEP_S))
 
 
+class ToldPublisher:
+    """A publisher that keeps the digest of each message, to be told through the pipe."""
+
+    def __init__(self, node: Node, message_class: type, topic: str, qos: QoSProfile) -> None:
+        from rclpy.serialization import serialize_message
+
+        self.message_class = message_class
+        self._serialize = serialize_message
+        self._publisher = node.create_publisher(message_class, topic, qos)
+        self._digests: list[str] = []
+
+    @property
+    def topic(self) -> str:
+        """The topic's fully qualified name."""
+        return str(self._publisher.topic_name)
+
+    @property
+    def subscription_count(self) -> int:
+        """How many subscriptions are matched."""
+        return int(self._publisher.get_subscription_count())
+
+    def publish(self, message: Any) -> None:
+        """Publish a message."""
+        data = self._serialize(message)
+        self._digests.append(hashlib.blake2b(data, digest_size=DIGEST_BYTES).hexdigest())
+        self._publisher.publish(data)
+
+    def tell(self) -> None:
+        """Print the digests of all messages, in order."""
+        package, folder, *_ = self.message_class.__module__.split(".")
+        topic_type = f"{package}/{folder}/{self.message_class.__name__}"
+        for first in range(0, max(1, len(self._digests)), DIGESTS_IN_LINE):
+            digests = "".join(self._digests[first : first + DIGESTS_IN_LINE]) or "-"
+            print(f"published {self.topic} {topic_type} {digests}", flush=True)
+
+
+class ReferenceNode:
+    """A node that tells through the pipe what it does in the graph."""
+
+    def __init__(self, node: Node) -> None:
+        self.node = node
+        self._publishers: list[ToldPublisher] = []
+
+    def open_publisher(self, message_class: type, topic: str, qos: QoSProfile) -> ToldPublisher:
+        """Open a publisher. Each publisher of a reference node must be opened so."""
+        self._publishers.append(ToldPublisher(self.node, message_class, topic, qos))
+        return self._publishers[-1]
+
+    def tell_participant(self) -> None:
+        """Print by which gids its endpoints are known.
+
+        They are read from the graph, on a topic whose name nobody else can know: on all others, another node
+        might have taken this one's name.
+        """
+        from std_msgs.msg import Empty
+
+        topic = f"/_grader/_{secrets.token_hex(8)}"
+        publisher = self.node.create_publisher(Empty, topic, 1)
+        (info,) = self.node.get_publishers_info_by_topic(topic)
+        self.node.destroy_publisher(publisher)
+        print(f"participant {bytes(info.endpoint_gid)[:PARTICIPANT_BYTES].hex()}", flush=True)
+
+    def tell_published(self) -> None:
+        """Print the digests of all messages that it published."""
+        for publisher in self._publishers:
+            publisher.tell()
+
+
 @contextmanager
-def reference_node(name: str) -> Iterator[Node]:
-    """Give a node that nobody can steer from outside: no parameter services, no ROS arguments, no rosout."""
+def reference_node(name: str) -> Iterator[ReferenceNode]:
+    """Give a node that nobody can steer from outside: no services, no ROS arguments, no rosout."""
     import rclpy
+    from rclpy.parameter import Parameter
     from rclpy.signals import SignalHandlerOptions
 
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    node = rclpy.create_node(name, start_parameter_services=False, enable_rosout=False)
+    node = rclpy.create_node(
+        name,
+        start_parameter_services=False,
+        enable_rosout=False,
+        parameter_overrides=[Parameter("start_type_description_service", value=False)],
+    )
+    reference = ReferenceNode(node)
+    reference.tell_participant()
     try:
-        yield node
+        yield reference
     finally:
+        reference.tell_published()
         node.destroy_node()
         rclpy.try_shutdown()
 

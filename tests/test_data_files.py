@@ -90,3 +90,17 @@ def test_a_launch_file_that_is_not_installed_is_told_with_the_line_to_add() -> N
         "setup.py does not install launch/a.launch.py, so `ros2 launch arm a.launch.py` does not find it; "
         "add ('share/arm/launch', ['launch/a.launch.py']) to data_files",
     ]
+
+
+def test_data_files_that_are_not_followed_are_told() -> None:
+    """Then everything counts as installed, and the package's problem says so; a broken file has its own problem."""
+    manifest = "<package><name>arm</name><export><build_type>ament_python</build_type></export></package>"
+    scripts = "entry_points={'console_scripts': ['a = arm.a:main']}"
+    texts = {"package.xml": manifest, "setup.py": f"{HEAD}setup({scripts}, data_files=made())"}
+    (package,) = find_packages(texts, [*texts, "launch/a.launch.py"])
+    assert package.shared is None
+    assert len(package.problems) == 1
+    assert "does not follow" in package.problems[0]
+    (broken,) = find_packages({**texts, "setup.py": "setup("}, [*texts])
+    assert len(broken.problems) == 1
+    assert "cannot be read" in broken.problems[0]

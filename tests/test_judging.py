@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib.util
 import json
 import shutil
 import subprocess
 import sys
 from decimal import Decimal
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import pytest
-import yaml
 
+from grader.batch.expectations import Verdict, compare, load_fixture
 from grader.checks import REGISTRY, Check
+from grader.cohort.finished import finished
 from grader.errors import RecordingError
 from grader.judging import Recordings, judge, judge_checks, open_recordings
 from grader.pipeline import read_rubric, undecided_sessions
@@ -24,6 +23,7 @@ from grader.recording.bag import Bag
 from grader.recording.session import read_session, write_session
 from grader.recording.submission import SUBMISSION_FILE, read_submission, write_submission
 from grader.report import json as result_json
+from grader.report.json import to_plain
 from grader.result import CheckResult, Outcome, Result, Score
 from grader.rubric import Rubric
 
@@ -62,16 +62,6 @@ def lost(result: Result) -> Decimal:
     return result.score.possible - result.score.earned - result.score.undecided
 
 
-def verdicts() -> ModuleType:
-    """Load the comparison with `expected.yaml` from the test that grades fixtures live."""
-    spec = importlib.util.spec_from_file_location("fixture_verdicts", ROOT / "tests/live/test_fixtures.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 # -- verdicts --------------------------------------------------------------------------------------
 
 
@@ -86,12 +76,9 @@ def test_the_solution_has_all_points(solution: Recordings, rubric: Rubric) -> No
 @pytest.mark.parametrize("name", FIXTURES)
 def test_a_kept_fixture_gets_its_verdict(name: str, rubric: Rubric) -> None:
     """A fixture loses points where its expected.yaml says, and nowhere else."""
-    expected = yaml.safe_load((ROOT / "fixtures" / name / "expected.yaml").read_text(encoding="utf-8"))
-    result = judge(open_recordings(KEPT / name, rubric), rubric)
-    module = verdicts()
-    pairs = module.asserted(expected, result, rubric)
-    assert pairs
-    assert [d for check, wanted in pairs for d in module.differences(check, wanted)] == []
+    result = finished(to_plain(judge(open_recordings(KEPT / name, rubric), rubric)))
+    assert result is not None
+    assert compare(load_fixture(ROOT / "fixtures" / name).expectation, result, rubric) == Verdict((), undecided=False)
 
 
 @pytest.mark.parametrize("name", FIXTURES)

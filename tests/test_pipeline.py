@@ -12,6 +12,7 @@ import pytest
 
 from grader import pipeline
 from grader.errors import GraderError, RubricError
+from grader.judging import judge, open_recordings
 from grader.recording.submission import ArtifactFact, SubmissionRecord
 from grader.rubric import Rubric
 
@@ -147,6 +148,20 @@ def test_unknown_sessions_are_refused(rubric: Rubric) -> None:
     with pytest.raises(GraderError, match="there is no session 'x'") as caught:
         pipeline.chosen_sessions(rubric, options(["x"]), submission())
     assert "publisher, subscriber" in caught.value.remedy
+
+
+def test_what_no_other_run_can_decide_is_not_run_again(results: Path, rubric: Rubric) -> None:
+    """A launch file that the grader cannot evaluate leaves points undecided, and its session as it is."""
+    path = results / pipeline.RECORDINGS / "launch/session.json"
+    record = json.loads(path.read_text(encoding="utf-8"))
+    for step in record["steps"]:
+        if step["kind"] == "plan":
+            problem = {"kind": "module", "message": "needs xacro", "module": "xacro"}
+            step["result"]["plan"] |= {"outcome": "not_assessable", "problem": problem}
+    path.write_text(json.dumps(record), encoding="utf-8")
+    recordings = open_recordings(results / pipeline.RECORDINGS, rubric)
+    assert judge(recordings, rubric).score.undecided == 15
+    assert pipeline.undecided_sessions(recordings, rubric, list(rubric.sessions)) == []
 
 
 def test_versions_name_what_a_recording_depends_on() -> None:

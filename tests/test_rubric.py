@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from datetime import timedelta
 from decimal import Decimal
 from pathlib import Path
 
@@ -284,3 +285,44 @@ def test_numbers_as_text_are_no_points(tmp_path: Path) -> None:
     for value in (".nan", ".inf", "true", "'2'"):
         text = GOOD.replace("        points: 2", f"        points: {value}")
         assert any("a number of points" in message for message in mistakes(tmp_path, text))
+
+
+POLICY = "policy:\n  late: {due: 2026-11-20T23:59:00+01:00, grace: 10 min, per_day: 10 %}\n"
+
+
+def test_a_rubric_may_say_what_lateness_costs(tmp_path: Path) -> None:
+    """A policy comes back as typed values; without one, lateness costs nothing."""
+    late = load(tmp_path, GOOD + POLICY).policy.late
+    assert late is not None
+    assert (late.due.isoformat(), late.grace) == ("2026-11-20T23:59:00+01:00", timedelta(minutes=10))
+    assert load(tmp_path, GOOD).policy.late is None
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("10 %", "10", "an amount with its unit is expected"),
+        ("10 min", "10", "a time with its unit is expected"),
+        ("+01:00", "", "the time needs its offset from UTC"),
+        ("23:59:00+01:00", "24:59:00+01:00", "a date with its time is expected"),
+        ("2026-11-20T", "2026-13-20T", "a date with its time is expected"),
+        (", per_day: 10 %", "", "one of per_day and never_after is needed"),
+        ("per_day", "per_week", "unknown key"),
+        ("  late:", "  later:", "unknown key"),
+    ],
+)
+def test_mistakes_in_a_policy_have_their_lines(tmp_path: Path, old: str, new: str, message: str) -> None:
+    """Each is told with the line of the policy."""
+    text = GOOD + POLICY.replace(old, new)
+    line = line_of(text, "  late")
+    assert any(f"lab.yaml:{line}: " in found and message in found for found in mistakes(tmp_path, text))
+
+
+def test_the_example_in_the_labs_rubric_is_a_policy(tmp_path: Path) -> None:
+    """The policy that stands in the lab's rubric as a comment can be used as it is."""
+    lines = (lab_folder() / "rubric.yaml").read_text(encoding="utf-8").splitlines()
+    first = lines.index("# policy:")
+    example = [line.removeprefix("# ") for line in lines[first : lines.index("", first)]]
+    late = load(tmp_path, GOOD + "\n".join(example) + "\n").policy.late
+    assert late is not None
+    assert late.never_after == timedelta(days=7)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from grader.checks.finding import (
     told,
 )
 from grader.evidence.diagnosis import explain
+from grader.evidence.launch_source import parameter_line
 from grader.evidence.timing import timing_of
 from grader.recording.plan import MalformedPlanError, Plan, Process
 from grader.result import Finding, Outcome, Where
@@ -71,12 +73,25 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
         place = f" ({problem.file}, line {problem.line})" if problem.file and problem.line else ""
         return failed(expected, problem.message, _sentence(problem.message) + place, hint=problem.remedy, where=where)
     notes = [f"{w.message} ({w.file}:{w.line})" if w.file else w.message for w in plan.warnings]
+    notes += _silent(plan)
     return passed(
         expected,
         f"{len(plan.processes)} processes, {len(plan.arguments)} arguments",
         where=where,
         notes=notes,
     )
+
+
+def _silent(plan: Plan) -> list[str]:
+    """Advise where what nodes print goes to a log file alone; it costs nothing."""
+    quiet = [p for p in plan.processes if p.output == "log" and p.kind != "executable" and not p.absent]
+    if not quiet:
+        return []
+    named = list(dict.fromkeys(p.called or p.runs for p in quiet))
+    places = ", ".join(dict.fromkeys(f"{p.file}:{p.line}" for p in quiet if p.file))
+    verb = "prints" if len(named) == 1 else "print"
+    said = f"What {', '.join(named)} {verb} goes into a log file and not to the screen; output='screen' shows it"
+    return [said + (f" ({places})." if places else ".")]
 
 
 def _sentence(message: str) -> str:
@@ -183,21 +198,7 @@ def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
     expected = ", ".join(n.node for n in p.nodes)
     plan = plan_of(context, p.step)
     if plan is None or plan.problem is not None:
-        problem = plan.problem if plan is not None else None
-        where = (
-            (Where(file=problem.file, line=problem.line),)
-            if problem is not None and problem.file
-            else (context.where(),)
-        )
-        reason = _sentence(problem.message) if problem is not None else "The launch file could not be evaluated."
-        hint = problem.remedy if problem is not None else ""
-        return failed(
-            expected,
-            "nothing was started",
-            f"{reason} `ros2 launch` stops there and starts nothing.",
-            hint=hint,
-            where=where,
-        )
+        return _nothing_started(context, plan, expected)
     contained = [
         n.node
         for n in p.nodes
@@ -211,74 +212,107 @@ def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
             where=(context.where(),),
             retry=False,
         )
-    parts, reasons, notes, spots = [], [], [], []
-    for wanted in p.nodes:
-        share, reason, note = _judge_node(context, plan, wanted)
-        parts.append(share)
-        reasons += [reason] if reason else []
-        notes += [note] if note else []
-        entry = _entry_for(plan, wanted.node, wanted.executable)
-        spots += [Where(file=entry.file, line=entry.line)] if entry and share < 1 else []
-    unknown = mended(context, p.step, "unknown_executable", "unknown_package")
-    hint = ""
-    for noted in unknown:
+    judged = [_judge_node(context, plan, wanted) for wanted in p.nodes]
+    share = sum(j.share for j in judged)
+    reasons = [j.reason for j in judged if j.reason]
+    hints = [j.hint for j in judged if j.hint]
+    notes = [j.note for j in judged if j.note]
+    spots = [spot for j in judged for spot in j.where]
+    for noted in mended(context, p.step, "unknown_executable", "unknown_package"):
         if any(
             a.path is None and a.expected.removesuffix(".py") in noted["message"] for a in context.submission.artifacts
         ):
             notes.append(f"{_sentence(noted['message'])} Its file is missing, which is charged elsewhere.")
             continue
-        parts.append(parts.pop() - 1.0)
+        share -= 1.0
         reasons.insert(0, f"{_sentence(noted['message'])} `ros2 launch` stops there and starts nothing.")
-        hint = str(noted["remedy"])
+        hints.insert(0, str(noted["remedy"]))
         spots.insert(0, Where(file=noted["file"], line=noted["line"]))
     up = [n for n in context.session.nodes if n not in context.reference_nodes]
-    measured = ", ".join(up) or "no node of the student's in the graph"
-    share = max(0.0, sum(parts) / len(parts))
     return graded(
-        share,
+        max(0.0, share / len(p.nodes)),
         expected,
-        measured,
+        ", ".join(up) or "no node of the student's in the graph",
         " ".join(reasons),
-        hint=hint,
+        hint=hints[0] if hints else "",
         where=spots or (context.where(),),
         notes=notes,
     )
 
 
-def _judge_node(context: Context, plan: Plan, wanted: WantedNode) -> tuple[float, str, str]:
-    """Return the share, the reason for what is lost, and a note where somebody else charges for it."""
-    if wanted.node in context.session.nodes:
-        return 1.0, "", ""
+def _nothing_started(context: Context, plan: Plan | None, expected: str) -> Finding:
+    problem = plan.problem if plan is not None else None
+    spot = Where(file=problem.file, line=problem.line) if problem is not None and problem.file else context.where()
+    reason = _sentence(problem.message) if problem is not None else "The launch file could not be evaluated."
+    return failed(
+        expected,
+        "nothing was started",
+        f"{reason} `ros2 launch` stops there and starts nothing.",
+        hint=problem.remedy if problem is not None else "",
+        where=(spot,),
+    )
+
+
+@dataclass(frozen=True)
+class _JudgedNode:
+    """The share of one node, the reason for what is lost, and a note where somebody else charges for it."""
+
+    share: float
+    reason: str = ""
+    note: str = ""
+    hint: str = ""
+    where: tuple[Where, ...] = ()
+
+
+def _judge_node(context: Context, plan: Plan, wanted: WantedNode) -> _JudgedNode:
     entry = _entry_for(plan, wanted.node, wanted.executable)
+    if wanted.node in context.session.nodes and not _died(context, entry):
+        return _JudgedNode(1.0)
     if entry is None:
-        return 0.0, f"Nothing in the launch file starts {wanted.executable} as {wanted.node}.", ""
+        return _JudgedNode(0.0, f"Nothing in the launch file starts {wanted.executable} as {wanted.node}.")
     name = wanted.node.rsplit("/", 1)[-1]
     if context.path_of(wanted.artifact) is None:
-        return 1.0, "", f"The file for {wanted.node} is missing, which is charged in {wanted.charged_by}."
+        note = f"The file for {wanted.node} is missing, which is charged in {wanted.charged_by}."
+        return _JudgedNode(1.0, note=note)
     if entry.called in (name, None) and _charged(context, wanted.charged_by):
-        return (
-            1.0,
-            "",
-            f"{wanted.node} did not come up by its own fault, which is charged in {wanted.charged_by}.",
-        )
+        note = f"{wanted.node} did not come up by its own fault, which is charged in {wanted.charged_by}."
+        return _JudgedNode(1.0, note=note)
     used = context.session.used(wanted.node)
-    if entry.called not in (name, None) or used != wanted.node:
+    if not _died(context, entry) and (entry.called not in (name, None) or used != wanted.node):
         shown = used if used != wanted.node else entry.full_name or entry.called
-        return 0.5, f"{wanted.executable} runs under the name {shown}, not {wanted.node}.", ""
-    return 0.0, _why_down(context, entry, wanted.executable), ""
+        reason = f"{wanted.executable} runs under the name {shown}, not {wanted.node}."
+        return _JudgedNode(0.5, reason, where=(Where(file=entry.file, line=entry.line),))
+    return _why_down(context, entry, wanted.executable)
 
 
-def _why_down(context: Context, entry: Process, executable: str) -> str:
+def _died(context: Context, entry: Process | None) -> bool:
+    """Whether a launched process ended by itself for good; for a moment its node may have been there."""
+    if entry is None or entry.respawn:
+        return False
     run = context.session.process(entry.id)
-    if run is None and entry.absent:
-        return f"{executable} was not started: {entry.absent}."
+    return run is not None and run.exited_ns is not None and run.interrupted_ns is None
+
+
+def _why_down(context: Context, entry: Process, executable: str) -> _JudgedNode:
+    spot = (Where(file=entry.file, line=entry.line),)
+    run = context.session.process(entry.id)
     if run is None:
-        return f"{executable} was not started."
+        why = f": {entry.absent}" if entry.absent else ""
+        return _JudgedNode(0.0, f"{executable} was not started{why}.", where=spot)
     if run.exited_ns is None or run.interrupted_ns is not None:
-        return f"{executable} ran, but no such node appeared."
+        return _JudgedNode(0.0, f"{executable} ran, but no such node appeared.", where=spot)
     found = explain(run.output, [f.path for f in context.submission.files])
-    said = f": {told(found)}" if found else (f", saying {run.output[-1].text!r}." if run.output else ".")
-    return f"{executable} ended with status {run.exit_status}{said}"
+    if found is None:
+        said = f", saying {run.output[-1].text!r}." if run.output else "."
+        return _JudgedNode(0.0, f"{executable} ended with status {run.exit_status}{said}", where=spot)
+    hint = found.remedy
+    if found.kind == "parameter-type" and entry.file:
+        text = context.submission.texts.get(entry.file, "")
+        spot = (Where(file=entry.file, line=parameter_line(text, entry.line, found.subject)),)
+        declared = found.sentence.removesuffix(".").rpartition(" ")[2]
+        python = {"bool": "bool", "double": "float", "integer": "int"}.get(declared, "str")
+        hint = f"Give it the type that is declared: ParameterValue(LaunchConfiguration(...), value_type={python})."
+    return _JudgedNode(0.0, f"{executable} ended with status {run.exit_status}: {told(found)}", hint=hint, where=spot)
 
 
 class WantedNodeParameter(Parameters):
@@ -302,19 +336,24 @@ class LaunchParameters(Parameters):
 
 def launch_parameters(context: Context, p: LaunchParameters) -> Finding:
     """Judge values in the running nodes, or in the plan where a node does not declare the parameter."""
-    expected = ", ".join(f"{w.node} {w.name} = {w.value!r}" for w in p.parameters)
+    expected = ", ".join(f"{w.node.rsplit('/', 1)[-1]}.{w.name} = {w.value!r}" for w in p.parameters)
     plan, other = plan_of(context, p.step), plan_of(context, p.other_step)
-    parts, reasons, texts = [], [], []
+    parts, reasons, texts, spots = [], [], [], []
     for wanted in p.parameters:
-        if plan is not None and _entry_for(plan, wanted.node, wanted.executable) is None:
+        entry = _entry_for(plan, wanted.node, wanted.executable) if plan is not None else None
+        if plan is not None and entry is None:
             continue  # The node is not started, which is charged with the nodes.
         share, reason, text = _judge_parameter(context, wanted, plan, other)
         parts.append(share)
         texts.append(text)
         reasons += [reason] if reason else []
+        if entry is not None and entry.file and reason:
+            line = parameter_line(context.submission.texts.get(entry.file, ""), entry.line, wanted.name)
+            spots.append(Where(file=entry.file, line=line))
     if not parts:
         return not_reached("None of the nodes is started.", expected=expected)
-    return graded(sum(parts) / len(parts), expected, ", ".join(texts), " ".join(reasons), where=(context.where(),))
+    where = tuple(dict.fromkeys(spots)) or (context.where(),)
+    return graded(sum(parts) / len(parts), expected, ", ".join(texts), " ".join(reasons), where=where)
 
 
 _MISSING = object()
@@ -323,7 +362,7 @@ _MISSING = object()
 def _planned(plan: Plan | None, wanted: WantedNodeParameter) -> Any:
     """Return the value that a plan gives a node's parameter."""
     entry = _entry_for(plan, wanted.node, wanted.executable) if plan is not None else None
-    return entry.effective_parameters().get(wanted.name, _MISSING) if entry is not None else _MISSING
+    return entry.effective_parameters(wanted.node).get(wanted.name, _MISSING) if entry is not None else _MISSING
 
 
 def _judge_parameter(
@@ -366,6 +405,9 @@ def _judge_parameter(
     )
 
 
+_NODE: Any = Field(None, description="The node that does it; if it is not up, the check of the nodes charges that.")
+
+
 class TogetherCommands(Parameters):
     """Commands arrive as they do alone."""
 
@@ -374,6 +416,7 @@ class TogetherCommands(Parameters):
     charged_by: str
     window: str
     least_share: Share = 0.8
+    node: str | None = _NODE
 
 
 class TogetherFollows(Parameters):
@@ -384,6 +427,7 @@ class TogetherFollows(Parameters):
     field: str
     index: int
     charged_by: str
+    node: str | None = _NODE
 
 
 class TogetherAnswers(Parameters):
@@ -391,6 +435,7 @@ class TogetherAnswers(Parameters):
 
     step: str
     charged_by: str
+    node: str | None = _NODE
 
 
 class LaunchTogether(Parameters):
@@ -405,14 +450,14 @@ def launch_together(context: Context, p: LaunchTogether) -> Finding:
     """Judge what happened while all ran; a part whose node is at fault by itself is left out."""
     expected = "commands at the rate the publisher has alone, an arm that follows, a service that answers"
     parts = [
-        _commands_come(context, p.commands),
-        _arm_follows(context, p.follows),
-        _service_answers(context, p.answers),
+        _commands_come(context, p.commands) if _is_up(context, p.commands.node) else None,
+        _arm_follows(context, p.follows) if _is_up(context, p.follows.node) else None,
+        _service_answers(context, p.answers) if _is_up(context, p.answers.node) else None,
     ]
     judged = [part for part in parts if part is not None]
     if not judged:
         return not_reached(
-            "Each of the nodes fails by its own fault, which is charged in its own criterion.",
+            "None of the nodes does its part, by faults that other checks charge.",
             expected=expected,
         )
     measured = "; ".join(text for _, text, _ in judged)
@@ -424,6 +469,18 @@ def launch_together(context: Context, p: LaunchTogether) -> Finding:
         reasons,
         where=(context.where(p.commands.topic),),
     )
+
+
+def _is_up(context: Context, node: str | None) -> bool:
+    """Whether a node came up, under whatever name, and stayed; one that did not is charged with the nodes."""
+    if node is None:
+        return True
+    used = context.session.used(node)
+    try:
+        entry = _entry_for(Plan.from_plain(context.session.record.plan), used, "")
+    except MalformedPlanError:
+        entry = None
+    return used in context.session.nodes and not _died(context, entry)
 
 
 def _commands_come(context: Context, p: TogetherCommands) -> tuple[float, str, str] | None:

@@ -7,10 +7,12 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from decimal import Decimal, InvalidOperation
-from pathlib import Path
+from typing import TypeVar
 
 from grader.errors import GraderError, RubricError
 from grader.report.plain import terminal_text
+
+_Submission = TypeVar("_Submission")
 
 #: Exit status when the score is below --fail-under.
 BELOW = 1
@@ -72,12 +74,12 @@ def print_error(error: GraderError) -> None:
         print(f"  {terminal_text(error.remedy)}", file=sys.stderr)
 
 
-def each(folders: Sequence[Path], work: Callable[[Path], Decimal], least: Decimal | None) -> int:
-    """Do the work for each folder; one that cannot be graded does not keep the others from it."""
+def each(submissions: Sequence[_Submission], work: Callable[[_Submission], Decimal], least: Decimal | None) -> int:
+    """Do the work for each submission; one that cannot be graded does not keep the others from it."""
     statuses = []
-    for folder in folders:
+    for submission in submissions:
         try:
-            earned = work(folder)
+            earned = work(submission)
         except GraderError as error:
             print_error(error)
             statuses.append(error.exit_status)

@@ -3,39 +3,163 @@
 from __future__ import annotations
 
 import argparse
+import time
 from collections.abc import Sequence
+from datetime import datetime, timezone
 from decimal import Decimal
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.console import Console
+from rich.progress import Progress
+from rich.text import Text
 
-from grader.commands.arguments import add_fail_under, each
+from grader.commands.arguments import BELOW, add_fail_under, count, each, print_error
+from grader.errors import GraderError
+from grader.report.plain import terminal_text
+
+if TYPE_CHECKING:
+    from grader.batch.rejudging import Rejudging
+    from grader.cohort.changes import Changes
+
+_DESCRIPTION = """\
+Judge recordings again; needs no ROS.
+
+A submission's folder (results/alice) is judged and written at once. For the folder of a class (results/) all are
+judged, and who changes, by how much and where, is printed and written to changes.csv there; nothing else is written
+unless --apply is given.
+
+What people decided stands in overrides.yaml beside the submissions' folders, and is applied each time. Each result
+that is replaced is kept in history/, with a line in audit.jsonl, both beside the submissions' folders.
+"""
+
+_EPILOG = """\
+overrides.yaml:
+  overrides:
+    - submission: alice               # the name of a submission, a list of names, or "*" for all
+      check: node.rate                # an id of the rubric; or criterion: node
+      set: 6                          # or add: -1.5, or excused: true (nothing is lost there)
+      reason: The timer was right; the lab's machine was not.
+      who: J. Smith
+      when: 2026-11-21
+    - {submission: bob, extension: 2 days, reason: ill, who: J. Smith, when: 2026-11-19}
+    - {submission: eve, bonus: 3, reason: an action server, who: J. Smith, when: 2026-11-21}
+  In place of extension also due: or submitted:, each a date with time and offset (2026-11-22T23:59:00+01:00).
+
+exit status:
+  0 judged; of a class: nothing would change, or all is written
+  1 below --fail-under; of a class without --apply: something would change
+  4 rubric or overrides not usable    6 recording not readable
+"""
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="grade regrade", description="Judge recordings again; needs no ROS.")
+    parser = argparse.ArgumentParser(
+        prog="grade regrade",
+        description=_DESCRIPTION,
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument(
         "results",
         nargs="+",
         type=Path,
         metavar="RESULTS_DIR",
-        help="results of a submission, e.g. results/alice",
+        help="results of a submission, e.g. results/alice, or of a class, e.g. results/",
     )
     parser.add_argument("--rubric", type=Path, metavar="FILE", help="rubric (default: the one it was recorded with)")
+    parser.add_argument(
+        "--overrides",
+        type=Path,
+        metavar="FILE",
+        help="decisions of people (default: overrides.yaml beside the results)",
+    )
+    parser.add_argument("--apply", action="store_true", help="write the new results of a class")
+    parser.add_argument(
+        "-j", "--jobs", type=count, metavar="N", help="processes side by side for a class (default: one a core)"
+    )
     add_fail_under(parser)
     return parser
 
 
 def run(arguments: Sequence[str], console: Console) -> int:
     """Judge the results again; returns the exit status."""
+    from grader.batch.rejudging import is_class
+
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    classes = [folder for folder in options.results if is_class(folder)]
+    if not classes and (options.apply or options.jobs):
+        parser.error("--apply and --jobs are for the folder of a class; a single submission is written at once")
+    singles = [folder for folder in options.results if folder not in classes]
+    statuses = [_regrade_class(folder, options, console) for folder in classes]
+    if singles:
+        statuses.append(each(singles, lambda folder: _regrade_one(folder, options, console), options.fail_under))
+    return max(statuses)
+
+
+def _regrade_one(folder: Path, options: argparse.Namespace, console: Console) -> Decimal:
     from grader import pipeline
+    from grader.batch import audit
+    from grader.report.changes import changes_table
     from grader.report.terminal import print_result
 
-    options = _parser().parse_args(arguments)
+    results, name = folder.resolve().parent, folder.resolve().name
+    rubric = pipeline.read_rubric(options.rubric or pipeline.rubric_copy(folder))
+    overrides = pipeline.read_overrides(options.overrides, results, rubric)
+    before = audit.text_of(folder / pipeline.RESULT_FILE)
+    result = pipeline.judge_results(folder, rubric, overrides)
+    print_result(console, result)
+    occasion = audit.Occasion(datetime.now(timezone.utc), "regrade", overrides.sha256)
+    after = (folder / pipeline.RESULT_FILE).read_text(encoding="utf-8")
+    changes = audit.note_replaced(results, name, before, after, occasion)
+    if changes.before is not None and changes.matters:
+        console.print()
+        console.print(changes_table({name: changes}))
+    return result.final
 
-    def regrade_one(folder: Path) -> Decimal:
-        result = pipeline.regrade(folder, options.rubric)
-        print_result(console, result)
-        return result.score.earned
 
-    return each(options.results, regrade_one, options.fail_under)
+def _regrade_class(folder: Path, options: argparse.Namespace, console: Console) -> int:
+    from grader import pipeline
+    from grader.batch.audit import Occasion
+    from grader.batch.rejudging import recorded_in, rejudge
+    from grader.report.changes import CHANGES_FILE, changes_csv, print_changes
+
+    began_s = time.monotonic()
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task("Judging", total=len(recorded_in(folder)))
+        found = rejudge(
+            folder,
+            options.rubric,
+            options.overrides,
+            prepare=options.apply,
+            jobs=options.jobs,
+            on_judged=lambda name: progress.advance(task),
+        )
+    took_s = time.monotonic() - began_s
+    print_changes(console, found.changes)
+    matter = [changes for changes in found.changes.values() if changes.matters]
+    pipeline.replace_file(folder / CHANGES_FILE, changes_csv(matter))
+    if options.apply:
+        found.apply(Occasion(datetime.now(timezone.utc), "regrade", found.overrides.sha256))
+    for remark in found.remarks():
+        console.print(Text(f"Note: {terminal_text(remark)}", "yellow"))
+    written = "The results are written." if options.apply else "No result is written yet; --apply writes them."
+    console.print(f"Judged in {took_s:.1f} s. {written if matter or options.apply else ''}".rstrip())
+    console.print(f"Table: {folder / CHANGES_FILE}", soft_wrap=True, markup=False)
+    if options.apply and matter and (folder / pipeline.CLASS_PAGE).exists():
+        console.print(
+            f"The class page is of before; `grade report {folder}` makes it anew.", soft_wrap=True, markup=False
+        )
+    return _status(found, matter, options)
+
+
+def _status(found: Rejudging, matter: Sequence[Changes], options: argparse.Namespace) -> int:
+    """Print what could not be judged; returns the exit status."""
+    least: Decimal | None = options.fail_under
+    statuses = [BELOW if matter and not options.apply else 0]
+    statuses += [BELOW for changes in found.changes.values() if least is not None and changes.after < least]
+    for name, failed in found.failed.items():
+        print_error(GraderError(failed.problem, where=failed.where or name, remedy=failed.remedy))
+        statuses.append(failed.exit_status)
+    return max(statuses)

@@ -6,8 +6,9 @@ since the session's start. A picture of nothing is no picture: then `draw` gives
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+import itertools
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -169,7 +170,7 @@ class Item:
 
 @dataclass(frozen=True)
 class Branch:
-    """A process of a launch plan with its parameters and remappings."""
+    """A process of a launch plan with what it is given."""
 
     name: str
     runs: str
@@ -177,6 +178,8 @@ class Branch:
     conditions: tuple[str, ...]
     parameters: tuple[Item, ...]
     remappings: tuple[Item, ...]
+    words: tuple[str, ...] = ()
+    environment: tuple[Item, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -191,6 +194,8 @@ class PlanTree:
     includes: tuple[Item, ...]
     branches: tuple[Branch, ...]
     warnings: tuple[str, ...]
+    kept_back: tuple[Item, ...] = ()
+    environment: tuple[Item, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -529,6 +534,8 @@ def _plan(spec: FigureSpec, recorded: Recorded, lab_folder: Path) -> PlanTree | 
     if not isinstance(plan, Mapping) or not plan:
         return None
     problem = plan.get("problem")
+    branches = tuple(_branch(item) for item in _mappings(plan.get("processes")))
+    common = _common_environment(branches)
     return PlanTree(
         spec.title,
         spec.session,
@@ -539,9 +546,31 @@ def _plan(spec: FigureSpec, recorded: Recorded, lab_folder: Path) -> PlanTree | 
             Item(_text(item.get("file")), _fields(item.get("arguments") or {}), _where(item, "by"))
             for item in _mappings(plan.get("includes"))
         ),
-        tuple(_branch(item) for item in _mappings(plan.get("processes"))),
-        tuple(_text(item.get("message")) for item in _mappings(plan.get("warnings"))),
+        tuple(replace(b, environment=tuple(e for e in b.environment if e not in common)) for b in branches),
+        tuple(_warning(item) for item in _mappings(plan.get("warnings"))),
+        tuple(
+            Item(_text(item.get("what")), _spelled(item.get("why")), _where(item))
+            for item in _mappings(plan.get("not_started"))
+        ),
+        common,
     )
+
+
+def _common_environment(branches: Sequence[Branch]) -> tuple[Item, ...]:
+    """What every process finds in its environment, if there are several."""
+    if len(branches) < 2:
+        return ()
+    return tuple(e for e in branches[0].environment if all(e in b.environment for b in branches))
+
+
+def _spelled(text: Any) -> str:
+    """`launch` itself describes a configuration by a shorter name than the one that is written."""
+    return _text(text).replace("LaunchConfig(", "LaunchConfiguration(")
+
+
+def _warning(item: Mapping[str, Any]) -> str:
+    place = _where(item)
+    return _text(item.get("message")) + (f" ({place})" if place else "")
 
 
 def _mappings(items: Any) -> list[Mapping[str, Any]]:
@@ -579,9 +608,24 @@ def _branch(item: Mapping[str, Any]) -> Branch:
         program or _text(item.get("path")),
         _where(item),
         _conditions(item),
-        tuple(_parameter(p) for p in _mappings(item.get("parameters"))),
+        tuple(itertools.chain.from_iterable(_parameters(p) for p in _mappings(item.get("parameters")))),
         _remappings(item.get("remappings")),
+        _own_words(item),
+        tuple(Item(_text(name), _literal(value)) for name, value in _pairs(item.get("env"))),
     )
+
+
+def _pairs(values: Any) -> list[tuple[Any, Any]]:
+    return list(values.items())[:MOST_ITEMS] if isinstance(values, Mapping) else []
+
+
+def _own_words(item: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return a node's own arguments: those before the ones of ROS."""
+    words = item.get("argv")
+    listed = [_text(word) for word in words] if isinstance(words, (list, tuple)) else []
+    if item.get("kind") == "executable":
+        return ()  # They are shown as what runs.
+    return tuple(itertools.takewhile(lambda word: word != "--ros-args", listed[:MOST_ITEMS]))
 
 
 def _remappings(pairs: Any) -> tuple[Item, ...]:
@@ -591,12 +635,14 @@ def _remappings(pairs: Any) -> tuple[Item, ...]:
 
 
 def _conditions(item: Mapping[str, Any]) -> tuple[str, ...]:
-    found = [_text(item.get("condition_note"))]
+    found = [_spelled(item.get("condition_note"))]
     when = item.get("when")
     if isinstance(when, Mapping):
-        found += [_condition(str(key), value) for key, value in when.items()]
+        found.append(_when(when))
     if item.get("respawn"):
         found.append("started again whenever it ends")
+    if item.get("autostart"):
+        found.append("configured and activated at once")
     if item.get("absent"):
         found.append(f"not started here: {_text(item['absent'])}")
     for component in _mappings(item.get("components")):
@@ -605,18 +651,55 @@ def _conditions(item: Mapping[str, Any]) -> tuple[str, ...]:
     return tuple(text for text in found if text)
 
 
-def _condition(key: str, value: Any) -> str:
-    """Put what a process waits for in words: `after_s: 2` is "after 2 s"."""
-    words = key.removesuffix("_s").replace("_", " ")
-    return f"{words} {_literal(value)}" + (" s" if key.endswith("_s") else "")
+_MOMENTS = {
+    "on_start_of": "starts when {} has started",
+    "on_exit_of": "starts when {} has ended",
+    "on_completion_of": "starts after {}",
+    "on_transition_of": "starts when {} has changed its state",
+    "on_shutdown": "starts at the shutdown",
+}
 
 
-def _parameter(item: Mapping[str, Any]) -> Item:
-    if item.get("name") is None:
-        content = item.get("content")
-        return Item(f"file {_text(item.get('file'))}", "" if content is None else _literal(_fields(content))[1:-1])
-    kind = _text(item.get("type"))
-    return Item(_text(item.get("name")), _literal(item.get("value")), kind)
+def _when(when: Mapping[str, Any]) -> str:
+    """Put what a process waits for in words: `after_s: 2` is "starts after 2 s"."""
+    moments = [words.format(_text(when[key])) for key, words in _MOMENTS.items() if key in when]
+    if "state" in when:
+        moments.append(f"to {_text(when['state'])}")
+    if "after_s" in when:
+        since = when.get("since")
+        known = {k: v for k, v in since.items() if k != "since"} if isinstance(since, Mapping) else {}
+        later = f", {_when(known).replace('starts', 'counted from', 1)}" if known else ""
+        moments.append(f"starts after {_text(when['after_s'])} s{later}")
+    return " ".join(moments)
+
+
+def _parameters(item: Mapping[str, Any]) -> Iterable[Item]:
+    """A parameter, or those of a file; a file's names say whom they are for, unless for every node."""
+    if item.get("name") is not None:
+        return [Item(_text(item.get("name")), _literal(item.get("value")), _text(item.get("type")))]
+    file, content = _text(item.get("file")), item.get("content")
+    inside = list(itertools.islice(_in_file("", content), MOST_ITEMS)) if isinstance(content, Mapping) else []
+    everyone = ("", "/**", "**")
+    return [
+        Item(name, _literal(value), f"{file}{'' if node in everyone else f', for {node}'}")
+        for node, name, value in inside
+    ] or [Item(f"file {file}", "")]
+
+
+def _in_file(node: str, content: Mapping[str, Any]) -> Iterable[tuple[str, str, Any]]:
+    for key, value in content.items():
+        if key == "ros__parameters" and isinstance(value, Mapping):
+            yield from ((node, name, inner) for name, inner in _dotted("", value))
+        elif isinstance(value, Mapping):
+            yield from _in_file(f"{node}/{key}".replace("//", "/") if node else _text(key), value)
+
+
+def _dotted(prefix: str, values: Mapping[str, Any]) -> Iterable[tuple[str, Any]]:
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            yield from _dotted(f"{prefix}{key}.", value)
+        else:
+            yield f"{prefix}{key}", value
 
 
 # -- QoS ---------------------------------------------------------------------------------------

@@ -119,7 +119,7 @@ class Recorded:
     @functools.cached_property
     def awaited(self) -> frozenset[str]:
         """Topics and services that the steps expect of the student, under the names that the student used."""
-        keys = {"wait_for": ("publisher", "service"), "observe": ("first_message_on",), "call": ("service",)}
+        keys = {"wait_for": ("publisher", "service"), "call": ("service",)}
         names = [step.parameters.get(key) for step in self.record.steps for key in keys.get(step.kind, ())]
         return frozenset(self.used(name) for name in names if isinstance(name, str))
 

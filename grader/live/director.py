@@ -14,6 +14,7 @@ import dataclasses
 import importlib
 import json
 import queue
+import socket
 import sys
 import threading
 import time
@@ -26,14 +27,25 @@ from rclpy.client import Client
 from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.serialization import serialize_message
 from rclpy.service_introspection import ServiceIntrospectionState
 
-from grader.live.graph import GRADER_NAMESPACE, GraphWatch
+from grader.live.graph import GraphWatch
 from grader.live.names import Candidate, near_miss
 from grader.live.recorder import Recorder
 from grader.recording.bag import BagWriter
-from grader.recording.session import UNKNOWN_NODE, Endpoint, GraphSnapshot, Qos
+from grader.recording.session import (
+    GRADER_NAMESPACE,
+    UNKNOWN_NODE,
+    Endpoint,
+    GraphSnapshot,
+    Published,
+    Qos,
+    Trusted,
+)
+from grader.recording.told import digest
 
 #: Once a student's node shows other endpoints, how long the wanted name may still take to appear.
 _NEAR_MISS_AFTER_S = 2.0
@@ -53,6 +65,8 @@ _SPIN_S = 0.01
 _MATCH_S = 3.0
 #: How long it stays for a subscription that has not taken all of it.
 _ACKNOWLEDGED_S = 1.0
+#: In a network that is not the cell's own, how long to look for nodes that do not belong there.
+_FOREIGN_S = 0.5
 #: Service events that the middleware keeps until the recorder has them.
 _EVENTS_DEPTH = 100
 
@@ -79,25 +93,13 @@ class Director:
     def __init__(
         self, folder: Path, name: str, domain_id: int, reference_nodes: list[str], expected: list[str]
     ) -> None:
-        self._context = rclpy.Context()
-        rclpy.init(
-            args=[],
-            context=self._context,
-            domain_id=domain_id,
-            signal_handler_options=rclpy.SignalHandlerOptions.NO,
-        )
-        self._node = Node(
-            "probe",
-            namespace=GRADER_NAMESPACE,
-            context=self._context,
-            use_global_arguments=False,
-            start_parameter_services=False,
-            enable_rosout=False,
-        )
+        self._context = _context(domain_id)
+        self._node = _silent_node("probe", self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         self._recorder = Recorder(BagWriter(folder, name), domain_id)
-        self._watch = GraphWatch(self._node, self._on_change)
+        self._watch = GraphWatch(self._node, self._on_change, {*expected, *_STANDARD})
+        self._problems: list[str] = []
         self._reference_nodes = set(reference_nodes)
         self._expected = set(expected)
         self._names: dict[str, str] = {}
@@ -110,21 +112,39 @@ class Director:
 
     def serve(self) -> None:
         """Answer requests until `stop` or the end of input."""
+        self._require_empty_graph()
         threading.Thread(target=self._listen, daemon=True).start()
-        _say({"event": "ready"})
+        ours = Trusted("director", self._watch.own_prefix)
+        _say({"event": "ready", "trusted": dataclasses.asdict(ours)})
         while True:
-            self._tick()
             try:
-                request = self._requests.get_nowait()
+                request = self._requests.get(timeout=GraphWatch.PERIOD_S)
             except queue.Empty:
+                self._watch.look()
                 continue
             if request is None or request["op"] == "stop":
                 break
             if request["op"] != "cancel":
                 self._answer(request)
-        self._watch.look(now=True)
+        self._watch.close()
         self._recorder.stop()
-        _say({"event": "stopped", "problems": self._recorder.problems})
+        _say({"event": "stopped", "problems": self._problems + self._recorder.problems})
+
+    def _require_empty_graph(self) -> None:
+        """See to it that nothing is in the graph before the first process is started: it would be taken for its."""
+        # A network with loopback alone is the cell's own, and new.
+        shared = any(name != "lo" for _, name in socket.if_nameindex())
+        end_s = time.monotonic() + (_FOREIGN_S if shared else 0.0)
+        while True:
+            graph = self._watch.look(now=True)
+            strangers = {*graph.nodes, *(endpoint.node for endpoint in graph.endpoints)}
+            named = sorted(name for name in strangers if UNKNOWN_NODE not in name)
+            if named or time.monotonic() >= end_s:
+                break
+            self._executor.spin_once(timeout_sec=_SPIN_S)
+        if strangers:
+            who = ", ".join(named[:5]) or "not known by name"
+            self._problems.append(f"before anything was started, there were other ROS nodes in its network: {who}")
 
     def _listen(self) -> None:
         for line in sys.stdin:
@@ -165,17 +185,22 @@ class Director:
         _say({"event": "graph", "graph": dataclasses.asdict(graph)})
 
     def _tick(self) -> None:
+        # Only answers to our own calls need an executor, and spinning one costs some thirty times as much as this.
+        time.sleep(_SPIN_S)
+        self._watch.look()
+
+    def _spin(self) -> None:
         self._executor.spin_once(timeout_sec=_SPIN_S)
         self._watch.look()
 
-    def _until(self, condition: Callable[[], bool], timeout_s: float) -> bool:
+    def _until(self, condition: Callable[[], bool], timeout_s: float, tick: Callable[[], None] | None = None) -> bool:
         end_s = time.monotonic() + timeout_s
         while not condition():
             if self._cancelled:
                 raise Cancelled
             if time.monotonic() >= end_s:
                 return False
-            self._tick()
+            (tick or self._tick)()
         return True
 
     # -- waiting ------------------------------------------------------------------------------
@@ -212,6 +237,7 @@ class Director:
         same = next((c for c in found if c.type == wanted_type), found[0])
         if same.name != wanted:
             self._names[wanted] = same.name
+            self._watch.first.add(same.name)
         return outcome, {**waited, "name": same.name, "type": same.type}
 
     def _students(self) -> list[str]:
@@ -261,33 +287,24 @@ class Director:
         # Compatible with every request. All messages are kept, since the student's side may be matched later
         # than ours, and then asks for those that it has missed.
         offered = QoSProfile(depth=int(request["count"]), durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        context = rclpy.Context()  # its own, since the student may use another type on this topic
-        rclpy.init(
-            args=[],
-            context=context,
-            domain_id=self._domain_id,
-            signal_handler_options=rclpy.SignalHandlerOptions.NO,
-        )
-        node = Node(
-            "publisher",
-            namespace=GRADER_NAMESPACE,
-            context=context,
-            use_global_arguments=False,
-            start_parameter_services=False,
-            enable_rosout=False,
-        )
+        context = _context(self._domain_id)  # its own, since the student may use another type on this topic
+        node = _silent_node("publisher", context)
         publisher = node.create_publisher(kind, topic, offered)
         self._record(topic, request["type"], "transient_local")
+        data = serialize_message(_fill(kind(), request["message"]))
+        sent = 0
         try:
             students = [e for e in self._watch.last.endpoints if e.kind == "subscription" and e.topic == topic]
             # The recorder's subscription is one more.
             matched = self._until(lambda: publisher.get_subscription_count() > len(students), _MATCH_S)
-            message = _fill(kind(), request["message"])
-            for _ in range(int(request["count"])):
-                publisher.publish(message)
+            while sent < int(request["count"]):
+                publisher.publish(data)
+                sent += 1
                 self._until(lambda: False, 1.0 / float(request["rate_hz"]))
             publisher.wait_for_all_acked(Duration(seconds=_ACKNOWLEDGED_S))
         finally:
+            published = Published("director", topic, request["type"], digest(data) * sent)
+            _say({"event": "published", "published": dataclasses.asdict(published)})
             node.destroy_node()
             context.shutdown()
         return "done", {"topic": topic, "matched": matched}
@@ -336,8 +353,7 @@ class Director:
                     finished.append(record)
             if self._cancelled:
                 raise Cancelled
-            self._executor.spin_once(timeout_sec=_SPIN_S)
-            self._watch.look()
+            self._spin()
             if finished and finished[-1]["response"] is None and len(finished) >= 2:
                 break  # A service that does not answer twice is not asked fifty times.
         outcome = "done" if all(c["response"] is not None for c in finished) else "timeout"
@@ -348,7 +364,7 @@ class Director:
         if client is None:
             return None
         future = client.call_async(message)
-        self._until(future.done, timeout_s)
+        self._until(future.done, timeout_s, self._spin)
         return future.result() if future.done() else None
 
     def _node_name(self, request: Mapping[str, Any]) -> str:
@@ -381,8 +397,6 @@ class Director:
 
     def _set_parameters(self, request: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
         node = self._node_name(request)
-        from rclpy.parameter import Parameter
-
         message = _interface("rcl_interfaces/srv/SetParameters", "srv").Request()
         message.parameters = [Parameter(n, value=v).to_parameter_msg() for n, v in request["values"].items()]
         answer = self._ask(
@@ -431,6 +445,26 @@ class _Call:
         return {"started_ns": self._started_ns, "ended_ns": ended_ns, "response": _jsonable(response)}
 
 
+def _context(domain_id: int) -> rclpy.Context:
+    """Make a context that leaves signals alone."""
+    context = rclpy.Context()
+    rclpy.init(args=[], context=context, domain_id=domain_id, signal_handler_options=rclpy.SignalHandlerOptions.NO)
+    return context
+
+
+def _silent_node(name: str, context: rclpy.Context) -> Node:
+    """Make a node of the grader's: nobody can ask anything of it, or find its words in the log."""
+    return Node(
+        name,
+        namespace=GRADER_NAMESPACE,
+        context=context,
+        use_global_arguments=False,
+        start_parameter_services=False,
+        enable_rosout=False,
+        parameter_overrides=[Parameter("start_type_description_service", value=False)],
+    )
+
+
 def _interface(name: str, kind: str) -> Any:
     """Import an interface by its name, e.g. ``std_srvs/srv/SetBool``."""
     package, _, short = name.split("/")
@@ -447,8 +481,6 @@ def _fill(message: Any, values: Mapping[str, Any]) -> Any:
 
 
 def _plain_parameter(value: Any) -> dict[str, Any]:
-    from rclpy.parameter import Parameter, parameter_value_to_python
-
     kind = Parameter.Type(value.type).name.lower()
     return {"type": kind, "value": _jsonable(parameter_value_to_python(value))}
 

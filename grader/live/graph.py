@@ -1,18 +1,29 @@
-"""The ROS graph as one node sees it, as snapshots without the grader's own nodes."""
+"""The ROS graph as one node sees it, as snapshots without the endpoints of the node's own process.
+
+What is ours is known by its gid: a student's node may have any name.
+"""
 
 from __future__ import annotations
 
+import secrets
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from std_msgs.msg import Empty
 
-from grader.recording.session import Endpoint, GraphSnapshot, Qos, ServiceOffer
+from grader.recording.session import (
+    GRADER_NAMESPACE,
+    PROCESS_DIGITS,
+    Endpoint,
+    GraphSnapshot,
+    Qos,
+    ServiceClient,
+    ServiceOffer,
+)
 
-#: Namespace of the grader's own nodes; they are no part of a snapshot.
-GRADER_NAMESPACE = "/_grader"
 #: Topics looked at in one snapshot; a flood of topics must not stall the session.
 MAX_TOPICS = 400
 _INFINITE_NS = 2**62
@@ -23,9 +34,25 @@ def full_name(namespace: str, name: str) -> str:
     return f"{namespace.rstrip('/')}/{name}"
 
 
-def is_ours(node: str) -> bool:
-    """Whether a node (fully qualified) is the grader's own probe or recorder."""
-    return node.startswith(GRADER_NAMESPACE + "/")
+def is_reserved(name: str) -> bool:
+    """Whether a node or topic (fully qualified) is in the grader's namespace."""
+    return name.startswith(GRADER_NAMESPACE + "/")
+
+
+def gid_prefix_of(node: Node) -> str:
+    """Return the digits with which the gids of all endpoints of a node's process begin.
+
+    They are read from the graph, on a topic whose name nobody else can know.
+    """
+    topic = f"{GRADER_NAMESPACE}/_{secrets.token_hex(8)}"
+    publisher = node.create_publisher(Empty, topic, 1)
+    (info,) = node.get_publishers_info_by_topic(topic)
+    node.destroy_publisher(publisher)
+    return _gid(info)[:PROCESS_DIGITS]
+
+
+def _gid(info: Any) -> str:
+    return "".join(f"{byte:02x}" for byte in info.endpoint_gid[:16])
 
 
 def _finite(nanoseconds: int) -> int | None:
@@ -51,35 +78,49 @@ def _endpoint(info: Any, topic: str) -> Endpoint:
         type=info.topic_type,
         type_hash=str(info.topic_type_hash) if info.topic_type_hash else "",
         node=full_name(info.node_namespace, info.node_name),
-        gid="".join(f"{byte:02x}" for byte in info.endpoint_gid[:16]),
+        gid=_gid(info),
         qos=qos_of(info.qos_profile),
     )
 
 
-def snapshot(node: Node) -> GraphSnapshot:
-    """Take a snapshot of the graph, without the grader's own nodes."""
+def snapshot(node: Node, own_prefix: str, first: Collection[str] = ()) -> GraphSnapshot:
+    """Take a snapshot of the graph.
+
+    Parameters
+    ----------
+    own_prefix : str
+        See `gid_prefix_of`; endpoints of this process are left out.
+    first : collection of str
+        Topics that are looked at before all others, where there are too many.
+    """
     taken = GraphSnapshot(time.time_ns())
-    for name, namespace in node.get_node_names_and_namespaces():
-        full = full_name(namespace, name)
-        if not is_ours(full):
-            taken.nodes.append(full)
-    taken.nodes.sort()
-    topics = sorted(name for name, _ in node.get_topic_names_and_types())
+    taken.nodes = sorted(full_name(namespace, name) for name, namespace in node.get_node_names_and_namespaces())
+    topics = sorted(name for name, _ in node.get_topic_names_and_types() if not is_reserved(name))
+    topics.sort(key=lambda name: name not in first)
     for topic in topics[:MAX_TOPICS]:
         infos = node.get_publishers_info_by_topic(topic) + node.get_subscriptions_info_by_topic(topic)
-        taken.endpoints += [e for e in (_endpoint(info, topic) for info in infos) if not is_ours(e.node)]
+        taken.endpoints += [_endpoint(info, topic) for info in infos if not _gid(info).startswith(own_prefix)]
+    # Nodes are told apart by their names alone. In our namespace those with endpoints of others are kept.
+    others = {endpoint.node for endpoint in taken.endpoints}
+    taken.nodes = [full for full in taken.nodes if not is_reserved(full) or full in others]
     for full in sorted(set(taken.nodes)):
-        taken.services += _services_of(node, full)
+        services, clients = _services_of(node, full)
+        taken.services += services
+        taken.clients += clients
     return taken
 
 
-def _services_of(node: Node, full: str) -> list[ServiceOffer]:
+def _services_of(node: Node, full: str) -> tuple[list[ServiceOffer], list[ServiceClient]]:
     namespace, name = full.rsplit("/", 1)
     try:
-        offered = node.get_service_names_and_types_by_node(name, namespace or "/")
+        offered = node.get_service_names_and_types_by_node(name, namespace or "/")[:MAX_TOPICS]
+        asked = node.get_client_names_and_types_by_node(name, namespace or "/")[:MAX_TOPICS]
     except RuntimeError:  # The node left in between.
-        return []
-    return [ServiceOffer(service, kind, full) for service, kinds in offered[:MAX_TOPICS] for kind in kinds]
+        return [], []
+    return (
+        [ServiceOffer(service, kind, full) for service, kinds in offered for kind in kinds],
+        [ServiceClient(service, kind, full) for service, kinds in asked for kind in kinds],
+    )
 
 
 class GraphWatch:
@@ -89,6 +130,8 @@ class GraphWatch:
     ----------
     on_change : callable
         Called with each snapshot that differs from the one before.
+    first : set of str
+        Topics that are looked at before all others; may grow.
     """
 
     #: How often the graph is looked at; one look takes well under a millisecond.
@@ -96,8 +139,10 @@ class GraphWatch:
     #: A hostile student can change the graph without end; after so many snapshots only the last is kept up.
     MAX_CHANGES = 500
 
-    def __init__(self, node: Node, on_change: Callable[[GraphSnapshot], None]) -> None:
+    def __init__(self, node: Node, on_change: Callable[[GraphSnapshot], None], first: set[str]) -> None:
         self._node = node
+        self.first = first
+        self.own_prefix = gid_prefix_of(node)
         self._on_change = on_change
         self._next_s = 0.0
         self._changes = 0
@@ -109,11 +154,12 @@ class GraphWatch:
         if not now and time.monotonic() < self._next_s:
             return self.last
         self._next_s = time.monotonic() + self.PERIOD_S
-        taken = snapshot(self._node)
+        taken = snapshot(self._node, self.own_prefix, self.first)
         key = (
             tuple(taken.nodes),
             tuple(sorted((e.gid, e.kind, e.topic, e.type, e.node) for e in taken.endpoints)),
             tuple((s.name, s.type, s.node) for s in taken.services),
+            tuple((c.name, c.type, c.node) for c in taken.clients),
         )
         if key != self._key:
             self._key, self.last = key, taken
@@ -121,3 +167,9 @@ class GraphWatch:
             if self._changes <= self.MAX_CHANGES:
                 self._on_change(taken)
         return self.last
+
+    def close(self) -> None:
+        """Hand on how the graph is at the end."""
+        taken = self.look(now=True)
+        if self._changes > self.MAX_CHANGES:
+            self._on_change(taken)

@@ -22,7 +22,7 @@ from grader.live.isolation import LAUNCHING, PARAMETERS
 from grader.live.names import LEAST_RATIO, likeness
 from grader.live.process import PipeReader, RunningProcess
 from grader.live.ros_launch import NativeLaunch
-from grader.recording.plan import MalformedPlanError, Plan, Problem, Process, ros2_run
+from grader.recording.plan import PARAMETERS_PLACEHOLDER, MalformedPlanError, Plan, Problem, Process, ros2_run
 from grader.recording.session import OutputLine, ProcessRun
 
 if TYPE_CHECKING:
@@ -45,6 +45,8 @@ class LaunchRunner:
         self._given_up: dict[str, Plan] = {}
         #: Processes that cannot be started here; what waits for one of them does not wait.
         self._absent: set[str] = set()
+        #: Text by name of the plan's own files.
+        self._files: dict[str, str] = {}
         #: Tasks that may still start processes.
         self.waiting: set[asyncio.Task[None]] = set()
 
@@ -163,13 +165,7 @@ class LaunchRunner:
         if plain is None or plain.get("outcome") != "ok":
             return "failed", {"problem": "the launch file could not be evaluated"}
         plan = Plan.from_plain(plain)
-        folder = self._session.tools[PARAMETERS]
-        files = dict(plan.parameter_files)
-        for process in plan.processes:
-            files.update(process.parameter_files)
-        for name, text in files.items():
-            if Path(name).name:
-                (folder / Path(name).name).write_text(text, encoding="utf-8")
+        self._write_files(plan)
         self._absent = {process.id for process in plan.processes if process.absent}
         for process in (p for p in plan.processes if not p.absent):
             if process.when is None:
@@ -177,6 +173,25 @@ class LaunchRunner:
             else:
                 self._later(self._start_when(process, process.when))
         return "done", {"processes": [process.id for process in plan.processes if not process.absent]}
+
+    def _write_files(self, plan: Plan) -> None:
+        """Write the files that the launch file made, or had made, for its nodes."""
+        given = dict(plan.parameter_files)
+        for process in plan.processes:
+            given.update(process.parameter_files)
+        self._files = {bare: text for name, text in given.items() if (bare := Path(name).name)}
+        for name, text in self._files.items():
+            path = self._session.tools[PARAMETERS] / name
+            path.write_text(self._placed(text), encoding="utf-8")
+            if text.startswith("#!"):
+                path.chmod(0o755)
+
+    def _placed(self, text: str) -> str:
+        """Return a text in which each of the plan's own files stands under the path that it has here."""
+        folder = self._session.seen_tools[PARAMETERS]
+        for name in self._files:
+            text = text.replace(f"{PARAMETERS_PLACEHOLDER}/{name}", f"{folder}/{name}")
+        return text
 
     def _later(self, work: Coroutine[Any, Any, None]) -> None:
         task = asyncio.create_task(work)
@@ -186,8 +201,9 @@ class LaunchRunner:
     async def _start(self, process: Process, respawns: int = 0) -> None:
         name = process.id + (f" (start {respawns + 1})" if respawns else "")
         command = self._command(process)
+        environment = {variable: self._placed(value) for variable, value in process.env.items()}
         try:
-            running = await self._session.start_student(name, command, environment=dict(process.env), cwd=process.cwd)
+            running = await self._session.start_student(name, command, environment=environment, cwd=process.cwd)
         except (OSError, ValueError) as error:  # a command line that no system takes
             run = self._session.record.processes[-1]
             run.exited_ns, run.exit_status = run.started_ns, 127
@@ -223,7 +239,8 @@ class LaunchRunner:
             await self._start(process, respawns)
 
     async def _start_when(self, process: Process, when: Mapping[str, Any]) -> None:
-        awaited = when.get("on_exit_of") or when.get("on_start_of")
+        # Nobody leads a lifecycle node through its states here: what waits for one starts with the node.
+        awaited = when.get("on_exit_of") or when.get("on_start_of") or when.get("on_transition_of")
         if awaited is not None and awaited not in self._absent:
             while awaited not in self._session.processes:
                 await asyncio.sleep(0.05)

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from grader.live.priority import put_session_first
 from grader.recording.session import OutputLine, ProcessRun, Usage
 
 #: Output kept of one process, in bytes; what comes after is counted and dropped.
@@ -89,6 +90,7 @@ class RunningProcess:
             start_new_session=True,
             limit=_READ_BYTES,
         )
+        put_session_first(process.pid)
         return cls(run, process, child_pid_fd, on_message)
 
     @property
@@ -227,6 +229,7 @@ class RunningProcess:
         """
         root = self.root_pid()
         for pid in descendants_of(root) if root is not None else ():
+            put_session_first(pid)  # the sandbox has begun one of its own
             with suppress(OSError):
                 for task in Path(f"/proc/{pid}/task").iterdir():
                     with suppress(OSError):

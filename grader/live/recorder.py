@@ -24,10 +24,9 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 
 from grader.recording.bag import BagWriter
 from grader.recording.definitions import DefinitionNotFound, definition_of, type_hash_of
-from grader.recording.session import Endpoint
+from grader.recording.session import GRADER_NAMESPACE, Endpoint
 
 NODE_NAME = "_grader_recorder"
-NAMESPACE = "/_grader"
 DEFAULT_LIMIT_BYTES = 512 * 2**20
 DEFAULT_LIMIT_TOPICS = 1000
 
@@ -35,7 +34,7 @@ DEFAULT_LIMIT_TOPICS = 1000
 # a full queue of a reliable keep-all subscription holds up the publisher, and recording must not
 # disturb what it records. The middleware allocates the queue as it fills, so that depth costs nothing.
 _DEPTH = 10_000
-_POLL_S = 0.01
+_POLL_S = 0.02
 _FLUSH_S = 0.5
 # A subscription that takes over from another runs beside it until it has surely been matched.
 _OVERLAP_S, _LONGEST_OVERLAP_S = 2.0, 6.0
@@ -250,7 +249,7 @@ class Recorder:
             context.init([], domain_id=self._domain_id)
             node = Node(
                 NODE_NAME if level == 0 else f"{NODE_NAME}_{level}",
-                namespace=NAMESPACE,
+                namespace=GRADER_NAMESPACE,
                 context=context,
                 use_global_arguments=False,
                 enable_rosout=False,

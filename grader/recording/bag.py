@@ -14,23 +14,27 @@ from __future__ import annotations
 import contextlib
 import functools
 import io
+import itertools
 import json
 import mmap
 import shutil
 import struct
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
-import numpy.typing as npt
 
 from grader.recording.definitions import SEPARATOR, MessageDefinition
 from grader.recording.session import Qos
 
 if TYPE_CHECKING:
+    from typing import TypeAlias
+
+    import numpy as np
+    import numpy.typing as npt
     from mcap.writer import Writer
+
+    Int64s: TypeAlias = npt.NDArray[np.int64]
 
 METADATA_FILE = "metadata.yaml"
 METADATA_VERSION = 9
@@ -44,7 +48,6 @@ _RECORD_HEAD = struct.Struct("<BQ")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
 _CHUNK_HEAD_SIZE = 28  # start, end, size, checksum; the compression's name follows
 
-Int64s = npt.NDArray[np.int64]
 _Buffer = Any  # bytes or mmap
 # log time, publish time, sequence, buffer, and where the data starts and ends in it
 _Row = tuple[int, int, int, _Buffer, int, int]
@@ -425,6 +428,16 @@ class Stream:
     def __len__(self) -> int:
         return len(self.data)
 
+    def only(self, rows: npt.NDArray[np.bool_]) -> Stream:
+        """Return the stream with some of its messages."""
+        return replace(
+            self,
+            received_ns=self.received_ns[rows],
+            source_ns=self.source_ns[rows],
+            sequence=self.sequence[rows],
+            data=tuple(itertools.compress(self.data, rows)),
+        )
+
     @functools.cached_property
     def _decoded(self) -> tuple[object | None, ...]:
         decode = _decoder(self.topic_type, self.definition)
@@ -573,5 +586,8 @@ class Bag:
 
 
 def _column(rows: list[_Row], index: int) -> Int64s:
+    # Imported here, since it would be a third of the start of the processes that only write bags.
+    import numpy as np
+
     # Times of foreign bags may use all 64 bits; they are held at the largest that int64 has.
     return np.fromiter((min(row[index], INFINITE_NS) for row in rows), dtype=np.int64, count=len(rows))

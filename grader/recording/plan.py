@@ -69,13 +69,20 @@ class Argument:
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter (`name`, `value`, `type`) or one file of them (`file`, `content`), in the order given."""
+    """One parameter (`name`, `value`, `type`) or one file of them (`file`, `content`), in the order given.
+
+    Attributes
+    ----------
+    wildcard : bool
+        It is given on the command line, where it is for any node of the process.
+    """
 
     name: str | None = None
     value: Any = None
     type: str | None = None
     file: str | None = None
     content: Any = None
+    wildcard: bool = False
 
 
 @dataclass(frozen=True)
@@ -112,7 +119,7 @@ class Process:
     condition_note : str
         On what condition it was started.
     parameter_files : mapping
-        Text by file name.
+        Text by file name. Another file of these is meant where a text holds `{parameters}/` and its name.
     absent : str
         Why it cannot be started here, through no fault of the launch file's.
     """
@@ -188,8 +195,13 @@ class Process:
         words = [*self.prefix, self.path, *self.argv]
         return [word.replace(PARAMETERS_PLACEHOLDER, parameters_folder) for word in words]
 
-    def effective_parameters(self) -> dict[str, Any]:
+    def effective_parameters(self, node: str | None = None) -> dict[str, Any]:
         """Value by name as the node would get them; the last one given counts.
+
+        Parameters
+        ----------
+        node : str or None
+            Full name of the node, for a launch file that leaves its name to its code.
 
         Notes
         -----
@@ -201,11 +213,11 @@ class Process:
         exact: dict[str, Any] = {}
         for parameter in self.parameters:
             if parameter.name is not None:
-                own = self.name is not None and self.namespace is not None
+                own = self.name is not None and self.namespace is not None and not parameter.wildcard
                 (exact if own else values)[parameter.name] = parameter.value
             elif isinstance(parameter.content, Mapping):
                 for section, content in _sections(parameter.content, ""):
-                    kind = _matches(section, self.full_name or "/")
+                    kind = _matches(section, self.full_name or node or "/")
                     target = {0: None, 1: values, 2: exact}[kind]
                     if target is not None:
                         target.update(_flat(content, ""))
@@ -302,6 +314,8 @@ class Plan:
         Why, unless `ok`.
     configurations : mapping
         The launch configurations at the end.
+    transitions : tuple of mapping
+        What lifecycle nodes are asked to do: `process`, `transition`, `when`, `file`, `line`.
     not_started : tuple of mapping
         What a condition kept back, or what is not evaluated: `what`, `why`, `file`, `line`.
     """
@@ -316,6 +330,7 @@ class Plan:
     warnings: tuple[Note, ...] = ()
     shutdowns: tuple[Mapping[str, Any], ...] = ()
     signals: tuple[Mapping[str, Any], ...] = ()
+    transitions: tuple[Mapping[str, Any], ...] = ()
     loaded_components: tuple[Mapping[str, Any], ...] = ()
     not_started: tuple[Mapping[str, Any], ...] = ()
     parameter_files: Mapping[str, str] = field(default_factory=dict)
@@ -359,6 +374,7 @@ class Plan:
                 warnings=tuple(_made(Note, item) for item in _listed(plain, "warnings")),
                 shutdowns=tuple(_listed(plain, "shutdowns")),
                 signals=tuple(_listed(plain, "signals")),
+                transitions=tuple(_listed(plain, "transitions")),
                 loaded_components=tuple(_listed(plain, "loaded_components")),
                 not_started=tuple(_listed(plain, "not_started")),
                 parameter_files=_texts(plain.get("parameter_files")),
@@ -438,7 +454,7 @@ def _plain(value: Any) -> Any:
         plain = {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
         if isinstance(value, Parameter):
             kept = ("file", "content") if value.name is None else ("name", "value", "type")
-            return {name: plain[name] for name in kept}
+            return {name: plain[name] for name in (*kept, *(("wildcard",) if value.wildcard else ()))}
         return plain
     if isinstance(value, Mapping):
         return {str(name): _plain(item) for name, item in value.items()}

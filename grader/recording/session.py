@@ -14,7 +14,7 @@ import types
 import typing
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 SESSION_SCHEMA = "ros-lab-grader/session/v1"
 SESSION_FILE = "session.json"
@@ -309,7 +309,7 @@ def from_plain(kind: type[T], plain: Any) -> T:
     """
     if not isinstance(plain, dict):
         raise ValueError(f"{kind.__name__}: an object was expected")
-    hints = _hints(kind)
+    hints = _hints(cast(Any, kind))
     unknown = sorted(set(plain) - set(hints))
     if unknown:
         raise ValueError(f"{kind.__name__}: unknown key {unknown[0]!r}")

@@ -81,6 +81,8 @@ class SubmissionRecord:
     ----------
     sessions : list of str or None
         The sessions that were asked for; None for all of the rubric's.
+    submitted_at : str or None
+        When it was handed in, as ISO 8601 with its offset from UTC; None where nobody knows.
     """
 
     name: str
@@ -92,6 +94,7 @@ class SubmissionRecord:
     packages: list[PackageFact] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
     sessions: list[str] | None = None
+    submitted_at: str | None = None
 
     def artifact(self, name: str) -> ArtifactFact | None:
         """Return the artifact of this name, or None if the rubric has none such."""

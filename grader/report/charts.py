@@ -10,8 +10,9 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
+from grader.cohort.summary import Spread
 from grader.evidence.figures import (
     Calls,
     Distribution,
@@ -23,6 +24,7 @@ from grader.evidence.figures import (
     Series,
 )
 from grader.report.untrusted import line as one_line
+from grader.report.views import tenths
 
 WIDE, HALF, NARROW = 920, 440, 400
 _LEFT, _RIGHT, _TOP, _BOTTOM = 50, 14, 14, 44
@@ -103,11 +105,10 @@ def _padded(values: Iterable[float], share: float = 0.08, least: float = 1e-9) -
 
 def _tag(name: str, content: str | Markup = "", **attributes: str | float) -> Markup:
     """Return an element; `class_` and `text_anchor` become class and text-anchor."""
-    parts = [
-        Markup(' {}="{}"').format(key.rstrip("_").replace("_", "-"), _coordinate(value))
-        for key, value in attributes.items()
-    ]
-    return Markup("<{0}{1}>{2}</{0}>").format(name, Markup("").join(parts), content)
+    parts = "".join(
+        f' {key.rstrip("_").replace("_", "-")}="{escape(_coordinate(value))}"' for key, value in attributes.items()
+    )
+    return Markup(f"<{name}{parts}>{escape(content)}</{name}>")
 
 
 def _coordinate(value: str | float) -> str:
@@ -448,3 +449,33 @@ def _box(frame: _Frame, d: Distribution, top: float, floor: float, width: int) -
     parts.append(_tag("rect", x=left, y=middle - 7, width=max(2.0, right - left), height=14, class_="box"))
     parts.append(_rule(at(d.median_s), middle - 7, at(d.median_s), middle + 7, "median"))
     return parts
+
+
+# -- a class -----------------------------------------------------------------------------------
+
+
+def scores_chart(spread: Spread, name: str) -> Chart:
+    """Draw how many have how many points, with the median and the middle half."""
+    width, height = HALF, 250
+    most = max(bar.count for bar in spread.bars)
+    possible = float(spread.possible) or 1.0
+    frame = _Frame(14, 44, width - 14, height - _BOTTOM, (0, possible), (0, most))
+    quarters = (spread.first_quartile, spread.median, spread.third_quartile)
+    low, middle, high = (frame.px(min(possible, max(0.0, float(quarter)))) for quarter in quarters)
+    top = frame.top - 10
+    parts = [_tag("rect", x=low, y=top, width=high - low, height=frame.bottom - top, class_="quartiles")]
+    for bar in spread.bars:
+        if bar.count:
+            x, y = frame.px(float(bar.low)) + 2, frame.py(bar.count)
+            thick = frame.px(float(bar.high)) - x - 2
+            parts.append(_tag("rect", x=x, y=y, width=thick, height=frame.bottom - y, rx=2, class_="bar"))
+            parts.append(_text(x + thick / 2, y - 6, str(bar.count), class_="note"))
+    parts.append(_rule(middle, frame.top - 16, middle, frame.bottom, "expected"))
+    anchor = "end" if middle > width * 0.8 else "start" if middle < width * 0.2 else "middle"
+    parts.append(_text(middle, frame.top - 24, f"median {tenths(spread.median)}", anchor, "label"))
+    parts += frame.x_axis("points")
+    caption = (
+        f"{spread.count} graded. Bars are {_short(possible / len(spread.bars))} points wide. "
+        f"The middle half, shaded, has {tenths(spread.first_quartile)} to {tenths(spread.third_quartile)} points."
+    )
+    return Chart(_svg(width, height, name, "How the points are spread", caption, parts), None, caption)

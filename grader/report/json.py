@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from decimal import Decimal
 from typing import Any
 
-from grader.result import RESULT_SCHEMA, CheckResult, CriterionResult, Result, Where
+from grader.report.json_text import json_text
+from grader.result import RESULT_SCHEMA, Adjustment, CheckResult, CriterionResult, Result, Violation, Where
 
 
 def points(value: Decimal) -> int | float:
@@ -56,6 +56,29 @@ def _criterion(criterion: CriterionResult) -> dict[str, Any]:
     }
 
 
+def _adjustment(adjustment: Adjustment) -> dict[str, Any]:
+    return {
+        "kind": adjustment.kind.value,
+        "what": adjustment.what,
+        "points": points(adjustment.points),
+        "reason": adjustment.reason,
+        "who": adjustment.who,
+        "when": adjustment.when,
+    }
+
+
+def _violation(violation: Violation) -> dict[str, Any]:
+    return {
+        "kind": violation.kind.value,
+        "session": violation.session,
+        "text": violation.text,
+        "evidence": list(violation.evidence),
+        "where": _where(violation.where),
+        "certain": violation.certain,
+        "checks": list(violation.checks),
+    }
+
+
 def to_plain(result: Result) -> dict[str, Any]:
     """Return a result as plain data of the schema `ros-lab-grader/result/v1`."""
     return {
@@ -66,8 +89,11 @@ def to_plain(result: Result) -> dict[str, Any]:
             "earned": points(result.score.earned),
             "possible": points(result.score.possible),
             "undecided": points(result.score.undecided),
+            "final": points(result.final),
         },
         "criteria": [_criterion(criterion) for criterion in result.criteria],
+        "adjustments": [_adjustment(adjustment) for adjustment in result.adjustments],
+        "violations": [_violation(violation) for violation in result.violations],
         "advisories": list(result.advisories),
         "problems": list(result.problems),
         "provenance": result.provenance,
@@ -76,4 +102,4 @@ def to_plain(result: Result) -> dict[str, Any]:
 
 def render(result: Result) -> str:
     """Return `result.json`'s text; equal results give equal bytes."""
-    return json.dumps(to_plain(result), indent=2, ensure_ascii=True) + "\n"
+    return json_text(to_plain(result))

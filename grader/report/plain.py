@@ -1,25 +1,18 @@
-"""Untrusted text made fit for a terminal: one function, used for all that a student may have written."""
+"""Untrusted text made fit for a terminal and for the log of a CI job."""
 
 from __future__ import annotations
 
-import unicodedata
-
-_CUT = "…"
+from grader.report.untrusted import line
+from grader.report.workflow_commands import uncommanded
 
 
 def terminal_text(text: str, limit: int = 400) -> str:
-    """Return text without control characters, escapes or direction overrides, cut to a length.
+    """Return a text as one line that neither a terminal nor a CI job's log obeys, cut to a length.
 
-    A terminal obeys escape sequences and carriage returns; what is not printable is shown as its code.
+    Notes
+    -----
+    The same command prints to both, and a table breaks lines where it must; so nothing in the text may look
+    like a workflow command, even if a line began there.
     """
-    shown = []
-    for character in text[: limit + 1]:
-        category = unicodedata.category(character)
-        if character in "\n\t":
-            shown.append(" ")
-        elif category in ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"):
-            shown.append(f"\\x{ord(character):02x}" if ord(character) < 256 else f"\\u{ord(character):04x}")
-        else:
-            shown.append(character)
-    whole = "".join(shown)
-    return whole if len(whole) <= limit else whole[: limit - 1] + _CUT
+    whole = uncommanded(line(text, limit))
+    return whole if len(whole) <= limit else whole[: limit - 1] + "…"

@@ -14,7 +14,9 @@ from rich.table import Table
 from rich.text import Text
 
 from grader.report.plain import terminal_text
-from grader.result import CheckResult, CriterionResult, Outcome, Result
+from grader.report.views import adjustments_of
+from grader.report.violations import note_of, titles_of
+from grader.result import CheckResult, CriterionResult, Outcome, Result, Violation
 
 _SIGNS = {
     Outcome.PASSED: ("✓", "green"),
@@ -67,7 +69,8 @@ class ProgressDisplay:
         if ended:
             self._took[session] = now - self._began.pop(session)
             if not self._console.is_terminal:
-                self._console.print(f"  {session}: {text} ({self._took[session]:.1f} s)", highlight=False)
+                told = f"  {session}: {terminal_text(text)} ({self._took[session]:.1f} s)"
+                self._console.print(told, highlight=False, markup=False)
         self._states[session] = (text, step, steps, ended)
 
     def _table(self) -> Group:
@@ -97,19 +100,48 @@ def print_result(console: Console, result: Result) -> None:
     table.add_row("", "", "")
     total = Text(f"{points_text(score.earned)} / {points_text(score.possible)}", "bold")
     table.add_row("", Text(f"{terminal_text(result.submission, 80)}: {result.lab}", "bold"), total)
-    if score.undecided:
-        note = f"{points_text(score.undecided)} points are undecided through no fault of the submission."
+    if result.still_undecided:
+        note = f"{points_text(result.still_undecided)} points are undecided through no fault of the submission."
         table.add_row("?", Text(note, "magenta"), "")
+    if result.adjustments:
+        _add_adjustments(table, result)
     console.print(table)
-    if any(s.get("isolation") == "none" for s in result.provenance.get("sessions", {}).values()):
-        note = "The submission's code ran unconfined: this machine makes no namespaces for it. The report says more."
-        console.print(Text(note, "bold red"))
+    levels = {s.get("isolation") for s in result.provenance.get("sessions", {}).values()}
+    if "none" in levels:
+        console.print(
+            Text("The submission's code ran unconfined. `grade doctor` says what would mend that.", "bold red")
+        )
+    elif "reduced" in levels:
+        note = "The submission's code was confined in part only; the report says what that does not cover."
+        console.print(Text(note, "yellow"))
+    for violation in result.violations:
+        _print_violation(console, violation, result)
     for problem in result.problems:
         console.print(Text(f"Grader: {terminal_text(problem)}", "magenta"))
     if result.advisories:
         console.print(Text("Costs nothing, but worth knowing:", "dim"))
         for advisory in result.advisories:
             console.print(Text(f"  • {terminal_text(advisory)}", "dim"))
+
+
+def _add_adjustments(table: Table, result: Result) -> None:
+    for adjustment in adjustments_of(result):
+        body = Text(terminal_text(adjustment.title, 160))
+        body.append(f"\n{terminal_text(adjustment.reason)} ({terminal_text(adjustment.decided, 160)})", "dim")
+        style = {"gain": "green", "loss": "red"}.get(adjustment.style, "")
+        table.add_row("", body, Text(adjustment.points, style))
+    total = Text(f"{points_text(result.final)} / {points_text(result.score.possible)}", "bold")
+    table.add_row("", Text("With all adjustments", "bold"), total)
+
+
+def _print_violation(console: Console, violation: Violation, result: Result) -> None:
+    said = " ".join(part for part in (violation.text, note_of(violation), f"(session {violation.session})") if part)
+    console.print(Text(f"For the instructor: {terminal_text(said)}", "red"))
+    for evidence in violation.evidence:
+        console.print(Text(f"  • {terminal_text(evidence, 300)}", "dim"))
+    titles = [title for _, title in titles_of(violation, result)]
+    if titles:
+        console.print(Text(f"  Fails because of it: {terminal_text(', '.join(titles))}", "dim"))
 
 
 def _add_criterion(table: Table, criterion: CriterionResult) -> None:

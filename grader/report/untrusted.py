@@ -19,8 +19,8 @@ _ANSI = re.compile(
 _MOST_MARKS = 3
 #: Line end, tab, and the joiners that some scripts and emoji are written with.
 _KEPT = "\n\t\u200c\u200d"
-#: Control, format (direction, no width), surrogate, no character at all, line and paragraph separators.
-_HIDDEN = frozenset({"Cc", "Cf", "Cs", "Cn", "Zl", "Zp"})
+#: Control, format (direction, no width), surrogate, private, no character at all, line and paragraph separators.
+_HIDDEN = frozenset({"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"})
 
 
 def shown(text: str, longest: int = LONGEST) -> str:
@@ -37,6 +37,8 @@ def shown(text: str, longest: int = LONGEST) -> str:
     no width, lone surrogates and characters that no text may hold are shown by their number, e.g. ⟨U+202E⟩.
     Line ends and tabs stay. At most three combining marks stay on a letter.
     """
+    if len(text) <= longest and text.isascii() and text.isprintable():
+        return text  # Nearly all is, and there is much of it.
     cut = len(text) > longest * 2
     text = _ANSI.sub("", text[: longest * 2])
     cut = cut or len(text) > longest
@@ -51,7 +53,8 @@ def shown(text: str, longest: int = LONGEST) -> str:
 
 def line(text: str, longest: int = 300) -> str:
     """Return a text as one line that can be shown; cut with an ellipsis."""
-    whole = shown(" ".join(text[: longest * 4].split()), longest * 4)
+    # Split again, since where a terminal sequence stood between blanks, two are left.
+    whole = " ".join(shown(" ".join(text[: longest * 4].split()), longest * 4).split())
     return whole if len(whole) <= longest and len(text) <= longest * 4 else whole[: longest - 1] + "…"
 
 

@@ -5,15 +5,24 @@ from __future__ import annotations
 import re
 import signal
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime, timezone
-from decimal import Decimal
+from decimal import ROUND_HALF_UP, Decimal
 from typing import Any
 
 from grader.recording.session import OutputLine, ProcessRun, SessionRecord, StepRun
 from grader.recording.submission import SubmissionRecord
 from grader.report.untrusted import line
-from grader.result import CheckResult, CriterionResult, Outcome, Result, Where
+from grader.result import (
+    Adjustment,
+    AdjustmentKind,
+    CheckResult,
+    CriterionResult,
+    Outcome,
+    Result,
+    Where,
+    outcome_of_points,
+)
 
 HEAD_LINES, TAIL_LINES = 40, 60
 PRINTED_HEAD_LINES, PRINTED_TAIL_LINES = 6, 14
@@ -37,6 +46,11 @@ def points(value: Decimal) -> str:
     """Write points without trailing zeros."""
     text = f"{value:f}"
     return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def tenths(value: Decimal) -> str:
+    """Write points in tenths, whole ones without a decimal."""
+    return points(value.quantize(Decimal("0.1"), ROUND_HALF_UP))
 
 
 def anchor(kind: str, name: str) -> str:
@@ -78,11 +92,6 @@ def share_of(earned: Decimal, possible: Decimal, undecided: Decimal) -> Share:
     """Describe points; the badge is that of the whole."""
     lost = possible - earned - undecided
     whole = possible or Decimal(1)
-    outcome = Outcome.PASSED if earned == possible else Outcome.PARTIAL
-    if lost == 0 and undecided:
-        outcome = Outcome.INCONCLUSIVE
-    elif lost and earned == 0:
-        outcome = Outcome.FAILED
     return Share(
         points(earned),
         points(possible),
@@ -90,7 +99,7 @@ def share_of(earned: Decimal, possible: Decimal, undecided: Decimal) -> Share:
         points(lost) if lost > 0 else "",
         f"{100 * earned / whole:.2f}",
         f"{100 * undecided / whole:.2f}",
-        badge_of(outcome),
+        badge_of(outcome_of_points(earned, possible, undecided)),
     )
 
 
@@ -130,6 +139,65 @@ def mends_of(result: Result, outcomes: Sequence[Outcome]) -> list[Mend]:
         )
         for check, criterion in found
     ]
+
+
+@dataclass(frozen=True)
+class AdjustmentView:
+    """What changed the points after the judgement, in words."""
+
+    points: str
+    style: str
+    title: str
+    href: str
+    reason: str
+    decided: str
+
+
+def adjustments_of(result: Result) -> list[AdjustmentView]:
+    """Describe the adjustments, with a link to the check or criterion that each concerns."""
+    titles = {check.id: (check.title, "check") for c in result.criteria for check in c.checks}
+    titles |= {c.id: (c.title, "criterion") for c in result.criteria}
+    views = []
+    for adjustment in result.adjustments:
+        title, kind = titles.get(adjustment.what, ("", ""))
+        views.append(
+            AdjustmentView(
+                signed(adjustment.points),
+                "gain" if adjustment.points > 0 else "loss" if adjustment.points else "",
+                adjustment_title(adjustment, title),
+                "#" + anchor(kind, adjustment.what) if kind else "",
+                adjustment.reason,
+                ", ".join(part for part in (adjustment.who, adjustment.when) if part) or "the lab's rule",
+            )
+        )
+    return views
+
+
+def adjustment_title(adjustment: Adjustment, title: str) -> str:
+    """Say what an adjustment does; `title` is that of the check or criterion that it concerns."""
+    words = {
+        AdjustmentKind.POINTS: title or adjustment.what,
+        AdjustmentKind.EXCUSED: f"{title or adjustment.what}: excused",
+        AdjustmentKind.BONUS: "Bonus",
+        AdjustmentKind.SUBMITTED: f"Handed in {adjustment.what}",
+        AdjustmentKind.EXTENSION: f"Extension: {adjustment.what}",
+        AdjustmentKind.LATE: "Late" if adjustment.points else "Lateness",
+    }
+    return words[adjustment.kind]
+
+
+def signed(value: Decimal) -> str:
+    """Write points with their sign."""
+    return f"{'+' if value > 0 else '−'}{points(abs(value))}" if value else "±0"
+
+
+def final_share(result: Result) -> Share:
+    """Describe the points with all adjustments; a bonus may make them more than are possible."""
+    possible = result.score.possible
+    shown = share_of(
+        min(result.final, possible), possible, min(result.still_undecided, max(possible - result.final, Decimal(0)))
+    )
+    return replace(shown, earned=points(result.final))
 
 
 # -- where the proof lies ----------------------------------------------------------------------
@@ -440,8 +508,10 @@ def end_of(run: ProcessRun) -> str:
         "interrupt": f"ended after Ctrl-C (SIGINT), {how}",
         "terminate": f"did not end on Ctrl-C; ended on SIGTERM, {how}",
         "kill": f"did not end on Ctrl-C or SIGTERM; killed, {how}",
+        "limit": "ended by the grader",
     }
-    return ways.get(run.ended_by, f"ended by a limit ({run.ended_by}), {how}")
+    limit = f"; limit hit: {run.limit}" if run.limit is not None else ""
+    return ways[run.ended_by] + limit
 
 
 def _signal(number: int) -> str:

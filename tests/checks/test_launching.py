@@ -31,7 +31,7 @@ PARAMETERS = {
         {"node": "/talker", "executable": "talk", "step": "read", "name": "rate", "value": 100.0, "other": 50.0},
     ],
 }
-TOGETHER = {
+TOGETHER: dict[str, dict[str, Any]] = {
     "commands": {"topic": "/commands", "alone_session": "alone", "charged_by": "publishes", "window": "window"},
     "follows": {
         "topic": "/states",
@@ -65,6 +65,20 @@ def test_a_file_without_an_error_loads(tmp_path: Path) -> None:
     finding = judged("launch_loads", LOADS, planned(Session(tmp_path), warnings=warnings))
     assert finding.outcome is Outcome.PASSED
     assert finding.notes == ("odd (it.py:3)",)
+
+
+def test_output_that_only_goes_to_the_log_is_advised_of(tmp_path: Path) -> None:
+    """Nodes without output='screen' are named with their lines, which costs nothing."""
+    processes = [
+        entry("talk", "talker", output="log", file="it.py", line=7),
+        entry("listen", None, output="screen"),
+        entry("rviz2", "rviz", output="log", absent="not here"),
+    ]
+    finding = judged("launch_loads", LOADS, planned(Session(tmp_path), processes=processes))
+    assert finding.outcome is Outcome.PASSED
+    (note,) = finding.notes
+    assert note.startswith("What talker prints goes into a log file")
+    assert "(it.py:7)" in note
 
 
 def test_an_error_fails_with_its_line(tmp_path: Path) -> None:
@@ -198,6 +212,16 @@ def test_why_a_node_is_down_is_told(tmp_path: Path, run: dict[str, Any] | None, 
     assert words in nodes(session).reason
 
 
+def test_a_node_that_was_there_for_a_moment_is_down(tmp_path: Path) -> None:
+    """A node that ends with an error, as one with a parameter of a wrong type, does not count by its first moment."""
+    said = ["rclpy.exceptions.InvalidParameterTypeException: Trying to set parameter 'rate' to '5' of type 'INTEGER'"]
+    session = planned(Session(tmp_path), processes=BOTH).node("/talker").node("/listener")
+    session.process("listen-1", said, interrupted_ns=None, exit_status=1)
+    finding = nodes(session)
+    assert finding.credit == Decimal("0.5")
+    assert "InvalidParameterType" in finding.reason
+
+
 def test_a_misnamed_executable_costs_a_part(tmp_path: Path) -> None:
     """The message says that `ros2 launch` would stop there."""
     mended = [
@@ -259,6 +283,26 @@ def test_parameters_of_nodes_that_are_not_started_are_not_reached(tmp_path: Path
     assert judged("launch_parameters", PARAMETERS, session).outcome is Outcome.NOT_REACHED
 
 
+def test_a_parameter_is_pointed_at_where_the_launch_file_gives_it(tmp_path: Path) -> None:
+    """The line of the parameter, or of the node, is the place of the finding."""
+    text = "ld = [\n    Node(\n        name='talker',\n        parameters=[{\n            'rate': 30.0}])]\n"
+    session = Session(tmp_path)
+    given = [{"name": "rate", "value": 30.0}]
+    for label in ("plan", "other"):
+        planned(session, label, processes=[entry("talk", "talker", parameters=given, file="a.py", line=2)])
+    finding = judged("launch_parameters", PARAMETERS, session, submission({"a.py": text}))
+    assert [(w.file, w.line) for w in finding.where] == [("a.py", 5)]
+
+
+def test_a_parameter_file_for_the_name_in_the_code_counts(tmp_path: Path) -> None:
+    """A launch file that leaves the node's name to its code gives a file for that name."""
+    session = Session(tmp_path)
+    for label, value in (("plan", 100.0), ("other", 50.0)):
+        content = {"talker": {"ros__parameters": {"rate": value}}}
+        planned(session, label, processes=[entry("talk", None, parameters=[{"file": "p.yaml", "content": content}])])
+    assert judged("launch_parameters", PARAMETERS, session).outcome is Outcome.PASSED
+
+
 # -- all together ----------------------------------------------------------------------------------
 
 
@@ -311,3 +355,32 @@ def test_what_is_charged_elsewhere_is_left_out(tmp_path: Path) -> None:
     assert finding.outcome is Outcome.NOT_REACHED
     session = together(tmp_path / "still", follows=False)
     assert judged("launch_together", TOGETHER, session, findings=charged).outcome is Outcome.PASSED
+
+
+def test_what_a_node_would_do_that_is_not_up_is_left_out(tmp_path: Path) -> None:
+    """A node that never came up is charged with the nodes, and not here again."""
+    with_nodes = {
+        "commands": {**TOGETHER["commands"], "node": "/talker"},
+        "follows": {**TOGETHER["follows"], "node": "/talker"},
+        "answers": {**TOGETHER["answers"], "node": "/server"},
+    }
+    answering = together(tmp_path / "a", rate_hz=1).node("/server")
+    finding = judged("launch_together", with_nodes, answering, others={"alone": alone(tmp_path / "a")})
+    assert finding.outcome is Outcome.PASSED
+    assert finding.measured == "the service answers"
+    silent = together(tmp_path / "b", answers=False).node("/server")
+    assert judged("launch_together", with_nodes, silent, others={"alone": alone(tmp_path / "b")}).credit == 0
+    nobody = judged("launch_together", with_nodes, Session(tmp_path / "c"))
+    assert nobody.outcome is Outcome.NOT_REACHED
+
+
+def test_a_node_that_died_is_not_charged_for_its_silence(tmp_path: Path) -> None:
+    """A node that ended by itself is charged with the nodes, even if it was seen for a moment."""
+    plan = {"schema": PLAN_SCHEMA, "outcome": "ok", "processes": [entry("talk", "talker"), entry("serve", "server")]}
+    with_nodes = {part: {**TOGETHER[part], "node": "/talker"} for part in ("commands", "follows")}
+    session = together(tmp_path, rate_hz=1).node("/server").node("/talker")
+    session.record.plan = plan
+    session.process("talk-1", [], interrupted_ns=None, exit_status=1)
+    finding = judged("launch_together", {**TOGETHER, **with_nodes}, session, others={"alone": alone(tmp_path)})
+    assert finding.outcome is Outcome.PASSED
+    assert finding.measured == "the service answers"

@@ -264,9 +264,13 @@ def test_plan_is_a_tree(tmp_path: Path) -> None:
                     {"file": "p.yaml", "content": {"/**": {"x": 1}}},
                 ],
                 "remappings": [["/a", "/b"]],
+                "argv": ["--fast", "--ros-args", "-r", "__node:=talker"],
+                "env": {"A_B": "c"},
                 "when": {"after_s": 2.0},
             }
         ],
+        "not_started": [{"what": "Node", "why": "its condition does not hold", "file": "l.py", "line": 20}],
+        "warnings": [{"message": "odd", "file": "l.py", "line": 2}],
     }
     figure = drawn("plan", recorded(tmp_path, {}, plan=plan))
     assert isinstance(figure, PlanTree)
@@ -277,9 +281,61 @@ def test_plan_is_a_tree(tmp_path: Path) -> None:
     assert (figure.includes[0].name, figure.includes[0].where) == ("other.py", "l.py:9")
     branch = figure.branches[0]
     assert (branch.name, branch.runs, branch.where) == ("/ns/talker", "pkg/talker", "l.py:12")
-    assert branch.conditions == ("after 2.0 s",)
+    assert branch.conditions == ("starts after 2.0 s",)
+    assert branch.words == ("--fast",)
+    assert [(e.name, e.value) for e in branch.environment] == [("A_B", "'c'")]
+    kept = [(k.name, k.value, k.where) for k in figure.kept_back]
+    assert kept == [("Node", "its condition does not hold", "l.py:20")]
+    assert figure.warnings == ("odd (l.py:2)",)
     assert (branch.parameters[0].name, branch.parameters[0].value) == ("use_sim_time", "true")
     assert [(r.name, r.value) for r in branch.remappings] == [("/a", "/b")]
+
+
+def test_a_parameter_file_shows_what_it_sets_and_for_whom(tmp_path: Path) -> None:
+    """The parameters of a file stand one by one, with the node they are for, unless they are for every node."""
+    content = {
+        "/**": {"ros__parameters": {"rate": 2.5, "gains": {"p": 1}}},
+        "ns": {"other": {"ros__parameters": {"mode": "a"}}},
+    }
+    files = [{"file": "p.yaml", "content": content}, {"file": "gone.yaml", "content": None}]
+    plan = {"outcome": "ok", "processes": [{"name": "n", "parameters": files}]}
+    figure = drawn("plan", recorded(tmp_path, {}, plan=plan))
+    assert isinstance(figure, PlanTree)
+    assert [(p.name, p.value, p.where) for p in figure.branches[0].parameters] == [
+        ("rate", "2.5", "p.yaml"),
+        ("gains.p", "1", "p.yaml"),
+        ("mode", "'a'", "p.yaml, for ns/other"),
+        ("file gone.yaml", "", ""),
+    ]
+
+
+def test_what_all_processes_find_in_their_environment_stands_once(tmp_path: Path) -> None:
+    """A variable that is set for all is named above them, and not again for each."""
+    processes = [{"name": "a", "env": {"ALL": "1", "ONE": "2"}}, {"name": "b", "env": {"ALL": "1"}}]
+    figure = drawn("plan", recorded(tmp_path, {}, plan={"outcome": "ok", "processes": processes}))
+    assert isinstance(figure, PlanTree)
+    assert [e.name for e in figure.environment] == ["ALL"]
+    assert [[e.name for e in b.environment] for b in figure.branches] == [["ONE"], []]
+    alone = drawn("plan", recorded(tmp_path / "x", {}, plan={"outcome": "ok", "processes": processes[:1]}))
+    assert isinstance(alone, PlanTree)
+    assert not alone.environment
+
+
+@pytest.mark.parametrize(
+    ("when", "words"),
+    [
+        ({"on_exit_of": "a-1"}, "starts when a-1 has ended"),
+        ({"after_s": 2, "since": {"on_start_of": "a-1"}}, "starts after 2 s, counted from when a-1 has started"),
+        ({"on_transition_of": "a-1", "state": "active"}, "starts when a-1 has changed its state to active"),
+        ({"on_shutdown": True}, "starts at the shutdown"),
+    ],
+)
+def test_what_a_process_waits_for_is_told_in_words(tmp_path: Path, when: dict[str, Any], words: str) -> None:
+    """Starts, ends and times of other processes are put into words."""
+    plan = {"outcome": "ok", "processes": [{"id": "b-2", "path": "/b", "when": when}]}
+    figure = drawn("plan", recorded(tmp_path, {}, plan=plan))
+    assert isinstance(figure, PlanTree)
+    assert figure.branches[0].conditions == (words,)
 
 
 json_values = st.recursive(

@@ -353,7 +353,7 @@ def test_a_grader_killed_at_any_moment_leaves_nothing_that_counts(tmp_path: Path
             time.sleep(0.01)
         process.kill()
         process.wait()
-        until(lambda watch=watch: not watch.left(), 5)
+        assert until(lambda left=watch.left: not left(), 5)
         # What is there is of this run or of one before it, and whole.
         if result.exists():
             assert json.loads(result.read_text(encoding="utf-8"))["score"] == whole

@@ -19,6 +19,7 @@ sys.path.append(str(ROOT))
 
 from grader.evidence.recorded import Recorded  # noqa: E402
 from grader.recording.session import Endpoint, StepRun  # noqa: E402
+from grader.recording.told import digest  # noqa: E402
 from tests.live.small_lab import FLOATS, SET_BOOL, TEXT, record_one, texts  # noqa: E402
 
 pytestmark = pytest.mark.live
@@ -274,6 +275,9 @@ def test_a_publication_reaches_every_kind_of_subscription(tmp_path: Path) -> Non
     )
     (publish,) = steps_of(recorded, "publish")
     assert publish.result == {"topic": "/orders", "matched": True}
+    (told,) = recorded.record.published
+    assert (told.process, told.topic, told.type) == ("director", "/orders", TEXT)
+    assert told.digests == "".join(map(digest, recorded.bag.stream("/orders").data))
     assert recorded.stream("/orders").field("data") == ["go"] * 20
     taken = json.loads(texts(recorded)[0])
     assert (taken["volatile"], taken["transient"]) == (20, 20)

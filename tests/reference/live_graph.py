@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -68,13 +69,17 @@ def listener(domain_id: int) -> Iterator[Listener]:
 
 @contextmanager
 def started(script: str, configuration: dict[str, Any], domain_id: int) -> Iterator[subprocess.Popen[str]]:
-    """Start a reference node as the grader does, and give it once it is ready; no node outlives its test."""
+    """Start a reference node as the grader does, and give it once it is ready; no node outlives its test.
+
+    Before it is ready it says by which gids it is known.
+    """
     argv = [sys.executable, "-I", str(REFERENCE / script), json.dumps(configuration)]
     environment = {**os.environ, "ROS_DOMAIN_ID": str(domain_id)}
     process = subprocess.Popen(
         argv, env=environment, cwd="/", text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
     )
     try:
+        assert re.fullmatch("participant [0-9a-f]{24}\n", lines(process).readline())
         assert lines(process).readline() == "ready\n"
         yield process
     finally:
@@ -89,7 +94,27 @@ def lines(process: subprocess.Popen[str]) -> IO[str]:
 
 
 def stop(process: subprocess.Popen[str], number: int = signal.SIGINT) -> tuple[int, str, str]:
-    """Stop a node and give exit status, the rest of standard output, and standard error."""
+    """Stop a node and give exit status, the rest of standard output, and standard error.
+
+    What it tells of its publications is left out; see `stop_and_hear`.
+    """
+    status, rest, error = _stopped(process, number)
+    kept = [line for line in rest.splitlines(keepends=True) if not line.startswith("published ")]
+    return status, "".join(kept), error
+
+
+def stop_and_hear(process: subprocess.Popen[str]) -> dict[str, str]:
+    """Stop a node and give what it tells of its publications: digests by topic and type."""
+    told: dict[str, str] = {}
+    for line in _stopped(process, signal.SIGINT)[1].splitlines():
+        word, topic, topic_type, digests = line.split(" ")
+        assert word == "published"
+        assert len(line) < 8192
+        told[f"{topic} {topic_type}"] = told.get(f"{topic} {topic_type}", "") + digests
+    return told
+
+
+def _stopped(process: subprocess.Popen[str], number: int) -> tuple[int, str, str]:
     process.send_signal(number)
     rest, error = process.communicate(timeout=3)
     return process.returncode, rest, error

@@ -8,8 +8,10 @@ import pytest
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "reference"))
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-from live_graph import Listener, lines, listener, started, stop, use_private_graph
+from live_graph import Listener, lines, listener, started, stop, stop_and_hear, use_private_graph
 from plateau_schedule import COMMAND, STATE, PlateauSettings, schedule
+
+from grader.recording.told import DIGEST_DIGITS, digest
 
 # Short, so that the test is: the node knows nothing of the numbers.
 SHORT = {"rate_hz": 500, "early_s": 0.5, "subscriptions": 1}
@@ -28,7 +30,7 @@ def values(heard: Listener, topic: str) -> list[tuple[float, ...]]:
 
 @pytest.mark.live
 def test_stimulus_plays_the_schedule_of_its_seed(domain_id: int) -> None:
-    """A subscriber receives the schedule's messages in order and on time, and then no more.
+    """A subscriber receives the schedule's messages in order and on time, and then no more; each was told.
 
     The stimulus knows that it is matched a little before the subscriber does, so the first of the early
     states may be missing; nothing else may.
@@ -43,12 +45,20 @@ def test_stimulus_plays_the_schedule_of_its_seed(domain_id: int) -> None:
         heard.listen("/cmds", Float64MultiArray)
         heard.listen("/joint_states", Float64MultiArray)
         received = heard.received["/joint_states"]
+        sent: list[bytes] = []
+        heard.node.create_subscription(Float64MultiArray, "/cmds", sent.append, 100, raw=True)
         with started("plateaus.py", {"seed": 8, "names": names, "with": SHORT}, domain_id) as stimulus:
             last = states[-1].values
             assert heard.spin_until(lambda: values(heard, "/joint_states")[-208:] == [last] * 208, 15)
             assert lines(stimulus).readline() == "done\n"
             heard.spin_for(0.2)
-            assert stop(stimulus) == (0, "", "")
+            told = stop_and_hear(stimulus)
+            assert stimulus.returncode == 0
+    floats = "std_msgs/msg/Float64MultiArray"
+    assert sent
+    assert told[f"/cmds {floats}"].endswith("".join(map(digest, sent)))
+    assert len(told[f"/cmds {floats}"]) == len(commands) * DIGEST_DIGITS
+    assert len(told[f"/joint_states {floats}"]) == len(states) * DIGEST_DIGITS
     assert values(heard, "/cmds") == [event.values for event in commands]
     missing = len(states) - len(received)
     assert 0 <= missing < len(states) - 1100

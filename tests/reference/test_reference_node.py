@@ -9,7 +9,16 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "reference"))
 
 from arm import ArmSettings
 from plateau_schedule import PlateauSettings
-from reference_node import ConfigurationError, build_settings, parse_configuration
+from reference_node import (
+    DIGEST_BYTES,
+    PARTICIPANT_BYTES,
+    ConfigurationError,
+    build_settings,
+    parse_configuration,
+)
+
+from grader.recording.session import PARTICIPANT_DIGITS
+from grader.recording.told import DIGEST_DIGITS
 
 
 def test_configuration_is_read_and_names_are_mapped() -> None:
@@ -43,3 +52,9 @@ def test_settings_that_cannot_work_are_refused(kind: type, settings: dict[str, o
     """An unknown key or an impossible value in the rubric's `with` is refused before anything starts."""
     with pytest.raises(ConfigurationError):
         build_settings(kind, settings)
+
+
+def test_digests_and_prefixes_are_as_the_judging_half_reads_them() -> None:
+    """A byte is two digits."""
+    assert 2 * DIGEST_BYTES == DIGEST_DIGITS
+    assert 2 * PARTICIPANT_BYTES == PARTICIPANT_DIGITS

@@ -2,15 +2,28 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from decimal import Decimal
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from grader.report import json as module
 from grader.report.json import points, render, to_plain
-from grader.result import CheckResult, CriterionResult, Finding, Outcome, Result, Score, Where
+from grader.result import (
+    CheckResult,
+    CriterionResult,
+    Finding,
+    Outcome,
+    Result,
+    Score,
+    Violation,
+    ViolationKind,
+    Where,
+)
 
 FINDING = Finding(
     Outcome.PARTIAL,
@@ -36,13 +49,16 @@ def test_the_contract() -> None:
     """Each key is where scripts look for it."""
     plain = json.loads(render(result()))
     assert plain["schema"] == "ros-lab-grader/result/v1"
-    assert plain["score"] == {"earned": 2.5, "possible": 5, "undecided": 0}
+    assert plain["score"] == {"earned": 2.5, "possible": 5, "undecided": 0, "final": 2.5}
+    assert plain["adjustments"] == []
     assert set(plain) == {
         "schema",
         "submission",
         "lab",
         "score",
         "criteria",
+        "adjustments",
+        "violations",
         "advisories",
         "problems",
         "provenance",
@@ -68,6 +84,31 @@ def test_the_contract() -> None:
         {"file": "a.py", "line": 3},
         {"session": "s", "topic": "/a", "start_s": 1.235, "end_s": 2.0},
     ]
+
+
+def test_a_violation_is_told_with_its_evidence() -> None:
+    """Its kind, where it was seen, what shows it, and what fails because of it."""
+    violation = Violation(
+        ViolationKind.SPOOFS_CLOCK, "s", "A second clock.", ("9 messages",), Where(session="s"), True, ("a.rate",)
+    )
+    plain = json.loads(render(dataclasses.replace(result(), violations=(violation,))))
+    assert plain["violations"] == [
+        {
+            "kind": "spoofs_clock",
+            "session": "s",
+            "text": "A second clock.",
+            "evidence": ["9 messages"],
+            "where": {"session": "s"},
+            "certain": True,
+            "checks": ["a.rate"],
+        }
+    ]
+
+
+def test_the_schema_knows_every_kind_of_violation() -> None:
+    """Scripts that go by the schema meet no kind that it does not name."""
+    schema = json.loads((Path(module.__file__).parent / "result.schema.json").read_text(encoding="utf-8"))
+    assert schema["$defs"]["violation"]["properties"]["kind"]["enum"] == [kind.value for kind in ViolationKind]
 
 
 def test_text_of_students_comes_back_as_it_was() -> None:

@@ -8,7 +8,17 @@
     all().forEach(function (d) { d.open = open; });
     button.setAttribute("aria-pressed", String(open));
     button.textContent = open ? "Collapse all" : "Expand all";
+    reach();
   });
+  // What scrolls sideways can be scrolled with the keyboard, in browsers too that do not see to it.
+  function reach() {
+    Array.prototype.forEach.call(document.querySelectorAll(".scroll, .source"), function (e) {
+      if (e.scrollWidth > e.clientWidth) { e.tabIndex = 0; } else { e.removeAttribute("tabindex"); }
+    });
+  }
+  document.addEventListener("toggle", reach, true);
+  window.addEventListener("resize", reach);
+  reach();
   function reveal() {
     var target = location.hash && document.getElementById(decodeURIComponent(location.hash.slice(1)));
     if (!target) { return; }

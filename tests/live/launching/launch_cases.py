@@ -346,10 +346,11 @@ PARAMETERS = [
         },
     ),
     body(
-        "SetUseSimTime sets use_sim_time",
+        "SetUseSimTime is for the launch itself, and warns of that",
         "SetUseSimTime(True), talker()",
-        expect={"parameter 0 use_sim_time": True},
+        expect={"processes.0.parameters": [], "processes.0.argv": NODE, "len warnings": 1},
     ),
+    fails("SetUseSimTime cannot set false", "SetUseSimTime(False), talker()", "exception"),
     body(
         "SetParametersFromFile gives a file",
         "SetParametersFromFile(os.path.join(HERE, 'p.yaml')), talker()",
@@ -374,7 +375,7 @@ PARAMETERS = [
     fails(
         "text where a float is wanted",
         "Arg('a', default_value='x'), talker(parameters=[{'a': ParameterValue(Value('a'), value_type=float)}])",
-        "exception",
+        "bad_parameter_value",
     ),
 ]
 
@@ -678,10 +679,10 @@ FLOW = [
         expect={"processes.0.when": {"after_s": 1.5}},
     ),
     body(
-        "a timer sees the configurations of when it fires",
+        "a timer sees the configurations of when it began to wait",
         "Arg('a', default_value='1'), "
         "TimerAction(period=1.0, actions=[talker(name=['n', Value('a')])]), SetLaunchConfiguration('a', '2')",
-        expect={"processes.0.name": "n2"},
+        expect={"processes.0.name": "n1"},
     ),
     body(
         "on the start of a process",
@@ -996,7 +997,7 @@ WHOLE = [
         "a misspelt function",
         RETURN.replace("generate_launch", "genarate_launch"),
         "no_generate_function",
-        None,
+        2,
         expect={"problem.remedy has": "genarate_launch_description"},
     ),
     whole("no return", "def generate_launch_description():\n    pass\n", "wrong_return", 1),
@@ -1055,10 +1056,17 @@ WHOLE = [
         expect={"problem.remedy has": "LaunchConfiguration"},
     ),
     whole(
-        "a real name that is not evaluated",
-        "from launch_ros.actions import SetROSLogDir\n",
-        "unsupported",
+        "a name of a later release",
+        "from launch.actions import ForEach\n",
+        "unknown_import",
         1,
+        expect={"problem.message has": "later release"},
+    ),
+    whole(
+        "a launch from inside the file",
+        "import launch\nlaunch.LaunchService().run()\n",
+        "unsupported",
+        2,
         outcome="not_assessable",
     ),
     Case(
@@ -1233,7 +1241,7 @@ MISTAKES = [
         "a function whose name is misspelt",
         "def generate_launch_descripton():\n    pass\n",
         "no_generate_function",
-        None,
+        1,
         expect={"problem.remedy has": "Rename 'generate_launch_descripton'"},
     ),
     fails(

@@ -1,4 +1,7 @@
-"""Evaluation by the real `launch`, tried on the stand-in, which has the same public interface."""
+"""Evaluation by the real `launch`, tried on the stand-in, which has the same public interface.
+
+Where the real one cannot be installed, this shows that what `native.py` does around it gives the stand-in's plans.
+"""
 
 from __future__ import annotations
 
@@ -16,6 +19,11 @@ from grader.live.ros_launch import LaunchChoice, find_native_launch
 from grader.recording.plan import Plan
 
 ROOT = Path(__file__).parents[3]
+sys.path.append(str(ROOT))
+
+from tests.live.launching import test_conformance as conformance  # noqa: E402
+from tests.live.launching.launch_cases import Case  # noqa: E402
+
 LAUNCHING = ROOT / "grader" / "live" / "launching"
 
 
@@ -61,6 +69,85 @@ def essence(plan: Plan) -> list[Any]:
     nodes = [(p.id, p.kind, p.package, p.runs, p.called, p.full_name, p.when) for p in plan.processes]
     arguments = [(a.name, a.default, a.description) for a in plan.arguments]
     return [plan.outcome, nodes, arguments, dict(plan.configurations)]
+
+
+# Evaluates requests in both ways, each in a child of its own.
+BOTH = """
+import importlib.util, json, os, sys, warnings
+sys.path.insert(0, sys.argv[1])
+sys.dont_write_bytecode = True
+warnings.simplefilter("ignore")
+import yaml, launch, launch_ros.actions
+from launch._evaluation import evaluate
+spec = importlib.util.spec_from_file_location("native", sys.argv[2])
+native = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(native)
+for request in json.load(sys.stdin):
+    for way in (evaluate, native.evaluate):
+        if os.fork() == 0:
+            keep = os.dup(1)
+            os.dup2(2, 1)
+            plan = way(request["file"], request["arguments"], request["root"])
+            os.write(keep, json.dumps(plan).encode() + b"\\n")
+            os._exit(0)
+        os.wait()
+"""
+
+#: Where the stand-in is no stand-in for the real one: its own events, process ids in names, names of files.
+OWN_WAYS = {
+    "an anonymous name is another one after its scope",
+    "on the completion of an action",
+    "the tutorial of the event handlers",
+    "a node that waits for another to be active",
+    "files that are written while the file is read go with the plan",
+}
+AGREEING = [c for c in conformance.CASES if c.expect["outcome"] == "ok" and c.name not in OWN_WAYS]
+
+
+@pytest.fixture(scope="session")
+def both_plans(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Any, Any]]:
+    """The plans of every case that can be launched, by its name, in both ways."""
+    folder = tmp_path_factory.mktemp("both")
+    requests = []
+    for number, case in enumerate(AGREEING):
+        root = folder / f"case_{number}"
+        file = str(conformance.write(case, root))
+        requests.append({"file": file, "arguments": dict(case.arguments), "root": str(root)})
+    done = subprocess.run(
+        [sys.executable, "-c", BOTH, str(LAUNCHING / "standin"), str(LAUNCHING / "native.py")],
+        input=json.dumps(requests),
+        capture_output=True,
+        text=True,
+        env=conformance.environment(conformance.make_prefix(folder)),
+        timeout=120,
+        check=False,
+    )
+    lines = [json.loads(line) for line in done.stdout.splitlines()]
+    assert len(lines) == 2 * len(AGREEING), done.stderr
+    return {case.name: (lines[2 * i], lines[2 * i + 1]) for i, case in enumerate(AGREEING)}
+
+
+def outline(plan: dict[str, Any], *, lines: bool) -> dict[str, Any]:
+    """What both ways of evaluating must agree on; lines of markup are known to the stand-in alone."""
+    processes = [
+        [p.get(k) for k in ("id", "kind", "package", "name", "namespace", "when", "env", "cwd", "shell", "respawn")]
+        + [p.get("remappings", []), p["line"] if lines else None]
+        for p in plan["processes"]
+    ]
+    kinds = {"logs": ("message", "when"), "includes": ("file", "arguments"), "shutdowns": ("reason", "when")}
+    listed = {kind: [[entry[k] for k in keys] for entry in plan[kind]] for kind, keys in kinds.items()}
+    declared = [(a["name"], a["default"], a["line"] if lines else None) for a in plan["arguments"]]
+    return {"processes": processes, "arguments": declared, "configurations": plan["configurations"], **listed}
+
+
+@pytest.mark.parametrize("case", AGREEING, ids=lambda case: case.name)
+def test_both_ways_agree(case: Case, both_plans: dict[str, tuple[Any, Any]]) -> None:
+    """A launch file has the same processes, arguments, includes and messages, at the same lines."""
+    ours, native = both_plans[case.name]
+    assert native["problem"] is None
+    in_python = case.filename.endswith(".py")
+    assert outline(native, lines=in_python) == outline(ours, lines=in_python)
+    Plan.from_plain(native)
 
 
 @pytest.mark.parametrize("arguments", [{}, {"use_sim": "false", "control_rate": "50.0"}])
@@ -144,3 +231,39 @@ def test_what_is_not_there_is_an_error_only_if_asked_for() -> None:
     assert caught.value.exit_status == 5
     assert "launch" in caught.value.problem
     assert caught.value.remedy
+
+
+def test_what_follows_an_end_and_what_is_loaded_is_noted(tmp_path: Path) -> None:
+    """`on_exit`, nodes for a container, and files written while reading are in the plan."""
+    (tmp_path / "x_launch.py").write_text(
+        "import tempfile\n"
+        "from launch import LaunchDescription\n"
+        "from launch.actions import ExecuteProcess, LogInfo\n"
+        "from launch_ros.actions import LoadComposableNodes\n"
+        "from launch_ros.descriptions import ComposableNode\n"
+        "def generate_launch_description():\n"
+        "    with tempfile.NamedTemporaryFile('w', suffix='.txt', delete=False) as file:\n"
+        "        file.write('made')\n"
+        "    node = ComposableNode(package='p', plugin='p::N', name='n')\n"
+        "    return LaunchDescription([ExecuteProcess(cmd=['cat', file.name], on_exit=[LogInfo(msg='gone')]),\n"
+        "        LoadComposableNodes(target_container='/c', composable_node_descriptions=[node])])\n"
+    )
+    plan = evaluate(tmp_path, "x_launch.py", tmp_path, native=True)
+    (process,) = plan.processes
+    assert [(log.message, log.when) for log in plan.logs] == [("gone", {"on_exit_of": process.id})]
+    assert plan.loaded_components[0]["container"] == "/c"
+    assert plan.loaded_components[0]["components"][0]["plugin"] == "p::N"
+    assert list(process.parameter_files.values()) == ["made"]
+    assert process.argv == ("{parameters}/" + next(iter(process.parameter_files)),)
+    assert process.line == 10
+
+
+def test_a_released_package_that_is_not_there_is_not_assessable(tmp_path: Path) -> None:
+    """A ROS machine may lack a package too, which is not the student's fault."""
+    (tmp_path / "x_launch.py").write_text(
+        "from ament_index_python.packages import get_package_share_directory as share\nshare('nav2_bringup')\n"
+    )
+    plan = evaluate(tmp_path, "x_launch.py", tmp_path, native=True)
+    assert plan.outcome == "not_assessable"
+    assert plan.problem is not None
+    assert (plan.problem.kind, plan.problem.line) == ("missing_package", 2)

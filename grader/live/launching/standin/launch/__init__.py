@@ -25,10 +25,10 @@ from . import substitutions  # isort: skip
 from . import conditions, descriptions, events, frontend, logging  # isort: skip
 from ._context import LaunchContext
 from ._description import LaunchDescription, LaunchDescriptionSource
-from ._service import LaunchService
+from ._service import LaunchIntrospector, LaunchService
 from .event_handlers import BaseEventHandler, EventHandler
 
-from . import actions  # isort: skip
+from . import actions, event_handlers, launch_description_sources, utilities  # isort: skip
 
 __all__ = [
     "Action",
@@ -41,6 +41,7 @@ __all__ = [
     "LaunchDescription",
     "LaunchDescriptionEntity",
     "LaunchDescriptionSource",
+    "LaunchIntrospector",
     "LaunchService",
     "SomeEntitiesType",
     "SomeEntitiesType_types_tuple",
@@ -50,10 +51,13 @@ __all__ = [
     "actions",
     "conditions",
     "descriptions",
+    "event_handlers",
     "events",
     "frontend",
+    "launch_description_sources",
     "logging",
     "substitutions",
+    "utilities",
 ]
 
 

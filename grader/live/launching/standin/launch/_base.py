@@ -194,6 +194,17 @@ class Action(LaunchDescriptionEntity):
         """Carry out the action; yields the entities to visit next."""
         return None
 
+    def complete(self, event: Any, session: Any) -> None:
+        """Let it be known that the action is over, once it is; most are so at once."""
+        session.emit(event, {"on_completion_of": type(self).__name__})
+
+
+def no_action(given: Any, position: int, parent: Any) -> AttributeError:
+    """The error about something in a list of actions that is none."""
+    error = AttributeError(f"item {position} of {type(parent).__name__} is no action: {shown(given)}")
+    blame(error, parent)
+    return error
+
 
 class Event(Located):
     """Something that happened."""
@@ -202,9 +213,18 @@ class Event(Located):
 
 
 SomeSubstitutionsType = Any
-SomeSubstitutionsType_types_tuple = (str, Substitution, collections.abc.Iterable)
+SomeSubstitutionsType_types_tuple = (str, Path, Substitution, collections.abc.Iterable)
 SomeEntitiesType = Any
 SomeEntitiesType_types_tuple = (LaunchDescriptionEntity, collections.abc.Iterable)
+
+
+def shown(value: Any) -> str:
+    """A value for a message: what was written, where that can be told, and its type."""
+    plain = isinstance(value, (str, int, float, list, tuple, dict, set)) and " object at 0x" not in repr(value)
+    if value is None:
+        return "None is given"
+    given = f"{value!r:.120}" if plain else "what is given"
+    return f"{given} is of type '{type(value).__name__}'"
 
 
 def ensure_argument_type(argument: Any, types: Any, argument_name: str, caller: str | None = None) -> None:
@@ -217,12 +237,10 @@ def ensure_argument_type(argument: Any, types: Any, argument_name: str, caller: 
     """
     wanted = tuple(types) if isinstance(types, collections.abc.Iterable) else (types,)
     if not isinstance(argument, wanted):
-        names = ", ".join(getattr(t, "__name__", str(t)) for t in wanted)
+        names = list(dict.fromkeys(getattr(t, "__name__", str(t)) for t in wanted))
+        listed = ", ".join(names[:-1]) + " or " + names[-1] if len(names) > 1 else names[0]
         where = f" of {caller}" if caller else ""
-        raise TypeError(
-            f"argument '{argument_name}'{where} must be one of ({names}), "
-            f"but {argument!r} is of type '{type(argument).__name__}'"
-        )
+        raise TypeError(f"argument '{argument_name}'{where} must be of type {listed}, but {shown(argument)}")
 
 
 def is_a(obj: Any, entity_type: type) -> bool:
@@ -239,32 +257,28 @@ def is_a_subclass(obj: Any, entity_type: type) -> bool:
 
 
 def normalize_to_list_of_substitutions(subs: Any) -> list[Substitution]:
-    """Bring text, a substitution, or a list of both into the form of a list of substitutions.
+    """Bring text, a path, a substitution, or a list of them into the form of a list of substitutions.
 
     Raises
     ------
     TypeError
         Something else is in it.
     """
-    if isinstance(subs, (str, Substitution)):
+    if isinstance(subs, (str, Path, Substitution)):
         return [_as_substitution(subs)]
     if isinstance(subs, collections.abc.Iterable):
         return [_as_substitution(item) for item in subs]
-    raise TypeError(
-        f"only text, substitutions, or a list of them can stand here, but {subs!r} is of type '{type(subs).__name__}'"
-    )
+    raise TypeError(f"only text, substitutions, or a list of them can stand here, but {shown(subs)}")
 
 
 def _as_substitution(item: Any) -> Substitution:
-    if isinstance(item, str):
+    if isinstance(item, (str, Path)):
         from .substitutions import TextSubstitution
 
-        return TextSubstitution(text=item)
+        return TextSubstitution(text=str(item))
     if isinstance(item, Substitution):
         return item
-    raise TypeError(
-        f"only text or substitutions can stand in a list here, but {item!r} is of type '{type(item).__name__}'"
-    )
+    raise TypeError(f"only text or substitutions can stand in a list here, but {shown(item)}")
 
 
 def perform_substitution(context: Any, substitution: Substitution) -> str:

@@ -1,7 +1,6 @@
-"""What the real packages hold, so that a misspelling is told from something we do not evaluate.
+"""What the real packages hold besides the stand-in's own names, and what later releases hold.
 
-A name that is here and not in the stand-in is real: the launch file is then not assessable. A name that is
-neither here nor there does not exist in ROS 2 Jazzy either: `import` fails as it would for the student.
+A name that is not in the stand-in does not exist in ROS 2 Jazzy either: `import` fails as it would there.
 """
 
 from __future__ import annotations
@@ -17,26 +16,22 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from ._base import UnsupportedByStandin
-
-# Names that exist in the real packages (or in a later release of them) and are not evaluated here.
-REAL_BUT_UNSUPPORTED: dict[str, frozenset[str]] = {
-    "launch": frozenset({"LaunchIntrospector", "launch_introspector"}),
+# Names that a later release has, and Jazzy has not: to import them fails there.
+LATER: dict[str, frozenset[str]] = {
     "launch.actions": frozenset(
         {"ForEach", "ForLoop", "DeclareBooleanLaunchArgument", "Log", "LogDebug", "LogError", "LogWarning"}
     ),
     "launch.substitutions": frozenset(
         {
-            "PathSubstitution",
-            "StringJoinSubstitution",
-            "StringStripSubstitution",
             "ForEachVar",
             "ForLoopIndex",
+            "IsEmptySubstitution",
+            "NotEmptySubstitution",
+            "StringJoinSubstitution",
+            "StringStripSubstitution",
         }
     ),
     "launch.conditions": frozenset({"AndCondition", "OrCondition"}),
-    "launch_ros.actions": frozenset({"SetROSLogDir", "LifecycleTransition"}),
-    "launch_ros.descriptions": frozenset({"ComposableLifecycleNode"}),
 }
 
 #: Where a ROS machine keeps what is not here.
@@ -61,7 +56,7 @@ SUBMODULES: dict[str, str] = {
     "launch": (
         "action condition event event_handler launch_context launch_description "
         "launch_description_entity launch_description_source launch_service some_entities_type "
-        "some_substitutions_type substitution invalid_launch_file_error some_actions_type"
+        "some_substitutions_type substitution invalid_launch_file_error launch_introspector"
     ),
     "launch.actions": (
         "append_environment_variable declare_launch_argument emit_event execute_local execute_process "
@@ -74,7 +69,7 @@ SUBMODULES: dict[str, str] = {
     "launch.substitutions": (
         "anon_name boolean_substitution command environment_variable equals_substitution file_content "
         "find_executable if_else_substitution launch_configuration launch_log_dir local_substitution "
-        "not_equals_substitution path_join_substitution python_expression substitution_failure "
+        "not_equals_substitution path_join_substitution path_substitution python_expression substitution_failure "
         "text_substitution this_launch_file this_launch_file_dir"
     ),
     "launch.conditions": (
@@ -101,10 +96,11 @@ SUBMODULES: dict[str, str] = {
     "launch.descriptions": "executable",
     "launch.frontend": "entity parser type_utils",
     "launch_ros.actions": (
-        "composable_node_container lifecycle_node load_composable_nodes node push_ros_namespace "
-        "ros_timer set_parameter set_parameters_from_file set_remap set_use_sim_time"
+        "composable_node_container lifecycle_node lifecycle_transition load_composable_nodes node "
+        "push_ros_namespace ros_timer set_parameter set_parameters_from_file set_remap set_ros_log_dir "
+        "set_use_sim_time"
     ),
-    "launch_ros.descriptions": "composable_node",
+    "launch_ros.descriptions": "composable_lifecycle_node composable_node",
     "launch_ros.substitutions": "executable_in_package find_package parameter",
     "launch_ros.utilities": (
         "evaluate_parameters namespace_utils normalize_parameters normalize_remap_rule "
@@ -125,13 +121,9 @@ def missing_name(module: str, name: str) -> Any:
 
     Raises
     ------
-    UnsupportedByStandin
-        The name is real.
     AttributeError
-        It is not; Python turns this into an ImportError for `from module import name`.
+        There is none; Python turns this into an ImportError for `from module import name`.
     """
-    if name in REAL_BUT_UNSUPPORTED.get(module, ()):
-        raise UnsupportedByStandin(f"{module}.{name} is not evaluated by this grader", name=module)
     if name.startswith("__") or name not in SUBMODULES.get(module, "").split():
         raise AttributeError(f"module '{module}' has no attribute '{name}'")
     return importlib.import_module(f"{module}.{name}")

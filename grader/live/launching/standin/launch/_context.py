@@ -26,6 +26,13 @@ class _Locals:
         raise AttributeError(f"context.locals are read-only, so '{key}' cannot be set")
 
 
+class Configurations(dict[str, Any]):
+    """Launch configurations by name."""
+
+    def __missing__(self, key: str) -> Any:
+        raise KeyError(f"launch configuration '{key}' does not exist")
+
+
 class LaunchContext:
     """The state of a launch."""
 
@@ -39,8 +46,8 @@ class LaunchContext:
         self.__globals: dict[str, Any] = {}
         self.__locals: dict[str, Any] = {}
         self.__locals_stack: list[dict[str, Any]] = []
-        self.__configurations: dict[str, Any] = {}
-        self.__configurations_stack: list[dict[str, Any]] = []
+        self.__configurations = Configurations()
+        self.__configurations_stack: list[Configurations] = []
         self.__environment_stack: list[dict[str, str]] = []
 
     def _set_is_shutdown(self, state: bool) -> None:
@@ -84,7 +91,7 @@ class LaunchContext:
         self.__locals = self.__locals_stack.pop()
 
     def _push_launch_configurations(self) -> None:
-        self.__configurations_stack.append(dict(self.__configurations))
+        self.__configurations_stack.append(Configurations(self.__configurations))
 
     def _pop_launch_configurations(self) -> None:
         if not self.__configurations_stack:

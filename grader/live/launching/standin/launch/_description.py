@@ -7,7 +7,7 @@ from typing import Any
 from ._base import (
     LaunchDescriptionEntity,
     Located,
-    blame,
+    no_action,
     normalize_to_list_of_substitutions,
     perform_substitutions,
 )
@@ -79,12 +79,7 @@ def _collect_arguments(
 
     for position, entity in enumerate(entities, start=1):
         if not hasattr(entity, "describe_sub_entities"):
-            error = AttributeError(
-                f"item {position} of {type(parent).__name__} is a '{type(entity).__name__}' object, "
-                "which has no attribute 'describe_sub_entities'"
-            )
-            blame(error, parent)
-            raise error
+            raise no_action(entity, position, parent)
         known = [argument.name for argument, _ in found]
         if isinstance(entity, DeclareLaunchArgument) and entity.name not in known:
             entity._conditionally_included = conditional or entity.condition is not None

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from ._base import Located, UnsupportedByStandin
-from ._catalogue import SUBMODULES, homes_of, is_released, similar_names
+from ._catalogue import LATER, SUBMODULES, homes_of, is_released, similar_names
 from ._installed import missing_data_file
-from ._session import LimitExceededError
+from ._session import SUBSTITUTION_AS_TEXT, LimitExceededError
 from ._sources import InvalidPythonLaunchFileError, WrongReturnError
 
 OURS = ("launch", "launch_ros", "launch_xml", "launch_yaml", "ament_index_python")
@@ -63,7 +63,11 @@ def problem_of(error: BaseException, root: str, file: str, context: Any) -> tupl
         The state of the launch when it was raised.
     """
     kind, message, remedy = _describe(error, context)
+    if SUBSTITUTION_AS_TEXT.search(message):
+        remedy = "Use a list instead of str() or an f-string: ['text', LaunchConfiguration(...)]."
     where, line = _place(error, root, file)
+    if where.endswith((".xml", ".yaml", ".yml")):
+        remedy = _in_markup(remedy, where)
     note = getattr(error, "launch_note", None)
     problem = {
         "kind": kind,
@@ -76,6 +80,13 @@ def problem_of(error: BaseException, root: str, file: str, context: Any) -> tupl
     if kind in _NOT_HERE:
         problem["module"] = getattr(error, "name", None) or ""
     return outcome, problem
+
+
+def _in_markup(remedy: str, file: str) -> str:
+    """The remedy as the language of the file writes it."""
+    remedy = re.sub(r"(inside the expression: )\[.*\]", r"\1$(eval '\\'$(var name)\\' == \\'x\\'')", remedy)
+    form = r'<arg name="\1" default="..."/>' if file.endswith(".xml") else r"- arg: {name: \1, default: ...}"
+    return re.sub(r"DeclareLaunchArgument\('([^']*)', \.\.\.\)", form, remedy)
 
 
 def relative(path: str, root: str) -> str:
@@ -106,12 +117,16 @@ def _place(error: BaseException, root: str, file: str) -> tuple[str, int | None]
         return frames[-1].filename, frames[-1].lineno
     if noted and _inside(noted[0], root):
         return noted[0], noted[1]
-    return getattr(error, "launch_file", file), None
+    return getattr(error, "launch_file", file), getattr(error, "launch_line", None)
 
 
 def _describe(error: BaseException, context: Any) -> Described:
     if hasattr(error, "launch_note"):
         quotes = "Texts need quotes inside the expression: [\"'\", LaunchConfiguration(...), \"' == 'x'\"]."
+        if re.match(r"name '(true|false)' is not defined", str(error)):
+            quotes = "The expression is read as Python, which writes True and False."
+        elif str(getattr(error, "launch_file", "")).endswith((".xml", ".yaml", ".yml")):
+            quotes = 'Texts need quotes inside the expression: $(eval \'"$(var name)" == "x"\').'
         return "bad_expression", f"{type(error).__name__}: {_text(error)}", quotes
     for kinds, describe in _BY_TYPE:
         if isinstance(error, kinds):
@@ -132,9 +147,15 @@ def _describe(error: BaseException, context: Any) -> Described:
 
 
 def _with_class(message: str, error: BaseException) -> str:
-    """Name the class that the student used, where Python names one behind it."""
-    match = re.match(r"\w+\.__init__\(\) got an unexpected", message)
-    if match is None:
+    """Name the class that the student used, where Python names one behind it, and count what the student counts."""
+    behind = re.match(r"\w+\.__init__\(\)", message) is not None
+    message = re.sub(r"^(\w+)\.__init__\(\)", r"\1()", message)
+    match = re.match(r"(\w+)\(\) takes (?:from \d+ to )?(\d+) positional arguments? but (\d+) were given", message)
+    if match is not None:
+        allowed, given = int(match[2]) - 1, int(match[3]) - 1
+        least = f"{allowed} of them" if allowed else "none of them"
+        return f"{match[1]}() is given {given} values without a keyword, and takes {least} so"
+    if not behind or " got an unexpected" not in message:
         return message
     made = [frame.f_locals.get("self") for frame, _ in traceback.walk_tb(error.__traceback__)]
     ours = [type(one).__name__ for one in made if isinstance(one, Located)]
@@ -142,13 +163,25 @@ def _with_class(message: str, error: BaseException) -> str:
 
 
 def _markup(match: re.Match[str], _: Any) -> str:
-    if "'exec'" in match.string:
-        return "Write exec='...' (ROS 1 wrote type='...')."
-    if "'$(find " in match.string:
-        return "Write $(find-pkg-share package) (ROS 1 wrote $(find package))."
-    if "'$(arg " in match.string:
-        return "Write $(var name) (ROS 1 wrote $(arg name))."
-    return "Use what the format knows."
+    for words, remedy in _MARKUP_REMEDIES.items():
+        if words in match.string:
+            return remedy
+    return "Correct this element of the file."
+
+
+_MARKUP_REMEDIES = {
+    "needs the attribute 'exec'": "Write exec='...' (ROS 1 wrote type='...').",
+    "'$(find ": "Write $(find-pkg-share package) (ROS 1 wrote $(find package)).",
+    "'$(arg ": "Write $(var name) (ROS 1 wrote $(arg name)).",
+    "did you mean": "Correct the name.",
+    "cannot have": "Take it out.",
+    "needs the attribute": "Add the attribute.",
+    "decimal point": "Write 2.0 instead of 2.",
+    "in quotes": "Put the value in quotes.",
+    "is not closed": "Close it.",
+    "the type '": "Use one of the types.",
+    "can only be": "Write this value, or take the attribute out.",
+}
 
 
 def _text(error: BaseException) -> str:
@@ -212,6 +245,9 @@ def _unknown_name(name: str, module: str) -> Described:
     _import_all()
     homes = [home for home in homes_of(name) if home != module]
     similar = similar_names(module, name)
+    if name in LATER.get(module, ()):
+        message = f"'{module}' has no '{name}' in ROS 2 Jazzy: it came with a later release"
+        return "unknown_import", message, "Do without it."
     if homes:
         remedy = f"Import it from '{homes[0]}'."
     elif similar:
@@ -222,8 +258,9 @@ def _unknown_name(name: str, module: str) -> Described:
 
 
 def _no_function(error: Any, _: Any) -> Described:
-    names = getattr(error, "module_names", ())
-    meant = difflib.get_close_matches("generate_launch_description", names, n=1)
+    lines: dict[str, int | None] = getattr(error, "module_names", {})
+    meant = difflib.get_close_matches("generate_launch_description", lines, n=1)
+    error.launch_line = lines[meant[0]] if meant else None
     remedy = f"Rename '{meant[0]}': w" if meant else "W"
     remedy += "rite a function 'def generate_launch_description():' that returns a LaunchDescription."
     return "no_generate_function", str(error), remedy
@@ -301,6 +338,7 @@ def _file(error: Any, context: Any) -> Described | None:
             f"into the share folder, where this launch file looks for it"
         )
         return kind, message, f"Add to {missing[1]}: {missing[2]}, and build again."
+    path = relative(path, context.session.root) if context.session.root else path
     if included:
         remedy = "Correct the path, and install the file in setup.py under data_files."
         return "include_not_found", f"the included launch file '{path}' does not exist", remedy
@@ -358,6 +396,36 @@ def _package_name(match: re.Match[str], _: Any) -> str:
     return "Write the name as in package.xml."
 
 
+_AS_TEXT = "If it is meant as text, wrap it: ParameterValue(..., value_type=str)."
+_VALUE = "Give a value of the type that is asked for, or a text that can be read as one."
+
+
+def _no_action(match: re.Match[str], _: Any) -> str:
+    for words, remedy in {
+        "None is given": "Take None out: a function that makes an action must return it.",
+        "'tuple'": "Take the comma away that stands behind the action, or write *(...) for several.",
+        "'list'": "Put the items of the list here, not the list: *[...].",
+        "'On": "Put the handler into RegisterEventHandler(...).",
+        "'function'": "Call the function, or put it into OpaqueFunction(function=...).",
+    }.items():
+        if words in match.string:
+            return remedy
+    return "Put only actions into this list."
+
+
+def _one_type(match: re.Match[str], _: Any) -> str:
+    for words, remedy in {
+        "it is []": "Leave the parameter out, or give a list with at least one item.",
+        "its items must all": "Write all items alike: [1.0, 2.5] instead of [1, 2.5], ['1', 'x'] instead of [1, 'x'].",
+        "None is given": "Leave the parameter out, or give it a value.",
+        "'PosixPath'": "Give a path as text: str(path).",
+        "'ndarray'": "Give a plain list: array.tolist().",
+    }.items():
+        if words in match.string:
+            return remedy
+    return "Give a bool, an int, a float, a text, or a list of one of these."
+
+
 _Remedy = str | Callable[[re.Match[str], Any], str]
 
 _BY_MESSAGE: list[tuple[str, str, _Remedy]] = [
@@ -368,13 +436,23 @@ _BY_MESSAGE: list[tuple[str, str, _Remedy]] = [
         "Give what is missing by its keyword.",
     ),
     (r"missing \d+ required positional argument", "missing_argument", "Give what is missing."),
-    (r"takes .* positional arguments? but", "positional_argument", "Write this with keywords: name=value."),
+    (
+        r"^LaunchDescription\(\) is given",
+        "positional_argument",
+        "Put the actions into a list: LaunchDescription([...]).",
+    ),
+    (r"values without a keyword|takes .* positional argument", "positional_argument", "Write keywords: name=value."),
     (r"^launch configuration '([^']*)' does not exist", "undefined_configuration", _configuration),
     (r"^a condition must be one of", "bad_condition", "Let the condition be 'true' or 'false'."),
     (r"argument 'condition'", "bad_condition", "Wrap it: condition=IfCondition(...)."),
     (r"argument 'period'", "bad_period", "Write the period as a float: 2.0."),
     (r"argument 'parameters'", "parameters_not_list", "Put the parameters into a list: parameters=[{...}]."),
-    (r"argument 'remap_rule'", "bad_remapping", "Write a list of tuples: remappings=[('from', 'to')]."),
+    (r"argument 'param_file'", "bad_parameter_value", "Let each item of parameters be a dict or the path of a file."),
+    (r"argument 'allow_substs'", "bad_type", "Write allow_substs=True, or leave it out."),
+    (r"argument 'actions'", "bad_type", "Give a list, even for one action: actions=[...]."),
+    (r"when read as YAML|cannot be read as YAML", "bad_parameter_value", _AS_TEXT),
+    (r"^the attribute '|cannot stand in one element|is not closed|a name is missing after", "bad_markup", _markup),
+    (r"^the type '\w*' is not one of|^a <param>", "bad_markup", _markup),
     (
         r"a remapping must be a tuple of two",
         "bad_remapping",
@@ -402,26 +480,27 @@ _BY_MESSAGE: list[tuple[str, str, _Remedy]] = [
     (r"must be one of \[|among its choices|list of choices", "invalid_choice", "Use one of the choices."),
     (r"values to unpack", "bad_pairs", "Write launch_arguments as pairs: {...}.items()."),
     (
-        r"the parameter '|argument 'value'|argument 'subvalue'",
+        r"the parameter '|argument 'value'",
         "bad_parameter_value",
-        "Give each one value of one type.",
+        _one_type,
     ),
-    (r"cannot be read as", "bad_parameter_value", "Give a text that can be read as the type."),
+    (r"cannot be read as|^a list of \w+ is given|not of one type|^in this list only", "bad_parameter_value", _VALUE),
+    (r"^a \w+ is wanted|^a value, a substitution", "bad_type", "Give a value of this type, without quotes."),
     (r"^invalid node name", "bad_name", "Use letters, digits and '_', and put '/' into namespace=."),
     (r"^invalid namespace", "bad_name", "Use letters, digits and '_', with one '/' between the parts."),
     (r"^output must be|output can be set|the output of", "bad_output", "Write output='screen'."),
+    (r"^item \d+ of \w+ is no action", "not_an_action", _no_action),
     (
-        r"has no attribute '(visit|describe_sub_entities)'",
-        "not_an_action",
-        "Put only actions into this list.",
+        r"object is not iterable|can only concatenate list",
+        "not_a_list",
+        "Make it a list, even of one item.",
     ),
-    (r"object is not iterable", "not_a_list", "Return or give a list here, even for one item."),
     (r"^environment variable", "undefined_variable", "Set the variable, or give default_value=."),
     (r"^command ", "command_failed", "Run the command by hand and mend what it says."),
     (r"is started twice", "started_twice", "Put each action into the description once."),
     (r"every item must be an action", "not_an_action", "Put only actions into this list."),
-    (r"only text", "bad_text", "Give text or a substitution: str(...) makes text of a number."),
-    (r"target_action must be", "bad_target", "Give the action itself, as it is kept in a variable."),
+    (r"only text", "bad_text", "Give text or a substitution: '100.0' for 100.0, 'true' for True."),
+    (r"target_\w+ must be", "bad_target", "Give the action itself, as it is kept in a variable."),
     (r"not well-formed|root of a launch file|mapping", "bad_markup", "Mend the file where it says."),
     (
         r"^(a )?<\w+> |the attribute '|there is no (action|substitution)",

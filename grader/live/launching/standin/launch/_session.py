@@ -10,15 +10,21 @@ from __future__ import annotations
 import heapq
 import itertools
 import os
+import re
+from collections.abc import Callable, Iterable
 from typing import Any
 
-from ._base import SourceLine, blame
+from ._base import SourceLine, blame, no_action
+
+SUBSTITUTION_AS_TEXT = re.compile(r"<launch(_ros)?\.[\w.]+ object at 0x")
 
 EVENT_LIMIT = 2000
 PROCESS_LIMIT = 400
 DEPTH_LIMIT = 150
 INCLUDE_LIMIT = 20
 EXIT_LIMIT = 2  # ends of processes that were started because another ended, and so on
+
+_HOLDS_OTHERS = ("GroupAction", "IncludeLaunchDescription", "OpaqueFunction", "TimerAction")  # besides processes
 
 _AT_ONCE, _TIMED, _EXITS, _SHUTDOWN = range(4)
 
@@ -43,9 +49,11 @@ class Session:
         self.parameter_files: dict[str, str] = {}
         self.components: list[dict[str, Any]] = []
         self.unassessed: list[dict[str, Any]] = []
-        self.anonymous_names: dict[str, str] = {}
         self.include_chain: list[str] = []
         self.when: dict[str, Any] | None = None
+        self.anonymous_numbers = itertools.count()
+        self.transitions: list[dict[str, Any]] = []
+        self._deferred: list[Callable[[], None]] = []
         self._condition_of: dict[int, str] = {}
         self._queue: list[tuple[int, float, int, int, Any, dict[str, Any]]] = []
         self._ends_before = 0
@@ -58,12 +66,18 @@ class Session:
         """Note something that does not stop the launch."""
         self.warnings.append({"message": message, "source": line})
 
+    def warn_of_objects(self, texts: Iterable[str], line: SourceLine | None) -> None:
+        """Warn if a substitution was turned into text before it could be resolved."""
+        if any(SUBSTITUTION_AS_TEXT.search(text) for text in texts):
+            message = "str() or an f-string made text of a substitution before it has a value"
+            self.warn(f"{message}; write a list instead: ['text', LaunchConfiguration(...)]", line)
+
     def note_condition(self, action: Any, holds: bool) -> None:
         """Remember on what condition an action was carried out, or note that it was not."""
         described = action.condition.describe()
         if holds:
             self._condition_of[id(action)] = f"{described} holds"
-        elif hasattr(action, "process_description"):
+        elif hasattr(action, "process_description") or type(action).__name__ in _HOLDS_OTHERS:
             self.unassessed.append(
                 {
                     "what": type(action).__name__,
@@ -80,15 +94,22 @@ class Session:
         """Play the completion of an action, where a handler waits for it."""
         from .events import ExecutionComplete
 
-        if getattr(action, "completes_later", False):
-            return
         event = ExecutionComplete(action=action)
         if action.context_of_completion is not None and action.context_of_completion.would_handle_event(event):
-            self.emit(event, {"on_completion_of": type(action).__name__})
+            action.complete(event, self)
 
     def number_process(self, name: str) -> str:
         """The name of the next process, with its number."""
         return f"{name}-{next(self._process_numbers)}"
+
+    def defer(self, work: Callable[[], None]) -> None:
+        """Do something once all entities of the event that is being handled were visited, as a task would."""
+        self._deferred.append(work)
+
+    def do_deferred(self) -> None:
+        """Do what was deferred."""
+        while self._deferred:
+            self._deferred.pop(0)()
 
     def emit(self, event: Any, when: dict[str, Any] | None = None, *, phase: int = _AT_ONCE) -> None:
         """Queue an event that happens at once, or in a later phase."""
@@ -152,6 +173,7 @@ class Session:
                 raise
             finally:
                 context._pop_locals()
+        self.do_deferred()
 
     def enter_include(self, file: str) -> None:
         """Note that a launch file is being visited.
@@ -178,11 +200,11 @@ class Session:
             raise LimitExceededError(f"the launch description starts more than {PROCESS_LIMIT} processes")
         self.processes.append(process)
 
-    def add_parameter_file(self, name: str, text: str) -> str:
+    def add_file(self, name: str, suffix: str, text: str) -> str:
         """Keep the text of a file to be written when the process runs; the path as it stands in argv."""
         stem = "".join(c if c.isalnum() or c in "_-" else "_" for c in name) or "node"
         number = self._names[stem] = self._names.get(stem, 0) + 1
-        filename = f"{stem}_{number}.yaml"
+        filename = f"{stem}_{number}{suffix}"
         self.parameter_files[filename] = text
         return f"{{parameters}}/{filename}"
 
@@ -204,18 +226,14 @@ def visit_all(entities: Any, context: Any, parent: Any, depth: int = 0) -> None:
         raise LimitExceededError("the launch description is nested without end")
     if entities is None:
         return
-    if isinstance(entities, LaunchDescriptionEntity):
-        if not isinstance(parent, BaseEventHandler):
-            raise TypeError(f"'{type(entities).__name__}' object is not iterable")
-        entities = [entities]
+    if isinstance(parent, BaseEventHandler):
+        entities = entities if isinstance(entities, (list, tuple)) else [entities]
+        entities = [entity for entity in entities if entity is not None]
+    elif isinstance(entities, LaunchDescriptionEntity):
+        raise TypeError(f"'{type(entities).__name__}' object is not iterable")
     for position, entity in enumerate(entities, start=1):
         if not hasattr(entity, "visit"):
-            wrong = AttributeError(
-                f"item {position} of {type(parent).__name__} is a '{type(entity).__name__}' object, "
-                "which has no attribute 'visit'"
-            )
-            blame(wrong, parent)
-            raise wrong
+            raise no_action(entity, position, parent)
         try:
             entity.context_of_completion = context
             visit_all(entity.visit(context), context, entity, depth + 1)

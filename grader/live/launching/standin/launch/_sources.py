@@ -49,7 +49,11 @@ def get_launch_description_from_python_launch_file(python_launch_file_path: str)
     if not hasattr(module, "generate_launch_description"):
         error = InvalidPythonLaunchFileError("the launch file has no function generate_launch_description()")
         error.launch_file = python_launch_file_path  # type: ignore[attr-defined]
-        error.module_names = [n for n in vars(module) if not n.startswith("__")]  # type: ignore[attr-defined]
+        error.module_names = {  # type: ignore[attr-defined]
+            name: getattr(getattr(value, "__code__", None), "co_firstlineno", None)
+            for name, value in vars(module).items()
+            if not name.startswith("__")
+        }
         raise error
     function = module.generate_launch_description
     if not callable(function):
@@ -85,7 +89,9 @@ def get_launch_description_from_any_launch_file(launch_file_path: str, parser: A
     extension = Path(launch_file_path).suffix.lstrip(".")
     if extension in ("xml", "yaml", "yml"):
         return get_launch_description_from_frontend_launch_file(launch_file_path)
-    Path(launch_file_path).read_bytes()
+    text = Path(launch_file_path).read_bytes()
+    if extension != "py" and text.lstrip().startswith((b"<launch", b"<?xml", b"<!--")):
+        return get_launch_description_from_frontend_launch_file(launch_file_path)
     return get_launch_description_from_python_launch_file(launch_file_path)
 
 

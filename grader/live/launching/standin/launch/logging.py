@@ -6,10 +6,26 @@ import logging
 from logging import DEBUG, ERROR, INFO, WARNING, Logger
 from typing import Any
 
-__all__ = ["DEBUG", "ERROR", "INFO", "WARNING", "get_logger", "get_output_loggers"]
+__all__ = ["DEBUG", "ERROR", "INFO", "WARNING", "get_logger", "get_output_loggers", "launch_config"]
 
 OUTPUT_WORDS = ("screen", "log", "both", "own_log", "full")
 _STREAM_WORDS = ("screen", "log", "own_log")
+
+
+class LaunchConfig:
+    """How a launch logs; nothing depends on it here."""
+
+    def __init__(self) -> None:
+        self.level = INFO
+        self.log_dir: str | None = None
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return lambda *args, **kwargs: None
+
+
+launch_config = LaunchConfig()
 
 
 def get_logger(name: str | None = None) -> Logger:

@@ -6,9 +6,17 @@ from typing import Any
 
 from launch._catalogue import missing_name
 
-from . import actions, descriptions, parameter_descriptions, substitutions, utilities
+from . import actions, descriptions, event_handlers, events, parameter_descriptions, substitutions, utilities
 
-__all__ = ["actions", "descriptions", "parameter_descriptions", "substitutions", "utilities"]
+__all__ = [
+    "actions",
+    "descriptions",
+    "event_handlers",
+    "events",
+    "parameter_descriptions",
+    "substitutions",
+    "utilities",
+]
 
 
 def __getattr__(name: str) -> Any:

@@ -77,6 +77,7 @@ class ParameterFile(Located):
     def __init__(self, param_file: Any, *, allow_substs: Any = False) -> None:
         types = (*SomeSubstitutionsType_types_tuple, os.PathLike, bytes)
         ensure_argument_type(param_file, types, "param_file", "ParameterFile")
+        ensure_argument_type(allow_substs, bool, "allow_substs", "ParameterFile")
         if isinstance(param_file, SomeSubstitutionsType_types_tuple) and not isinstance(param_file, bytes):
             self.__file: Any = normalize_to_list_of_substitutions(param_file)
         else:
@@ -99,7 +100,7 @@ class ParameterFile(Located):
         Raises
         ------
         SubstitutionFailure
-            It is no YAML, before or after.
+            The text is no YAML.
         """
         path = Path(self.__file if isinstance(self.__file, str) else perform_substitutions(context, self.__file))
         if not perform_typed_substitution(context, self.__allow_substs, bool):
@@ -107,12 +108,7 @@ class ParameterFile(Located):
         import yaml
         from launch.frontend.parse_substitution import parse_substitution
 
-        text = path.read_text()
-        try:
-            plain = yaml.safe_dump(yaml.safe_load(text))
-        except Exception as error:
-            raise SubstitutionFailure(f"the parameter file '{path}' is not valid YAML") from error
-        resolved = perform_substitutions(context, parse_substitution(plain))
+        resolved = perform_substitutions(context, parse_substitution(path.read_text()))  # comments too
         try:
             yaml.safe_load(resolved)
         except Exception as error:

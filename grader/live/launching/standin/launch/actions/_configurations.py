@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import collections.abc
 import os
 from pathlib import Path
 from typing import Any
@@ -150,10 +151,7 @@ class UnsetLaunchConfiguration(Action):
 
     def execute(self, context: Any) -> None:
         """Remove it."""
-        name = perform_substitutions(context, self.__name)
-        if name not in context.launch_configurations:
-            raise KeyError(name)
-        del context.launch_configurations[name]
+        context.launch_configurations.pop(perform_substitutions(context, self.__name), None)
 
 
 class PushLaunchConfigurations(Action):
@@ -191,11 +189,20 @@ class ResetLaunchConfigurations(Action):
         """Remove them."""
         normal = normalize_to_list_of_substitutions
         kept = {
-            perform_substitutions(context, normal(name)): perform_substitutions(context, normal(value))
+            perform_substitutions(context, normal(name)): _kept_value(context, value)
             for name, value in self.__kept.items()
         }
         context.launch_configurations.clear()
         context.launch_configurations.update(kept)
+
+
+def _kept_value(context: Any, value: Any) -> Any:
+    # What other actions keep among the configurations, such as a list of parameters, stays as it is; and so
+    # does a list that mixes text with substitutions.
+    parts = value if isinstance(value, collections.abc.Iterable) else [value]
+    if isinstance(value, str) or not all(isinstance(part, Substitution) for part in parts):
+        return value
+    return perform_substitutions(context, normalize_to_list_of_substitutions(value))
 
 
 class PushEnvironment(Action):
@@ -334,7 +341,7 @@ class GroupAction(Action):
         """From `<group>`."""
         _, kwargs = parser.common(entity)
         for name in ("scoped", "forwarding"):
-            value = entity.get_attr(name, data_type=bool, optional=True, can_be_str=False)
+            value = entity.get_attr(name, data_type=bool, optional=True)
             if value is not None:
                 kwargs[name] = value
         kept = parser.pairs(entity, "keep")

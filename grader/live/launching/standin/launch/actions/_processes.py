@@ -19,6 +19,7 @@ from .._base import (
     ensure_argument_type,
     normalize_to_list_of_substitutions,
     perform_substitutions,
+    shown,
 )
 from .._catalogue import ELSEWHERE
 from ..conditions import evaluate_condition_expression
@@ -30,6 +31,7 @@ from ..events.process import ProcessExited, ProcessStarted
 from ..frontend.expose import expose_action
 from ..substitutions import LaunchConfiguration, TextSubstitution
 from ..utilities.type_utils import normalize_typed_substitution, perform_typed_substitution
+from ._configurations import PopLaunchConfigurations, PushLaunchConfigurations, ResetLaunchConfigurations
 
 
 class EmitEvent(Action):
@@ -97,7 +99,7 @@ class OpaqueFunction(Action):
     def __init__(self, *, function: Callable[..., Any], args: Any = None, kwargs: Any = None, **left_over: Any) -> None:
         super().__init__(**left_over)
         if not callable(function):
-            raise TypeError(f"OpaqueFunction needs a function, but {function!r} is of type '{type(function).__name__}'")
+            raise TypeError(f"OpaqueFunction needs a function, but {shown(function)}")
         ensure_argument_type(args, (collections.abc.Iterable, type(None)), "args", "OpaqueFunction")
         ensure_argument_type(kwargs, (dict, type(None)), "kwargs", "OpaqueFunction")
         self.__function = function
@@ -175,8 +177,6 @@ class UnregisterEventHandler(Action):
 class TimerAction(Action):
     """Visits entities after a time."""
 
-    completes_later = True
-
     def __init__(self, *, period: Any, actions: Any, cancel_on_shutdown: Any = True, **kwargs: Any) -> None:
         super().__init__(**kwargs)
         types = (*SomeSubstitutionsType_types_tuple, float)
@@ -190,6 +190,8 @@ class TimerAction(Action):
         self.__cancel_on_shutdown = normalize_typed_substitution(cancel_on_shutdown, bool)
         self.__canceled = False
         self.__locals: dict[str, Any] = {}
+        self.__configurations: dict[str, Any] = {}
+        self.__completion: Any = None
 
     @classmethod
     def parse(cls, entity: Any, parser: Any) -> Any:
@@ -197,6 +199,9 @@ class TimerAction(Action):
         _, kwargs = parser.common(entity)
         kwargs["period"] = parser.parse_if_substitutions(entity.get_attr("period", data_type=float))
         kwargs["actions"] = [parser.parse_action(child) for child in entity.children]
+        cancel = entity.get_attr("cancel_on_shutdown", data_type=bool, optional=True)
+        if cancel is not None:
+            kwargs["cancel_on_shutdown"] = parser.parse_if_substitutions(cancel)
         return cls, kwargs
 
     @property
@@ -222,7 +227,9 @@ class TimerAction(Action):
         if self.__canceled:
             return None
         context.extend_locals(self.__locals)
-        return self.__actions
+        # They see the configurations of when the wait began, and keep what they change to themselves.
+        kept = ResetLaunchConfigurations(self.__configurations)
+        return [PushLaunchConfigurations(), kept, *self.__actions, PopLaunchConfigurations()]
 
     def execute(self, context: Any) -> None:
         """Begin to wait."""
@@ -232,9 +239,25 @@ class TimerAction(Action):
             context.waits_for_timers = True
             context.register_event_handler(_OnTimer())
         self.__locals = context.get_locals_as_dict()
-        period_s = perform_typed_substitution(context, self.__period, float)
+        self.__configurations = dict(context.launch_configurations)
         perform_typed_substitution(context, self.__cancel_on_shutdown, bool)
-        context.session.emit_after(TimerEvent(timer_action=self), max(0.0, float(period_s)))
+        context.session.defer(lambda: self._wait(context))
+
+    def _wait(self, context: Any) -> None:
+        # The time is resolved in a task, when a scope around the timer has ended already.
+        try:
+            period_s = float(perform_typed_substitution(context, self.__period, float))
+        except Exception as error:
+            message = f"the timer's period is resolved once the whole file was read, and then it fails: {error}"
+            context.session.warn(f"{message}; what waits for it never starts", self.source_line)
+            return
+        context.session.emit_after(TimerEvent(timer_action=self), max(0.0, period_s))
+        if self.__completion is not None:
+            context.session.emit_after(self.__completion, max(0.0, period_s))
+
+    def complete(self, event: Any, session: Any) -> None:
+        """It is over when the time has passed."""
+        self.__completion = event
 
 
 class _OnTimer(EventHandler):
@@ -253,7 +276,6 @@ class _OnTimer(EventHandler):
 class ExecuteLocal(Action):
     """Would start a process; notes it instead."""
 
-    completes_later = True
     kind = "executable"
 
     def __init__(
@@ -352,11 +374,17 @@ class ExecuteLocal(Action):
             return None
         if self.__on_exit is not None:
             context.register_event_handler(OnProcessExit(target_action=self, on_exit=self.__on_exit))
-        context.session.add_process(self._as_plan(context, name))
+        plan = self._as_plan(context, name)
+        context.session.add_process(plan)
+        context.session.defer(lambda: self._settle_tty(context, plan))
         details = self.process_details or {}
         context.session.emit(ProcessStarted(**details), {"on_start_of": name})
         context.session.emit_exit(ProcessExited(returncode=0, **details), {"on_exit_of": name})
         return None
+
+    def complete(self, event: Any, session: Any) -> None:
+        """It is over when the process ends."""
+        session.emit_exit(event, {"on_exit_of": self.__process_description.final_name})
 
     def _as_plan(self, context: Any, name: str) -> dict[str, Any]:
         description = self.__process_description
@@ -379,7 +407,7 @@ class ExecuteLocal(Action):
             "respawn": bool(self.__respawn),
             "respawn_delay_s": self.__respawn_delay or 0.0,
             "respawn_max_retries": self.__respawn_max_retries,
-            "emulate_tty": self._emulate_tty_plan(context),
+            "emulate_tty": bool(self.__emulate_tty),
             "shell": bool(self.__shell),
             "sigterm_timeout_s": float(perform_substitutions(context, self.__sigterm_timeout)),
             "sigkill_timeout_s": float(perform_substitutions(context, self.__sigkill_timeout)),
@@ -415,11 +443,16 @@ class ExecuteLocal(Action):
             chosen = perform_substitutions(context, chosen)
         return launch_logging.get_output_loggers(name, chosen)
 
-    def _emulate_tty_plan(self, context: Any) -> bool:
-        if "emulate_tty" in context.launch_configurations:
+    def _settle_tty(self, context: Any, plan: dict[str, Any]) -> None:
+        # The task that starts the process looks at the configuration, after the whole file was read.
+        if "emulate_tty" not in context.launch_configurations:
+            return
+        try:
             text = normalize_to_list_of_substitutions(context.launch_configurations["emulate_tty"])
-            return evaluate_condition_expression(context, text)
-        return bool(self.__emulate_tty)
+            plan["emulate_tty"] = evaluate_condition_expression(context, text)
+        except Exception as error:
+            blame(error, self)
+            raise
 
 
 @expose_action("executable")
@@ -448,9 +481,9 @@ class ExecuteProcess(ExecuteLocal):
             value = entity.get_attr(attribute, optional=True)
             if value is not None:
                 kwargs[keyword] = parser.parse_substitution(value)
-        respawn = entity.get_attr("respawn", optional=True, data_type=bool)
+        respawn = entity.get_attr("respawn", optional=True)
         if respawn is not None:
-            kwargs["respawn"] = parser.parse_if_substitutions(respawn)
+            kwargs["respawn"] = parser.parse_substitution(respawn)
         kinds: dict[str, Any] = {
             "respawn_delay": float,
             "respawn_max_retries": int,
@@ -460,7 +493,7 @@ class ExecuteProcess(ExecuteLocal):
             "emulate_tty": bool,
         }
         for attribute, kind in kinds.items():
-            value = entity.get_attr(attribute, optional=True, data_type=kind, can_be_str=False)
+            value = entity.get_attr(attribute, optional=True, data_type=kind, can_be_str=kind is bool)
             if value is not None:
                 if kind is float and value < 0:
                     raise ValueError(f"the attribute '{attribute}' must not be negative, but it is {value}")
@@ -493,16 +526,16 @@ class ExecuteProcess(ExecuteLocal):
             if not isinstance(sub, TextSubstitution):
                 current.append(sub)
                 continue
-            if sub.text[:1].isspace() and current:
+            words = shlex.split(sub.text)
+            if not words or (sub.text[0].isspace() and current):  # blanks alone always end an argument
                 arguments.append(current)
                 current = []
-            words = shlex.split(sub.text)
             for position, word in enumerate(words):
                 if position:
                     arguments.append(current)
                     current = []
                 current.append(TextSubstitution(text=word))
-            if sub.text[-1:].isspace() and current:
+            if words and sub.text[-1].isspace():
                 arguments.append(current)
                 current = []
         return [*arguments, current] if current else arguments

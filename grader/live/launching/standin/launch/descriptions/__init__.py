@@ -40,6 +40,7 @@ class Executable(Located):
         arguments: Any = None,
     ) -> None:
         normal = normalize_to_list_of_substitutions
+        self.__letters = isinstance(cmd, str)
         self.cmd = [normal(item) for item in cmd] + [normal(item) for item in arguments or []]
         self.prefix = normal(LaunchConfiguration("launch-prefix", default="") if prefix is None else prefix)
         self.__filter = normal(LaunchConfiguration("launch-prefix-filter", default="")) if prefix is None else None
@@ -69,3 +70,7 @@ class Executable(Located):
         for key, value in (self.env or []) + (self.additional_env or []):
             env[perform_substitutions(context, key)] = perform_substitutions(context, value)
         self.final_env = env
+        if self.__letters:
+            message = "cmd is one text, of which each letter becomes a word: cmd=['program', 'argument']"
+            context.session.warn(message, action.source_line)
+        context.session.warn_of_objects([*self.final_cmd, *env.values()], action.source_line)

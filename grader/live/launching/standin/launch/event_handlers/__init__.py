@@ -6,7 +6,7 @@ import collections.abc
 from collections.abc import Callable
 from typing import Any
 
-from .._base import Event, LaunchDescriptionEntity, Located, is_a_subclass
+from .._base import Event, LaunchDescriptionEntity, Located, is_a_subclass, shown
 from .._catalogue import missing_name
 from ..events import ExecutionComplete, Shutdown
 from ..events.process import ProcessExited, ProcessIO, ProcessStarted
@@ -91,10 +91,8 @@ class OnActionEventBase(BaseEventHandler):
     ) -> None:
         name = type(self).__name__
         if not isinstance(action_matcher, (target_action_cls, type(None))) and not callable(action_matcher):
-            raise TypeError(
-                f"{name}: target_action must be a {target_action_cls.__name__} or a function, "
-                f"but {action_matcher!r} is of type '{type(action_matcher).__name__}'"
-            )
+            wanted = f"one action ({target_action_cls.__name__}) or a function"
+            raise TypeError(f"{name}: target_action must be {wanted}, but {shown(action_matcher)}")
         self.target = action_matcher
         self.__actions: list[Any] = []
         self.__on_event = on_event

@@ -31,5 +31,6 @@ def read_launch_file(path: str) -> Any:
     from ._readers import read_xml, read_yaml
 
     text = Path(path).read_text()
-    root = read_xml(text, path) if path.endswith(".xml") else read_yaml(text, path)
+    is_xml = path.endswith(".xml") or (not path.endswith((".yaml", ".yml")) and text.lstrip().startswith("<"))
+    root = read_xml(text, path) if is_xml else read_yaml(text, path)
     return Parser(path).parse_description(root)

@@ -60,15 +60,17 @@ class Entity:
             self.__read.add(f"{name}-sep")
             value = value.split(separator)
         try:
-            if isinstance(value, str) or separator is not None:
+            if not self.__element.typed:
                 return get_typed_value(value, data_type, can_be_str=can_be_str)
         except ValueError as error:
             raise TypeError(f"the attribute '{name}' of <{self.type_name}> is '{value}': {error}") from error
-        if data_type is float and type(value) is int:
-            return float(value)
         if not is_instance_of(value, data_type, can_be_str):
             kind = getattr(data_type, "__name__", data_type)
-            raise TypeError(f"the attribute '{name}' of <{self.type_name}> must be of type {kind}, not {value!r}")
+            meant = "; write it with a decimal point" if data_type is float and type(value) is int else ""
+            meant = "; put it in quotes" if data_type is str else meant
+            raise TypeError(
+                f"the attribute '{name}' of <{self.type_name}> must be of type {kind}, not {value!r}{meant}"
+            )
         return value
 
     def assert_entity_completely_parsed(self) -> None:
@@ -173,5 +175,7 @@ class Parser:
             error.args = (f"the root of a launch file must be 'launch', but it is '{root.tag}'",)
             blame(error, entity)
             raise error
+        reason = entity.get_attr("deprecated", optional=True)
         with written_at(*entity.source_line):
-            return LaunchDescription([self.parse_action(child) for child in entity.children])
+            actions = [self.parse_action(child) for child in entity.children]
+            return LaunchDescription(actions, deprecated_reason=reason)

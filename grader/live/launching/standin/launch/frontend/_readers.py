@@ -19,12 +19,13 @@ class InvalidMarkupError(InvalidLaunchFileError):
 
 @dataclass
 class Element:
-    """One element: a tag of XML, or a key of YAML with what it holds."""
+    """One element: a tag of XML, or a key of YAML with what it holds, whose values have types already."""
 
     tag: str
     line: int
     attributes: dict[str, Any] = field(default_factory=dict)
     children: list[Element] = field(default_factory=list)
+    typed: bool = False
 
 
 def read_xml(text: str, path: str) -> Element:
@@ -82,7 +83,7 @@ def read_yaml(text: str, path: str) -> Element:
 def _yaml_element(tag: str, node: Any, line: int, path: str) -> Element:
     import yaml
 
-    element = Element(tag, line)
+    element = Element(tag, line, typed=True)
     if isinstance(node, yaml.SequenceNode):
         element.children = [_only_key(item, path) for item in node.value]
     elif isinstance(node, yaml.MappingNode):

@@ -40,6 +40,7 @@ __all__ = [
     "NotSubstitution",
     "OrSubstitution",
     "PathJoinSubstitution",
+    "PathSubstitution",
     "PythonExpression",
     "SubstitutionFailure",
     "TextSubstitution",
@@ -86,7 +87,7 @@ class LaunchConfiguration(Substitution):
     def __init__(self, variable_name: Any, *, default: Any = None) -> None:
         super().__init__()
         self.__variable_name = normalize_to_list_of_substitutions(variable_name)
-        self.__default = None if default is None else _texts_and_substitutions(default)
+        self.__default = None if default is None else texts_and_substitutions(default)
 
     @classmethod
     def parse(cls, data: Any) -> Any:
@@ -113,7 +114,8 @@ class LaunchConfiguration(Substitution):
         return perform_substitutions(context, self.__default)
 
 
-def _texts_and_substitutions(default: Any) -> list[Substitution]:
+def texts_and_substitutions(default: Any) -> list[Substitution]:
+    """A default, in which everything else than substitutions is turned into text."""
     items = default if isinstance(default, collections.abc.Iterable) else (default,)
     return normalize_to_list_of_substitutions(
         [item if isinstance(item, (str, Substitution)) else str(item) for item in items]
@@ -223,8 +225,8 @@ class AnonName(Substitution):
     def perform(self, context: Any) -> str:
         """The unique name."""
         name = perform_substitutions(context, self.__name)
-        made: dict[str, str] = context.session.anonymous_names
-        return made.setdefault(name, f"{name}_{os.uname().nodename.replace('-', '_')}_{os.getpid()}_{len(made)}")
+        made: dict[str, str] = context.launch_configurations.setdefault("anon", {})
+        return made.setdefault(name, f"{name}_{os.getpid()}_{next(context.session.anonymous_numbers)}")
 
 
 class LocalSubstitution(Substitution):
@@ -250,24 +252,34 @@ class LocalSubstitution(Substitution):
 
 
 class PathJoinSubstitution(Substitution):
-    """A path joined of parts."""
+    """A path joined of parts, each of which may itself be a list; `/` joins another part to it."""
 
     def __init__(self, substitutions: Any) -> None:
-        self.__substitutions = normalize_to_list_of_substitutions(substitutions)
+        self.__substitutions = [normalize_to_list_of_substitutions(part) for part in substitutions]
 
     @property
-    def substitutions(self) -> list[Substitution]:
+    def substitutions(self) -> list[list[Substitution]]:
         """The parts."""
         return self.__substitutions
 
+    def __truediv__(self, additional_path: Any) -> PathJoinSubstitution:
+        return PathJoinSubstitution([*self.substitutions, normalize_to_list_of_substitutions(additional_path)])
+
     def describe(self) -> str:
         """Text for people."""
-        return f"PathJoin('{_described(self.substitutions)}')"
+        return f"PathJoin('{' + '.join(_described(part) for part in self.substitutions)}')"
 
     def perform(self, context: Any) -> str:
         """The path."""
-        parts: list[str] = [context.perform_substitution(sub) for sub in self.__substitutions]
+        parts: list[str] = [perform_substitutions(context, part) for part in self.__substitutions]
         return os.path.join(*parts)  # noqa: PTH118 - keeps what the real one keeps: "./", a trailing slash
+
+
+class PathSubstitution(PathJoinSubstitution):
+    """A path of one part, so that `/` can be used on it."""
+
+    def __init__(self, path: Any) -> None:
+        super().__init__([path])
 
 
 @expose_substitution("eval")
@@ -364,7 +376,7 @@ class Command(Substitution):
         try:
             done = subprocess.run(shlex.split(line), stdout=subprocess.PIPE, stderr=stderr, text=True, check=False)
         except FileNotFoundError as error:
-            raise SubstitutionFailure(f"command not found: {error}") from error
+            raise SubstitutionFailure(f"command not found: '{shlex.split(line)[0]}'") from error
         said = f", which said: {done.stderr.strip()}" if done.stderr else ""
         if done.returncode != 0:
             raise SubstitutionFailure(f"command '{line}' failed with exit status {done.returncode}{said}")
@@ -376,8 +388,11 @@ class Command(Substitution):
 
 
 @expose_substitution("dirname")
-class ThisLaunchFileDir(Substitution):
+class ThisLaunchFileDir(PathSubstitution):
     """Folder of the launch file that is being read."""
+
+    def __init__(self) -> None:
+        super().__init__(self)
 
     @classmethod
     def parse(cls, data: Any) -> Any:
@@ -419,8 +434,11 @@ class ThisLaunchFile(Substitution):
 
 @expose_substitution("launch_log_dir")
 @expose_substitution("log_dir")
-class LaunchLogDir(Substitution):
+class LaunchLogDir(PathSubstitution):
     """Folder of the log files."""
+
+    def __init__(self) -> None:
+        super().__init__(self)
 
     @classmethod
     def parse(cls, data: Any) -> Any:

@@ -10,6 +10,7 @@ from .._base import (
     ensure_argument_type,
     normalize_to_list_of_substitutions,
     perform_substitutions,
+    shown,
 )
 
 ScalarTypesTuple = (int, float, bool, str)
@@ -23,10 +24,8 @@ StrSomeValueType = Any
 
 
 def is_typing_list(data_type: Any) -> bool:
-    """Whether a type is `typing.List` or a `typing.List[...]`; a plain `list[...]` is not."""
-    if data_type is List:  # noqa: UP006
-        return True
-    return get_origin(data_type) is list and type(data_type).__module__ == "typing"
+    """Whether a type is `typing.List`, or a list of something; a plain `list` is not."""
+    return data_type is List or get_origin(data_type) is list  # noqa: UP006
 
 
 def extract_type(data_type: Any) -> tuple[Any, bool]:
@@ -48,10 +47,9 @@ def is_instance_of_valid_type(value: Any, can_be_str: bool = False) -> bool:
     """Whether a value is a scalar or a list of scalars of one type."""
     if not isinstance(value, list):
         return isinstance(value, ScalarTypesTuple)
-    kinds = {type(item) for item in value}
-    if can_be_str and len(kinds) == 2:
-        kinds.discard(str)
-    return not kinds or (len(kinds) == 1 and kinds.pop() in ScalarTypesTuple)
+    kind = next((type(item) for item in value if type(item) is not str), str)
+    wanted = (kind, str) if can_be_str else kind
+    return kind in ScalarTypesTuple and all(isinstance(item, wanted) for item in value)
 
 
 def is_instance_of(value: Any, data_type: Any = None, can_be_str: bool = False) -> bool:
@@ -68,14 +66,14 @@ def is_instance_of(value: Any, data_type: Any = None, can_be_str: bool = False) 
 def _read_yaml(value: str, aim: str, can_be_str: bool) -> Any:
     import yaml
 
+    if not value:
+        return value
     try:
         output = yaml.safe_load(value)
     except Exception as error:
         if can_be_str:
             return value
         raise ValueError(f"'{value}' cannot be read as {aim}: it is not valid YAML ({error})") from error
-    if output is None and not value.strip():
-        output = ""
     if not is_instance_of_valid_type(output, can_be_str):
         raise ValueError(f"'{value}' cannot be read as {aim}: YAML makes it a {type(output).__name__}")
     return output
@@ -110,10 +108,10 @@ def _coerce_scalar(value: str, scalar: Any, can_be_str: bool) -> Any:
     if scalar in (int, float):
         try:
             return scalar(value)
-        except ValueError:
+        except ValueError as error:
             if can_be_str:
                 return value
-            raise
+            raise ValueError(f"'{value}' cannot be read as {scalar.__name__}") from error
     if value in ("1", "0"):
         return value == "1"
     output = _read_yaml(value, "true or false", can_be_str)
@@ -178,12 +176,12 @@ def normalize_typed_substitution(value: Any, data_type: Any) -> Any:
     """
     if isinstance(value, ScalarTypesTuple):
         if not is_instance_of(value, data_type):
-            raise TypeError(f"{value!r} is given where a {getattr(data_type, '__name__', data_type)} is wanted")
+            raise TypeError(f"a {getattr(data_type, '__name__', data_type)} is wanted, but {shown(value)}")
         return value
     if is_substitution(value):
         return normalize_to_list_of_substitutions(value)
     if not isinstance(value, collections.abc.Iterable):
-        raise TypeError(f"{value!r} of type '{type(value).__name__}' is no value, no substitution and no list of them")
+        raise TypeError(f"a value, a substitution, or a list of them is wanted, but {shown(value)}")
     return _normalize_typed_list(list(value), data_type)
 
 
@@ -191,19 +189,22 @@ def _normalize_typed_list(items: list[Any], data_type: Any) -> list[Any]:
     kinds = set()
     for item in items:
         if not isinstance(item, ScalarTypesTuple) and not is_substitution(item):
-            raise TypeError(f"{item!r} in the list {items!r} is neither a value nor a substitution")
+            raise TypeError(f"in this list only values and substitutions can stand, but {shown(item)}")
         kinds.add(type(item) if isinstance(item, ScalarTypesTuple) else Substitution)
     if data_type is not None:
         data_type, is_list = extract_type(data_type)
         if not is_list:
             raise TypeError(f"the list {items!r} is given where one {data_type.__name__} is wanted")
     plain = kinds - {Substitution}
-    found: Any = float if plain == {int, float} else next(iter(plain), None)
-    if len(plain) > 1 and found is not float:
+    if plain in ({float}, {int, float}):
+        found: Any = float
+    elif len(plain) > 1 or not plain <= set(ScalarTypesTuple):
         raise TypeError(f"the items of {items!r} are not of one type")
-    if found is not None and data_type not in (None, found) and not (found is int and data_type is float):
+    else:  # an empty list counts as one of texts; a list of substitutions can become anything
+        found = plain.pop() if plain else None if kinds else str
+    if found is not None and data_type not in (None, found):
         raise TypeError(f"a list of {found.__name__} is given where a list of {data_type.__name__} is wanted")
-    convert = float if float in (found, data_type) and found is not None else (lambda item: item)
+    convert = float if found is float else (lambda item: item)
     return [normalize_to_list_of_substitutions(i) if is_substitution(i) else convert(i) for i in items]
 
 
@@ -229,8 +230,11 @@ def perform_typed_substitution(context: Any, value: Any, data_type: Any) -> Any:
             scalar, is_list = extract_type(data_type)
             if not is_list:
                 raise ValueError(f"the list {value!r} is given where one {scalar.__name__} is wanted")
-        return [
+        output = [
             coerce_to_type(perform_substitutions(context, item), scalar) if is_normalized_substitution(item) else item
             for item in value
         ]
+        if not is_instance_of(output, data_type):
+            raise ValueError(f"the items of the list {output!r} are not of one type, or not of the one that is wanted")
+        return output
     raise TypeError(f"{value!r} is no value, no substitution and no list of them")

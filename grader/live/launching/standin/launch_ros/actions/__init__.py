@@ -6,7 +6,8 @@ from typing import Any
 
 from launch._catalogue import missing_name
 
-from ._node import ComposableNodeContainer, LifecycleNode, LoadComposableNodes, Node
+from ._lifecycle import LifecycleNode, LifecycleTransition
+from ._node import ComposableNodeContainer, LoadComposableNodes, Node
 from ._scopes import (
     PushROSNamespace,
     PushRosNamespace,
@@ -15,12 +16,14 @@ from ._scopes import (
     SetParameter,
     SetParametersFromFile,
     SetRemap,
+    SetROSLogDir,
     SetUseSimTime,
 )
 
 __all__ = [
     "ComposableNodeContainer",
     "LifecycleNode",
+    "LifecycleTransition",
     "LoadComposableNodes",
     "Node",
     "PushROSNamespace",
@@ -29,6 +32,7 @@ __all__ = [
     "RosTimer",
     "SetParameter",
     "SetParametersFromFile",
+    "SetROSLogDir",
     "SetRemap",
     "SetUseSimTime",
 ]

@@ -49,16 +49,26 @@ def plain_value(value: Any) -> Any:
         return [plain_value(item) for item in value]
     if isinstance(value, Mapping):
         return {str(k): plain_value(v) for k, v in value.items()}
-    if isinstance(value, (bool, int, float, str)) or value is None:
+    if type(value) in (bool, int, float, str) or value is None:
         return value
     return list(value) if isinstance(value, bytes) else str(value)
 
 
 def dumped(content: Any) -> str:
-    """YAML text."""
+    """YAML text; what is no plain value gets a tag of Python's, which no node can read."""
     import yaml
 
-    return str(yaml.safe_dump(content, default_flow_style=False))
+    return str(yaml.dump(content, default_flow_style=False))
+
+
+def read_from_command_line(value: Any) -> Any:
+    """What a node makes of a value that is written behind `-p name:=`: quotes, and with them text, may be lost."""
+    import yaml
+
+    try:
+        return plain_value(yaml.safe_load(str(value)))
+    except yaml.YAMLError:
+        return str(value)
 
 
 @expose_action("node")
@@ -90,6 +100,7 @@ class Node(ExecuteProcess):
         **kwargs: Any,
     ) -> None:
         program = executable if package is None else ExecutableInPackage(package=package, executable=executable)
+        self.__letters = isinstance(arguments, str) and len(arguments) > 1
         cmd: list[Any] = [program]
         cmd += [] if arguments is None else arguments
         cmd += [] if ros_arguments is None else ["--ros-args", *_as_list(ros_arguments)]
@@ -213,18 +224,22 @@ class Node(ExecuteProcess):
             if isinstance(item, tuple):
                 name, value = item
                 self._extend("-p", f"{name}:={value}")
-                self._plan_value(name, value)
-            else:
-                path = os.path.abspath(item)  # noqa: PTH100 - must not resolve links
-                self._extend("--params-file", path)
-                self._plan_file(context, Path(path))
+                self._plan_value(name, read_from_command_line(value), wildcard=True)
+                continue
+            path = os.path.abspath(item)  # noqa: PTH100 - must not resolve links
+            if not Path(path).is_file():
+                raise FileNotFoundError(2, "no such file, which SetParametersFromFile gives this node", path)
+            self._extend("--params-file", path)
+            self._plan_file(context, Path(path))
 
     def _add_parameters(self, context: Any) -> None:
         for item in evaluate_parameters(context, self.__parameters):
             if isinstance(item, dict):
                 key = self.node_name if self.is_node_name_fully_specified() else "/**"
-                content = {key: {"ros__parameters": plain_value(item)}}
-                path = context.session.add_parameter_file(self._label(), dumped(content))
+                self._warn_of_strange_values(context, item)
+                plain = {name: list(value) if isinstance(value, tuple) else value for name, value in item.items()}
+                content = {key: {"ros__parameters": plain}}
+                path = context.session.add_file(self._label(), ".yaml", dumped(content))
                 self._extend("--params-file", path)
                 for name, value in item.items():
                     self._plan_value(name, value)
@@ -233,13 +248,13 @@ class Node(ExecuteProcess):
 
                 name, value = item.evaluate(context)
                 self._extend("-p", f"{name}:={yaml.dump(value)}")
-                self._plan_value(name, value)
+                self._plan_value(name, value, wildcard=True)
             else:
                 self._add_file(context, *item)
 
     def _add_file(self, context: Any, path: Path, text: str | None) -> None:
         if text is not None:
-            placeholder = context.session.add_parameter_file(path.stem, text)
+            placeholder = context.session.add_file(path.stem, ".yaml", text)
             self._extend("--params-file", placeholder)
         elif not path.is_file():
             message = f"the parameter file '{path}' does not exist, so the node starts without it"
@@ -254,8 +269,20 @@ class Node(ExecuteProcess):
             self._extend("--params-file", str(path))
         self._plan_file(context, path, text)
 
-    def _plan_value(self, name: str, value: Any) -> None:
-        self.__planned_parameters.append({"name": name, "value": plain_value(value), "type": ros_type(value)})
+    def _warn_of_strange_values(self, context: Any, values: dict[str, Any]) -> None:
+        context.session.warn_of_objects([v for v in values.values() if isinstance(v, str)], self.source_line)
+        for name, value in values.items():
+            kinds = {type(item) for item in (value if isinstance(value, (list, tuple)) else [value])}
+            strange = [kind for kind in kinds if kind not in (bool, int, float, str, bytes)]
+            if strange:
+                kind = f"{strange[0].__module__}.{strange[0].__name__}"
+                message = f"the value of the parameter '{name}' is a {kind}, which a node cannot read"
+                context.session.warn(f"{message}, so it will not start; write float(...)", self.source_line)
+
+    def _plan_value(self, name: str, value: Any, *, wildcard: bool = False) -> None:
+        planned = {"name": name, "value": plain_value(value), "type": ros_type(value)}
+        # What is on the command line is for any node of the process, as `/**` in a file is.
+        self.__planned_parameters.append({**planned, **({"wildcard": True} if wildcard else {})})
 
     def _plan_file(self, context: Any, path: Path, text: str | None = None) -> None:
         import yaml
@@ -282,6 +309,9 @@ class Node(ExecuteProcess):
     def execute(self, context: Any) -> list[Any] | None:
         """Note the node."""
         self._perform_substitutions(context)
+        if self.__letters:
+            message = "arguments is one text, of which each letter becomes an argument: arguments=['...', '...']"
+            context.session.warn(message, self.source_line)
         words = {"name": f"__node:={self.__expanded_name}", "ns": f"__ns:={self.__expanded_namespace}"}
         context.extend_locals({"ros_specific_arguments": words})
         result = super().execute(context)
@@ -328,6 +358,7 @@ _TYPE_NAMES: dict[str, Any] = {
     "list_of_float": "List[float]",
     "list_of_bool": "List[bool]",
     "list_of_str": "List[str]",
+    "yaml": None,
 }
 
 
@@ -355,10 +386,12 @@ def _parse_param_at_its_line(param: Any, parser: Any) -> Any:
 def _parse_param(param: Any, parser: Any) -> Any:
     source = param.get_attr("from", optional=True)
     name = param.get_attr("name", optional=True)
+    allow = param.get_attr("allow_substs", data_type=bool, optional=True)
     if source is not None and name is not None:
         raise RuntimeError("a <param> has either 'name' or 'from'")
+    if source is None and allow is not None:
+        raise RuntimeError("a <param> has 'allow_substs' only with 'from'")
     if source is not None:
-        allow = param.get_attr("allow_substs", data_type=bool, optional=True)
         allow = parser.parse_substitution(allow) if isinstance(allow, str) else bool(allow)
         return ParameterFile(parser.parse_substitution(source), allow_substs=allow)
     if name is None:
@@ -371,8 +404,8 @@ def _named_param(param: Any, parser: Any) -> dict[Any, Any]:
     kind = _type_named(param.get_attr("type", optional=True))
     value = param.get_attr("value", data_type=kind, optional=True)
     inner = param.nested("param")
-    if value is not None and inner:
-        raise RuntimeError("a <param> has either 'value' or others inside")
+    if inner and (value is not None or kind is not None):
+        raise RuntimeError("a <param> has either 'value' and 'type', or others inside")
     if value is not None:
         return {name: ParameterValue(parser.parse_if_substitutions(value), value_type=kind)}
     if not inner:
@@ -384,44 +417,41 @@ def _named_param(param: Any, parser: Any) -> dict[Any, Any]:
     return {name: content}
 
 
-class LifecycleNode(Node):
-    """Would start a lifecycle node; notes it instead."""
-
-    kind = "lifecycle_node"
-
-    def __init__(self, *, name: Any, namespace: Any, autostart: Any = False, **kwargs: Any) -> None:
-        super().__init__(name=name, namespace=namespace, **kwargs)
-        self.is_lifecycle_node = True
-        self.__autostart = autostart
-
-    def execute(self, context: Any) -> list[Any] | None:
-        """Note the node."""
-        result = super().execute(context)
-        context.session.processes[-1]["autostart"] = bool(self.__autostart)
-        return result
-
-
 def composable_plan(context: Any, node: ComposableNode) -> dict[str, Any]:
     """What a composable node adds to the plan."""
 
     def text(subs: Any) -> str | None:
         return None if subs is None else perform_substitutions(context, subs)
 
-    parameters: list[dict[str, Any]] = []
-    for item in evaluate_parameters(context, node.parameters or ()):
-        if isinstance(item, dict):
-            parameters += [{"name": n, "value": plain_value(v), "type": ros_type(v)} for n, v in item.items()]
-        elif isinstance(item, tuple):
-            parameters.append({"file": str(item[0]), "content": None})
+    base = context.launch_configurations.get("ros_namespace")
+    rules = [list(rule) for rule in context.launch_configurations.get("ros_remaps") or []]
     return {
         "package": text(node.package),
         "plugin": text(node.node_plugin),
         "name": text(node.node_name),
-        "namespace": text(node.node_namespace),
-        "parameters": parameters,
-        "remappings": [[text(a), text(b)] for a, b in node.remappings or []],
+        "namespace": make_namespace_absolute(prefix_namespace(base, text(node.node_namespace))),
+        "parameters": _composable_parameters(context, node),
+        "remappings": [*rules, *([text(a), text(b)] for a, b in node.remappings or [])],
         "source": node.source_line,
     }
+
+
+def _composable_parameters(context: Any, node: ComposableNode) -> list[dict[str, Any]]:
+    parameters: list[dict[str, Any]] = []
+    for item in context.launch_configurations.get("global_params") or []:
+        parameters.append(_planned(*item) if isinstance(item, tuple) else {"file": str(item), "content": None})
+    for item in evaluate_parameters(context, node.parameters or ()):
+        if isinstance(item, dict):
+            parameters += [_planned(name, value) for name, value in item.items()]
+        elif isinstance(item, Parameter):
+            parameters.append(_planned(*item.evaluate(context)))
+        else:
+            parameters.append({"file": str(item[0]), "content": None})
+    return parameters
+
+
+def _planned(name: str, value: Any) -> dict[str, Any]:
+    return {"name": name, "value": plain_value(value), "type": ros_type(value)}
 
 
 def _wanted(context: Any, nodes: Any) -> list[ComposableNode]:
@@ -448,10 +478,11 @@ class ComposableNodeContainer(Node):
 
     def execute(self, context: Any) -> list[Any] | None:
         """Note the container."""
-        result = super().execute(context)
-        nodes = _wanted(context, self.__nodes)
-        context.session.processes[-1]["components"] = [composable_plan(context, node) for node in nodes]
-        return result
+        super().execute(context)
+        loaded = [composable_plan(context, node) for node in _wanted(context, self.__nodes)]
+        if context.session.processes and not context.is_shutdown:
+            context.session.processes[-1]["components"] = loaded
+        return None
 
 
 @expose_action("load_composable_node")
@@ -460,8 +491,8 @@ class LoadComposableNodes(Action):
 
     def __init__(self, *, composable_node_descriptions: Any, target_container: Any, **kwargs: Any) -> None:
         super().__init__(**kwargs)
-        self.__nodes = composable_node_descriptions
-        self.__target = target_container
+        self.__composable_node_descriptions = composable_node_descriptions
+        self.__target_container = target_container
 
     @classmethod
     def parse(cls, entity: Any, parser: Any) -> Any:
@@ -474,10 +505,10 @@ class LoadComposableNodes(Action):
 
     def execute(self, context: Any) -> None:
         """Note the nodes."""
-        if isinstance(self.__target, ComposableNodeContainer):
-            target = self.__target.node_name
+        if isinstance(self.__target_container, ComposableNodeContainer):
+            target = self.__target_container.node_name
         else:
-            target = perform_substitutions(context, normalize_to_list_of_substitutions(self.__target))
-        loaded = [composable_plan(context, node) for node in _wanted(context, self.__nodes)]
+            target = perform_substitutions(context, normalize_to_list_of_substitutions(self.__target_container))
+        loaded = [composable_plan(context, node) for node in _wanted(context, self.__composable_node_descriptions)]
         session = context.session
         session.components.append({"container": target, "when": session.when, "components": loaded})

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
 from typing import Any
 
 from launch._base import (
@@ -96,7 +98,7 @@ class SetParameter(Action):
 
 @expose_action("set_use_sim_time")
 class SetUseSimTime(Action):
-    """Sets `use_sim_time` of the nodes that follow."""
+    """Lets the launch's own node, and with it `ROSTimer`, follow simulation time; other nodes get nothing of it."""
 
     def __init__(self, value: Any, **kwargs: Any) -> None:
         super().__init__(**kwargs)
@@ -109,10 +111,17 @@ class SetUseSimTime(Action):
         kwargs["value"] = parser.parse_if_substitutions(entity.get_attr("value", data_type=bool))
         return cls, kwargs
 
+    @property
+    def value(self) -> Any:
+        """Whether it follows simulation time."""
+        return self.__value
+
     def execute(self, context: Any) -> None:
         """Set it."""
-        value = perform_typed_substitution(context, self.__value, bool)
-        _add_global(context, [("use_sim_time", value)])
+        if not perform_typed_substitution(context, self.__value, bool):
+            raise RuntimeError("SetUseSimTime can only set the parameter use_sim_time to true")
+        message = "SetUseSimTime is for the timers of the launch itself, and no node gets use_sim_time by it"
+        context.session.warn(f"{message}; SetParameter('use_sim_time', True) would do that", self.source_line)
 
 
 @expose_action("set_parameters_from_file")
@@ -129,13 +138,33 @@ class SetParametersFromFile(Action):
         return parser.with_substitutions(cls, entity, {"filename": "filename"})
 
     def execute(self, context: Any) -> None:
-        """Give it."""
-        from pathlib import Path
+        """Give it; whether the file is there is looked at when a node starts."""
+        _add_global(context, [perform_substitutions(context, self.__file)])
 
-        path = perform_substitutions(context, self.__file)
-        if not Path(path).is_file():
-            raise FileNotFoundError(f"the parameter file '{path}' does not exist")
-        _add_global(context, [path])
+
+@expose_action("set_ros_log_dir")
+class SetROSLogDir(Action):
+    """Sets the folder of the log files of the nodes that follow."""
+
+    def __init__(self, new_log_dir: Any, **kwargs: Any) -> None:
+        super().__init__(**kwargs)
+        self.__log_dir = normalize_to_list_of_substitutions(new_log_dir)
+
+    @classmethod
+    def parse(cls, entity: Any, parser: Any) -> Any:
+        """From `<set_ros_log_dir>`."""
+        return parser.with_substitutions(cls, entity, {"new_log_dir": "new_log_dir"})
+
+    @property
+    def log_dir(self) -> Any:
+        """The folder."""
+        return self.__log_dir
+
+    def execute(self, context: Any) -> None:
+        """Set it; a relative one lies in the present one."""
+        before = context.environment.get("ROS_LOG_DIR") or str(Path.home() / ".ros" / "log")
+        wanted = perform_substitutions(context, self.__log_dir)
+        context.environment["ROS_LOG_DIR"] = os.path.join(before, wanted)  # noqa: PTH118 - keeps the text as it is
 
 
 @expose_action("set_remap")
@@ -169,6 +198,7 @@ class SetRemap(Action):
         context.launch_configurations["ros_remaps"] = known
 
 
+@expose_action("ros_timer")
 class ROSTimer(TimerAction):
     """Visits entities after a time of the ROS clock."""
 

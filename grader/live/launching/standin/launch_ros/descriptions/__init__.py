@@ -10,7 +10,7 @@ from launch._catalogue import missing_name
 from ..parameter_descriptions import Parameter, ParameterFile, ParameterValue
 from ..utilities import normalize_parameters, normalize_remap_rules
 
-__all__ = ["ComposableNode", "Parameter", "ParameterFile", "ParameterValue"]
+__all__ = ["ComposableLifecycleNode", "ComposableNode", "Parameter", "ParameterFile", "ParameterValue"]
 
 
 def __getattr__(name: str) -> Any:
@@ -64,3 +64,11 @@ class ComposableNode(Located):
     def condition(self) -> Any:
         """The condition, if any."""
         return self.__condition
+
+
+class ComposableLifecycleNode(ComposableNode):
+    """A lifecycle node to be loaded into a container."""
+
+    def __init__(self, *, autostart: Any = False, **kwargs: Any) -> None:
+        super().__init__(**kwargs)
+        self.node_autostart = autostart

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
+from launch._base import shown
 from launch._catalogue import missing_name
-from launch.event_handlers import BaseEventHandler
+from launch.event_handlers import EventHandler
 
 from ..events.lifecycle import StateTransition
 
@@ -16,8 +18,8 @@ def __getattr__(name: str) -> Any:
     return missing_name(__name__, name)
 
 
-class OnStateTransition(BaseEventHandler):
-    """Visits entities when a lifecycle node changes its state; this happens only in a real launch."""
+class OnStateTransition(EventHandler):
+    """Visits entities when a lifecycle node changes its state, and all that is asked of the change is so."""
 
     def __init__(
         self,
@@ -27,20 +29,20 @@ class OnStateTransition(BaseEventHandler):
         transition: str | None = None,
         start_state: str | None = None,
         goal_state: str | None = None,
+        matcher: Callable[[Any], bool] | None = None,
         **kwargs: Any,
     ) -> None:
-        if transition and (start_state or goal_state):
-            raise RuntimeError("OnStateTransition takes either transition, or start_state and goal_state")
-        super().__init__(matcher=lambda event: isinstance(event, StateTransition), **kwargs)
-        self.waits_for = {"node": target_lifecycle_node, "transition": transition, "goal_state": goal_state}
-        self.__entities = entities
+        if target_lifecycle_node is not None and not getattr(target_lifecycle_node, "is_lifecycle_node", False):
+            raise RuntimeError(
+                f"OnStateTransition: target_lifecycle_node must be a LifecycleNode, but {shown(target_lifecycle_node)}"
+            )
+        wanted = {"transition": transition, "start_state": start_state, "goal_state": goal_state}
 
-    @property
-    def entities(self) -> Any:
-        """The entities."""
-        return self.__entities
+        def matches(event: Any) -> bool:
+            return (
+                isinstance(event, StateTransition)
+                and target_lifecycle_node in (None, event.action)
+                and all(value in (None, getattr(event, name)) for name, value in wanted.items())
+            )
 
-    def handle(self, event: Any, context: Any) -> Any:
-        """The entities."""
-        super().handle(event, context)
-        return self.__entities
+        super().__init__(matcher=matcher or matches, entities=entities, **kwargs)

@@ -16,6 +16,7 @@ from launch._base import (
 from launch._catalogue import ELSEWHERE, is_released, missing_name
 from launch._installed import missing_entry_point
 from launch.frontend.expose import expose_substitution
+from launch.substitutions import PathSubstitution, texts_and_substitutions
 
 __all__ = [
     "ExecutableInPackage",
@@ -30,11 +31,11 @@ def __getattr__(name: str) -> Any:
     return missing_name(__name__, name)
 
 
-class FindPackage(Substitution):
+class FindPackage(PathSubstitution):
     """Something about an installed package."""
 
     def __init__(self, package: Any) -> None:
-        super().__init__()
+        super().__init__(self)
         self._package = normalize_to_list_of_substitutions(package)
 
     @classmethod
@@ -144,16 +145,17 @@ def _not_found(executable: str, package: str, folder: Path, root: str) -> str:
 class Parameter(Substitution):
     """The value of a parameter set for all nodes of the scope."""
 
-    def __init__(self, name: Any) -> None:
+    def __init__(self, name: Any, *, default: Any = None) -> None:
         super().__init__()
         self.__name = normalize_to_list_of_substitutions(name)
+        self.__default = None if default is None else texts_and_substitutions(default)
 
     @classmethod
     def parse(cls, data: Any) -> Any:
-        """From `$(param name)`."""
-        if len(data) != 1:
-            raise RuntimeError("$(param ...) takes one argument: the name")
-        return cls, {"name": data[0]}
+        """From `$(param name [default])`."""
+        if not 1 <= len(data) <= 2:
+            raise TypeError("$(param ...) takes 1 to 2 arguments: the name, and a default")
+        return cls, dict(zip(("name", "default"), data, strict=False))
 
     @property
     def name(self) -> list[Substitution]:
@@ -166,4 +168,6 @@ class Parameter(Substitution):
         for item in context.launch_configurations.get("global_params", []):
             if isinstance(item, tuple) and item[0] == name:
                 return str(item[1])
+        if self.__default is not None:
+            return perform_substitutions(context, self.__default)
         raise SubstitutionFailure(f"parameter '{name}' was not set with SetParameter in this scope")

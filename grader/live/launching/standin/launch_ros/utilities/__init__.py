@@ -7,11 +7,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from launch._base import (
-    SomeSubstitutionsType_types_tuple,
     Substitution,
     ensure_argument_type,
     normalize_to_list_of_substitutions,
     perform_substitutions,
+    shown,
 )
 from launch._catalogue import missing_name
 from launch.substitutions import TextSubstitution
@@ -111,9 +111,10 @@ def normalize_remap_rule(remap_rule: Any) -> tuple[list[Substitution], list[Subs
     TypeError
         It is not a tuple of two.
     """
-    ensure_argument_type(remap_rule, tuple, "remap_rule")
+    if not isinstance(remap_rule, tuple):
+        raise TypeError(f"a remapping must be a tuple of two, but {shown(remap_rule)}")
     if len(remap_rule) != 2:
-        raise TypeError(f"a remapping must be a tuple of two, but {remap_rule!r} has {len(remap_rule)}")
+        raise TypeError(f"a remapping must be a tuple of two, but {remap_rule!r:.120} has {len(remap_rule)}")
     return normalize_to_list_of_substitutions(remap_rule[0]), normalize_to_list_of_substitutions(remap_rule[1])
 
 
@@ -131,7 +132,7 @@ def normalize_parameters(parameters: Any) -> tuple[Any, ...]:
         They are not a list of dicts, files, or `Parameter`s.
     """
     if isinstance(parameters, str) or not isinstance(parameters, Sequence):
-        raise TypeError(f"parameters must be a list, but {parameters!r} is of type '{type(parameters).__name__}'")
+        raise TypeError(f"argument 'parameters' must be a list, but {shown(parameters)}")
     normal: list[Any] = []
     for item in parameters:
         if isinstance(item, Mapping):
@@ -179,18 +180,18 @@ def _normalize_value(name: Any, value: Any) -> Any:
     if isinstance(value, (float, bool, int, bytes, ParameterValue)):
         return value
     if isinstance(value, Sequence):
-        return _normalize_array(value)
-    raise TypeError(f"the parameter '{name}' cannot have the value {value!r} of type '{type(value).__name__}'")
+        return _normalize_array(name, value)
+    raise TypeError(f"the parameter '{name}' cannot have such a value: {shown(value)}")
 
 
-def _normalize_array(value: Sequence[Any]) -> Any:
+def _normalize_array(name: Any, value: Sequence[Any]) -> Any:
     kinds: set[Any] = set()
     for item in value:
-        ensure_argument_type(item, (float, int, str, bool, *SomeSubstitutionsType_types_tuple), "subvalue")
         known = (Substitution, str, bool, int, float, Sequence)
-        kinds.add(next((kind for kind in known if isinstance(item, kind)), None))
-    if None in kinds:
-        raise RuntimeError(f"an item of {value!r} cannot be in a parameter")
+        kind = next((kind for kind in known if isinstance(item, kind)), None)
+        if kind is None:
+            raise TypeError(f"the parameter '{name}' cannot have such an item in its list: {shown(item)}")
+        kinds.add(kind)
     if kinds == {int}:
         return tuple(value)
     if kinds in ({float}, {int, float}):
@@ -241,11 +242,10 @@ def _evaluate_value(context: Any, name: str, value: Any) -> Any:
 
             return _uniform(name, [yaml.safe_load(perform_substitutions(context, item)) for item in value])
         return tuple(value)
+    if isinstance(value, tuple) and not value:
+        return _uniform(name, ())
     ensure_argument_type(value, (float, int, str, bool, bytes), "value", f"parameter '{name}'")
     return value
-
-
-_AS_TEXT = "If it is meant as text, wrap it: ParameterValue(..., value_type=str)."
 
 
 def _evaluate_text(name: str, text: str) -> Any:
@@ -254,14 +254,14 @@ def _evaluate_text(name: str, text: str) -> Any:
     try:
         value = yaml.safe_load(text or "''")
     except yaml.YAMLError as error:
-        raise TypeError(f"the value of the parameter '{name}' cannot be read as YAML. {_AS_TEXT}") from error
+        raise TypeError(f"the value of the parameter '{name}' cannot be read as YAML: {text!r:.120}") from error
     if type(value) in (*_SCALARS, bytes):
         return value
     if isinstance(value, Sequence):
         return _uniform(name, value)
     raise TypeError(
         f"the value of the parameter '{name}' becomes a '{type(value).__name__}' when read as YAML, "
-        f"which no parameter can have. {_AS_TEXT}"
+        f"which no parameter can have: {text!r:.120}"
     )
 
 
@@ -269,6 +269,6 @@ def _uniform(name: str, items: Sequence[Any]) -> tuple[Any, ...]:
     if not items or type(items[0]) not in _SCALARS or not all(isinstance(i, type(items[0])) for i in items):
         raise TypeError(
             f"the list given to the parameter '{name}' must not be empty, and its items must "
-            f"all be of one type (bool, int, float or str), but it is {list(items)!r}"
+            f"all be of one type (bool, int, float or str), but it is {list(items)!r:.120}"
         )
     return tuple(items)

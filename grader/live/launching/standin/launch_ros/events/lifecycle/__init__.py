@@ -20,7 +20,12 @@ class ChangeState(Event):
 
     name = "launch_ros.events.lifecycle.ChangeState"
 
+    #: As `lifecycle_msgs/msg/Transition` numbers them: what is asked for, then how each of them can end.
+    valid_transitions = frozenset({*range(9), *(tens + how for tens in range(10, 70, 10) for how in range(3))})
+
     def __init__(self, *, lifecycle_node_matcher: Callable[[Any], bool], transition_id: int) -> None:
+        if transition_id not in self.valid_transitions:
+            raise ValueError(f"{transition_id!r} is no id of a lifecycle transition")
         self.lifecycle_node_matcher = lifecycle_node_matcher
         self.transition_id = transition_id
 
@@ -33,6 +38,21 @@ class StateTransition(Event):
     def __init__(self, *, action: Any, msg: Any) -> None:
         self.action = action
         self.msg = msg
+
+    @property
+    def transition(self) -> str:
+        """Name of the transition."""
+        return str(self.msg.transition.label)
+
+    @property
+    def start_state(self) -> str:
+        """Name of the state before."""
+        return str(self.msg.start_state.label)
+
+    @property
+    def goal_state(self) -> str:
+        """Name of the state after."""
+        return str(self.msg.goal_state.label)
 
 
 def matches_node_name(node_name: str) -> Callable[[Any], bool]:

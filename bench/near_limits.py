@@ -1,0 +1,87 @@
+"""Submissions that lie near a limit: the reference solution with one line changed, a folder each."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+SOLUTION = ROOT / "reference" / "solution"
+
+_RATE = 'self.declare_parameter("publish_rate", 100.0)'
+_PUBLISH = "        self.publisher.publish(Float64MultiArray(data=joint_positions(time_s)))\n"
+_REPORT = '        self.get_logger().info(f"RMS tracking error: {rms:.4f} rad")\n'
+
+
+@dataclass(frozen=True)
+class NearLimit:
+    """A submission near a limit.
+
+    Attributes
+    ----------
+    file : str
+        The solution's file that is changed. It is handed in alone, so that only its session runs.
+    old, new : str
+        The text that is replaced, and by what.
+    check : str
+        The check whose limit it is near.
+    """
+
+    name: str
+    about: str
+    file: str
+    old: str
+    new: str
+    check: str
+
+
+def _rate(name: str, about: str, rate_hz: float) -> NearLimit:
+    return NearLimit(name, about, "joint_publisher.py", _RATE, _RATE.replace("100.0", str(rate_hz)), "publisher.rate")
+
+
+def _jitter(name: str, about: str, jitter_s: float) -> NearLimit:
+    # Each message is late by chance, but the next keeps to the schedule: the rate stays what it was.
+    wait = (
+        "        import random, time\n"
+        "        self.begun_s = getattr(self, 'begun_s', time.monotonic() - time_s)\n"
+        f"        late_s = self.begun_s + time_s + random.uniform(0.0, {jitter_s})\n"
+        "        time.sleep(max(0.0, late_s - time.monotonic()))\n"
+    )
+    return NearLimit(name, about, "joint_publisher.py", _PUBLISH, wait + _PUBLISH, "publisher.steady")
+
+
+NEAR_LIMITS = (
+    _rate("rate_98_5_hz", "98.5 Hz, where 98 Hz is still full", 98.5),
+    _rate("rate_97_5_hz", "97.5 Hz, just below what is full", 97.5),
+    _rate("rate_90_hz", "90 Hz, which must never pass", 90.0),
+    _jitter("jitter_2_ms", "late by up to 2 ms by chance, where 3 ms are full", 0.002),
+    _jitter("jitter_15_ms", "late by up to 15 ms by chance: one interval in 20 is some 10 ms off", 0.015),
+    NearLimit(
+        "reports_10_of_11",
+        "reports on 10 of 11 states, where 9 of 10 are full",
+        "joint_subscriber.py",
+        _REPORT,
+        "        self.seen = getattr(self, 'seen', 0) + 1\n        if self.seen % 11:\n    " + _REPORT,
+        "subscriber.reports",
+    ),
+)
+
+
+def write(folder: Path, *, solution: Path = SOLUTION) -> list[str]:
+    """Write the solution and all that lie near a limit as folders of submissions; returns their names.
+
+    Raises
+    ------
+    ValueError
+        If the solution no longer holds a text that is to be changed.
+    """
+    shutil.rmtree(folder, ignore_errors=True)
+    shutil.copytree(solution, folder / "solution", ignore=shutil.ignore_patterns("__pycache__"))
+    for near in NEAR_LIMITS:
+        text = (solution / near.file).read_text(encoding="utf-8")
+        if text.count(near.old) != 1:
+            raise ValueError(f"{near.name}: the solution's {near.file} does not hold {near.old!r} once")
+        (folder / near.name).mkdir()
+        (folder / near.name / near.file).write_text(text.replace(near.old, near.new), encoding="utf-8")
+    return ["solution", *(near.name for near in NEAR_LIMITS)]

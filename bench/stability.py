@@ -1,0 +1,226 @@
+"""Is the same submission given the same score, on a quiet machine and on a busy one?
+
+The reference solution, and submissions near a limit, are graded over and over as a class, in every second round
+beside twice as many spinning processes as there are cores. Each grading adds a line to a JSON-lines file, so
+that a run can be interrupted and gone on with.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterable, Sequence
+from contextlib import nullcontext
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from bench import near_limits
+from bench.load import cores, load_average, spinners
+
+_UNDECIDED = ("inconclusive", "error")
+#: Checks of the two promises about rates: at the right rate never below full, at nine tenths of it never full.
+_RATE_CHECK, _RIGHT, _SLOW = "publisher.rate", ("solution",), ("rate_90_hz",)
+
+
+@dataclass(frozen=True)
+class Grading:
+    """One grading of one submission.
+
+    Attributes
+    ----------
+    loaded : bool
+        Whether processes that never wait took part of all cores.
+    decided : dict
+        Check -> points, of the checks that were decided.
+    undecided : list of str
+        The other checks.
+    retries : dict
+        Session -> how often it was recorded again, where it was.
+    """
+
+    submission: str
+    loaded: bool
+    earned: float
+    undecided_points: float
+    decided: dict[str, float]
+    undecided: list[str]
+    retries: dict[str, int]
+    load_average: float = 0.0
+    measured: dict[str, str] = field(default_factory=dict)
+
+
+def read_grading(results: Path, *, loaded: bool) -> Grading:
+    """Read what a results folder says of its submission."""
+    plain = json.loads((results / "result.json").read_text(encoding="utf-8"))
+    checks: list[dict[str, Any]] = [check for criterion in plain["criteria"] for check in criterion["checks"]]
+    attempts = {
+        file.parent.name: int(json.loads(file.read_text(encoding="utf-8"))["attempt"])
+        for file in sorted((results / "recordings").glob("*/session.json"))
+    }
+    undecided = [check for check in checks if check["outcome"] in _UNDECIDED]
+    return Grading(
+        plain["submission"],
+        loaded,
+        plain["score"]["earned"],
+        plain["score"]["undecided"],
+        {check["id"]: check["earned"] for check in checks if check["outcome"] not in _UNDECIDED},
+        [check["id"] for check in undecided],
+        {session: attempt - 1 for session, attempt in attempts.items() if attempt > 1},
+        round(load_average(), 2),
+        {check["id"]: f"{check['measured']} | {check['reason']}" for check in undecided},
+    )
+
+
+def one_round(submissions: Path, *, loaded: bool) -> list[Grading]:
+    """Grade a class once."""
+    with tempfile.TemporaryDirectory(prefix="bench-stability-") as scratch:
+        results = Path(scratch)
+        with spinners(2 * cores()) if loaded else nullcontext():
+            command = [sys.executable, "-m", "grader.cli", str(submissions), "--each", "-o", str(results)]
+            environment = {name: value for name, value in os.environ.items() if name != "CI"}
+            subprocess.run(command, stdout=subprocess.DEVNULL, check=True, env=environment)
+        return [read_grading(folder.parent, loaded=loaded) for folder in sorted(results.glob("*/result.json"))]
+
+
+@dataclass(frozen=True)
+class Steadiness:
+    """What many gradings of one submission say together.
+
+    Attributes
+    ----------
+    scores : list of float
+        Different scores of the gradings in which all was decided: one, if all is well.
+    differing : dict
+        Check -> its different points, of the checks that were decided in more than one way.
+    """
+
+    submission: str
+    gradings: int
+    loaded: int
+    scores: list[float]
+    differing: dict[str, list[float]]
+    undecided: int
+    undecided_idle: int
+    retries: int
+    retries_idle: int
+
+    @property
+    def steady(self) -> bool:
+        """Whether nothing was decided in two ways."""
+        return len(self.scores) <= 1 and not self.differing
+
+
+def steadiness(gradings: Sequence[Grading]) -> list[Steadiness]:
+    """Sum up gradings, by submission."""
+    names = list(dict.fromkeys(grading.submission for grading in gradings))
+    return [_steadiness(name, [g for g in gradings if g.submission == name]) for name in names]
+
+
+def _steadiness(name: str, gradings: Sequence[Grading]) -> Steadiness:
+    points: dict[str, set[float]] = {}
+    for grading in gradings:
+        for check, earned in grading.decided.items():
+            points.setdefault(check, set()).add(earned)
+    idle = [g for g in gradings if not g.loaded]
+    return Steadiness(
+        name,
+        len(gradings),
+        len(gradings) - len(idle),
+        sorted({g.earned for g in gradings if not g.undecided}),
+        {check: sorted(earned) for check, earned in points.items() if len(earned) > 1},
+        sum(bool(g.undecided) for g in gradings),
+        sum(bool(g.undecided) for g in idle),
+        sum(sum(g.retries.values()) for g in gradings),
+        sum(sum(g.retries.values()) for g in idle),
+    )
+
+
+def promises(gradings: Iterable[Grading]) -> list[str]:
+    """Say whether what runs at the right rate never failed, and what runs at nine tenths of it never passed."""
+    right: list[float] = []
+    slow: list[float] = []
+    best = 0.0
+    for grading in gradings:
+        earned = grading.decided.get(_RATE_CHECK)
+        if earned is not None and grading.submission in _RIGHT:
+            right.append(earned)
+            best = max(best, earned)
+        elif earned is not None and grading.submission in _SLOW:
+            slow.append(earned)
+    failed, passed = sum(earned < best for earned in right), sum(earned >= best for earned in slow)
+    return [
+        f"100 Hz: decided {len(right)} times, {failed} times below full.",
+        f"90 Hz: decided {len(slow)} times, {passed} times full.",
+    ]
+
+
+def table(gradings: Sequence[Grading]) -> str:
+    """Return the summary as Markdown."""
+    lines = [
+        "| submission | gradings (loaded) | scores decided | checks decided in two ways | with something undecided "
+        "(idle) | sessions run again (idle) |",
+        "|---|---|---|---|---|---|",
+    ]
+    for row in steadiness(gradings):
+        scores = ", ".join(f"{score:g}" for score in row.scores) or "none"
+        differing = "; ".join(f"{check}: {points}" for check, points in row.differing.items()) or "none"
+        lines.append(
+            f"| {row.submission} | {row.gradings} ({row.loaded}) | {scores} | {differing} "
+            f"| {row.undecided} ({row.undecided_idle}) | {row.retries} ({row.retries_idle}) |"
+        )
+    return "\n".join([*lines, "", *promises(gradings)])
+
+
+def read(file: Path) -> list[Grading]:
+    """Read the gradings that a file holds; none if there is no such file."""
+    if not file.is_file():
+        return []
+    return [Grading(**json.loads(line)) for line in file.read_text(encoding="utf-8").splitlines()]
+
+
+def collect(times: int, into: Path, until_s: float | None = None) -> None:
+    """Grade until each submission was graded so often, half of the times on a loaded machine.
+
+    Parameters
+    ----------
+    until_s : float, optional
+        Begin no round after this time of the system clock.
+    """
+    with tempfile.TemporaryDirectory(prefix="bench-submissions-") as scratch:
+        names = near_limits.write(Path(scratch))
+        while until_s is None or time.time() < until_s:
+            counts = [min(_count(read(into), name, loaded) for name in names) for loaded in (False, True)]
+            if sum(counts) >= times:
+                return
+            gradings = one_round(Path(scratch), loaded=counts[1] < counts[0])
+            with into.open("a", encoding="utf-8") as stream:
+                stream.writelines(json.dumps(asdict(grading)) + "\n" for grading in gradings)
+
+
+def _count(gradings: Iterable[Grading], name: str, loaded: bool) -> int:
+    return sum(g.submission == name and g.loaded == loaded for g in gradings)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Collect gradings, or sum up those that a file holds; 1 if anything was decided in two ways."""
+    parser = argparse.ArgumentParser(prog="python -m bench.stability", description=__doc__)
+    parser.add_argument("--times", type=int, default=4, help="gradings of each submission, those there are included")
+    parser.add_argument("--into", type=Path, default=Path("bench/stability.jsonl"), help="file that collects them")
+    parser.add_argument("--minutes", type=float, help="begin no further round after so many minutes")
+    parser.add_argument("--summary", type=Path, metavar="FILE", help="only sum up what a file holds")
+    options = parser.parse_args(arguments)
+    if options.summary is None:
+        collect(options.times, options.into, time.time() + 60 * options.minutes if options.minutes else None)
+    gradings = read(options.summary or options.into)
+    print(table(gradings))
+    return 0 if all(row.steady for row in steadiness(gradings)) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

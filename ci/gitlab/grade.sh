@@ -1,0 +1,26 @@
+#!/usr/bin/env bash
+# Grades a submission in a job of GitLab CI; see gitlab-ci.yml, which sets the variables.
+#
+# Exit status: that of `grade`. It is not 0 if the score is below FAIL_UNDER, or if there is no score.
+set -euo pipefail
+GRADE=${GRADE:-/opt/grade/bin/grade}
+# Not within the checkout, where the submission may have laid out links.
+results=$(mktemp -d)
+
+arguments=("$SUBMISSION" --one --output "$results" --require-isolation "$REQUIRE_ISOLATION")
+[[ -z ${RUBRIC:-} ]] || arguments+=(--rubric "$RUBRIC")
+[[ -z ${SESSIONS:-} ]] || arguments+=(--sessions "$SESSIONS")
+[[ -z ${FAIL_UNDER:-} ]] || arguments+=(--fail-under "$FAIL_UNDER")
+status=0
+"$GRADE" "${arguments[@]}" || status=$?
+
+result=$(find "$results" -mindepth 2 -maxdepth 2 -name result.json -print -quit)
+if [[ -n $result ]]; then
+  folder=$(dirname "$result")
+  "$GRADE" export "$folder" --to junit --to gitlab-codequality --path-prefix "$SUBMISSION" >/dev/null
+  # GitLab takes artifacts from the checkout alone.
+  rm -rf -- "$CI_PROJECT_DIR/grade"
+  cp -R -- "$folder" "$CI_PROJECT_DIR/grade"
+fi
+rm -rf -- "$results"
+exit "$status"

@@ -1,0 +1,16 @@
+#!/usr/bin/env bash
+# Installs the grader, with the versions that it was tested with, on a Debian or Ubuntu of a CI job.
+#
+#   install.sh SOURCE
+#
+# It goes to /opt/grade and belongs to root, so that no student's code can change it.
+set -euo pipefail
+source=$1
+as_root() { if [[ $(id -u) == 0 ]]; then "$@"; else sudo -- "$@"; fi; }
+
+as_root apt-get update -qq
+as_root env DEBIAN_FRONTEND=noninteractive apt-get install -qq -y --no-install-recommends \
+  bubblewrap util-linux python3 python3-venv >/dev/null
+as_root python3 -m venv /opt/grade
+as_root /opt/grade/bin/python -m pip install --quiet --disable-pip-version-check --no-cache-dir \
+  --constraint "$source/constraints.txt" "$source"

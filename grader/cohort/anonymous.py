@@ -1,0 +1,118 @@
+"""A class without names: pseudonyms instead, and nothing left of the names in what students wrote."""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import re
+import unicodedata
+from collections.abc import Iterable, Mapping, Sequence
+
+from grader.cohort.entries import ClassEntry
+from grader.cohort.finished import NOT_READABLE, finished
+from grader.result import Adjustment, AdjustmentKind
+from grader.rubric import Rubric
+
+HIDDEN = "‹name›"
+#: Shortest parts of a name, in letters and in digits, that are hidden.
+LEAST_LETTERS, LEAST_DIGITS = 3, 4
+#: Names below this length are hidden only where they stand alone, not within a word.
+LEAST_WITHIN_A_WORD = 4
+#: How letters that plain ASCII lacks are written in names of files and nodes.
+_SPELT = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "å": "aa", "ø": "oe", "æ": "ae"})
+
+
+def anonymous(entries: Sequence[ClassEntry], rubric: Rubric) -> list[ClassEntry]:
+    """Return the entries under pseudonyms, in the order of these.
+
+    Parameters
+    ----------
+    rubric : Rubric
+        Its words are no names, even if they are part of one.
+
+    Notes
+    -----
+    Pseudonyms are numbers in an order that a keyed hash of the names gives. The key comes from the hashes of what
+    was handed in, so that a list of the class is not enough to find the order again; it stays the same as long as
+    the submissions do. Of a result only outcomes, points and what the grader says of them stay; names, and parts
+    of them, are hidden in these texts. Links, student ids, times of submission and words of adjustments go.
+    """
+    key = hashlib.sha256("\n".join(sorted(_fingerprint(entry) for entry in entries)).encode()).digest()
+    order = sorted(range(len(entries)), key=lambda n: (_keyed(key, entries[n].name), n))
+    digits = max(2, len(str(len(entries))))
+    hide = _Hider(entries, rubric)
+    return [_hidden(entries[place], f"Student {rank:0{digits}d}", hide) for rank, place in enumerate(order, 1)]
+
+
+def _fingerprint(entry: ClassEntry) -> str:
+    provenance = entry.result.get("provenance") if entry.result is not None else None
+    return str(provenance.get("submission_sha256", "")) if isinstance(provenance, Mapping) else ""
+
+
+def _keyed(key: bytes, name: str) -> bytes:
+    return hmac.digest(key, name.encode("utf-8", "surrogatepass"), "sha256")
+
+
+def _hidden(entry: ClassEntry, pseudonym: str, hide: _Hider) -> ClassEntry:
+    result = finished(entry.result) if entry.result is not None else None
+    if result is None:
+        problem = NOT_READABLE if entry.result is not None else hide(entry.problem)
+        return ClassEntry(pseudonym, None, problem)
+    said = result.model_dump(include={"score", "criteria", "problems", "violations", "adjustments"})
+    for check in (check for criterion in said["criteria"] for check in criterion["checks"]):
+        check |= {"reason": hide(check["reason"]), "hint": hide(check["hint"])}
+    said["problems"] = [hide(problem) for problem in said["problems"]]
+    said["violations"] = [{**v, "text": hide(v["text"])} for v in said["violations"]]
+    said["adjustments"] = [_nameless(adjustment) for adjustment in result.adjustments]
+    said["provenance"] = {"rubric_sha256": result.rubric_sha256}
+    return ClassEntry(pseudonym, said)
+
+
+def _nameless(adjustment: Adjustment) -> Adjustment:
+    """Return an adjustment without words and times, which might tell whose it is."""
+    by_check = adjustment.kind in (AdjustmentKind.POINTS, AdjustmentKind.EXCUSED)
+    return Adjustment(adjustment.kind, adjustment.what if by_check else "", adjustment.points, "")
+
+
+class _Hider:
+    """Hides the names of a class in texts: whole ones, and parts that are no words of the rubric."""
+
+    def __init__(self, entries: Iterable[ClassEntry], rubric: Rubric) -> None:
+        known = {word.lower() for word in re.findall(r"[^\W_]+", _plain(rubric.text))}
+        wanted: set[str] = set()
+        for name in (name for entry in entries for name in (entry.name, entry.student_id) if name):
+            lowered = unicodedata.normalize("NFC", name).lower()
+            for spelling in (_plain(lowered), _plain(lowered.translate(_SPELT))):
+                wanted |= {spelling, *(part for part in _parts(spelling) if part not in known)}
+        ordered = sorted(wanted, key=lambda name: (-len(name), name))
+        self._pattern = re.compile("|".join(map(_matching, ordered)), re.IGNORECASE) if ordered else None
+
+    def __call__(self, text: str) -> str:
+        """Return a text without names."""
+        if self._pattern is None:
+            return text
+        text = unicodedata.normalize("NFC", text)
+        parts, at = [], 0
+        for match in self._pattern.finditer(_plain(text)):
+            parts += [text[at : match.start()], HIDDEN]
+            at = match.end()
+        return "".join([*parts, text[at:]])
+
+
+def _parts(name: str) -> list[str]:
+    letters = [part for part in re.findall(r"[^\W\d_]+", name) if len(part) >= LEAST_LETTERS]
+    return letters + [part for part in re.findall(r"\d+", name) if len(part) >= LEAST_DIGITS]
+
+
+def _matching(name: str) -> str:
+    """Return the pattern of a name; a short one has to stand alone, be it as a word of a name in camel case."""
+    if len(name) >= LEAST_WITHIN_A_WORD:
+        return re.escape(name)
+    before = r"(?:(?<![^\W_])|(?-i:(?<=[a-z0-9])(?=[A-Z])))"
+    after = r"(?:(?![^\W_])|(?-i:(?=[A-Z])))"
+    return f"{before}{re.escape(name)}{after}"
+
+
+def _plain(text: str) -> str:
+    """Return a text with letters without their marks; each stays one character, so that places stay the same."""
+    return "".join(unicodedata.normalize("NFKD", character)[0] for character in text)

@@ -1,0 +1,86 @@
+"""What a class consists of: one entry a student, each with a finished result or the reason why there is none."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from grader.cohort.overrides import moment_of
+from grader.recording.submission import read_submission
+
+RECORDINGS = "recordings"
+RESULT_FILE = "result.json"
+REPORT_FILE = "report.html"
+
+
+@dataclass(frozen=True)
+class ClassEntry:
+    """One student of a class.
+
+    Attributes
+    ----------
+    name : str
+        Name of the submission; written by students, so not to be trusted.
+    result : mapping or None
+        The plain data of `result.json`; None if the submission was not graded.
+    problem : str
+        Why it was not graded.
+    report : str
+        Link to the report, relative to the class page; empty if there is none.
+    submitted_at : datetime or None
+        When it was handed in, with its offset from UTC, where that is known.
+    student_id : str or None
+        By which a grade book knows the student.
+    """
+
+    name: str
+    result: Mapping[str, Any] | None
+    problem: str = ""
+    report: str = ""
+    submitted_at: datetime | None = None
+    student_id: str | None = None
+
+
+def entries_in(results: Path) -> list[ClassEntry]:
+    """Read the finished results `*/result.json` of a folder, in the order of their names.
+
+    Parameters
+    ----------
+    results : Path
+        Folder with a folder for each submission. Folders that hold no part of a result are passed over.
+    """
+    if not results.is_dir():
+        return []
+    folders = sorted(path for path in results.iterdir() if path.is_dir() and not path.name.startswith("."))
+    parts = (RESULT_FILE, REPORT_FILE, RECORDINGS)
+    return [_entry(folder) for folder in folders if any((folder / part).exists() for part in parts)]
+
+
+def report_link(name: str) -> str:
+    """Return the link from the class page to a submission's report."""
+    return f"{quote(name, safe='', errors='surrogateescape')}/{REPORT_FILE}"
+
+
+def _entry(folder: Path) -> ClassEntry:
+    report = report_link(folder.name) if (folder / REPORT_FILE).is_file() else ""
+    try:
+        plain = json.loads((folder / RESULT_FILE).read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return ClassEntry(folder.name, None, "There is no result; the grading was broken off.", report)
+    except (OSError, ValueError, RecursionError):
+        plain = None
+    if not isinstance(plain, dict):
+        return ClassEntry(folder.name, None, f"Its {RESULT_FILE} cannot be read; grade it again.", report)
+    return ClassEntry(folder.name, plain, "", report, _submitted_at(folder))
+
+
+def _submitted_at(folder: Path) -> datetime | None:
+    try:
+        return moment_of(read_submission(folder / RECORDINGS).submitted_at)
+    except (OSError, ValueError):
+        return None

@@ -1,0 +1,263 @@
+"""`overrides.yaml`: what people decide about single submissions, each with reason, name and date.
+
+It lies beside the results, so that no regrade can lose it. All its mistakes are reported at once, by line.
+"""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from datetime import date, datetime
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
+
+from grader.errors import RubricError
+from grader.lined_yaml import Loc, Mistakes, Strict, parse_yaml
+from grader.policy import Moment, TimeSpan, parse_time
+from grader.rubric import Rubric
+
+OVERRIDES_FILE = "overrides.yaml"
+#: Stands for all submissions.
+EVERYONE = "*"
+
+_WHAT = "the file of overrides"
+_REMEDY = "`grade regrade --help` shows what entries look like."
+_CHANGES = ("set", "add", "excused", "bonus", "extension", "due", "submitted")
+_OF_A_PART = ("set", "add", "excused")
+
+
+def _points(value: Any) -> Any:
+    if isinstance(value, bool) or not isinstance(value, (int, float, str, Decimal)):
+        raise ValueError("a number of points is expected")
+    try:
+        points = Decimal(str(value))
+    except InvalidOperation:
+        raise ValueError("a number of points is expected") from None
+    if not points.is_finite() or abs(points) > 1_000_000:
+        raise ValueError("a number of points is expected")
+    if points != round(points, 2):
+        raise ValueError("points have at most two decimals")
+    return points
+
+
+def _names(value: Any) -> Any:
+    listed = [value] if isinstance(value, (str, int)) and not isinstance(value, bool) else value
+    if isinstance(listed, (list, tuple)) and listed and all(isinstance(n, (str, int)) for n in listed):
+        return tuple(str(name) for name in listed)
+    raise ValueError(f"the name of a submission, a list of names, or '{EVERYONE}' for all is expected")
+
+
+def _words(value: Any) -> Any:
+    if isinstance(value, str) and value.strip():
+        return " ".join(value.split())
+    raise ValueError("words are expected")
+
+
+def _read_date(text: str) -> date | None:
+    try:
+        return date.fromisoformat(text.strip())
+    except ValueError:
+        return parse_time(text)
+
+
+def _date(value: Any) -> Any:
+    found = _read_date(value) if isinstance(value, str) else value
+    if not isinstance(found, date):
+        raise ValueError("a date is expected, such as 2026-11-21, with its time where you like")
+    return found.isoformat(timespec="minutes") if isinstance(found, datetime) else found.isoformat()
+
+
+Points = Annotated[Decimal, BeforeValidator(_points)]
+Words = Annotated[str, BeforeValidator(_words)]
+
+
+class Override(Strict):
+    """One decision about one submission or several.
+
+    Attributes
+    ----------
+    set_, add : Decimal or None
+        Points of a check or a criterion: these, or so many more (or fewer).
+    excused : True or None
+        A check or a criterion loses nothing.
+    bonus : Decimal or None
+        Points beyond the rubric's.
+    extension : timedelta or None
+        How much later it is due.
+    due, submitted : datetime or None
+        When it is due, and when it was handed in, in place of what is known.
+    """
+
+    submission: Annotated[tuple[str, ...], BeforeValidator(_names)]
+    check: str | None = None
+    criterion: str | None = None
+    set_: Points | None = Field(None, alias="set")
+    add: Points | None = None
+    excused: Literal[True] | None = None
+    bonus: Points | None = None
+    extension: TimeSpan | None = None
+    due: Moment | None = None
+    submitted: Moment | None = None
+    reason: Words
+    who: Words
+    when: Annotated[str, BeforeValidator(_date)]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _nothing_is_empty(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
+            raise ValueError("an entry is a mapping")
+        empty = [str(key) for key, value in data.items() if value is None]
+        if empty:
+            raise ValueError(f"{', '.join(empty)}: a value is missing")
+        return data
+
+    @model_validator(mode="after")
+    def _one_change(self) -> Override:
+        changes = [name for name in _CHANGES if getattr(self, "set_" if name == "set" else name) is not None]
+        parts = sum(part is not None for part in (self.check, self.criterion))
+        if len(changes) != 1:
+            raise ValueError(f"exactly one of {', '.join(_CHANGES)} is needed")
+        if changes[0] in _OF_A_PART and parts != 1:
+            raise ValueError(f"{changes[0]} needs either a check or a criterion")
+        if changes[0] not in _OF_A_PART and parts:
+            raise ValueError(f"{changes[0]} is of the whole submission, not of a check or a criterion")
+        if self.bonus is not None and self.bonus <= 0:
+            raise ValueError("a bonus is more than 0 points")
+        return self
+
+    def concerns(self, submission: str) -> bool:
+        """Whether it is about a submission."""
+        return submission in self.submission or EVERYONE in self.submission
+
+
+@dataclass(frozen=True)
+class Overrides:
+    """All entries of one file, in its order.
+
+    Attributes
+    ----------
+    lines : tuple of int
+        The line of each entry.
+    sha256 : str
+        Hash of the file's text; empty if there is no file.
+    """
+
+    entries: tuple[Override, ...] = ()
+    lines: tuple[int, ...] = ()
+    name: str = ""
+    sha256: str = ""
+
+    def of(self, submission: str) -> tuple[Override, ...]:
+        """Return the entries about a submission."""
+        return tuple(entry for entry in self.entries if entry.concerns(submission))
+
+    def remarks(self, submissions: Iterable[str], *, times_matter: bool) -> list[str]:
+        """Say which entries do nothing.
+
+        Parameters
+        ----------
+        submissions : iterable of str
+            Names of all that there are.
+        times_matter : bool
+            Whether the rubric says what lateness costs.
+        """
+        return self.strangers(submissions) + ([] if times_matter else self.about_times())
+
+    def strangers(self, submissions: Iterable[str]) -> list[str]:
+        """Say which entries name a submission that there is none of."""
+        known = sorted(submissions)
+        return [
+            f"{self.name}:{line}: there is no submission {name!r}{_meant(name, known)}"
+            for entry, line in zip(self.entries, self.lines, strict=True)
+            for name in entry.submission
+            if name != EVERYONE and name not in known
+        ]
+
+    def about_times(self) -> list[str]:
+        """Say which entries move a time, for a rubric by which no time matters."""
+        return [
+            f"{self.name}:{line}: the rubric does not say what lateness costs, so a time changes nothing"
+            for entry, line in zip(self.entries, self.lines, strict=True)
+            if entry.extension is not None or entry.due is not None or entry.submitted is not None
+        ]
+
+
+def load_overrides(path: Path, rubric: Rubric) -> Overrides:
+    """Read and validate a file of overrides.
+
+    Raises
+    ------
+    RubricError
+        With every mistake, each with file and line; also where it does not fit the rubric.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as problem:
+        raise RubricError(f"{_WHAT} cannot be read", [str(problem)], where=str(path)) from problem
+    sha256 = hashlib.sha256(text.encode()).hexdigest()
+    if not any(line.partition("#")[0].strip() for line in text.splitlines()):
+        return Overrides(name=path.name, sha256=sha256)
+    plain, mistakes = parse_yaml(path, text, _WHAT)
+    for key in plain:
+        if key != "overrides":
+            mistakes.add((key,), "unknown key; known is overrides")
+    listed = plain.get("overrides", [])
+    if not isinstance(listed, list):
+        mistakes.add(("overrides",), "a list of entries is expected")
+        listed = []
+    entries = _entries(listed, rubric, mistakes)
+    mistakes.raise_any(_REMEDY)
+    lines = tuple(mistakes.line_of(("overrides", n)) for n in range(len(entries)))
+    return Overrides(tuple(entries), lines, path.name, sha256)
+
+
+def _entries(listed: list[Any], rubric: Rubric, mistakes: Mistakes) -> list[Override]:
+    known = _possible(rubric)
+    entries: list[Override] = []
+    for number, raw in enumerate(listed):
+        loc: Loc = ("overrides", number)
+        try:
+            entry = Override.model_validate(raw)
+        except ValidationError as error:
+            mistakes.add_validation(loc, error)
+            continue
+        if entry in entries:
+            mistakes.add(loc, "the same entry stands here twice")
+        entries.append(entry)
+        _check_part(entry, loc, known, mistakes)
+    return entries
+
+
+def _possible(rubric: Rubric) -> dict[str, dict[str, Decimal]]:
+    return {
+        "check": {check.id: check.points for check in rubric.checks()},
+        "criterion": {criterion.id: criterion.points for criterion in rubric.criteria},
+    }
+
+
+def _check_part(entry: Override, loc: Loc, known: Mapping[str, Mapping[str, Decimal]], mistakes: Mistakes) -> None:
+    kind, identity = ("check", entry.check) if entry.check is not None else ("criterion", entry.criterion)
+    if identity is None:
+        return
+    possible = known[kind].get(identity)
+    if possible is None:
+        mistakes.add((*loc, kind), f"the rubric has no {kind} {identity!r}{_meant(identity, list(known[kind]))}")
+    elif entry.set_ is not None and not 0 <= entry.set_ <= possible:
+        mistakes.add((*loc, "set"), f"{identity} has from 0 to {possible} points; bonus gives more")
+
+
+def _meant(name: str, known: list[str]) -> str:
+    near = difflib.get_close_matches(name, known, 1)
+    return f"; did you mean {near[0]!r}?" if near else ""
+
+
+def moment_of(submitted_at: str | None) -> datetime | None:
+    """Return a recorded time of submission, or None if it is not known or has no offset from UTC."""
+    found = parse_time(submitted_at) if submitted_at else None
+    return found if found is not None and found.utcoffset() is not None else None

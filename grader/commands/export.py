@@ -1,0 +1,123 @@
+"""`grade export RESULTS_DIR...`: write results in the forms of CI systems and learning platforms."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from grader.errors import RecordingError
+from grader.exporting import STANDARD_OUTPUT, ExportTarget, write_exports
+from grader.report.exports import EXPORTS
+from grader.report.plain import terminal_text
+
+
+def add_exports(parser: argparse.ArgumentParser, option: str) -> None:
+    """Add the option that chooses exports, and `--path-prefix`."""
+    parser.add_argument(
+        option,
+        type=_target,
+        action="append",
+        default=[],
+        dest="exports",
+        metavar="NAME[=FILE]",
+        help=f"write the result in another system's form: {', '.join(EXPORTS)} (FILE: by default one in the "
+        "results folder; several times for several)",
+    )
+    parser.add_argument(
+        "--path-prefix",
+        default="",
+        metavar="DIR",
+        help="folder of the submission in its repository, for forms that point at lines of files",
+    )
+
+
+def _target(text: str) -> ExportTarget:
+    try:
+        return ExportTarget.parse(text)
+    except ValueError as problem:
+        raise argparse.ArgumentTypeError(str(problem)) from None
+
+
+def _parser() -> argparse.ArgumentParser:
+    forms = "\n".join(f"  {export.name:<19}{export.description} ({export.file_name})" for export in EXPORTS.values())
+    parser = argparse.ArgumentParser(
+        prog="grade export",
+        description="Write results in the forms of CI systems and learning platforms.",
+        epilog=f"forms (and their files):\n{forms}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "results", nargs="+", type=Path, metavar="RESULTS_DIR", help="results of a submission, e.g. results/alice"
+    )
+    add_exports(parser, "--to")
+    parser.add_argument("-o", "--output", metavar="FILE", help="the file for a single form; - is the standard output")
+    parser.add_argument(
+        "--so-far", action="store_true", help="of a grading that still runs: judge what has been recorded until now"
+    )
+    return parser
+
+
+def run(arguments: Sequence[str], console: Console) -> int:
+    """Write the exports; returns the exit status."""
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    targets = _targets(parser, options)
+    for results in options.results:
+        plain = _judged_so_far(results) if options.so_far else read_result(results)
+        written = write_exports(targets, plain, results, options.path_prefix)
+        if not any(target.file == STANDARD_OUTPUT for target in targets):
+            for path in written:
+                console.print(terminal_text(str(path)), soft_wrap=True, markup=False)
+    return 0
+
+
+def _targets(parser: argparse.ArgumentParser, options: argparse.Namespace) -> list[ExportTarget]:
+    targets: list[ExportTarget] = options.exports
+    if not targets:
+        parser.error("say with --to in which form")
+    if options.output is not None:
+        if len(targets) > 1 or targets[0].file is not None:
+            parser.error("-o is for a single --to NAME")
+        try:
+            targets = [ExportTarget.parse(f"{targets[0].name}={options.output}")]
+        except ValueError as problem:
+            parser.error(str(problem))
+    if len(options.results) > 1 and any(t.file not in (None, STANDARD_OUTPUT) for t in targets):
+        parser.error("of several results, each is written into its own folder; leave out the file")
+    return targets
+
+
+def read_result(results: Path) -> Mapping[str, Any]:
+    """Read `result.json` of a results folder.
+
+    Raises
+    ------
+    RecordingError
+        If there is none, or it cannot be read.
+    """
+    from grader.pipeline import RESULT_FILE
+
+    try:
+        plain = json.loads((results / RESULT_FILE).read_text(encoding="utf-8"))
+    except (OSError, ValueError) as problem:
+        raise RecordingError(
+            f"there is no {RESULT_FILE} to export",
+            where=str(results),
+            remedy="Give the folder of one submission's results, e.g. results/alice.",
+        ) from problem
+    if not isinstance(plain, dict):
+        raise RecordingError(f"{RESULT_FILE} is not a result", where=str(results), remedy="Run `grade regrade` on it.")
+    return plain
+
+
+def _judged_so_far(results: Path) -> Mapping[str, Any]:
+    from grader import pipeline
+    from grader.report.json import render
+
+    plain: Mapping[str, Any] = json.loads(render(pipeline.judge_so_far(results)))
+    return plain

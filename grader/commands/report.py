@@ -1,0 +1,67 @@
+"""`grade report RESULTS_DIR`: the class page and the table of grades, from results that are there."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+
+_DESCRIPTION = """\
+Write index.html, a page over a class, and grades.csv, a line a student, into the folder of a class's results.
+
+They are made of the results that are there, without ROS; links on the page lead to the submissions' reports.
+"""
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="grade report", description=_DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("results", type=Path, metavar="RESULTS_DIR", help="results of a class, e.g. results/")
+    parser.add_argument(
+        "--anonymous", action="store_true", help="pseudonyms instead of names; no links, student ids or times"
+    )
+    parser.add_argument(
+        "--class-list",
+        "--roster",
+        type=Path,
+        metavar="CSV",
+        help="columns name, student_id and submitted_at; who is on it without a result is listed as not graded",
+    )
+    parser.add_argument(
+        "--rubric", type=Path, metavar="FILE", help="rubric (default: the one that most were judged by)"
+    )
+    return parser
+
+
+def run(arguments: Sequence[str], console: Console) -> int:
+    """Write page and table; returns the exit status."""
+    from grader import pipeline
+    from grader.batch.class_list import read_class_list
+    from grader.cohort.entries import entries_in
+    from grader.cohort.roster import Student, with_roster
+    from grader.errors import SubmissionError
+    from grader.report.views import tenths
+
+    options = _parser().parse_args(arguments)
+    entries = entries_in(options.results)
+    if not entries:
+        raise SubmissionError(
+            "there are no results of submissions in it",
+            where=str(options.results),
+            remedy="Give the folder that holds a folder of results for each submission, e.g. results/.",
+        )
+    rubric = pipeline.read_rubric(options.rubric or pipeline.rubric_of_class(options.results, entries))
+    if options.class_list is not None:
+        listed = read_class_list(options.class_list)
+        entries = with_roster(entries, (Student(s.name, s.student_id, s.submitted_at) for s in listed))
+    summary = pipeline.report_class(options.results, entries, rubric, anonymous=options.anonymous)
+    graded = sum(row.result is not None for row in summary.rows)
+    needy = len({todo.row for todo in summary.todos})
+    median = f", median {tenths(summary.spread.median)} of {tenths(summary.spread.possible)}" if summary.spread else ""
+    console.print(f"{len(entries)} submissions, {graded} graded{median}; {needy} need attention.")
+    for name in (pipeline.CLASS_PAGE, pipeline.GRADES_FILE):
+        console.print(str(options.results / name), soft_wrap=True, markup=False)
+    return 0

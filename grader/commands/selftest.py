@@ -1,0 +1,155 @@
+"""`grade selftest`: known submissions still get the verdict that they must, on this machine and by this rubric."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from contextlib import nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.text import Text
+
+from grader.commands.arguments import BELOW, count
+from grader.errors import SubmissionError
+from grader.report.plain import terminal_text
+
+if TYPE_CHECKING:
+    from grader.batch.expectations import Fixture
+    from grader.batch.trials import Trial
+    from grader.report.trials import TrialLine
+    from grader.rubric import Rubric
+
+_DESCRIPTION = """\
+Grade submissions whose verdict is known, and compare: the lab's solution has all points, an empty starter none, and
+each fixture loses what its expected.yaml says, and nothing else. To be run after an edit of the rubric.
+"""
+
+_EPILOG = """\
+exit status:
+  0 all as expected    1 something is not as expected, or undecided
+  3 no fixtures        4 rubric or an expected.yaml not usable    5 platform not supported
+"""
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="grade selftest",
+        description=_DESCRIPTION,
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("names", nargs="*", metavar="NAME", help="only these fixtures; 'solution' is the lab's own")
+    parser.add_argument("--rubric", type=Path, metavar="FILE", help="rubric (default: that of the lab)")
+    parser.add_argument(
+        "--fixtures", type=Path, metavar="DIR", help="folder of fixtures (default: that of the checkout)"
+    )
+    parser.add_argument("--quick", action="store_true", help="only a few, in about a minute")
+    parser.add_argument("-j", "--jobs", type=count, metavar="N", help="sessions side by side (default: as cores allow)")
+    parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="keep submissions and results there")
+    return parser
+
+
+def run(arguments: Sequence[str], console: Console) -> int:
+    """Grade the fixtures and compare; returns the exit status."""
+    from grader import pipeline
+
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    rubric = pipeline.read_rubric(options.rubric)
+    fixtures = _fixtures(options, rubric, console)
+    unknown = [name for name in options.names if name not in {fixture.name for fixture in fixtures}]
+    if unknown:
+        parser.error(f"there is no fixture {terminal_text(unknown[0], 80)!r}")
+    if options.names:
+        fixtures = [fixture for fixture in fixtures if fixture.name in options.names]
+    pipeline.require_platform()
+    began_s = time.monotonic()
+    trials = _run(fixtures, rubric, options, console)
+    return _tell(trials, time.monotonic() - began_s, console)
+
+
+def _fixtures(options: argparse.Namespace, rubric: Rubric, console: Console) -> list[Fixture]:
+    """Return what is to be graded: the lab's solution, and the fixtures where there are any."""
+    from grader.batch.expectations import fixtures_in, solution
+    from grader.batch.trials import quick
+    from grader.pipeline import lab_folder
+
+    found = []
+    if rubric.lab.solution is not None and (rubric.folder / rubric.lab.solution).is_dir():
+        found.append(solution(rubric.folder / rubric.lab.solution, rubric))
+    else:
+        console.print("The rubric names no solution that is here (lab.solution).")
+    folder: Path = options.fixtures or lab_folder() / "fixtures"
+    if options.fixtures is not None or folder.is_dir():
+        found += fixtures_in(folder)
+    else:
+        console.print("Fixtures come with a checkout only; --fixtures names another folder of them.")
+    if not found:
+        raise SubmissionError(
+            "there is nothing to grade", remedy="Name a folder of fixtures, or a solution in the rubric."
+        )
+    return quick(found, rubric) if options.quick else found
+
+
+def _run(fixtures: Sequence[Fixture], rubric: Rubric, options: argparse.Namespace, console: Console) -> list[Trial]:
+    from grader import pipeline
+    from grader.batch.admission import Admission
+    from grader.batch.machine import Machine
+    from grader.batch.trials import Trials
+    from grader.live.cells import cells_at_a_time
+    from grader.live.probing import probe_isolation
+    from grader.report.trials import TrialsDisplay
+
+    interpreter = Path(sys.executable)
+    isolation = probe_isolation(interpreter)
+    places = options.jobs or cells_at_a_time(isolation)
+    # What is run is known: it needs no more confinement than there is.
+    live = pipeline.Options(interpreter, least_isolation="none")
+    if options.output is not None:
+        options.output.mkdir(parents=True, exist_ok=True)
+    folder = tempfile.TemporaryDirectory() if options.output is None else nullcontext(str(options.output))
+    with folder as path, TrialsDisplay(console, [fixture.name for fixture in fixtures]) as display:
+        trials = Trials(
+            rubric,
+            live,
+            Admission(places, Machine(places)),
+            isolation,
+            Path(path),
+            lambda name, phase: display.phase(name, phase.session, phase.text, phase.ended),
+            lambda trial: display.ended(_line(trial)),
+        )
+        return asyncio.run(trials.run(fixtures))
+
+
+def _line(trial: Trial) -> TrialLine:
+    from grader.report.trials import TrialLine
+
+    verdict, problem = trial.verdict, trial.problem
+    if problem is not None or verdict is None:
+        told = (
+            f"not graded: {problem.where + ': ' if problem.where else ''}{problem.problem}" if problem else "not graded"
+        )
+        return TrialLine(trial.fixture.name, "!", trial.earned, trial.possible, trial.took_s, (told,))
+    sign = "✓" if not verdict.differences else "?" if verdict.undecided else "✗"
+    return TrialLine(trial.fixture.name, sign, trial.earned, trial.possible, trial.took_s, verdict.differences)
+
+
+def _tell(trials: Sequence[Trial], took_s: float, console: Console) -> int:
+    """Print the table; returns the exit status."""
+    from grader.report.trials import print_trials
+
+    lines = [_line(trial) for trial in trials]
+    print_trials(console, lines)
+    console.print()
+    good = sum(trial.as_expected for trial in trials)
+    undecided = sum(line.sign == "?" for line in lines)
+    console.print(Text(f"{good} of {len(trials)} as expected, in {took_s:.0f} s.", "bold"))
+    if undecided:
+        console.print(f"{undecided} undecided: the machine was too busy to tell. Name them to grade these alone.")
+    return 0 if good == len(trials) else BELOW

@@ -1,0 +1,82 @@
+"""Whose a recorded message is. DDS does not tell the recorder; the digests that came through the pipe do.
+
+A message is the grader's own if one of its publishers told the same digest for the same publication sequence number.
+Another publisher cannot know the digest of a message before it was sent, so what it sends of the same contents
+under the same number comes later: of several, the first is the grader's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grader.recording.bag import Bag, Stream
+from grader.recording.session import Published
+from grader.recording.told import DIGEST_DIGITS, digest
+
+
+@dataclass(frozen=True)
+class Authorship:
+    """The messages of a topic, told apart.
+
+    Attributes
+    ----------
+    own : Stream
+        Those that the grader's own publishers sent, in the order in which they were received.
+    others_ns : int64[n]
+        When those of other publishers were received, of any type, between the first and the last of `own`.
+    """
+
+    own: Stream
+    others_ns: NDArray[np.int64]
+
+
+def authorship(bag: Bag, topic: str, told: Sequence[Published]) -> Authorship | None:
+    """Tell the messages of a topic apart; None where that cannot be done, as no message that was told is there."""
+    own_type = max(told, key=lambda entry: len(entry.digests)).type if told else ""
+    others = []
+    own: Stream | None = None
+    for info in bag.topics:
+        if info.topic == topic:
+            stream = bag.stream(topic, info.topic_type)
+            mine, theirs = _told_apart(stream, [entry for entry in told if entry.type == info.topic_type])
+            others.append(stream.received_ns[theirs])
+            if info.topic_type == own_type:
+                own = stream.only(mine)
+    if own is None or not len(own):
+        return None
+    received_ns = np.sort(np.concatenate(others))
+    during = (received_ns >= own.received_ns[0]) & (received_ns <= own.received_ns[-1])
+    return Authorship(own, received_ns[during])
+
+
+def _told_apart(stream: Stream, told: Sequence[Published]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which messages of a stream are the grader's own, and which are others'.
+
+    What was recorded twice, as the source timestamp tells, is neither the second time.
+    """
+    digests = [_digests(entry) for entry in told]
+    taken: dict[tuple[int, int], int] = {}
+    mine, theirs = np.zeros(len(stream), dtype=bool), np.zeros(len(stream), dtype=bool)
+    rows = zip(stream.sequence.tolist(), stream.source_ns.tolist(), stream.data, strict=True)
+    for row, (number, source_ns, data) in enumerate(rows):
+        found = digest(data)
+        fitting = [
+            (which, number)
+            for which, known in enumerate(digests)
+            if 0 < number <= len(known) and known[number - 1] == found
+        ]
+        free = [key for key in fitting if key not in taken]
+        if free:
+            taken[free[0]] = source_ns
+            mine[row] = True
+        else:
+            theirs[row] = source_ns not in [taken[key] for key in fitting]
+    return mine, theirs
+
+
+def _digests(entry: Published) -> list[str]:
+    return [entry.digests[n : n + DIGEST_DIGITS] for n in range(0, len(entry.digests), DIGEST_DIGITS)]

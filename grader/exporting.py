@@ -1,0 +1,108 @@
+"""Writes exports of a result into files."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import sys
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from grader.report.exports import EXPORTS, render_export
+
+#: Stands for the standard output.
+STANDARD_OUTPUT = "-"
+#: Where a file would not be written but a device replaced.
+_DEVICES = ("/dev/", "/proc/")
+
+
+@dataclass(frozen=True)
+class ExportTarget:
+    """An export and the file it goes to.
+
+    Attributes
+    ----------
+    name : str
+        A key of `EXPORTS`.
+    file : str or None
+        By default the export's own name in the results folder; "-" is the standard output.
+    """
+
+    name: str
+    file: str | None = None
+
+    @classmethod
+    def parse(cls, text: str) -> ExportTarget:
+        """Read `NAME` or `NAME=FILE`.
+
+        Raises
+        ------
+        ValueError
+            If there is no such export.
+        """
+        name, _, file = text.partition("=")
+        if name not in EXPORTS:
+            raise ValueError(f"there is no export {name!r}; there are {', '.join(EXPORTS)}")
+        if file.startswith(_DEVICES):
+            raise ValueError(f"{file} cannot be replaced by a file; {STANDARD_OUTPUT} is the standard output")
+        return cls(name, file or None)
+
+    def path(self, results: Path) -> Path:
+        """Return the file, which is not the standard output."""
+        return Path(self.file) if self.file is not None else results / EXPORTS[self.name].file_name
+
+    def __str__(self) -> str:
+        return self.name if self.file is None else f"{self.name}={self.file}"
+
+
+def write_exports(
+    targets: Sequence[ExportTarget], plain: Mapping[str, Any], results: Path, path_prefix: str = ""
+) -> list[Path]:
+    """Write a result's exports; returns the files.
+
+    Parameters
+    ----------
+    plain : mapping
+        The plain data of `result.json`.
+    results : Path
+        Folder of the submission's results.
+    path_prefix : str
+        Folder of the submission in its repository.
+
+    Raises
+    ------
+    GraderError
+        If one of them cannot be made.
+    """
+    written = []
+    for target in targets:
+        text = render_export(target.name, plain, path_prefix=path_prefix, environment=os.environ)
+        if target.file == STANDARD_OUTPUT:
+            sys.stdout.flush()
+            sys.stdout.buffer.write(text.encode("utf-8"))
+            sys.stdout.buffer.flush()
+        else:
+            written.append(target.path(results))
+            write_anew(written[-1], text)
+    return written
+
+
+def write_anew(path: Path, text: str) -> None:
+    """Write a file in one step, in a folder in which a submission may have laid out links.
+
+    Nothing that is there is written through: the text goes to a new file under a name that cannot be guessed,
+    which then takes the place of what has the name.
+    """
+    partial = path.with_name(f".{path.name}.{secrets.token_hex(8)}.partial")
+    file = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0), 0o666)
+    try:
+        with os.fdopen(file, "wb") as stream:
+            stream.write(text.encode("utf-8"))
+        partial.replace(path)
+    except BaseException:
+        with suppress(OSError):
+            partial.unlink()
+        raise

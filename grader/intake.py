@@ -1,1 +1,0 @@
-"""An archive or a folder as it was handed in → a folder of regular files, within limits."""

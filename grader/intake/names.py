@@ -1,0 +1,183 @@
+"""Names of files as students, their tools and attackers write them → parts of a path that is safe and can be shown."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from pathlib import PurePosixPath
+
+#: Folders that tools make; a copy of a student's file in them is not the student's file.
+TOOL_FOLDERS = frozenset(
+    {
+        "build",
+        "install",
+        "log",
+        "__pycache__",
+        ".git",
+        ".hg",
+        ".svn",
+        ".venv",
+        "venv",
+        "site-packages",
+        "dist-packages",
+        "node_modules",
+        ".mypy_cache",
+        ".pytest_cache",
+        ".ruff_cache",
+        ".vscode",
+        ".idea",
+        "__MACOSX",
+        "$RECYCLE.BIN",
+        "System Volume Information",
+    }
+)
+#: Files that file managers and version control leave behind, and that nobody means to hand in.
+_LITTER = frozenset({".ds_store", "thumbs.db", "desktop.ini", "icon", ".git", ".gitkeep", ".directory"})
+
+COMPILED_SUFFIXES = frozenset(
+    {".pyc", ".pyo", ".pyd", ".so", ".dll", ".dylib", ".o", ".a", ".lib", ".exe", ".class", ".wasm"}
+)
+_SHARED_OBJECT = re.compile(r"\.so(\.\d+)+$")
+_PACKED_SUFFIXES = frozenset(
+    {
+        ".zip",
+        ".tar",
+        ".gz",
+        ".tgz",
+        ".bz2",
+        ".tbz",
+        ".tbz2",
+        ".xz",
+        ".txz",
+        ".zst",
+        ".7z",
+        ".rar",
+        ".whl",
+        ".egg",
+        ".jar",
+    }
+)
+#: `alice.tar.gz` is called `alice`.
+_ARCHIVE_ENDING = re.compile(r"(\.tar)?(\.(zip|tar|gz|tgz|bz2|tbz2?|xz|txz|zst|7z|rar))$", re.IGNORECASE)
+
+#: Characters of a raw name beyond which nobody looks at it.
+_MOST_CHARACTERS = 1_000
+_MOST_PART_BYTES = 200
+_MOST_PATH_BYTES = 500
+_MOST_SHOWN = 160
+#: Control, format, surrogate and unassigned characters, line and paragraph separators.
+_HIDDEN = frozenset({"Cc", "Cf", "Cs", "Cn", "Zl", "Zp"})
+#: With these, some scripts and emoji are written.
+_JOINERS = "\u200c\u200d"
+_DRIVE = re.compile(r"[A-Za-z]:")
+
+
+class UnfitNameError(ValueError):
+    """A name under which nothing can be taken in; its text says why."""
+
+
+def clean_parts(name: str) -> tuple[str, ...]:
+    """Return the parts of the path under which a file is kept.
+
+    Parameters
+    ----------
+    name : str
+        As it stands in the archive or folder. Undecodable bytes are lone surrogates, as `os.fsdecode` leaves them.
+
+    Raises
+    ------
+    UnfitNameError
+        If the path leads outside, is too long, or nothing is left of it.
+
+    Notes
+    -----
+    Backslashes separate folders, since some Windows tools write them so. Text is brought to Unicode's form NFC,
+    as Python's imports expect it. Characters that nobody sees or that reorder what is shown, and dots and spaces
+    at the end of a name (which Windows cannot have) are dropped; letters of any script stay.
+    """
+    if len(name) > _MOST_CHARACTERS:
+        raise UnfitNameError("its path is too long")
+    text = unicodedata.normalize("NFC", _decoded(name)).replace("\\", "/")
+    parts = [part for part in text.split("/") if part not in ("", ".")]
+    if ".." in parts:
+        raise UnfitNameError("a path that leads outside the submission")
+    cleaned = tuple(_clean_part(part) for part in parts)
+    if text.startswith("/") or (cleaned and _DRIVE.match(cleaned[0])):
+        raise UnfitNameError("an absolute path, which leads outside the submission")
+    if not cleaned or "" in cleaned:
+        raise UnfitNameError("nothing is left of its name without what cannot be shown")
+    lengths = [len(part.encode()) for part in cleaned]
+    if max(lengths) > _MOST_PART_BYTES or sum(lengths) + len(lengths) > _MOST_PATH_BYTES:
+        raise UnfitNameError("its path is too long")
+    return cleaned
+
+
+def _clean_part(part: str) -> str:
+    visible = "".join(c for c in part if c in _JOINERS or unicodedata.category(c) not in _HIDDEN)
+    return unicodedata.normalize("NFC", visible).rstrip(". ").lstrip(" ")
+
+
+def _decoded(name: str) -> str:
+    """Read bytes that are no UTF-8 as Western Windows and, failing that, old zip tools write them."""
+    if name.isascii():
+        return name
+    try:
+        raw = name.encode("utf-8", "surrogateescape")
+    except UnicodeEncodeError:
+        return name.encode("utf-8", "replace").decode()
+    for encoding in ("utf-8", "cp1252"):
+        try:
+            return raw.decode(encoding)
+        except UnicodeDecodeError:
+            continue
+    return raw.decode("cp437")
+
+
+def differ(name: str, parts: tuple[str, ...]) -> bool:
+    """Whether a name came with characters that its clean parts do not have; how folders are separated is no matter."""
+    text = unicodedata.normalize("NFC", name).replace("\\", "/")
+    return parts != tuple(part for part in text.split("/") if part not in ("", "."))
+
+
+def collision_key(parts: tuple[str, ...]) -> str:
+    """Return what two paths have in common that Windows or macOS cannot keep apart."""
+    return unicodedata.normalize("NFC", "/".join(parts).casefold())
+
+
+def slashed(name: str) -> str:
+    """Return a member's name as other archives would write it: with slashes, and without `./` before it."""
+    return re.sub(r"^(\./+)+", "", name.replace("\\", "/"))
+
+
+def tool_folder(parts: tuple[str, ...]) -> str | None:
+    """Return the outermost folder of a file's path that a tool has made, if there is one."""
+    for depth, part in enumerate(parts[:-1]):
+        if part in TOOL_FOLDERS:
+            return "/".join(parts[: depth + 1])
+    return None
+
+
+def is_litter(name: str) -> bool:
+    """Whether a file's name is one that file managers or version control give."""
+    return name.lower() in _LITTER or name.startswith("._")
+
+
+def is_compiled(name: str) -> bool:
+    """Whether a file's name says that it holds compiled code."""
+    return PurePosixPath(name).suffix.lower() in COMPILED_SUFFIXES or _SHARED_OBJECT.search(name.lower()) is not None
+
+
+def is_packed(name: str) -> bool:
+    """Whether a file's name says that it is an archive, or a file that is packed in some way."""
+    return PurePosixPath(name).suffix.lower() in _PACKED_SUFFIXES
+
+
+def without_archive_suffix(name: str) -> str:
+    """Return a file's name without the suffixes that archives have."""
+    return _ARCHIVE_ENDING.sub("", name) or name
+
+
+def displayed(name: str) -> str:
+    """Return any name as one line of text that can be written to any file, escapes standing for what is not shown."""
+    cut = name if len(name) <= _MOST_SHOWN else name[: _MOST_SHOWN - 1] + "…"
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in cut)

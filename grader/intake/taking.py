@@ -1,0 +1,482 @@
+"""The one way in: every file that a student hands in passes the same rules into a clean folder.
+
+A folder is taken in as an archive is. So what a student changes meanwhile does not matter, and the rest of the grader
+meets nothing but regular files under names that can be shown.
+"""
+
+from __future__ import annotations
+
+import difflib
+import os
+import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from datetime import datetime
+from functools import partial
+from itertools import islice
+from pathlib import Path, PurePosixPath
+from typing import BinaryIO, NoReturn
+
+from grader.errors import SubmissionError
+from grader.intake import names
+from grader.intake.archives import (
+    CHUNK_BYTES,
+    HEAD_BYTES,
+    MOST_RATIO,
+    DamagedError,
+    Format,
+    ProtectedError,
+    format_of,
+    members_of_archive,
+)
+from grader.intake.members import Kind, Member, Readable, TooMuchError, is_folder, members_of_folder, open_regular
+from grader.intake.notes import Notes
+
+#: What submissions are made of. These files have room of their own, so that a student's recordings and pictures,
+#: however many, do not crowd them out.
+_SOURCE_SUFFIXES = frozenset(
+    {".py", ".md", ".rst", ".txt", ".xml", ".cfg", ".toml", ".yaml", ".yml", ".launch", ".org", ".adoc", ""}
+    | {".c", ".cc", ".cpp", ".h", ".hpp", ".cmake", ".sh", ".json", ".msg", ".srv", ".action", ".urdf", ".xacro"}
+)
+#: Beside one of these, an archive is not what was meant to be handed in.
+_PROGRAM_SUFFIXES = frozenset({".py", ".c", ".cc", ".cpp", ".hpp", ".launch", ".sh"})
+#: How many archives within each other are unpacked: what a learning-management system packed, and what a student did.
+_MOST_NESTED = 2
+#: How compiled code begins: ELF, Mach-O, Java, WebAssembly, libraries of objects.
+_COMPILED_MAGIC = (
+    b"\x7fELF",
+    b"\xfe\xed\xfa\xce",
+    b"\xfe\xed\xfa\xcf",
+    b"\xce\xfa\xed\xfe",
+    b"\xcf\xfa\xed\xfe",
+    b"\xca\xfe\xba\xbe",
+    b"\x00asm",
+    b"!<arch>\n",
+)
+#: Up to here, any compression is believed.
+_RATIO_FROM_BYTES = 1024 * 1024
+_FULL = "no room left for files of its kind"
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What is taken in at most; the rest is left out and listed, unless it says otherwise.
+
+    Attributes
+    ----------
+    members : int
+        Files and folders that are looked at; with more, the submission is refused.
+    files : int
+        Sources and texts; and as many files of other kinds.
+    source_bytes, other_bytes : int
+        Sources and texts in all; files of other kinds in all.
+    file_bytes : int
+        One file.
+    archive_bytes : int
+        An archive within an archive.
+    depth : int
+        Folders within each other.
+    """
+
+    members: int = 50_000
+    files: int = 2_000
+    source_bytes: int = 32 * 1024**2
+    other_bytes: int = 96 * 1024**2
+    file_bytes: int = 8 * 1024**2
+    archive_bytes: int = 128 * 1024**2
+    depth: int = 20
+
+
+LIMITS = Limits()
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Something that was handed in.
+
+    Attributes
+    ----------
+    path : Path
+        A folder, an archive or a file.
+    member : str
+        What of the archive is meant, as `names_in` tells it: a file, or a folder with a slash at its end; everything
+        if empty.
+    name : str
+        What a single file is called in the submission, if not as its path says.
+    """
+
+    path: Path
+    member: str = ""
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class Handed:
+    """A submission as it was handed in.
+
+    Attributes
+    ----------
+    name : str
+        Under which its results are known: fit for a file's name, and of one submission only.
+    pieces : tuple of Piece
+        What it consists of.
+    student_id : str or None
+        By which a learning-management system knows the student.
+    submitted_at : datetime or None
+        With its offset from UTC, where anything but the archive itself tells it.
+    late : bool
+        Whether a learning-management system marked it so.
+    student : str
+        The student's name as a learning-management system writes it; empty where none has.
+    where : str
+        Where it comes from, in words; written by students, so not to be trusted.
+    """
+
+    name: str
+    pieces: tuple[Piece, ...]
+    student_id: str | None = None
+    submitted_at: datetime | None = None
+    late: bool = False
+    student: str = ""
+    where: str = ""
+
+    @classmethod
+    def of(cls, path: Path) -> Handed:
+        """Return the submission that a path stands for, called as the folder or archive is."""
+        name = Path(os.path.realpath(path)).name or "submission"
+        named = name if is_folder(path) else names.without_archive_suffix(name)
+        return cls(named, (Piece(path),), where=str(path))
+
+
+@dataclass(frozen=True)
+class Intake:
+    """A submission that was taken in.
+
+    Attributes
+    ----------
+    folder : Path
+        Holds regular files only.
+    left_out : tuple of str
+        What was not taken in, a line each with its reason.
+    submitted_at : datetime or None
+        When it was handed in; else the newest time of a file in the archive, which is what a student's machine said.
+    where : str
+        Where it comes from, in words.
+    """
+
+    folder: Path
+    name: str
+    left_out: tuple[str, ...] = ()
+    submitted_at: datetime | None = None
+    where: str = ""
+
+
+@contextmanager
+def taken_in(handed: Handed | Path, *, prefix: str = "grade-", limits: Limits = LIMITS) -> Iterator[Intake]:
+    """Take a submission in, for as long as the context lasts.
+
+    Parameters
+    ----------
+    handed : Handed or Path
+        A path stands for `Handed.of` it.
+    prefix : str
+        How the name of the temporary folder begins.
+
+    Raises
+    ------
+    SubmissionError
+        If there is nothing, or it cannot be read to its end, or is more than anyone hands in.
+
+    Notes
+    -----
+    Of members with the same name the last counts, as it does for `unzip` and `tar`. Of names that differ only in
+    case or in the form of their letters, which Windows and macOS cannot keep apart, the first counts. Hard links in a
+    tar are left out; in a folder they cannot be told from files, and are taken in as such. One archive beside which
+    no program lies is unpacked, also within an archive; others are left out.
+    """
+    if isinstance(handed, Path):
+        handed = Handed.of(handed)
+    with tempfile.TemporaryDirectory(prefix=f"{prefix}intake-") as scratch:
+        taking = _Taking(Path(scratch), limits, handed.where)
+        for piece in handed.pieces:
+            taking.take_piece(piece, alone=len(handed.pieces) == 1)
+        for _ in range(_MOST_NESTED):
+            taking.unpack_single_archive()
+        taking.leave_archives_out()
+        taking.require_files()
+        submitted_at = handed.submitted_at or taking.newest
+        yield Intake(taking.folder, handed.name, taking.notes.lines(), submitted_at, handed.where)
+
+
+@dataclass
+class _Room:
+    """What is left of the room for files of a kind."""
+
+    files: int
+    size_bytes: int
+
+
+class _Taking:
+    """A submission that is being taken in."""
+
+    def __init__(self, scratch: Path, limits: Limits, where: str) -> None:
+        self.folder = scratch / "submission"
+        self.folder.mkdir()
+        self.notes = Notes()
+        self.newest: datetime | None = None
+        self._scratch, self._limits, self._where = scratch, limits, where
+        self._members = 0
+        self._kept: dict[str, str] = {}  # collision key -> the name it came under
+        self._folders: set[str] = set()  # collision keys
+        self._sources = _Room(limits.files, limits.source_bytes)
+        self._others = _Room(limits.files, limits.other_bytes)
+        self._has_programs = False
+        self._archives: list[tuple[str, Path, Format]] = []
+        self._partial = scratch / "partial"
+
+    # -- pieces and archives ---------------------------------------------------------------------
+
+    def take_piece(self, piece: Piece, *, alone: bool) -> None:
+        """Take in a folder, an archive, a file, or a part of an archive.
+
+        Parameters
+        ----------
+        alone : bool
+            Whether it is the only piece, so that an archive is the submission.
+        """
+        try:
+            if is_folder(piece.path):
+                self._take_all(members_of_folder(piece.path, self._limits.members, self._limits.depth))
+            else:
+                with self._opened(piece.path) as file:
+                    self._take_file(file, piece, alone=alone)
+        except TooMuchError as problem:
+            self._refuse_amount(problem)
+        except FileNotFoundError:
+            self._refuse("there is no such submission", f"Check the path. {_neighbours(piece.path)}".strip())
+        except PermissionError:
+            self._refuse("the submission may not be read", "Give yourself the right to read it.")
+
+    def _opened(self, path: Path) -> BinaryIO:
+        try:
+            return os.fdopen(open_regular(os.path.realpath(path)), "rb")
+        except (FileNotFoundError, PermissionError):
+            raise
+        except OSError:
+            self._refuse("a submission is a folder, an archive or a file", "This is something else; check the path.")
+
+    def _take_file(self, file: BinaryIO, piece: Piece, *, alone: bool) -> None:
+        kind = format_of(file.read(HEAD_BYTES))
+        file.seek(0)
+        if kind is not None and (alone or piece.member):
+            self._take_archive(file, kind, piece.member, piece.name, timed=not piece.member)
+        elif alone and names.is_packed(piece.path.name):
+            self._refuse("the archive is damaged: it does not begin as one", "Get it once more, or unpack it.")
+        else:
+            size, name = os.fstat(file.fileno()).st_size, piece.name or piece.path.name
+            self._take_all([Member(name, Kind.FILE, size, opened=partial(_itself, file))])
+
+    def _refuse(self, problem: str, remedy: str) -> NoReturn:
+        raise SubmissionError(problem, where=self._where, remedy=remedy) from None
+
+    def _refuse_amount(self, problem: TooMuchError) -> NoReturn:
+        self._refuse(f"the submission holds {problem}", "Hand it in without recordings, build folders and the like.")
+
+    def _take_archive(self, file: BinaryIO, kind: Format, part: str = "", name: str = "", *, timed: bool) -> None:
+        """Take in what an archive holds, or a part of it."""
+        if not kind.can_be_read:
+            self._refuse(f"a {kind.value} archive is not read here", "Pack it as .zip or .tar.gz, or give the folder.")
+        members = members_of_archive(file, kind)
+        try:
+            self._take_all(_part_of(members, part, name) if part else members, timed=timed)
+        except DamagedError as problem:
+            self._refuse(f"the archive is damaged: {names.displayed(str(problem))}", "Get it once more, or unpack it.")
+        except ProtectedError:
+            self._refuse("the archive is protected by a password", "Pack it without, or unpack it and give the folder.")
+
+    def unpack_single_archive(self) -> None:
+        """Unpack an archive that was handed in within the archive or beside documents."""
+        if len(self._archives) != 1 or self._has_programs:
+            return
+        _, path, kind = self._archives.pop()
+        with path.open("rb") as file:
+            try:
+                self._take_archive(file, kind, timed=True)
+            except TooMuchError as problem:
+                self._refuse_amount(problem)
+        path.unlink()
+
+    def leave_archives_out(self) -> None:
+        """Note archives that were not unpacked."""
+        for name, _, _ in self._archives:
+            self.notes.add(name, "an archive within the submission")
+
+    def require_files(self) -> None:
+        """Refuse a submission of which nothing could be taken in."""
+        if self._kept:
+            return
+        lines = self.notes.lines()
+        if lines:
+            self._refuse("nothing of the submission could be taken in", f"Left out: {'; '.join(lines[:3])}.")
+        self._refuse("the submission is empty", "Put the lab's files into it.")
+
+    # -- members -----------------------------------------------------------------------------------
+
+    def _take_all(self, members: Iterable[Member], *, timed: bool = False) -> None:
+        for member in members:
+            self._members += 1
+            if self._members > self._limits.members:
+                raise TooMuchError(f"more than {self._limits.members:,} files and folders")
+            try:
+                parts = names.clean_parts(member.name)
+            except names.UnfitNameError as reason:
+                self.notes.add(member.name, str(reason))
+                continue
+            if self._is_of_interest(member, parts) and self._take(member, parts) and timed and member.modified:
+                self.newest = max(self.newest or member.modified, member.modified)
+
+    def _is_of_interest(self, member: Member, parts: tuple[str, ...]) -> bool:
+        """Whether a member is something that a student may have meant to hand in."""
+        is_folder = member.kind is Kind.FOLDER
+        made = names.tool_folder((*parts, "") if is_folder else parts)
+        if made is not None:
+            self.notes.add_tool_folder(made, 0 if is_folder else 1)
+        return made is None and not is_folder and not names.is_litter(parts[-1])
+
+    def _take(self, member: Member, parts: tuple[str, ...]) -> bool:
+        """Take a file in; returns whether it was, and notes why not."""
+        reason = self._reason_against(member, parts) or self._copy(member, parts)
+        if reason is not None:
+            self.notes.add(member.name, reason)
+        return reason is None
+
+    def _reason_against(self, member: Member, parts: tuple[str, ...]) -> str | None:
+        """Say why a file is not even opened."""
+        if member.kind is not Kind.FILE:
+            return str(member.kind.value)
+        if len(parts) > self._limits.depth + 1:
+            return str(Kind.DEEP.value)
+        if names.is_compiled(parts[-1]):
+            return "compiled code"
+        if member.packed_bytes is not None and member.size_bytes > max(
+            MOST_RATIO * member.packed_bytes, _RATIO_FROM_BYTES
+        ):
+            return f"more than {MOST_RATIO} times its own size when unpacked"
+        key = names.collision_key(parts)
+        if key in self._folders or any(names.collision_key(parts[:n]) in self._kept for n in range(1, len(parts))):
+            return "a file where another has a folder"
+        if self._kept.get(key, member.name) != member.name:
+            return "its name differs from another only in case or in the form of its letters"
+        return None
+
+    def _copy(self, member: Member, parts: tuple[str, ...]) -> str | None:
+        """Copy a file into the clean folder; says why, if it does not belong there."""
+        content = member.opened()
+        head = content.read(CHUNK_BYTES)
+        suffix = PurePosixPath(parts[-1]).suffix.lower()
+        kind = format_of(head[:HEAD_BYTES])
+        if kind is not None and (names.is_packed(parts[-1]) or suffix in ("", ".py")):
+            return self._put_aside(member, kind, head, content)
+        if head.startswith(_COMPILED_MAGIC) or (head.startswith(b"MZ") and b"\0" in head):
+            return "compiled code"
+        room = self._sources if suffix in _SOURCE_SUFFIXES else self._others
+        if room.files <= 0:
+            return f"more than {self._limits.files:,} files of its kind"
+        most = min(self._limits.file_bytes, room.size_bytes)
+        size = self._write(head, content, most) if member.size_bytes <= most else None
+        if size is None:
+            return f"larger than {_mebibytes(self._limits.file_bytes)}" if most == self._limits.file_bytes else _FULL
+        room.files -= 1
+        room.size_bytes -= size
+        self._keep(member.name, parts)
+        self._has_programs = self._has_programs or suffix in _PROGRAM_SUFFIXES
+        return None
+
+    def _put_aside(self, member: Member, kind: Format, head: bytes, content: Readable) -> str | None:
+        """Keep an archive until it is known whether it is the only one; of others the name is enough."""
+        most = self._limits.archive_bytes
+        if not self._archives and (member.size_bytes > most or self._write(head, content, most) is None):
+            return f"an archive larger than {_mebibytes(most)}"
+        aside = self._scratch / f"archive-{self._members}"
+        if not self._archives:
+            self._partial.rename(aside)
+        self._archives.append((member.name, aside, kind))
+        return None
+
+    def _write(self, head: bytes, content: Readable, most: int) -> int | None:
+        """Write a file, to be put in its place later; returns its size, or None if it is too large."""
+        size, part = 0, head
+        with self._partial.open("wb") as file:
+            while part:
+                size += len(part)
+                if size > most:
+                    return None
+                file.write(part)
+                part = content.read(CHUNK_BYTES)
+        return size
+
+    def _keep(self, name: str, parts: tuple[str, ...]) -> None:
+        """Put the file that was written last in its place."""
+        key = names.collision_key(parts)
+        if key in self._kept:
+            self.notes.add(name, "an earlier file of the same name")
+        elif names.differ(name, parts):
+            self.notes.add(name, "taken in without the characters in its name that cannot be shown")
+        target = self.folder.joinpath(*parts)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        self._partial.replace(target)
+        self._kept[key] = name
+        self._folders.update(names.collision_key(parts[:depth]) for depth in range(1, len(parts)))
+
+
+def _mebibytes(size: int) -> str:
+    return f"{size // 1024**2} MiB"
+
+
+def _itself(content: Readable) -> Readable:
+    return content
+
+
+def _part_of(members: Iterable[Member], part: str, name: str) -> Iterator[Member]:
+    """Pick a file, or all that lies in a folder, out of an archive; under the names that they have without it."""
+    for member in members:
+        told = names.slashed(member.name)
+        if told == part and not part.endswith("/"):
+            yield replace(member, name=name or PurePosixPath(part).name)
+        elif part.endswith("/") and len(told) > len(part) and told.startswith(part):
+            yield replace(member, name=told[len(part) :])
+
+
+def names_in(path: Path) -> list[str] | None:
+    """Return the names of the files in an archive, with slashes, and of folders, with a slash at the end.
+
+    Returns
+    -------
+    list of str or None
+        None if it is no archive, or cannot be read.
+    """
+    try:
+        with os.fdopen(open_regular(os.path.realpath(path)), "rb") as file:
+            kind = format_of(file.read(HEAD_BYTES))
+            file.seek(0)
+            if kind is None or not kind.can_be_read:
+                return None
+            found = []
+            for member in islice(members_of_archive(file, kind), LIMITS.members):
+                name = names.slashed(member.name).rstrip("/")
+                found.append(f"{name}/" if member.kind is Kind.FOLDER else name)
+            return found
+    except (OSError, DamagedError, ProtectedError, TooMuchError):
+        return None
+
+
+def _neighbours(path: Path) -> str:
+    """Name what lies where something was looked for."""
+    parent = path.parent
+    if not os.access(parent, os.R_OK | os.X_OK) or not is_folder(parent):
+        return ""
+    found = (p for p in parent.iterdir() if not p.name.startswith("."))
+    there = sorted(p.name for p in found if p.is_dir() or names.is_packed(p.name))
+    near = difflib.get_close_matches(path.name, there, n=3, cutoff=0.5) or there[:5]
+    return f"In {parent}/ there is: {', '.join(near)}." if near else ""

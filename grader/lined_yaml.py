@@ -1,0 +1,139 @@
+"""YAML that people write, read so that all its mistakes can be told at once, each with its line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar
+
+import yaml
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from grader.errors import RubricError
+
+Loc = tuple[str | int, ...]
+
+#: The safe loader, in C where PyYAML was built with it.
+_SAFE: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+class _Loader(_SAFE):  # type: ignore[misc]
+    """Leaves dates as they are written: their mistakes are told with their lines, by whoever reads them."""
+
+    yaml_implicit_resolvers: ClassVar[dict[str, list[tuple[str, Any]]]] = {
+        first: [pair for pair in pairs if pair[0] != "tag:yaml.org,2002:timestamp"]
+        for first, pairs in _SAFE.yaml_implicit_resolvers.items()
+    }
+
+
+class Strict(BaseModel):
+    """A part of such a file: unknown keys are mistakes, values do not change."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Mistakes:
+    """Collects mistakes with the line of the YAML node that they concern.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    what : str
+        What the file is, in words, e.g. "the rubric".
+    lines : mapping
+        Place of each node -> its line, from 1.
+    """
+
+    def __init__(self, path: Path, what: str, lines: Mapping[Loc, int]) -> None:
+        self.path, self.what, self.lines = path, what, lines
+        self.found: list[tuple[int, str]] = []
+
+    def line_of(self, loc: Loc) -> int:
+        """Return the line of a node, or of the nearest that is there around it."""
+        return next((self.lines[loc[:n]] for n in range(len(loc), -1, -1) if loc[:n] in self.lines), 1)
+
+    def add(self, loc: Loc, message: str) -> None:
+        """Note a mistake at a node."""
+        line = self.line_of(loc)
+        place = ".".join(str(part) for part in loc)
+        self.found.append((line, f"{self.path.name}:{line}: {place + ': ' if place else ''}{message}"))
+
+    def add_validation(self, loc: Loc, error: ValidationError) -> None:
+        """Note what pydantic found wrong in a node."""
+        for item in error.errors():
+            message = item["msg"].removeprefix("Value error, ")
+            if item["type"] == "extra_forbidden":
+                message = "unknown key"
+            self.add(loc + tuple(item["loc"]), message)
+
+    def raise_any(self, remedy: str) -> None:
+        """Raise if there are mistakes.
+
+        Raises
+        ------
+        RubricError
+            With all of them, in the order of their lines.
+        """
+        if not self.found:
+            return
+        listed = [message for _, message in sorted(self.found)]
+        raise RubricError(
+            f"{self.what} has {len(listed)} mistake{'s' * (len(listed) != 1)}",
+            listed,
+            where=str(self.path),
+            remedy=remedy,
+        )
+
+
+def parse_yaml(path: Path, text: str, what: str) -> tuple[dict[str, Any], Mistakes]:
+    """Parse a mapping into plain data; a repeated key is the first mistake.
+
+    Parameters
+    ----------
+    what : str
+        What the file is, in words, e.g. "the rubric".
+
+    Raises
+    ------
+    RubricError
+        If it is no YAML, or no mapping.
+    """
+    try:
+        root = yaml.compose(text, Loader=_Loader)
+        plain = yaml.load(text, Loader=_Loader)
+    except (yaml.YAMLError, ValueError) as problem:
+        mark = getattr(problem, "problem_mark", None)
+        line = mark.line + 1 if mark else 1
+        detail = getattr(problem, "problem", None) or str(problem)
+        raise RubricError(
+            f"{what} is not valid YAML",
+            [f"{path.name}:{line}: {detail}"],
+            where=str(path),
+            remedy="Mend the line named.",
+        ) from problem
+    if not isinstance(plain, dict) or root is None:
+        raise RubricError(
+            f"{what} is empty or not a mapping", [f"{path.name}:1: a mapping is expected"], where=str(path)
+        )
+    lines: dict[Loc, int] = {}
+    repeated: list[Loc] = []
+    _note_lines(root, (), lines, repeated)
+    mistakes = Mistakes(path, what, lines)
+    for loc in repeated:
+        mistakes.add(loc, "this key stands here twice")
+    return plain, mistakes
+
+
+def _note_lines(node: yaml.Node, loc: Loc, lines: dict[Loc, int], repeated: list[Loc]) -> None:
+    lines.setdefault(loc, node.start_mark.line + 1)
+    if isinstance(node, yaml.MappingNode):
+        for key, value in node.value:
+            inner = (*loc, str(key.value))
+            if inner in lines:
+                repeated.append(inner)
+            lines[inner] = key.start_mark.line + 1
+            _note_lines(value, inner, lines, repeated)
+    elif isinstance(node, yaml.SequenceNode):
+        for index, item in enumerate(node.value):
+            _note_lines(item, (*loc, index), lines, repeated)

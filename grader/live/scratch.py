@@ -1,0 +1,56 @@
+"""Temporary folders whose names tell their owner, so that those of a killed grader can be told and removed."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import tempfile
+from contextlib import suppress
+from pathlib import Path
+
+_NAME = re.compile(r"grade-(\d+)-(\d+)-(\d+)-.+")
+
+
+def scratch_prefix() -> str:
+    """Return how the names of this process's temporary folders begin."""
+    return f"grade-{_namespace()}-{os.getpid()}-{_start_ticks(os.getpid())}-"
+
+
+def remove_leavings() -> list[str]:
+    """Remove the temporary folders of this user's gradings that have ended; returns their names.
+
+    Notes
+    -----
+    A process is known by its number, its start and the namespace in which both hold. What belongs to another
+    namespace, such as a container that shares the folder, cannot be judged from here, and stays.
+    """
+    removed: list[str] = []
+    if not Path("/proc/self/ns/pid").exists():
+        return removed
+    for path in sorted(Path(tempfile.gettempdir()).glob("grade-*")):
+        with suppress(OSError):
+            if _is_left(path):
+                shutil.rmtree(path, ignore_errors=True)
+                removed.append(path.name)
+    return removed
+
+
+def _is_left(path: Path) -> bool:
+    named = _NAME.fullmatch(path.name)
+    if named is None or path.is_symlink() or path.lstat().st_uid != os.getuid() or int(named[1]) != _namespace():
+        return False
+    return _start_ticks(int(named[2])) != int(named[3])
+
+
+def _namespace() -> int:
+    return Path("/proc/self/ns/pid").stat().st_ino
+
+
+def _start_ticks(pid: int) -> int | None:
+    """Return when a process was started, in clock ticks since boot; None if there is no such process."""
+    try:
+        status = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return None
+    return int(status.rsplit(")", 1)[1].split()[19])

@@ -1,0 +1,119 @@
+"""Writes exports while a submission is still being graded.
+
+Some systems show nothing of a job that runs out of time. So what is known is written after each session, with
+the rest as undecided. That is judged by another process, which yields to all others, so that it takes no core
+from the sessions that are being timed.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from grader.errors import GraderError
+from grader.exporting import STANDARD_OUTPUT, ExportTarget, write_exports
+from grader.report import json as result_json
+from grader.report.exports import EXPORTS
+from grader.result import Result
+
+_CHILD_ENDS_S = 5.0
+
+
+class LiveExports:
+    """The exports of one submission while it is being graded.
+
+    Parameters
+    ----------
+    results : Path
+        Folder of the submission's results.
+
+    Raises
+    ------
+    GraderError
+        If one of them cannot be made here.
+    """
+
+    def __init__(self, targets: Sequence[ExportTarget], results: Path, path_prefix: str = "") -> None:
+        self._targets = targets
+        self._results = results
+        self._prefix = path_prefix
+        self._begun: set[str] = set()
+        self._stale = False
+        self._child: subprocess.Popen[bytes] | None = None
+        self._arguments = [f"--to={target}" for target in targets if target.file != STANDARD_OUTPUT]
+        for target in targets:
+            EXPORTS[target.name].require_variables(os.environ)
+            if target.file != STANDARD_OUTPUT:
+                _clear(target.path(results), results)
+
+    def __enter__(self) -> LiveExports:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End what is under way: it would only be overwritten."""
+        if self._child is not None:
+            self._child.send_signal(signal.SIGINT)  # On which it removes a file that is half written.
+            try:
+                self._child.wait(_CHILD_ENDS_S)
+            except subprocess.TimeoutExpired:
+                self._child.kill()
+                self._child.wait()
+
+    def follow(self, on_progress: Callable[..., None]) -> Callable[..., None]:
+        """Return `on_progress`, which now also writes what is known when a session begins or ends."""
+        if not self._arguments:
+            return on_progress
+
+        def told(progress: Any) -> None:
+            on_progress(progress)
+            if not progress.ended:
+                self._stale = self._stale or not self._begun
+                self._begun.add(progress.session)
+            elif progress.session in self._begun:  # One that is left out ends while the recordings are those of old.
+                self._stale = True
+            self._catch_up()
+
+        return told
+
+    def write(self, result: Result) -> None:
+        """Write the exports of the result."""
+        write_exports(self._targets, json.loads(result_json.render(result)), self._results, self._prefix)
+
+    def _catch_up(self) -> None:
+        if not self._stale or (self._child is not None and self._child.poll() is None):
+            return
+        self._stale = False
+        # -I: the working folder may be a submission, and must not be searched for modules.
+        command = [sys.executable, "-I", "-m", "grader.cli", "export", "--so-far", f"--path-prefix={self._prefix}"]
+        nothing = subprocess.DEVNULL
+        with suppress(OSError):
+            self._child = subprocess.Popen(
+                [*command, *self._arguments, "--", str(self._results)], stdin=nothing, stdout=nothing, stderr=nothing
+            )
+            _let_yield(self._child.pid)
+
+
+def _let_yield(process: int) -> None:
+    """Let a process run only when no other wants the core; the least priority still disturbs a timer of 100 Hz."""
+    with suppress(OSError):
+        if hasattr(os, "SCHED_IDLE"):
+            os.sched_setscheduler(process, os.SCHED_IDLE, os.sched_param(0))
+        else:
+            os.setpriority(os.PRIO_PROCESS, process, 19)
+
+
+def _clear(path: Path, results: Path) -> None:
+    """Remove an earlier export, which must not be taken for this grading's; fail now rather than in the end."""
+    if path.parent != results and not path.parent.is_dir():
+        raise GraderError("there is no such folder to export into", where=str(path.parent), remedy="Make it first.")
+    path.unlink(missing_ok=True)

@@ -1,0 +1,54 @@
+"""What the grader's own processes tell through their pipes, which no student's process can write to.
+
+All that travels over DDS can be read and forged by the student's processes. So the grader's processes
+tell who they are and what they published by another way: the director in its messages, a reference node in lines on
+standard output:
+
+    participant GID_PREFIX
+    published TOPIC TYPE DIGESTS
+
+The last may come in several lines, in order; `-` stands for no messages.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterator
+
+from grader.recording.session import ProcessRun, Published, SessionRecord, Trusted
+
+#: Hexadecimal digits of one message's digest. It must not be possible to make another message of the same digest
+#: within the time of a session.
+DIGEST_DIGITS = 12
+
+_PARTICIPANT = re.compile(r"participant ([0-9a-f]{24})")
+_PUBLISHED = re.compile(rf"published (/\S+) (\S+) (-|(?:[0-9a-f]{{{DIGEST_DIGITS}}})+)")
+
+
+def digest(data: bytes) -> str:
+    """Return the digest of a message's CDR, its header included."""
+    return hashlib.blake2b(data, digest_size=DIGEST_DIGITS // 2).hexdigest()
+
+
+def take_told(record: SessionRecord) -> None:
+    """Move what reference nodes told from their output to where the record keeps it."""
+    for run in record.processes:
+        if run.role == "reference":
+            by_topic: dict[tuple[str, str], Published] = {}
+            for topic, topic_type, digests in _told(run, record):
+                entry = by_topic.setdefault((topic, topic_type), Published(run.name, topic, topic_type, ""))
+                entry.digests += digests
+            record.published += by_topic.values()
+
+
+def _told(run: ProcessRun, record: SessionRecord) -> Iterator[tuple[str, str, str]]:
+    """Take the lines that tell something out of a process's output; those on publications are handed out."""
+    output, run.output = run.output, []
+    for line in output:
+        if line.stream == "stdout" and (match := _PARTICIPANT.fullmatch(line.text)):
+            record.trusted.append(Trusted(run.name, match[1]))
+        elif line.stream == "stdout" and (match := _PUBLISHED.fullmatch(line.text)):
+            yield match[1], match[2], match[3].strip("-")
+        else:
+            run.output.append(line)

@@ -1,0 +1,175 @@
+"""What judging a class again changes, as tables: for the terminal, and as `changes.csv`."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Mapping, Sequence
+from decimal import Decimal
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from grader.cohort.changes import Changes, CheckChange, summary_of
+from grader.report.grades_csv import BYTE_ORDER_MARK, csv_cell
+from grader.report.plain import terminal_text
+from grader.report.terminal import points_text
+from grader.result import Outcome
+
+CHANGES_FILE = "changes.csv"
+
+_COLUMNS = (
+    "submission",
+    "level",
+    "id",
+    "title",
+    "outcome before",
+    "outcome after",
+    "points before",
+    "points after",
+    "difference",
+    "undecided before",
+    "undecided after",
+)
+
+
+def changes_csv(changes: Iterable[Changes]) -> str:
+    """Return all that changes, a row each: the total first, then its criteria, checks and adjustments.
+
+    It is written as `grades.csv` is, with a byte order mark.
+
+    Parameters
+    ----------
+    changes : iterable of Changes
+        Those in which points or outcomes differ.
+    """
+    file = io.StringIO(newline="")
+    file.write(BYTE_ORDER_MARK)
+    table = csv.writer(file, lineterminator="\r\n")
+    table.writerow(_COLUMNS)
+    for each in changes:
+        table.writerows(_rows(each))
+    return file.getvalue()
+
+
+def _rows(changes: Changes) -> Iterable[Sequence[str | int | Decimal]]:
+    name = csv_cell(changes.submission)
+    undecided = [points_text(changes.undecided_before), points_text(changes.undecided_after)]
+    yield [name, "total", "", "", "", "", *_numbers(changes.before, changes.after), *undecided]
+    for criterion in changes.criteria:
+        numbers = _numbers(criterion.before, criterion.after)
+        yield [name, "criterion", csv_cell(criterion.id), csv_cell(criterion.title), "", "", *numbers, "", ""]
+        for check in criterion.checks:
+            outcomes = [_word(check.outcome_before), _word(check.outcome_after)]
+            numbers = _numbers(check.before, check.after)
+            yield [name, "check", csv_cell(check.id), csv_cell(check.title), *outcomes, *numbers, "", ""]
+    for change in changes.adjustments:
+        numbers = _numbers(change.before, change.after)
+        yield [name, "adjustment", csv_cell(change.what), csv_cell(change.kind), "", "", *numbers, "", ""]
+
+
+def _numbers(before: Decimal | None, after: Decimal | None) -> list[str]:
+    difference = (after or Decimal(0)) - (before or Decimal(0))
+    return [points_text(p) if p is not None else "" for p in (before, after)] + [points_text(difference)]
+
+
+def _word(outcome: Outcome | None) -> str:
+    return outcome.value.replace("_", " ") if outcome is not None else ""
+
+
+def print_changes(console: Console, changes: Mapping[str, Changes]) -> None:
+    """Print who changes, by how much, and in which criterion and check; those that change most come first.
+
+    Parameters
+    ----------
+    changes : mapping
+        Name of the submission's folder -> what changes for it.
+    """
+    found = {name: each for name, each in changes.items() if each.matters}
+    if not found:
+        console.print(f"No points change{_words(changes)}; {_counted(len(changes), 'submission')} judged.")
+        return
+    console.print(changes_table(found))
+    _print_summary(console, list(found.values()))
+    kept = len(changes) - len(found)
+    among = f"{len(found)} of {_counted(len(changes), 'submission')}"
+    console.print(f"Points or outcomes change for {among}{_words(changes)}; {kept} keep theirs.")
+
+
+def changes_table(changes: Mapping[str, Changes]) -> Table:
+    """Return the table of `print_changes`, of those for whom something changes."""
+    ordered = sorted(changes.items(), key=lambda item: (-abs(item[1].difference), item[0]))
+    table = Table(box=None, padding=(0, 1), show_header=False, expand=False)
+    table.add_column(overflow="fold")
+    table.add_column(no_wrap=True)
+    table.add_column(justify="right", no_wrap=True)
+    table.add_column(justify="right", no_wrap=True)
+    for name, each in ordered:
+        _add_submission(table, name, each)
+    return table
+
+
+def _add_submission(table: Table, name: str, changes: Changes) -> None:
+    table.add_row(
+        Text(terminal_text(name, 80), "bold"),
+        "",
+        Text(_step(changes.before, changes.after), "bold"),
+        _signed(changes.difference),
+    )
+    for criterion in changes.criteria:
+        table.add_row(
+            f"  {terminal_text(criterion.title, 80)}",
+            "",
+            _step(criterion.before, criterion.after),
+            _signed(criterion.difference),
+        )
+        for check in criterion.checks:
+            row = Text(f"    {terminal_text(check.title, 80)}", "dim")
+            table.add_row(row, _outcomes(check), _step(check.before, check.after), _signed(check.difference))
+    for change in changes.adjustments:
+        row = Text(f"  {terminal_text(f'{change.kind}: {change.what}', 80)}", "dim")
+        table.add_row(row, "", _step(change.before, change.after), _signed(change.difference))
+    if changes.undecided_before != changes.undecided_after:
+        step = _step(changes.undecided_before, changes.undecided_after)
+        table.add_row(Text("  undecided", "magenta"), "", step, "")
+
+
+def _outcomes(check: CheckChange) -> Text:
+    before, after = _word(check.outcome_before) or "not there", _word(check.outcome_after) or "not there"
+    return Text(before if before == after else f"{before} → {after}", "dim")
+
+
+def _step(before: Decimal | None, after: Decimal | None) -> str:
+    was, is_ = (points_text(p) if p is not None else "none" for p in (before, after))
+    return f"{was} → {is_}" if was != is_ else was
+
+
+def _signed(difference: Decimal) -> Text:
+    if not difference:
+        return Text("")
+    return Text(f"{'+' if difference > 0 else '−'}{points_text(abs(difference))}", "green" if difference > 0 else "red")
+
+
+def _print_summary(console: Console, changes: Sequence[Changes]) -> None:
+    summary = summary_of(changes)
+    if not summary or len(changes) < 2:
+        return
+    table = Table("By check", "gain", "lose", "points", box=None, padding=(0, 1), header_style="bold")
+    for column in table.columns[1:]:
+        column.justify = "right"
+    for check in sorted(summary, key=lambda c: -abs(c.points)):
+        table.add_row(terminal_text(check.title, 80), str(check.gain), str(check.lose), _signed(check.points))
+    console.print()
+    console.print(table)
+    console.print()
+
+
+def _words(changes: Mapping[str, Changes]) -> str:
+    """Say how many change in words alone."""
+    number = sum(each.words and not each.matters for each in changes.values())
+    return f", {number} only in words" if number else ""
+
+
+def _counted(number: int, one: str) -> str:
+    return f"{number} {one}{'s' * (number != 1)}"

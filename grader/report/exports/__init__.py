@@ -1,0 +1,108 @@
+"""The result in the forms that CI systems and learning platforms read; each is one function over `result.json`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from grader.errors import GraderError
+from grader.report.exports import (
+    classroom50,
+    github_annotations,
+    github_summary,
+    gitlab_codequality,
+    gradescope,
+    junit,
+)
+from grader.report.exports.graded import Graded, read_graded
+
+__all__ = ["EXPORTS", "Export", "render_export"]
+
+
+@dataclass(frozen=True)
+class Export:
+    """A form of the result that another system reads.
+
+    Attributes
+    ----------
+    file_name : str
+        Under which it is written into the results folder, if no other is given.
+    render : callable
+        Takes the result and the environment's variables.
+    variables : tuple of str
+        The variables that it needs.
+    """
+
+    name: str
+    description: str
+    file_name: str
+    render: Callable[[Graded, Mapping[str, str]], str]
+    variables: tuple[str, ...] = ()
+
+    def require_variables(self, environment: Mapping[str, str]) -> None:
+        """Raise if a variable is not set that this form needs.
+
+        Raises
+        ------
+        GraderError
+            With those that are not set.
+        """
+        missing = [name for name in self.variables if not environment.get(name)]
+        if missing:
+            raise GraderError(
+                f"the form {self.name} needs the variables {', '.join(missing)}",
+                remedy="The system that reads this form sets them where it grades; see docs/ci.md.",
+            )
+
+
+EXPORTS: Mapping[str, Export] = {
+    export.name: export
+    for export in (
+        Export("github-summary", "Markdown for GitHub's job summary", "summary.md", github_summary.render),
+        Export(
+            "github-annotations",
+            "GitHub workflow commands that mark lines of the student's files",
+            "annotations.txt",
+            github_annotations.render,
+        ),
+        Export("junit", "JUnit XML, as Jenkins and GitLab read it", "junit.xml", junit.render),
+        Export("gitlab-codequality", "GitLab's code quality report", "codequality.json", gitlab_codequality.render),
+        Export("gradescope", "Gradescope's results.json", "gradescope.json", gradescope.render),
+        Export(
+            "classroom50",
+            "Classroom 50's result.json",
+            "classroom50.json",
+            classroom50.render,
+            classroom50.VARIABLES,
+        ),
+    )
+}
+
+
+def render_export(
+    name: str, plain: Mapping[str, Any], *, path_prefix: str = "", environment: Mapping[str, str] | None = None
+) -> str:
+    """Return a result in another system's form.
+
+    Parameters
+    ----------
+    name : str
+        A key of `EXPORTS`.
+    plain : mapping
+        The plain data of `result.json`.
+    path_prefix : str
+        Folder of the submission in its repository.
+    environment : mapping
+        Variables of the process that grades; none by default.
+
+    Raises
+    ------
+    RecordingError
+        If the data is no result of this version.
+    GraderError
+        If the form needs a variable that is not set.
+    """
+    export, variables = EXPORTS[name], environment or {}
+    export.require_variables(variables)
+    return export.render(read_graded(plain, path_prefix), variables)

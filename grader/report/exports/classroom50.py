@@ -1,0 +1,126 @@
+"""Classroom 50's `result.json` (schema `classroom50/result/v1`).
+
+Scores there are whole numbers, and the total is the sum of the tests' scores. So the total is rounded, half
+a point up, and the tests' scores are rounded such that they add up to it: each loses less than one point of
+its own by that, and none exceeds its maximum. An undecided check has the score 0 of 0 and does not fail, so
+it changes neither the sum nor the share; its name says so. Adjustments are spread over the tests.
+
+The runner of Classroom 50 writes `owner`, `assignment_type` and the time of submission itself. It compares
+`classroom` and `assignment` with its own, and prints a test's name into a table of Markdown.
+
+References
+----------
+Classroom 50 wiki, Advanced Autograding: "The result.json contract".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from datetime import datetime, timezone
+from decimal import ROUND_FLOOR, ROUND_HALF_UP, Decimal
+from typing import Any
+
+from grader.report.exports.graded import Graded, GradedCheck
+from grader.report.exports.words import full_text, outcome_word
+from grader.report.json_text import json_text
+from grader.report.markdown import markdown_text
+from grader.report.untrusted import line
+
+SCHEMA = "classroom50/result/v1"
+#: What the runner tells the autograder of the submission: keys of the result, and the variables that hold them.
+_GIVEN = {
+    "classroom": "CLASSROOM",
+    "assignment": "ASSIGNMENT",
+    "submission": "SUBMISSION_TAG",
+    "commit": "COMMIT_URL",
+    "release": "RELEASE_URL",
+}
+VARIABLES = tuple(_GIVEN.values())
+_ZERO = Decimal(0)
+
+
+def render(graded: Graded, environment: Mapping[str, str]) -> str:
+    """Return the file's text."""
+    given = {key: line(environment[variable], 1000) for key, variable in _GIVEN.items()}
+    tests = [_test(check, *scores) for check, scores in zip(graded.checks, _scores(graded), strict=True)]
+    plain = {
+        "schema": SCHEMA,
+        **given,
+        "review": line(environment.get("REVIEW_URL") or environment["COMMIT_URL"], 1000),
+        "datetime": _recorded_at(graded),
+        "score": sum(test["score"] for test in tests),
+        "max-score": sum(test["max-score"] for test in tests),
+        "tests": tests,
+    }
+    return json_text(plain)
+
+
+def _scores(graded: Graded) -> list[tuple[int, int]]:
+    """Return each check's score and maximum; what is open has none."""
+    decided = [check for check in graded.checks if not check.open]
+    most = whole_scores([check.possible for check in decided], sum((c.possible for c in decided), _ZERO))
+    exact = [max(_ZERO, min(check.possible, check.earned + check.given)) for check in decided]
+    aside = sum((check.earned for check in graded.checks if check.open), _ZERO)
+    wanted = max(_ZERO, min(graded.final - aside, Decimal(sum(most))))
+    scores = iter(zip(whole_scores(_spread(exact, most, wanted), wanted, most), most, strict=True))
+    return [(0, 0) if check.open else next(scores) for check in graded.checks]
+
+
+def _spread(exact: Sequence[Decimal], most: Sequence[int], wanted: Decimal) -> list[Decimal]:
+    """Change the tests' points in proportion such that they add up to the total wanted."""
+    earned, room = sum(exact, _ZERO), sum((Decimal(m) for m in most), _ZERO) - sum(exact, _ZERO)
+    if wanted < earned:
+        return [value * wanted / earned for value in exact]
+    if wanted > earned and room > 0:
+        return [value + (m - value) * (wanted - earned) / room for value, m in zip(exact, most, strict=True)]
+    return list(exact)
+
+
+def whole_scores(exact: Sequence[Decimal], total: Decimal, most: Sequence[int] | None = None) -> list[int]:
+    """Round points to whole numbers that add up to the rounded total (method of largest remainders).
+
+    Parameters
+    ----------
+    exact : sequence of Decimal
+        Points, not negative, that add up to `total`.
+    most : sequence of int
+        What each may be at most; no limit by default.
+
+    Notes
+    -----
+    Each result differs from its exact value by less than 1, unless `most` is in the way.
+    """
+    wanted = int(total.quantize(Decimal(1), ROUND_HALF_UP))
+    whole = [int(value.quantize(Decimal(1), ROUND_FLOOR)) for value in exact]
+    if most is not None:
+        whole = [min(value, limit) for value, limit in zip(whole, most, strict=True)]
+    by_remainder = sorted(range(len(exact)), key=lambda n: (-(exact[n] - whole[n]), n))
+    short = wanted - sum(whole)
+    while short > 0:
+        able = [n for n in by_remainder if most is None or whole[n] < most[n]]
+        if not able:
+            break
+        for n in able[:short]:
+            whole[n] += 1
+        short = wanted - sum(whole)
+    return whole
+
+
+def _test(check: GradedCheck, score: int, most: int) -> dict[str, Any]:
+    name = markdown_text(check.title, 200) or markdown_text(check.id)
+    if check.open:
+        name += " (undecided, not counted)"
+    return {
+        "test-name": name,
+        "passed": check.open or not check.lost,
+        "score": score,
+        "max-score": most,
+        "outcome": outcome_word(check),
+        "output": full_text(check),
+    }
+
+
+def _recorded_at(graded: Graded) -> str:
+    """Return when the last session ended; the runner puts the time of submission in its place."""
+    ends = [s.started_ns / 1e9 + s.duration_s for s in graded.sessions.values()]
+    return datetime.fromtimestamp(max(ends, default=0.0), tz=timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")

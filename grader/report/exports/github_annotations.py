@@ -1,0 +1,46 @@
+"""Workflow commands that mark lines of the student's files on GitHub.
+
+A failed check is an error, a partial one a warning; what was not reached or is undecided is a notice. GitHub
+shows ten of a kind for each step, in the order in which they come: these are the costliest. Its limits for
+an annotation's texts are 255 characters for the title and 64 KB for the message.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from grader.report.exports.graded import Graded, GradedCheck
+from grader.report.exports.words import full_text, outcome_word
+from grader.report.untrusted import line
+from grader.report.views import points
+from grader.report.workflow_commands import command_data, command_property
+from grader.result import Outcome
+
+MOST_OF_A_KIND = 10
+_LONGEST_TITLE = 200
+_KINDS = {Outcome.FAILED: "error", Outcome.PARTIAL: "warning"}
+
+
+def render(graded: Graded, environment: Mapping[str, str]) -> str:
+    """Return the workflow commands, a line each, and a line for each kind of which there were more."""
+    shown = [*graded.lossy, *(check for check in graded.checks if check.open and not check.lost)]
+    commands = []
+    for kind in ("error", "warning", "notice"):
+        checks = [check for check in shown if _KINDS.get(check.outcome, "notice") == kind]
+        commands += [_command(kind, check) for check in checks[:MOST_OF_A_KIND]]
+        if len(checks) > MOST_OF_A_KIND:
+            commands.append(f"({len(checks) - MOST_OF_A_KIND} more of the kind {kind} are in the report.)")
+    return "".join(f"{command}\n" for command in commands)
+
+
+def _command(kind: str, check: GradedCheck) -> str:
+    properties = {"title": _title(check)}
+    if check.spot is not None:
+        properties = {"file": check.spot.path, "line": str(check.spot.line), **properties}
+    written = ",".join(f"{key}={command_property(value, 1000)}" for key, value in properties.items())
+    return f"::{kind} {written}::{command_data(full_text(check) or outcome_word(check))}"
+
+
+def _title(check: GradedCheck) -> str:
+    cost = f"−{points(check.lost)} points" if check.lost else "costs nothing"
+    return f"{line(check.title, _LONGEST_TITLE)} ({outcome_word(check)}, {cost})"

@@ -1,0 +1,150 @@
+"""Markdown for GitHub's job summary: the score, what cost points and why, and all checks.
+
+GitHub takes at most 1 MiB from a step, and shows nothing of more. The parts come in the order of their worth,
+and what does not fit any more is left out whole, with a line that says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from grader.report.exports.graded import Graded, GradedCheck, GradedCriterion
+from grader.report.exports.words import (
+    MOST_REMARKS,
+    adjustment_texts,
+    outcome_sign,
+    outcome_word,
+    points_of,
+    proof_lines,
+    violation_texts,
+)
+from grader.report.markdown import markdown_text
+from grader.report.views import OUTCOMES, points
+from grader.report.violations import EXPLANATION, HEADING
+from grader.result import Outcome, outcome_of_points
+
+LONGEST_BYTES = 1024 * 1024
+_LEFT_OUT = "*More did not fit here; the report has all.*\n"
+
+
+def render(graded: Graded, environment: Mapping[str, str]) -> str:
+    """Return the summary."""
+    return fitting(_parts(graded), LONGEST_BYTES)
+
+
+def fitting(parts: Iterable[str], longest_bytes: int) -> str:
+    """Return as many of the parts, in their order, as fit; with a last line if some do not."""
+    fit: list[str] = []
+    size = len(_LEFT_OUT.encode())
+    for part in parts:
+        size += len(part.encode()) + 1
+        if size > longest_bytes:
+            return "\n".join([*fit, _LEFT_OUT])
+        fit.append(part)
+    return "\n".join(fit)
+
+
+def _parts(graded: Graded) -> Iterable[str]:
+    yield _head(graded)
+    yield _criteria(graded)
+    yield from _adjustments(graded)
+    yield from _violations(graded)
+    lossy = [check for check in graded.lossy if check.outcome is not Outcome.NOT_REACHED]
+    if lossy:
+        yield "## What cost points\n"
+        yield from (_lost(check) for check in lossy)
+    yield from _listed("Not looked at, because of the above", [_missed(c) for c in graded.lossy if c not in lossy])
+    yield from _listed("Undecided, not lost", [_undecided(check) for check in graded.checks if check.open])
+    yield from _listed(
+        "Costs nothing, but worth knowing", [markdown_text(text) for text in graded.advisories[:MOST_REMARKS]]
+    )
+    yield from _listed("On the grader's side", [markdown_text(text) for text in graded.problems[:MOST_REMARKS]])
+    yield _all_checks(graded)
+    yield _foot(graded)
+
+
+def _head(graded: Graded) -> str:
+    total = f"{points(graded.final)} of {points(graded.possible)} points"
+    lines = [f"# {markdown_text(graded.lab, 200)}: {total}", "", f"Submission {markdown_text(graded.submission, 200)}"]
+    if graded.undecided:
+        lines += [
+            "",
+            f"> **{points(graded.undecided)} points are undecided** through no fault of the submission. "
+            "They are not lost; the next run may decide them.",
+        ]
+    if any(session.isolation == "none" for session in graded.sessions.values()):
+        lines += ["", "> **The submission's code ran unconfined.** The report says what would confine it."]
+    return "\n".join(lines) + "\n"
+
+
+def _criteria(graded: Graded) -> str:
+    rows = [
+        f"| {_sign(criterion)} | {markdown_text(criterion.title)} | {_share(criterion)} |"
+        for criterion in graded.criteria
+    ]
+    return "\n".join(["| | Criterion | Points |", "|:-:|---|--:|", *rows]) + "\n"
+
+
+def _sign(criterion: GradedCriterion) -> str:
+    return OUTCOMES[outcome_of_points(criterion.earned, criterion.possible, criterion.undecided)][1]
+
+
+def _share(criterion: GradedCriterion) -> str:
+    undecided = f" (+ {points(criterion.undecided)} undecided)" if criterion.undecided else ""
+    return f"{points(criterion.earned)} / {points(criterion.possible)}{undecided}"
+
+
+def _adjustments(graded: Graded) -> Iterable[str]:
+    if graded.adjustments:
+        lines = [markdown_text(text) for text in adjustment_texts(graded)]
+        judged = f"As judged: {points(graded.earned)}. With all adjustments: **{points(graded.final)}**."
+        yield from _listed("Adjustments", [*lines, judged])
+
+
+def _violations(graded: Graded) -> Iterable[str]:
+    if graded.violations:
+        lines = [markdown_text(text) for text in violation_texts(graded)]
+        yield from _listed(HEADING, [*lines, EXPLANATION])
+
+
+def _lost(check: GradedCheck) -> str:
+    lines = [
+        f"### {outcome_sign(check)} {markdown_text(check.title)}: −{points(check.lost)} points",
+        "",
+        markdown_text(check.reason) or outcome_word(check),
+        "",
+        *(f"- {name}: {markdown_text(text)}" for name, text in proof_lines(check)),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _missed(check: GradedCheck) -> str:
+    return f"{markdown_text(check.title)} (−{points(check.lost)} points): {markdown_text(check.reason)}"
+
+
+def _undecided(check: GradedCheck) -> str:
+    return f"{markdown_text(check.title)} ({points(check.undecided)} points): {markdown_text(check.reason)}"
+
+
+def _listed(title: str, lines: list[str]) -> Iterable[str]:
+    if lines:
+        yield "\n".join([f"## {title}", "", *(f"- {line}" for line in lines)]) + "\n"
+
+
+def _all_checks(graded: Graded) -> str:
+    rows = [
+        f"| {outcome_sign(check)} {outcome_word(check)} | {markdown_text(check.title)} | {points_of(check)} |"
+        for check in graded.checks
+    ]
+    count = f"{len(rows)} checks, {sum(1 for c in graded.checks if not c.lost and not c.open)} without loss"
+    table = "\n".join(["| | Check | Points |", "|---|---|--:|", *rows])
+    return f"<details><summary>All {count}</summary>\n\n{table}\n\n</details>\n"
+
+
+def _foot(graded: Graded) -> str:
+    levels = dict.fromkeys(session.isolation for session in graded.sessions.values())
+    facts = [f"isolation: {markdown_text(', '.join(levels))}"] if levels else []
+    if graded.rubric_sha256:
+        facts.append(f"rubric {markdown_text(graded.rubric_sha256[:12])}")
+    told = f" ({'; '.join(facts)})" if facts else ""
+    return f"The proof of each point is in `report.html`, among the files of this job{told}.\n"

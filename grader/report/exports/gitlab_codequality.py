@@ -1,0 +1,42 @@
+"""GitLab's code quality report: checks that cost points, on the line of the student's file that they point at.
+
+Checks without a file are left out, since GitLab shows findings on files alone; the JUnit report has them.
+A finding's fingerprint is made of check and file, so it is the same after the student has moved the line,
+and GitLab can tell what a merge request mends.
+
+References
+----------
+GitLab: code quality report format. Its parser stops at the first finding that its schema refuses.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from typing import Any
+
+from grader.report.exports.graded import Graded, GradedCheck
+from grader.report.json_text import json_text
+from grader.report.untrusted import line
+from grader.report.views import points
+from grader.result import Outcome
+
+_SEVERITIES = {Outcome.FAILED: "major", Outcome.PARTIAL: "minor"}
+
+
+def render(graded: Graded, environment: Mapping[str, str]) -> str:
+    """Return the report."""
+    return json_text([_finding(check) for check in graded.lossy if check.spot is not None])
+
+
+def _finding(check: GradedCheck) -> dict[str, Any]:
+    assert check.spot is not None
+    said = [f"{check.title} (−{points(check.lost)} points):", check.reason, check.hint]
+    key = f"{check.id}\0{check.spot.path}"
+    return {
+        "description": line(" ".join(said), 1000),
+        "check_name": line(check.id),
+        "fingerprint": hashlib.sha256(key.encode("utf-8", "backslashreplace")).hexdigest(),
+        "severity": _SEVERITIES.get(check.outcome, "info"),
+        "location": {"path": check.spot.path, "lines": {"begin": check.spot.line}},
+    }

@@ -1,0 +1,100 @@
+"""Gradescope's `results.json`.
+
+Every test is visible, since Gradescope hides the total where one is not. An undecided check has no score of
+its own and no status, so that it is shown neither as passed nor as failed; the text on top says how many
+points are open. The total is the score with all adjustments. All texts are of the format `text`, of which
+Gradescope renders nothing.
+
+References
+----------
+Gradescope autograder documentation: autograder specifications, output format.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from decimal import Decimal
+from typing import Any
+
+from grader.report.exports.graded import Graded, GradedCheck, GradedCriterion
+from grader.report.exports.words import MOST_REMARKS, adjustment_texts, full_text, violation_texts
+from grader.report.json_text import json_text
+from grader.report.untrusted import line
+from grader.report.views import points
+from grader.report.violations import HEADING
+
+
+def render(graded: Graded, environment: Mapping[str, str]) -> str:
+    """Return the file's text."""
+    plain: dict[str, Any] = {
+        "score": _number(max(Decimal(0), graded.final)),
+        "output": "\n".join(_overall(graded)),
+        "output_format": "text",
+        "test_output_format": "text",
+        "test_name_format": "text",
+        "visibility": "visible",
+        "stdout_visibility": "hidden",
+        "tests": [
+            _test(check, criterion, f"{n}.{m}")
+            for n, criterion in enumerate(graded.criteria, 1)
+            for m, check in enumerate(criterion.checks, 1)
+        ],
+        "extra_data": {
+            "earned": _number(graded.earned),
+            "possible": _number(graded.possible),
+            "undecided": _number(graded.undecided),
+        },
+    }
+    duration_s = _duration_s(graded)
+    return json_text(plain | ({"execution_time": duration_s} if duration_s is not None else {}))
+
+
+def _overall(graded: Graded) -> list[str]:
+    lines = [f"{line(graded.lab)}: {points(graded.final)} of {points(graded.possible)} points"]
+    if graded.undecided:
+        lines.append(
+            f"{points(graded.undecided)} points are undecided through no fault of the submission. They are "
+            "not lost: the instructor can run the autograder again, or decide."
+        )
+    for title, texts in _remarks(graded):
+        if texts:
+            lines += ["", f"{title}:", *(f"- {line(text, 600)}" for text in texts)]
+    return lines
+
+
+def _remarks(graded: Graded) -> list[tuple[str, Sequence[str]]]:
+    return [
+        ("Adjustments", adjustment_texts(graded)),
+        (HEADING, violation_texts(graded)),
+        ("On the grader's side", graded.problems[:MOST_REMARKS]),
+        ("Costs nothing, but worth knowing", graded.advisories[:MOST_REMARKS]),
+    ]
+
+
+def _test(check: GradedCheck, criterion: GradedCriterion, number: str) -> dict[str, Any]:
+    plain: dict[str, Any] = {
+        "name": line(f"{criterion.title}: {check.title}"),
+        "number": number,
+        "output": full_text(check) or "Passed.",
+        "output_format": "text",
+        "visibility": "visible",
+        "tags": [line(criterion.id)],
+    }
+    if check.open:
+        return plain | {"name": f"{plain['name']} (undecided)"}
+    earned = max(Decimal(0), check.earned + check.given)
+    status = "failed" if check.lost else "passed"
+    return plain | {"score": _number(earned), "max_score": _number(check.possible), "status": status}
+
+
+def _number(value: Decimal) -> int | float:
+    return int(value) if value == value.to_integral_value() else float(value)
+
+
+def _duration_s(graded: Graded) -> float | None:
+    """Return the time from the first session's start to the last one's end."""
+    sessions = graded.sessions.values()
+    if not sessions:
+        return None
+    first_ns = min(session.started_ns for session in sessions)
+    return round(max((s.started_ns - first_ns) / 1e9 + s.duration_s for s in sessions), 1)

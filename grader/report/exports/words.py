@@ -1,0 +1,73 @@
+"""The few words and numbers that all exports write alike."""
+
+from __future__ import annotations
+
+from grader.report.exports.graded import Graded, GradedCheck
+from grader.report.untrusted import line
+from grader.report.views import OUTCOMES, adjustment_title, points, signed
+from grader.report.violations import note_of
+
+#: Most places that an export names for a check.
+MOST_PLACES = 4
+#: Most remarks of a kind on the submission as a whole, since a student can cause any number.
+MOST_REMARKS = 50
+
+
+def outcome_word(check: GradedCheck) -> str:
+    """Return the outcome in a word."""
+    return OUTCOMES[check.outcome][2]
+
+
+def outcome_sign(check: GradedCheck) -> str:
+    """Return the outcome's sign, as in the report."""
+    return OUTCOMES[check.outcome][1]
+
+
+def points_of(check: GradedCheck) -> str:
+    """Return what a check earned of its points; a question mark where that is open."""
+    if check.open:
+        return f"? / {points(check.possible)}"
+    return f"{points(check.earned + check.given)} / {points(check.possible)}"
+
+
+def adjustment_texts(graded: Graded) -> list[str]:
+    """Return the adjustments, each as a line of text that is still untrusted."""
+    titles = {check.id: check.title for check in graded.checks} | {each.id: each.title for each in graded.criteria}
+    return [
+        f"{signed(each.points)}, {adjustment_title(each, titles.get(each.what, ''))}: {each.reason}"
+        + (f" (decided by {each.who})" if each.who else "")
+        for each in graded.adjustments
+    ]
+
+
+def violation_texts(graded: Graded) -> list[str]:
+    """Return what of the grader's own was touched, each as a line of text that is still untrusted."""
+    return [
+        " ".join([violation.text, note_of(violation), *violation.evidence[:MOST_PLACES]])
+        for violation in graded.violations[:MOST_REMARKS]
+    ]
+
+
+def undecided_text(check: GradedCheck) -> str:
+    """Say that a check is open, and that this is not the submission's fault."""
+    return (
+        f"Undecided, through no fault of the submission: {points(check.undecided)} points are not lost. "
+        f"{line(check.reason, 600)}"
+    ).strip()
+
+
+def proof_lines(check: GradedCheck) -> list[tuple[str, str]]:
+    """Return what was expected, what was measured, where, and what to do; names with texts of a line each."""
+    named = [
+        ("Expected", check.expected),
+        ("Measured", check.measured),
+        ("Where", "; ".join(check.places[:MOST_PLACES])),
+        ("Hint", check.hint),
+    ]
+    return [(name, line(text, 600)) for name, text in named if text]
+
+
+def full_text(check: GradedCheck) -> str:
+    """Return all that is to be said of a check that did not pass, as plain lines that can be shown."""
+    said = undecided_text(check) if check.open else line(check.reason, 600)
+    return "\n".join([*([said] if said else []), *(f"{name}: {text}" for name, text in proof_lines(check))])

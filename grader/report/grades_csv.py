@@ -1,0 +1,92 @@
+"""`grades.csv`: a class for the grade book, a line a student.
+
+It is written for Excel and LibreOffice as they open a file by a double click: UTF-8 with a byte order mark, without
+which Excel takes it for the system's code page, commas, and CR LF. In Python, `encoding="utf-8-sig"` reads it. Where
+Excel's list separator is the semicolon, it has to be imported (Data, From Text/CSV).
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Sequence
+from decimal import Decimal
+
+from grader.cohort.summary import Cell, ClassSummary, Row
+from grader.report.untrusted import line
+from grader.report.views import points
+
+BYTE_ORDER_MARK = "\ufeff"
+LONGEST = 500
+
+_FORMULA = "=+\\-@\uff1d\uff0b\uff0d\uff20"
+_QUOTES = "\"'`‘’“”„«»＂＇"
+#: The beginning of a cell that a spreadsheet may take for a formula, behind blanks and quotes.
+_BEGINS = re.compile(rf"[\s{_QUOTES}]*[{_FORMULA}\t\r]")
+#: The same behind what another spreadsheet may take for the end of a cell.
+_GOES_ON = re.compile(rf"([,;|][\s{_QUOTES}]*)(?=[{_FORMULA}])")
+
+
+def csv_cell(value: str | int | Decimal) -> str | int | Decimal:
+    """Return a value as a cell that no spreadsheet takes for a formula.
+
+    Notes
+    -----
+    Numbers stay numbers. Text becomes one line that can be shown. Text that begins like a formula, with an equals,
+    plus, minus or at sign, in their full-width forms too, also behind blanks and quotes, gets an apostrophe before
+    it. So does what stands behind a comma or semicolon in it, since a spreadsheet with another separator would
+    divide the text there.
+
+    References
+    ----------
+    OWASP, "CSV Injection".
+    """
+    if not isinstance(value, str):
+        return value
+    tabbed = value[:1] in ("\t", "\r")
+    text = line(value, LONGEST)
+    text = f"'{text}" if tabbed or _BEGINS.match(text) else text
+    return _GOES_ON.sub(r"\1'", text)
+
+
+def render(summary: ClassSummary) -> str:
+    """Return the text of `grades.csv`, to be written as UTF-8; equal summaries give equal bytes.
+
+    Columns are: submission, student_id, submitted_at (ISO 8601); total (with all adjustments), earned (without),
+    possible and undecided points; the points of each criterion, under its id, and its outcome, under the id with
+    `_outcome`; adjustments, and what needs a person.
+    """
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\r\n")
+    writer.writerow([csv_cell(name) for name in _header(summary)])
+    for number, row in enumerate(summary.rows):
+        needs = [todo.need.value for todo in summary.todos if todo.row == number]
+        writer.writerow([_plain(csv_cell(value)) for value in _values(row, needs)])
+    return BYTE_ORDER_MARK + text.getvalue()
+
+
+def _header(summary: ClassSummary) -> list[str]:
+    ids = [column.id for column in summary.columns]
+    head = ["submission", "student_id", "submitted_at", "total", "earned", "possible", "undecided"]
+    return [*head, *ids, *(f"{name}_outcome" for name in ids), "adjustments", "needs", "problem"]
+
+
+def _values(row: Row, needs: Sequence[str]) -> list[str | Decimal]:
+    submitted = row.entry.submitted_at
+    head = [row.entry.name, row.entry.student_id or "", submitted.isoformat() if submitted else ""]
+    score = row.result.score if row.result else None
+    numbers = [row.total, score.earned, score.possible, row.undecided] if score else [""] * 4
+    cells = [cell.earned if cell else "" for cell in row.cells]
+    adjustments = "; ".join(f"{a.kind.value} {points(a.points)}: {a.reason}".rstrip(": ") for a in row.adjustments)
+    return [*head, *numbers, *cells, *map(_outcome, row.cells), adjustments, ", ".join(needs), row.problem]
+
+
+def _outcome(cell: Cell | None) -> str:
+    if cell is None:
+        return ""
+    return cell.outcome.value if cell.outcome.decided else "undecided"
+
+
+def _plain(value: str | int | Decimal) -> str:
+    return points(value) if isinstance(value, Decimal) else str(value)

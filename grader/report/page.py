@@ -1,0 +1,88 @@
+"""A page of HTML that needs nothing else: style and script within it, named by their hashes in its policy.
+
+All that comes from students passes `shown`, through the template engine's last stage, before it is escaped;
+and the page's content security policy allows its own style and script and nothing else.
+"""
+
+from __future__ import annotations
+
+import base64
+import functools
+import hashlib
+import re
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
+from markupsafe import Markup
+
+from grader.report.charts import duration
+from grader.report.untrusted import line, shown
+
+_FOLDER = Path(__file__).parent / "templates"
+
+
+def render_page(name: str, styles: tuple[str, ...], script: str, **values: Any) -> str:
+    """Return a page; equal arguments give equal bytes.
+
+    Parameters
+    ----------
+    name, styles, script : str
+        Files in the folder of templates: the page, its style sheets one after the other, and its script.
+    values
+        What the template shows.
+    """
+    page = _template(name, styles, script).render(**values)
+    # A lone surrogate cannot be written; all that is shown was cleaned of them, so this changes nothing.
+    return page.encode("utf-8", "replace").decode("utf-8")
+
+
+@functools.lru_cache(maxsize=4)
+def _template(name: str, styles: tuple[str, ...], script: str) -> Template:
+    environment = Environment(
+        loader=FileSystemLoader(_FOLDER),
+        autoescape=True,
+        undefined=StrictUndefined,
+        finalize=_finalize,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters.update(line=line, duration=duration, prose=prose, breakable=breakable)
+    css, js = "".join(map(_read, styles)), _read(script)
+    environment.globals.update(
+        css=Markup(css),
+        js=Markup(js),
+        policy=(
+            f"default-src 'none'; style-src {_hash(css)}; script-src {_hash(js)}; base-uri 'none'; form-action 'none'"
+        ),
+    )
+    return environment.get_template(name)
+
+
+def prose(text: str) -> Markup:
+    """Make text fit to be shown, with what stands between backticks as code."""
+    parts = shown(text).split("`")
+    if len(parts) % 2 == 0:
+        return Markup.escape(shown(text))
+    pieces = [Markup("<code>{}</code>") if n % 2 else Markup("{}") for n in range(len(parts))]
+    return Markup("").join(piece.format(part) for piece, part in zip(pieces, parts, strict=True))
+
+
+def breakable(name: str) -> Markup:
+    """Make a name fit to be shown, with leave to break it behind its marks."""
+    return Markup("<wbr>").join(re.split(r"(?<=[_.-])(?=.)", shown(name)))
+
+
+def _read(name: str) -> str:
+    return (_FOLDER / name).read_text(encoding="utf-8")
+
+
+def _hash(text: str) -> str:
+    digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+    return f"'sha256-{digest}'"
+
+
+def _finalize(value: Any) -> Any:
+    """Make text fit to be shown; markup of ours and numbers stay as they are."""
+    return shown(value) if isinstance(value, str) and not isinstance(value, Markup) else value

@@ -1,0 +1,81 @@
+"""Tells on the terminal where a grading's wall time and CPU time went."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from grader.report.plain import terminal_text
+from grader.timings import CellRun, Stopwatch
+
+#: Stages that lie within another.
+_WITHIN = {"report": "of which the report"}
+
+
+def print_timings(console: Console, watch: Stopwatch, provenance: Mapping[str, Any], children_cpu_s: float) -> None:
+    """Print where the time went.
+
+    Parameters
+    ----------
+    provenance : mapping
+        That of the result, with the CPU time of each session's processes by their role.
+    children_cpu_s : float
+        CPU time of all processes that the grader started, and waited for, together.
+    """
+    console.print(_stages(watch))
+    console.print(_cells(watch, provenance.get("sessions", {})))
+    console.print(Text(cpu_sentence(watch, provenance.get("sessions", {}), children_cpu_s)))
+
+
+def _table(title: str, *columns: str) -> Table:
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    for number, column in enumerate(columns):
+        table.add_column(column, justify="left" if number == 0 else "right")
+    return table
+
+
+def _stages(watch: Stopwatch) -> Table:
+    table = _table("Where the time went", "stage", "from", "wall", "CPU of grade itself")
+    for stage in sorted(watch.stages, key=lambda stage: stage.began_s):
+        what = f"  {_WITHIN[stage.what]}" if stage.what in _WITHIN else stage.what
+        since_s = stage.began_s - watch.started_s
+        table.add_row(what, f"{since_s:.2f} s", f"{stage.took_s:.2f} s", f"{stage.cpu_s:.2f} s")
+    table.add_row("all", "", f"{watch.total_s():.2f} s", f"{own_cpu_s(watch):.2f} s", style="bold")
+    return table
+
+
+def own_cpu_s(watch: Stopwatch) -> float:
+    """Return the CPU time of the grading process itself in all stages."""
+    return sum(stage.cpu_s for stage in watch.stages if stage.what not in _WITHIN)
+
+
+def _cells(watch: Stopwatch, sessions: Mapping[str, Any]) -> Table:
+    table = _table("", "session", "attempt", "waited", "ran", "student", "reference", "grader (CPU)")
+    attempts: Counter[str] = Counter()
+    last = {cell.session: cell for cell in watch.cells}
+    for cell in watch.cells:
+        attempts[cell.session] += 1
+        # Only the last attempt's recording is kept, so only its CPU time is known by role.
+        cpu_s = sessions.get(cell.session, {}).get("cpu_s", {}) if cell is last[cell.session] else {}
+        table.add_row(*_cell_row(cell, attempts[cell.session], cpu_s))
+    return table
+
+
+def _cell_row(cell: CellRun, attempt: int, cpu_s: Mapping[str, float]) -> list[str]:
+    used = [f"{cpu_s[role]:.2f} s" if role in cpu_s else "" for role in ("student", "reference", "grader")]
+    return [terminal_text(cell.session), str(attempt), f"{cell.waited_s:.2f} s", f"{cell.ran_s:.2f} s", *used]
+
+
+def cpu_sentence(watch: Stopwatch, sessions: Mapping[str, Any], children_cpu_s: float) -> str:
+    """Say how much CPU time was the student's, and how much the grader's."""
+    students_s = sum(float(session.get("cpu_s", {}).get("student", 0)) for session in sessions.values())
+    ours_s = own_cpu_s(watch) + children_cpu_s - students_s
+    text = f"CPU time: the student's processes {students_s:.2f} s, the grader's {ours_s:.2f} s"
+    if len(watch.cells) > len({cell.session for cell in watch.cells}):
+        return f"{text} (with all of what was recorded again)."
+    return f"{text}."

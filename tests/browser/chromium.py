@@ -1,0 +1,103 @@
+"""A real Chromium for the tests of pages, and what a test asks of a page."""
+
+from __future__ import annotations
+
+import importlib.resources
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, Page, Route, sync_playwright
+
+ARGUMENTS = (
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
+DESK, PHONE = (1240, 900), (390, 844)
+#: Rules of axe-core whose breach keeps someone from using a page.
+GRAVE = ("serious", "critical")
+
+
+def chromium() -> str:
+    """Give Chromium's path. Where it could have been installed, a test without it fails; elsewhere it is skipped."""
+    found = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if found is None:
+        missing = "there is no Chromium; `tools/install-system-packages dev` installs it (as root, on Debian)"
+        if os.geteuid() == 0 or os.environ.get("CI"):
+            pytest.fail(missing, pytrace=False)
+        pytest.skip(missing)
+    return found
+
+
+@contextmanager
+def browser() -> Iterator[Browser]:
+    """Start Chromium, and stop it in the end."""
+    path = chromium()
+    with sync_playwright() as playwright:
+        started = playwright.chromium.launch(executable_path=path, args=list(ARGUMENTS))
+        try:
+            yield started
+        finally:
+            started.close()
+
+
+@dataclass
+class Visit:
+    """A page that was opened, with what it asked for and complained of."""
+
+    page: Page
+    requests: list[str] = field(default_factory=list)
+    complaints: list[str] = field(default_factory=list)
+
+    def axe(self) -> list[str]:
+        """Give axe-core's grave findings, a line each."""
+        script = importlib.resources.files("axe_playwright_python") / "axe.min.js"
+        self.page.evaluate(script.read_text(encoding="utf-8"))
+        found: dict[str, Any] = self.page.evaluate("axe.run({resultTypes: ['violations']})")
+        return [
+            f"{v['id']}: {v['help']}: {v['nodes'][0]['target']} {v['nodes'][0]['failureSummary']}"
+            for v in found["violations"]
+            if v["impact"] in GRAVE
+        ]
+
+
+@contextmanager
+def visit(
+    started: Browser, file: Path, size: tuple[int, int] = DESK, *, dark: bool = False, scripts: bool = True
+) -> Iterator[Visit]:
+    """Open a file, and see that it asks for nothing else and complains of nothing."""
+    context = started.new_context(
+        viewport={"width": size[0], "height": size[1]},
+        color_scheme="dark" if dark else "light",
+        java_script_enabled=scripts,
+        reduced_motion="reduce",
+    )
+    seen = Visit(context.new_page())
+
+    def let_files_pass(route: Route) -> None:
+        seen.requests.append(route.request.url)
+        if route.request.url.startswith("file:"):
+            route.continue_()
+        else:
+            route.abort()
+
+    context.route("**/*", let_files_pass)
+    seen.page.on("console", lambda message: seen.complaints.append(message.text))
+    seen.page.on("pageerror", lambda error: seen.complaints.append(str(error)))
+    try:
+        seen.page.goto(file.as_uri())
+        yield seen
+        assert seen.complaints == []
+        assert [url for url in seen.requests if not url.startswith("file:")] == []
+    finally:
+        context.close()

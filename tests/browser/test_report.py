@@ -1,0 +1,80 @@
+"""The report of one submission in a real browser: nothing asked of a network, usable by all, and on paper."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, expect
+
+from grader import pipeline
+from tests.browser.chromium import DESK, PHONE, browser, visit
+
+pytestmark = pytest.mark.browser
+
+KEPT = Path(__file__).resolve().parents[1] / "recordings"
+NAMES = ("solution", "service_never_answers", "qos_invented_numbers", "launch_wrong_executable")
+#: So that one report has adjustments.
+OVERRIDES = """
+overrides:
+  - {submission: service_never_answers, check: service.enables, set: 2, reason: Seen, who: JS, when: 2026-11-21}
+  - {submission: service_never_answers, bonus: 3, reason: An action server, who: JS, when: 2026-11-21}
+"""
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Browser]:
+    """Give a browser to all tests of this file."""
+    with browser() as started:
+        yield started
+
+
+@pytest.fixture(scope="module")
+def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Give the reports of some kept recordings."""
+    rubric = pipeline.read_rubric(None)
+    folder = tmp_path_factory.mktemp("reports")
+    (folder / "overrides.yaml").write_text(OVERRIDES, encoding="utf-8")
+    overrides = pipeline.read_overrides(None, folder, rubric)
+    for name in NAMES:
+        shutil.copytree(KEPT / name, folder / name / pipeline.RECORDINGS)
+        pipeline.judge_results(folder / name, rubric, overrides)
+    return {name: folder / name / pipeline.REPORT_FILE for name in NAMES}
+
+
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+@pytest.mark.parametrize("name", NAMES)
+def test_nothing_keeps_anyone_from_using_it(name: str, dark: bool, chromium: Browser, reports: dict[str, Path]) -> None:
+    """axe-core has no serious or critical finding with all parts unfolded; nothing is asked of a network."""
+    with visit(chromium, reports[name], PHONE if dark else DESK, dark=dark) as seen:
+        seen.page.get_by_role("button", name="Expand all").click()
+        assert seen.axe() == []
+        assert seen.requests == [reports[name].as_uri()]
+
+
+def test_a_link_to_a_check_unfolds_it(chromium: Browser, reports: dict[str, Path]) -> None:
+    """A class page links to a check; the report shows that check, even one that is folded."""
+    with visit(chromium, reports["solution"]) as seen:
+        seen.page.goto(f"{reports['solution'].as_uri()}#check-qos.honest")
+        seen.page.reload()
+        expect(seen.page.locator("#check-qos\\.honest")).to_have_attribute("open", "")
+        expect(seen.page.locator("#check-qos\\.honest .body")).to_be_in_viewport()
+
+
+def test_without_scripts_all_is_there(chromium: Browser, reports: dict[str, Path]) -> None:
+    """What went wrong is shown, parts can be unfolded, and no button does nothing."""
+    with visit(chromium, reports["service_never_answers"], scripts=False) as seen:
+        expect(seen.page.locator("button:visible")).to_have_count(0)
+        expect(seen.page.locator("#check-service\\.enables .reason")).to_be_visible()
+        session = seen.page.locator("details.session").first
+        session.locator("summary").first.click()
+        expect(session).to_have_attribute("open", "")
+
+
+def test_a_phone_shows_it_without_scrolling_sideways(chromium: Browser, reports: dict[str, Path]) -> None:
+    """Only tables and output scroll, in themselves."""
+    for file in reports.values():
+        with visit(chromium, file, PHONE) as seen:
+            assert seen.page.evaluate("document.documentElement.scrollWidth") == PHONE[0], file

@@ -1,0 +1,61 @@
+"""Rubrics and results of a few numbers, for what is worked out by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+from grader.cohort.entries import ClassEntry
+from grader.lined_yaml import Strict
+from grader.policy import Policy
+from grader.rubric import CheckSpec, CriterionSpec, LabSpec, Rubric
+
+
+def rubric_of(*checks: tuple[str, int], requires: dict[str, tuple[str, ...]] | None = None) -> Rubric:
+    """Give a rubric with checks `criterion.name` of some points."""
+    specs = [
+        CheckSpec(name, name.upper(), Decimal(points), "any", Strict(), requires=(requires or {}).get(name, ()))
+        for name, points in checks
+    ]
+    names = list(dict.fromkeys(name.partition(".")[0] for name, _ in checks))
+    criteria = []
+    for name in names:
+        own = tuple(spec for spec in specs if spec.id.startswith(f"{name}."))
+        criteria.append(CriterionSpec(name, name.title(), sum((c.points for c in own), Decimal(0)), "", own))
+    total = sum((c.points for c in criteria), Decimal(0))
+    lab = LabSpec(id="1", title="Nodes", points=total)
+    return Rubric(lab, {}, {}, {}, tuple(criteria), Path(), "text", Policy())
+
+
+def plain_check(spec: CheckSpec, credit: float | None, reason: str = "", outcome: str = "") -> dict[str, Any]:
+    """Give a check as it stands in result.json; a credit of None leaves it undecided."""
+    worked_out = "inconclusive" if credit is None else "passed" if credit == 1 else "partial" if credit else "failed"
+    return {
+        "id": spec.id,
+        "title": spec.title,
+        "outcome": outcome or worked_out,
+        "earned": float(spec.points) * (credit or 0),
+        "possible": float(spec.points),
+        "undecided": float(spec.points) if credit is None else 0,
+        "reason": reason,
+        "hint": "",
+    }
+
+
+def result_of(rubric: Rubric, credits: Sequence[float | None], reasons: dict[str, str] | None = None) -> dict[str, Any]:
+    """Give the plain data of a result with some credit for each check, in the rubric's order."""
+    given = dict(zip((spec.id for spec in rubric.checks()), credits, strict=True))
+    criteria = []
+    for criterion in rubric.criteria:
+        checks = [plain_check(spec, given[spec.id], (reasons or {}).get(spec.id, "")) for spec in criterion.checks]
+        sums = {key: sum(check[key] for check in checks) for key in ("earned", "possible", "undecided")}
+        criteria.append({"id": criterion.id, "title": criterion.title, "checks": checks, **sums})
+    score = {key: sum(c[key] for c in criteria) for key in ("earned", "possible", "undecided")}
+    return {"score": score, "criteria": criteria, "provenance": {"rubric_sha256": rubric.sha256}}
+
+
+def entries_of(rubric: Rubric, *credits: Sequence[float | None]) -> list[ClassEntry]:
+    """Give a class of students a, b, c, ... with some credit for each check."""
+    return [ClassEntry(chr(97 + n), result_of(rubric, each)) for n, each in enumerate(credits)]

@@ -1,0 +1,97 @@
+"""A folder of finished results, read back, and what a class list adds to it."""
+
+from __future__ import annotations
+
+import json
+from datetime import datetime, timedelta, timezone
+from pathlib import Path
+
+import pytest
+
+from grader.cohort.entries import ClassEntry, entries_in, report_link
+from grader.cohort.roster import NOTHING_HANDED_IN, Student, with_roster
+from grader.recording.submission import SubmissionRecord, write_submission
+
+
+def finished(results: Path, name: str, text: str = '{"score": {}}') -> Path:
+    """Lay down a finished result."""
+    folder = results / name
+    folder.mkdir(parents=True)
+    (folder / "result.json").write_text(text, encoding="utf-8")
+    (folder / "report.html").write_text("<!DOCTYPE html>", encoding="utf-8")
+    return folder
+
+
+def test_results_are_read_by_name_with_their_links(tmp_path: Path) -> None:
+    """Each folder is an entry; files beside them and folders that are no results are none."""
+    for name in ("bob", "alice"):
+        finished(tmp_path, name, json.dumps({"submission": name}))
+    (tmp_path / "index.html").write_text("old", encoding="utf-8")
+    (tmp_path / "history").mkdir()
+    finished(tmp_path, ".unfinished")
+    assert entries_in(tmp_path) == [
+        ClassEntry(name, {"submission": name}, "", f"{name}/report.html") for name in ("alice", "bob")
+    ]
+    assert entries_in(tmp_path / "missing") == []
+
+
+@pytest.mark.parametrize("text", ["", "{", "[1]", '"x"', "[" * 100_000, "\x00"])
+def test_a_damaged_result_is_told_and_hurts_no_other(text: str, tmp_path: Path) -> None:
+    """A file that was cut off, or holds something else, leaves that submission ungraded."""
+    finished(tmp_path, "alice", text)
+    finished(tmp_path, "bob")
+    alice, bob = entries_in(tmp_path)
+    assert alice.result is None
+    assert "result.json" in alice.problem
+    assert bob.result == {"score": {}}
+
+
+def test_recordings_without_a_result_are_not_graded(tmp_path: Path) -> None:
+    """A grading that was broken off is told, and has no link to a report that is not there."""
+    (tmp_path / "alice/recordings").mkdir(parents=True)
+    (entry,) = entries_in(tmp_path)
+    assert (entry.result, entry.report) == (None, "")
+    assert "broken off" in entry.problem
+
+
+def test_the_time_of_submission_comes_from_the_recordings(tmp_path: Path) -> None:
+    """It is read with its offset; where there is none, it is not known."""
+    folder = finished(tmp_path, "alice")
+    (folder / "recordings").mkdir()
+    write_submission(folder / "recordings", SubmissionRecord("alice", submitted_at="2026-11-20T23:59:00+01:00"))
+    finished(tmp_path, "bob")
+    alice, bob = entries_in(tmp_path)
+    assert alice.submitted_at == datetime(2026, 11, 20, 23, 59, tzinfo=timezone(timedelta(hours=1)))
+    assert bob.submitted_at is None
+
+
+@pytest.mark.parametrize("name", ["a b", "javascript:alert(1)", "a#b?c", "50%", "ü", '"><x', "a/b", "\udcff"])
+def test_a_link_leads_into_the_folder_whatever_it_is_called(name: str) -> None:
+    """Nothing in a name is a scheme, a query, a fragment or markup."""
+    link = report_link(name)
+    folder, _, file = link.rpartition("/")
+    assert file == "report.html"
+    assert all(c.isascii() and (c.isalnum() or c in "%._-~") for c in folder)
+
+
+def test_a_class_list_gives_ids_times_and_who_is_missing() -> None:
+    """What the list knows is added, by name in whatever case or by id; who has no result becomes an entry."""
+    moment = datetime(2026, 11, 20, 10, tzinfo=timezone.utc)
+    listed = [Student("Alice", "0012", moment), Student("", "4711"), Student("zoe", "77")]
+    earlier = datetime(2026, 11, 19, tzinfo=timezone.utc)
+    there = [ClassEntry("bob", {}), ClassEntry("alice", {}, submitted_at=earlier), ClassEntry("4711", {})]
+    entries = with_roster(there, listed)
+    assert [(e.name, e.student_id, e.submitted_at, e.problem) for e in entries] == [
+        ("4711", "4711", None, ""),
+        ("alice", "0012", moment, ""),
+        ("bob", None, None, ""),
+        ("zoe", "77", None, NOTHING_HANDED_IN),
+    ]
+
+
+def test_a_class_list_that_knows_less_takes_nothing_away() -> None:
+    """What an entry has already stays where the list says nothing, and two lines of one name are one student."""
+    moment = datetime(2026, 11, 19, tzinfo=timezone.utc)
+    known = ClassEntry("alice", {}, submitted_at=moment, student_id="1")
+    assert with_roster([known], [Student("alice"), Student("zoe"), Student("zoe")])[0] == known
+    assert len(with_roster([known], [Student("alice"), Student("zoe"), Student("zoe")])) == 2

@@ -1,0 +1,140 @@
+"""`grade export`: which files it writes, what it says of mistakes, and results that are not whole yet."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+
+from grader.cli import main
+from grader.pipeline import RECORDINGS, RESULT_FILE, RUBRIC_COPY, lab_folder
+from grader.report.exports import EXPORTS
+from tests.report.exports.sample_results import VARIABLES, every_outcome
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> tuple[int, str, str]:
+    """Run the command in this process; returns exit status, output and errors."""
+    try:
+        status = main(["export", *(str(argument) for argument in arguments)])
+    except SystemExit as end:  # argparse
+        status = int(end.code or 0)
+    captured = capsys.readouterr()
+    assert "Traceback" not in captured.err
+    return status, captured.out, captured.err
+
+
+@pytest.fixture
+def results(tmp_path: Path) -> Path:
+    """Give a results folder with a result."""
+    (tmp_path / "ann").mkdir()
+    (tmp_path / "ann" / RESULT_FILE).write_text(json.dumps(every_outcome()), encoding="utf-8")
+    return tmp_path / "ann"
+
+
+def test_all_forms_go_into_the_results_folder(
+    results: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without file names each form has its own, all are named, and the result stays as it was."""
+    for name, value in VARIABLES.items():
+        monkeypatch.setenv(name, value)
+    before = (results / RESULT_FILE).read_bytes()
+    status, out, _ = run(capsys, results, *(f"--to={name}" for name in EXPORTS))
+    assert status == 0
+    assert out.splitlines() == [str(results / export.file_name) for export in EXPORTS.values()]
+    assert {path.name for path in results.iterdir()} == {RESULT_FILE, *(e.file_name for e in EXPORTS.values())}
+    assert (results / RESULT_FILE).read_bytes() == before
+
+
+@pytest.mark.parametrize("chosen", [["--to=junit", "-o"], ["--to"]])
+def test_a_form_goes_into_a_file_of_ones_choice(
+    results: Path, tmp_path: Path, chosen: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By -o for one form, or by NAME=FILE."""
+    target = tmp_path / "my.xml"
+    last = str(target) if chosen[-1] == "-o" else f"junit={target}"
+    assert run(capsys, results, *chosen, last) == (0, f"{target}\n", "")
+    assert ElementTree.parse(target).getroot().tag == "testsuites"
+
+
+def test_a_form_on_the_standard_output_is_alone_there(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """So it can be piped, while others go into files."""
+    status, out, _ = run(capsys, results, "--to=gradescope=-", "--to=junit")
+    assert (status, json.loads(out)["score"]) == (0, 7.5)
+    assert (results / "junit.xml").exists()
+
+
+def test_several_results_have_their_forms_beside_them(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A file of one's choice would be overwritten by the next, so it is refused."""
+    other = shutil.copytree(results, results.parent / "bob")
+    assert run(capsys, results, other, "--to", "junit")[0] == 0
+    assert (other / "junit.xml").exists()
+    status, _, errors = run(capsys, results, other, "--to", "junit=x.xml")
+    assert (status, "leave out the file" in errors) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ([], "say with --to"),
+        (["--to", "junitt"], "there is no export 'junitt'; there are github-summary"),
+        (["--to", "junit=/dev/stdout"], "- is the standard output"),
+        (["--to", "junit", "-o", "/dev/fd/1"], "- is the standard output"),
+        (["--to", "junit=a", "-o", "b"], "-o is for a single"),
+        (["--to", "junit", "--to", "gradescope", "-o", "b"], "-o is for a single"),
+    ],
+)
+def test_wrong_usage(results: Path, arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """It ends with 2 and says what is wrong."""
+    status, _, errors = run(capsys, results, *arguments)
+    assert (status, said in errors) == (2, True)
+
+
+@pytest.mark.parametrize("content", [None, "{", "[]", "{}", '{"schema": "other"}'])
+def test_no_result(results: Path, content: str | None, capsys: pytest.CaptureFixture[str]) -> None:
+    """Without a result of this version it ends with 6, and says so."""
+    (results / RESULT_FILE).unlink()
+    if content is not None:
+        (results / RESULT_FILE).write_text(content, encoding="utf-8")
+    status, out, errors = run(capsys, results, "--to", "junit")
+    assert (status, out) == (6, "")
+    assert "result" in errors
+    assert not (results / "junit.xml").exists()
+
+
+def test_missing_variables_are_named(
+    results: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Classroom 50's form needs what its runner sets."""
+    for name in VARIABLES:
+        monkeypatch.delenv(name, raising=False)
+    status, _, errors = run(capsys, results, "--to", "classroom50")
+    assert (status, "CLASSROOM, ASSIGNMENT" in errors, "docs/ci.md" in errors) == (70, True, True)
+
+
+def test_paths_begin_with_the_prefix(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A submission in a folder of its repository is pointed at from the repository's root."""
+    _, out, _ = run(capsys, results, "--to", "github-annotations=-", "--path-prefix", "labs/ann")
+    assert "file=labs/ann/a.partial.py,line=3" in out
+
+
+def test_a_grading_that_still_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What has been recorded is judged, the rest is undecided and says so, and nothing else is written."""
+    results = tmp_path / "ann"
+    shutil.copytree(ROOT / "tests/recordings/solution", results / RECORDINGS)
+    shutil.copy(lab_folder() / "rubric.yaml", results / RECORDINGS / RUBRIC_COPY)
+    for session in ("subscriber", "launch", "qos"):
+        shutil.rmtree(results / RECORDINGS / session)
+    assert run(capsys, results, "--so-far", "--to", "gradescope")[0] == 0
+    assert {path.name for path in results.iterdir()} == {RECORDINGS, "gradescope.json"}
+    data: dict[str, Any] = json.loads((results / "gradescope.json").read_text(encoding="utf-8"))
+    waiting = [test for test in data["tests"] if "Not yet run: the session '" in test["output"]]
+    assert {test["tags"][0] for test in waiting} == {"subscriber", "launch", "qos"}
+    assert not any("score" in test for test in waiting)
+    assert all(test["status"] == "passed" for test in data["tests"] if test not in waiting)
+    assert data["score"] + data["extra_data"]["undecided"] == 100

@@ -1,0 +1,202 @@
+"""`grade regrade`: one submission at once, a class only with --apply, and what both leave behind."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from grader.batch.audit import AUDIT_FILE, HISTORY
+from grader.cli import main
+from grader.pipeline import RECORDINGS, RESULT_FILE, RUBRIC_COPY, lab_folder, regrade
+from grader.report.changes import CHANGES_FILE
+
+ROOT = Path(__file__).resolve().parents[2]
+SHIPPED = lab_folder() / "rubric.yaml"
+WHY = "reason: it was so, who: J. Smith, when: 2026-11-21"
+
+
+def add(results: Path, name: str) -> Path:
+    """Add a submission with kept recordings to a class."""
+    folder = results / name
+    shutil.copytree(ROOT / "tests/recordings/wrong_topic", folder / RECORDINGS)
+    shutil.copy(SHIPPED, folder / RECORDINGS / RUBRIC_COPY)
+    path = folder / RECORDINGS / "submission.json"
+    path.write_text(json.dumps({**json.loads(path.read_text(encoding="utf-8")), "name": name}))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def judged(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Lay out a class of two with their results, once."""
+    folder = tmp_path_factory.mktemp("judged")
+    for name in ("ann", "bob"):
+        regrade(add(folder, name), None)
+    return folder
+
+
+@pytest.fixture
+def results(judged: Path, tmp_path: Path) -> Path:
+    """Give a copy of the class of two."""
+    return Path(shutil.copytree(judged, tmp_path / "results"))
+
+
+@pytest.fixture
+def stricter(tmp_path: Path) -> Path:
+    """Write a rubric that asks for another rate."""
+    text = SHIPPED.read_text(encoding="utf-8").replace("rate_hz: 100, full_within", "rate_hz: 50, full_within")
+    (tmp_path / "new.yaml").write_text(text, encoding="utf-8")
+    return tmp_path / "new.yaml"
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> tuple[int, str, str]:
+    """Run the command in this process; returns exit status, output with single spaces, and errors."""
+    try:
+        status = main(["regrade", *map(str, arguments)])
+    except SystemExit as end:  # argparse
+        status = int(end.code or 0)
+    captured = capsys.readouterr()
+    return status, " ".join(captured.out.split()), captured.err
+
+
+def points(folder: Path) -> float:
+    """Give a submission's final points."""
+    return float(json.loads((folder / RESULT_FILE).read_text())["score"]["final"])
+
+
+# -- a class ---------------------------------------------------------------------------------------
+
+
+def test_a_class_is_only_looked_at(results: Path, stricter: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Who would change is printed and written; no result is; and the status tells a script."""
+    before = {p: p.read_bytes() for p in results.rglob("*") if p.is_file() and p.name != CHANGES_FILE}
+    status, output, errors = run(capsys, results, "--rubric", stricter)
+    assert (status, errors) == (1, "")
+    assert "ann 17 → 11 −6" in output
+    assert "Commands arrive at 100 Hz passed → failed 6 → 0 −6" in output
+    assert "No result is written yet; --apply writes them." in output
+    assert "bob,total" in (results / CHANGES_FILE).read_text(encoding="utf-8-sig")
+    assert {p: p.read_bytes() for p in before} == before
+    assert not (results / AUDIT_FILE).exists()
+
+
+def test_a_class_without_changes(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Where nothing would change, that is said, and the status is 0."""
+    status, output, _ = run(capsys, results)
+    assert status == 0
+    assert "No points change; 2 submissions judged." in output
+    assert "--apply" not in output
+
+
+def test_applying_writes_and_notes(results: Path, stricter: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """With --apply the results are written, the old ones kept, and the trail says when."""
+    status, output, _ = run(capsys, results, "--rubric", stricter, "--apply", "-j", "1")
+    assert status == 0
+    assert "The results are written." in output
+    assert [points(results / name) for name in ("ann", "bob")] == [11, 11]
+    lines = [json.loads(line) for line in (results / AUDIT_FILE).read_text().splitlines()]
+    assert [(line["submission"], line["final"]) for line in lines] == [("ann", [17, 11]), ("bob", [17, 11])]
+    assert all(line["at"].endswith("+00:00") for line in lines)
+    assert len(list((results / HISTORY).rglob("*.json"))) == 2
+
+
+def test_the_class_page_is_said_to_be_of_before(
+    results: Path, stricter: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A page over the class that is there is not touched, and how to make it anew is told."""
+    (results / "index.html").write_text("old")
+    assert "grade report" in run(capsys, results, "--rubric", stricter, "--apply")[1]
+    assert (results / "index.html").read_text() == "old"
+
+
+def test_a_limit_is_for_final_points(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """--fail-under compares what counts, decisions included."""
+    assert run(capsys, results, "--fail-under", "17")[0] == 0
+    assert run(capsys, results, "--fail-under", "17.1")[0] == 1
+    (results / "overrides.yaml").write_text(f"overrides:\n  - {{submission: '*', bonus: 0.1, {WHY}}}\n")
+    assert run(capsys, results, "--fail-under", "17.1", "--apply")[0] == 0
+
+
+def test_one_that_cannot_be_judged(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The others are judged, and the status is that of the one."""
+    (results / "ann" / RECORDINGS / "publisher/session.json").write_text("{")
+    status, output, errors = run(capsys, results)
+    assert status == 6
+    assert "1 submission judged" in output
+    assert "ann" in errors
+
+
+def test_decisions_that_do_nothing_are_told(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A name that nobody has is a note, not a mistake."""
+    (results / "overrides.yaml").write_text(f"overrides:\n  - {{submission: abn, bonus: 1, {WHY}}}\n")
+    status, output, _ = run(capsys, results)
+    assert status == 0
+    assert "Note: overrides.yaml:2: there is no submission 'abn'; did you mean 'ann'?" in output
+
+
+def test_broken_decisions_end_with_4(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """All mistakes of a file of overrides are printed with their lines."""
+    (results / "overrides.yaml").write_text("overrides:\n  - {submission: ann, bonus: 1}\n")
+    for folder in (results, results / "ann"):
+        status, _, errors = run(capsys, folder)
+        assert status == 4
+        assert errors.count("overrides.yaml:2: ") == 3
+
+
+# -- one submission --------------------------------------------------------------------------------
+
+
+def test_a_single_submission_is_written_at_once(
+    results: Path, stricter: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It is judged, printed and written, with what has changed; its old result is kept beside the class."""
+    status, output, _ = run(capsys, results / "ann", "--rubric", stricter)
+    assert status == 0
+    assert "ann 17 → 11 −6" in output
+    assert [points(results / name) for name in ("ann", "bob")] == [11, 17]
+    (line,) = (json.loads(line) for line in (results / AUDIT_FILE).read_text().splitlines())
+    assert (line["submission"], line["final"]) == ("ann", [17, 11])
+    assert json.loads((results / line["kept"]).read_text())["score"]["final"] == 17
+
+
+def test_a_single_submission_without_changes_leaves_no_trace(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Judged again to the same, there is nothing to note."""
+    status, output, _ = run(capsys, results / "ann")
+    assert status == 0
+    assert "→ 17" not in output
+    assert not (results / AUDIT_FILE).exists()
+
+
+def test_decisions_beside_the_class_hold_for_a_single_one(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """overrides.yaml of the class is applied, and the limit is for the final points."""
+    text = f"overrides:\n  - {{submission: ann, check: publisher.publishes, excused: true, {WHY}}}\n"
+    (results / "overrides.yaml").write_text(text)
+    status, output, _ = run(capsys, results / "ann", "--fail-under", "20")
+    assert status == 0
+    assert "excused" in output
+    assert points(results / "ann") == 20
+
+
+def test_another_file_of_decisions(results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """--overrides names another file."""
+    (tmp_path / "mine.yaml").write_text(f"overrides:\n  - {{submission: ann, bonus: 1, {WHY}}}\n")
+    run(capsys, results / "ann", "--overrides", tmp_path / "mine.yaml")
+    assert points(results / "ann") == 18
+
+
+@pytest.mark.parametrize("option", [["--apply"], ["-j", "2"]])
+def test_what_is_for_a_class(results: Path, option: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    """--apply and --jobs with a single submission are wrong usage."""
+    status, _, errors = run(capsys, results / "ann", *option)
+    assert (status, "usage: grade regrade" in errors) == (2, True)
+
+
+def test_the_help_shows_what_can_be_decided(capsys: pytest.CaptureFixture[str]) -> None:
+    """An example of each sort of entry, and the exit statuses."""
+    status, output, _ = run(capsys, "--help")
+    assert status == 0
+    assert all(
+        word in output for word in ("overrides.yaml", "excused: true", "extension: 2 days", "--apply", "audit.jsonl")
+    )

@@ -1,0 +1,138 @@
+"""`grade report`: page and table written from results that are there, and what is said of folders without any."""
+
+from __future__ import annotations
+
+import csv
+import shutil
+from pathlib import Path
+
+import pytest
+
+from grader import pipeline
+from grader.cli import main
+from grader.rubric import Rubric
+
+KEPT = Path(__file__).resolve().parents[1] / "recordings"
+
+
+@pytest.fixture(scope="module")
+def rubric() -> Rubric:
+    """Give the lab's own rubric."""
+    return pipeline.read_rubric(None)
+
+
+@pytest.fixture(scope="module")
+def judged(rubric: Rubric, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Give the results of three kept recordings."""
+    results = tmp_path_factory.mktemp("results")
+    for name in ("solution", "wrong_topic", "best_effort_publisher"):
+        shutil.copytree(KEPT / name, results / name / pipeline.RECORDINGS)
+        (results / name / pipeline.RECORDINGS / pipeline.RUBRIC_COPY).write_text(rubric.text, encoding="utf-8")
+        pipeline.judge_results(results / name, rubric)
+    return results
+
+
+@pytest.fixture
+def results(judged: Path, tmp_path: Path) -> Path:
+    """Give a copy of the results to write into."""
+    shutil.copytree(judged, tmp_path / "results")
+    return tmp_path / "results"
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> tuple[int, str, str]:
+    """Run the command in this process; returns exit status, output and errors."""
+    status = main(["report", *map(str, arguments)])
+    captured = capsys.readouterr()
+    assert "Traceback" not in captured.err
+    return status, captured.out, captured.err
+
+
+def grades(results: Path) -> dict[str, dict[str, str]]:
+    """Read the table that was written."""
+    with (results / pipeline.GRADES_FILE).open(encoding="utf-8-sig", newline="") as stream:
+        return {row["submission"]: row for row in csv.DictReader(stream)}
+
+
+def test_page_and_table_are_written_and_told(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It says how many were graded, and where the files are; the table has the points of each result."""
+    status, output, _ = run(capsys, results)
+    assert status == 0
+    assert output.splitlines()[0] == "3 submissions, 3 graded, median 21 of 100; 0 need attention."
+    assert output.splitlines()[1:] == [str(results / "index.html"), str(results / "grades.csv")]
+    assert {name: row["total"] for name, row in grades(results).items()} == {
+        "best_effort_publisher": "21",
+        "solution": "100",
+        "wrong_topic": "17",
+    }
+    page = (results / pipeline.CLASS_PAGE).read_text(encoding="utf-8")
+    assert 'href="wrong_topic/report.html"' in page
+
+
+def test_writing_it_again_gives_the_same_bytes(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its own files are no submissions, and nothing depends on the time."""
+    files = [results / name for name in (pipeline.CLASS_PAGE, pipeline.GRADES_FILE)]
+    run(capsys, results)
+    first = [file.read_bytes() for file in files]
+    run(capsys, results)
+    assert [file.read_bytes() for file in files] == first
+
+
+def test_a_list_adds_ids_and_who_is_missing(results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Who handed in nothing is listed, and needs attention."""
+    roster = tmp_path / "class.csv"
+    roster.write_text("name,student_id\nsolution,007\nnobody,8\n", encoding="utf-8")
+    _, output, _ = run(capsys, results, "--class-list", roster)
+    assert output.startswith("4 submissions, 3 graded, median 21 of 100; 1 need attention.")
+    table = grades(results)
+    assert (table["solution"]["student_id"], table["nobody"]["total"], table["nobody"]["needs"]) == (
+        "007",
+        "",
+        "not graded",
+    )
+
+
+def test_no_name_is_in_an_anonymous_page_or_table(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Both are written under pseudonyms."""
+    assert run(capsys, results, "--anonymous")[0] == 0
+    assert list(grades(results)) == ["Student 01", "Student 02", "Student 03"]
+    for name in (pipeline.CLASS_PAGE, pipeline.GRADES_FILE):
+        text = (results / name).read_text(encoding="utf-8")
+        assert "wrong_topic" not in text
+        assert "best_effort_publisher" not in text
+
+
+def test_the_rubric_is_that_of_most(
+    results: Path, tmp_path: Path, rubric: Rubric, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One judged by another rubric is told; with that rubric given, the two others are."""
+    other = tmp_path / "other.yaml"
+    other.write_text(rubric.text + "\n# Changed since.\n", encoding="utf-8")
+    shutil.copy(other, results / "solution" / pipeline.RECORDINGS / pipeline.RUBRIC_COPY)
+    pipeline.judge_results(results / "solution", pipeline.read_rubric(other))
+    run(capsys, results)
+    assert {name: row["needs"] for name, row in grades(results).items() if row["needs"]} == {"solution": "other rubric"}
+    run(capsys, results, "--rubric", other)
+    assert [name for name, row in grades(results).items() if row["needs"]] == ["best_effort_publisher", "wrong_topic"]
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_a_folder_without_results_is_refused(there: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """No page over nobody is written where somebody gave the wrong folder."""
+    folder = tmp_path / "empty"
+    if there:
+        (folder / "notes").mkdir(parents=True)
+    status, _, errors = run(capsys, folder)
+    assert status == 3
+    assert "there are no results of submissions in it" in errors
+    assert not (folder / "index.html").exists()
+
+
+def test_a_wrong_list_is_refused_before_anything_is_written(
+    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A list that is none ends with 3, and says why."""
+    (tmp_path / "class.csv").write_text("a,b\n1,2\n", encoding="utf-8")
+    status, _, errors = run(capsys, results, "--class-list", tmp_path / "class.csv")
+    assert status == 3
+    assert "no column 'name'" in errors
+    assert not (results / pipeline.CLASS_PAGE).exists()

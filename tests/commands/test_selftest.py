@@ -1,0 +1,77 @@
+"""`grade selftest`: what it grades, what it says of a difference, and its exit statuses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from grader.cli import main
+from grader.pipeline import lab_folder
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> tuple[int, str, str]:
+    """Run the command in this process; returns exit status, output with single spaces, and errors."""
+    try:
+        status = main(["selftest", *map(str, arguments)])
+    except SystemExit as end:  # argparse
+        status = int(end.code or 0)
+    captured = capsys.readouterr()
+    return status, " ".join(captured.out.split()), captured.err
+
+
+@pytest.fixture
+def fixtures(tmp_path: Path) -> Path:
+    """Write a folder of fixtures that need no session: one as expected, one that expects too much."""
+    for name, outcome in (("good", "failed"), ("bad", "passed")):
+        (tmp_path / "fixtures" / name / "submission").mkdir(parents=True)
+        (tmp_path / "fixtures" / name / "submission/joint_publisher.py").write_text("import rclpy\n")
+        text = "about: a\nsessions: []\ncriteria:\n  documentation:\n    checks:\n"
+        for check in ("readme", "docstrings", "comments"):
+            text += f"      documentation.{check}: {{outcome: {outcome if check == 'readme' else 'failed'}}}\n"
+        (tmp_path / "fixtures" / name / "expected.yaml").write_text(text)
+    return tmp_path / "fixtures"
+
+
+@pytest.mark.live
+def test_each_fixture_is_compared(fixtures: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What is as expected has a tick, what is not says in what it differs, and the status is 1."""
+    pytest.importorskip("rclpy")
+    status, output, _ = run(capsys, "--fixtures", fixtures, "good", "bad", "-o", tmp_path / "kept")
+    assert status == 1
+    assert "1 of 2 as expected" in output
+    assert "bad • documentation.readme is failed, not passed" in output
+    assert (tmp_path / "kept/bad/report.html").is_file()
+
+
+@pytest.mark.live
+def test_all_as_expected(fixtures: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The status is 0 if nothing differs."""
+    pytest.importorskip("rclpy")
+    status, output, _ = run(capsys, "--fixtures", fixtures, "good")
+    assert status == 0
+    assert "1 of 1 as expected" in output
+
+
+@pytest.mark.live
+def test_a_rubric_that_lost_a_check(fixtures: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What the rubric no longer has is told without running anything."""
+    pytest.importorskip("rclpy")
+    text = (lab_folder() / "rubric.yaml").read_text(encoding="utf-8")
+    (tmp_path / "new.yaml").write_text(text.replace("id: documentation.readme", "id: documentation.about"))
+    status, output, _ = run(capsys, "--fixtures", fixtures, "--rubric", tmp_path / "new.yaml", "good")
+    assert status == 1
+    assert "the rubric's criterion 'documentation' has no check 'documentation.readme'" in output
+
+
+def test_fixtures_that_are_not_there(fixtures: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """An unknown name is wrong usage; a folder without fixtures ends with 3; a broken one with 4."""
+    status, _, errors = run(capsys, "--fixtures", fixtures, "god")
+    assert (status, "there is no fixture 'god'" in errors) == (2, True)
+    status, _, errors = run(capsys, "--fixtures", tmp_path / "none")
+    assert (status, "there are no fixtures" in errors) == (3, True)
+    (fixtures / "bad/expected.yaml").write_text("about: a\ncolour: red\n")
+    status, _, errors = run(capsys, "--fixtures", fixtures)
+    assert (status, "expected.yaml:2: colour: unknown key" in errors) == (4, True)

@@ -1,0 +1,344 @@
+"""Zip and tar as tools write them and as attackers do: what is read, and at what cost."""
+
+from __future__ import annotations
+
+import bz2
+import gzip
+import io
+import lzma
+import stat
+import tarfile
+import tracemalloc
+import zipfile
+from collections.abc import Callable
+from contextlib import suppress
+from datetime import datetime, timezone
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from grader.intake.archives import (
+    MOST_DIRECTORY_BYTES,
+    DamagedError,
+    Format,
+    ProtectedError,
+    format_of,
+    members_of_archive,
+)
+from grader.intake.members import Kind, TooMuchError
+from tests.intake.hostile_archives import (
+    MEBIBYTE,
+    CountingFile,
+    overlapping_zip,
+    tar_header,
+    tar_of,
+    zeros_in_bzip2,
+    zeros_in_gzip,
+    zeros_in_xz,
+    zip_of,
+    zip_of_entries,
+)
+
+FILES = [("lab/a.py", b"print(1)\n"), ("lab/größe.md", "Größe\n".encode() * 999), ("lab/empty.txt", b"")]
+LONG = "/".join(["a" * 90] * 4) + "/node.py"
+PACKERS: dict[Format, Callable[[bytes], bytes]] = {
+    Format.TAR: bytes,
+    Format.GZIP: gzip.compress,
+    Format.BZIP2: bz2.compress,
+    Format.XZ: lzma.compress,
+}
+
+
+def contents(packed: bytes) -> dict[str, bytes | str]:
+    """Read an archive: the content of files, and of others what they are."""
+    kind = format_of(packed[:512])
+    assert kind is not None
+    found: dict[str, bytes | str] = {}
+    for member in members_of_archive(io.BytesIO(packed), kind):
+        if member.kind is Kind.FILE:
+            content = member.opened()
+            found[member.name] = b"".join(iter(lambda content=content: content.read(1000), b""))  # type: ignore[misc]
+            assert len(found[member.name]) == member.size_bytes
+        else:
+            found[member.name] = member.kind.value
+    return found
+
+
+# -- as tools write them -----------------------------------------------------------------------------
+
+
+def test_a_zip_is_read() -> None:
+    """Names and contents come back as they went in."""
+    assert contents(zip_of(FILES)) == dict(FILES)
+
+
+@pytest.mark.parametrize("packer", PACKERS)
+@pytest.mark.parametrize("form", [tarfile.USTAR_FORMAT, tarfile.GNU_FORMAT, tarfile.PAX_FORMAT])
+def test_a_tar_is_read(packer: Format, form: int) -> None:
+    """In each format and compression, names and contents come back as they went in."""
+    packed = PACKERS[packer](tar_of(FILES, form))
+    assert format_of(packed[:512]) is packer
+    assert contents(packed) == dict(FILES)
+
+
+@pytest.mark.parametrize("form", [tarfile.GNU_FORMAT, tarfile.PAX_FORMAT])
+def test_long_names_in_a_tar(form: int) -> None:
+    """A name that has no room in the header is read from the one before it, and stands for that file alone."""
+    packed = tar_of([(LONG, b"1"), ("short.py", b"2")], form)
+    assert contents(packed) == {LONG: b"1", "short.py": b"2"}
+
+
+def test_several_pieces_packed_one_after_another() -> None:
+    """What was packed piece by piece, and filled up with zeros, is one archive."""
+    whole = tar_of(FILES)
+    for pack in (gzip.compress, bz2.compress, lzma.compress):
+        packed = b"".join(pack(whole[at : at + 3000]) for at in range(0, len(whole), 3000)) + bytes(4096)
+        assert contents(packed) == dict(FILES)
+
+
+def test_a_tar_that_lacks_its_last_blocks() -> None:
+    """Some tools end a tar with its last file; that is enough."""
+    assert contents(tar_of([("a.py", b"x" * 512)])[: 2 * 512]) == {"a.py": b"x" * 512}
+
+
+def test_what_is_no_file_is_told() -> None:
+    """Links, devices and pipes are named as what they are, in both kinds of archive."""
+    kinds = {
+        tarfile.SYMTYPE: Kind.LINK,
+        tarfile.LNKTYPE: Kind.HARD_LINK,
+        tarfile.FIFOTYPE: Kind.SPECIAL,
+        tarfile.CHRTYPE: Kind.SPECIAL,
+        tarfile.BLKTYPE: Kind.SPECIAL,
+        tarfile.DIRTYPE: Kind.FOLDER,
+    }
+    members = []
+    for kind in kinds:
+        info = tarfile.TarInfo(f"it-{kind.decode()}")
+        info.type, info.linkname = kind, "/etc/passwd"
+        members.append((info, b""))
+    packed = tar_of([*members, ("after.py", b"x")])
+    assert contents(packed) == {f"it-{kind.decode()}": told.value for kind, told in kinds.items()} | {"after.py": b"x"}
+
+    link, pipe = zipfile.ZipInfo("link"), zipfile.ZipInfo("pipe")
+    link.external_attr, pipe.external_attr = (stat.S_IFLNK | 0o777) << 16, (stat.S_IFIFO | 0o644) << 16
+    link.create_system = pipe.create_system = 3
+    packed = zip_of([(link, b"/etc/passwd"), (pipe, b""), ("folder/", b"")])
+    assert contents(packed) == {"link": Kind.LINK.value, "pipe": Kind.SPECIAL.value, "folder/": Kind.FOLDER.value}
+
+
+def test_sparse_files_are_told_and_what_follows_is_read() -> None:
+    """A file of which a tar holds pieces only is left alone, in both ways of writing it."""
+    old = bytearray(tar_header("bag.mcap", 512))
+    old[156:157] = tarfile.GNUTYPE_SPARSE
+    old[482] = 1  # another block of the map follows
+    old[148:156] = b"%06o\0 " % (sum(old[:148]) + 8 * 0x20 + sum(old[156:]))
+    packed = bytes(old) + bytes(512) + b"x" * 512 + tar_of([("after.py", b"y")])
+    assert contents(packed) == {"bag.mcap": Kind.SPARSE.value, "after.py": b"y"}
+    info = tarfile.TarInfo("bag.mcap")
+    info.pax_headers = {"GNU.sparse.major": "1", "GNU.sparse.minor": "0", "GNU.sparse.realsize": str(10**15)}
+    assert contents(tar_of([(info, b"x" * 700), ("after.py", b"y")])) == {
+        "bag.mcap": Kind.SPARSE.value,
+        "after.py": b"y",
+    }
+
+
+def test_names_without_a_hint_how_to_read_them() -> None:
+    """Names of macOS are UTF-8 although the zip does not say so; other bytes are read as old tools wrote them."""
+    packed = zip_of([("x" * len("größe.py".encode()), b"1")])
+    assert list(contents(packed.replace(b"x" * 10, "größe.py".encode()))) == ["größe.py"]
+    assert list(contents(packed.replace(b"x" * 10, b"gr\x94\xe1e12.py"))) == ["größe12.py"]
+
+
+def test_times_of_members() -> None:
+    """A zip's time is local unless Unix's or NTFS's field says it in UTC; the epoch of zip is no time at all."""
+    utc = datetime(2026, 3, 2, 22, 41, tzinfo=timezone.utc)
+    plain, unknown, unix, ntfs = (zipfile.ZipInfo(name, (2026, 3, 2, 23, 41, 0)) for name in "abcd")
+    unknown.date_time = (1980, 1, 1, 0, 0, 0)
+    unix.extra = b"UT\x05\x00\x01" + int(utc.timestamp()).to_bytes(4, "little")
+    ticks = (int(utc.timestamp()) + 11_644_473_600) * 10**7
+    ntfs.extra = b"\x0a\x00\x20\x00" + bytes(4) + b"\x01\x00\x18\x00" + ticks.to_bytes(8, "little") * 3
+    packed = zip_of([(info, b"") for info in (plain, unknown, unix, ntfs)])
+    told = {m.name: m.modified for m in members_of_archive(io.BytesIO(packed), Format.ZIP)}
+    assert told == {"a": datetime(2026, 3, 2, 23, 41).astimezone(), "b": None, "c": utc, "d": utc}
+
+    whole, exact = tarfile.TarInfo("a"), tarfile.TarInfo("b")
+    whole.mtime, exact.mtime = int(utc.timestamp()), utc.timestamp() + 0.5
+    members = members_of_archive(io.BytesIO(tar_of([(whole, b""), (exact, b"")])), Format.TAR)
+    assert [m.modified for m in members] == [utc, utc.replace(microsecond=500_000)]
+
+
+def test_what_is_no_archive() -> None:
+    """Texts and other files are not taken for archives, whatever their first letters."""
+    for head in (b"", b"PK", b"import rclpy\n" * 50, bytes(512), b"BZ", b"%PDF-1.7"):
+        assert format_of(head[:512]) is None
+
+
+# -- damaged and protected ---------------------------------------------------------------------------
+
+
+def damaged(packed: bytes) -> str:
+    """Say why an archive is refused as damaged."""
+    with pytest.raises(DamagedError) as caught:
+        contents(packed)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("packer", PACKERS)
+def test_a_truncated_tar_is_refused(packer: Format) -> None:
+    """Wherever it was cut off within its files, that is noticed."""
+    packed = PACKERS[packer](tar_of([("a.py", bytes(range(256)) * 40)]))
+    for length in (512 + 100, len(packed) // 2) if packer is Format.TAR else (40, len(packed) // 2, len(packed) - 1):
+        assert damaged(packed[:length])
+
+
+def test_a_truncated_zip_is_refused() -> None:
+    """Without its directory, or with a part of it, nothing is read."""
+    packed = zip_of(FILES)
+    for length in (len(packed) // 2, len(packed) - 1, len(packed) - 30):
+        assert damaged(packed[:length])
+
+
+def test_changed_contents_are_noticed() -> None:
+    """A bit that fell over in a file is noticed by its checksum, in a packed tar also behind the last file."""
+    packed = bytearray(zip_of([("a.py", b"x" * 100)]))
+    packed[40] ^= 1
+    assert damaged(bytes(packed))
+    packed = bytearray(gzip.compress(tar_of([("a.py", b"x" * 100)])))
+    packed[-6] ^= 1
+    assert damaged(bytes(packed))
+
+
+def test_protected_members_are_refused() -> None:
+    """A member that has a password is not taken for a damaged one."""
+    packed = bytearray(zip_of([("a.py", b"x" * 100)]))
+    for at in (6, packed.index(b"PK\x01\x02") + 8):
+        packed[at] |= 1
+    with pytest.raises(ProtectedError):
+        contents(bytes(packed))
+
+
+def test_rare_methods_are_told() -> None:
+    """What Python would unpack without a limit is not unpacked."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_BZIP2) as archive:
+        archive.writestr("a.py", b"x" * 100)
+    assert contents(file.getvalue()) == {"a.py": Kind.METHOD.value}
+
+
+def read_members(file: io.BytesIO, kind: Format) -> None:
+    """Read all files of an archive."""
+    for member in members_of_archive(file, kind):
+        if member.kind is Kind.FILE:
+            content = member.opened()
+            while content.read(64 * 1024):
+                pass
+
+
+def read_all(packed: bytes) -> None:
+    """Read an archive that may be anything."""
+    kind = format_of(packed[:512])
+    if kind is not None and kind.can_be_read:
+        with suppress(DamagedError, ProtectedError, TooMuchError):
+            read_members(io.BytesIO(packed), kind)
+
+
+WHOLE = [zip_of(FILES), *(pack(tar_of([*FILES, (LONG, b"1")])) for pack in PACKERS.values()), zip_of_entries(3)]
+
+
+@settings(suppress_health_check=[HealthCheck.too_slow], deadline=None, max_examples=300)
+@given(st.sampled_from(WHOLE), st.lists(st.tuples(st.floats(0, 1), st.binary(min_size=1, max_size=8)), max_size=6))
+def test_any_damage_is_told(whole: bytes, changes: list[tuple[float, bytes]]) -> None:
+    """Whatever bytes are changed in an archive, reading it ends, and only with what its reader expects."""
+    packed = bytearray(whole)
+    for place, change in changes:
+        at = int(place * (len(packed) - 1))
+        packed[at : at + len(change)] = change
+    read_all(bytes(packed))
+
+
+@settings(deadline=None)
+@given(st.sampled_from([b"PK\x03\x04", b"PK\x05\x06", b"\x1f\x8b\x08\x00", b"BZh9", b"\xfd7zXZ\x00"]), st.binary())
+def test_any_bytes_are_told(magic: bytes, rest: bytes) -> None:
+    """What only begins as an archive is read no further than it goes."""
+    read_all(magic + rest)
+
+
+# -- bombs ---------------------------------------------------------------------------------------------
+
+
+def cost_of(packed: bytes) -> tuple[str, int, int]:
+    """Read an archive that is too much; returns why, the bytes read of it, and the most memory that this took."""
+    file = CountingFile(packed)
+    kind = format_of(packed[:512])
+    assert kind is not None
+    tracemalloc.start()
+    try:
+        with pytest.raises(TooMuchError) as caught:
+            read_members(file, kind)
+        memory = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    return str(caught.value), file.read_bytes, memory
+
+
+#: xz keeps 8 MiB of what it has unpacked, and bzip2 4 MiB.
+LITTLE_MEMORY = 12 * MEBIBYTE
+
+
+@pytest.mark.parametrize("pack", [zeros_in_gzip, zeros_in_bzip2, zeros_in_xz])
+def test_ten_gibibytes_are_given_up_early(pack: Callable[[bytes, int], bytes]) -> None:
+    """A tar of 10 GiB of zeros is refused after 64 MiB of them, in little memory."""
+    packed = pack(tar_header("a.py", 10 * 1024**3), 10 * 1024)
+    why, read, memory = cost_of(packed)
+    assert "200 times its own size" in why
+    assert read <= 256 * 1024
+    assert memory < LITTLE_MEMORY
+
+
+def test_a_million_entries_in_a_zip_are_not_read() -> None:
+    """A directory that is too large is given up after a fixed part of it."""
+    why, read, memory = cost_of(zip_of_entries(1_000_000))
+    assert "60,000" in why
+    assert read <= MOST_DIRECTORY_BYTES + 128 * 1024
+    assert memory <= 2 * MOST_DIRECTORY_BYTES + MEBIBYTE
+
+
+def test_a_directory_takes_memory_by_its_size() -> None:
+    """Entries as short as can be take some room each, so that the largest directory that is read takes 400 MiB."""
+    count = 10_000
+    tracemalloc.start()
+    try:
+        assert sum(1 for _ in members_of_archive(io.BytesIO(zip_of_entries(count)), Format.ZIP)) == count
+        each = tracemalloc.get_traced_memory()[1] / count
+    finally:
+        tracemalloc.stop()
+    assert each * MOST_DIRECTORY_BYTES / 47 < 400 * MEBIBYTE
+
+
+def test_a_header_that_claims_to_be_huge_is_refused() -> None:
+    """An extended header is read into memory, so it is believed up to a limit only."""
+    header = bytearray(tar_header("x", 500 * MEBIBYTE))
+    header[156:157] = tarfile.XHDTYPE
+    header[148:156] = b"%06o\0 " % (sum(header[:148]) + 8 * 0x20 + sum(header[156:]))
+    assert "header" in damaged(bytes(header) + bytes(MEBIBYTE))
+
+
+def test_empty_pieces_by_the_million_are_given_up() -> None:
+    """Pieces that unpack to nothing cost time and nothing else, so their number is limited."""
+    for pack in (gzip.compress, bz2.compress, lzma.compress):
+        why, _, memory = cost_of(pack(tar_header("a.py", 10**6)) + pack(b"") * 30_000)
+        assert "20,000 pieces" in why
+        assert memory < LITTLE_MEMORY
+
+
+def test_overlapping_entries_are_counted_each() -> None:
+    """A hundred names for one piece count as a hundred pieces, unless Python refuses them by itself."""
+    packed = overlapping_zip(100, 7 * MEBIBYTE)
+    total = 0
+    try:
+        for member in members_of_archive(io.BytesIO(packed), Format.ZIP):
+            total += member.size_bytes
+        assert total == 100 * 7 * MEBIBYTE
+    except DamagedError:
+        assert total <= 7 * MEBIBYTE

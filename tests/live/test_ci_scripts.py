@@ -1,0 +1,158 @@
+"""The scripts for CI systems, run as the systems run them, on a submission that would steer them."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from grader.pipeline import read_rubric
+from tests.report.exports.sample_results import VARIABLES
+from tests.report.runner_commands import bracket_command, colon_command
+
+ROOT = Path(__file__).resolve().parents[2]
+GRADE = Path(sys.executable).with_name("grade")
+#: What the student's service says; it is printed, and stands in the proof of lost points.
+EVIL = "::error file=x::pwned ##[error]pwned <b>`@pwned|"
+LIMIT_S = 180
+#: What is judged where only this session is run.
+CHECKS = [check for check in read_rubric(None).checks() if check.session in (None, "service")]
+POSSIBLE = sum(check.points for check in CHECKS)
+
+pytestmark = pytest.mark.live
+by_root = pytest.mark.skipif(os.geteuid() != 0, reason="others ask sudo for a password")
+
+
+@pytest.fixture
+def checkout(tmp_path: Path) -> Path:
+    """Give a student's checkout, with links where the scripts write, and a module that must not be imported."""
+    folder = tmp_path / "ann"
+    shutil.copytree(ROOT / "submissions/alice", folder, ignore=shutil.ignore_patterns("__pycache__"))
+    service = folder / "robot_service.py"
+    text = service.read_text(encoding="utf-8")
+    assert "Robot enabled" in text
+    service.write_text(text.replace("Robot enabled", EVIL), encoding="utf-8")
+    (tmp_path / "victim").mkdir()
+    (tmp_path / "victim/file").write_text("mine", encoding="utf-8")
+    (folder / "grade").symlink_to(tmp_path / "victim")
+    for name in ("result.json", "report.html", "release-body.md"):
+        (folder / name).symlink_to(tmp_path / "victim/file")
+    (folder / "json.py").write_text("raise SystemExit('imported from the submission')\n", encoding="utf-8")
+    return folder
+
+
+def run(checkout: Path, command: list[str | Path], **variables: str | Path) -> subprocess.CompletedProcess[str]:
+    """Run a script in the checkout; the victim must be as it was."""
+    environment = {**os.environ, "GRADE": str(GRADE), **{name: str(value) for name, value in variables.items()}}
+    done = subprocess.run(
+        command, cwd=checkout, env=environment, capture_output=True, text=True, timeout=LIMIT_S, check=False
+    )
+    victim = checkout.parent / "victim"
+    assert [path.name for path in victim.iterdir()] == ["file"]
+    assert (victim / "file").read_text(encoding="utf-8") == "mine"
+    return done
+
+
+@by_root
+@pytest.mark.parametrize(("least", "status"), [("", 0), ("50", 1)])
+def test_github(checkout: Path, tmp_path: Path, least: str, status: int) -> None:
+    """Summary, annotations and outputs are written; the log obeys no one but us; only --fail-under fails the job."""
+    summary, outputs, results = tmp_path / "summary.md", tmp_path / "outputs", tmp_path / "results"
+    done = run(
+        checkout,
+        ["bash", ROOT / "ci/github/grade.sh"],
+        SUBMISSION=".",
+        RUBRIC="",
+        SESSIONS="service",
+        FAIL_UNDER=least,
+        REQUIRE_ISOLATION="reduced",
+        RESULTS=results,
+        GITHUB_STEP_SUMMARY=summary,
+        GITHUB_OUTPUT=outputs,
+    )
+    assert done.returncode == status, done.stdout + done.stderr
+    assert "# Lab 09-01" in summary.read_text(encoding="utf-8")
+    assert f"possible={POSSIBLE}\nundecided=0\n" in outputs.read_text(encoding="utf-8")
+    assert (results / "ann/report.html").exists()
+    assert (results / "ann/recordings/service").is_dir()
+    assert "pwned" in done.stdout
+    commands = [command for line in done.stdout.splitlines() if (command := colon_command(line))]
+    stop, resume, *ours = commands
+    assert (stop.name, stop.data) == ("stop-commands", resume.name)
+    assert {command.name for command in ours} <= {"warning", "error", "notice"}
+    assert any(command.properties.get("title", "").startswith("Refuses while safety is off") for command in ours)
+    assert (ours[-1].data == "The score is below 50 points.") == (status == 1)
+    assert not [line for line in done.stdout.splitlines() if bracket_command(line)]
+
+
+def test_gitlab(checkout: Path) -> None:
+    """Report, recordings and both report files are in the checkout, in a folder that replaced the student's link."""
+    done = run(
+        checkout,
+        ["bash", ROOT / "ci/gitlab/grade.sh"],
+        SUBMISSION=".",
+        SESSIONS="service",
+        REQUIRE_ISOLATION="reduced",
+        CI_PROJECT_DIR=checkout,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    kept = checkout / "grade"
+    assert not kept.is_symlink()
+    assert {"junit.xml", "codequality.json", "report.html", "result.json", "recordings"} == {
+        path.name for path in kept.iterdir()
+    }
+
+
+def test_gradescope(checkout: Path, tmp_path: Path) -> None:
+    """Results are where Gradescope reads them."""
+    autograder = tmp_path / "autograder"
+    (autograder / "results").mkdir(parents=True)
+    shutil.copytree(checkout, autograder / "submission", symlinks=True)
+    done = run(
+        checkout,
+        [ROOT / "ci/gradescope/run_autograder"],
+        AUTOGRADER=autograder,
+        GRADE_OPTIONS="--sessions service",
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    data = json.loads((autograder / "results/results.json").read_text(encoding="utf-8"))
+    assert len(data["tests"]) == len(CHECKS)
+    assert all("score" in test for test in data["tests"])
+    assert 0 < data["score"] < POSSIBLE
+
+
+def test_gradescope_without_a_score(tmp_path: Path) -> None:
+    """What cannot be graded is said to the student, without points."""
+    autograder = tmp_path / "autograder"
+    (autograder / "results").mkdir(parents=True)
+    (autograder / "submission").mkdir()
+    (tmp_path / "victim").mkdir()
+    (tmp_path / "victim/file").write_text("mine", encoding="utf-8")
+    done = run(autograder, [ROOT / "ci/gradescope/run_autograder"], AUTOGRADER=autograder)
+    assert done.returncode == 0, done.stdout + done.stderr
+    data = json.loads((autograder / "results/results.json").read_text(encoding="utf-8"))
+    assert "score" not in data
+    assert [test["status"] for test in data["tests"]] == ["failed"]
+    assert "submission is empty" in data["tests"][0]["output"]
+
+
+@by_root
+def test_classroom50(checkout: Path) -> None:
+    """The result and the texts of the release are in the checkout, as files of their own."""
+    done = run(
+        checkout,
+        [sys.executable, ROOT / "ci/classroom50/autograder.py"],
+        GRADE_OPTIONS="--sessions service --require-isolation reduced",
+        **VARIABLES,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    data = json.loads((checkout / "result.json").read_text(encoding="utf-8"))
+    assert data["schema"] == "classroom50/result/v1"
+    assert (len(data["tests"]), data["max-score"]) == (len(CHECKS), POSSIBLE)
+    assert not any((checkout / name).is_symlink() for name in ("result.json", "report.html", "release-body.md"))
+    assert "# Lab 09-01" in (checkout / "release-body.md").read_text(encoding="utf-8")

@@ -1,0 +1,110 @@
+"""What the exports read of `result.json`: all that they need, nothing that is not one, and what people decided."""
+
+from __future__ import annotations
+
+from decimal import Decimal
+from typing import Any
+
+import pytest
+
+from grader.errors import RecordingError
+from grader.report.exports.graded import Spot, read_graded
+from tests.report.exports.sample_results import (
+    adjusted_and_touched,
+    check,
+    criterion,
+    every_outcome,
+    of_recording,
+    result,
+)
+
+
+def test_points_are_read_as_they_are_written() -> None:
+    """Sums stay exact, and what is undecided is not lost."""
+    graded = read_graded(every_outcome())
+    assert [graded.earned, graded.possible, graded.undecided, graded.final] == [
+        Decimal(n) for n in ("7.5", "20", "5", "7.5")
+    ]
+    assert [each.id for each in graded.lossy] == ["b.failed", "a.partial", "b.missed"]
+    assert [each.lost for each in graded.checks] == [0, Decimal("2.5"), 3, 2, 0, 0]
+    assert [each.id for each in graded.checks if each.open] == ["b.open", "b.broken"]
+
+
+def test_a_real_result_is_read() -> None:
+    """The result of a recording has the same points in each of its parts."""
+    graded = read_graded(of_recording("wrong_topic"))
+    assert graded.earned == sum(each.earned for each in graded.checks)
+    assert graded.lossy
+    assert all(session.duration_s > 0 for session in graded.sessions.values())
+
+
+def test_what_a_person_decided_is_neither_lost_nor_open() -> None:
+    """An excused check loses nothing, and one that was given points is not undecided any more."""
+    graded = read_graded(adjusted_and_touched())
+    found = {each.id: each for each in graded.checks}
+    assert found["a.partial"].lost == 0
+    assert not found["b.open"].open
+    assert [found["b.open"].lost, found["b.open"].given] == [1, 2]
+    assert graded.undecided == 2
+    assert graded.final == 11
+
+
+@pytest.mark.parametrize(("kind", "lost"), [("excused", 0), ("points", 3)])
+def test_a_criterion_that_a_person_decided_is_not_open(kind: str, lost: int) -> None:
+    """If all of it is excused, none of its checks loses points; else what each got is not known."""
+    plain = result(criterion("a", check("a.f", "failed", 0, 3), check("a.o", "inconclusive", 0, 2)))
+    plain["adjustments"] = [{"kind": kind, "what": "a", "points": 5}]
+    graded = read_graded(plain)
+    assert [each.open for each in graded.checks] == [False, False]
+    assert sum(each.lost for each in graded.checks) == lost
+
+
+def test_unknown_keys_are_passed_over() -> None:
+    """A result of a later version can be exported, as can one of an earlier version without adjustments."""
+    plain = every_outcome()
+    plain["later"] = {"x": 1}
+    plain["criteria"][0]["later"] = plain["criteria"][0]["checks"][0]["later"] = "x"
+    plain["criteria"][0]["checks"][0]["where"][0]["later"] = "x"
+    del plain["adjustments"], plain["violations"], plain["score"]["final"]
+    assert read_graded(plain) == read_graded(every_outcome())
+
+
+@pytest.mark.parametrize(
+    "broken",
+    [
+        {},
+        {"schema": "other/v1"},
+        {"score": {}},
+        {"criteria": [{"id": "a"}]},
+        {"score": {"earned": "NaN", "possible": 1, "undecided": 0}},
+        {"criteria": 3},
+        {"provenance": []},
+    ],
+)
+def test_what_is_no_result_is_refused(broken: dict[str, Any]) -> None:
+    """Anything else ends with a message, not with a traceback."""
+    plain = every_outcome() | broken if broken else {}
+    with pytest.raises(RecordingError) as told:
+        read_graded(plain)
+    assert "grade regrade" in told.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("file", "line", "prefix", "expected"),
+    [
+        ("a.py", 3, "", Spot("a.py", 3)),
+        ("src/a.py", None, "labs/09", Spot("labs/09/src/a.py", 1)),
+        ("./a.py", 0, "./x/", Spot("x/a.py", 1)),
+        ("../a.py", 3, "x", None),
+        ("/etc/passwd", 3, "x", None),
+        ("", 3, "x", None),
+        ("\x1b[2Ja.py", 3, "", None),
+        ("a\nb.py", 3, "", None),
+        ("\udcff.py", 3, "", None),
+        ("my  Größe.py", 3, "", Spot("my  Größe.py", 3)),
+    ],
+)
+def test_a_file_is_in_the_repository_or_not_named(file: str, line: int, prefix: str, expected: Spot | None) -> None:
+    """Paths are those of the repository, never lead out of it, and can be shown as they are."""
+    plain = result(criterion("a", check("a.f", "failed", 0, 3, where=[{"file": file, "line": line}])))
+    assert read_graded(plain, prefix).checks[0].spot == expected

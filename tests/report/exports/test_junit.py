@@ -1,0 +1,143 @@
+"""JUnit XML: what the schema of Jenkins' xUnit plugin and GitLab's parser require, and the right verdicts."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ElementTree
+
+from hypothesis import HealthCheck, given, settings
+
+from grader.report.exports import render_export
+from tests.report.exports.sample_results import (
+    adjusted_and_touched,
+    check,
+    criterion,
+    every_outcome,
+    hostile_results,
+    of_recording,
+    result,
+)
+
+#: Of junit-10.xsd: element -> (attributes that must be there, those that may be, elements within).
+_SCHEMA: dict[str, tuple[set[str], set[str], set[str]]] = {
+    "testsuites": (set(), {"name", "time", "tests", "failures", "errors"}, {"testsuite"}),
+    "testsuite": (
+        {"name", "tests", "failures", "errors"},
+        {"time", "skipped", "timestamp", "hostname", "id", "package", "file", "log", "url", "group"},
+        {"testsuite", "properties", "testcase", "system-out", "system-err"},
+    ),
+    "testcase": (
+        {"name"},
+        {"time", "classname", "group"},
+        {"skipped", "error", "failure", "system-out", "system-err"},
+    ),
+    "failure": (set(), {"type", "message"}, set()),
+    "skipped": (set(), {"type", "message"}, set()),
+}
+#: Older versions of that schema allow no more than three decimals.
+_TIME = re.compile(r"[0-9]{1,3}(,?[0-9]{3})*(\.[0-9]{0,3})?")
+
+
+def assert_valid(text: str) -> ElementTree.Element:
+    """Assert what the consumers require, and return the document's root."""
+    root = ElementTree.fromstring(text.encode("utf-8"))
+    assert root.tag == "testsuites"
+    for element in root.iter():
+        needed, allowed, within = _SCHEMA[element.tag]
+        assert needed <= set(element.attrib) <= needed | allowed
+        assert {child.tag for child in element} <= within
+        assert _TIME.fullmatch(element.get("time", "0"))
+        # GitLab's parser converts the contents of an element by its `type`, and refuses some.
+        assert "type" not in element.attrib
+    for suite in root:
+        cases = suite.findall("testcase")
+        assert suite.get("tests") == str(len(cases))
+        assert suite.get("failures") == str(len(suite.findall("testcase/failure")))
+        assert suite.get("skipped") == str(len(suite.findall("testcase/skipped")))
+        assert suite.get("errors") == "0"
+        assert all(case.get("name") and case.get("classname") for case in cases)
+        # An element without contents becomes a mapping in GitLab, not a text.
+        assert all((told.text or "").strip() for case in cases for told in case)
+    # GitLab knows a case by these three, Jenkins by the last two.
+    names = [(suite.get("name"), case.get("classname"), case.get("name")) for suite in root for case in suite]
+    assert len(set(names)) == len(names)
+    assert len({name[1:] for name in names}) == len(names)
+    return root
+
+
+def test_checks_are_cases_and_criteria_suites() -> None:
+    """Lost points are failures with their proof, what is undecided is skipped, the rest passes."""
+    root = assert_valid(render_export("junit", every_outcome()))
+    assert [suite.get("name") for suite in root] == ["Criterion a", "Criterion b"]
+    verdicts = {case.get("name"): [told.tag for told in case] for case in root.iter("testcase")}
+    assert verdicts == {
+        "Title of a.passed": [],
+        "Title of a.partial": ["failure"],
+        "Title of b.failed": ["failure"],
+        "Title of b.missed": ["failure"],
+        "Title of b.open": ["skipped"],
+        "Title of b.broken": ["skipped"],
+    }
+    failure = root.find("testsuite/testcase/failure")
+    assert failure is not None
+    assert failure.get("message") == "−2.5 of 5 points, partial: Reason of a.partial."
+    assert (failure.text or "").splitlines() == [
+        "−2.5 of 5 points, partial",
+        "Reason of a.partial.",
+        "Expected: 100 Hz",
+        "Measured: 90 Hz",
+        "Where: a.partial.py:3; /a, recording 'one', 1.00–2.00 s",
+    ]
+    assert root[0].find("testcase").get("classname") == "ann.a"  # type: ignore[union-attr]
+
+
+def test_the_graders_faults_are_never_failures() -> None:
+    """A result of which nothing could be decided has no failure and no error."""
+    checks = [check(f"a.{n}", outcome, 0, 3) for n, outcome in enumerate(("inconclusive", "error"))]
+    root = assert_valid(render_export("junit", result(criterion("a", *checks))))
+    assert (root.get("failures"), root.get("errors")) == ("0", "0")
+    skipped = root.find("testsuite/testcase/skipped")
+    assert skipped is not None
+    assert "Undecided, through no fault of the submission: 3 points are not lost." in (skipped.text or "")
+
+
+def test_what_a_person_excused_does_not_fail() -> None:
+    """A decision by hand counts."""
+    root = assert_valid(render_export("junit", adjusted_and_touched()))
+    failed = [case.get("name") for case in root.iter("testcase") if case.find("failure") is not None]
+    assert failed == ["Title of b.failed", "Title of b.missed", "Title of b.open"]
+
+
+def test_a_suite_takes_the_time_of_its_sessions() -> None:
+    """With three decimals; without sessions there is no time."""
+    plain = every_outcome()
+    root = assert_valid(render_export("junit", plain))
+    assert [suite.get("time") for suite in root] == ["7.294", "16.794"]
+    plain["provenance"]["sessions"] = {}
+    assert [suite.get("time") for suite in assert_valid(render_export("junit", plain))] == [None, None]
+
+
+def test_equal_titles_are_told_apart() -> None:
+    """Checks and criteria of one title keep names of their own."""
+    twins = [check(name, "passed", 1, 1, title="Same") for name in ("a.x", "a.y")]
+    root = assert_valid(
+        render_export("junit", result(criterion("a", *twins), criterion("b", *twins) | {"title": "Criterion a"}))
+    )
+    assert [suite.get("name") for suite in root] == ["Criterion a (a)", "Criterion a (b)"]
+    assert [case.get("name") for case in root[0]] == ["Same (a.x)", "Same (a.y)"]
+
+
+def test_a_real_result_is_valid() -> None:
+    """The results of kept recordings satisfy the consumers."""
+    for name in ("solution", "wrong_topic", "service_never_answers"):
+        assert_valid(render_export("junit", of_recording(name)))
+
+
+@settings(suppress_health_check=[HealthCheck.too_slow])
+@given(hostile_results())
+def test_hostile_texts_are_only_text(plain: dict[str, object]) -> None:
+    """The document is valid, has the same elements, and nothing in which a system looks for references to files."""
+    root = assert_valid(render_export("junit", plain))
+    harmless = assert_valid(render_export("junit", adjusted_and_touched()))
+    assert [element.tag for element in root.iter()] == [element.tag for element in harmless.iter()]
+    assert not list(root.iter("system-out"))

@@ -1,0 +1,183 @@
+"""Adjustments where students read them: the page, the terminal, and `result.json` by its schema."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+from dataclasses import replace
+from decimal import Decimal
+from html import unescape
+from pathlib import Path
+
+import jsonschema
+import pytest
+from rich.console import Console
+
+import grader.report
+from grader.judging import judge, open_recordings
+from grader.pipeline import read_rubric
+from grader.recording.submission import SubmissionRecord
+from grader.report import html
+from grader.report.json import render, to_plain
+from grader.report.terminal import print_result
+from grader.report.views import adjustments_of, final_share
+from grader.result import Adjustment, AdjustmentKind, Result
+from tests.report.untrusted_texts import FRAGMENTS
+
+KEPT = Path(__file__).resolve().parents[1] / "recordings"
+SCHEMA = json.loads((Path(grader.report.__file__).parent / "result.schema.json").read_text(encoding="utf-8"))
+
+
+def adjustment(
+    kind: AdjustmentKind, what: str, points: str, reason: str = "so it was", who: str = "J. Smith"
+) -> Adjustment:
+    """Give an adjustment."""
+    return Adjustment(kind, what, Decimal(points), reason, who, "2026-11-21" if who else "")
+
+
+@pytest.fixture(scope="module")
+def judged() -> Result:
+    """Give the result of a submission without a service file."""
+    rubric = read_rubric(None)
+    return judge(open_recordings(KEPT / "missing_service_file", rubric), rubric)
+
+
+@pytest.fixture(scope="module")
+def adjusted(judged: Result) -> Result:
+    """Give it with an adjustment of each kind."""
+    changes = (
+        adjustment(AdjustmentKind.POINTS, "publisher.rate", "-1.5"),
+        adjustment(AdjustmentKind.EXCUSED, "documentation", "7.6"),
+        adjustment(AdjustmentKind.BONUS, "score", "3"),
+        adjustment(AdjustmentKind.SUBMITTED, "2026-11-22 10:00 +01:00", "0"),
+        adjustment(AdjustmentKind.EXTENSION, "due 2026-11-21 23:59 +01:00", "0"),
+        adjustment(AdjustmentKind.LATE, "score", "-2.4", "Handed in late.", ""),
+    )
+    return replace(judged, adjustments=changes)
+
+
+def page_of(result: Result) -> str:
+    """Give the report of a result without recordings."""
+    return html.render(result, {}, {}, SubmissionRecord("ann"))
+
+
+def words_of(page: str) -> str:
+    """Give a page's words, without its elements."""
+    return " ".join(
+        unescape(re.sub(r"<style>.*?</style>|<script>.*?</script>|<[^>]*>", " ", page, flags=re.DOTALL)).split()
+    )
+
+
+def printed(result: Result) -> str:
+    """Give what the terminal shows, in one line."""
+    file = io.StringIO()
+    print_result(Console(file=file, width=200, highlight=False), result)
+    return " ".join(file.getvalue().split())
+
+
+# -- the page --------------------------------------------------------------------------------------
+
+
+def test_the_page_shows_final_points_and_what_was_judged(judged: Result, adjusted: Result) -> None:
+    """The large number is what counts, the judged one stands beside it, and the title agrees."""
+    earned, possible = judged.score.earned, judged.score.possible
+    final = earned + Decimal("6.7")
+    page = page_of(adjusted)
+    assert f"{final} of {possible} points" in words_of(page)
+    assert f"{earned} as judged; adjusted" in words_of(page)
+    assert re.search(rf"<title>[^<]*: {re.escape(str(final))} of", page)
+
+
+def test_each_adjustment_says_what_why_and_who(adjusted: Result) -> None:
+    """A row each: points with their sign, what it concerns by its title, reason, name and date."""
+    words = words_of(page_of(adjusted))
+    assert "−1.5 Commands arrive at 100 Hz so it was J. Smith, 2026-11-21" in words
+    assert "+7.6 Documentation: excused" in words
+    assert "+3 Bonus" in words
+    assert "±0 Handed in 2026-11-22 10:00 +01:00" in words
+    assert "±0 Extension: due 2026-11-21 23:59 +01:00" in words
+    assert "−2.4 Late Handed in late. the lab's rule" in words
+
+
+def test_adjustments_link_to_what_they_concern(adjusted: Result) -> None:
+    """A check and a criterion are a click away, and the links lead somewhere."""
+    page = page_of(adjusted)
+    hrefs = [view.href for view in adjustments_of(adjusted) if view.href]
+    assert hrefs == ["#check-publisher.rate", "#criterion-documentation"]
+    assert all(f'id="{href[1:]}"' in page for href in [*hrefs, "#adjustments"])
+
+
+def test_without_adjustments_nothing_is_said_of_them(judged: Result) -> None:
+    """The page of an ordinary result has no section for them."""
+    page = page_of(judged)
+    assert 'id="adjustments"' not in page
+    assert "as judged" not in words_of(page)
+
+
+def test_more_than_is_possible_is_still_a_bar(judged: Result) -> None:
+    """A bonus beyond the rubric's points is written out, and the bar is full."""
+    beyond = replace(judged, adjustments=(adjustment(AdjustmentKind.BONUS, "score", "50"),))
+    share = final_share(beyond)
+    assert share.earned == str(judged.score.earned + 50)
+    assert (share.earned_part, share.undecided_part, share.lost) == ("100.00", "0.00", "")
+
+
+@pytest.mark.parametrize("first", range(0, len(FRAGMENTS), 25))
+def test_whatever_people_write_is_only_text(judged: Result, first: int) -> None:
+    """Reasons and names are text on the page and in the terminal, whatever stands in them."""
+    evil = "".join(FRAGMENTS[first : first + 25])
+    changes = tuple(adjustment(kind, "publisher.rate", "1", evil, evil) for kind in AdjustmentKind)
+    hostile = replace(judged, adjustments=changes)
+    page = page_of(hostile)
+    page.encode()
+    assert "<script>alert" not in page
+    assert not re.search("[\x00\x1b\x9b\u202e]", page)
+    assert not re.search("[\x00\x1b\x9b\u202e]", printed(hostile))
+
+
+# -- the terminal ----------------------------------------------------------------------------------
+
+
+def test_the_terminal_shows_them_below_the_sum(judged: Result, adjusted: Result) -> None:
+    """First the points as judged, then each adjustment, and at last what counts."""
+    text = printed(adjusted)
+    before = f"{judged.score.earned} / {judged.score.possible}"
+    after = f"With all adjustments {adjusted.final} / {adjusted.score.possible}"
+    assert (
+        text.index(before) < text.index("Commands arrive at 100 Hz −1.5") < text.index("Late −2.4") < text.index(after)
+    )
+    assert "so it was (J. Smith, 2026-11-21)" in text
+    assert "With all adjustments" not in printed(judged)
+
+
+# -- result.json -----------------------------------------------------------------------------------
+
+
+def test_the_schema_describes_results(judged: Result, adjusted: Result) -> None:
+    """Results with and without adjustments are valid; the points agree."""
+    for result in (judged, adjusted):
+        plain = json.loads(render(result))
+        jsonschema.Draft202012Validator(SCHEMA).validate(plain)
+        assert plain["score"]["final"] == float(result.final)
+    assert to_plain(judged)["adjustments"] == []
+    assert [a["kind"] for a in to_plain(adjusted)["adjustments"]] == [kind.value for kind in AdjustmentKind]
+    assert to_plain(adjusted)["adjustments"][0] == {
+        "kind": "points",
+        "what": "publisher.rate",
+        "points": -1.5,
+        "reason": "so it was",
+        "who": "J. Smith",
+        "when": "2026-11-21",
+    }
+
+
+@pytest.mark.parametrize("key", ["score.final", "adjustments"])
+def test_the_schema_asks_for_what_is_always_there(judged: Result, key: str) -> None:
+    """A result without final points, or without adjustments, is no result of this version."""
+    plain = json.loads(render(judged))
+    if key == "adjustments":
+        del plain[key]
+    else:
+        del plain["score"]["final"]
+    assert not jsonschema.Draft202012Validator(SCHEMA).is_valid(plain)

@@ -1,0 +1,123 @@
+"""What report and terminal say of the grader's own that was touched."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+from decimal import Decimal
+from html.parser import HTMLParser
+
+from rich.console import Console
+
+from grader.recording.session import SessionRecord
+from grader.recording.submission import SubmissionRecord
+from grader.report.html import render
+from grader.report.terminal import print_result
+from grader.report.violations import EXPLANATION, HEADING
+from grader.result import (
+    CheckResult,
+    CriterionResult,
+    Finding,
+    Outcome,
+    Result,
+    Score,
+    Violation,
+    ViolationKind,
+    Where,
+)
+
+EVIL = "<script>\x1b[2J\u202e"
+SPOOFED = Violation(
+    ViolationKind.SPOOFS_CLOCK,
+    "launch",
+    "The submission (/node) published time on /clock.",
+    ("9 messages", "publisher of node /node, gid 0b"),
+    Where(session="launch", topic="/clock", start_s=1.2, end_s=4.5),
+    True,
+    ("a.together",),
+)
+ENDED = Violation(ViolationKind.ENDS_REFERENCE, "launch", "The arm ended.", (EVIL,), certain=False)
+
+
+def result(*violations: Violation) -> Result:
+    """Give a result with one check."""
+    finding = Finding(Outcome.FAILED, Decimal(0), reason="not measured")
+    check = CheckResult("a.together", "Together", "launch", finding, Decimal(0), Decimal(2), Decimal(0))
+    criterion = CriterionResult("a", "A", "", (check,), Decimal(0), Decimal(2), Decimal(0))
+    return Result("ann", "Lab 1", Score(Decimal(0), Decimal(2), Decimal(0)), (criterion,), violations=violations)
+
+
+class Words(HTMLParser):
+    """The words of a page that can be seen."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self._hidden = False
+        self.text = ""
+        self.feed(page)
+        self.text = " ".join(self.text.split())
+
+    def handle_starttag(self, tag: str, attributes: object) -> None:
+        """Pass over style and script."""
+        self._hidden = tag in ("style", "script")
+
+    def handle_endtag(self, tag: str) -> None:
+        """Go on after style and script."""
+        self._hidden = False
+
+    def handle_data(self, data: str) -> None:
+        """Keep what can be seen."""
+        self.text += "" if self._hidden else data
+
+
+def page(*violations: Violation) -> str:
+    """Render the report."""
+    return render(result(*violations), {}, {"launch": SessionRecord("launch")}, SubmissionRecord("ann"))
+
+
+def test_the_report_begins_with_what_was_touched() -> None:
+    """What was seen, where, what shows it, and which check fails because of it, before all points."""
+    words = Words(page(SPOOFED)).text
+    assert HEADING in words
+    assert EXPLANATION in words
+    shown = words[words.index(HEADING) : words.index("Points by criterion")]
+    assert "published time on /clock. recording 'launch', /clock, 1.2–4.5 s" in shown
+    assert "9 messages" in shown
+    assert "Fails because of it: Together." in shown
+    assert 'href="#check-a.together"' in page(SPOOFED)
+
+
+def test_a_report_on_an_honest_submission_does_not_speak_of_it() -> None:
+    """Nothing is there to be read where nothing was touched."""
+    assert HEADING not in Words(page()).text
+
+
+def test_what_is_not_certain_says_so() -> None:
+    """No check fails for it, and the cause stays open."""
+    words = Words(page(ENDED)).text
+    assert "The arm ended. What caused it is not certain." in words
+    assert "Fails because of it" not in words
+
+
+def printed(*violations: Violation) -> str:
+    """Give what the terminal shows."""
+    file = io.StringIO()
+    print_result(Console(file=file, width=200, highlight=False), result(*violations))
+    return file.getvalue()
+
+
+def test_the_terminal_tells_it_too() -> None:
+    """The same facts in a few lines."""
+    text = printed(SPOOFED, ENDED)
+    assert "For the instructor: The submission (/node) published time on /clock. (session launch)" in text
+    assert "• 9 messages" in text
+    assert "Fails because of it: Together" in text
+    assert "What caused it is not certain." in text
+
+
+def test_names_of_students_are_shown_safely() -> None:
+    """Evidence holds names that a student chose: neither page nor terminal obeys them."""
+    evil = dataclasses.replace(SPOOFED, text=EVIL, evidence=(EVIL,), session=EVIL)
+    assert "<script>\x1b" not in page(evil)
+    assert "&lt;script&gt;" in page(evil)
+    assert not {"\x1b", "\u202e"} & set(page(evil) + printed(evil))

@@ -1,0 +1,112 @@
+"""Each reader of what students wrote ends, with a bounded and fair answer, whatever the text is."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+
+import pytest
+
+from grader.data_files import data_files_of_cmake, data_files_of_setup
+from grader.judging import Recordings, judge, open_recordings
+from grader.live.stage import stage
+from grader.packages import find_packages
+from grader.pipeline import read_rubric, report_page
+from grader.recording.submission import FileFact, SubmissionRecord
+from grader.result import Outcome
+from grader.rubric import Rubric
+from tests.hostile_texts import TEXTS
+
+ROOT = Path(__file__).resolve().parents[1]
+PYTHON = "<package><name>p</name><export><build_type>ament_python</build_type></export></package>"
+CMAKE = "<package><name>p</name><export><build_type>ament_cmake</build_type></export></package>"
+PLACES = {
+    "package.xml": {},
+    "setup.py": {"package.xml": PYTHON},
+    "setup.cfg": {"package.xml": PYTHON},
+    "CMakeLists.txt": {"package.xml": CMAKE},
+}
+#: A package with as many files as are taken in, deep in folders.
+FILES = ["/".join([f"d{n % 20}", *["e"] * 15, f"f{n}.py"]) for n in range(500)]
+
+
+@pytest.fixture(scope="module")
+def rubric() -> Rubric:
+    """Give the lab's own rubric."""
+    return read_rubric(None)
+
+
+@pytest.fixture(scope="module")
+def solution(rubric: Rubric) -> Recordings:
+    """Give the recordings of the solution."""
+    return open_recordings(ROOT / "tests/recordings/solution", rubric)
+
+
+@contextmanager
+def calls_limited(most: int) -> Iterator[None]:
+    """Fail when more functions of Python are called than this: the work is counted, whatever the machine does."""
+    count = 0
+
+    def on_event(frame: FrameType, event: str, argument: object) -> None:
+        nonlocal count
+        count += event == "call"
+        if count > most:
+            sys.setprofile(None)
+            pytest.fail(f"more than {most} calls")
+
+    sys.setprofile(on_event)
+    try:
+        yield
+    finally:
+        sys.setprofile(None)
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("text", TEXTS)
+def test_packages_of_any_text(place: str, text: str, rubric: Rubric, tmp_path: Path) -> None:
+    """A package is found whatever stands in its files, and can be installed; what is wrong with it is said briefly."""
+    texts = {**PLACES[place], place: TEXTS[text]}
+    with calls_limited(2_000_000):
+        (package,) = find_packages(texts, [*texts, *FILES])
+    assert len(package.name) <= 100
+    assert all(len(problem) <= 150_000 for problem in package.problems)
+    for path in texts:
+        (tmp_path / "handed_in" / path).parent.mkdir(exist_ok=True)
+        (tmp_path / "handed_in" / path).write_text(TEXTS[text], encoding="utf-8", errors="replace")
+    record = SubmissionRecord("ann", files=[FileFact(path, 1, "") for path in texts], texts=texts, packages=[package])
+    staged = stage(tmp_path / "handed_in", record, rubric, tmp_path / "ws", sys.executable)
+    assert (staged.folder / "install/share" / package.name).is_dir()
+
+
+@pytest.mark.parametrize("text", TEXTS)
+def test_judging_any_text(text: str, solution: Recordings, rubric: Rubric) -> None:
+    """No check breaks on a source or README of any text, and what is not read off them is judged as before."""
+    submission = solution.submission
+    texts = dict.fromkeys(submission.texts, TEXTS[text])
+    changed = dataclasses.replace(solution, submission=dataclasses.replace(submission, texts=texts))
+    result = judge(changed, rubric)
+    findings = {check.id: check.finding for criterion in result.criteria for check in criterion.checks}
+    assert not [name for name, finding in findings.items() if finding.outcome is Outcome.ERROR]
+    assert findings["publisher.rate"].outcome is Outcome.PASSED
+    report_page(result, changed, rubric).encode()
+
+
+def test_patterns_are_matched_part_by_part() -> None:
+    """Many `**` in a pattern take no longer than one."""
+    with calls_limited(300_000):
+        assert data_files_of_setup("setup(data_files=[('share/p', glob('" + "**/" * 11 + "x'))])", FILES) == {}
+    found = data_files_of_setup("setup(data_files=[('share/p', glob('**/**/e/**/f7.py'))])", FILES)
+    assert found == {"share/p/f7.py": FILES[7]}
+
+
+def test_commands_that_are_not_closed_are_looked_at_once() -> None:
+    """What is no command does not keep the ones that are from being found."""
+    text = "install(" * 10_000 + "install(DIRECTORY d0 DESTINATION share/p)\n"
+    assert data_files_of_cmake(text, "p", ["d0/a"]) == {"share/p/d0/a": "d0/a"}
+    many = "install(DIRECTORY d0 d1 d2 DESTINATION share/p)\n"
+    assert data_files_of_cmake(many * 10, "p", ["d0/a"]) == {"share/p/d0/a": "d0/a"}
+    assert data_files_of_cmake(many * 1000, "p", ["d0/a"]) is None
