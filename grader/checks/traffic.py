@@ -22,8 +22,10 @@ from grader.checks.finding import (
     missing_artifact,
     passed,
     ramp,
+    told,
     why_nothing,
 )
+from grader.evidence.limits import ended_by_limit, hit_limit
 from grader.evidence.recorded import Floats, NumericStream, Span, clock_step_s
 from grader.evidence.timing import Timing, timing_of
 from grader.evidence.waves import Sinusoid, fit_sinusoid
@@ -153,7 +155,42 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
     reason = f"Messages come at {timing.rate_hz:.1f} Hz, {off} than {p.rate_hz:g} Hz."
     if (stepped := clock_was_set(context, span)) is not None:
         return inconclusive(expected, measured, stepped, where=where)
+    silent_s, of_s = _silence_s(context, p, span)
+    if silent_s - delay_s > max(_SILENT_S, _SILENT_INTERVALS * timing.median_s):
+        measured = f"{timing.rate_hz:.2f} Hz for {of_s - silent_s:.1f} s, then nothing for {silent_s:.1f} s"
+        reason = f"Messages stop after {of_s - silent_s:.1f} s of the {of_s:.1f} s. {_why_silent(context, p.process)}"
+        share = min(best, ramp(silent_s / of_s, p.full_within, p.zero_beyond))
+        return graded(in_steps(share), expected, measured, reason, where=where)
     return measured_share(worst, best, expected, measured, reason, _doubt(delay_s, length_s), where=where)
+
+
+#: A topic on which nothing came for so long, and for so many of its intervals, had ended.
+_SILENT_S, _SILENT_INTERVALS = 0.5, 10
+
+
+def _silence_s(context: Context, p: TopicRate, span: Span | None) -> tuple[float, float]:
+    """Return for how long at the end of its window nothing came, and how long the window was to be."""
+    source_ns = context.session.stream(p.topic).source_ns
+    if span is not None:
+        last_ns = int(source_ns[source_ns <= span.end_ns].max())
+        return (span.end_ns - last_ns) / 1e9, span.duration_s
+    step = context.session.step(p.window) if p.window else None
+    if step is None or step.outcome != "cancelled":
+        return 0.0, 1.0
+    # The program ended within the window, which opens with the first message.
+    of_s = float(step.parameters["duration_s"])
+    lasted_s = (int(source_ns.max()) - max(int(source_ns.min()), step.started_ns)) / 1e9
+    return max(0.0, of_s - lasted_s), of_s
+
+
+def _why_silent(context: Context, process: str) -> str:
+    run = context.session.process(process)
+    if run is None or (run.ended_by not in ("itself", "limit")):
+        return "The program ran on without publishing."
+    if ended_by_limit(run) and (hit := hit_limit(run)) is not None:
+        return hit[0]
+    found = context.diagnosis(run.artifact) if run.artifact is not None else None
+    return told(found) if found is not None else f"The program ended by itself with exit status {run.exit_status}."
 
 
 def clock_was_set(context: Context, span: Span | None) -> str | None:

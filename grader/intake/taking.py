@@ -57,6 +57,8 @@ _COMPILED_MAGIC = (
 #: Up to here, any compression is believed.
 _RATIO_FROM_BYTES = 1024 * 1024
 _FULL = "no room left for files of its kind"
+#: Files of a whole class in one archive.
+_MOST_LISTED = 200_000
 
 
 @dataclass(frozen=True)
@@ -454,7 +456,7 @@ def names_in(path: Path) -> list[str] | None:
     Returns
     -------
     list of str or None
-        None if it is no archive, or cannot be read.
+        None if it is no archive, or cannot be read, or holds more than a class hands in.
     """
     try:
         with os.fdopen(open_regular(os.path.realpath(path)), "rb") as file:
@@ -463,10 +465,10 @@ def names_in(path: Path) -> list[str] | None:
             if kind is None or not kind.can_be_read:
                 return None
             found = []
-            for member in islice(members_of_archive(file, kind), LIMITS.members):
+            for member in islice(members_of_archive(file, kind), _MOST_LISTED + 1):
                 name = names.slashed(member.name).rstrip("/")
                 found.append(f"{name}/" if member.kind is Kind.FOLDER else name)
-            return found
+            return found if len(found) <= _MOST_LISTED else None
     except (OSError, DamagedError, ProtectedError, TooMuchError):
         return None
 

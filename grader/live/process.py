@@ -23,6 +23,8 @@ MAX_LINE_BYTES = 8 * 1024
 _READ_BYTES = 64 * 1024
 #: After SIGINT, how long a process may take to SIGTERM and then to SIGKILL.
 _TERMINATE_GRACE_S = 1.0
+#: How often, and how many times, to look whether a sandbox stands.
+_SANDBOX_LOOK_S, _SANDBOX_LOOKS = 0.01, 100
 #: After its exit, how long what it wrote last may take to be read on a busy machine.
 _LAST_OUTPUT_S = 2.0
 
@@ -56,6 +58,8 @@ class RunningProcess:
         self._kept = self._written = 0
         self._on_message = on_message
         self.on_line: Callable[[OutputLine], None] | None = None
+        #: Kept, since the event loop keeps no task from being collected.
+        self.put_first: asyncio.Task[None] | None = None
         assert process.stdout is not None
         assert process.stderr is not None
         self._readers = [
@@ -91,7 +95,10 @@ class RunningProcess:
             limit=_READ_BYTES,
         )
         put_session_first(process.pid)
-        return cls(run, process, child_pid_fd, on_message)
+        running = cls(run, process, child_pid_fd, on_message)
+        if child_pid_fd is not None:
+            running.put_first = asyncio.create_task(running._put_first())
+        return running
 
     @property
     def alive(self) -> bool:
@@ -163,6 +170,16 @@ class RunningProcess:
         children = children_of(self._sandbox_pid)
         return children[0] if children else None
 
+    async def _put_first(self) -> None:
+        """Put it before others as soon as its sandbox has begun a session of its own."""
+        for _ in range(_SANDBOX_LOOKS):
+            pid = self._pid()
+            with suppress(ProcessLookupError):
+                if pid is not None and os.getsid(pid) != self._process.pid:
+                    put_session_first(pid)
+                    return
+            await asyncio.sleep(_SANDBOX_LOOK_S)
+
     def interrupt(self) -> bool:
         """Send SIGINT to the program itself, as Ctrl-C would; False if there is nothing to send it to."""
         pid = self._pid()
@@ -229,7 +246,6 @@ class RunningProcess:
         """
         root = self.root_pid()
         for pid in descendants_of(root) if root is not None else ():
-            put_session_first(pid)  # the sandbox has begun one of its own
             with suppress(OSError):
                 for task in Path(f"/proc/{pid}/task").iterdir():
                     with suppress(OSError):

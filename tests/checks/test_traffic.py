@@ -184,6 +184,34 @@ def test_where_no_window_opened_all_messages_count(tmp_path: Path) -> None:
     assert judged("topic_rate", RATE, session).outcome is Outcome.PASSED
 
 
+@pytest.mark.parametrize(
+    ("lasted_s", "outcome"), [(1.0, Outcome.FAILED), (5.2, Outcome.PARTIAL), (5.9, Outcome.PASSED)]
+)
+def test_a_topic_that_ends_before_its_window_loses_by_the_time_that_is_missing(
+    tmp_path: Path, lasted_s: float, outcome: Outcome
+) -> None:
+    """The right rate for a part of the window is not the right rate for all of it."""
+    session = Session(tmp_path).endpoint("publisher", TOPIC).process("it").window(1.0, 7.0)
+    times = evenly(100, lasted_s)
+    finding = judged("topic_rate", RATE, session.messages(TOPIC, [[0.0]] * len(times), times))
+    assert finding.outcome is outcome
+    if outcome is not Outcome.PASSED:
+        assert f"Messages stop after {lasted_s:.1f} s of the 6.0 s" in finding.reason
+        assert "ran on without publishing" in finding.reason
+
+
+def test_a_program_that_ends_within_the_window_loses_the_rate(tmp_path: Path) -> None:
+    """A crash a second after the first message is told as the reason why the messages stop."""
+    times = evenly(100, 1.0)
+    session = Session(tmp_path).endpoint("publisher", TOPIC).process("it", exit_status=139, ended_by="itself")
+    session.messages(TOPIC, [[0.0]] * len(times), times)
+    session.step("observe", "window", "cancelled", parameters={"duration_s": 6.0})
+    finding = judged("topic_rate", RATE, session)
+    assert finding.outcome is Outcome.FAILED
+    assert "after 1.0 s of the 6.0 s" in finding.reason
+    assert "exit status 139" in finding.reason
+
+
 # -- evenness --------------------------------------------------------------------------------------
 
 

@@ -332,6 +332,19 @@ def test_no_process_survives_a_killed_grader(tmp_path: Path) -> None:
     assert not list(lab.results.rglob("report.html"))
 
 
+def grade_and_kill(lab: Lab, caller: dict[str, str], after_s: float) -> None:
+    """Start a grading, kill it after a while, and wait until nothing of it is left."""
+    process = subprocess.Popen(command(lab), env=caller, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    watch = Watch(process.pid)
+    end = time.monotonic() + after_s
+    while time.monotonic() < end:
+        watch.look()
+        time.sleep(0.01)
+    process.kill()
+    process.wait()
+    until(lambda: not watch.left(), 5)
+
+
 def test_a_grader_killed_at_any_moment_leaves_nothing_that_counts(tmp_path: Path) -> None:
     """Killed at 20 moments of its run, it leaves no process and no half result, and the next run is not disturbed."""
     moments = 20
@@ -345,15 +358,7 @@ def test_a_grader_killed_at_any_moment_leaves_nothing_that_counts(tmp_path: Path
     whole_s, whole = time.monotonic() - begun, json.loads(result.read_text(encoding="utf-8"))["score"]
     assert whole["earned"] == 1
     for moment in range(moments):
-        process = subprocess.Popen(command(lab), env=caller, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        watch = Watch(process.pid)
-        end = time.monotonic() + whole_s * (moment + 0.5) / moments
-        while time.monotonic() < end:
-            watch.look()
-            time.sleep(0.01)
-        process.kill()
-        process.wait()
-        assert until(lambda left=watch.left: not left(), 5)
+        grade_and_kill(lab, caller, whole_s * (moment + 0.5) / moments)
         # What is there is of this run or of one before it, and whole.
         if result.exists():
             assert json.loads(result.read_text(encoding="utf-8"))["score"] == whole

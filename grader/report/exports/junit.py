@@ -24,7 +24,9 @@ from grader.report.xml_text import xml_text
 def render(graded: Graded, environment: Mapping[str, str]) -> str:
     """Return the XML document."""
     titles = _unique([(criterion.id, criterion.title) for criterion in graded.criteria])
-    suites = [_suite(*each, graded) for each in zip(graded.criteria, titles, strict=True)]
+    # Jenkins puts what is before the last point above the rest: submission, criterion, check.
+    classes = _numbered([xml_text(line(f"{line(graded.submission)}.{c.id}", 500)) for c in graded.criteria])
+    suites = [_suite(*each, graded) for each in zip(graded.criteria, titles, classes, strict=True)]
     checks = graded.checks
     totals = _counts(checks)
     return (
@@ -35,14 +37,12 @@ def render(graded: Graded, environment: Mapping[str, str]) -> str:
     )
 
 
-def _suite(criterion: GradedCriterion, title: str, graded: Graded) -> str:
+def _suite(criterion: GradedCriterion, title: str, class_name: str, graded: Graded) -> str:
     counts = _counts(criterion.checks)
     sessions = dict.fromkeys(s for check in criterion.checks for s in check.sessions if s in graded.sessions)
     time_s = sum(graded.sessions[s].duration_s for s in sessions)
     time = f' time="{time_s:.3f}"' if sessions and 0 <= time_s < 1e6 else ""
     titles = _unique([(check.id, check.title) for check in criterion.checks])
-    # Jenkins puts what is before the last point above the rest: submission, criterion, check.
-    class_name = f"{line(graded.submission)}.{criterion.id}"
     cases = "".join(_case(*each, class_name) for each in zip(criterion.checks, titles, strict=True))
     return (
         f'  <testsuite name={_quoted(title)} tests="{len(criterion.checks)}" failures="{counts["failures"]}"'
@@ -79,7 +79,11 @@ def _unique(named: Sequence[tuple[str, str]]) -> list[str]:
         t if t and titles.count(t) == 1 else f"{t} ({line(key, 100)})"
         for (key, _), t in zip(named, titles, strict=True)
     ]
-    return [t if told.count(t) == 1 else f"{t} {number}" for number, t in enumerate(told, 1)]
+    return _numbered(told)
+
+
+def _numbered(texts: Sequence[str]) -> list[str]:
+    return [t if texts.count(t) == 1 else f"{t} {number}" for number, t in enumerate(texts, 1)]
 
 
 def _quoted(text: str) -> str:

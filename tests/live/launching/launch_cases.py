@@ -580,6 +580,11 @@ FLOW = [
         expect={"processes": [], "len not_started": 1},
     ),
     body(
+        "a group that is kept back is named once",
+        "GroupAction([talker(), talker(name='b')], condition=UnlessCondition('1'))",
+        expect={"processes": [], "len not_started": 1, "not_started.0.what": "GroupAction"},
+    ),
+    body(
         "the accepted words, in any case and with blanks",
         "*[talker(condition=IfCondition(w)) for w in ('true', 'True', 'TRUE', '1', ' true ', 'false', 'False', '0')]",
         expect={"len processes": 5},
