@@ -3,26 +3,53 @@
 from __future__ import annotations
 
 import argparse
+import resource
 import sys
+import time
 from collections.abc import Sequence
-from decimal import Decimal
+from datetime import datetime, timezone
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.console import Console
+from rich.text import Text
 
 from grader import __version__
-from grader.commands.arguments import add_fail_under, add_isolation, count, each, least_isolation
+from grader.commands.arguments import BELOW, add_fail_under, add_isolation, count, each, least_isolation
 from grader.commands.export import add_exports
+from grader.report.plain import terminal_text
+
+if TYPE_CHECKING:
+    from decimal import Decimal
+
+    from grader.batch.admission import Admission
+    from grader.batch.found import Found
+    from grader.batch.run import ClassRun, Row
+    from grader.intake import Handed
+    from grader.live.isolation import Isolation
+    from grader.pipeline import Options
+    from grader.result import Result
+    from grader.rubric import Rubric
+    from grader.timings import Stopwatch
+
+_INTERRUPTED = 130
+#: Files that belong to no submission are listed up to so many.
+_MOST_LISTED = 10
+
+_DESCRIPTION = """\
+Grade ROS 2 lab submissions on a live ROS graph.
+
+PATH is a submission (a folder or an archive), a folder of submissions, or a learning-management system's download.
+Several submissions are graded side by side. What has been graded is kept: give the same command again after an
+interruption, and it goes on; unchanged submissions are not graded a second time.
+"""
 
 
 def _parser(epilog: str) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="grade",
-        description="Grade ROS 2 lab submissions on a live ROS graph.",
-        epilog=epilog,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        prog="grade", description=_DESCRIPTION, epilog=epilog, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("submissions", nargs="+", type=Path, metavar="PATH", help="folder of a student's files")
+    parser.add_argument("submissions", nargs="+", type=Path, metavar="PATH", help="a submission, or a folder of them")
     parser.add_argument(
         "-o",
         "--output",
@@ -36,6 +63,12 @@ def _parser(epilog: str) -> argparse.ArgumentParser:
         type=Path,
         metavar="FILE",
         help="rubric (default: that of the lab which travels with grade)",
+    )
+    parser.add_argument(
+        "--overrides",
+        type=Path,
+        metavar="FILE",
+        help="decisions of people, see `grade regrade --help` (default: overrides.yaml where results go)",
     )
     parser.add_argument("--sessions", metavar="A,B", help="run only these sessions of the rubric")
     parser.add_argument(
@@ -52,54 +85,97 @@ def _parser(epilog: str) -> argparse.ArgumentParser:
         help="what evaluates launch files: grade's own stand-in (default), the real launch of a sourced ROS "
         "installation, or the real one where there is one",
     )
+    _add_class(parser)
     add_isolation(parser)
     add_exports(parser, "--export")
     add_fail_under(parser)
+    parser.add_argument(
+        "--timings", action="store_true", help="also tell where the time went (for a single submission)"
+    )
     parser.add_argument("--version", action="version", version=f"grade {__version__}")
     return parser
+
+
+def _add_class(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("several submissions")
+    shape = group.add_mutually_exclusive_group()
+    shape.add_argument("--one", action="store_true", help="each PATH is one submission, whatever it looks like")
+    shape.add_argument("--each", action="store_true", help="each folder and archive in PATH is a submission")
+    group.add_argument(
+        "--class-list",
+        type=Path,
+        metavar="CSV",
+        help="who is in the class: columns name, student_id, submitted_at; who has not handed in is listed too",
+    )
+    again = group.add_mutually_exclusive_group()
+    again.add_argument(
+        "--resume",
+        action="store_true",
+        help="keep what has been graded from the same files, rubric and options (the default)",
+    )
+    again.add_argument("--afresh", action="store_true", help="grade all again")
+    group.add_argument(
+        "--anonymous", action="store_true", help="pseudonyms instead of names on the class page and in grades.csv"
+    )
+    group.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="grade on the workers of this Dask scheduler (an address, or the file that it wrote)",
+    )
 
 
 def run(arguments: Sequence[str], console: Console, epilog: str = "") -> int:
     """Grade the submissions; returns the exit status."""
     from grader import pipeline
-    from grader.report.terminal import ProgressDisplay, print_result
+    from grader.live.scratch import remove_leavings
 
-    options = _parser(epilog).parse_args(arguments)
+    parser = _parser(epilog)
+    options = parser.parse_args(arguments)
     rubric = pipeline.read_rubric(options.rubric)
-    chosen = [s for s in options.sessions.split(",") if s] if options.sessions is not None else None
-    live = pipeline.Options(
+    found = _found(options, rubric)
+    several = len(found.submissions) > 1 or options.scheduler is not None
+    if several and options.timings:
+        parser.error("--timings is for one submission")
+    if several and options.exports:
+        parser.error("--export is for one submission; for several use `grade export` on their results")
+    live = _live_options(options, rubric, several=several)
+    remove_leavings()
+    if several:
+        return _grade_class(found, rubric, live, options, console)
+    return each(
+        found.submissions, lambda handed: _grade_one(handed, rubric, live, options, console), options.fail_under
+    )
+
+
+def _found(options: argparse.Namespace, rubric: Rubric) -> Found:
+    from grader.batch.found import Shape, find_submissions
+    from grader.errors import SubmissionError
+
+    shape = Shape.ONE if options.one else Shape.EACH if options.each else Shape.AUTO
+    found = find_submissions(options.submissions, rubric, shape=shape, class_list=options.class_list)
+    if not found.submissions:
+        raise SubmissionError(
+            "there are no submissions in it",
+            where=", ".join(map(str, options.submissions)),
+            remedy="Give a submission, or the folder that holds them.",
+        )
+    return found
+
+
+def _live_options(options: argparse.Namespace, rubric: Rubric, *, several: bool) -> Options:
+    from grader import pipeline
+
+    return pipeline.Options(
         _interpreter(options.python),
-        chosen,
+        [s for s in options.sessions.split(",") if s] if options.sessions is not None else None,
         options.seed,
         options.jobs,
         options.launch,
-        least_isolation(options, several=len(options.submissions) > 1),
-        exports=options.exports,
-        path_prefix=options.path_prefix,
-        live_exports=len(options.submissions) == 1,
+        least_isolation(options, several=several),
+        pipeline.read_overrides(options.overrides, options.output, rubric),
+        options.exports,
+        options.path_prefix,
     )
-    if len(options.submissions) > 1 and any(target.file is not None for target in options.exports):
-        _parser(epilog).error("the exports of several submissions go into their results folders; leave out the file")
-    names = [folder.resolve().name for folder in options.submissions]
-    for name in names:
-        if names.count(name) > 1:
-            _parser(epilog).error(f"two submissions are named {name}; their results would overwrite each other")
-
-    def grade_one(folder: Path) -> Decimal:
-        name = folder.resolve().name
-        with ProgressDisplay(console, name, chosen if chosen is not None else list(rubric.sessions)) as display:
-            result = pipeline.grade(
-                folder,
-                rubric,
-                options.output / name,
-                live,
-                lambda p: display.update(p.session, p.text, p.step, p.steps, p.ended),
-            )
-        print_result(console, result)
-        console.print(f"Report: {options.output / name / pipeline.REPORT_FILE}", soft_wrap=True)
-        return result.score.earned
-
-    return each(options.submissions, grade_one, options.fail_under)
 
 
 def _interpreter(chosen: Path | None) -> Path:
@@ -110,3 +186,134 @@ def _interpreter(chosen: Path | None) -> Path:
     if not chosen.is_file():
         raise PlatformError("there is no such interpreter", where=str(chosen), remedy="Check --python.")
     return chosen.absolute()
+
+
+# -- one submission -------------------------------------------------------------------------------
+
+
+def _grade_one(handed: Handed, rubric: Rubric, live: Options, options: argparse.Namespace, console: Console) -> Decimal:
+    from grader import pipeline
+    from grader.batch import audit
+    from grader.report.terminal import ProgressDisplay, print_result
+    from grader.timings import Stopwatch
+
+    output, watch = options.output, Stopwatch()
+    results, now = output / handed.name, datetime.now(timezone.utc)
+    before = audit.text_of(results / pipeline.RESULT_FILE)
+    with ProgressDisplay(console, handed.name, live.sessions or list(rubric.sessions)) as display:
+        result = pipeline.grade(
+            handed,
+            rubric,
+            results,
+            live,
+            lambda p: display.update(p.session, p.text, p.step, p.steps, p.ended),
+            watch=watch,
+        )
+    if live.overrides.sha256:  # Else nobody decides anything here, and a student's tries need no trail.
+        after = (results / pipeline.RESULT_FILE).read_text(encoding="utf-8")
+        occasion = audit.Occasion(now, "grade", live.overrides.sha256)
+        audit.note_replaced(output, handed.name, before, after, occasion)
+    print_result(console, result)
+    if options.timings:
+        _print_timings(console, watch, result)
+    console.print(f"Report: {results / pipeline.REPORT_FILE}", soft_wrap=True, markup=False)
+    return result.final
+
+
+def _print_timings(console: Console, watch: Stopwatch, result: Result) -> None:
+    from grader.report.timings import print_timings
+
+    children = resource.getrusage(resource.RUSAGE_CHILDREN)
+    print_timings(console, watch, result.provenance, children.ru_utime + children.ru_stime)
+
+
+# -- a class --------------------------------------------------------------------------------------
+
+
+def _grade_class(found: Found, rubric: Rubric, live: Options, options: argparse.Namespace, console: Console) -> int:
+    from grader.batch.journal import Journal
+    from grader.batch.progress import ClassProgress, print_class, summary
+    from grader.batch.run import ClassRun
+
+    began_s = time.monotonic()
+    where, admission = _where(options, live)
+    _tell_found(found, console)
+    with Journal.open(options.output, afresh=options.afresh) as journal:
+        with ClassProgress(console, admission.places) as display:
+            run = ClassRun(rubric, live, journal, admission, display)
+            try:
+                run.grade(found.submissions, where)
+            except (KeyboardInterrupt, SystemExit) as end:
+                return _interrupted(run, len(found.submissions), end)
+        rows = sorted(run.rows, key=lambda row: (row.handed.name.casefold(), row.handed.name))
+        print_class(console, rows)
+        console.print(Text(f"{summary(rows)}; {_duration(time.monotonic() - began_s)}."))
+        names = [*(row.handed.name for row in rows), *found.missing]
+        for remark in live.overrides.remarks(names, times_matter=rubric.policy.late is not None):
+            console.print(Text(f"Note: {terminal_text(remark)}", "yellow"))
+        _report_class(rows, found.missing, rubric, options, console)
+    return max(_status(row, options.fail_under) for row in rows)
+
+
+def _where(options: argparse.Namespace, live: Options) -> tuple[Isolation | str, Admission]:
+    """Return where to grade (how code is confined here, or a scheduler), and who may use this machine when."""
+    from grader import pipeline
+    from grader.batch.admission import Admission
+    from grader.live.isolation import Isolation, Level
+    from grader.live.probing import probe_isolation, require
+
+    if options.scheduler is not None:
+        # Only judging is left to this machine, which needs no confinement.
+        return str(options.scheduler), Admission.on_this_machine(Isolation(Level.FULL))
+    pipeline.require_platform()
+    isolation = probe_isolation(live.interpreter)
+    require(isolation, Level.of(live.least_isolation))
+    return isolation, Admission.on_this_machine(isolation, live.jobs)
+
+
+def _tell_found(found: Found, console: Console) -> None:
+    for line in found.understood:
+        console.print(Text(terminal_text(line)), soft_wrap=True)
+    for line in found.not_understood[:_MOST_LISTED]:
+        console.print(Text(f"Belongs to no submission: {terminal_text(line)}", "yellow"), soft_wrap=True)
+    if len(found.not_understood) > _MOST_LISTED:
+        console.print(Text(f"and {len(found.not_understood) - _MOST_LISTED} more.", "yellow"))
+    if found.missing:
+        console.print(Text(f"Nothing handed in: {terminal_text(', '.join(found.missing))}", "yellow"), soft_wrap=True)
+
+
+def _interrupted(run: ClassRun, of: int, end: BaseException) -> int:
+    from grader.batch.order import Graded
+
+    kept = sum(isinstance(row.ending, Graded) for row in run.rows)
+    print(
+        f"grade: interrupted; {kept} of {of} submissions are graded and kept.\n"
+        "  The same command goes on with the others.",
+        file=sys.stderr,
+    )
+    return int(end.code or 0) if isinstance(end, SystemExit) else _INTERRUPTED
+
+
+def _report_class(
+    rows: Sequence[Row], missing: Sequence[str], rubric: Rubric, options: argparse.Namespace, console: Console
+) -> None:
+    """Write the class page and the table of grades, over all results that lie in the folder."""
+    from grader import pipeline
+    from grader.batch.class_entries import entries_of
+
+    entries = entries_of(options.output, rows, missing)
+    pipeline.report_class(options.output, entries, rubric, anonymous=options.anonymous)
+    console.print(f"Class: {options.output / pipeline.CLASS_PAGE}", soft_wrap=True, markup=False)
+    console.print(f"Grades: {options.output / pipeline.GRADES_FILE}", soft_wrap=True, markup=False)
+
+
+def _status(row: Row, least: Decimal | None) -> int:
+    from grader.batch.order import NotGraded
+
+    if isinstance(row.ending, NotGraded):
+        return row.ending.exit_status
+    return BELOW if least is not None and row.ending.earned < least else 0
+
+
+def _duration(seconds: float) -> str:
+    return f"{seconds / 60:.1f} min" if seconds >= 120 else f"{seconds:.0f} s"

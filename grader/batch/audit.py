@@ -1,0 +1,126 @@
+"""The trail of results that were replaced: one line each in `audit.jsonl`, and each old result in `history/`.
+
+Nothing that stands there is ever changed. Both lie beside the submissions' folders.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import grader
+from grader.cohort.changes import Changes, changes_between, plain_changes
+
+AUDIT_FILE = "audit.jsonl"
+HISTORY = "history"
+AUDIT_SCHEMA = "ros-lab-grader/audit/v1"
+
+
+@dataclass(frozen=True)
+class Occasion:
+    """When and by what results are replaced.
+
+    Attributes
+    ----------
+    command : str
+        E.g. "regrade".
+    overrides_sha256 : str
+        Hash of the file of overrides that was applied; empty if there was none.
+    """
+
+    at: datetime
+    command: str
+    overrides_sha256: str = ""
+
+
+def read_result(text: str | None) -> dict[str, Any] | None:
+    """Return the plain data of a `result.json`'s text; None if it is none."""
+    if text is None:
+        return None
+    try:
+        plain = json.loads(text)
+    except (ValueError, RecursionError):
+        return None
+    return plain if isinstance(plain, dict) else None
+
+
+def text_of(path: Path) -> str | None:
+    """Return a file's text; None if there is none, or none that can be read as text."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except (FileNotFoundError, UnicodeDecodeError):
+        return None
+
+
+def note_replaced(results: Path, name: str, before: str | None, after: str, occasion: Occasion) -> Changes:
+    """Keep an old result and add a line to the trail; nothing is written where nothing was replaced.
+
+    Parameters
+    ----------
+    results : Path
+        Folder with a folder of results for each submission.
+    name : str
+        Name of the submission's folder.
+    before, after : str or None
+        Text of `result.json` as it was, and as it is.
+
+    Raises
+    ------
+    ValueError
+        If `after` is no result.
+    """
+    old, new = read_result(before), read_result(after) or {}
+    changes = changes_between(old, new)
+    adjusted = changes.before is None and new.get("adjustments")
+    if (changes.before is not None and before != after) or adjusted:
+        kept = _keep(results, name, before) if before is not None and changes.before is not None else None
+        line = _line(name, (before, after), (old or {}, new), changes, kept, occasion)
+        with (results / AUDIT_FILE).open("a", encoding="utf-8", newline="\n") as trail:
+            trail.write(json.dumps(line, ensure_ascii=True) + "\n")
+    return changes
+
+
+def _keep(results: Path, name: str, text: str) -> str:
+    """Keep a text under its hash; returns the path relative to the results."""
+    folder = results / HISTORY / name
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"{_sha256(text)[:16]}.json"
+    if not path.exists():
+        path.write_text(text, encoding="utf-8", newline="\n")
+    return path.relative_to(results).as_posix()
+
+
+def _line(
+    name: str,
+    texts: tuple[str | None, str],
+    results: tuple[Mapping[str, Any], Mapping[str, Any]],
+    changes: Changes,
+    kept: str | None,
+    occasion: Occasion,
+) -> dict[str, Any]:
+    return {
+        "schema": AUDIT_SCHEMA,
+        "at": occasion.at.isoformat(timespec="seconds"),
+        "command": occasion.command,
+        "grader": grader.__version__,
+        "submission": name,
+        "overrides_sha256": occasion.overrides_sha256 or None,
+        "rubric_sha256": [_rubric(result) for result in results],
+        "result_sha256": [_sha256(text) if text is not None else None for text in texts],
+        "kept": kept,
+        **plain_changes(changes),
+    }
+
+
+def _rubric(result: Mapping[str, Any]) -> str | None:
+    provenance = result.get("provenance")
+    return str(provenance.get("rubric_sha256")) if isinstance(provenance, Mapping) else None
+
+
+def _sha256(text: str) -> str:
+    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()

@@ -1,0 +1,76 @@
+"""A class list: who is in the class, under which number a system knows them, and when they handed in.
+
+    name,student_id,submitted_at
+    alice,20260017,2026-03-02T23:41:00+01:00
+
+`name` is the submission's name, or the one that a learning-management system wrote. The other two columns, and their
+values, may be missing; there may be more columns. A time without offset from UTC is this machine's local time.
+"""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+from grader.errors import SubmissionError
+from grader.policy import parse_time
+
+_MOST_BYTES = 4 * 1024 * 1024
+_COLUMNS = ("name", "student_id", "submitted_at")
+
+
+@dataclass(frozen=True)
+class Listed:
+    """A student of the class.
+
+    Attributes
+    ----------
+    submitted_at : datetime or None
+        With its offset from UTC.
+    """
+
+    name: str
+    student_id: str | None = None
+    submitted_at: datetime | None = None
+
+
+def read_class_list(path: Path) -> list[Listed]:
+    """Read a class list, as comma or semicolon separated values.
+
+    Raises
+    ------
+    SubmissionError
+        If it cannot be read, with the first line that is wrong.
+    """
+    try:
+        with path.open("rb") as file:
+            text = file.read(_MOST_BYTES).decode("utf-8-sig")
+    except (OSError, UnicodeDecodeError) as problem:
+        raise SubmissionError(
+            "the class list cannot be read", where=str(path), remedy=f"It is a CSV file in UTF-8. {problem}"
+        ) from None
+    first = text.partition("\n")[0]
+    rows = csv.reader(text.splitlines(), delimiter=";" if first.count(";") > first.count(",") else ",")
+    try:
+        columns = [column.strip().lower().replace(" ", "_") for column in next(rows, [])]
+        if "name" not in columns:
+            raise ValueError("there is no column 'name'")
+        return [_listed(dict(zip(columns, row, strict=False))) for row in rows if any(cell.strip() for cell in row)]
+    except (ValueError, csv.Error) as problem:
+        raise SubmissionError(
+            f"the class list is not usable: {problem}",
+            where=f"{path}:{rows.line_num}",
+            remedy=f"Its columns are {', '.join(_COLUMNS)}; times are like 2026-03-02T23:41:00+01:00.",
+        ) from None
+
+
+def _listed(row: dict[str, str]) -> Listed:
+    name, student_id, time = (row.get(column, "").strip() for column in _COLUMNS)
+    if not name and not student_id:
+        raise ValueError("neither a name nor a student_id")
+    submitted_at = parse_time(time) if time else None
+    if time and submitted_at is None:
+        raise ValueError(f"{time!r} is no time")
+    return Listed(name, student_id or None, submitted_at.astimezone() if submitted_at is not None else None)

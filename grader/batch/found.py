@@ -1,0 +1,442 @@
+"""Paths on the command line → the submissions that they stand for.
+
+How one submission is told from a folder (or archive) of submissions
+---------------------------------------------------------------------
+An *artifact's file* is one whose name the rubric asks for, word for word. A *part* is a folder named as parts of a
+workspace are (`src`, `launch`, `old`), or one of several that are numbered (`task2`). The first that applies decides:
+
+1. Most names are those of a learning-management system's download (`grader.batch.downloads`): each student is one.
+2. An artifact's file lies directly in it, or it is a git repository's root: one submission.
+3. The same artifact's file lies in two subfolders that are no parts: each subfolder and archive is one. In a single
+   workspace each file lies in one package; in a class everyone has handed in the same names.
+4. It looks like a package or a workspace (`package.xml`, `setup.py`, `CMakeLists.txt`, or a part that holds an
+   artifact's file): one submission.
+5. There are several archives, or it is called as folders of submissions are (`submissions`, `lab-09-submissions`,
+   `students`): each subfolder and archive is one.
+6. It holds a single folder and no files: what that folder is. If that is one submission, it is called as the outer.
+7. An archive lies beside a folder with artifacts' files, without a README: each is one.
+8. One submission.
+
+Where this is wrong, `Shape.ONE` and `Shape.EACH` say what is meant. Hidden files and folders, those of tools, tables
+and earlier results are passed over; files that belong to nobody are told.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import unicodedata
+from collections import Counter, defaultdict, deque
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from enum import Enum
+from functools import cached_property
+from itertools import chain, islice
+from pathlib import Path, PurePosixPath
+
+from grader.batch.class_list import Listed, read_class_list
+from grader.batch.downloads import Delivered, recognised
+from grader.batch.last_commit import last_commit_time
+from grader.intake import Handed, Piece, names_in
+from grader.intake.members import is_folder
+from grader.intake.names import TOOL_FOLDERS, displayed, is_litter, is_packed, without_archive_suffix
+from grader.rubric import Rubric
+
+#: Names in one submission that are looked at to tell what it is.
+_MOST_NAMES = 5_000
+_MOST_DEPTH = 12
+#: Names directly in a folder of submissions.
+_MOST_ENTRIES = 1_000_000
+#: Folders within each other that hold nothing else.
+_MOST_WRAPPERS = 4
+_MOST_NAME_BYTES = 120
+
+_PART = re.compile(
+    r"src|sources?|code|launch|config|params?|scripts?|nodes?|packages?|include|resource|msg|srv"
+    r"|(.*_)?ws|ros2?|workspace|old|backups?|bak|archive",
+    re.IGNORECASE,
+)
+_SECTION = re.compile(
+    r"(v|version|part|task|exercise|ex|q|question|lab|week|hw|assignment)[-_ ]?\d+([-_.]\d+)*", re.IGNORECASE
+)
+_COLLECTION = re.compile(r"(^|[-_ ])(submissions|students|hand-?ins|abgaben)($|[-_ (])", re.IGNORECASE)
+_PACKAGE_MARKS = frozenset({"package.xml", "setup.py", "CMakeLists.txt"})
+_TABLES = frozenset({".csv", ".xlsx", ".xls", ".ods", ".tsv"})
+
+
+class Shape(Enum):
+    """What a path stands for, where the user says so."""
+
+    AUTO = "auto"
+    ONE = "one"
+    EACH = "each"
+
+
+@dataclass(frozen=True)
+class Found:
+    """The submissions that were found.
+
+    Attributes
+    ----------
+    submissions : tuple of Handed
+        In the order of their names, each under a name of its own.
+    understood : tuple of str
+        What each path was taken for, in words.
+    not_understood : tuple of str
+        Files that belong to no submission; written by students, so not to be trusted.
+    missing : tuple of str
+        Who is in the class list and has not handed in.
+    """
+
+    submissions: tuple[Handed, ...]
+    understood: tuple[str, ...] = ()
+    not_understood: tuple[str, ...] = ()
+    missing: tuple[str, ...] = ()
+
+
+def find_submissions(
+    paths: Sequence[Path], rubric: Rubric, *, shape: Shape = Shape.AUTO, class_list: Path | None = None
+) -> Found:
+    """Find the submissions in folders, archives, and downloads of learning-management systems.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        As given on the command line. One that is not there stands for itself: it is refused when it is graded, and
+        does not keep the others from it.
+    shape : Shape
+        What is meant, where looking is not enough (`--one`, `--each`).
+    class_list : Path or None
+        A table of names, student ids and times of submission; see `grader.batch.class_list`.
+
+    Returns
+    -------
+    Found
+        Grade each of `submissions` by `grader.pipeline.grade(handed, ...)` into `results / handed.name`; show
+        `understood`, `not_understood` and `missing`.
+
+    Raises
+    ------
+    SubmissionError
+        If the class list is not usable.
+
+    Notes
+    -----
+    A name is made from the student's alone and does not depend on who else has handed in, so that results are found
+    again. Only where two would be the same, they get a mark made from their paths. The time of submission is that of
+    the class list, else of the download, else of the last commit. An archive's own is found when it is taken in.
+    """
+    finding = _Finding(rubric)
+    for path in paths:
+        finding.look_at(path, shape)
+    handed = _uniquely_named(finding.submissions)
+    missing: tuple[str, ...] = ()
+    if class_list is not None:
+        handed, missing = _with_class_list(handed, read_class_list(class_list))
+    ordered = tuple(sorted(handed, key=lambda h: (h.name.casefold(), h.name)))
+    return Found(ordered, tuple(finding.understood), tuple(finding.not_understood), missing)
+
+
+@dataclass(frozen=True)
+class _Place:
+    """A folder, or one within an archive, and the names of the files in it.
+
+    Attributes
+    ----------
+    within : str
+        The folder within the archive, with a slash at its end; empty for the archive itself, None for a folder.
+    files : tuple of str
+        Paths relative to it.
+    """
+
+    path: Path
+    within: str | None
+    files: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        if self.within:
+            return PurePosixPath(self.within).name
+        name = Path(os.path.realpath(self.path)).name
+        return name if self.within is None else without_archive_suffix(name)
+
+    @property
+    def where(self) -> str:
+        return f"{self.path}: {displayed(self.within)}" if self.within else str(self.path)
+
+    @property
+    def is_repository(self) -> bool:
+        return any(file.startswith(".git/") for file in self.files)
+
+    @cached_property
+    def _grouped(self) -> dict[str, tuple[str, ...]]:
+        """What lies directly in it -> the paths below that; none below a file."""
+        groups: dict[str, list[str]] = defaultdict(list)
+        for file in self.files:
+            first, slash, rest = file.partition("/")
+            if first:
+                groups[first] += [rest] if slash else []
+        return {name: tuple(below) for name, below in groups.items()}
+
+    @cached_property
+    def entries(self) -> dict[str, bool]:
+        """What lies directly in it -> whether that is a folder; without what nobody hands in."""
+        return {
+            name: bool(below)
+            for name, below in sorted(self._grouped.items())
+            if not (name.startswith(".") or is_litter(name) or (below and name in TOOL_FOLDERS))
+        }
+
+    def below(self, folder: str) -> _Place:
+        inside = self._grouped[folder]
+        if self.within is None:
+            return _Place(self.path / folder, None, inside)
+        return _Place(self.path, f"{self.within}{folder}/", inside)
+
+    def piece(self, entry: str = "", *, is_folder: bool = True, name: str = "") -> Piece:
+        """Return what lies in it, or one entry."""
+        if self.within is None:
+            return Piece(self.path / entry if entry else self.path, name=name)
+        member = self.within + entry + ("/" if entry and is_folder else "")
+        return Piece(self.path, member, name)
+
+
+def _place(path: Path) -> _Place | None:
+    """Look at a path; None if it is neither a folder nor an archive that can be read."""
+    if is_folder(path):
+        return _Place(path, None, tuple(_names_below(path)))
+    inside = names_in(path)
+    return None if inside is None else _Place(path, "", tuple(inside))
+
+
+def _names_below(path: Path) -> Iterator[str]:
+    for name, inside in _listed(path, _MOST_ENTRIES):
+        if not inside:
+            yield name
+        else:
+            yield from list(_walk(path / name, f"{name}/")) or [f"{name}/"]
+
+
+def _walk(folder: Path, above: str) -> Iterator[str]:
+    """Name the files of a folder, as many as it takes to tell what it is."""
+    waiting = deque([(folder, above, 1)] if folder.name not in TOOL_FOLDERS else [])
+    seen = 0
+    while waiting and seen < _MOST_NAMES:
+        folder, above, depth = waiting.popleft()
+        for name, inside in _listed(folder):
+            seen += 1
+            if not inside:
+                yield above + name
+            elif depth < _MOST_DEPTH and name not in TOOL_FOLDERS:
+                waiting.append((folder / name, f"{above}{name}/", depth + 1))
+
+
+def _listed(folder: Path, most: int = _MOST_NAMES) -> list[tuple[str, bool]]:
+    """Return the names in a folder, and whether each is a folder; none if it may not be read."""
+    with suppress(OSError), os.scandir(folder) as entries:
+        return sorted((entry.name, entry.is_dir(follow_symlinks=False)) for entry in islice(entries, most))
+    return []
+
+
+class _Finding:
+    """What has been found so far."""
+
+    def __init__(self, rubric: Rubric) -> None:
+        self.submissions: list[Handed] = []
+        self.understood: list[str] = []
+        self.not_understood: list[str] = []
+        self._wanted = _wanted_names(rubric)
+
+    def look_at(self, path: Path, shape: Shape) -> None:
+        """Add the submissions that a path stands for."""
+        place = _place(path)
+        if place is None:
+            self._add(Handed.of(path), Handed.of(path).name)
+            return
+        students = self._students(place, shape) if shape is not Shape.ONE else None
+        if students is None:
+            self._add(_handed(place, place.piece()), place.name)
+            self.understood.append(f"{place.where}: one submission")
+        elif (download := recognised(students.entries)) is not None:
+            self._add_download(students, *download)
+        else:
+            self._add_each(students)
+
+    def _students(self, place: _Place, shape: Shape) -> _Place | None:
+        """Return where the students lie beside each other; None if it is one submission."""
+        if shape is Shape.EACH:
+            return place
+        for _ in range(_MOST_WRAPPERS):
+            entries = place.entries
+            decided = self._is_collection(place, entries)
+            if decided is not None:
+                return place if decided else None
+            if list(entries.values()) != [True]:
+                break
+            place = place.below(next(iter(entries)))
+        return None
+
+    def _is_collection(self, place: _Place, entries: Mapping[str, bool]) -> bool | None:
+        """Apply the rules that are stated above; None if none applies."""
+        if recognised(entries) is not None:
+            return True
+        folders = [name for name, folder in entries.items() if folder]
+        held = {name: self._artifacts(place.below(name).files) for name in folders}
+        sections = {name for name in folders if _SECTION.fullmatch(name) and len(entries) > 1}
+        parts = {name for name in folders if _PART.fullmatch(name)} | sections
+        students = [artifacts for name, artifacts in held.items() if name not in parts]
+        archives = [name for name, folder in entries.items() if not folder and is_packed(name)]
+        if place.is_repository or self._artifacts(name for name, folder in entries.items() if not folder):
+            return False
+        if any(count > 1 for count in Counter(chain.from_iterable(students)).values()):
+            return True
+        if _PACKAGE_MARKS & set(entries) or any(held[name] for name in parts):
+            return False
+        if len(archives) > 1 or (_COLLECTION.search(place.name) and (folders or archives)):
+            return True
+        if archives and any(students):
+            return not any(name.lower().startswith("readme") for name in entries)
+        return None
+
+    def _artifacts(self, files: Iterable[str]) -> frozenset[str]:
+        names = {PurePosixPath(file).name for file in files}
+        return frozenset(artifact for artifact, wanted in self._wanted.items() if wanted & names)
+
+    # -- what is found -----------------------------------------------------------------------------
+
+    def _add(self, handed: Handed, name: str) -> None:
+        self.submissions.append(replace(handed, name=_safe_name(name)))
+
+    def _add_each(self, place: _Place) -> None:
+        before = len(self.submissions)
+        for name, folder in place.entries.items():
+            if folder and not any(file.endswith(_RESULT) for file in place.below(name).files):
+                self._add(_handed(place.below(name), place.piece(name)), name)
+                self._name_clone(place, name)
+            elif not folder and is_packed(name):
+                handed = Handed("", (place.piece(name, is_folder=False),), where=f"{place.where}: {displayed(name)}")
+                self._add(handed, without_archive_suffix(name))
+            elif not folder and PurePosixPath(name).suffix.lower() not in _TABLES:
+                self.not_understood.append(f"{place.where}: {displayed(name)}: neither a folder nor an archive")
+        count = len(self.submissions) - before
+        self.understood.append(f"{place.where}: {count:,} submission{'' if count == 1 else 's'}")
+
+    def _name_clone(self, place: _Place, name: str) -> None:
+        """Note the user name in what GitHub Classroom calls `lab-09-submissions/lab-09-alice`."""
+        assignment = place.name.removesuffix("-submissions")
+        if assignment != place.name and name.startswith(f"{assignment}-"):
+            self.submissions[-1] = replace(self.submissions[-1], student_id=name[len(assignment) + 1 :])
+
+    def _add_download(self, place: _Place, system: str, known: Mapping[str, Delivered]) -> None:
+        students: dict[tuple[str, str], dict[str, Delivered]] = defaultdict(dict)
+        for entry, is_a_folder in place.entries.items():
+            if entry in known:
+                students[known[entry].student, known[entry].student_id][entry] = known[entry]
+            elif is_a_folder or PurePosixPath(entry).suffix.lower() not in _TABLES:
+                self.not_understood.append(f"{place.where}: {displayed(entry)}: not named as {system} names files")
+        for (student, student_id), entries in students.items():
+            handed = self._delivered(place, entries)
+            named = student if student == student_id else f"{student}_{student_id}"
+            told = f"{place.where}: {displayed(named)}"
+            self._add(replace(handed, student=student, student_id=student_id, where=told), named)
+        count = len(students)
+        self.understood.append(f"{place.where}: {system}'s download of {count:,} submission{'' if count == 1 else 's'}")
+
+    def _delivered(self, place: _Place, entries: Mapping[str, Delivered]) -> Handed:
+        """Put together what one student has handed in: of several attempts, the last."""
+        times = [told.attempt_at for told in entries.values() if told.attempt_at is not None]
+        last = max(times, default=None)
+        for entry, told in entries.items():
+            if told.attempt_at != last:
+                self.not_understood.append(f"{place.where}: {displayed(entry)}: an earlier attempt")
+        counted = {entry: told for entry, told in entries.items() if told.attempt_at == last}
+        names = Counter(name for told in counted.values() for name in {told.file, told.again})
+        pieces = []
+        folders = place.entries
+        for entry, told in counted.items():
+            if told.file:
+                name = told.again if told.again and names[told.again] == 1 else told.file
+                pieces.append(place.piece(entry, is_folder=False, name=name))
+            elif folders[entry]:
+                pieces.append(place.piece(entry))
+        return Handed("", tuple(pieces), submitted_at=last, late=any(told.late for told in entries.values()))
+
+
+#: By this, the results of an earlier grading are known.
+_RESULT = "recordings/submission.json"
+
+
+def _wanted_names(rubric: Rubric) -> dict[str, frozenset[str]]:
+    """Return the names of files that the rubric asks for, by artifact; patterns only if there is nothing else."""
+    wanted = {}
+    for artifact, spec in rubric.artifacts.items():
+        names = (PurePosixPath(pattern).name for pattern in (spec.file, *spec.find))
+        wanted[artifact] = frozenset(name for name in names if not re.search(r"[*?\[]", name))
+    return wanted
+
+
+def _handed(place: _Place, piece: Piece) -> Handed:
+    time = None
+    if place.within is None:
+        folders = [name for name, folder in place.entries.items() if folder]
+        inner = [place.path / folders[0]] if len(folders) == 1 else []
+        time = next((found for folder in (place.path, *inner) if (found := last_commit_time(folder))), None)
+    return Handed("", (piece,), submitted_at=time, where=place.where)
+
+
+# -- names -----------------------------------------------------------------------------------------
+
+
+def _safe_name(text: str) -> str:
+    """Return a name for a folder of results: letters, marks and numbers of any script, and `-_.+@`."""
+    composed = unicodedata.normalize("NFC", text[:1000].encode("utf-8", "replace").decode())
+    kept = "".join(c if c in "-_.+@" or unicodedata.category(c)[0] in "LMN" else "_" for c in composed)
+    name = re.sub(r"__+", "_", kept).strip("._- ")
+    if len(name.encode()) > _MOST_NAME_BYTES:
+        cut = name.encode()[: _MOST_NAME_BYTES - 7].decode("utf-8", "ignore")
+        name = f"{cut}-{_mark(text)}"
+    return name or f"submission-{_mark(text)}"
+
+
+def _mark(text: str) -> str:
+    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()[:6]
+
+
+def _origin(handed: Handed) -> str:
+    """Return where a submission's pieces lie; the same however the path was typed."""
+    return "\n".join(f"{os.path.realpath(piece.path)}\n{piece.member}" for piece in handed.pieces)
+
+
+def _uniquely_named(submissions: Sequence[Handed]) -> list[Handed]:
+    """Drop what was given twice, and tell those of the same name apart."""
+    distinct = list({(_origin(handed), handed.name): handed for handed in reversed(submissions)}.values())[::-1]
+    names = Counter(handed.name.casefold() for handed in distinct)
+    return [
+        replace(handed, name=f"{handed.name}-{_mark(_origin(handed))}") if names[handed.name.casefold()] > 1 else handed
+        for handed in distinct
+    ]
+
+
+def _with_class_list(submissions: Sequence[Handed], listed: Sequence[Listed]) -> tuple[list[Handed], tuple[str, ...]]:
+    """Add what a class list knows; returns who is missing, too."""
+    known: dict[str, Listed] = {}
+    for student in listed:
+        for key in (student.student_id, student.name):
+            if key:
+                known.setdefault(_key(key), student)
+    completed, there = [], set()
+    for handed in submissions:
+        keys = (_key(key) for key in (handed.student_id, handed.student, handed.name) if key)
+        found = next((known[key] for key in keys if key in known), None)
+        if found is not None:
+            there.add(id(found))
+            student_id = found.student_id or handed.student_id
+            handed = replace(handed, student_id=student_id, submitted_at=found.submitted_at or handed.submitted_at)
+        completed.append(handed)
+    return completed, tuple(displayed(s.name or s.student_id or "") for s in listed if id(s) not in there)
+
+
+def _key(text: str) -> str:
+    return _safe_name(text).casefold()

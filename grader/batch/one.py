@@ -1,0 +1,174 @@
+"""One submission in a process of its own, so that nothing it holds can end the grading of the others.
+
+Started with an `Order` in a file. On its standard output it asks for turns and tells its progress, in lines of
+JSON; on its standard input it reads the numbers of the turns that are granted. The first turn it has already.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import resource
+import signal
+import sys
+import threading
+import traceback
+from collections.abc import AsyncIterator, Iterator
+from concurrent.futures import Future, InvalidStateError
+from contextlib import asynccontextmanager, contextmanager, suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from grader import pipeline
+from grader.batch.order import Graded, NotGraded, Order
+from grader.exporting import write_exports
+from grader.live.cells import Progress
+from grader.live.turns import Shared
+from grader.recording.submission import read_submission, write_submission
+from grader.report import json as result_json
+from grader.rubric import SessionSpec
+
+#: What reading and judging a submission may take of the address space; some 0.7 GiB suffice.
+_MOST_MEMORY_BYTES = 4 * 1024**3
+#: Number of the turn that this process starts with.
+FIRST_TURN = 0
+
+
+def main(argv: list[str]) -> int:
+    """Carry out an order; returns the exit status."""
+    turns = _TurnsByPipe()
+    try:
+        order = Order.read(Path(argv[0]))
+        ending = _carry_out(order, turns).to_plain()
+        say({"ending": "graded", **ending})
+    except Exception as error:
+        traceback.print_exc()
+        say({"ending": "not graded", **NotGraded.from_error(error).to_plain()})
+    return 0
+
+
+def _carry_out(order: Order, turns: _TurnsByPipe) -> Graded:
+    # What others want of a result is written once, at the end: that is no work for while sessions are timed.
+    options, exports = replace(order.options, exports=()), order.options.exports
+    if order.judge_only:
+        with turns.work("judging"):
+            _state_submission_time(order)
+            result = pipeline.judge_results(order.results, order.rubric, options.overrides)
+    else:
+        assert order.isolation is not None
+        shared = Shared(turns, order.isolation)
+        result = pipeline.grade(order.handed, order.rubric, order.results, options, _tell, shared)
+    write_exports(exports, result_json.to_plain(result), order.results, options.path_prefix)
+    make_durable(order.results)
+    return Graded(result.final, result.score.possible, result.score.undecided)
+
+
+def _state_submission_time(order: Order) -> None:
+    recordings = order.results / pipeline.RECORDINGS
+    record = read_submission(recordings)
+    if record.submitted_at != order.submitted_at:
+        record.submitted_at = order.submitted_at
+        write_submission(recordings, record)
+
+
+def say(message: dict[str, Any]) -> None:
+    """Tell the process that started this one."""
+    os.write(sys.stdout.fileno(), (json.dumps(message) + "\n").encode())
+
+
+def _tell(progress: Progress) -> None:
+    told = {"session": progress.session, "text": progress.text[:200], "step": progress.step, "steps": progress.steps}
+    say({**told, "ended": progress.ended})
+
+
+def make_durable(folder: Path) -> None:
+    """Bring a folder with all that is in it to the disk, so that it is whole even after a loss of power."""
+    for path in [*folder.rglob("*"), folder]:
+        file = os.open(path, os.O_RDONLY | os.O_NOFOLLOW)
+        try:
+            os.fsync(file)
+        finally:
+            os.close(file)
+
+
+class _TurnsByPipe:
+    """Turns that another process grants.
+
+    The last turn is kept while nothing else is asked for, and what is asked for is asked before it is given back.
+    So a submission that has begun goes before the next one, and one whose sessions have ended is judged at once.
+    """
+
+    def __init__(self) -> None:
+        self._granted: dict[int, Future[None]] = {}
+        self._asked = FIRST_TURN
+        self._kept: int | None = FIRST_TURN
+        self._waiting = 0
+        self._cells = 0
+        self._limit = resource.getrlimit(resource.RLIMIT_AS)
+        self._limit_memory()
+        threading.Thread(target=self._read, daemon=True).start()
+
+    @asynccontextmanager
+    async def cell(self, spec: SessionSpec, *, alone: bool) -> AsyncIterator[None]:
+        """Hold a turn for a session."""
+        number = self._ask("cell", session=spec.id, alone=alone)
+        self._waiting += 1
+        try:
+            # All sessions that can run now are asked for before the turn that is held goes to anyone else.
+            await asyncio.sleep(0)
+            self._free_kept()
+            await asyncio.wrap_future(self._granted[number])
+        finally:
+            self._waiting -= 1
+        self._cells += 1
+        self._limit_memory()
+        try:
+            yield
+        finally:
+            self._cells -= 1
+            self._limit_memory()
+            if self._cells or self._waiting:
+                say({"free": number})
+            else:
+                self._kept = number
+
+    @contextmanager
+    def work(self, what: str) -> Iterator[None]:
+        """Hold a turn for work of this process."""
+        if self._kept is None:
+            self._kept = self._ask("work", what=what)
+            self._granted[self._kept].result()
+        else:
+            say({"now": self._kept, "what": what})
+        yield
+
+    def _free_kept(self) -> None:
+        if self._kept is not None:
+            say({"free": self._kept})
+            self._kept = None
+
+    def _ask(self, kind: str, **more: Any) -> int:
+        self._asked += 1
+        self._granted[self._asked] = Future()
+        say({"ask": self._asked, "for": kind, **more})
+        return self._asked
+
+    def _read(self) -> None:
+        for line in sys.stdin:
+            with suppress(InvalidStateError):  # It was given up meanwhile.
+                self._granted[int(line)].set_result(None)
+        # Nobody is left to ask: end as on request, which removes what is half done.
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    def _limit_memory(self) -> None:
+        """Limit this process, but not the cells that it starts, which have limits of their own."""
+        soft, hard = self._limit
+        if not self._cells and (soft == resource.RLIM_INFINITY or soft > _MOST_MEMORY_BYTES):
+            soft = _MOST_MEMORY_BYTES
+        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,174 @@
+"""The terminal's view of a class while it is graded, and the table at its end."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Sequence
+from decimal import Decimal
+from pathlib import Path
+from types import TracebackType
+
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
+
+from grader.batch.order import Graded, NotGraded
+from grader.batch.run import Row
+from grader.batch.supervised import Phase
+from grader.report.plain import terminal_text
+from grader.report.terminal import points_text
+
+_NAME_WIDTH = 40
+_PROBLEM_WIDTH = 200
+_SHOWN_ENDED = 6
+
+
+class ClassProgress:
+    """What is done, what runs and in which phase, what waits, and how long it will take.
+
+    On a terminal in place; elsewhere, as in a CI job, a line when a submission ends.
+
+    Parameters
+    ----------
+    at_a_time : int
+        Sessions side by side, for the first estimate of the time.
+    """
+
+    def __init__(self, console: Console, at_a_time: int) -> None:
+        self._console = console
+        self._began_s = time.monotonic()
+        self._speed = float(at_a_time)
+        self._work_s: dict[str, float] = {}
+        self._done_s = 0.0
+        self._phases: dict[str, dict[str, str]] = {}
+        self._ended: deque[Text] = deque(maxlen=_SHOWN_ENDED)
+        self._count = {"done": 0, "reused": 0, "not graded": 0}
+        self._live = Live(console=console, refresh_per_second=4, get_renderable=self.view, transient=True)
+
+    def __enter__(self) -> ClassProgress:
+        if self._console.is_terminal:
+            self._live.__enter__()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._console.is_terminal:
+            self._live.__exit__(kind, value, trace)
+
+    def expect(self, name: str, work_s: float) -> None:
+        """Take note of a submission that is to be graded."""
+        self._work_s[name] = work_s
+
+    def phase(self, name: str, phase: Phase) -> None:
+        """Take note of what a submission is doing."""
+        phases = self._phases.setdefault(name, {})
+        if phase.session:
+            phases.pop("", None)  # The grader's own work comes before or after all sessions.
+        if phase.ended:
+            phases.pop(phase.session, None)
+        else:
+            phases[phase.session] = phase.text
+
+    def ended(self, row: Row) -> None:
+        """Take note that a submission needs no more."""
+        name = row.handed.name
+        self._phases.pop(name, None)
+        self._done_s += self._work_s.pop(name, 0.0)
+        self._count["done"] += 1
+        if row.reused:
+            self._count["reused"] += 1
+            return
+        if isinstance(row.ending, NotGraded):
+            self._count["not graded"] += 1
+        line = _line(row)
+        self._ended.append(line)
+        if not self._console.is_terminal:
+            done, whole = self._count["done"], self._count["done"] + len(self._work_s)
+            self._console.print(Text(f"[{done}/{whole}] ").append(line), soft_wrap=True, highlight=False)
+
+    def note(self, text: str) -> None:
+        """Tell something about the run as a whole."""
+        self._console.print(Text(terminal_text(text), "yellow"), soft_wrap=True)
+
+    # -- what is shown ------------------------------------------------------------------------
+
+    def view(self) -> RenderableType:
+        """Return what the terminal shows."""
+        table = Table.grid(padding=(0, 2))
+        table.add_column(no_wrap=True, max_width=_NAME_WIDTH)
+        table.add_column(no_wrap=True, overflow="ellipsis")
+        for name, phases in self._phases.items():
+            doing = " · ".join(f"{session}: {text}" if session else text for session, text in phases.items())
+            table.add_row(Text(terminal_text(name, _NAME_WIDTH)), Text(terminal_text(doing, 300), "dim"))
+        done, left = self._count["done"], len(self._work_s)
+        bar = ProgressBar(total=max(1, done + left), completed=done, width=40)
+        return Group(*self._ended, Text(""), self._headline(), bar, table)
+
+    def _headline(self) -> Text:
+        waiting = len(self._work_s) - len(self._phases)
+        parts = [f"{self._count['done']} of {self._count['done'] + len(self._work_s)} submissions done"]
+        parts += [f"{self._count['reused']} as before"] if self._count["reused"] else []
+        parts += [f"{self._count['not graded']} not graded"] if self._count["not graded"] else []
+        parts += [f"{len(self._phases)} under way", f"{waiting} in the queue", f"about {self._time_left()} left"]
+        return Text(" · ".join(parts), "bold")
+
+    def _time_left(self) -> str:
+        """Estimate the time left: by the speed so far, as soon as there is one."""
+        elapsed_s = time.monotonic() - self._began_s
+        speed = self._done_s / elapsed_s if self._done_s and elapsed_s > 0 else self._speed
+        left_s = sum(self._work_s.values()) / speed
+        return f"{left_s / 60:.0f} min" if left_s >= 90 else f"{left_s:.0f} s"
+
+
+def _line(row: Row) -> Text:
+    name = terminal_text(row.handed.name, _NAME_WIDTH)
+    if isinstance(row.ending, NotGraded):
+        return Text(f"✗ {name}: not graded: {_problem(row.ending, row.handed.name)}", "red")
+    undecided = f", {points_text(row.ending.undecided)} undecided" if row.ending.undecided else ""
+    points = f"{points_text(row.ending.earned)} / {points_text(row.ending.possible)}"
+    return Text(f"✓ {name}: {points}{undecided} ({row.took_s:.0f} s)")
+
+
+def _problem(ending: NotGraded, name: str) -> str:
+    where = f"{ending.where}: " if ending.where and Path(ending.where).name != name else ""
+    return terminal_text(f"{where}{ending.problem}", _PROBLEM_WIDTH)
+
+
+def print_class(console: Console, rows: Sequence[Row]) -> None:
+    """Print the points of a class, a line each, and below them what needs a person."""
+    table = Table(box=None, padding=(0, 2, 0, 0))
+    table.add_column("submission", overflow="fold")
+    table.add_column("points", justify="right", no_wrap=True)
+    table.add_column("undecided", justify="right", no_wrap=True)
+    for row in rows:
+        name = Text(terminal_text(row.handed.name, _NAME_WIDTH))
+        if isinstance(row.ending, Graded):
+            undecided = Text(points_text(row.ending.undecided) if row.ending.undecided else "", "magenta")
+            points = f"{points_text(row.ending.earned)} / {points_text(row.ending.possible)}"
+            table.add_row(name, points, undecided)
+        else:
+            table.add_row(name, Text("not graded", "red"), "")
+    console.print(table)
+    for row in rows:
+        if isinstance(row.ending, NotGraded):
+            shown = terminal_text(row.handed.name, _NAME_WIDTH)
+            console.print(Text(f"{shown}: not graded: {_problem(row.ending, row.handed.name)}", "red"), soft_wrap=True)
+            if row.ending.remedy:
+                console.print(Text(f"  → {terminal_text(row.ending.remedy)}", "cyan"), soft_wrap=True)
+
+
+def summary(rows: Sequence[Row]) -> str:
+    """Return a sentence on the rows."""
+    graded = [row.ending for row in rows if isinstance(row.ending, Graded)]
+    parts = [f"{len(graded)} graded"]
+    parts += [f"{reused} of them as before"] if (reused := sum(row.reused for row in rows)) else []
+    parts += [f"{undecided} with undecided points"] if (undecided := sum(bool(g.undecided) for g in graded)) else []
+    parts += [f"{missing} not graded"] if (missing := len(rows) - len(graded)) else []
+    if graded:
+        mean = sum((g.earned for g in graded), Decimal(0)) / len(graded)
+        parts.append(f"mean {mean:.1f} points")
+    return ", ".join(parts)

@@ -1,0 +1,250 @@
+"""A class's recordings judged again, side by side: first what would change, then, if wanted, the new results.
+
+No result is touched before all have been judged.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from grader import pipeline
+from grader.batch.audit import Occasion, note_replaced, read_result, text_of
+from grader.batch.order import NotGraded
+from grader.cohort.changes import Changes, changes_between
+from grader.cohort.overrides import Overrides
+from grader.errors import GraderError, RecordingError
+from grader.judging import open_recordings
+from grader.report import json as result_json
+from grader.rubric import Rubric
+
+#: Below so many submissions, starting processes takes longer than judging here.
+_WORTH_PROCESSES = 8
+_NEW = ".new"
+_FILES = (pipeline.REPORT_FILE, pipeline.RESULT_FILE)
+
+#: What to judge by: a rubric, and what people decided.
+Measure = tuple[Rubric, Overrides]
+
+
+def is_class(folder: Path) -> bool:
+    """Whether a folder holds results of submissions, and is not itself those of one."""
+    return not (folder / pipeline.RECORDINGS).is_dir() and bool(recorded_in(folder))
+
+
+def recorded_in(results: Path) -> list[Path]:
+    """Return the folders of the submissions that were recorded, in the order of their names."""
+    if not results.is_dir():
+        return []
+    return sorted(p for p in results.iterdir() if not p.name.startswith(".") and (p / pipeline.RECORDINGS).is_dir())
+
+
+@dataclass(frozen=True)
+class Rejudging:
+    """What judging a class again comes to.
+
+    Attributes
+    ----------
+    changes : mapping
+        Name of the submission's folder -> what changes for it.
+    failed : mapping
+        Name of the submission's folder -> why it could not be judged.
+    overrides : Overrides
+        What was applied.
+    late : bool
+        Whether a rubric says what lateness costs.
+    """
+
+    results: Path
+    changes: Mapping[str, Changes]
+    failed: Mapping[str, NotGraded]
+    overrides: Overrides
+    late: bool
+
+    def apply(self, occasion: Occasion) -> None:
+        """Put the new results, which were prepared, in place of the old, and note it in the trail."""
+        for name in self.changes:
+            folder = self.results / name
+            before = text_of(folder / pipeline.RESULT_FILE)
+            after = (folder / (pipeline.RESULT_FILE + _NEW)).read_text(encoding="utf-8")
+            for file in _FILES:
+                (folder / (file + _NEW)).replace(folder / file)
+            note_replaced(self.results, name, before, after, occasion)
+
+    def remarks(self) -> list[str]:
+        """Say which overrides do nothing: those of no submission, and those of times where no time matters."""
+        names = [changes.submission for changes in self.changes.values()]
+        return self.overrides.remarks([*names, *self.failed], times_matter=self.late)
+
+
+def rejudge(
+    results: Path,
+    rubric: Path | None,
+    overrides: Path | None,
+    *,
+    prepare: bool,
+    jobs: int | None = None,
+    on_judged: Callable[[str], None] = lambda name: None,
+) -> Rejudging:
+    """Judge all recordings of a class again.
+
+    Parameters
+    ----------
+    rubric : Path or None
+        By default, each is judged by the rubric that it was recorded with.
+    overrides : Path or None
+        By default `overrides.yaml` in the folder, if there is one.
+    prepare : bool
+        Whether to write the new results beside the old, for `Rejudging.apply`.
+    jobs : int, optional
+        Processes side by side; as many as there are cores by default.
+
+    Raises
+    ------
+    RubricError
+        If the rubric given, or the overrides, cannot be used.
+    RecordingError
+        If there is nothing to judge.
+    """
+    folders = recorded_in(results)
+    if not folders:
+        raise RecordingError(
+            "there are no recordings to judge",
+            where=str(results),
+            remedy="Give a folder of results, e.g. results/ for a class or results/alice for one submission.",
+        )
+    measures, chosen, failed = _measures(results, folders, rubric, overrides)
+    changes: dict[str, Changes] = {}
+    try:
+        for name, ending in _judged(measures, chosen, prepare, jobs):
+            if isinstance(ending, Changes):
+                changes[name] = ending
+            else:
+                failed[name] = ending
+            on_judged(name)
+    except BaseException:
+        _discard(folders)
+        raise
+    by_name = [folder.name for folder in folders]
+    return Rejudging(
+        results,
+        {name: changes[name] for name in by_name if name in changes},
+        {name: failed[name] for name in by_name if name in failed},
+        next((overrides for _, overrides in measures.values()), Overrides()),
+        any(rubric.policy.late is not None for rubric, _ in measures.values()),
+    )
+
+
+def _discard(folders: Sequence[Path]) -> None:
+    """Remove what was prepared."""
+    for folder in folders:
+        for file in _FILES:
+            (folder / (file + _NEW)).unlink(missing_ok=True)
+
+
+def _measures(
+    results: Path, folders: Sequence[Path], rubric: Path | None, overrides: Path | None
+) -> tuple[dict[str, Measure], dict[Path, str], dict[str, NotGraded]]:
+    """Load each rubric once: all of them by their text, which one each folder is judged by, and which cannot be."""
+    measures: dict[str, Measure] = {}
+    chosen: dict[Path, str] = {}
+    failed: dict[str, NotGraded] = {}
+    if rubric is not None:
+        whole = pipeline.read_rubric(rubric)
+        measures[""] = whole, pipeline.read_overrides(overrides, results, whole)
+        return measures, dict.fromkeys(folders, ""), failed
+    for folder in folders:
+        try:
+            copy = pipeline.rubric_copy(folder)
+            text = copy.read_text(encoding="utf-8")
+            if text not in measures:
+                own = pipeline.read_rubric(copy)
+                measures[text] = own, Overrides()
+            chosen[folder] = text
+        except (GraderError, OSError, UnicodeDecodeError) as error:
+            failed[folder.name] = NotGraded.from_error(error)
+    for text, (own, _) in measures.items():
+        measures[text] = own, pipeline.read_overrides(overrides, results, own)
+    return measures, chosen, failed
+
+
+def _judged(
+    measures: Mapping[str, Measure], chosen: Mapping[Path, str], prepare: bool, jobs: int | None
+) -> Iterator[tuple[str, Changes | NotGraded]]:
+    """Judge each folder by its rubric, in any order."""
+    workers = min(jobs or _cores(), len(chosen))
+    if workers < 2 or len(chosen) < _WORTH_PROCESSES:
+        _begin(measures)
+        for folder, key in chosen.items():
+            yield folder.name, _judge(folder, key, prepare)
+        return
+    # A new interpreter each: a copy of this process would share its threads' locks.
+    context = multiprocessing.get_context("spawn")
+    with _one_thread_each(), ProcessPoolExecutor(workers, context, _begin_worker, (dict(measures),)) as pool:
+        waiting: dict[Future[Changes | NotGraded], str] = {
+            pool.submit(_judge, folder, key, prepare): folder.name for folder, key in chosen.items()
+        }
+        try:
+            for done in as_completed(waiting):
+                yield waiting[done], done.result()
+        except BrokenProcessPool as error:
+            raise GraderError(
+                "a process that judges ended without a word", remedy="Judge again with -j 1, to see which it is."
+            ) from error
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+_by: Mapping[str, Measure] = {}
+
+
+def _begin(measures: Mapping[str, Measure]) -> None:
+    global _by
+    _by = measures
+
+
+def _begin_worker(measures: Mapping[str, Measure]) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asked.
+    _begin(measures)
+
+
+def _judge(folder: Path, key: str, prepare: bool) -> Changes | NotGraded:
+    """Judge one folder; returns what changes."""
+    rubric, overrides = _by[key]
+    try:
+        recordings = open_recordings(folder / pipeline.RECORDINGS, rubric)
+        result = pipeline.judge_with_policy(recordings, rubric, overrides)
+        text = result_json.render(result)
+        if prepare:
+            page = pipeline.report_page(result, recordings, rubric)
+            pipeline.replace_file(folder / (pipeline.REPORT_FILE + _NEW), page)
+            pipeline.replace_file(folder / (pipeline.RESULT_FILE + _NEW), text)
+        return changes_between(read_result(text_of(folder / pipeline.RESULT_FILE)), read_result(text) or {})
+    except Exception as error:  # One that cannot be judged does not keep the others from it.
+        return NotGraded.from_error(error)
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Keep the linear algebra of each new process to one thread; the cores are taken by the processes."""
+    name = "OPENBLAS_NUM_THREADS"
+    before = os.environ.get(name)
+    os.environ[name] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[name]
+        else:
+            os.environ[name] = before

@@ -1,0 +1,305 @@
+"""A class judged again: the same bytes as one by one, nothing written before it is wanted, and the trail."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from grader import pipeline
+from grader.batch.audit import AUDIT_FILE, HISTORY, Occasion, note_replaced
+from grader.batch.rejudging import is_class, recorded_in, rejudge
+from grader.errors import RecordingError, RubricError
+
+ROOT = Path(__file__).resolve().parents[2]
+SHIPPED = pipeline.lab_folder() / "rubric.yaml"
+NAMES = ("alice", "bob", "carol")
+AT = datetime(2026, 11, 21, 10, tzinfo=timezone.utc)
+OCCASION = Occasion(AT, "regrade", "0" * 64)
+WHY = "reason: it was so, who: J. Smith, when: 2026-11-21"
+
+
+def add(results: Path, name: str, recording: str = "missing_service_file", **facts: Any) -> Path:
+    """Add a submission with kept recordings to a class."""
+    folder = results / name
+    shutil.copytree(ROOT / "tests/recordings" / recording, folder / pipeline.RECORDINGS)
+    shutil.copy(SHIPPED, folder / pipeline.RECORDINGS / pipeline.RUBRIC_COPY)
+    path = folder / pipeline.RECORDINGS / "submission.json"
+    path.write_text(json.dumps({**json.loads(path.read_text(encoding="utf-8")), "name": name, **facts}))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def judged(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Lay out a class of three with their results, once."""
+    folder = tmp_path_factory.mktemp("judged")
+    for name in NAMES:
+        pipeline.regrade(add(folder, name), None)
+    return folder
+
+
+@pytest.fixture
+def results(judged: Path, tmp_path: Path) -> Path:
+    """Give a copy of the class of three."""
+    return Path(shutil.copytree(judged, tmp_path / "results"))
+
+
+@pytest.fixture
+def stricter(tmp_path: Path) -> Path:
+    """Write a rubric that asks for another rate."""
+    return rewritten(tmp_path, "rate_hz: 100, full_within", "rate_hz: 50, full_within")
+
+
+def rewritten(folder: Path, old: str, new: str) -> Path:
+    """Write the lab's rubric with a change."""
+    text = SHIPPED.read_text(encoding="utf-8")
+    assert old in text
+    (folder / "new.yaml").write_text(text.replace(old, new), encoding="utf-8")
+    return folder / "new.yaml"
+
+
+def files(results: Path) -> dict[str, bytes]:
+    """Give all files of a class by their paths."""
+    return {str(p.relative_to(results)): p.read_bytes() for p in sorted(results.rglob("*")) if p.is_file()}
+
+
+def trail(results: Path) -> list[dict[str, Any]]:
+    """Give the lines of the trail."""
+    path = results / AUDIT_FILE
+    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+
+
+# -- which folders ---------------------------------------------------------------------------------
+
+
+def test_a_class_is_a_folder_of_recorded_submissions(results: Path) -> None:
+    """A submission's own folder is no class, and neither is one without recordings."""
+    assert is_class(results)
+    assert not is_class(results / "alice")
+    assert not is_class(results / "alice" / pipeline.RECORDINGS)
+    assert not is_class(results.parent / "none")
+    (results / "history").mkdir()
+    (results / ".partial" / pipeline.RECORDINGS).mkdir(parents=True)
+    assert [folder.name for folder in recorded_in(results)] == list(NAMES)
+
+
+def test_nothing_to_judge(tmp_path: Path) -> None:
+    """A folder without recordings is an error that says what to give."""
+    with pytest.raises(RecordingError, match="no recordings"):
+        rejudge(tmp_path, None, None, prepare=False)
+
+
+# -- what would change -----------------------------------------------------------------------------
+
+
+def test_a_look_writes_nothing(results: Path, stricter: Path) -> None:
+    """Without preparing, all files are as they were, and the changes are known."""
+    before = files(results)
+    found = rejudge(results, stricter, None, prepare=False)
+    assert files(results) == before
+    assert {name: changes.difference for name, changes in found.changes.items()} == dict.fromkeys(NAMES, -6)
+    assert found.failed == {}
+
+
+def test_the_same_rubric_changes_nothing(results: Path) -> None:
+    """Judged by the rubric that it was recorded with, each is as it was."""
+    found = rejudge(results, None, None, prepare=False)
+    assert not any(changes.matters or changes.words for changes in found.changes.values())
+
+
+def test_applying_writes_what_single_regrading_writes(results: Path, stricter: Path) -> None:
+    """Results and reports are byte for byte those of judging each by itself; nothing prepared is left."""
+    found = rejudge(results, stricter, None, prepare=True)
+    found.apply(OCCASION)
+    as_class = files(results)
+    for name in NAMES:
+        pipeline.regrade(results / name, stricter)
+    assert files(results) == as_class
+    assert not [path for path in as_class if path.endswith(".new")]
+
+
+def test_processes_side_by_side_find_the_same(results: Path, stricter: Path) -> None:
+    """Whether here or in other processes, the changes are the same, in the order of the names."""
+    for number in range(6):
+        add(results, f"d{number}", "wrong_topic")
+    alone = rejudge(results, stricter, None, prepare=False, jobs=1)
+    judged: list[str] = []
+    together = rejudge(results, stricter, None, prepare=False, jobs=2, on_judged=judged.append)
+    assert together == alone
+    assert list(together.changes) == sorted(judged)
+    assert len(judged) == 9
+
+
+def test_one_that_cannot_be_judged_does_not_stop_the_others(results: Path, stricter: Path) -> None:
+    """A damaged recording keeps its old result, and is told with its exit status."""
+    old = (results / "bob" / pipeline.RESULT_FILE).read_bytes()
+    (results / "bob" / pipeline.RECORDINGS / "publisher/session.json").write_text("{")
+    found = rejudge(results, stricter, None, prepare=True)
+    found.apply(OCCASION)
+    assert list(found.changes) == ["alice", "carol"]
+    assert {name: failed.exit_status for name, failed in found.failed.items()} == {"bob": 6}
+    assert (results / "bob" / pipeline.RESULT_FILE).read_bytes() == old
+
+
+def test_one_without_its_rubric_needs_another(results: Path, stricter: Path) -> None:
+    """Recordings without a copy of the rubric cannot be judged by it, but by one that is given."""
+    (results / "bob" / pipeline.RECORDINGS / pipeline.RUBRIC_COPY).unlink()
+    assert list(rejudge(results, None, None, prepare=False).failed) == ["bob"]
+    assert rejudge(results, stricter, None, prepare=False).failed == {}
+
+
+def test_each_is_judged_by_its_own_rubric(results: Path, stricter: Path) -> None:
+    """Where the copies differ, each folder's counts."""
+    shutil.copy(stricter, results / "carol" / pipeline.RECORDINGS / pipeline.RUBRIC_COPY)
+    found = rejudge(results, None, None, prepare=False)
+    assert {name: changes.difference for name, changes in found.changes.items()} == {"alice": 0, "bob": 0, "carol": -6}
+
+
+def test_a_broken_rubric_is_told_before_anything_is_judged(results: Path, tmp_path: Path) -> None:
+    """All its mistakes are known, and no file has changed."""
+    before = files(results)
+    broken = rewritten(tmp_path, "check: topic_rate", "check: topic_rat")
+    with pytest.raises(RubricError):
+        rejudge(results, broken, None, prepare=True)
+    assert files(results) == before
+
+
+def test_an_interruption_leaves_nothing_prepared(results: Path, stricter: Path) -> None:
+    """Ctrl-C on the way leaves all files as they were."""
+    before = files(results)
+
+    def interrupt(name: str) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        rejudge(results, stricter, None, prepare=True, on_judged=interrupt)
+    assert files(results) == before
+
+
+# -- overrides -------------------------------------------------------------------------------------
+
+
+def test_decisions_survive_every_regrade(results: Path, stricter: Path) -> None:
+    """Overrides beside the results are applied whichever rubric judges, one by one and as a class."""
+    (results / "overrides.yaml").write_text(f"overrides:\n  - {{submission: bob, bonus: 2.5, {WHY}}}\n")
+    for rubric in (None, stricter, None):
+        found = rejudge(results, rubric, None, prepare=True)
+        found.apply(OCCASION)
+        plain = json.loads((results / "bob" / pipeline.RESULT_FILE).read_text())
+        assert plain["score"]["final"] == plain["score"]["earned"] + 2.5
+        assert [a["kind"] for a in plain["adjustments"]] == ["bonus"]
+        assert pipeline.regrade(results / "bob", rubric).final == found.changes["bob"].after
+    assert json.loads((results / "alice" / pipeline.RESULT_FILE).read_text())["adjustments"] == []
+
+
+def test_another_file_of_decisions(results: Path, tmp_path: Path) -> None:
+    """The file that is given counts, not the one beside the results."""
+    (results / "overrides.yaml").write_text(f"overrides:\n  - {{submission: bob, bonus: 2.5, {WHY}}}\n")
+    (tmp_path / "mine.yaml").write_text(f"overrides:\n  - {{submission: alice, bonus: 1, {WHY}}}\n")
+    found = rejudge(results, None, tmp_path / "mine.yaml", prepare=False)
+    assert {name: changes.difference for name, changes in found.changes.items() if changes.matters} == {"alice": 1}
+
+
+def test_decisions_that_do_nothing_are_told(results: Path) -> None:
+    """A name that nobody has, and a time where none matters."""
+    text = f"overrides:\n  - {{submission: bbo, bonus: 1, {WHY}}}\n  - {{submission: bob, extension: 1 day, {WHY}}}\n"
+    (results / "overrides.yaml").write_text(text)
+    remarks = rejudge(results, None, None, prepare=False).remarks()
+    assert remarks[:1] == ["overrides.yaml:2: there is no submission 'bbo'; did you mean 'bob'?"]
+    assert remarks[1].startswith("overrides.yaml:3: ")
+
+
+def test_broken_decisions_are_told_before_anything_is_judged(results: Path) -> None:
+    """A file of overrides with mistakes stops all."""
+    (results / "overrides.yaml").write_text("overrides:\n  - {submission: bob, bonus: 1}\n")
+    with pytest.raises(RubricError, match="3 mistakes"):
+        rejudge(results, None, None, prepare=False)
+
+
+def test_lateness_by_the_recorded_time(tmp_path: Path) -> None:
+    """The time of submission in the record is compared with the rubric's due date."""
+    late = "policy:\n  late: {due: 2026-11-20T23:59:00+01:00, per_day: 10 %}\n\nlab:\n"
+    rubric = rewritten(tmp_path, "lab:\n", late)
+    results = tmp_path / "results"
+    add(results, "alice", "wrong_topic", submitted_at="2026-11-20T22:59:00Z")
+    add(results, "bob", "wrong_topic", submitted_at="2026-11-22T00:00:00+01:00")
+    add(results, "carol", "wrong_topic")
+    rejudge(results, rubric, None, prepare=True).apply(OCCASION)
+    found = {name: json.loads((results / name / pipeline.RESULT_FILE).read_text()) for name in NAMES}
+    earned = found["alice"]["score"]["earned"]
+    assert {name: plain["score"]["final"] for name, plain in found.items()} == {
+        "alice": earned,
+        "bob": round(earned * 0.8, 1),
+        "carol": earned,
+    }
+    assert [a["points"] for a in found["carol"]["adjustments"]] == [0]
+
+
+# -- the trail -------------------------------------------------------------------------------------
+
+
+def test_each_replaced_result_is_kept_and_noted(results: Path, stricter: Path) -> None:
+    """The old file lies under its hash, byte for byte; the line says when, by what, and from what to what."""
+    old = {name: (results / name / pipeline.RESULT_FILE).read_bytes() for name in NAMES}
+    rejudge(results, stricter, None, prepare=True).apply(OCCASION)
+    lines = trail(results)
+    assert [line["submission"] for line in lines] == list(NAMES)
+    for line in lines:
+        name = line["submission"]
+        assert (results / line["kept"]).read_bytes() == old[name]
+        new = (results / name / pipeline.RESULT_FILE).read_bytes()
+        assert line["result_sha256"] == [hashlib.sha256(text).hexdigest() for text in (old[name], new)]
+        assert line["final"][0] - line["final"][1] == 6
+        assert line["checks"]["publisher.rate"]["points"] == [6, 0]
+        assert line["rubric_sha256"][1] == hashlib.sha256(stricter.read_bytes()).hexdigest()
+        assert (line["at"], line["command"]) == ("2026-11-21T10:00:00+00:00", "regrade")
+        assert line["overrides_sha256"] == "0" * 64
+
+
+def test_the_trail_only_grows(results: Path, stricter: Path) -> None:
+    """Going back and forth adds lines, and keeps each old result once."""
+    rejudge(results, stricter, None, prepare=True).apply(OCCASION)
+    first = (results / AUDIT_FILE).read_bytes()
+    for rubric in (None, stricter):
+        rejudge(results, rubric, None, prepare=True).apply(OCCASION)
+    assert (results / AUDIT_FILE).read_bytes().startswith(first)
+    assert len(trail(results)) == 9
+    assert len(list((results / HISTORY / "alice").iterdir())) == 2
+
+
+def test_what_stays_as_it_is_leaves_no_trace(results: Path) -> None:
+    """Judging again without a difference adds nothing to the trail."""
+    rejudge(results, None, None, prepare=True).apply(OCCASION)
+    assert trail(results) == []
+    assert not (results / HISTORY).exists()
+
+
+def test_the_first_result_with_a_decision_is_noted(tmp_path: Path) -> None:
+    """A decision leaves a trace even where no result was there before; a first judgement alone does not."""
+    results = tmp_path / "results"
+    for name in ("alice", "bob"):
+        add(results, name, "wrong_topic")
+    (results / "overrides.yaml").write_text(f"overrides:\n  - {{submission: bob, bonus: 1, {WHY}}}\n")
+    rejudge(results, None, None, prepare=True).apply(OCCASION)
+    (line,) = trail(results)
+    assert (line["submission"], line["final"][0], line["kept"]) == ("bob", None, None)
+    assert line["result_sha256"][0] is None
+
+
+def test_something_else_in_place_of_a_result(results: Path) -> None:
+    """A damaged old file counts as none, and is not kept as a result."""
+    after = (results / "alice" / pipeline.RESULT_FILE).read_text()
+    changes = note_replaced(results, "alice", "\x00{", after, OCCASION)
+    assert changes.before is None
+    assert trail(results) == []
+
+
+def test_a_result_that_is_none_is_refused(results: Path) -> None:
+    """The trail never notes a new result that cannot be read."""
+    with pytest.raises(ValueError, match="no result"):
+        note_replaced(results, "alice", None, "{}", OCCASION)
