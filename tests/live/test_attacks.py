@@ -1,0 +1,398 @@
+"""Every attack of the corpus is graded live, as root, as an ordinary user and in a plain container.
+
+Whatever an attack does, the grader ends by itself, report and result are well-formed, the attack earns no more
+than its honest twin, a submission graded beside it gets what it deserves, and nothing is left behind.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import pwd
+import shutil
+import subprocess
+import sys
+import tempfile
+import unicodedata
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from enum import Enum
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+
+pytest.importorskip("rclpy")
+
+ROOT = Path(__file__).parents[2]
+sys.path.append(str(ROOT))
+
+from grader import pipeline  # noqa: E402
+from grader.intake import Handed  # noqa: E402
+from tests.live.attacks import ESCAPED, SOLUTION, Attack, lay_out, read_corpus  # noqa: E402
+from tests.live.surroundings import Leavings, Surroundings  # noqa: E402
+from tests.report.taken_apart import Page  # noqa: E402
+
+pytestmark = pytest.mark.live
+
+GRADE = Path(sys.executable).parent / "grade"
+SCHEMA = json.loads((ROOT / "grader/report/result.schema.json").read_text(encoding="utf-8"))
+HONEST = "honest"
+#: Attacks that are graded by one command.
+MOST_IN_BATCH = 8
+#: What one submission may take at most, retries included; a grader that takes longer hangs.
+LONGEST_S = 300.0
+#: Folders that every user of a machine may write to.
+SHARED_FOLDERS = (Path("/tmp"), Path("/dev/shm"), Path("/var/tmp"))
+STUDENT_UIDS = range(64100, 64300)
+REFUSED = 3
+
+
+class Environment(str, Enum):
+    """Where the grader runs."""
+
+    ROOT = "root"
+    USER = "user"
+    CONTAINER = "container"
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Attacks that are graded side by side, with an honest submission among them."""
+
+    environment: Environment
+    number: int
+    attacks: tuple[Attack, ...]
+
+    @property
+    def name(self) -> str:
+        """Name of the batch."""
+        return f"{self.environment.value}-{self.number}"
+
+    @property
+    def sessions(self) -> tuple[str, ...]:
+        """The sessions that are run for all of them."""
+        return self.attacks[0].sessions
+
+
+def batches() -> list[Batch]:
+    """Divide the corpus, so that all of a batch need the same sessions."""
+    found: list[Batch] = []
+    for environment in Environment:
+        ordered = sorted(read_corpus(), key=lambda attack: (attack.sessions, attack.name))
+        for _, group in groupby(ordered, key=lambda attack: attack.sessions):
+            attacks = list(group)
+            for start in range(0, len(attacks), MOST_IN_BATCH):
+                found.append(Batch(environment, len(found), tuple(attacks[start : start + MOST_IN_BATCH])))
+    return found
+
+
+BATCHES = batches()
+
+
+@dataclass(frozen=True)
+class Graded:
+    """What became of a batch.
+
+    Attributes
+    ----------
+    results : dict
+        Attack, or "honest" -> its folder of results.
+    littered : list of str
+        Files that were left in shared folders.
+    """
+
+    leavings: Leavings
+    results: dict[str, Path]
+    littered: list[str]
+    temporary: list[str]
+
+    def result_of(self, name: str) -> dict[str, Any]:
+        """Read a submission's result."""
+        found: dict[str, Any] = json.loads((self.results[name] / "result.json").read_text(encoding="utf-8"))
+        return found
+
+
+# -- running ----------------------------------------------------------------------------------
+
+
+def result_names(batch: Batch, handed: dict[str, Path], results: Path) -> dict[str, str]:
+    """Return the name of each submission's folder of results; a name unfit for a folder was made fit."""
+    names = {HONEST: HONEST, **{name: Handed.of(path).name for name, path in handed.items()}}
+    others = sorted({p.name for p in results.iterdir() if p.is_dir()} - set(names.values()))
+    unfit = [attack.name for attack in batch.attacks if attack.named is not None]
+    return {**names, **dict(zip(unfit, others, strict=False))}
+
+
+@contextmanager
+def account() -> Iterator[tuple[int, int]]:
+    """Give user and group id of an account that exists only for this; without root, those of the caller."""
+    if os.geteuid() != 0:
+        yield os.getuid(), os.getgid()
+        return
+    name = f"grade-attacks-{os.getpid()}"
+    command = ["useradd", "--no-create-home", "--home-dir", "/nonexistent", "--shell", "/usr/sbin/nologin", name]
+    subprocess.run(command, check=True, capture_output=True)
+    try:
+        entry = pwd.getpwnam(name)
+        yield entry.pw_uid, entry.pw_gid
+    finally:
+        subprocess.run(["userdel", name], check=True, capture_output=True)
+
+
+def run_batch(batch: Batch, folder: Path) -> Graded:
+    """Grade a batch's attacks and an honest submission by one command, and look at what is left."""
+    handed = {attack.name: lay_out(attack, folder / "handed") for attack in batch.attacks}
+    honest = folder / "handed" / HONEST
+    shutil.copytree(ROOT / SOLUTION, honest, ignore=shutil.ignore_patterns("__pycache__"))
+    paths = list(handed.values())
+    paths.insert(len(paths) // 2, honest)
+    for name in ("home", "tmp", "results"):
+        (folder / name).mkdir()
+    arguments = [*map(str, paths), "-o", str(folder / "results"), "--sessions", ",".join(batch.sessions), "--seed", "7"]
+    arguments += ["--jobs", "2"]
+    if batch.environment is Environment.CONTAINER:
+        arguments += ["--require-isolation", "reduced"]
+    before = entries_of_shared_folders()
+    leavings, user = run_in(batch.environment, folder, [str(GRADE), *arguments], LONGEST_S * len(paths))
+    # Some of what was handed in is too deep for Python to remove.
+    subprocess.run(["rm", "-rf", str(folder / "handed")], check=False)
+    names = result_names(batch, handed, folder / "results")
+    return Graded(
+        leavings,
+        {name: folder / "results" / told for name, told in names.items()},
+        sorted(str(p) for p in entries_of_shared_folders() - before if is_litter(p, user)),
+        sorted(path.name for path in (folder / "tmp").iterdir()),
+    )
+
+
+def run_in(environment: Environment, folder: Path, command: list[str], limit_s: float) -> tuple[Leavings, int]:
+    """Run a command in an environment; returns what it left, and the user that it ran as."""
+    settings = {"HOME": str(folder / "home"), "TMPDIR": str(folder / "tmp"), "LANG": "C.UTF-8", "COLUMNS": "200"}
+    caller = {"PATH": os.environ["PATH"], **settings}
+    with account() if environment is Environment.USER else caller_account() as (user, group):
+        for name in ("home", "tmp", "results"):
+            os.chown(folder / name, user, group)
+        surroundings = Surroundings(
+            told=str(folder / "told.json"),
+            place=str(folder),
+            user=user if user != os.geteuid() else None,
+            group=group,
+            readable=[str(p) for p in (folder, ROOT, Path(sys.prefix), Path(sys.executable).resolve().parents[1])],
+            container=environment is Environment.CONTAINER,
+            limit_s=limit_s,
+        )
+        program = Path(__file__).with_name("surroundings.py")
+        subprocess.run(
+            [sys.executable, "-I", str(program), json.dumps(asdict(surroundings)), *command],
+            env=caller,
+            cwd="/",
+            check=True,
+            timeout=limit_s + 120,
+        )
+    return Leavings(**json.loads((folder / "told.json").read_text(encoding="utf-8"))), user
+
+
+@contextmanager
+def beside_others() -> Iterator[None]:
+    """Share this machine with other tests, but not with one that needs it alone."""
+    with (Path(tempfile.gettempdir()) / "grade-fixtures-lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_SH)
+        yield
+
+
+@contextmanager
+def caller_account() -> Iterator[tuple[int, int]]:
+    """Give the caller's own ids."""
+    yield os.getuid(), os.getgid()
+
+
+def entries_of_shared_folders() -> set[Path]:
+    """Return what lies in the folders that everyone may write to."""
+    return {path for folder in SHARED_FOLDERS if folder.is_dir() for path in folder.iterdir()}
+
+
+def is_litter(path: Path, user: int) -> bool:
+    """Whether a new file in a shared folder comes from a grading, and not from other tests that run meanwhile."""
+    try:
+        owner = path.lstat().st_uid
+    except OSError:
+        return False
+    return "attack_" in path.name or owner in STUDENT_UIDS or (owner == user != os.geteuid())
+
+
+@pytest.fixture
+def graded(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Graded:
+    """Give what became of a batch; the first test that asks, in whatever worker, has it graded."""
+    batch: Batch = request.param
+    if (batch.environment is Environment.ROOT) and os.geteuid() != 0:
+        pytest.skip("grading as root needs root")
+    base = tmp_path_factory.getbasetemp()
+    shared = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "attacks"
+    folder = shared / batch.name
+    folder.mkdir(parents=True, exist_ok=True)
+    told = folder / "graded.json"
+    # Cells of a plain container share one network with all other such cells of the machine.
+    alone = shared / ("container.lock" if batch.environment is Environment.CONTAINER else f"{batch.name}.lock")
+    with alone.open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not told.exists():
+            with beside_others():
+                found = run_batch(batch, folder)
+            plain = {**asdict(found), "results": {name: str(path) for name, path in found.results.items()}}
+            told.write_text(json.dumps(plain), encoding="utf-8")
+    plain = json.loads(told.read_text(encoding="utf-8"))
+    return Graded(
+        Leavings(**plain["leavings"]),
+        {name: Path(path) for name, path in plain["results"].items()},
+        plain["littered"],
+        plain["temporary"],
+    )
+
+
+# -- looking ----------------------------------------------------------------------------------
+
+
+def faults_of_page(folder: Path, honest: Page) -> list[str]:
+    """Say in what a report is not well-formed, or holds what a student put there."""
+    text = (folder / "report.html").read_text(encoding="utf-8")
+    try:
+        page = Page(text)
+    except AssertionError as problem:
+        return [f"the report's elements do not close in order: {problem}"]
+    faults = [f"{u!r} in the report" for u in sorted(set(text)) if is_control(u)]
+    faults += [f"the report has an element {tag} {a}" for tag, a in page.elements if a.get("id") == "injected"]
+    faults += [f"the report has a handler {name}" for _, a in page.elements for name in a if name.startswith("on")]
+    links = [*page.values("href"), *page.values("src")]
+    faults += [f"the report leads to {link}" for link in links if not link.startswith(("#", "data:", "recordings/"))]
+    if len(scripts_of(page)) != len(scripts_of(honest)):
+        faults.append("the report has scripts that another one has not")
+    return faults
+
+
+def scripts_of(page: Page) -> list[dict[str, str]]:
+    """Return the script elements of a page."""
+    return [attributes for tag, attributes in page.elements if tag in ("script", "iframe", "object", "embed", "base")]
+
+
+def is_control(character: str) -> bool:
+    """Whether a character steers what shows it."""
+    return character not in "\n\t" and (unicodedata.category(character) in ("Cc", "Cs") or character in "\u202e\u2066")
+
+
+def faults_of_result(result: dict[str, Any], most: float) -> list[str]:
+    """Say in what a result breaks its contract, or gives more points than the honest twin's."""
+    faults = [error.message[:300] for error in jsonschema.Draft202012Validator(SCHEMA).iter_errors(result)]
+    broken = [c for criterion in result["criteria"] for c in criterion["checks"] if c["outcome"] == "error"]
+    faults += [f"{check['id']} broke: {check['reason']}" for check in broken]
+    if result["score"]["earned"] > most:
+        faults.append(f"it earns {result['score']['earned']}, its honest twin {most} at most")
+    return faults
+
+
+def outcomes(result: dict[str, Any], sessions: tuple[str, ...]) -> dict[str, str]:
+    """Return the outcome of each check of the sessions."""
+    rubric = pipeline.read_rubric(None)
+    chosen = {c.id for c in rubric.checks() if c.session in sessions}
+    checks = [check for criterion in result["criteria"] for check in criterion["checks"]]
+    return {check["id"]: check["outcome"] for check in checks if check["id"] in chosen}
+
+
+def faults_of_verdict(attack: Attack, result: dict[str, Any]) -> list[str]:
+    """Say where the verdict is not what it should be."""
+    expect, found = attack.expect, outcomes(result, attack.sessions)
+    wanted = dict(expect.checks)
+    if expect.all == "passed":
+        wanted = dict.fromkeys(found, "passed")
+    faults = [
+        f"{name} is {found.get(name)}, not {outcome}" for name, outcome in wanted.items() if found.get(name) != outcome
+    ]
+    if expect.all == "failed":
+        faults += [
+            f"{name} is {outcome}" for name, outcome in found.items() if outcome not in ("failed", "not_reached")
+        ]
+    if expect.limit is not None:
+        limits = {limit for s in result["provenance"]["sessions"].values() for limit in s["limits"].values()}
+        faults += [] if expect.limit in limits else [f"the limits named are {limits or 'none'}, not {expect.limit}"]
+    if expect.violation is not None:
+        kinds = {violation["kind"] for violation in result.get("violations", [])}
+        faults += [] if expect.violation in kinds else [f"the violations are {kinds or 'none'}, not {expect.violation}"]
+    return faults
+
+
+def printed(folder: Path) -> list[str]:
+    """Return all that the processes of a submission's sessions printed."""
+    lines = []
+    for path in sorted(folder.glob("recordings/*/session.json")):
+        record = json.loads(path.read_text(encoding="utf-8"))
+        lines += [line["text"] for run in record["processes"] for line in run["output"]]
+    return lines
+
+
+def faults_of_recording(attack: Attack, folder: Path, result: dict[str, Any]) -> list[str]:
+    """Say what got out of the sandbox or into the recording that should not."""
+    expect, lines = attack.expect, printed(folder)
+    levels = {session["isolation"] for session in result["provenance"]["sessions"].values()}
+    known = {word for level in levels for word in attack.gaps.get(level, {})}
+    escapes = [line for line in lines if line.startswith(ESCAPED)]
+    faults = [line for line in escapes if line.removeprefix(ESCAPED).split(":")[0].split()[0] not in known]
+    if expect.no_output is not None:
+        faults += [line for line in lines if expect.no_output in line]
+    if expect.no_text is not None:
+        files = [p for p in folder.rglob("*") if p.suffix in (".json", ".html")]
+        faults += [
+            f"{expect.no_text!r} is in {p.name}" for p in files if expect.no_text in p.read_text(encoding="utf-8")
+        ]
+    if expect.left_out is not None:
+        told = json.loads((folder / "recordings/submission.json").read_text(encoding="utf-8"))["left_out"]
+        if not told or not any(expect.left_out in reason for reason in told):
+            faults.append(f"nothing is said to be left out for {expect.left_out!r}: {told}")
+    return faults
+
+
+def graded_cases() -> list[Any]:
+    """Pair each attack with the batch that it is in."""
+    return [pytest.param(b, a, id=f"{b.environment.value}-{a.name}") for b in BATCHES for a in b.attacks]
+
+
+@pytest.mark.parametrize(("graded", "attack"), graded_cases(), indirect=["graded"])
+def test_an_attack_gains_nothing_and_breaks_nothing(graded: Graded, attack: Attack) -> None:
+    """It gets the verdict that its attack.yaml states, at most its twin's points, and a report like any other's."""
+    expect, folder = attack.expect, graded.results[attack.name]
+    if expect.nothing_at is not None:
+        assert not Path(expect.nothing_at).exists()
+    refused = not (folder / "result.json").exists()
+    assert refused == expect.refused or "refused" in expect.either, graded.leavings.output
+    if refused:
+        assert graded.leavings.exit_status == REFUSED, graded.leavings.errors
+        assert f"{attack.name}: not graded: " in graded.leavings.output
+        assert not (folder / "report.html").exists()
+        return
+    result = graded.result_of(attack.name)
+    honest = Page((graded.results[HONEST] / "report.html").read_text(encoding="utf-8"))
+    most = attack.most_points(pipeline.read_rubric(None))
+    faults = faults_of_result(result, float(most)) + faults_of_page(folder, honest)
+    faults += faults_of_verdict(attack, result) + faults_of_recording(attack, folder, result)
+    assert not faults, "\n".join([*faults, *result["problems"]])
+
+
+@pytest.mark.parametrize("graded", [pytest.param(b, id=b.name) for b in BATCHES], indirect=True)
+def test_attacks_leave_the_machine_and_their_neighbour_as_they_were(
+    graded: Graded, request: pytest.FixtureRequest
+) -> None:
+    """The grader ends by itself, the honest submission gets all points, and no process, mount or file is left."""
+    batch: Batch = request.node.callspec.params["graded"]
+    left = graded.leavings
+    refused = any(not (folder / "result.json").exists() for folder in graded.results.values())
+    assert left.exit_status == (REFUSED if refused else 0), left.errors
+    assert "Traceback" not in left.output + left.errors
+    assert not [c for c in left.output + left.errors if is_control(c)]
+    assert (left.processes, left.mounts, graded.littered, graded.temporary) == ([], [], [], [])
+    result = graded.result_of(HONEST)
+    lost = [c for criterion in result["criteria"] for c in criterion["checks"] if c["earned"] < c["possible"]]
+    assert not lost, "\n".join(f"{c['id']}: {c['reason']}" for c in lost)
+    assert set(outcomes(result, batch.sessions).values()) <= {"passed"}
