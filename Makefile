@@ -8,13 +8,17 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 DEV_STAMP := $(VENV)/.installed-dev
 
-.PHONY: alice test check system system-dev lint types layers clean
+.PHONY: alice test bench check system system-dev lint types layers clean
 
 alice: $(STAMP) system
 	$(BIN)/grade submissions/alice/
 
 test: $(DEV_STAMP) system-dev lint types layers
 	$(BIN)/python -m pytest -n 4 --dist worksteal
+
+# What grading costs and how sure it is, on this machine; some ten minutes. Run it while nothing else runs.
+bench: $(STAMP) system
+	$(BIN)/python -m bench
 
 lint: $(DEV_STAMP)
 	$(BIN)/ruff check

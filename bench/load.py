@@ -22,7 +22,9 @@ def spinners(count: int) -> Iterator[None]:
     """Keep `count` processes busy that never wait."""
     with ExitStack() as stack:
         for _ in range(count):
-            process = stack.enter_context(subprocess.Popen([sys.executable, "-I", "-S", "-c", _SPIN]))
+            # Each in a session of its own: Linux may weigh sessions, and those of one would count as one.
+            command = [sys.executable, "-I", "-S", "-c", _SPIN]
+            process = stack.enter_context(subprocess.Popen(command, start_new_session=True))
             stack.callback(process.kill)
         yield
 

@@ -1,4 +1,4 @@
-"""Is the same submission given the same score, on a quiet machine and on a busy one?
+"""Tells whether the same submission is given the same score, on a quiet machine and on a busy one.
 
 The reference solution, and submissions near a limit, are graded over and over as a class, in every second round
 beside twice as many spinning processes as there are cores. Each grading adds a line to a JSON-lines file, so

@@ -8,15 +8,17 @@ from __future__ import annotations
 
 import ast
 import configparser
+import posixpath
 import re
+from collections.abc import Sequence
 from pathlib import PurePosixPath
 from xml.etree import ElementTree
 
+from grader.cmake_script import Command, commands_of
 from grader.data_files import data_files_of_cmake, data_files_of_setup
 from grader.recording.submission import PackageFact
+from grader.setup_script import UNREADABLE, SetupScript, keyword_of_setup
 
-#: Constants of a setup.py that double each other would otherwise grow beyond all bounds.
-_LONGEST_VALUE = 100_000
 _MOST_SCRIPTS = 200
 _MOST_PACKAGES = 100
 
@@ -36,7 +38,7 @@ def find_packages(texts: dict[str, str], paths: list[str]) -> list[PackageFact]:
         folder = str(PurePosixPath(path).parent).removeprefix(".")
         package = _read_manifest(folder, texts.get(path, ""))
         if package.build_type == "ament_python":
-            _read_setup(package, texts)
+            _read_setup(package, texts, paths)
         else:
             _read_cmake(package, texts, paths)
         _read_data_files(package, texts, paths)
@@ -65,7 +67,13 @@ def _inside(folder: str, name: str) -> str:
     return f"{folder}/{name}" if folder else name
 
 
-def _read_setup(package: PackageFact, texts: dict[str, str]) -> None:
+def _paths_inside(package: PackageFact, paths: Sequence[str]) -> list[str]:
+    """Return the package's files, relative to its folder."""
+    above = f"{package.path}/" if package.path else ""
+    return [path.removeprefix(above) for path in paths if path.startswith(above)]
+
+
+def _read_setup(package: PackageFact, texts: dict[str, str], paths: list[str]) -> None:
     scripts: list[str] = []
     setup_text = texts.get(_inside(package.path, "setup.py"))
     config_text = texts.get(_inside(package.path, "setup.cfg"))
@@ -73,25 +81,32 @@ def _read_setup(package: PackageFact, texts: dict[str, str]) -> None:
         package.problems.append("there is no setup.py beside package.xml, so nothing is installed")
         return
     if setup_text is not None:
-        scripts += _console_scripts(setup_text, package)
+        inside = _paths_inside(package, paths)
+        declared = _console_scripts(setup_text, package, inside)
+        if declared is None:
+            _take_all(package, "setup.py declares its entry points", inside)
+        scripts += declared or []
     if config_text is not None:
         scripts += _console_scripts_of_config(config_text)
-    if len(scripts) > _MOST_SCRIPTS:
-        package.problems.append(f"there are {len(scripts)} entry points; only the first {_MOST_SCRIPTS} are installed")
-    for script in scripts[:_MOST_SCRIPTS]:
-        match = re.fullmatch(r"\s*([^=\s]+)\s*=\s*([\w.]+)\s*:\s*([\w.]+)\s*", script)
-        if match and match[1] not in (".", ".."):
-            package.executables[match[1]] = f"{match[2]}:{match[3]}"
-        else:
-            package.problems.append(f"the entry point {script!r} is not of the form 'name = module:function'")
+    _add_scripts(package, scripts)
     if not package.executables and not package.problems:
         package.problems.append("setup.py declares no console_scripts, so `ros2 run` finds no executable")
 
 
+def _add_scripts(package: PackageFact, scripts: list[str]) -> None:
+    if len(scripts) > _MOST_SCRIPTS:
+        package.problems.append(f"there are {len(scripts)} entry points; only the first {_MOST_SCRIPTS} are installed")
+    for script in scripts[:_MOST_SCRIPTS]:
+        match = re.fullmatch(r"\s*([^=\s]+)\s*=\s*([\w.]+)\s*:\s*([\w.]+)\s*", script)
+        if match:
+            package.executables[match[1]] = f"{match[2]}:{match[3]}"
+        else:
+            package.problems.append(f"the entry point {script!r} is not of the form 'name = module:function'")
+
+
 def _read_data_files(package: PackageFact, texts: dict[str, str], paths: list[str]) -> None:
     """Note what goes into the share folder, and launch files that do not."""
-    above = f"{package.path}/" if package.path else ""
-    inside = [path.removeprefix(above) for path in paths if path.startswith(above)]
+    above, inside = f"{package.path}/" if package.path else "", _paths_inside(package, paths)
     by_cmake = package.build_type != "ament_python"
     name = "CMakeLists.txt" if by_cmake else "setup.py"
     text = texts.get(above + name)
@@ -124,23 +139,24 @@ def is_launch_file(path: str) -> bool:
     return re.search(r"[._-]launch\.(py|xml|ya?ml)$", path) is not None
 
 
-def _console_scripts(text: str, package: PackageFact) -> list[str]:
+def _console_scripts(text: str, package: PackageFact, inside: list[str]) -> list[str] | None:
+    """Return what a setup.py declares as console scripts; None if it is written in a way that is not followed."""
     try:
         tree = ast.parse(text)
-        constants = _constants(tree)
-        for call in (n for n in ast.walk(tree) if isinstance(n, ast.Call)):
-            for keyword in call.keywords:
-                if keyword.arg == "entry_points":
-                    return _scripts_of(_value(keyword.value, constants))
     except (SyntaxError, ValueError, RecursionError, MemoryError) as problem:
         package.problems.append(f"setup.py cannot be read: {problem}")
-    return []
+        return []
+    try:
+        given = keyword_of_setup(tree, "entry_points")
+        return _scripts_of(SetupScript(tree, inside).value(given)) if given is not None else []
+    except UNREADABLE:
+        return None
 
 
 def _scripts_of(points: object) -> list[str]:
     if isinstance(points, dict):
         scripts = points.get("console_scripts", [])
-        if isinstance(scripts, (list, tuple)):
+        if isinstance(scripts, list):
             return [s for s in scripts if isinstance(s, str)]
     return _scripts_of_text(points) if isinstance(points, str) else []
 
@@ -168,56 +184,46 @@ def _console_scripts_of_config(text: str) -> list[str]:
     return [line for line in lines.splitlines() if line.strip()]
 
 
-def _constants(tree: ast.Module) -> dict[str, object]:
-    constants: dict[str, object] = {}
-    for node in tree.body:
-        if isinstance(node, ast.Assign) and len(node.targets) == 1 and isinstance(node.targets[0], ast.Name):
-            constants[node.targets[0].id] = _value(node.value, constants)
-    return constants
-
-
-def _value(node: ast.expr, constants: dict[str, object]) -> object:
-    """Evaluate literals, names of constants, f-strings, `+` and `%`; anything else is None."""
-    if isinstance(node, ast.Constant):
-        return node.value
-    if isinstance(node, ast.Name):
-        return constants.get(node.id)
-    if isinstance(node, (ast.List, ast.Tuple)):
-        return [_value(item, constants) for item in node.elts]
-    if isinstance(node, ast.Dict):
-        return {
-            _value(k, constants): _value(v, constants)
-            for k, v in zip(node.keys, node.values, strict=True)
-            if isinstance(k, ast.Constant)
-        }
-    if isinstance(node, ast.JoinedStr):
-        parts = [_text(v.value if isinstance(v, ast.FormattedValue) else v, constants) for v in node.values]
-        return "".join(parts) if sum(map(len, parts)) <= _LONGEST_VALUE else None
-    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
-        left, right = _value(node.left, constants), _value(node.right, constants)
-        if isinstance(left, str) and isinstance(right, str):
-            return left + right if len(left) + len(right) <= _LONGEST_VALUE else None
-        if isinstance(left, list) and isinstance(right, list):
-            return left + right if len(left) + len(right) <= _LONGEST_VALUE else None
-    return None
-
-
-def _text(node: ast.expr, constants: dict[str, object]) -> str:
-    value = _value(node, constants)
-    return value if isinstance(value, str) else ""
-
-
 def _read_cmake(package: PackageFact, texts: dict[str, str], paths: list[str]) -> None:
     text = texts.get(_inside(package.path, "CMakeLists.txt"))
     if text is None:
         package.problems.append("there is no CMakeLists.txt beside package.xml, so nothing is installed")
         return
-    text = re.sub(r"#[^\n]*", "", text)
-    for block in re.findall(r"install\s*\(\s*PROGRAMS\b([^()]{0,10000})\)", text):
-        names = re.split(r"\bDESTINATION\b", block)[0].split()
-        for name in names:
-            relative = _inside(package.path, name.strip('"').replace("${PROJECT_NAME}", package.name))
-            if relative in paths:
-                package.executables[PurePosixPath(relative).name] = relative
+    inside = _paths_inside(package, paths)
+    for command in commands_of(text, package.name, inside):
+        installs = command.name == "install" and "DESTINATION" in command.words[:-1]
+        if command.name == "ament_python_install_package" and "SCRIPTS_DESTINATION" in command.words:
+            _add_scripts(package, _console_scripts_of_config(texts.get(_inside(package.path, "setup.cfg"), "")))
+        elif installs and (command.words[0] == "PROGRAMS" or _goes_to_lib(command, package)):
+            _add_programs(package, command, inside)
+
+
+def _goes_to_lib(command: Command, package: PackageFact) -> bool:
+    """Whether an install command of files or folders puts them where `ros2 run` looks."""
+    target = command.words[command.words.index("DESTINATION") + 1].strip("/")
+    return command.words[0] in ("DIRECTORY", "FILES") and target == f"lib/{package.name}"
+
+
+def _add_programs(package: PackageFact, command: Command, inside: list[str]) -> None:
+    names = command.words[1 : command.words.index("DESTINATION")]
+    if any("$" in name for name in names):
+        _take_all(package, "CMakeLists.txt installs programs", inside)
+    for name in (posixpath.normpath(n) for n in names if "$" not in n):
+        below = [p for p in inside if p.startswith(f"{name}/")] if command.words[0] == "DIRECTORY" else []
+        for path in below or [name]:
+            if path in inside:
+                package.executables[PurePosixPath(path).name] = _inside(package.path, path)
             else:
-                package.problems.append(f"CMakeLists.txt installs {name}, which is not there")
+                package.problems.append(f"CMakeLists.txt installs {path}, which is not there")
+    if "RENAME" in command.words[:-1] and len(names) == 1:
+        new = command.words[command.words.index("RENAME") + 1]
+        package.executables[new] = package.executables.pop(PurePosixPath(names[0]).name, new)
+
+
+def _take_all(package: PackageFact, what: str, inside: list[str]) -> None:
+    """Take each Python file for an executable where nobody can say which are, and note it."""
+    package.problems.append(f"{what} in a way that the grader does not follow; it takes every Python file for one")
+    for path in (PurePosixPath(p) for p in inside):
+        if path.suffix == ".py" and path.name not in ("setup.py", "__init__.py") and not is_launch_file(path.name):
+            package.executables.setdefault(path.name, _inside(package.path, str(path)))
+            package.executables.setdefault(path.stem, _inside(package.path, str(path)))

@@ -64,13 +64,15 @@ class _Tracking:
         return ((a, b) for a, b in pairwise(edges) if b > a)
 
 
-def _tracking(streams: Mapping[str, Stream]) -> _Tracking:
+def _tracking(streams: Mapping[str, Stream], command_kept: str = "latest") -> _Tracking:
+    """Give the states with their commands; a subscriber that keeps the first command compares all with that."""
     for role in ("command", "state"):
         if role not in streams:
             raise ValueError(f"the oracle needs the stream {role!r}; name its topic in the rubric")
     command, state = streams["command"], streams["state"]
     current = np.searchsorted(command.source_ns, state.source_ns, side="right") - 1
     known = current >= 0
+    current = np.zeros_like(current) if command_kept == "first" else current
     commands = command.values[current[known]] if known.any() else np.empty((0, state.values.shape[1]))
     return _Tracking(state.source_ns[known], commands, state.values[known])
 
@@ -83,7 +85,9 @@ def tracking_plateaus(streams: Mapping[str, Stream], parameters: Mapping[str, An
     streams : mapping
         Roles "command" and "state".
     parameters : mapping
-        `min_states` (10): shorter spans are left out.
+        `min_states` (10): shorter spans are left out. To recognise mistakes: `formula` ("rms", or "mean" of |error|, or
+        "signed" mean), `over` ("state", or "history": over all errors so far, at most `history` (1000)), `command`
+        ("latest", or "first"), `scale` (1): a factor, as of another unit.
     seed : int
         Not used: the recording holds all that is needed.
 
@@ -100,16 +104,28 @@ def tracking_plateaus(streams: Mapping[str, Stream], parameters: Mapping[str, An
     """
     tracking = _tracking(streams)
     shortest = parameters.get("min_states", SHORTEST_PLATEAU_STATES)
-    rms = np.sqrt(np.mean(tracking.errors**2, axis=1))
+    errors = _tracking(streams, parameters.get("command", "latest")).errors
+    history = parameters.get("history", HISTORY) if parameters.get("over", "state") == "history" else 1
+    values = _each_reported(errors, parameters.get("formula", "rms"), history) * parameters.get("scale", 1.0)
     return [
         {
             "start_ns": int(tracking.source_ns[a]),
             "end_ns": int(tracking.source_ns[b - 1]),
-            "value": float(rms[a]),
+            "value": float(np.median(values[a:b])),
         }
         for a, b in tracking.runs()
         if b - a >= shortest
     ]
+
+
+def _each_reported(errors: Floats, formula: str, history: int) -> Floats:
+    """Give what is reported on each state by a formula over the joints of the last `history` errors."""
+    terms = {"rms": errors**2, "mean": np.abs(errors), "signed": errors}[formula]
+    total = np.concatenate(([0.0], np.cumsum(terms.mean(axis=1)))) if len(terms) else np.zeros(1)
+    last = np.arange(1, len(total))
+    first = np.maximum(0, last - history)
+    means: Floats = (total[last] - total[first]) / (last - first)
+    return np.sqrt(np.maximum(means, 0.0)) if formula == "rms" else means
 
 
 def expected_reports(streams: Mapping[str, Stream], parameters: Mapping[str, Any], seed: int) -> int:
@@ -237,6 +253,9 @@ def tracking_statistics(
         `slack_states` (5): how many states of each plateau may be missing, the last ones included, or
         taken with the next plateau's command.
         `signed` (false): mean and maximum of the error itself, to recognise a forgotten absolute value.
+        `keep` ("last", or "first"): which errors a history holds that is full, to recognise one that stops then.
+        `command` ("latest", or "first"): with which command states are compared.
+        `scale` (1): a factor, to recognise another unit.
         `reports` (none): pairs of time (ns) and RMS error as a subscriber reported them. Then the statistics
         are those over the states that it reported, which are fewer where it lost some.
     seed : int
@@ -254,11 +273,15 @@ def tracking_statistics(
         If a role is missing, or no state follows a command.
     """
     history = parameters.get("history", HISTORY)
-    tracking = _tracking(streams)
+    tracking = _tracking(streams, parameters.get("command", "latest"))
     if parameters.get("reports") is not None:
         tracking = _reported(tracking, parameters["reports"])
+    if parameters.get("keep", "last") == "first":
+        tracking = _Tracking(tracking.source_ns[:history], tracking.commands[:history], tracking.states[:history])
     if not len(tracking.source_ns):
         raise ValueError("no state after a first command was recorded: the stimulus did not run")
     mixture = _mixture(tracking, history, parameters.get("slack_states", SLACK_STATES))
     errors = tracking.errors if history is None else tracking.errors[-history:]
-    return _statistics(errors, mixture, signed=bool(parameters.get("signed", False)))
+    found = _statistics(errors, mixture, signed=bool(parameters.get("signed", False)))
+    scale = float(parameters.get("scale", 1.0))
+    return {key: {kind: [scale * x for x in row] for kind, row in rows.items()} for key, rows in found.items()}

@@ -35,6 +35,9 @@ def test_without_a_manifest_there_is_no_package() -> None:
         "{'console_scripts': [f'talk = {name}.talk:main']}",
         "{'console_scripts': ['talk = ' + name + '.talk:main']}",
         "{'console_scripts': ['talk = arm_lab.talk:main'] + []}",
+        "{'console_scripts': [f'{node} = {name}.{node}:main' for node in ['talk']]}",
+        "{'console_scripts': ['{} = {}.{}:main'.format(k, name, v) for k, v in {'talk': 'talk'}.items()]}",
+        "dict(console_scripts=['talk = %s.talk:main' % name])",
         "'[console_scripts]\\ntalk = arm_lab.talk:main'",
     ],
 )
@@ -43,6 +46,18 @@ def test_console_scripts_are_found_however_they_are_written(points: str) -> None
     found = with_scripts(points)
     assert found.executables == {"talk": "arm_lab.talk:main"}
     assert found.problems == []
+
+
+@pytest.mark.parametrize("points", ["read_points()", "{'console_scripts': [read() for _ in range(3)]}", "POINTS"])
+def test_scripts_that_only_running_would_tell_are_all_that_could_be_meant(points: str) -> None:
+    """Nothing is held against a student whose setup.py computes its entry points, and it is told."""
+    setup = SETUP.replace("entry_points={}", f"entry_points={points}").replace("name = ", "POINTS = []\nname = ")
+    setup = setup.replace("setup(name", "POINTS.append('x')\nsetup(name")
+    found = package(
+        {"package.xml": MANIFEST, "setup.py": setup}, "arm_lab/__init__.py", "arm_lab/talk.py", "a_launch.py"
+    )
+    assert found.executables == {"talk.py": "arm_lab/talk.py", "talk": "arm_lab/talk.py"}
+    assert "does not follow" in found.problems[0]
 
 
 def test_scripts_of_setup_cfg_are_found() -> None:
@@ -59,7 +74,7 @@ def test_scripts_of_setup_cfg_are_found() -> None:
         ("{'console_scripts': ['talk']}", "not of the form"),
         ("{'console_scripts': ['talk = arm_lab/talk.py']}", "not of the form"),
         ("{'console_scripts': []}", "no console_scripts"),
-        ("read_points()", "no console_scripts"),
+        ("{'gui_scripts': ['talk = arm_lab.talk:main']}", "no console_scripts"),
     ],
 )
 def test_scripts_that_name_nothing_are_problems(points: str, words: str) -> None:
@@ -98,6 +113,45 @@ def test_programs_of_cmake_packages_are_found() -> None:
     assert found.build_type == "ament_cmake"
     assert found.executables == {"talk.py": "p/scripts/talk.py"}
     assert found.problems == ["CMakeLists.txt installs scripts/none.py, which is not there"]
+
+
+@pytest.mark.parametrize(
+    "cmake",
+    [
+        "install(PROGRAMS scripts/talk.py DESTINATION lib/${PROJECT_NAME})",
+        "file(GLOB NODES scripts/*.py)\ninstall(PROGRAMS ${NODES} DESTINATION lib/${PROJECT_NAME})",
+        "file(GLOB N RELATIVE ${CMAKE_CURRENT_SOURCE_DIR} scripts/*)\ninstall(PROGRAMS ${N} DESTINATION lib/arm_lab)",
+        'set(NODES\n  scripts/talk.py # the only one\n)\ninstall(PROGRAMS ${NODES} DESTINATION "lib/${PROJECT_NAME}")',
+        "foreach(node IN ITEMS talk)\n  install(PROGRAMS scripts/${node}.py DESTINATION lib/arm_lab)\nendforeach()",
+        "install(DIRECTORY scripts/ DESTINATION lib/${PROJECT_NAME} USE_SOURCE_PERMISSIONS)",
+    ],
+)
+def test_programs_are_found_however_they_are_named(cmake: str) -> None:
+    """Variables, patterns, loops and folders name the same program."""
+    texts = {"package.xml": "<package><name>arm_lab</name></package>", "CMakeLists.txt": cmake}
+    found = package(texts, "scripts/talk.py")
+    assert found.executables == {"talk.py": "scripts/talk.py"}
+    assert found.problems == []
+
+
+def test_programs_that_only_cmake_could_tell_are_all_that_could_be_meant() -> None:
+    """A variable that comes from elsewhere is noted, and holds nothing against the student."""
+    texts = {
+        "package.xml": "<package><name>arm_lab</name></package>",
+        "CMakeLists.txt": "install(PROGRAMS ${FOUND} DESTINATION lib/arm_lab)",
+    }
+    found = package(texts, "scripts/talk.py")
+    assert found.executables["talk.py"] == "scripts/talk.py"
+    assert "does not follow" in found.problems[0]
+
+
+def test_a_program_may_be_installed_under_another_name() -> None:
+    """RENAME gives an executable its name."""
+    texts = {
+        "package.xml": "<package><name>arm_lab</name></package>",
+        "CMakeLists.txt": "install(PROGRAMS scripts/talk.py DESTINATION lib/arm_lab RENAME talker)",
+    }
+    assert package(texts, "scripts/talk.py").executables == {"talker": "scripts/talk.py"}
 
 
 def test_several_packages_are_found_in_order() -> None:

@@ -6,7 +6,6 @@ interval over a window of the last 10,000. Arguments: "busy" or "idle".
 
 import json
 import sys
-import threading
 import time
 from collections import deque
 
@@ -16,7 +15,7 @@ from rclpy.qos import qos_profile_sensor_data
 from std_msgs.msg import Float64MultiArray
 
 from bench.programs.publisher import TOPIC
-from bench.programs.work import PERIOD_S, work
+from bench.programs.work import PERIOD_S, end_of_input, work
 
 _WINDOW = 10_000
 
@@ -33,8 +32,7 @@ def main() -> None:
     )
     if sys.argv[1] == "busy":
         node.create_timer(PERIOD_S, work)
-    ended = threading.Event()
-    threading.Thread(target=lambda: (sys.stdin.read(), ended.set()), daemon=True).start()
+    ended = end_of_input()
     while not ended.is_set():
         executor.spin_once(timeout_sec=0.1)
     rate_hz = (len(times_s) - 1) / (times_s[-1] - times_s[0]) if len(times_s) > 1 else 0.0

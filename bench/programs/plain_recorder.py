@@ -1,9 +1,7 @@
 """Records the topic as one would write it down first: an executor's callback that gives each message to rosbags."""
 
 import json
-import sys
 import tempfile
-import threading
 import time
 from pathlib import Path
 
@@ -15,6 +13,7 @@ from rosbags.typesys import Stores, get_typestore
 from std_msgs.msg import Float64MultiArray
 
 from bench.programs.publisher import TOPIC
+from bench.programs.work import end_of_input
 
 #: As generous a queue as the other recorder's.
 _DEPTH = 10_000
@@ -27,20 +26,18 @@ def main() -> None:
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     sequences = set()
-    with tempfile.TemporaryDirectory(prefix="bench-bag-") as scratch:
-        with Writer(Path(scratch) / "bag", version=9) as writer:
-            store = get_typestore(Stores.ROS2_JAZZY)
-            connection = writer.add_connection(TOPIC, "std_msgs/msg/Float64MultiArray", typestore=store)
+    ended = end_of_input()
+    with tempfile.TemporaryDirectory(prefix="bench-bag-") as scratch, Writer(Path(scratch) / "bag", version=9) as bag:
+        store = get_typestore(Stores.ROS2_JAZZY)
+        connection = bag.add_connection(TOPIC, "std_msgs/msg/Float64MultiArray", typestore=store)
 
-            def on_message(data: bytes, info: dict[str, int]) -> None:
-                sequences.add(info["publication_sequence_number"])
-                writer.write(connection, time.time_ns(), data)
+        def on_message(data: bytes, info: dict[str, int]) -> None:
+            sequences.add(info["publication_sequence_number"])
+            bag.write(connection, time.time_ns(), data)
 
-            node.create_subscription(Float64MultiArray, TOPIC, on_message, QoSProfile(depth=_DEPTH), raw=True)
-            ended = threading.Event()
-            threading.Thread(target=lambda: (sys.stdin.read(), ended.set()), daemon=True).start()
-            while not ended.is_set():
-                executor.spin_once(timeout_sec=0.1)
+        node.create_subscription(Float64MultiArray, TOPIC, on_message, QoSProfile(depth=_DEPTH), raw=True)
+        while not ended.is_set():
+            executor.spin_once(timeout_sec=0.1)
     print(json.dumps({"recorded": len(sequences)}))
 
 

@@ -14,10 +14,21 @@ def work() -> None:
         pass
 
 
+def end_of_input() -> threading.Event:
+    """Return what is set when standard input ends, by which a program is told to end."""
+    ended = threading.Event()
+
+    def read() -> None:
+        sys.stdin.read()
+        ended.set()
+
+    threading.Thread(target=read, daemon=True).start()
+    return ended
+
+
 def until_told(busy: bool) -> None:
     """Return when standard input ends; every fifth of a second `work` meanwhile, if `busy`."""
-    ended = threading.Event()
-    threading.Thread(target=lambda: (sys.stdin.read(), ended.set()), daemon=True).start()
+    ended = end_of_input()
     while not ended.wait(PERIOD_S - _BUSY_S if busy else PERIOD_S):
         if busy:
             work()

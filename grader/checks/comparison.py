@@ -16,8 +16,10 @@ from grader.checks.finding import (
     Share,
     failed,
     graded,
+    in_steps,
     inconclusive,
     missing_artifact,
+    not_reached,
     passed,
     why_nothing,
 )
@@ -26,6 +28,7 @@ from grader.checks.traffic import claimed_qos, student_endpoints
 from grader.evidence.calls import rclpy_calls
 from grader.evidence.printed import text_of
 from grader.evidence.recorded import Floats, Span
+from grader.evidence.result_rows import ResultRow, names, result_row
 from grader.evidence.timing import timing_of
 from grader.recording.session import Qos
 from grader.result import Finding, Where
@@ -74,7 +77,9 @@ def ends_by_itself(context: Context, p: EndsByItself) -> Finding:
         )
     reason, hint, where = why_nothing(context, p.artifact, "It ended without results.")
     if said:
-        return graded(0.5, expected, measured, f"It ended after {ran_s:.1f} s already.", where=(spot,))
+        return graded(
+            0.5, expected, measured, f"It ended after {ran_s:.1f} s already, which is too soon.", where=(spot,)
+        )
     return failed(expected, measured, reason, hint=hint, where=where)
 
 
@@ -93,16 +98,19 @@ class TopicsCarryTraffic(Parameters):
 
 
 def topics_carry_traffic(context: Context, p: TopicsCarryTraffic) -> Finding:
-    """Judge the number of messages by the publishers' sequence numbers; another name costs half a topic."""
+    """Judge the number of messages by the publishers' sequence numbers; another name costs half a topic.
+
+    Too few earn their share of it.
+    """
     counts = {t: _written(context, t) for t in p.topics}
-    silent = [t for t, n in counts.items() if n < p.least_messages]
-    renamed = [t for t in p.topics if t not in silent and context.session.used(t) != t]
+    few = {t: in_steps(n / p.least_messages) for t, n in counts.items() if n < p.least_messages}
+    renamed = [t for t in p.topics if counts[t] and context.session.used(t) != t]
     expected = f"at least {p.least_messages} messages on each of {', '.join(p.topics)}"
     measured = ", ".join(f"{context.session.used(t)} {n}" for t, n in counts.items())
-    reasons = [f"Too little came on {', '.join(silent)}."] if silent else []
+    reasons = [f"Too little came on {', '.join(few)}."] if few else []
     reasons += [f"{t} is named {context.session.used(t)}; the rest is judged on that." for t in renamed]
-    share = 1 - (len(silent) + 0.5 * len(renamed)) / len(p.topics)
-    return graded(share, expected, measured, " ".join(reasons), where=(context.where(),))
+    shares = [max(0.0, few.get(t, 1.0) - 0.5 * (t in renamed)) for t in p.topics]
+    return graded(sum(shares) / len(shares), expected, measured, " ".join(reasons), where=(context.where(),))
 
 
 def _written(context: Context, topic: str, until_ns: int | None = None) -> int:
@@ -133,36 +141,57 @@ def qos_profiles(context: Context, p: QosProfiles) -> Finding:
     parts: list[float] = []
     reasons, texts, spots = [], [], []
     for wanted in p.profiles:
-        sides = {k: student_endpoints(context, wanted.topic, k) for k in ("publisher", "subscription")}
-        seen = [e.qos for endpoints in sides.values() for e in endpoints]
-        claims = [c for k in sides if (c := _claim(context, p.artifact, k, wanted.topic))[0] is not None]
-        lacking = [k for k, endpoints in sides.items() if not endpoints]
+        sides = [_Side.of(context, p.artifact, kind, wanted.topic) for kind in ("publisher", "subscription")]
+        lacking = [side.kind for side in sides if not side.seen]
         if lacking:
             reasons.append(f"There is no {' and no '.join(lacking)} on {wanted.topic}.")
-        missing_share = len(lacking) / 2
         for policy in ("reliability", "durability", "history", "depth"):
-            source = seen if policy in ("reliability", "durability") else [c for c, _ in claims if c is not None]
-            share, reason = _judge_policy(wanted, policy, source)
-            parts.append(share * (1 - missing_share))
-            reasons += [reason] if reason and seen else []
+            share, reason = _judge_policy(wanted, policy, sides)
+            parts.append(share * (1 - len(lacking) / 2))
+            reasons += [reason] if reason and len(lacking) < len(sides) else []
             if reason:
-                spots += [w for _, w in claims if w is not None][:1]
-        texts.append(_shown(wanted.topic, seen, [c for c, _ in claims if c is not None]))
+                spots += [side.where for side in sides if side.where is not None][:1]
+        texts.append(_shown(wanted.topic, sides))
     expected = "; ".join(f"{w.topic}: {w.reliability}, {w.history} {w.depth}, {w.durability}" for w in p.profiles)
     where = (*dict.fromkeys(spots), context.where())
     return graded(sum(parts) / len(parts), expected, "; ".join(texts), " ".join(reasons), where=where)
 
 
-def _judge_policy(wanted: WantedProfile, policy: str, source: Sequence[Qos]) -> tuple[float, str]:
+@dataclass(frozen=True)
+class _Side:
+    """One side of a topic: what the graph shows of its QoS, and what its source asks for."""
+
+    kind: str
+    seen: tuple[Qos, ...]
+    claim: Qos | None
+    where: Where | None
+
+    @classmethod
+    def of(cls, context: Context, artifact: str, kind: str, topic: str) -> _Side:
+        claim, where = _claim(context, artifact, kind, topic)
+        return cls(kind, tuple(e.qos for e in student_endpoints(context, topic, kind)), claim, where)
+
+    def policies(self, policy: str) -> list[str | int | None]:
+        """Return a policy's values: those on the wire as seen, those of the queue as claimed."""
+        if policy in ("reliability", "durability"):
+            return [getattr(qos, policy) for qos in self.seen]
+        return [getattr(self.claim, policy)] if self.claim is not None else []
+
+    def __str__(self) -> str:
+        history = f"{self.claim.history} {self.claim.depth}" if self.claim is not None else "history unknown"
+        return f"{self.seen[0].reliability}, {history}, {self.seen[0].durability}" if self.seen else "nothing"
+
+
+def _judge_policy(wanted: WantedProfile, policy: str, sides: Sequence[_Side]) -> tuple[float, str]:
     value = getattr(wanted, policy)
-    got = [getattr(qos, policy) for qos in source]
-    wrong = [g for g in got if g != value]
-    if not got:
-        # Nobody says: neither tap nor source. What cannot be known is not charged if the endpoint is there.
-        return 1.0, ""
+    got = [each for side in sides for each in side.policies(policy)]
+    wrong = [(side.kind, each) for side in sides for each in side.policies(policy) if each != value]
     if not wrong:
+        # Where nobody says, neither tap nor source, what cannot be known is not charged if the endpoint is there.
         return 1.0, ""
-    return 1 - len(wrong) / len(got), f"{wanted.topic} has {policy} {wrong[0]}, not {value}."
+    kinds = list(dict.fromkeys(kind for kind, _ in wrong))
+    which = f"The {kinds[0]} on {wanted.topic}" if len(kinds) == 1 else wanted.topic
+    return 1 - len(wrong) / len(got), f"{which} has {policy} {wrong[0][1]}, not {value}."
 
 
 def _claim(context: Context, artifact: str, kind: str, topic: str) -> tuple[Qos | None, Where | None]:
@@ -183,11 +212,11 @@ def _claim(context: Context, artifact: str, kind: str, topic: str) -> tuple[Qos 
     return None, None
 
 
-def _shown(topic: str, seen: Sequence[Qos], claims: Sequence[Qos]) -> str:
-    if not seen:
-        return f"{topic}: nothing"
-    history = f"{claims[0].history} {claims[0].depth}" if claims else "history unknown"
-    return f"{topic}: {seen[0].reliability}, {history}, {seen[0].durability}"
+def _shown(topic: str, sides: Sequence[_Side]) -> str:
+    told = dict.fromkeys(str(side) for side in sides)
+    if len(told) == 1:
+        return f"{topic}: {sides[0]}"
+    return f"{topic}: " + " / ".join(f"{side.kind} {side}" for side in sides)
 
 
 class Row(Parameters):
@@ -227,8 +256,14 @@ _DOUBTFUL_SHARE = 0.1
 def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
     """Judge each row: half for the count, half for the latency."""
     parts, best, reasons, texts = [], [], [], []
-    for row in p.rows:
-        claim = _claimed(context, p, row)
+    claims = {row.name: _claimed(context, p, row) for row in p.rows}
+    # Where nothing was sent, and nothing is said to have come, that is charged with the traffic.
+    rows = [r for r in p.rows if _written(context, r.topic) or ((said := claims[r.name]) is not None and said.count)]
+    expected = f"for each profile the messages delivered (± {p.count_tolerance:.0%}) and a latency that can be"
+    if not rows:
+        return not_reached("Nothing was sent on any of the topics, which is charged above.", expected=expected)
+    for row in rows:
+        claim = claims[row.name]
         if claim is None:
             parts.append(0.0)
             best.append(0.0)
@@ -239,7 +274,6 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
         best.append(shares[1])
         texts.append(text)
         reasons += [reason] if reason else []
-    expected = f"for each profile the messages delivered (± {p.count_tolerance:.0%}) and a latency that can be"
     measured = "; ".join(texts) or "no results"
     spot = Where(session=context.session.record.session, process=p.artifact)
     if sum(best) - sum(parts) > _DOUBTFUL_SHARE * len(parts):
@@ -248,34 +282,14 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
     return graded(sum(best) / len(best), expected, measured, " ".join(reasons), where=(spot,))
 
 
-@dataclass(frozen=True)
-class _Claimed:
-    """What a row of the tool's results says, and when it was read; a latency is None where none is given."""
-
-    t_ns: int
-    count: int
-    mean_s: float | None
-    max_s: float | None
-
-
-_COUNT = re.compile(r"(\d+)\s*(?:msgs?|messages?)\b", re.IGNORECASE)
-_TABLE_ROW = re.compile(r"[\s|,;:\"'`*]+(\d+)[\s|,;]+(-?\d+(?:\.\d+)?)[\s|,;]+(-?\d+(?:\.\d+)?)(?:[\s|,;-]|\d)*")
-
-
-def _claimed(context: Context, p: ReportedTraffic, row: Row) -> _Claimed | None:
-    """Return what the first line about a row says, in the pattern's form, as cells of a table, or as a bare count."""
-    lines = [line for line in context.session.output_of(p.artifact) if _begins(line.text, row.name)]
-    for line in lines:
-        if match := re.search(p.pattern, line.text):
+def _claimed(context: Context, p: ReportedTraffic, row: Row) -> ResultRow | None:
+    """Return what is printed about a row: in the pattern's form, or in another that can be read."""
+    output = context.session.output_of(p.artifact)
+    for line in output:
+        if names(line.text, row.name) and (match := re.search(p.pattern, line.text)):
             mean_s, max_s = (_signed(match, name) / 1e3 for name in ("mean_ms", "max_ms"))
-            return _Claimed(line.t_ns, int(match["count"]), mean_s, max_s)
-    for line in lines:
-        if match := _TABLE_ROW.fullmatch(line.text.partition(row.name)[2]):
-            return _Claimed(line.t_ns, int(match[1]), float(match[2]) / 1e3, float(match[3]) / 1e3)
-    for line in lines:
-        if match := _COUNT.search(line.text):
-            return _Claimed(line.t_ns, int(match[1]), None, None)
-    return None
+            return ResultRow(line.t_ns, int(match["count"]), mean_s, max_s)
+    return result_row(output, row.name, [other.name for other in p.rows if other is not row])
 
 
 def _signed(match: re.Match[str], name: str) -> float:
@@ -284,12 +298,7 @@ def _signed(match: re.Match[str], name: str) -> float:
     return -value if value > 0 and match.string[: match.start(name)].endswith("-") else value
 
 
-def _begins(line: str, name: str) -> bool:
-    """Whether a line is about a profile: its name stands in it as a word of its own."""
-    return re.search(rf"(?<![A-Za-z0-9_]){re.escape(name)}(?![A-Za-z0-9_])", line.replace("test_", "")) is not None
-
-
-def _judge_row(context: Context, p: ReportedTraffic, row: Row, got: _Claimed) -> tuple[tuple[float, float], str, str]:
+def _judge_row(context: Context, p: ReportedTraffic, row: Row, got: ResultRow) -> tuple[tuple[float, float], str, str]:
     """Judge a row: half for the count, half for the latency; numbers that cannot be are worth nothing together.
 
     The first share takes the count as it is, the second excuses what the machine may have kept from the program.
@@ -306,11 +315,14 @@ def _judge_row(context: Context, p: ReportedTraffic, row: Row, got: _Claimed) ->
     if not written - slack - _overwritten(context, p, row) <= got.count <= written + slack:
         return (0.0, 0.0), text, f"{counted}; {written} were published.{_all_together(context, p, got.count)}"
     problem = _latency_problem(context, p, row, got)
-    best = 1.0 if not problem or _late_by_the_machine(context, p, row, got) else 0.5
-    return ((0.5 if problem else 1.0) if got.count >= written - slack else 0.0, best), text, problem
+    share = 0.5 if problem else 1.0
+    if not problem and got.max_s is None:
+        share, problem = 0.75, f"{row.name} reports no largest latency."
+    best = 1.0 if _late_by_the_machine(context, p, row, got) else share
+    return (share if got.count >= written - slack else 0.0, best), text, problem
 
 
-def _late_by_the_machine(context: Context, p: ReportedTraffic, row: Row, got: _Claimed) -> bool:
+def _late_by_the_machine(context: Context, p: ReportedTraffic, row: Row, got: ResultRow) -> bool:
     """Whether a mean latency is only higher than what was recorded, and by no more than the machine held it up."""
     latencies = _latencies_s(context, row.topic)
     run = context.session.process(p.artifact)
@@ -358,12 +370,12 @@ def _overwritten(context: Context, p: ReportedTraffic, row: Row) -> float:
     return timing.rate_hz * context.session.machine_delay_s(run, span)
 
 
-def _latency_problem(context: Context, p: ReportedTraffic, row: Row, got: _Claimed) -> str:
+def _latency_problem(context: Context, p: ReportedTraffic, row: Row, got: ResultRow) -> str:
     """Say why a reported latency cannot be, or nothing.
 
     Nothing is delivered much sooner than the soonest that was recorded; later is a matter of the machine.
     """
-    if got.mean_s is None or got.max_s is None:
+    if got.mean_s is None:
         return f"{row.name} reports {got.count} messages, but no latency."
     latencies = _latencies_s(context, row.topic)
     if not len(latencies):
@@ -371,9 +383,10 @@ def _latency_problem(context: Context, p: ReportedTraffic, row: Row, got: _Claim
     truth_s = float(np.mean(latencies))
     least_s = float(np.min(latencies)) / p.latency_factor
     most_s = max(truth_s * p.latency_factor, truth_s + p.latency_slack_s)
-    if least_s <= got.mean_s <= most_s and got.mean_s <= got.max_s + 1e-5:
+    if least_s <= got.mean_s <= most_s and (got.max_s is None or got.mean_s <= got.max_s + 1e-5):
         return ""
-    reported = f"{row.name} reports a mean latency of {got.mean_s * 1e3:.2f} ms (max {got.max_s * 1e3:.2f} ms)"
+    most = f" (max {got.max_s * 1e3:.2f} ms)" if got.max_s is not None else ""
+    reported = f"{row.name} reports a mean latency of {got.mean_s * 1e3:.2f} ms{most}"
     negative = " No message arrives before it was sent: subtract the other way round." if got.mean_s < 0 else ""
     return f"{reported}; recorded was {truth_s * 1e3:.2f} ms.{negative}"
 

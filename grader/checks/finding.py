@@ -215,6 +215,11 @@ def ramp(value: float, full: float, zero: float) -> float:
     return min(1.0, max(0.0, (zero - value) / (zero - full)))
 
 
+def takes_points(finding: Finding | None) -> bool:
+    """Whether a check has taken points."""
+    return finding is not None and finding.outcome in (Outcome.FAILED, Outcome.PARTIAL, Outcome.NOT_REACHED)
+
+
 def missing_artifact(context: Context, artifact: str, expected: str) -> Finding | None:
     """State that an artifact's file is not there, or None if it is."""
     if context.path_of(artifact) is not None:

@@ -455,6 +455,8 @@ def launch_together(context: Context, p: LaunchTogether) -> Finding:
         _service_answers(context, p.answers) if _is_up(context, p.answers.node) else None,
     ]
     judged = [part for part in parts if part is not None]
+    if judged and (late := _late_commands(context, p.commands, judged[0])) is not None:
+        return inconclusive(expected, "; ".join(text for _, text, _ in judged), late)
     if not judged:
         return not_reached(
             "None of the nodes does its part, by faults that other checks charge.",
@@ -497,7 +499,7 @@ def _commands_come(context: Context, p: TogetherCommands) -> tuple[float, str, s
         )
     if alone_timing is None:
         return 1.0, f"commands at {timing.rate_hz:.1f} Hz", ""
-    share = in_steps(min(1.0, timing.rate_hz / alone_timing.rate_hz / p.least_share), 2)
+    share = _share_of_rate(timing.rate_hz, alone_timing.rate_hz, p)
     text = f"commands at {timing.rate_hz:.1f} Hz ({alone_timing.rate_hz:.1f} Hz alone)"
     return (
         share,

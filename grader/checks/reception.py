@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,13 +22,15 @@ from grader.checks.finding import (
     missing_artifact,
     not_reached,
     passed,
+    takes_points,
+    told,
     why_nothing,
 )
 from grader.checks.traffic import claimed_at, student_endpoints
-from grader.evidence.printed import Report, labelled_vector, reports
+from grader.evidence.printed import PrintedVector, Report, printed_vector, reports
 from grader.evidence.recorded import Span
 from grader.recording.session import Endpoint, ProcessRun
-from grader.result import Finding, Where
+from grader.result import Finding, Outcome, Where
 
 
 class WantedTopic(Parameters):
@@ -50,6 +53,7 @@ class TopicsSubscribed(Parameters):
     artifact: str
     topics: tuple[WantedTopic, ...]
     offered: OfferedProfile = OfferedProfile()
+    reliability: str | None = Field(None, description="What the lab lets them request; another one is only noted.")
     node: str | None = None
 
 
@@ -78,9 +82,11 @@ def topics_subscribed(context: Context, p: TopicsSubscribed) -> Finding:
         return missing
     shares, texts, reasons, spots = [], [], [], []
     nodes: list[str] = []
+    notes: list[str] = []
     for topic in p.topics:
         endpoints = student_endpoints(context, topic.topic, "subscription")
         nodes += [e.node for e in endpoints]
+        notes += _weaker_requests(context, topic.topic, endpoints, p.reliability)
         share, text, reason = _judge_subscription(context, topic, endpoints, p.offered)
         shares.append(share)
         texts.append(text)
@@ -95,7 +101,15 @@ def topics_subscribed(context: Context, p: TopicsSubscribed) -> Finding:
     if p.node is not None and not any(n.rsplit("/", 1)[-1] == p.node.rsplit("/", 1)[-1] for n in nodes):
         share -= 0.2
         reasons.append(f"The node is named {nodes[0]}, not {p.node}.")
-    return graded(share, expected, ", ".join(texts), " ".join(reasons), where=(*spots, context.where()))
+    return graded(share, expected, ", ".join(texts), " ".join(reasons), where=(*spots, context.where()), notes=notes)
+
+
+def _weaker_requests(context: Context, topic: str, endpoints: Sequence[Endpoint], wanted: str | None) -> list[str]:
+    """Note a request for less than the lab asks for: it is compatible, but a lost message is not sent again."""
+    if wanted != "reliable" or not any(e.qos.reliability == "best_effort" for e in endpoints):
+        return []
+    used = context.session.used(topic)
+    return [f"The subscription on {used} requests BEST_EFFORT; with RELIABLE a lost message would be sent again."]
 
 
 def _judge_subscription(
@@ -137,20 +151,58 @@ class Streams(Parameters):
     parameters: Mapping[str, Any] = Field(default_factory=dict, description="Passed on to the oracle.")
 
 
+class Alternative(Parameters):
+    """A known way to get other numbers, and how much credit it leaves."""
+
+    parameters: Mapping[str, Any]
+    meaning: str
+    credit: float = Field(0.0, ge=0, le=1)
+    charged_by: tuple[str, ...] = Field((), description="Where one of these checks took points, none are lost here.")
+
+    def finding(
+        self,
+        context: Context,
+        expected: str,
+        measured: str,
+        *,
+        example: str = "",
+        where: Sequence[Where],
+        notes: Sequence[str] = (),
+    ) -> Finding:
+        """State what numbers are worth that fit it; where another check has charged the mistake, that says it."""
+        if any(takes_points(context.findings.get(check)) for check in self.charged_by):
+            return passed(expected, measured, where=where, notes=notes)
+        meant = f"These numbers fit {self.meaning}."
+        reason = f"{example} {meant}".strip()
+        more = [*notes, meant] if self.credit >= 1 else notes
+        return graded(self.credit, expected, measured, reason, where=where, notes=more)
+
+
 class ReportedSeries(Streams):
     """Numbers that a node reports agree with an oracle's value on each span of time."""
 
     pattern: Pattern
-    tolerance: float = Field(gt=0, description="Absolute; 1 % of the value is allowed in any case.")
+    tolerance: float = Field(gt=0, description="Absolute; 1 % of the value, and what rounding makes, are allowed too.")
     settle_s: float = Field(0.05, description="Reports this close to a span's ends do not count.")
+    alternatives: tuple[Alternative, ...] = ()
+    end_charged_by: str | None = Field(
+        None, description="Check that charges a node that ends early; then only half of the spans must be reached."
+    )
 
 
-def spans_of(context: Context, p: Streams) -> list[dict[str, Any]]:
-    """Return the oracle's spans (``start_ns``, ``end_ns``, ``value``), none if the stimulus was not recorded."""
+def spans_of(context: Context, p: Streams, other: Mapping[str, Any] | None = None) -> list[dict[str, Any]]:
+    """Return the oracle's spans (``start_ns``, ``end_ns``, ``value``), none if the stimulus was not recorded.
+
+    Parameters
+    ----------
+    other : mapping, optional
+        Parameters for the oracle besides the check's own.
+    """
     streams = context.streams(p.streams, p.field)
     if len(streams) < len(p.streams):
         return []
-    found: list[dict[str, Any]] = context.oracle(p.oracle)(streams, p.parameters, context.session.record.seed)
+    parameters = {**p.parameters, **(other or {})}
+    found: list[dict[str, Any]] = context.oracle(p.oracle)(streams, parameters, context.session.record.seed)
     return found
 
 
@@ -172,35 +224,94 @@ def reported_series(context: Context, p: ReportedSeries) -> Finding:
             return failed(expected, "no report", mismatch, hint=_DEAF_HINT, where=(spot,))
         reason, hint, where = why_nothing(context, p.artifact, fallback)
         return failed(expected, "no report", reason, hint=hint, where=where)
-    right, silent, left_out, ratios, worst = 0, 0, 0, [], ""
-    for span in spans:
-        inside, begin_s = _inside(heard, span, p.settle_s), context.session.since_start_s(span["start_ns"])
-        value = float(np.median([r.value for r in inside])) if inside else float("nan")
-        if abs(value - span["value"]) <= max(p.tolerance, 0.01 * span["value"]):
-            right += 1
-            left_out, silent = (
-                left_out + silent,
-                0,
-            )  # It went on: what it lost before is charged by its share.
-        elif inside:
-            ratios.append(value / span["value"])
-            worst = worst or f"At {begin_s:.1f} s it reports {value:.4f}; right is {span['value']:.4f}."
-        else:
-            silent += 1
-            worst = worst or f"From {begin_s:.1f} s on there is no report on a whole plateau."
-    measured = f"right on {right} of {len(spans)} plateaus ({len(heard)} reports)"
-    judged = len(spans) - left_out
-    reason = f"{worst}{_formula(ratios, len(spans), context, p)}"
     spot = Where(session=context.session.record.session, process=p.artifact)
-    if silent and right + silent == len(spans) and (late := _starved(context, p)):
+    where = (spot, context.where(next(iter(p.streams.values()))))
+    seen = _Seen.of(heard, spans, p)
+    measured = f"right on {seen.right} of {len(spans)} plateaus ({len(heard)} reports)"
+    if seen.right < len(spans) and (other := _other_series(context, p, heard)) is not None:
+        return other.finding(context, expected, measured, example=_first_wrong(context, seen), where=where)
+    if seen.silent and seen.right + seen.silent == len(spans) and (late := _starved(context, p)):
         return inconclusive(expected, measured, late, where=(spot,))
-    return graded(
-        right / judged,
-        expected,
-        measured,
-        reason,
-        where=(spot, context.where(next(iter(p.streams.values())))),
-    )
+    notes = []
+    if p.end_charged_by is not None and seen.silent and _ended_ns(context, p.artifact) is not None:
+        notes = [f"The node ended before the last {seen.silent} plateaus, which is charged in {p.end_charged_by}."]
+        seen = replace(seen, left_out=seen.left_out + min(seen.silent, len(spans) // 2))
+    judged = max(seen.right, len(spans) - seen.left_out)
+    reason = f"{_first_wrong(context, seen)}{_formula(seen.ratios, len(spans), context, p)}"
+    return graded(seen.right / judged, expected, measured, reason, where=where, notes=notes)
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """How a node's reports agree with the spans.
+
+    Attributes
+    ----------
+    right : int
+        Spans with the right value.
+    silent : int
+        Spans without a report, after the last that has one.
+    left_out : int
+        Spans without a report before another that is right: the share of reports charges for them.
+    ratios : tuple of float
+        Of a wrong value to the right one.
+    first_wrong : tuple or None
+        Start (ns) of the first span that is not right, what is reported there (None if nothing) and what is right.
+    """
+
+    right: int
+    silent: int
+    left_out: int
+    ratios: tuple[float, ...]
+    first_wrong: tuple[int, float | None, float] | None
+
+    @classmethod
+    def of(cls, heard: Sequence[Report], spans: Sequence[Mapping[str, Any]], p: ReportedSeries) -> _Seen:
+        """Judge each span by the median of the reports within it."""
+        # What was printed with two places cannot be known better.
+        rounding = min((r.rounding for r in heard if r.rounding), default=0.0)
+        right, silent, left_out, ratios, wrong = 0, 0, 0, [], []
+        for span in spans:
+            inside = _inside(heard, span, p.settle_s)
+            value = float(np.median([r.value for r in inside])) if inside else None
+            slack = max(p.tolerance, 0.01 * abs(span["value"]), rounding * 1.01)
+            if value is not None and abs(value - span["value"]) <= slack:
+                right += 1
+                left_out, silent = left_out + silent, 0
+                continue
+            wrong.append((span["start_ns"], value, span["value"]))
+            if value is not None:
+                ratios.append(value / span["value"])
+            else:
+                silent += 1
+        return cls(right, silent, left_out, tuple(ratios), wrong[0] if wrong else None)
+
+
+def _first_wrong(context: Context, seen: _Seen) -> str:
+    if seen.first_wrong is None:
+        return ""
+    start_ns, value, right = seen.first_wrong
+    begin_s = context.session.since_start_s(start_ns)
+    if value is None:
+        return f"From {begin_s:.1f} s on there is no report on a whole plateau."
+    return f"At {begin_s:.1f} s it reports {value:.4f}; right is {right:.4f}."
+
+
+def _other_series(context: Context, p: ReportedSeries, heard: Sequence[Report]) -> Alternative | None:
+    """Return the alternative that fits all that was reported."""
+    for other in p.alternatives:
+        spans = spans_of(context, p, other.parameters)
+        seen = _Seen.of(heard, spans, p)
+        if spans and 2 * seen.right >= len(spans) and seen.right + seen.silent + seen.left_out == len(spans):
+            return other
+    return None
+
+
+def _ended_ns(context: Context, artifact: str) -> int | None:
+    """Return when the artifact's last process ended without having been told to, None if it did not."""
+    processes = context.session.processes_of(artifact)
+    run = processes[-1] if processes else None
+    return run.exited_ns if run is not None and run.interrupted_ns is None and run.ended_by != "kill" else None
 
 
 def _inside(heard: Sequence[Report], span: Mapping[str, Any], settle_s: float) -> list[Report]:
@@ -223,12 +334,13 @@ def _formula(ratios: Sequence[float], spans: int, context: Context, p: Streams) 
     return f" It is always {ratio:.2f} times the right value."
 
 
-class Alternative(Parameters):
-    """A known way to get other numbers, and how much credit it leaves."""
+class Shorter(Parameters):
+    """Another session, in which a node that also needs fewer messages prints its numbers too."""
 
-    parameters: Mapping[str, Any]
-    meaning: str
-    credit: float = Field(0.0, ge=0, le=1)
+    session: str
+    least: int = Field(description="Messages from which there must be numbers.")
+    most: int = Field(description="With so many messages it would be no shorter run.")
+    credit: float = Field(0.5, ge=0, le=1, description="Credit of a node that prints nothing there.")
 
 
 class ReportedStatistics(Streams):
@@ -237,11 +349,12 @@ class ReportedStatistics(Streams):
     label: str
     key: str = Field(description="Key in the oracle's answer.")
     length: int
-    tolerance: float = Field(0.001, description="Absolute; 1 % of the value is allowed in any case.")
+    tolerance: float = Field(0.001, description="Absolute; 1 % of the value, and what rounding makes, are allowed too.")
     alternatives: tuple[Alternative, ...] = ()
     report_pattern: Pattern | None = Field(
         None, description="The node's report on each message, to see whether it lost any."
     )
+    shorter: Shorter | None = None
 
 
 def reported_statistics(context: Context, p: ReportedStatistics) -> Finding:
@@ -256,32 +369,68 @@ def reported_statistics(context: Context, p: ReportedStatistics) -> Finding:
         )
     processes = context.session.processes_of(p.artifact)
     stopped_ns = processes[-1].interrupted_ns if processes else None
-    printed = labelled_vector(context.session.output_of(p.artifact), p.label, stopped_ns)
-    spot = Where(session=context.session.record.session, process=p.artifact)
+    printed = printed_vector(context.session.output_of(p.artifact), p.label, stopped_ns)
     if printed is None:
         return _nothing_printed(context, p, expected)
+    finding = _judge_vector(context, p, streams, printed, expected)
+    if finding.outcome is Outcome.PASSED and p.shorter is not None and (reason := _silent_when_shorter(context, p)):
+        return graded(p.shorter.credit, expected, finding.measured, reason, where=finding.where, notes=finding.notes)
+    return finding
+
+
+_OTHER_FORMS = {
+    "table": "{0} is printed in a table; the lab asks for a line '{0}: [...]'.",
+    "lines": "{0} is printed in a line for each element; the lab asks for one line '{0}: [...]'.",
+}
+
+
+def _judge_vector(
+    context: Context, p: ReportedStatistics, streams: Mapping[str, Any], printed: PrintedVector, expected: str
+) -> Finding:
+    spot = Where(session=context.session.record.session, process=p.artifact)
+    measured = "[" + " ".join(f"{x:.4f}" for x in printed.values[: p.length]) + "]"
+    notes = [_OTHER_FORMS[printed.form].format(p.label)] if printed.form in _OTHER_FORMS else []
     share = _agreement(context, p, streams, {}, printed)
-    measured = "[" + " ".join(f"{x:.4f}" for x in printed[: p.length]) + "]"
     if share >= 1:
-        return passed(expected, measured, where=(spot,))
+        return passed(expected, measured, where=(spot,), notes=notes)
     for other in p.alternatives:
         if _agreement(context, p, streams, other.parameters, printed) >= 1:
-            reason = f"These numbers fit {other.meaning}."
-            notes = (reason,) if other.credit >= 1 else ()
-            return graded(other.credit, expected, measured, reason, where=(spot,), notes=notes)
-    if len(printed) == p.length and (heard := _reports_of_some(context, p)):
+            return other.finding(context, expected, measured, where=(spot,), notes=notes)
+    if len(printed.values) == p.length and (heard := _reports_of_some(context, p)):
         if _agreement(context, p, streams, {"reports": heard}, printed) >= 1:
-            note = f"{p.label}: judged over the {len(heard)} messages that the node reported; it lost the others."
-            return passed(expected, measured, where=(spot,), notes=(note,))
+            notes.append(
+                f"{p.label}: judged over the {len(heard)} messages that the node reported; it lost the others."
+            )
+            return passed(expected, measured, where=(spot,), notes=notes)
         if late := _starved(context, p):
             return inconclusive(expected, measured, late, where=(spot,))
     right = context.oracle(p.oracle)(streams, p.parameters, context.session.record.seed)[p.key]["value"]
     reason = "Right would be [" + " ".join(f"{x:.4f}" for x in right) + "]."
-    if len(printed) != p.length:
-        amount = "One number is" if len(printed) == 1 else f"{len(printed)} numbers are"
+    if len(printed.values) != p.length:
+        count = len(printed.values)
+        amount = "One number is" if count == 1 else f"{count} numbers are"
         reason = f"{amount} printed, not one for each of {p.length}. " + reason
         share = 0.0
-    return graded(share, expected, measured, reason, where=(spot,))
+    return graded(share, expected, measured, reason, where=(spot,), notes=notes)
+
+
+def _silent_when_shorter(context: Context, p: ReportedStatistics) -> str:
+    """Say that the node printed no numbers after a run with fewer messages, if it ran, and ended as it should."""
+    assert p.shorter is not None
+    other = context.sessions.get(p.shorter.session)
+    for run in other.record.processes if other is not None and p.report_pattern is not None else ():
+        count = sum(re.search(str(p.report_pattern), line.text[:2000]) is not None for line in run.output)
+        if run.role != "student" or not p.shorter.least <= count <= p.shorter.most:
+            continue
+        chance = any("KeyboardInterrupt" in o.text or _HIT_IN_A_CALL in o.text for o in run.output)
+        if run.ended_by != "interrupt" or run.output_dropped_bytes or chance:
+            continue
+        if printed_vector(run.output, p.label, run.interrupted_ns) is None:
+            return (
+                f"In the session '{p.shorter.session}' it was stopped after {count} reports, and printed no "
+                f"'{p.label}: [...]'; {p.shorter.least} are enough."
+            )
+    return ""
 
 
 #: What pybind11 says when a signal's exception strikes while it converts an argument.
@@ -308,6 +457,10 @@ def _nothing_printed(context: Context, p: ReportedStatistics, expected: str) -> 
         )
     nothing = f"Nothing of the form '{p.label}: [...]' was printed after Ctrl-C."
     hint = f"Catch KeyboardInterrupt around rclpy.spin(node), and print '{p.label}: [...]' after it."
+    if (end_ns := _ended_ns(context, p.artifact)) is not None and (found := context.diagnosis(p.artifact)) is not None:
+        when = f"The node ended by itself at {context.session.since_start_s(end_ns):.1f} s, before Ctrl-C."
+        spots = (Where(file=found.file, line=found.line),) if found.file else (spot,)
+        return failed(expected, "nothing", f"{when} {told(found)}", hint=found.remedy, where=spots)
     if (mismatch := _deaf(context, p)) is not None:
         return failed(expected, "nothing", f"{nothing} {mismatch}", hint=_DEAF_HINT, where=(spot,))
     if last := _last_words(processes):
@@ -344,16 +497,16 @@ def _agreement(
     p: ReportedStatistics,
     streams: Mapping[str, Any],
     other: Mapping[str, Any],
-    printed: Sequence[float],
+    printed: PrintedVector,
 ) -> float:
     """Return the share of elements that lie within the oracle's bounds."""
     right = context.oracle(p.oracle)(streams, {**p.parameters, **other}, context.session.record.seed)[p.key]
-    if len(printed) != len(right["value"]):
+    if len(printed.values) != len(right["value"]):
         return 0.0
-    slack = [max(p.tolerance, 0.01 * abs(v)) for v in right["value"]]
-    bounds = zip(printed, right["low"], right["high"], slack, strict=True)
+    slack = [max(p.tolerance, 0.01 * abs(v), 1.01 * printed.rounding) for v in right["value"]]
+    bounds = zip(printed.values, right["low"], right["high"], slack, strict=True)
     right_ones: list[bool] = [low - s <= x <= high + s for x, low, high, s in bounds]
-    return sum(right_ones) / len(printed)
+    return sum(right_ones) / len(printed.values)
 
 
 def _messages_during_delay(context: Context, p: Streams) -> float:
@@ -369,7 +522,9 @@ _STARVED_SHARE = 0.03
 
 
 def _starved(context: Context, p: Streams) -> str:
-    """Say that the machine kept the node from a core while messages came, if it did."""
+    """Say that the machine kept the node from a core while messages came, if it did; one that ended did not wait."""
+    if _ended_ns(context, p.artifact) is not None:
+        return ""
     delay_s, length_s = _delay_s(context, p)
     return _late(context, p) if delay_s >= _STARVED_SHARE * length_s else ""
 
@@ -408,6 +563,7 @@ class Survives(Parameters):
 
     artifact: str
     step: str
+    until: str | None = Field(None, description="A later step; what ends after that one's start has survived.")
 
 
 def survives(context: Context, p: Survives) -> Finding:
@@ -419,7 +575,9 @@ def survives(context: Context, p: Survives) -> Finding:
         return inconclusive(expected, "the step was not reached", "The recording does not show what the node did then.")
     first = processes[0]
     spot = Where(session=context.session.record.session, process=p.artifact)
+    later = context.session.step(p.until) if p.until is not None else None
     second_start_ns = processes[1].started_ns if len(processes) > 1 else 2**63
+    second_start_ns = min(second_start_ns, later.started_ns) if later is not None else second_start_ns
     if first.exited_ns is None or first.interrupted_ns is not None or first.exited_ns > second_start_ns:
         return passed(expected, "it went on", where=(spot,))
     reason, hint, where = why_nothing(context, p.artifact, "The node ended.")

@@ -26,7 +26,7 @@ from grader.checks.finding import (
 )
 from grader.checks.traffic import claimed_at
 from grader.recording.session import StepRun
-from grader.result import Finding, Where
+from grader.result import Finding, Outcome, Where
 
 
 class ServiceOffered(Parameters):
@@ -70,7 +70,7 @@ def service_offered(context: Context, p: ServiceOffered) -> Finding:
 
 
 class CallAnswered(Parameters):
-    """A call is answered with the right values; a message that says something else costs a quarter."""
+    """A call is answered with the right values; an empty message, or another answer later, costs a quarter."""
 
     artifact: str
     step: str
@@ -79,6 +79,7 @@ class CallAnswered(Parameters):
     message: Pattern | None = Field(None, description="Regular expression for the message field.")
     contrary: Pattern | None = Field(None, description="A message that matches says the contrary: no credit.")
     again: str | None = Field(None, description="A later step with the same request, to be answered alike.")
+    opposite: str | None = Field(None, description="A step at which this answer would be wrong, to see a mix-up.")
 
 
 def _answer(step: StepRun | None) -> tuple[Mapping[str, Any] | None, float, str]:
@@ -171,10 +172,15 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
     measured = f"{_shown(response)} after {latency_s * 1e3:.1f} ms"
     wrong = [f"{k} is {response.get(k)!r}, not {v!r}" for k, v in p.response.items() if response.get(k) != v]
     if wrong:
-        return failed(expected, measured, f"In the answer, {' and '.join(wrong)}.", where=where)
+        swapped = _fits(_answer(context.session.step(p.opposite) if p.opposite else None)[0], p.response)
+        reason = f"In the answer, {' and '.join(wrong)}.{_SWAPPED if swapped else ''}"
+        return failed(expected, measured, reason, where=where)
     if (contrary := _contrary(context, p, response)) is not None:
         reason = f"To this request it also answers {_shown(contrary)}, which says the contrary."
         return failed(expected, measured, reason, hint="Do what request.data says; do not switch over.", where=where)
+    if (other := next((a for a in _later_answers(context, p) if not _fits(a, p.response)), None)) is not None:
+        reason = f"To the same request it answers {_shown(other)} later."
+        return graded(0.75, expected, measured, reason, hint=_ALIKE_HINT, where=where)
     text = str(response.get(p.message_field, ""))
     if p.message is not None and not text.strip():
         return graded(0.75, expected, measured, "The answer's message is empty.", where=where)
@@ -184,14 +190,32 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
     return passed(expected, measured, where=where)
 
 
-def _contrary(context: Context, p: CallAnswered, first: Mapping[str, Any]) -> Mapping[str, Any] | None:
-    """Return the first answer whose message says the contrary of the request, of this step or of the later one."""
+_SWAPPED = " Where this would be right, it answers the contrary: the condition is the wrong way round."
+_ALIKE_HINT = "Answer each request by what it asks for, whatever the state was before."
+
+
+def _fits(answer: Mapping[str, Any] | None, wanted: Mapping[str, Any]) -> bool:
+    return answer is not None and all(answer.get(k) == v for k, v in wanted.items())
+
+
+def _later_answers(context: Context, p: CallAnswered) -> list[Mapping[str, Any]]:
+    """Return the answers of the later step, if it made the same request."""
     step, later = context.session.step(p.step), context.session.step(p.again) if p.again else None
     alike = step is not None and later is not None and later.parameters.get("request") == step.parameters.get("request")
     calls = later.result.get("calls", []) if later is not None and alike else []
-    answers = [first, *(c["response"] for c in calls if c["response"] is not None)]
-    messages = ((a, str(a.get(p.message_field, ""))) for a in answers)
-    return next((a for a, text in messages if p.contrary and re.search(p.contrary, text)), None)
+    return [c["response"] for c in calls if c["response"] is not None]
+
+
+def _contrary(context: Context, p: CallAnswered, first: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """Return the first answer whose message says the contrary of the request, of this step or of the later one.
+
+    One that says what is wanted as well says no contrary, as in "Robot enabled (was disabled)".
+    """
+    for answer in (first, *_later_answers(context, p)) if p.contrary is not None else ():
+        rest, found = re.subn(p.contrary or "", " ", str(answer.get(p.message_field, "")))
+        if found and not (p.message is not None and re.search(p.message, rest)):
+            return answer
+    return None
 
 
 class CallGated(Parameters):
@@ -201,6 +225,7 @@ class CallGated(Parameters):
     refused_step: str
     recovered_step: str
     from_start_step: str = Field(description="The call to a node that had the parameter from its start.")
+    enables: str | None = Field(None, description="Check of the answer while all is well; without it nothing is said.")
     refused: Mapping[str, Any]
     recovered: Mapping[str, Any]
 
@@ -211,13 +236,14 @@ def call_gated(context: Context, p: CallGated) -> Finding:
     steps = {name: context.session.step(name) for name in (p.refused_step, p.recovered_step, p.from_start_step)}
     answers = {name: _answer(step)[0] for name, step in steps.items()}
 
-    def fits(name: str, wanted: Mapping[str, Any]) -> bool:
-        answer = answers[name]
-        return answer is not None and all(answer.get(k) == v for k, v in wanted.items())
-
-    refuses, recovers = fits(p.refused_step, p.refused), fits(p.recovered_step, p.recovered)
+    refuses, recovers = _fits(answers[p.refused_step], p.refused), _fits(answers[p.recovered_step], p.recovered)
     measured = f"off: {_shown(answers[p.refused_step])}; on again: {_shown(answers[p.recovered_step])}"
     where = tuple(_spot(context, steps[n]) for n in (p.refused_step, p.recovered_step))
+    enabling = context.findings.get(p.enables) if p.enables is not None else None
+    if enabling is not None and enabling.outcome in (Outcome.FAILED, Outcome.NOT_REACHED):
+        if _fits(answers[p.refused_step], p.recovered) and _fits(answers[p.recovered_step], p.refused):
+            return graded(0.5, expected, measured, _REVERSED, where=where)
+        return not_reached("Enabling fails already, so that a refusal says nothing.", expected=expected)
     if refuses:
         return graded(
             0.5 + 0.5 * recovers,
@@ -228,13 +254,13 @@ def call_gated(context: Context, p: CallGated) -> Finding:
         )
     if answers[p.refused_step] is None and _earlier_silence(context, steps[p.refused_step], expected) is not None:
         reason = "The node had stopped answering before, which is charged there, so no change could be looked at."
-        share, hint = 0.5 * fits(p.from_start_step, p.refused), "Mend the earlier call first."
+        share, hint = 0.5 * _fits(answers[p.from_start_step], p.refused), "Mend the earlier call first."
         return graded(share, expected, measured, reason, hint=hint, where=where)
     if answers[p.refused_step] is None:
         students = (run.artifact for run in context.session.record.processes if run.role == "student")
         problem = "No answer came while the parameter was false."
         return _silence(context, next(students, None) or "", expected, problem, where)
-    if fits(p.from_start_step, p.refused):
+    if _fits(answers[p.from_start_step], p.refused):
         reason = "It refuses only when the parameter is false from the start; a change while it runs has no effect."
         return graded(
             0.5,
@@ -251,6 +277,9 @@ def call_gated(context: Context, p: CallGated) -> Finding:
     return failed(expected, measured, "It enables although the parameter is false.", where=where)
 
 
+_REVERSED = (
+    "It follows the parameter, but the wrong way round: it enables while it is false and refuses while it is true."
+)
 _SET_HINT = "Declare the parameter with a default of the type that the lab gives it; others can then set it."
 
 
@@ -304,6 +333,7 @@ class CallsInTime(Parameters):
 
     step: str
     within_s: float = Field(gt=0)
+    enough: int = Field(10, description="Where all were in time, so many will do if there was no time for more.")
 
 
 def calls_in_time(context: Context, p: CallsInTime) -> Finding:
@@ -322,6 +352,9 @@ def calls_in_time(context: Context, p: CallsInTime) -> Finding:
     quick = sum(latency <= p.within_s for latency in latencies)
     slowest = f", slowest {max(latencies) * 1e3:.1f} ms" if latencies else ""
     measured = f"{quick} of {len(calls)} calls made in time{slowest}"
+    if quick == len(calls) < wanted and quick >= p.enough:
+        note = f"There was time for {quick} of {wanted} calls, as each took {min(latencies):.2f} s or more."
+        return passed(expected, measured, where=where, notes=(note,))
     if quick == len(calls) < wanted:
         return inconclusive(
             expected,

@@ -203,6 +203,10 @@ def clock_was_set(context: Context, span: Span | None) -> str | None:
 _NOTABLE_DELAY = 0.005
 
 
+#: Share of a span for which a process was kept from a core, from which its usual interval may be longer by that.
+_MANY_DELAYS = 0.1
+
+
 def _doubt(delay_s: float, length_s: float) -> str:
     if delay_s > _NOTABLE_DELAY * length_s:
         return f"The machine kept the node from a core for {delay_s:.2f} s of {length_s:.1f} s, which may be why."
@@ -213,10 +217,11 @@ def _best_rate_hz(timing: Timing, length_s: float, delay_s: float, wanted_hz: fl
     """Return the highest rate, up to the one wanted, that the node may have had on a machine of its own.
 
     It lost at most the time for which it was ready and had no core; and what its usual interval shows
-    is not changed by a few delays.
+    is not changed by a few delays. Many can lengthen half of the intervals, and with them the usual one.
     """
     without_delay_hz = timing.rate_hz * length_s / (length_s - delay_s)
-    usual_hz = 1 / timing.median_s if timing.median_s > 0 else timing.rate_hz
+    longer_s = 2 * delay_s / max(len(timing.intervals_s), 1) if delay_s > _MANY_DELAYS * length_s else 0.0
+    usual_hz = 1 / (timing.median_s - longer_s) if timing.median_s > longer_s else without_delay_hz
     return max(timing.rate_hz, min(without_delay_hz, usual_hz, wanted_hz))
 
 

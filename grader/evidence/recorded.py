@@ -254,6 +254,14 @@ class Recorded:
         idle_s = max(0.0, span.duration_s - float(cpu[1] - cpu[0]) / 1e9)
         return min(float(delay[1] - delay[0]) / 1e9 + _stolen_s(self.record, span), idle_s)
 
+    def longest_delay_s(self, span: Span) -> float:
+        """Return for how long within a span the machine kept that process from its core which it held up most, in s.
+
+        The grader's own recorder is left out: it may be late.
+        """
+        runs = (run for run in self.record.processes if run.role in ("student", "reference"))
+        return max((self.machine_delay_s(run, span) for run in runs), default=0.0)
+
     def output_of(self, artifact: str) -> list[OutputLine]:
         """Return the output of the last process that ran an artifact."""
         processes = self.processes_of(artifact)

@@ -396,16 +396,27 @@ class Director:
         return "done", {"node": node, "declared": list(listed.result.names)[:200], "values": values}
 
     def _set_parameters(self, request: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
-        node = self._node_name(request)
-        message = _interface("rcl_interfaces/srv/SetParameters", "srv").Request()
-        message.parameters = [Parameter(n, value=v).to_parameter_msg() for n, v in request["values"].items()]
-        answer = self._ask(
-            f"{node}/set_parameters", "rcl_interfaces/srv/SetParameters", message, float(request["timeout_s"])
-        )
-        if answer is None:
+        values: dict[str, Any] = dict(request["values"])
+        node, refused = self._node_name(request), self._refused(request, values)
+        if refused:
+            # A parameter of another type is charged where its type is looked at; what it does is seen in its own type.
+            held = self._get_parameters({**request, "names": list(refused)})[1].get("values", {})
+            suited = {n: in_type_of(v["value"], values[n]) for n, v in held.items()}
+            again = self._refused(request, suited) if suited else refused
+            refused = again if again is None else {n: r for n, r in refused.items() if n not in suited or n in again}
+        if refused is None:
             return "timeout", {"node": node, "problem": "the node's parameter services do not answer"}
-        refused = {n: r.reason for n, r in zip(request["values"], answer.results, strict=False) if not r.successful}
         return ("failed" if refused else "done"), {"node": node, "refused": refused}
+
+    def _refused(self, request: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, str] | None:
+        """Set parameters; returns the reasons for which some were refused, None if there was no answer."""
+        message = _interface("rcl_interfaces/srv/SetParameters", "srv").Request()
+        message.parameters = [Parameter(n, value=v).to_parameter_msg() for n, v in values.items()]
+        address = f"{self._node_name(request)}/set_parameters"
+        answer = self._ask(address, "rcl_interfaces/srv/SetParameters", message, float(request["timeout_s"]))
+        if answer is None:
+            return None
+        return {n: r.reason for n, r in zip(values, answer.results, strict=False) if not r.successful}
 
 
 class _Call:
@@ -478,6 +489,17 @@ def _fill(message: Any, values: Mapping[str, Any]) -> Any:
         else:
             setattr(message, name, value)
     return message
+
+
+def in_type_of(held: Any, value: Any) -> Any:
+    """Return a parameter's new value in the type of the one that it holds: false becomes "false" or "False"."""
+    if isinstance(held, str):
+        text = str(value).lower() if isinstance(value, bool) else str(value)
+        return text.capitalize() if held[:1].isupper() else text
+    try:
+        return type(held)(value) if isinstance(held, (bool, int, float)) else value
+    except (TypeError, ValueError):
+        return value
 
 
 def _plain_parameter(value: Any) -> dict[str, Any]:

@@ -39,6 +39,8 @@ _MAX_OPEN_FILES = 1024
 _MAX_ADDRESS_BYTES = 4 * 1024**3
 #: Of `/etc`, what programs need to run.
 _SETTINGS = ("ld.so.cache", "localtime", "alternatives", "timezone")
+#: Where `setpriv`, `prlimit` and `env` are found in a sandbox.
+_PATH_OF_TOOLS = "/usr/bin:/bin:/usr/sbin:/sbin"
 _DEVICES = ("null", "zero", "full", "random", "urandom")
 
 
@@ -203,8 +205,7 @@ def student_argv(
     uid = student_uid(isolation, slot)
     limits = _limits(group, uid)
     if isolation.level is Level.NONE:
-        words = [f"{key}={value}" for key, value in environment.items()]
-        return ["setpriv", "--pdeathsig", "KILL", "env", "-i", *words, *_limited(limits, command)]
+        return ["setpriv", "--pdeathsig", "KILL", *_limited(limits, environment, command)]
     if not isolation.namespaces:
         limits["nproc"] = PROCESSES if uid is not None else _tasks_of_user() + PROCESSES
         read, write = _readable(room), [*map(str, room.areas.values()), *(f"/dev/{name}" for name in _DEVICES)]
@@ -220,12 +221,12 @@ def student_argv(
         arguments += ["--cap-drop", "ALL"]
         arguments += [word for name in ("SETUID", "SETGID", "SETPCAP") for word in ("--cap-add", f"CAP_{name}")]
     arguments += _file_system(room)
-    arguments += ["--clearenv", *(word for k, v in environment.items() for word in ("--setenv", k, v))]
-    arguments += ["--chdir", cwd, "--"]
+    # What launch files set, such as LD_PRELOAD or PATH, must not reach the programs that still have privileges.
+    arguments += ["--clearenv", "--setenv", "PATH", _PATH_OF_TOOLS, "--chdir", cwd, "--"]
     if uid is not None:
         arguments += ["setpriv", "--reuid", str(uid), "--regid", str(uid), "--clear-groups", "--inh-caps=-all"]
         arguments += ["--bounding-set=-all", "--no-new-privs"]
-    arguments += _limited(limits, command)
+    arguments += _limited(limits, environment, command)
     return group.entering(arguments) if group is not None else arguments
 
 
@@ -234,8 +235,12 @@ def _limits(group: CellGroup | None, uid: int | None) -> dict[str, int]:
     return limits if group is not None else {**limits, "as": _MAX_ADDRESS_BYTES}
 
 
-def _limited(limits: Mapping[str, int], command: Sequence[str]) -> list[str]:
-    return ["prlimit", *(f"--{name}={value}" for name, value in limits.items()), "--", *command]
+def _limited(limits: Mapping[str, int], environment: Mapping[str, str], command: Sequence[str]) -> list[str]:
+    variables = [f"{name}={value}" for name, value in environment.items()]
+    # `env` would take a program with this sign in its path for one more variable.
+    shell = ["sh", "-c", 'exec "$@"', "sh"] if "=" in command[0] else []
+    limited = ["prlimit", *(f"--{name}={value}" for name, value in limits.items()), "--"]
+    return [*limited, "env", "-i", "--", *variables, *shell, *command]
 
 
 def _tasks_of_user() -> int:

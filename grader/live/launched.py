@@ -84,14 +84,17 @@ class LaunchRunner:
     def _mend(self, problem: Problem, assume: Mapping[str, str], arguments: dict[str, str]) -> bool:
         """Make good a problem that a check of its own charges; False if that cannot be done."""
         quoted = re.findall(r"'([^']+)'", problem.message)
-        install = self._session.workspace / "install"
-        if any(p.alive for p in self._session.processes.values() if p.run.role == "student"):
+        if any(p.run.role == "student" for p in self._session.processes.values()):
             return False  # What stands in the workspace is the student's to change by now.
+        # Reading a launch file runs it: it may say anything, and without namespaces the workspace was open to it.
+        self._session.end_strays()
         if problem.kind == "unknown_executable" and len(quoted) >= 2 and "found in package" in problem.message:
-            folder, wanted = install / "lib" / quoted[1], quoted[0]
+            folder, wanted = own_folder(self._session.workspace, "install", "lib", quoted[1]), quoted[0]
+            if folder is None:
+                return False
             return self._mend_entry_point(folder, wanted) or _mend_executable(folder, wanted)
         if problem.kind == "unknown_package" and quoted:
-            return _mend_package(install, quoted[0])
+            return _mend_package(self._session.workspace, quoted[0])
         if problem.kind == "undefined_configuration" and quoted and quoted[0] in assume and quoted[0] not in arguments:
             arguments[quoted[0]] = assume[quoted[0]]
             return True
@@ -101,9 +104,9 @@ class LaunchRunner:
         """Install an artifact that no entry point runs, under the name of its module."""
         plan = self._session.plan
         meant = [a for a, source in plan.sources.items() if Path(source).stem == wanted.removesuffix(".py")]
-        if not meant or meant[0] not in plan.executables or not folder.is_dir() or (folder / wanted).exists():
+        if not meant or meant[0] not in plan.executables or os.path.lexists(folder / wanted):
             return False
-        shutil.copy(self._session.workspace / plan.executables[meant[0]], folder / wanted)
+        shutil.copy(Path(plan.staged) / plan.executables[meant[0]], folder / wanted)
         return True
 
     async def _evaluate(self, source: str, arguments: dict[str, str], timeout_s: float) -> tuple[str, Plan]:
@@ -253,26 +256,39 @@ class LaunchRunner:
             await self._start(process)
 
 
+def own_folder(above: Path, *names: str) -> Path | None:
+    """Return the folder that some names lead to from another; None where one of them is a link, or leads elsewhere."""
+    folder = above
+    for name in names:
+        folder = folder / name
+        if not re.fullmatch(r"[A-Za-z][\w-]{0,200}", name) or folder.is_symlink() or not folder.is_dir():
+            return None
+    return folder
+
+
 def _mend_executable(folder: Path, wanted: str) -> bool:
     """Install the executable that was meant under the name that was used."""
-    if not folder.is_dir() or not re.fullmatch(r"[\w.+-]{1,200}", wanted) or (folder / wanted).exists():
+    if not re.fullmatch(r"[\w.+-]{1,200}", wanted) or os.path.lexists(folder / wanted):
         return False
-    there = [p for p in folder.iterdir() if p.suffix != ".py" and p.is_file()]
+    there = [p for p in folder.iterdir() if p.suffix != ".py" and p.is_file() and not p.is_symlink()]
     near = sorted(there, key=lambda p: (-likeness(wanted, p.name), p.name))
     if not near or likeness(wanted, near[0].name) < LEAST_RATIO:
         return False
-    shutil.copy(near[0], folder / wanted)
+    shutil.copy(near[0], folder / wanted, follow_symlinks=False)
     return True
 
 
-def _mend_package(install: Path, wanted: str) -> bool:
+def _mend_package(workspace: Path, wanted: str) -> bool:
     """Install the submission's package under the name that was used, if it has only one."""
-    index = install / "share/ament_index/resource_index/packages"
-    there = sorted(p.name for p in index.iterdir()) if index.is_dir() else []
-    if len(there) != 1 or wanted in there or not re.fullmatch(r"[A-Za-z]\w{0,200}", wanted):
+    index = own_folder(workspace, "install", "share", "ament_index", "resource_index", "packages")
+    there = sorted(p.name for p in index.iterdir()) if index is not None else []
+    if index is None or len(there) != 1 or wanted in there or not re.fullmatch(r"[A-Za-z]\w{0,200}", wanted):
         return False
-    for part in ("lib", "share"):
-        shutil.copytree(install / part / there[0], install / part / wanted)
+    folders = [own_folder(workspace, "install", part, there[0]) for part in ("lib", "share")]
+    if any(folder is None or os.path.lexists(folder.with_name(wanted)) for folder in folders):
+        return False
+    for folder in (folder for folder in folders if folder is not None):
+        shutil.copytree(folder, folder.with_name(wanted), symlinks=True)
     (index / wanted).touch()
     return True
 

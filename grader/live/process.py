@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from grader.live.priority import put_session_first
+from grader.live.priority import Priority, put_standing, put_starting, weigh_session
 from grader.recording.session import OutputLine, ProcessRun, Usage
 
 #: Output kept of one process, in bytes; what comes after is counted and dropped.
@@ -59,7 +59,7 @@ class RunningProcess:
         self._on_message = on_message
         self.on_line: Callable[[OutputLine], None] | None = None
         #: Kept, since the event loop keeps no task from being collected.
-        self.put_first: asyncio.Task[None] | None = None
+        self.weighing: asyncio.Task[None] | None = None
         assert process.stdout is not None
         assert process.stderr is not None
         self._readers = [
@@ -94,10 +94,10 @@ class RunningProcess:
             start_new_session=True,
             limit=_READ_BYTES,
         )
-        put_session_first(process.pid)
+        put_starting(process.pid)
         running = cls(run, process, child_pid_fd, on_message)
         if child_pid_fd is not None:
-            running.put_first = asyncio.create_task(running._put_first())
+            running.weighing = asyncio.create_task(running._weigh_sandbox())
         return running
 
     @property
@@ -156,6 +156,7 @@ class RunningProcess:
         await asyncio.wait(self._readers, timeout=_LAST_OUTPUT_S)
         for reader in self._readers:
             reader.cancel()
+        self._note_last_usage()
         return status
 
     def _pid(self) -> int | None:
@@ -170,13 +171,13 @@ class RunningProcess:
         children = children_of(self._sandbox_pid)
         return children[0] if children else None
 
-    async def _put_first(self) -> None:
-        """Put it before others as soon as its sandbox has begun a session of its own."""
+    async def _weigh_sandbox(self) -> None:
+        """Give its sandbox the weight of what is starting, as soon as that has begun a session of its own."""
         for _ in range(_SANDBOX_LOOKS):
             pid = self._pid()
             with suppress(ProcessLookupError):
                 if pid is not None and os.getsid(pid) != self._process.pid:
-                    put_session_first(pid)
+                    weigh_session(pid, Priority.STARTING)
                     return
             await asyncio.sleep(_SANDBOX_LOOK_S)
 
@@ -236,6 +237,11 @@ class RunningProcess:
         done, _ = await asyncio.wait({self.exited}, timeout=timeout_s)
         return bool(done)
 
+    def put_standing(self) -> None:
+        """Let it go before what is still starting: from now on its timing counts."""
+        root = self.root_pid()
+        put_standing(descendants_of(root) if root is not None else ())
+
     def hold_to_core(self, core: int) -> None:
         """Let all its threads, and those to come, run on one core only.
 
@@ -262,6 +268,20 @@ class RunningProcess:
             return
         cpu_ns, delay_ns = (sum(values) for values in zip(*self._usage.values(), strict=True))
         self.run.usage.append(Usage(time.time_ns(), cpu_ns, delay_ns))
+
+
+    def _note_last_usage(self) -> None:
+        """Note the CPU time that it took until its end, which no sample has seen; its delay is as last seen.
+
+        The sandbox that ends leaves its first process, with the CPU time of all in it, to the first of the cell.
+        """
+        if self._sandbox_pid is None or not self.run.usage:
+            return
+        with suppress(ChildProcessError):
+            pid, _, used = os.wait4(self._sandbox_pid, os.WNOHANG)
+            last, cpu_ns = self.run.usage[-1], round((used.ru_utime + used.ru_stime) * 1e9)
+            if pid and cpu_ns > last.cpu_ns:
+                self.run.usage.append(Usage(self.run.exited_ns or last.t_ns, cpu_ns, last.run_delay_ns))
 
 
 class PipeReader:

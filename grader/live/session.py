@@ -43,7 +43,7 @@ from grader.live.isolation import (
 )
 from grader.live.launched import LaunchRunner
 from grader.live.machine import sample_machine
-from grader.live.priority import put_first
+from grader.live.priority import put_self_first
 from grader.live.process import PipeReader, RunningProcess, descendants_of
 from grader.live.seccomp import open_filter
 from grader.recording.session import (
@@ -291,6 +291,7 @@ class Session:
         if not director.ready.is_set():
             said = "; ".join(line.text for line in run.output[-5:])
             raise RuntimeError(f"the director did not start: {said}")
+        director.running.put_standing()
 
     async def _start_trusted(
         self,
@@ -331,18 +332,30 @@ class Session:
         write_session(self.folder, self.record)
 
     def _sweep(self) -> None:
-        """See to it that none of the student's processes is left, where no namespace ends them all."""
+        """See to it that none of the student's processes is left."""
         if self._group is not None:
             self._group.remove()
+        self.end_strays()
+
+    def end_strays(self) -> None:
+        """End what the student's processes left behind, where no namespace does; none of them may be running."""
         if self.isolation.namespaces:
             return
         end_s = time.monotonic() + _SWEEP_S
-        while (left := descendants_of(os.getpid())[1:]) and time.monotonic() < end_s:
+        while (left := self._strays()) and time.monotonic() < end_s:
             for pid in left:
                 with suppress(ProcessLookupError, PermissionError):
                     os.kill(pid, signal.SIGKILL)
-            with suppress(ChildProcessError):
-                os.waitpid(-1, os.WNOHANG)
+                with suppress(ChildProcessError):
+                    os.waitpid(pid, os.WNOHANG)
+
+    def _strays(self) -> list[int]:
+        """Return the processes below this one that are none of the grader's."""
+        trusted = [p for p in self.processes.values() if p.run.role != "student"]
+        trusted += [self.director.running] if self.director is not None else []
+        roots = [root for p in trusted if p.alive and (root := p.root_pid()) is not None]
+        ours = {os.getpid(), *(pid for root in roots for pid in descendants_of(root))}
+        return [pid for pid in descendants_of(os.getpid()) if pid not in ours]
 
     async def _sample(self) -> None:
         while True:
@@ -381,6 +394,7 @@ class Session:
         for number, process in enumerate(self._students()):
             if process.alive:
                 process.hold_to_core(cores[(self.plan.slot + number) % len(cores)])
+                process.put_standing()
 
     async def _step_start(self, parameters: dict[str, Any]) -> tuple[str, dict[str, Any]]:
         if parameters["reference"]:
@@ -528,6 +542,7 @@ class Session:
         outcome, result = await self._wait_output(name, "ready", _REFERENCE_START_S)
         if outcome != "done":
             self.record.problems.append(f"the reference node {name} did not get ready")
+        self.processes[name].put_standing()
         return outcome, result
 
     def _types(self) -> dict[str, str]:
@@ -697,7 +712,7 @@ def _recover_bag(folder: Path) -> None:
 def main() -> None:
     """Run the session whose plan is in the file named by argv[1]."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    put_first()
+    put_self_first()
     plan = SessionPlan(**json.loads(Path(sys.argv[1]).read_text(encoding="utf-8")))
     asyncio.run(Session(plan).run())
     _tell({"event": "ended"})

@@ -8,13 +8,13 @@ ends make no difference.
 
 from __future__ import annotations
 
-import ast
 import re
 import shutil
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
+from grader.live.entry import function_to_call
 from grader.live.launching.released import is_released
 from grader.packages import is_launch_file
 from grader.recording.submission import PackageFact, SubmissionRecord
@@ -41,7 +41,7 @@ _USUAL_FOLDERS = {".yaml": "config", ".yml": "config", ".rviz": "rviz", ".urdf":
 
 _PACKAGE_PATH = "os.path.normpath(os.path.join(os.path.dirname(os.path.realpath(__file__)), '../../..', {root!r}))"
 _RUN_FILE = 'runpy.run_path(source, run_name="__main__")'
-_RUN_FILE_MAIN = 'sys.exit(runpy.run_path(source, run_name="student_module")["main"]())'
+_RUN_FILE_FUNCTION = 'sys.exit(runpy.run_path(source, run_name="student_module")[{function!r}]())'
 _RUN_MODULE = 'runpy.run_module({module!r}, run_name="__main__", alter_sys=True)'
 _RUN_ENTRY = "from {module} import {attribute}\n\nsys.exit({function}())"
 
@@ -119,7 +119,8 @@ def _install_bare_files(folder: Path, package: str, record: SubmissionRecord, ru
         if artifact.path is None or executable is None:
             continue
         text = _wrapper_of_file(artifact.path, record, interpreter, depth=3)
-        for name in {executable, PurePosixPath(artifact.path).name}:
+        # `ros2 run` knows them by the names that their entry points would have, or by their own.
+        for name in {executable, PurePosixPath(artifact.path).name, PurePosixPath(artifact.path).stem}:
             _write(folder / "install/lib" / package / name, text)
     for file in record.files:
         # Nothing says what would be installed, so all data files are, where they lie and where they usually do.
@@ -186,15 +187,17 @@ def _wrapper_of_entry(package: PackageFact, target: str, record: SubmissionRecor
 
 def _wrapper_of_file(path: str, record: SubmissionRecord, interpreter: str, depth: int) -> str:
     relative = PurePosixPath(path)
-    calls_main = runs_nothing_but_defines_main(record.texts.get(path, ""))
-    run = _RUN_FILE_MAIN if calls_main else _RUN_FILE
+    function = function_to_call(record.texts.get(path, ""), _entry_points_of(relative, record))
+    run = _RUN_FILE_FUNCTION.format(function=function) if function is not None else _RUN_FILE
     path_entry = "os.path.dirname(source)"
     package_root = _package_root(relative, record)
     if package_root is not None and relative.suffix == ".py":
         levels = len(relative.relative_to(package_root).parts)
         module = ".".join(relative.relative_to(package_root).with_suffix("").parts)
         path_entry = f"os.path.normpath(os.path.join(source, *[os.pardir] * {levels}))"
-        run = f"from {module} import main\n\nsys.exit(main())" if calls_main else _RUN_MODULE.format(module=module)
+        run = _RUN_MODULE.format(module=module)
+        if function is not None:
+            run = _RUN_ENTRY.format(module=module, attribute=function, function=function)
     return _WRAPPER.format(
         interpreter=interpreter,
         target=path,
@@ -203,6 +206,16 @@ def _wrapper_of_file(path: str, record: SubmissionRecord, interpreter: str, dept
         path_entry=path_entry,
         run=run,
     )
+
+
+def _entry_points_of(path: PurePosixPath, record: SubmissionRecord) -> list[str]:
+    """Return the functions of a file that entry points of its package name."""
+    named = []
+    for package in (p for p in record.packages if path.is_relative_to(p.path)):
+        module = ".".join(path.relative_to(package.path).with_suffix("").parts)
+        targets = [target.split(":") for target in package.executables.values() if target.count(":") == 1]
+        named += [function for of_module, function in targets if of_module == module]
+    return named
 
 
 def _package_root(path: PurePosixPath, record: SubmissionRecord) -> PurePosixPath | None:
@@ -214,18 +227,3 @@ def _package_root(path: PurePosixPath, record: SubmissionRecord) -> PurePosixPat
             return None
         root = root.parent
     return root if root != path.parent else None
-
-
-def runs_nothing_but_defines_main(text: str) -> bool:
-    """Whether a file defines `main` but calls nothing at module level, as files for entry points do."""
-    try:
-        tree = ast.parse(text)
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
-        return False
-    defines = any(isinstance(n, (ast.FunctionDef, ast.AsyncFunctionDef)) and n.name == "main" for n in tree.body)
-    acts = any(
-        isinstance(n, (ast.If, ast.For, ast.While, ast.With, ast.Try))
-        or (isinstance(n, ast.Expr) and isinstance(n.value, ast.Call))
-        for n in tree.body
-    )
-    return defines and not acts

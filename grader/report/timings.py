@@ -44,7 +44,7 @@ def _stages(watch: Stopwatch) -> Table:
     for stage in sorted(watch.stages, key=lambda stage: stage.began_s):
         what = f"  {_WITHIN[stage.what]}" if stage.what in _WITHIN else stage.what
         since_s = stage.began_s - watch.started_s
-        table.add_row(what, f"{since_s:.2f} s", f"{stage.took_s:.2f} s", f"{stage.cpu_s:.2f} s")
+        table.add_row(Text(what), f"{since_s:.2f} s", f"{stage.took_s:.2f} s", f"{stage.cpu_s:.2f} s")
     table.add_row("all", "", f"{watch.total_s():.2f} s", f"{own_cpu_s(watch):.2f} s", style="bold")
     return table
 
@@ -62,7 +62,7 @@ def _cells(watch: Stopwatch, sessions: Mapping[str, Any]) -> Table:
         attempts[cell.session] += 1
         # Only the last attempt's recording is kept, so only its CPU time is known by role.
         cpu_s = sessions.get(cell.session, {}).get("cpu_s", {}) if cell is last[cell.session] else {}
-        table.add_row(*_cell_row(cell, attempts[cell.session], cpu_s))
+        table.add_row(*map(Text, _cell_row(cell, attempts[cell.session], cpu_s)))
     return table
 
 

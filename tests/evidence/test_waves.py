@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from typing import Any
 
 import numpy as np
@@ -53,3 +54,15 @@ def test_the_frequency_stays_within_its_bounds() -> None:
     fit = fit_sinusoid(TIMES, wave(0.5, 3.0), 0.02, 1.0)
     assert 0.02 <= fit.frequency_hz <= 1.0
     assert fit.residual > 0.3
+
+
+def test_half_a_million_samples_are_fitted_in_bounded_memory() -> None:
+    """A flooded topic is fitted by a part of its samples, and its sinusoid is found all the same."""
+    times = np.linspace(0.0, 6.0, 500_000)
+    tracemalloc.start()
+    found = fit_sinusoid(times, 0.5 * np.sin(2 * np.pi * 0.2 * times), 0.02, 1.0)
+    _, most_bytes = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert found.amplitude == pytest.approx(0.5, rel=0.01)
+    assert found.frequency_hz == pytest.approx(0.2, rel=0.01)
+    assert most_bytes < 200_000_000

@@ -59,6 +59,8 @@ class Attack:
 
     name: str
     folder: Path
+    about: str
+    part: str
     sessions: tuple[str, ...]
     files_of: tuple[str, ...]
     without: tuple[str, ...]
@@ -97,6 +99,8 @@ def read_attack(folder: Path) -> Attack:
     return Attack(
         folder.name,
         folder,
+        plain["about"],
+        plain["part"],
         tuple(plain["sessions"]),
         (files_of,) if isinstance(files_of, str) else tuple(files_of),
         tuple(plain.get("without", ())),

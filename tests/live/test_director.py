@@ -210,12 +210,16 @@ PARAMETERS = """
         self.declare_parameter('limit', 1.5)
         self.declare_parameter('names', ['a', 'b'])
         self.declare_parameter('fixed', 7, ParameterDescriptor(read_only=True))
+        self.declare_parameter('safe', 'True')
 """
 
 
 def test_parameters_are_read_and_set(tmp_path: Path) -> None:
-    """Declared parameters come with type and value, others are left out, and a refusal is told."""
-    names = ["limit", "names", "fixed", "absent"]
+    """Declared parameters come with type and value, others are left out, and a refusal is told.
+
+    One that was declared with another type than the value's is set in its own.
+    """
+    names = ["limit", "names", "fixed", "safe", "absent"]
     recorded = record_one(
         tmp_path,
         node(PARAMETERS),
@@ -223,7 +227,7 @@ def test_parameters_are_read_and_set(tmp_path: Path) -> None:
             {"wait_for": {"node": "/student", "timeout_s": 20}},
             {"get_parameters": {"node": "/student", "names": names}},
             {"set_parameters": {"node": "/student", "values": {"limit": 2.5}}},
-            {"set_parameters": {"node": "/student", "values": {"limit": 3.5, "fixed": 8}}},
+            {"set_parameters": {"node": "/student", "values": {"limit": 3, "fixed": 8, "safe": False, "absent": 1}}},
             {"get_parameters": {"node": "student", "names": names}},
             {"get_parameters": {"node": "/absent", "names": names, "timeout_s": 0.5}},
         ],
@@ -233,14 +237,16 @@ def test_parameters_are_read_and_set(tmp_path: Path) -> None:
         "limit": {"type": "double", "value": 1.5},
         "names": {"type": "string_array", "value": ["a", "b"]},
         "fixed": {"type": "integer", "value": 7},
+        "safe": {"type": "string", "value": "True"},
     }
     assert "use_sim_time" in before.result["declared"]
-    assert after.result["values"]["limit"]["value"] == 3.5
+    assert after.result["values"]["limit"]["value"] == 3.0
+    assert after.result["values"]["safe"]["value"] == "False"
     assert after.result["values"]["fixed"]["value"] == 7
     assert absent.outcome == "timeout"
     taken, refused = steps_of(recorded, "set_parameters")
     assert (taken.outcome, taken.result["refused"]) == ("done", {})
-    assert (refused.outcome, list(refused.result["refused"])) == ("failed", ["fixed"])
+    assert (refused.outcome, sorted(refused.result["refused"])) == ("failed", ["absent", "fixed"])
 
 
 # -- publishing, and the graph ----------------------------------------------------------------

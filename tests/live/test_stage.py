@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from grader.live.stage import Workspace, runs_nothing_but_defines_main, stage
+from grader.live.stage import Workspace, stage
 from grader.packages import find_packages
 from grader.pipeline import read_rubric
 from grader.recording.submission import ArtifactFact, FileFact, SubmissionRecord
@@ -150,19 +150,23 @@ def test_names_of_executables_cannot_leave_the_prefix(tmp_path: Path) -> None:
     assert workspace.executables == {}
 
 
-@pytest.mark.parametrize(
-    ("text", "verdict"),
-    [
-        ("def main():\n    pass\n", True),
-        ("async def main():\n    pass\n", True),
-        ("def main():\n    pass\nmain()\n", False),
-        ("def main():\n    pass\nif __name__ == '__main__':\n    main()\n", False),
-        ("x = 1\n", False),
-        ("def main(:\n", False),
-        ("\0", False),
-        ("def main():\n    pass\nx = " + "-" * 5000 + "1\n", False),
-    ],
-)
-def test_files_for_entry_points_are_recognised(text: str, verdict: bool) -> None:
-    """A file that defines main and calls nothing is one; text that is no Python is none, and breaks nothing."""
-    assert runs_nothing_but_defines_main(text) is verdict
+def test_an_entry_point_may_name_any_function(tmp_path: Path) -> None:
+    """A file that runs nothing by itself is run as the package's entry point would."""
+    files: dict[str, str | bytes] = {
+        "package.xml": MANIFEST,
+        "setup.py": SETUP.replace("arm_lab.talk:main", "arm_lab.nodes.talk:run"),
+        "arm_lab/__init__.py": "",
+        "arm_lab/nodes/__init__.py": "",
+        "arm_lab/nodes/talk.py": "def run():\n    print('run')\n",
+    }
+    workspace = staged(tmp_path, files, publisher="arm_lab/nodes/talk.py")
+    assert run(wrapper(workspace)) == "run"
+    assert run(workspace.folder / "install/lib/arm_lab/talk") == "run"
+
+
+def test_bare_files_are_also_known_by_their_own_names(tmp_path: Path) -> None:
+    """A launch file may call a file of another name by that name, with or without its ending."""
+    files: dict[str, str | bytes] = {"Joint_Publisher.py": SAYS.format("hello")}
+    workspace = staged(tmp_path, files, publisher="Joint_Publisher.py")
+    package = workspace.folder / "install/lib" / read_rubric(None).lab.package
+    assert {p.name for p in package.iterdir()} == {"joint_publisher", "Joint_Publisher", "Joint_Publisher.py"}

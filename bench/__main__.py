@@ -1,0 +1,59 @@
+"""Measures everything in one run, and writes the table for the README."""
+
+from __future__ import annotations
+
+import argparse
+import platform
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from bench import grading, rates, recording, stability
+from bench.load import cores
+
+_RESULTS = Path(__file__).with_name("results.md")
+
+
+def table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a Markdown table."""
+    lines = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
+    return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)])
+
+
+def report(runs: int, gradings: Path) -> str:
+    """Measure, and return the tables as Markdown."""
+    parts = [
+        f"Measured on {cores()} cores, Linux {platform.release().split('-')[0]}, Python {platform.python_version()}. "
+        "Medians, with least and greatest.",
+        table(["", "measured", "compared with", "ratio"], grading.rows(runs)),
+        "Greatest rate of a topic of which nothing is lost:",
+        table(["this recorder", "a callback that writes with `rosbags`", "ratio"], recording.rows()),
+        "Measured rate of a topic, by a receiver that is idle, or that computes half of the time:",
+        table(["true rate", "receiver", "this recorder", "the way of `ros2 topic hz`"], rates.rows()),
+    ]
+    if collected := stability.read(gradings):
+        parts += ["The same submission graded again and again, partly beside spinning processes on all cores:"]
+        parts += [stability.table(collected)]
+    return "\n\n".join(parts) + "\n"
+
+
+def main() -> int:
+    """Print the tables, and keep them."""
+    parser = argparse.ArgumentParser(prog="python -m bench", description=__doc__)
+    parser.add_argument("--runs", type=int, default=3, help="gradings of each kind (default: 3)")
+    parser.add_argument(
+        "--stability",
+        type=Path,
+        default=Path(__file__).with_name("stability.jsonl"),
+        metavar="FILE",
+        help="gradings that `python -m bench.stability` collected, if any",
+    )
+    options = parser.parse_args()
+    text = report(options.runs, options.stability)
+    _RESULTS.write_text(text, encoding="utf-8")
+    print(text)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

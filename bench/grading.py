@@ -1,0 +1,163 @@
+"""What a grading costs: against the student's slowest tool alone, against one session after another, in CPU time."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from bench.load import load_average
+from bench.near_limits import SOLUTION
+
+#: The session whose one process is the student's own tool that takes longest.
+_TOOL = "qos"
+_CLASS = 20
+_SESSION_FILE = "session.json"
+
+
+@dataclass(frozen=True)
+class Command:
+    """A run of `grade`: wall time, and CPU time of it with all processes that it started."""
+
+    wall_s: float
+    cpu_s: float
+
+
+@dataclass(frozen=True)
+class Full:
+    """A grading of all sessions.
+
+    Attributes
+    ----------
+    again : int
+        Recordings made again, since the machine disturbed the first.
+    """
+
+    command: Command
+    students_cpu_s: float
+    again: int
+
+    @property
+    def share(self) -> float:
+        """The grader's CPU time over the student's."""
+        return (self.command.cpu_s - self.students_cpu_s) / self.students_cpu_s
+
+
+def run_grade(*arguments: str) -> Command:
+    """Run `grade` with arguments.
+
+    Raises
+    ------
+    RuntimeError
+        If it fails.
+    """
+    begun_s = time.monotonic()
+    with subprocess.Popen(
+        [sys.executable, "-m", "grader.cli", *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+    ) as process:
+        assert process.stderr is not None
+        said = process.stderr.read()
+        _, status, used = os.wait4(process.pid, 0)
+        wall_s = time.monotonic() - begun_s
+        process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode != 0:
+        raise RuntimeError(said.decode("utf-8", "replace").strip())
+    return Command(wall_s, used.ru_utime + used.ru_stime)
+
+
+def full(results: Path, *more: str) -> Full:
+    """Grade the solution in all sessions."""
+    command = run_grade(str(SOLUTION), "-o", str(results), *more)
+    folder = results / SOLUTION.name
+    sessions = json.loads((folder / "result.json").read_text(encoding="utf-8"))["provenance"]["sessions"]
+    attempts = [
+        json.loads(f.read_text(encoding="utf-8"))["attempt"] for f in folder.glob(f"recordings/*/{_SESSION_FILE}")
+    ]
+    students_cpu_s = sum(session["cpu_s"]["student"] for session in sessions.values())
+    return Full(command, students_cpu_s, sum(attempt - 1 for attempt in attempts))
+
+
+def tool_alone_s(results: Path) -> float:
+    """Return how long the tool takes in its cell while nothing else runs."""
+    run_grade(str(SOLUTION), "-o", str(results), "--sessions", _TOOL)
+    file = results / SOLUTION.name / "recordings" / _TOOL / _SESSION_FILE
+    processes = json.loads(file.read_text(encoding="utf-8"))["processes"]
+    tool = next(process for process in processes if process["name"] == _TOOL)
+    return float(tool["exited_ns"] - tool["started_ns"]) / 1e9
+
+
+def regrades_s(results: Path, runs: int) -> tuple[list[float], list[float]]:
+    """Return the wall times of regrading one submission as a command, and of each one in a class."""
+    one = results / SOLUTION.name
+    many = results / "many"
+    copies = [many / f"student_{number:02}" for number in range(_CLASS)]
+    for copy in copies:
+        shutil.copytree(one, copy)
+    alone = [run_grade("regrade", str(one)).wall_s for _ in range(runs)]
+    each = [run_grade("regrade", *map(str, copies)).wall_s / _CLASS for _ in range(runs)]
+    return alone, each
+
+
+def spread(values: Sequence[float], unit: str = "s") -> str:
+    """Return median, least and greatest."""
+    return f"{statistics.median(values):.2f} {unit} ({min(values):.2f} – {max(values):.2f})".replace("  ", " ")
+
+
+def ratio(of: Sequence[float], to: Sequence[float]) -> str:
+    """Return the ratio of two medians."""
+    return f"{statistics.median(of) / statistics.median(to):.2f}"
+
+
+def rows(runs: int) -> list[list[str]]:
+    """Return the rows of the table: what, measured, compared with, ratio."""
+    with tempfile.TemporaryDirectory(prefix="bench-grading-") as scratch:
+        results = Path(scratch)
+        before = load_average()
+        tool = [tool_alone_s(results / "tool") for _ in range(runs)]
+        fulls = [full(results) for _ in range(runs)]
+        after = load_average()
+        sequential = [full(results / "sequential", "-j", "1").command.wall_s for _ in range(max(1, runs // 3))]
+        alone, each = regrades_s(results, runs)
+    return _rows(tool, fulls, sequential, alone, each, f"{before:.1f} – {after:.1f}")
+
+
+def _rows(
+    tool: Sequence[float],
+    fulls: Sequence[Full],
+    sequential: Sequence[float],
+    alone: Sequence[float],
+    each: Sequence[float],
+    load: str,
+) -> list[list[str]]:
+    walls = [run.command.wall_s for run in fulls]
+    undisturbed = [run for run in fulls if not run.again] or list(fulls)
+    ours = [run.command.cpu_s - run.students_cpu_s for run in undisturbed]
+    students = [run.students_cpu_s for run in undisturbed]
+    again = sum(run.again for run in fulls)
+    note = f"load average {load}; {again} recordings made again"
+    whole = spread(walls)
+    return [
+        [
+            f"one full grading, {len(fulls)} times ({note})",
+            whole,
+            f"the QoS tool alone {spread(tool)}",
+            ratio(walls, tool),
+        ],
+        ["the same", whole, f"one session after another {spread(sequential)}", ratio(walls, sequential)],
+        [
+            "CPU time of the grader",
+            spread(ours),
+            f"of the student's processes {spread(students)}",
+            ratio(ours, students),
+        ],
+        ["regrading one, as a command", spread(alone), "a full grading", ratio(alone, walls)],
+        [f"regrading one of {_CLASS}", spread(each), "a full grading", ratio(each, walls)],
+    ]

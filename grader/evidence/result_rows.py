@@ -1,0 +1,182 @@
+"""What a program's printed results say of each of several things: how many, and how late.
+
+Students print them in lines, tables, blocks of lines or JSON, in any language and with other units than asked.
+What is read here are claims: checks compare them with what was recorded.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from grader.recording.session import OutputLine
+
+_LOG_PREFIX = re.compile(r"^\[[A-Z]+\] \[[\d.]+\] \[[^\]]{1,200}\]: ")
+_NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+_UNITS_S = {"ns": 1e-9, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ms": 1e-3, "msec": 1e-3, "s": 1.0, "sec": 1.0}
+_UNIT = r"(?:ns|us|µs|μs|msec|ms|sec|s)(?![A-Za-z])"
+_LONG_UNITS = (("milli", 1e-3), ("micro", 1e-6), ("nano", 1e-9), ("second", 1.0), ("segundo", 1.0), ("sekunde", 1.0))
+_MEAN = (
+    r"(?:avg|average|mean|media|média|moy|mittel|durchschnitt|schnitt|prom(?:edio)?|ortalama|средн|平均|평균|متوسط|औसत)"
+)
+_MOST = r"(?:max|máx|worst|peak|höchst|largest|en yüksek|макс|最大|最高|최대|أقصى|अधिकतम)"
+_RECEIVED = r"(?:recei|recv|rcvd|arrived|delivered|empfangen|recibid|reçu|ricevut|recebid|alınan|получ|接收|收到|受信|수신)[a-zé]*"
+_MESSAGES = (
+    r"(?:msgs?|messages?|samples?|counts?|mensajes|nachrichten|messaggi|mensagens|mesaj|сообщ|消息|条|件|개|رسائل|संदेश)"
+)
+_NOT_RECEIVED = re.compile(r"sent|publ|lost|loss|drop|rate|hz|depth|envi|gesend|verl|%|sende|丢|发", re.IGNORECASE)
+_CELL_BORDER = r"[|│┃║,;\t]"
+_MOST_LINES_OF_A_BLOCK = 12
+
+
+@dataclass(frozen=True)
+class ResultRow:
+    """What is said of one thing.
+
+    Attributes
+    ----------
+    t_ns : int
+        When it was read.
+    count : int
+        How many messages.
+    mean_s, max_s : float or None
+        Their latency; None where none is given.
+    """
+
+    t_ns: int
+    count: int
+    mean_s: float | None
+    max_s: float | None
+
+
+def result_row(output: Sequence[OutputLine], name: str, others: Sequence[str]) -> ResultRow | None:
+    """Return what a program's output says of a thing.
+
+    Parameters
+    ----------
+    name : str
+        How the thing is called; it stands in its line as a word of its own.
+    others : sequence of str
+        Names of the things that are also told of: a block of lines ends at one of them.
+    """
+    lines = [_LOG_PREFIX.sub("", line.text[:500]) for line in output]
+    starts = [n for n, line in enumerate(lines) if names(line, name)]
+    found = [
+        ResultRow(output[start].t_ns, *row)
+        for read in (_from_table, _from_block)
+        for start in starts
+        if (row := read(lines, start, name, others)) is not None
+    ]
+    return next((row for row in found if row.mean_s is not None), found[0] if found else None)
+
+
+def names(line: str, name: str) -> bool:
+    """Whether a line is about a thing: its name stands in it as a word of its own, at most behind ``test_``."""
+    return re.search(rf"(?<![A-Za-z0-9_]){re.escape(name)}(?![A-Za-z0-9_])", line.replace("test_", "")) is not None
+
+
+_Row = tuple[int, float | None, float | None]
+
+
+# -- tables ----------------------------------------------------------------------------------------
+
+
+def _from_table(lines: Sequence[str], start: int, name: str, others: Sequence[str]) -> _Row | None:
+    """Read a row of a table by its header; without one, count, mean and maximum stand in this order."""
+    cells = _cells(lines[start])
+    header = next((found for line in reversed(lines[:start]) if (found := _header(line, len(cells)))), None)
+    if header is not None:
+        count, mean_s, max_s = (_cell(cells, header, kind) for kind in ("count", "mean", "max"))
+        if count is None or count != int(count):
+            return None
+        return int(count), mean_s, max_s
+    behind = lines[start].replace("test_", "").partition(name)[2]
+    numbers = [c for c in re.split(rf"[\s:\"'`*]+|\s*{_CELL_BORDER}\s*", behind) if c]
+    if len(numbers) < 3 or not all(re.fullmatch(rf"{_NUMBER}%?|%|-", c) for c in numbers):
+        return None
+    if not numbers[0].isdecimal() or not all(re.fullmatch(_NUMBER, c) for c in numbers[1:3]):
+        return None
+    return int(numbers[0]), float(numbers[1]) * 1e-3, float(numbers[2]) * 1e-3
+
+
+def _cells(line: str) -> list[str]:
+    border = rf"\s*{_CELL_BORDER}\s*" if re.search(_CELL_BORDER, line) else r"\s{2,}"
+    return [cell for cell in re.split(border, line.strip().strip("|│┃║")) if cell.strip()]
+
+
+def _header(line: str, width: int) -> dict[str, tuple[int, float]] | None:
+    """Return what stands in which column, counted from the right, and its unit in s; None if this is no header."""
+    titles = _cells(line)
+    if len(titles) != width or width < 3 or re.search(r"\d\.\d", line):
+        return None
+    found: dict[str, tuple[int, float]] = {}
+    for place, title in enumerate(titles, -width):
+        unit_s = _unit_of(title)
+        if re.search(_MOST, title, re.IGNORECASE):
+            found.setdefault("max", (place, unit_s))
+        elif re.search(_MEAN, title, re.IGNORECASE):
+            found.setdefault("mean", (place, unit_s))
+        elif place > -width and not _NOT_RECEIVED.search(title) and "count" not in found:
+            counts = re.search(rf"{_RECEIVED}|{_MESSAGES}|^\W*[nN#]\W*$", title, re.IGNORECASE)
+            found.update({"count": (place, 1.0)} if counts else {})
+    return found if {"mean", "max", "count"} <= set(found) else None
+
+
+def _cell(cells: Sequence[str], header: dict[str, tuple[int, float]], kind: str) -> float | None:
+    place, unit_s = header[kind]
+    match = re.match(rf"\W{{0,3}}?({_NUMBER})\s*({_UNIT})?", cells[place]) if len(cells) >= -place else None
+    if match is None:
+        return None
+    return float(match[1]) * (_UNITS_S[match[2].lower()] if match[2] and kind != "count" else unit_s)
+
+
+def _unit_of(text: str) -> float:
+    """Return the unit that a title or a label names, in s; milliseconds where it names none."""
+    match = re.search(rf"(?<![A-Za-zµμ])({_UNIT})", text.replace("_", " "))
+    if match is not None:
+        return _UNITS_S[match[1]]
+    return next((value for word, value in _LONG_UNITS if word in text.lower()), 1e-3)
+
+
+# -- lines and blocks ------------------------------------------------------------------------------
+
+
+def _from_block(lines: Sequence[str], start: int, name: str, others: Sequence[str]) -> _Row | None:
+    """Read what stands behind the name, up to the next name: labelled numbers with their units."""
+    first = lines[start].replace("test_", "").partition(name)[2]
+    block = [first]
+    for line in lines[start + 1 : start + _MOST_LINES_OF_A_BLOCK]:
+        if any(names(line, other) for other in (name, *others)):
+            break
+        block.append(line)
+    # What one line tells wholly, the next need not; a block goes on where it does not.
+    for text in (first, "\n".join(block)):
+        count = _count(text)
+        mean_s, max_s = _time(text, _MEAN), _time(text, _MOST)
+        if count is not None and (mean_s is not None or text is not first or len(block) == 1):
+            return count, mean_s, max_s
+    return None
+
+
+def _count(text: str) -> int | None:
+    behind = r"[^\d\n]{0,20}?"
+    for pattern in (
+        rf"{_RECEIVED}{behind}(\d+)(?!\.?\d)(?!\s*{_UNIT})",
+        rf"(\d+)\s*{_MESSAGES}",
+        rf"(?<![A-Za-z]){_MESSAGES}{behind}(\d+)(?!\.?\d)(?!\s*{_UNIT})",
+        rf"^\W{{0,5}}(\d+)(?![\d.]|\s*{_UNIT})",
+    ):
+        if (match := re.search(pattern, text, re.IGNORECASE)) is not None:
+            return int(match[1])
+    return None
+
+
+def _time(text: str, label: str) -> float | None:
+    """Return the time behind a label, in s."""
+    pattern = rf"(?<![A-Za-z]){label}((?:[^\d\n+-]|-(?=[A-Za-z ])){{0,40}}?)({_NUMBER})\s*({_UNIT})?(\s*(?:milli|micro|nano|second))?"
+    match = re.search(pattern, text, re.IGNORECASE)
+    if match is None:
+        return None
+    unit_s = _UNITS_S[match[3].lower()] if match[3] else _unit_of(f"{match[4] or ''} {match[1]}")
+    return float(match[2]) * unit_s

@@ -1,0 +1,59 @@
+"""The attack corpus by itself: every attack can be laid out, and says what must come of it."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+sys.path.append(str(ROOT))
+
+from grader import pipeline  # noqa: E402
+from grader.rubric import Rubric  # noqa: E402
+from tests.live.attacks import HONEST, SOLUTION, Attack, read_corpus  # noqa: E402
+
+PARTS = {"results", "processes", "network", "ros", "intake", "report"}
+LEAST_ATTACKS = 55
+LIMITS = {"memory", "processes", "disk", "files", "output", "time"}
+
+
+@pytest.fixture(scope="module")
+def rubric() -> Rubric:
+    """Give the lab's own rubric."""
+    return pipeline.read_rubric(None)
+
+
+def test_all_parts_are_attacked() -> None:
+    """The corpus has attacks on each part of the grader, and not few."""
+    corpus = read_corpus()
+    assert len(corpus) >= LEAST_ATTACKS
+    assert {attack.part for attack in corpus} == PARTS
+
+
+@pytest.mark.parametrize("attack", read_corpus(), ids=lambda attack: attack.name)
+def test_an_attack_is_told_so_that_it_can_be_judged(attack: Attack, rubric: Rubric) -> None:
+    """Sessions, checks, twin and files that it names exist, and it says what it does."""
+    assert len(attack.about) > 40
+    assert set(attack.sessions) <= set(rubric.sessions)
+    judged = {c.id for c in rubric.checks() if c.session in attack.sessions}
+    assert set(attack.expect.checks) <= judged
+    assert attack.expect.all in (None, "passed", "failed")
+    assert attack.expect.limit is None or attack.expect.limit in LIMITS
+    assert attack.twin == SOLUTION or (ROOT / "fixtures" / attack.twin / "expected.yaml").is_file()
+    assert all((ROOT / folder).is_dir() for folder in attack.files_of)
+    assert (attack.folder / "make.py").is_file() or (attack.folder / "submission").is_dir() or attack.named
+    assert attack.archive is None or (attack.folder / "make.py").is_file()
+    assert 0 < attack.most_points(rubric) <= 100
+
+
+@pytest.mark.parametrize("attack", read_corpus(), ids=lambda attack: attack.name)
+def test_an_attacks_own_python_is_python(attack: Attack) -> None:
+    """An attack that fails for a slip of the pen attacks nothing; it finds the honest file that it builds on."""
+    own = sorted((attack.folder / "submission").rglob("*.py"))
+    for path in own:
+        text = path.read_text(encoding="utf-8")
+        compile(text, path.name, "exec")
+        if f"{HONEST}{path.stem}" in text:
+            assert any((ROOT / folder / path.name).is_file() for folder in attack.files_of)
