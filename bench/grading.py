@@ -20,6 +20,7 @@ from bench.near_limits import SOLUTION
 #: The session whose one process is the student's own tool that takes longest.
 _TOOL = "qos"
 _CLASS = 20
+_SIDE_BY_SIDE = 8
 _SESSION_FILE = "session.json"
 
 
@@ -106,6 +107,27 @@ def regrades_s(results: Path, runs: int) -> tuple[list[float], list[float]]:
     return alone, each
 
 
+def class_of_eight_s(results: Path) -> float:
+    """Return the wall time of grading eight copies of the solution as one class.
+
+    Raises
+    ------
+    RuntimeError
+        If they are not all given the same score.
+    """
+    submissions = results / "submissions"
+    for number in range(_SIDE_BY_SIDE):
+        shutil.copytree(SOLUTION, submissions / f"student_{number}", ignore=shutil.ignore_patterns("__pycache__"))
+    took_s = run_grade(str(submissions), "--each", "-o", str(results / "class")).wall_s
+    scores = {
+        json.loads(file.read_text(encoding="utf-8"))["score"]["earned"]
+        for file in (results / "class").glob("student_*/result.json")
+    }
+    if len(scores) != 1:
+        raise RuntimeError(f"copies of one submission are given {sorted(scores)} points")
+    return took_s
+
+
 def spread(values: Sequence[float], unit: str = "s") -> str:
     """Return median, least and greatest."""
     return f"{statistics.median(values):.2f} {unit} ({min(values):.2f} – {max(values):.2f})".replace("  ", " ")
@@ -120,13 +142,24 @@ def rows(runs: int) -> list[list[str]]:
     """Return the rows of the table: what, measured, compared with, ratio."""
     with tempfile.TemporaryDirectory(prefix="bench-grading-") as scratch:
         results = Path(scratch)
+        few = max(1, runs // 3)
+        tool = [tool_alone_s(results / "tool") for _ in range(few)]
         before = load_average()
-        tool = [tool_alone_s(results / "tool") for _ in range(runs)]
         fulls = [full(results) for _ in range(runs)]
         after = load_average()
-        sequential = [full(results / "sequential", "-j", "1").command.wall_s for _ in range(max(1, runs // 3))]
-        alone, each = regrades_s(results, runs)
-    return _rows(tool, fulls, sequential, alone, each, f"{before:.1f} – {after:.1f}")
+        sequential = [full(results / "sequential", "-j", "1").command.wall_s for _ in range(few)]
+        alone, each = regrades_s(results, few)
+        eight_s = class_of_eight_s(results)
+    one_s = statistics.median(run.command.wall_s for run in fulls)
+    return [
+        *_rows(tool, fulls, sequential, alone, each, f"{before:.1f} – {after:.1f}"),
+        [
+            f"{_SIDE_BY_SIDE} submissions as a class, all the same score",
+            f"{60 * _SIDE_BY_SIDE / eight_s:.1f} a minute",
+            f"one after another, {60 / one_s:.1f} a minute",
+            f"{_SIDE_BY_SIDE * one_s / eight_s:.2f}",
+        ],
+    ]
 
 
 def _rows(

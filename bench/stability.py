@@ -184,11 +184,13 @@ def read(file: Path) -> list[Grading]:
     return [Grading(**json.loads(line)) for line in file.read_text(encoding="utf-8").splitlines()]
 
 
-def collect(times: int, into: Path, until_s: float | None = None) -> None:
+def collect(times: int, into: Path, until_s: float | None = None, only: bool | None = None) -> None:
     """Grade until each submission was graded so often, half of the times on a loaded machine.
 
     Parameters
     ----------
+    only : bool, optional
+        True for the loaded half alone, False for the other.
     until_s : float, optional
         Begin no round after this time of the system clock.
     """
@@ -196,9 +198,10 @@ def collect(times: int, into: Path, until_s: float | None = None) -> None:
         names = near_limits.write(Path(scratch))
         while until_s is None or time.time() < until_s:
             counts = [min(_count(read(into), name, loaded) for name in names) for loaded in (False, True)]
-            if sum(counts) >= times:
+            loaded = counts[1] < counts[0] if only is None else only
+            if counts[loaded] >= times // 2 and (only is not None or sum(counts) >= times):
                 return
-            gradings = one_round(Path(scratch), loaded=counts[1] < counts[0])
+            gradings = one_round(Path(scratch), loaded=loaded)
             with into.open("a", encoding="utf-8") as stream:
                 stream.writelines(json.dumps(asdict(grading)) + "\n" for grading in gradings)
 
@@ -213,10 +216,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--times", type=int, default=4, help="gradings of each submission, those there are included")
     parser.add_argument("--into", type=Path, default=Path("bench/stability.jsonl"), help="file that collects them")
     parser.add_argument("--minutes", type=float, help="begin no further round after so many minutes")
+    parser.add_argument("--only", choices=("idle", "loaded"), help="only one of the two halves")
     parser.add_argument("--summary", type=Path, metavar="FILE", help="only sum up what a file holds")
     options = parser.parse_args(arguments)
     if options.summary is None:
-        collect(options.times, options.into, time.time() + 60 * options.minutes if options.minutes else None)
+        until_s = time.time() + 60 * options.minutes if options.minutes else None
+        collect(options.times, options.into, until_s, options.only and options.only == "loaded")
     gradings = read(options.summary or options.into)
     print(table(gradings))
     return 0 if all(row.steady for row in steadiness(gradings)) else 1

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import difflib
 import importlib
 import sys
+import traceback
 from collections.abc import Sequence
+from pathlib import Path
 
 from rich.console import Console
 
 from grader.commands import grade
 from grader.commands.arguments import print_error
-from grader.errors import GraderError
+from grader.errors import GraderError, SubmissionError
 
 #: Command -> what it does; each is a module of `grader.commands`. Without one of these words, submissions are graded.
 COMMANDS = {
@@ -24,9 +27,10 @@ COMMANDS = {
 
 _EXIT_STATUS = """\
 exit status:
-  0 graded, whatever the score    1 below --fail-under    2 wrong usage
-  3 no such submission            4 rubric not usable     5 platform not supported
-  6 recording not readable        7 isolation not to be had  70 other trouble
+  0  graded, whatever the score    1  below --fail-under         2  wrong usage
+  3  no usable submission          4  rubric not usable          5  platform not supported
+  6  recording not readable        7  confinement not to be had  70 other trouble
+  130 interrupted                  of several submissions: the highest
 """
 
 
@@ -38,7 +42,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         if arguments and arguments[0] in COMMANDS:
             command = importlib.import_module(f"grader.commands.{arguments[0]}")
             return int(command.run(arguments[1:], console))
-        return grade.run(arguments, console, epilog=_epilog())
+        status = grade.run(arguments, console, epilog=_epilog())
+        if status == SubmissionError.exit_status and (meant := _command_meant(arguments[0])):
+            print(f"  If the command was meant: grade {meant}", file=sys.stderr)
+        return status
     except GraderError as error:
         print_error(error)
         return error.exit_status
@@ -48,6 +55,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("grade: interrupted; there is no result of this submission", file=sys.stderr)
         return 130
+    except Exception:
+        # Not 1, with which Python would end: that is a score below --fail-under.
+        traceback.print_exc()
+        print("grade: this is a defect of the grader; there is no result", file=sys.stderr)
+        return GraderError.exit_status
+
+
+def _command_meant(word: str) -> str:
+    near = difflib.get_close_matches(word, COMMANDS, n=1, cutoff=0.75)
+    return near[0] if near and not Path(word).exists() else ""
 
 
 def _epilog() -> str:

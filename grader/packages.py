@@ -98,7 +98,7 @@ def _add_scripts(package: PackageFact, scripts: list[str]) -> None:
         package.problems.append(f"there are {len(scripts)} entry points; only the first {_MOST_SCRIPTS} are installed")
     for script in scripts[:_MOST_SCRIPTS]:
         match = re.fullmatch(r"\s*([^=\s]+)\s*=\s*([\w.]+)\s*:\s*([\w.]+)\s*", script)
-        if match:
+        if match and match[1] not in (".", ".."):
             package.executables[match[1]] = f"{match[2]}:{match[3]}"
         else:
             package.problems.append(f"the entry point {script!r} is not of the form 'name = module:function'")

@@ -121,8 +121,13 @@ def read_overrides(path: Path | None, results: Path, rubric: Rubric) -> Override
     return load_overrides(path or beside, rubric)
 
 
-def require_platform() -> None:
+def require_platform(interpreter: Path | None = None) -> None:
     """Raise unless ROS 2 nodes can run here.
+
+    Parameters
+    ----------
+    interpreter : Path, optional
+        What runs students' code, if that is looked at too.
 
     Raises
     ------
@@ -140,6 +145,10 @@ def require_platform() -> None:
             "the Python package rclpy is not installed",
             remedy="pip install 'ros-jazzy-rclpy[fastrtps]' ros-jazzy-common-interfaces",
         )
+    if interpreter is not None:
+        from grader.live.environment import require_ros
+
+        require_ros(interpreter)
 
 
 def versions() -> dict[str, str]:
@@ -203,7 +212,7 @@ def grade(
     from grader.live.scratch import scratch_prefix
     from grader.live_exports import LiveExports
 
-    require_platform()
+    require_platform(options.interpreter)
     watch = watch or Stopwatch()
     taking = nullcontext(handed) if isinstance(handed, Intake) else taken_in(handed, prefix=scratch_prefix())
     with ExitStack() as stack:
@@ -256,7 +265,7 @@ def record(
     native = find_native_launch(options.interpreter, LaunchChoice(options.launch))
     recordings = results / RECORDINGS
     chosen = chosen_sessions(rubric, options, submission)
-    for name in options.sessions or rubric.sessions:
+    for name in options.sessions if options.sessions is not None else rubric.sessions:
         if name not in chosen:
             on_progress(Progress(name, "left out, since its file is missing", ended=True))
     _start_afresh(results, recordings, submission, rubric)
@@ -278,7 +287,7 @@ def record(
         )
         on_progress = watch.follow(on_progress)
         with watch.stage("sessions"):
-            sessions.record(chosen, on_progress, at_a_time=options.jobs)
+            sessions.record(chosen, on_progress, at_a_time=options.jobs if sessions.isolation.namespaces else None)
         for attempt in range(2, RETRIES + 2):
             with _work(shared, watch)("judging"):
                 recorded = open_recordings(recordings, rubric)
@@ -420,7 +429,7 @@ def rubric_copy(results: Path) -> Path:
         raise RecordingError(
             "there are no recordings to judge",
             where=str(results),
-            remedy="Give the folder of one submission's results, e.g. results/alice.",
+            remedy="Give a folder of results, e.g. results/ for a class or results/alice for one submission.",
         )
     return copy
 

@@ -46,10 +46,10 @@ def read_submission(intake: Intake, rubric: Rubric) -> SubmissionRecord:
     if all(a.path is None for a in record.artifacts):
         wanted = ", ".join(spec.file for spec in rubric.artifacts.values())
         raise SubmissionError(
-            "nothing in this folder looks like a submission",
+            "nothing in it looks like a submission",
             where=intake.where,
             remedy=f"At least one of these files is expected: {wanted}. "
-            "For a folder of several submissions, name each of them.",
+            "If it is a folder of several submissions, add --each.",
         )
     record.packages = find_packages(record.texts, [f.path for f in record.files])
     record.sha256 = _digest_of(record.files)

@@ -90,10 +90,6 @@ class Stopwatch:
 
         return listen
 
-    def total_s(self) -> float:
-        """Return the time since the program was started."""
-        return time.monotonic() - self.started_s
-
 
 def _age_s() -> float:
     """Return for how long this process has run, as far as the system tells."""

@@ -120,12 +120,13 @@ def tracking_plateaus(streams: Mapping[str, Stream], parameters: Mapping[str, An
 
 def _each_reported(errors: Floats, formula: str, history: int) -> Floats:
     """Give what is reported on each state by a formula over the joints of the last `history` errors."""
-    terms = {"rms": errors**2, "mean": np.abs(errors), "signed": errors}[formula]
-    total = np.concatenate(([0.0], np.cumsum(terms.mean(axis=1)))) if len(terms) else np.zeros(1)
-    last = np.arange(1, len(total))
-    first = np.maximum(0, last - history)
-    means: Floats = (total[last] - total[first]) / (last - first)
-    return np.sqrt(np.maximum(means, 0.0)) if formula == "rms" else means
+    terms = {"rms": errors**2, "mean": np.abs(errors), "signed": errors}[formula].mean(axis=1)
+    if history > 1:
+        total = np.concatenate(([0.0], np.cumsum(terms)))
+        last = np.arange(1, len(total))
+        first = np.maximum(0, last - history)
+        terms = np.maximum(total[last] - total[first], 0.0 if formula == "rms" else -np.inf) / (last - first)
+    return np.sqrt(terms) if formula == "rms" else terms
 
 
 def expected_reports(streams: Mapping[str, Stream], parameters: Mapping[str, Any], seed: int) -> int:

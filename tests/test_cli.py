@@ -61,7 +61,7 @@ def test_a_folder_of_something_else(tmp_path: Path, capsys: pytest.CaptureFixtur
     """A folder without any artifact ends with 3."""
     (tmp_path / "notes.txt").write_text("hello")
     status, _, errors = run(capsys, tmp_path, "-o", tmp_path / "results")
-    assert (status, "nothing in this folder looks like a submission" in errors) == (3, True)
+    assert (status, "nothing in it looks like a submission" in errors) == (3, True)
 
 
 def test_a_file_in_place_of_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -76,6 +76,25 @@ def test_names_of_folders_cannot_steer_the_terminal(tmp_path: Path, capsys: pyte
     status, _, errors = run(capsys, tmp_path / "\x1b[2Jann", "-o", tmp_path / "results")
     assert status == 3
     assert "\x1b" not in errors
+
+
+def test_a_misspelt_command_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A word that is nearly a command, and no path, is no submission; the command is named."""
+    status, _, errors = run(capsys, "regrad", "-o", tmp_path)
+    assert (status, "grade regrade" in errors) == (3, True)
+
+
+def test_a_defect_of_the_grader_is_no_low_score(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An exception that nobody expected ends with 70, since 1 means a score below --fail-under."""
+
+    def fail(*_arguments: object, **_options: object) -> int:
+        raise RecursionError("too deep")
+
+    monkeypatch.setattr("grader.commands.grade.run", fail)
+    assert main(["ann"]) == 70
+    assert "a defect of the grader" in capsys.readouterr().err
 
 
 # -- rubrics ---------------------------------------------------------------------------------------
@@ -100,11 +119,10 @@ def test_a_rubric_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixtur
 
 
 def test_a_session_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A session that the rubric does not have ends with 4, and the known ones are named."""
-    pytest.importorskip("rclpy")
+    """A session that the rubric does not have is wrong usage, and the known ones are named."""
     out = tmp_path / "results"
-    status, _, errors = run(capsys, ROOT / "submissions/alice", "--sessions", "publisher,sevrice", "-o", out)
-    assert status == 4
+    status, _, errors = run(capsys, ROOT / "submissions/alice", "--sessions", "publisher, sevrice", "-o", out)
+    assert (status, out.exists()) == (2, False)
     assert "there is no session 'sevrice'" in errors
     assert "publisher, subscriber, service, launch, qos" in errors
 
@@ -135,6 +153,15 @@ def test_no_such_interpreter(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     """An interpreter that is not there ends with 5."""
     status, _, errors = run(capsys, ROOT / "submissions/alice", "--python", tmp_path / "python")
     assert (status, "Check --python" in errors) == (5, True)
+
+
+def test_an_interpreter_without_ros(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """An interpreter that cannot import rclpy ends with 5, before any submission fails for it."""
+    pytest.importorskip("rclpy")
+    out = tmp_path / "results"
+    status, _, errors = run(capsys, ROOT / "submissions/alice", "--python", "/bin/true", "-o", out)
+    assert (status, out.exists()) == (5, False)
+    assert "/bin/true: this interpreter cannot run students' nodes" in errors
 
 
 def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:

@@ -73,6 +73,7 @@ def test_scripts_of_setup_cfg_are_found() -> None:
     [
         ("{'console_scripts': ['talk']}", "not of the form"),
         ("{'console_scripts': ['talk = arm_lab/talk.py']}", "not of the form"),
+        ("{'console_scripts': ['.. = arm_lab.talk:main']}", "not of the form"),
         ("{'console_scripts': []}", "no console_scripts"),
         ("{'gui_scripts': ['talk = arm_lab.talk:main']}", "no console_scripts"),
     ],

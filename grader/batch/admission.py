@@ -75,10 +75,12 @@ class Admission:
         Parameters
         ----------
         jobs : int or None
-            How many cells this grading wants at a time; by default as many as the machine takes.
+            How many cells this grading wants at a time; by default as many as the machine takes. Where cells share
+            a network, one could speak in another's, so that it stays at one.
         """
         most = cells_at_a_time(isolation)
-        return cls(jobs or most, Machine(max(most, jobs or 0)))
+        places = jobs if jobs is not None and isolation.namespaces else most
+        return cls(places, Machine(max(most, places)))
 
     @property
     def places(self) -> int:

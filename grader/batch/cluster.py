@@ -108,7 +108,7 @@ async def cluster(address: str, least_isolation: Level) -> AsyncIterator[Cluster
     try:
         import distributed
     except ImportError:
-        remedy = "pip install 'ros-lab-grader[cluster]'"
+        remedy = "In a checkout of the grader: pip install '.[cluster]'"
         raise PlatformError("the Python package distributed is not installed", remedy=remedy) from None
     where: dict[str, Any] = {"scheduler_file": address} if Path(address).is_file() else {"address": address}
     try:

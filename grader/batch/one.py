@@ -17,17 +17,14 @@ import traceback
 from collections.abc import AsyncIterator, Iterator
 from concurrent.futures import Future, InvalidStateError
 from contextlib import asynccontextmanager, contextmanager, suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from grader import pipeline
 from grader.batch.order import Graded, NotGraded, Order
-from grader.exporting import write_exports
 from grader.live.cells import Progress
 from grader.live.turns import Shared
 from grader.recording.submission import read_submission, write_submission
-from grader.report import json as result_json
 from grader.rubric import SessionSpec
 
 #: What reading and judging a submission may take of the address space; some 0.7 GiB suffice.
@@ -50,17 +47,14 @@ def main(argv: list[str]) -> int:
 
 
 def _carry_out(order: Order, turns: _TurnsByPipe) -> Graded:
-    # What others want of a result is written once, at the end: that is no work for while sessions are timed.
-    options, exports = replace(order.options, exports=()), order.options.exports
     if order.judge_only:
         with turns.work("judging"):
             _state_submission_time(order)
-            result = pipeline.judge_results(order.results, order.rubric, options.overrides)
+            result = pipeline.judge_results(order.results, order.rubric, order.options.overrides)
     else:
         assert order.isolation is not None
         shared = Shared(turns, order.isolation)
-        result = pipeline.grade(order.handed, order.rubric, order.results, options, _tell, shared)
-    write_exports(exports, result_json.to_plain(result), order.results, options.path_prefix)
+        result = pipeline.grade(order.handed, order.rubric, order.results, order.options, _tell, shared)
     make_durable(order.results)
     return Graded(result.final, result.score.possible, result.score.undecided)
 

@@ -24,6 +24,7 @@ from grader.report.terminal import points_text
 _NAME_WIDTH = 40
 _PROBLEM_WIDTH = 200
 _SHOWN_ENDED = 6
+_BAR_WIDTH = 40
 
 
 class ClassProgress:
@@ -105,7 +106,8 @@ class ClassProgress:
             doing = " · ".join(f"{session}: {text}" if session else text for session, text in phases.items())
             table.add_row(Text(terminal_text(name, _NAME_WIDTH)), Text(terminal_text(doing, 300), "dim"))
         done, left = self._count["done"], len(self._work_s)
-        bar = ProgressBar(total=max(1, done + left), completed=done, width=40)
+        bar = Table.grid()  # by itself it would not end its line
+        bar.add_row(ProgressBar(total=max(1, done + left), completed=done, width=_BAR_WIDTH))
         return Group(*self._ended, Text(""), self._headline(), bar, table)
 
     def _headline(self) -> Text:

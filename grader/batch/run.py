@@ -198,14 +198,14 @@ class ClassRun:
     def _kept(self, task: _Task, site: Site) -> Graded | None:
         entry = self._entry(task, site)
         folder = self.journal.results / task.handed.name
-        wanted = [folder / REPORT_FILE, *(target.path(folder) for target in self.options.exports)]
-        if entry is None or entry.policy != task.policy or not all(path.is_file() for path in wanted):
+        if entry is None or entry.policy != task.policy or not (folder / REPORT_FILE).is_file():
             return None
         return _result_in(folder, self.rubric)
 
     def _entry(self, task: _Task, site: Site) -> Entry | None:
         entry = self.journal.holds(task.handed.name, task.key) if task.submission else None
-        return entry if entry is not None and Level(entry.isolation).at_least(site.least_isolation) else None
+        enough = [level.value for level in Level if level.at_least(site.least_isolation)]
+        return entry if entry is not None and entry.isolation in enough else None
 
     def _work_s(self) -> float:
         sessions = self.rubric.sessions
@@ -221,7 +221,9 @@ class ClassRun:
         try:
             ending = await self._grade(task, site, on_phase)
         except Exception as error:
-            ending = self._abandoned(task, NotGraded.from_error(error))
+            ending = NotGraded.from_error(error)
+            if self._entry(task, site) is None:
+                self._abandoned(task, ending)
         took_s = asyncio.get_running_loop().time() - began_s[0] if began_s else 0.0
         self._end(Row(task.handed, ending, took_s=took_s))
 

@@ -21,6 +21,7 @@ from grader.checks.finding import (
     missing_artifact,
     not_reached,
     passed,
+    runs_elsewhere,
     why_nothing,
 )
 from grader.checks.reception import OfferedProfile, clash
@@ -28,7 +29,7 @@ from grader.checks.traffic import claimed_qos, student_endpoints
 from grader.evidence.calls import rclpy_calls
 from grader.evidence.printed import text_of
 from grader.evidence.recorded import Floats, Span
-from grader.evidence.result_rows import ResultRow, names, result_row
+from grader.evidence.result_rows import LINE_LIMIT, ResultRow, lines_naming, result_row
 from grader.evidence.timing import timing_of
 from grader.recording.session import Qos
 from grader.result import Finding, Where
@@ -55,6 +56,8 @@ def ends_by_itself(context: Context, p: EndsByItself) -> Finding:
     run = processes[-1]
     spot = Where(session=context.session.record.session, process=p.artifact)
     said = re.search(p.output, text_of(run.output)) is not None
+    if not said and (elsewhere := runs_elsewhere(context, p.artifact, expected)) is not None:
+        return elsewhere
     ran_s = ((run.exited_ns or context.session.record.ended_ns) - run.started_ns) / 1e9
     if run.interrupted_ns is not None or run.ended_by != "itself":
         stopped_s = ((run.interrupted_ns or run.started_ns) - run.started_ns) / 1e9
@@ -150,7 +153,8 @@ def qos_profiles(context: Context, p: QosProfiles) -> Finding:
             parts.append(share * (1 - len(lacking) / 2))
             reasons += [reason] if reason and len(lacking) < len(sides) else []
             if reason:
-                spots += [side.where for side in sides if side.where is not None][:1]
+                wrong = [s for s in sides if any(value != getattr(wanted, policy) for value in s.policies(policy))]
+                spots += [side.where for side in wrong if side.where is not None][:1]
         texts.append(_shown(wanted.topic, sides))
     expected = "; ".join(f"{w.topic}: {w.reliability}, {w.history} {w.depth}, {w.durability}" for w in p.profiles)
     where = (*dict.fromkeys(spots), context.where())
@@ -285,10 +289,11 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
 def _claimed(context: Context, p: ReportedTraffic, row: Row) -> ResultRow | None:
     """Return what is printed about a row: in the pattern's form, or in another that can be read."""
     output = context.session.output_of(p.artifact)
-    for line in output:
-        if names(line.text, row.name) and (match := re.search(p.pattern, line.text)):
+    lines = [line.text[:LINE_LIMIT] for line in output]
+    for place in lines_naming(lines, row.name):
+        if match := re.search(p.pattern, lines[place]):
             mean_s, max_s = (_signed(match, name) / 1e3 for name in ("mean_ms", "max_ms"))
-            return ResultRow(line.t_ns, int(match["count"]), mean_s, max_s)
+            return ResultRow(output[place].t_ns, int(match["count"]), mean_s, max_s)
     return result_row(output, row.name, [other.name for other in p.rows if other is not row])
 
 

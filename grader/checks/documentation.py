@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from pathlib import PurePosixPath
 
 from pydantic import Field
 
-from grader.checks.finding import Context, Parameters, Pattern, Share, failed, graded
+from grader.checks.finding import Context, Parameters, Pattern, Share, failed, graded, inconclusive
 from grader.evidence.markup import Document, read_markdown
 from grader.evidence.prose import (
     TopicWords,
@@ -22,7 +23,17 @@ from grader.evidence.prose import (
 from grader.evidence.source import SourceFacts, docstring_share, parse
 from grader.result import Finding, Where
 
-_READMES = ("readme.md", "readme.rst", "readme.txt", "readme", "readme.markdown", "readme.org", "readme.adoc")
+#: What a README is called in other languages.
+_README = re.compile(
+    r"(?:read[_ -]?me|liesmich|lies[_ -]?mich|lisez[_ -]?moi|l[eé]ame|leeme|leiame|leia[_ -]?me|leggimi|leesmij|läsmig|"
+    r"les[_ -]?meg|czytaj|čtimě|beni[_ -]?oku|прочти|прочитай|说明|说明书|自述|読んで|お読み|읽어보|اقرأ)",
+    re.IGNORECASE,
+)
+_WRITTEN = (".md", ".markdown", ".rst", ".txt", ".adoc", ".org", "")
+#: Texts that are there for programs.
+_FOR_PROGRAMS = ("requirements", "cmakelists", "constraints", "license", "licence", "copying", "manifest", "top_level")
+#: Documents that people read and the grader does not.
+_NOT_READ = (".pdf", ".docx", ".doc", ".odt", ".rtf", ".pages", ".html", ".htm", ".ipynb", ".tex")
 
 
 @functools.lru_cache(maxsize=256)
@@ -31,12 +42,25 @@ def _facts(path: str, text: str) -> SourceFacts:
 
 
 def readmes(context: Context) -> list[tuple[str, Document]]:
-    """Return the READMEs of a submission, the one nearest to its root first."""
-    paths = [p for p in context.submission.texts if PurePosixPath(p).name.lower() in _READMES]
+    """Return the READMEs of a submission, the one nearest to its root first; without any, what else is written."""
+    written = [p for p in map(PurePosixPath, context.submission.texts) if p.suffix.lower() in _WRITTEN]
+    paths = [p for p in written if _README.match(p.stem)]
     if not paths:
-        paths = [p for p in context.submission.texts if PurePosixPath(p).suffix.lower() in (".md", ".rst")]
-    paths.sort(key=lambda p: (len(PurePosixPath(p).parts), p))
-    return [(path, read_markdown(context.submission.texts[path])) for path in paths]
+        paths = [p for p in written if p.suffix and not p.stem.lower().startswith(_FOR_PROGRAMS)]
+    paths.sort(key=lambda p: (len(p.parts), str(p)))
+    return [(str(path), read_markdown(context.submission.texts[str(path)])) for path in paths]
+
+
+def _not_read(context: Context) -> list[str]:
+    """Return the documents that may say what is looked for, but in a form that only people can read."""
+    paths = [PurePosixPath(f.path) for f in context.submission.files if f.size_bytes]
+    found = [p for p in paths if p.suffix.lower() in _NOT_READ and not p.name.startswith(".")]
+    return [str(p) for p in sorted(found, key=lambda p: (_README.match(p.stem) is None, len(p.parts), str(p)))][:3]
+
+
+def _for_a_person(expected: str, paths: Sequence[str]) -> Finding:
+    reason = f"The grader cannot read {', '.join(paths)}; a person has to."
+    return inconclusive(expected, "not read", reason, where=[Where(file=path) for path in paths], retry=False)
 
 
 def sources(context: Context, artifacts: tuple[str, ...]) -> list[SourceFacts]:
@@ -70,6 +94,8 @@ def readme(context: Context, p: Readme) -> Finding:
     """Judge commands and descriptions; a bare list of names describes nothing."""
     expected = f"commands to run it, and a description of each of {len(p.parts)} parts"
     documents = readmes(context)
+    if not documents and (unread := _not_read(context)):
+        return _for_a_person(expected, unread)
     if not documents:
         return failed(expected, "no README", "There is no README.", hint="Write a README.md beside the code.")
     commands = [(path, i) for path, document in documents for i in run_instructions(document, p.commands)]
@@ -176,6 +202,8 @@ def concepts_explained(context: Context, p: ConceptsExplained) -> Finding:
     expected = f"{p.full_concepts} of {len(p.concepts)} concepts discussed, with reasons"
     measured = f"{', '.join(found.discussed) or 'none'} discussed in {found.words} words"
     where = [Where(file=c.places[0].file, line=c.places[0].line) for c in found.concepts if c.places]
+    if len(found.discussed) < p.least_concepts and (unread := _not_read(context)):
+        return _for_a_person(expected, unread)
     if len(found.discussed) < p.least_concepts:
         return failed(expected, measured, "There is next to nothing in writing about the trade-offs.", where=where)
     share = 2 / 3 * min(1.0, len(found.discussed) / p.full_concepts) + (1 / 3 if found.related else 0.0)

@@ -13,6 +13,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict
 
 from grader.evidence.diagnosis import Diagnosis, explain
+from grader.evidence.elsewhere import only_elsewhere
 from grader.evidence.limits import ended_by_limit, hit_limit
 from grader.evidence.oracle import load_oracle
 from grader.evidence.recorded import NumericStream, Recorded
@@ -239,6 +240,16 @@ def told(found: Diagnosis) -> str:
     place = f"{found.file}, line {found.line}" if found.file and found.line else found.file or ""
     parts = [part for part in (found.exception_type, place) if part]
     return f"{found.sentence} ({' in '.join(parts)})" if parts else found.sentence
+
+
+def runs_elsewhere(context: Context, artifact: str, expected: str) -> Finding | None:
+    """State that a program cannot be judged since it needs what is missing here, or None if it does not."""
+    found = context.diagnosis(artifact)
+    reason = only_elsewhere(found, context.submission.texts)
+    if found is None or reason is None:
+        return None
+    spot = Where(file=found.file, line=found.line) if found.file else context.where()
+    return inconclusive(expected, told(found), reason, where=(spot,), retry=False)
 
 
 def why_nothing(context: Context, artifact: str, fallback: str) -> tuple[str, str, tuple[Where, ...]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -20,11 +21,14 @@ from grader.checks.finding import (
     missing_artifact,
     not_reached,
     passed,
+    takes_points,
     told,
 )
 from grader.evidence.diagnosis import explain
+from grader.evidence.elsewhere import is_newer_python, only_elsewhere
 from grader.evidence.launch_source import parameter_line
-from grader.evidence.timing import timing_of
+from grader.evidence.recorded import Recorded
+from grader.evidence.timing import Timing, timing_of
 from grader.recording.plan import MalformedPlanError, Plan, Process
 from grader.result import Finding, Outcome, Where
 
@@ -68,6 +72,10 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
     )
     if plan.outcome == "not_assessable" and problem is not None:
         reason = "The grader cannot evaluate this launch file."
+        return inconclusive(expected, problem.message, reason, where=where, retry=False)
+    text = context.submission.texts.get(problem.file or "", "") if problem is not None else ""
+    if problem is not None and problem.kind == "syntax_error" and is_newer_python(text):
+        reason = "It is written in Python 3.12 or later, and was read with an older one. A person has to decide."
         return inconclusive(expected, problem.message, reason, where=where, retry=False)
     if problem is not None and problem.kind not in ("unknown_executable", "unknown_package"):
         place = f" ({problem.file}, line {problem.line})" if problem.file and problem.line else ""
@@ -160,6 +168,7 @@ class WantedNode(Parameters):
     artifact: str
     executable: str
     charged_by: str
+    types_charged_by: str | None = Field(None, description="Check that charges parameters declared with a wrong type.")
 
 
 class LaunchNodes(Parameters):
@@ -277,6 +286,13 @@ def _judge_node(context: Context, plan: Plan, wanted: WantedNode) -> _JudgedNode
     if entry.called in (name, None) and _charged(context, wanted.charged_by):
         note = f"{wanted.node} did not come up by its own fault, which is charged in {wanted.charged_by}."
         return _JudgedNode(1.0, note=note)
+    if (elsewhere := _why_only_elsewhere(context, entry)) is not None:
+        return _JudgedNode(1.0, note=f"{wanted.node} did not come up. {elsewhere}")
+    if wanted.types_charged_by is not None and _declares_another_type(context, entry, wanted.types_charged_by):
+        note = (
+            f"{wanted.node} takes no value of the type that the lab asks for, as charged in {wanted.types_charged_by}."
+        )
+        return _JudgedNode(1.0, note=note)
     used = context.session.used(wanted.node)
     if not _died(context, entry) and (entry.called not in (name, None) or used != wanted.node):
         shown = used if used != wanted.node else entry.full_name or entry.called
@@ -309,10 +325,44 @@ def _why_down(context: Context, entry: Process, executable: str) -> _JudgedNode:
     if found.kind == "parameter-type" and entry.file:
         text = context.submission.texts.get(entry.file, "")
         spot = (Where(file=entry.file, line=parameter_line(text, entry.line, found.subject)),)
-        declared = found.sentence.removesuffix(".").rpartition(" ")[2]
-        python = {"bool": "bool", "double": "float", "integer": "int"}.get(declared, "str")
-        hint = f"Give it the type that is declared: ParameterValue(LaunchConfiguration(...), value_type={python})."
+        hint, in_the_node = _type_hint(found.sentence, found.subject)
+        spot = (Where(file=found.file, line=found.line),) if in_the_node and found.file else spot
     return _JudgedNode(0.0, f"{executable} ended with status {run.exit_status}: {told(found)}", hint=hint, where=spot)
+
+
+def _why_only_elsewhere(context: Context, entry: Process) -> str | None:
+    run = context.session.process(entry.id)
+    found = explain(run.output, [f.path for f in context.submission.files]) if run is not None else None
+    return only_elsewhere(found, context.submission.texts)
+
+
+def _declares_another_type(context: Context, entry: Process, charged_by: str) -> bool:
+    """Whether a node ended since it declares a parameter with a wrong type, which another check has charged."""
+    run = context.session.process(entry.id)
+    found = explain(run.output, [f.path for f in context.submission.files]) if run is not None else None
+    if found is None or found.kind != "parameter-type":
+        return False
+    return takes_points(context.findings.get(charged_by)) and _type_hint(found.sentence, found.subject)[1]
+
+
+_TYPES = re.compile(r"of type (\w+), but it is declared as (\w+)")
+_PYTHON_TYPES = {"bool": "bool", "double": "float", "integer": "int"}
+
+
+def _type_hint(sentence: str, name: str) -> tuple[str, bool]:
+    """Say how to mend a parameter given in another type than declared, and whether that is to be done in the node."""
+    match = _TYPES.search(sentence)
+    given, declared = match.groups() if match is not None else ("", "")
+    if (given, declared) == ("double", "integer"):
+        return f"Declare {name} with a float, as 100.0: one declared with an integer takes no 100.0.", True
+    if given == "string":
+        kind = _PYTHON_TYPES.get(declared, "str")
+        written = f"ParameterValue(LaunchConfiguration(...), value_type={kind})"
+        return f"Write the value without quotation marks; for a launch argument, {written}.", False
+    if declared == "string":
+        return f"Declare {name} with a default of the type that the lab gives it, not with a string.", True
+    kind = _PYTHON_TYPES.get(declared, "str")
+    return f"Give it the type that is declared: ParameterValue(LaunchConfiguration(...), value_type={kind}).", False
 
 
 class WantedNodeParameter(Parameters):
@@ -324,6 +374,7 @@ class WantedNodeParameter(Parameters):
     name: str
     value: Any
     other: Any = None
+    argument: str | None = Field(None, description="Launch argument that it follows; its default is judged elsewhere.")
 
 
 class LaunchParameters(Parameters):
@@ -383,7 +434,7 @@ def _judge_parameter(
         and wanted.name in step.result.get("declared", [])
     ):
         return 0.0, f"{wanted.name} of {short} could not be read.", text
-    if not _same(value, wanted.value):
+    if not _same(value, wanted.value) and not _follows_default(plan, wanted, value):
         return 0.0, f"{wanted.name} of {short} is {value!r}, not {wanted.value!r}.", text
     if planned is _MISSING:
         return (
@@ -403,6 +454,12 @@ def _judge_parameter(
         f"with another argument it is {shown}, not {wanted.other!r}.",
         text,
     )
+
+
+def _follows_default(plan: Plan | None, wanted: WantedNodeParameter, value: Any) -> bool:
+    """Whether a value is the default that the launch file gives the argument, which is charged with the arguments."""
+    declared = {a.name: a.default for a in plan.arguments} if plan is not None else {}
+    return wanted.argument is not None and _same(value, declared.get(wanted.argument))
 
 
 _NODE: Any = Field(None, description="The node that does it; if it is not up, the check of the nodes charges that.")
@@ -455,14 +512,14 @@ def launch_together(context: Context, p: LaunchTogether) -> Finding:
         _service_answers(context, p.answers) if _is_up(context, p.answers.node) else None,
     ]
     judged = [part for part in parts if part is not None]
-    if judged and (late := _late_commands(context, p.commands, judged[0])) is not None:
-        return inconclusive(expected, "; ".join(text for _, text, _ in judged), late)
     if not judged:
         return not_reached(
             "None of the nodes does its part, by faults that other checks charge.",
             expected=expected,
         )
     measured = "; ".join(text for _, text, _ in judged)
+    if parts[0] is not None and (late := _late_by_the_machine(context, p.commands, parts[0][0])) is not None:
+        return inconclusive(expected, measured, late, where=(context.where(p.commands.topic),))
     reasons = " ".join(reason for share, _, reason in judged if share < 1)
     return graded(
         sum(s for s, _, _ in judged) / len(judged),
@@ -497,15 +554,53 @@ def _commands_come(context: Context, p: TogetherCommands) -> tuple[float, str, s
             "no commands",
             "No commands came while all ran together; do the nodes follow the simulation's clock?",
         )
+    if (elsewhere := _moved_by_launch(context, alone, p)) is not None:
+        return (
+            0.0,
+            f"commands on {elsewhere}",
+            f"The launch file moves the commands to {elsewhere}, where nobody listens.",
+        )
     if alone_timing is None:
         return 1.0, f"commands at {timing.rate_hz:.1f} Hz", ""
-    share = _share_of_rate(timing.rate_hz, alone_timing.rate_hz, p)
+    share = _share_of_rate(timing, alone_timing, p)
     text = f"commands at {timing.rate_hz:.1f} Hz ({alone_timing.rate_hz:.1f} Hz alone)"
     return (
         share,
         text,
         f"Commands come at {timing.rate_hz:.1f} Hz, while alone they come at {alone_timing.rate_hz:.1f} Hz.",
     )
+
+
+def _moved_by_launch(context: Context, alone: Recorded | None, p: TogetherCommands) -> str | None:
+    """Return the topic on which the commands come if the launch file alone gives it another name than the lab's.
+
+    A namespace is charged with the names of the nodes.
+    """
+    used = context.session.used(p.topic)
+    if alone is None or used == p.topic or alone.used(p.topic) != p.topic:
+        return None
+    named = p.node is None or context.session.used(p.node) == p.node
+    listeners = context.session.endpoints_on(p.topic, "subscription", context.reference_nodes)
+    return used if named and not any(e.topic == used for e in listeners) else None
+
+
+def _share_of_rate(together: Timing, alone: Timing, p: TogetherCommands, kept: float = 1.0) -> float:
+    """Return the credit for a rate, measured in a time of which a share was kept."""
+    return in_steps(min(1.0, together.rate_hz / kept / alone.rate_hz / p.least_share), 2)
+
+
+def _late_by_the_machine(context: Context, p: TogetherCommands, share: float) -> str | None:
+    """Say that the machine kept a process from a core for so long that the commands may be fewer for that."""
+    span = context.session.window(p.window)
+    timing = timing_of(context.session.stream(p.topic), span)
+    alone = context.sessions.get(p.alone_session)
+    alone_timing = timing_of(alone.stream(p.topic), alone.window(p.window)) if alone is not None else None
+    if share >= 1 or span is None or timing is None or alone_timing is None or _moved_by_launch(context, alone, p):
+        return None
+    delay_s = min(context.session.longest_delay_s(span), 0.5 * span.duration_s)
+    if _share_of_rate(timing, alone_timing, p, 1 - delay_s / span.duration_s) == share:
+        return None
+    return f"The machine kept a process from a core for {delay_s:.2f} s of {span.duration_s:.1f} s, which may be why."
 
 
 def _arm_follows(context: Context, p: TogetherFollows) -> tuple[float, str, str] | None:

@@ -22,11 +22,12 @@ from grader.checks.finding import (
     missing_artifact,
     not_reached,
     passed,
+    runs_elsewhere,
     takes_points,
     told,
     why_nothing,
 )
-from grader.checks.traffic import claimed_at, student_endpoints
+from grader.checks.traffic import claimed_at, claimed_qos, student_endpoints
 from grader.evidence.printed import PrintedVector, Report, printed_vector, reports
 from grader.evidence.recorded import Span
 from grader.recording.session import Endpoint, ProcessRun
@@ -93,6 +94,8 @@ def topics_subscribed(context: Context, p: TopicsSubscribed) -> Finding:
         reasons += [reason] if reason else []
         spot = claimed_at(context, "subscription", context.session.used(topic.topic))
         spots += [spot] if spot else []
+    if not any(shares) and (elsewhere := runs_elsewhere(context, p.artifact, expected)) is not None:
+        return elsewhere
     if not any(shares):
         fallback = "The node subscribed to none of the topics, nor to any of a similar name."
         reason, hint, where = why_nothing(context, p.artifact, fallback)
@@ -510,11 +513,18 @@ def _agreement(
 
 
 def _messages_during_delay(context: Context, p: Streams) -> float:
-    """Return how many messages came while the node was ready but had no core: those it may have lost by that."""
+    """Return how many messages came while the node was ready but had no core: those it may have lost by that.
+
+    While its queue has room, nothing is lost.
+    """
     streams = context.streams(p.streams, p.field).values()
     most = max(streams, key=lambda s: len(s.source_ns))
-    length_s = (int(most.source_ns[-1]) - int(most.source_ns[0])) / 1e9
-    return len(most.source_ns) / max(length_s, 1e-9) * _delay_s(context, p)[0]
+    span = Span(int(most.source_ns[0]), int(most.source_ns[-1]))
+    rate_hz = len(most.source_ns) / max(span.duration_s, 1e-9)
+    asked = [claimed_qos(context, "subscription", context.session.used(t))[0] for t in p.streams.values()]
+    room = max(0, min((qos.depth if qos is not None else 1) for qos in asked) - 1)
+    run = context.session.processes_of(p.artifact)[-1]
+    return rate_hz * context.session.long_delays_s(run, span, room / rate_hz)
 
 
 #: Share of a time for which a process was kept from a core, from which it may have lost messages by that.

@@ -21,10 +21,13 @@ from grader.checks.finding import (
     missing_artifact,
     not_reached,
     passed,
+    runs_elsewhere,
+    takes_points,
     told,
     why_nothing,
 )
 from grader.checks.traffic import claimed_at
+from grader.evidence.recorded import Span
 from grader.recording.session import StepRun
 from grader.result import Finding, Outcome, Where
 
@@ -46,6 +49,8 @@ def service_offered(context: Context, p: ServiceOffered) -> Finding:
     used = context.session.used(p.service)
     offers = [s for graph in context.session.record.graph for s in graph.services if s.name == used]
     offers = [s for s in offers if s.node not in context.reference_nodes]
+    if not offers and (elsewhere := runs_elsewhere(context, p.artifact, expected)) is not None:
+        return elsewhere
     if not offers:
         fallback = f"The service {p.service} never came up, nor one of a similar name. A client would wait in vain."
         reason, hint, where = why_nothing(context, p.artifact, fallback)
@@ -79,6 +84,7 @@ class CallAnswered(Parameters):
     message: Pattern | None = Field(None, description="Regular expression for the message field.")
     contrary: Pattern | None = Field(None, description="A message that matches says the contrary: no credit.")
     again: str | None = Field(None, description="A later step with the same request, to be answered alike.")
+    again_charged_by: str | None = Field(None, description="Where this check took points, a later answer takes none.")
     opposite: str | None = Field(None, description="A step at which this answer would be wrong, to see a mix-up.")
 
 
@@ -176,9 +182,11 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
         reason = f"In the answer, {' and '.join(wrong)}.{_SWAPPED if swapped else ''}"
         return failed(expected, measured, reason, where=where)
     if (contrary := _contrary(context, p, response)) is not None:
-        reason = f"To this request it also answers {_shown(contrary)}, which says the contrary."
+        also = "" if contrary is response else "also "
+        reason = f"To this request it {also}answers {_shown(contrary)}, which says the contrary."
         return failed(expected, measured, reason, hint="Do what request.data says; do not switch over.", where=where)
-    if (other := next((a for a in _later_answers(context, p) if not _fits(a, p.response)), None)) is not None:
+    other = next((a for a in _later_answers(context, p) if not _fits(a, p.response)), None)
+    if other is not None and not takes_points(context.findings.get(p.again_charged_by or "")):
         reason = f"To the same request it answers {_shown(other)} later."
         return graded(0.75, expected, measured, reason, hint=_ALIKE_HINT, where=where)
     text = str(response.get(p.message_field, ""))
@@ -196,6 +204,10 @@ _ALIKE_HINT = "Answer each request by what it asks for, whatever the state was b
 
 def _fits(answer: Mapping[str, Any] | None, wanted: Mapping[str, Any]) -> bool:
     return answer is not None and all(answer.get(k) == v for k, v in wanted.items())
+
+
+def _message(answer: Mapping[str, Any] | None, name: str) -> str:
+    return str(answer.get(name, "")) if answer is not None else ""
 
 
 def _later_answers(context: Context, p: CallAnswered) -> list[Mapping[str, Any]]:
@@ -228,6 +240,8 @@ class CallGated(Parameters):
     enables: str | None = Field(None, description="Check of the answer while all is well; without it nothing is said.")
     refused: Mapping[str, Any]
     recovered: Mapping[str, Any]
+    message_field: str = "message"
+    refusal: Pattern | None = Field(None, description="A message that refuses, whatever the other fields say: half.")
 
 
 def call_gated(context: Context, p: CallGated) -> Finding:
@@ -242,7 +256,7 @@ def call_gated(context: Context, p: CallGated) -> Finding:
     enabling = context.findings.get(p.enables) if p.enables is not None else None
     if enabling is not None and enabling.outcome in (Outcome.FAILED, Outcome.NOT_REACHED):
         if _fits(answers[p.refused_step], p.recovered) and _fits(answers[p.recovered_step], p.refused):
-            return graded(0.5, expected, measured, _REVERSED, where=where)
+            return graded(0.5, expected, measured, _REVERSED, hint=_REVERSED_HINT, where=where)
         return not_reached("Enabling fails already, so that a refusal says nothing.", expected=expected)
     if refuses:
         return graded(
@@ -252,6 +266,8 @@ def call_gated(context: Context, p: CallGated) -> Finding:
             "It refuses, but does not recover when the parameter is true again.",
             where=where,
         )
+    if recovers and p.refusal is not None and re.search(p.refusal, _message(answers[p.refused_step], p.message_field)):
+        return graded(0.5, expected, measured, _ONLY_SAID, hint=_ONLY_SAID_HINT, where=where)
     if answers[p.refused_step] is None and _earlier_silence(context, steps[p.refused_step], expected) is not None:
         reason = "The node had stopped answering before, which is charged there, so no change could be looked at."
         share, hint = 0.5 * _fits(answers[p.from_start_step], p.refused), "Mend the earlier call first."
@@ -277,6 +293,9 @@ def call_gated(context: Context, p: CallGated) -> Finding:
     return failed(expected, measured, "It enables although the parameter is false.", where=where)
 
 
+_ONLY_SAID = "Its message refuses, but the other fields say that it was done, and those are what a program goes by."
+_ONLY_SAID_HINT = "Set what tells of success to False beside the message."
+_REVERSED_HINT = "Turn the condition round."
 _REVERSED = (
     "It follows the parameter, but the wrong way round: it enables while it is false and refuses while it is true."
 )
@@ -362,7 +381,16 @@ def calls_in_time(context: Context, p: CallsInTime) -> Finding:
             "There was no time for all the calls, but those made were answered in time.",
             where=where,
         )
+    delay_s = max((_delay_s(context, c) for c in calls), default=0.0)
+    if quick < len(calls) == sum(latency - delay_s <= p.within_s for latency in latencies):
+        late = f"The machine kept a process from a core for up to {delay_s:.2f} s during a call, which may be why."
+        return inconclusive(expected, measured, late, where=where)
     share = quick / len(calls)
     reason = f"{len(calls) - quick} of {len(calls)} calls took longer than {p.within_s:g} s, or got no answer."
     reason += f" The quickest took {min(latencies):.2f} s." if latencies and not quick else ""
     return graded(share, expected, measured, reason, where=where)
+
+
+def _delay_s(context: Context, call: Mapping[str, Any]) -> float:
+    """Return for how long the machine kept a process from its core during a call."""
+    return context.session.longest_delay_s(Span(int(call["started_ns"]), int(call["ended_ns"])))

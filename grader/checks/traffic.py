@@ -22,6 +22,7 @@ from grader.checks.finding import (
     missing_artifact,
     passed,
     ramp,
+    runs_elsewhere,
     told,
     why_nothing,
 )
@@ -65,6 +66,8 @@ def topic_published(context: Context, p: TopicPublished) -> Finding:
         return missing
     endpoints = student_endpoints(context, p.topic, "publisher")
     stream = context.session.stream(p.topic)
+    if not len(stream) and (elsewhere := runs_elsewhere(context, p.artifact, expected)) is not None:
+        return elsewhere
     if not endpoints and not len(stream):
         fallback = f"Nothing was published on {p.topic}, nor on a topic of a similar name, within the time allowed."
         reason, hint, where = why_nothing(context, p.artifact, fallback)
@@ -144,15 +147,13 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
     length_s = span.duration_s if span else timing.written / timing.rate_hz
     delay_s = min(_delay_s(context, p.process, span), 0.5 * length_s)
     best_hz = _best_rate_hz(timing, length_s, delay_s, p.rate_hz)
-    error_hz = 2 * timing.deviation_s() * timing.rate_hz / max(length_s, 1e-9)
+    error_hz = timing.burst_error_hz or 2 * timing.deviation_s() * timing.rate_hz / max(length_s, 1e-9)
     measured = f"{timing.rate_hz:.2f} Hz ± {max(error_hz, 0.01):.2f} Hz ({timing.written} messages in {length_s:.1f} s)"
     span_hz = (timing.rate_hz - error_hz, best_hz + error_hz)
     off_by = [abs(hz / p.rate_hz - 1) for hz in span_hz]
     least_off = 0.0 if span_hz[0] <= p.rate_hz <= span_hz[1] else min(off_by)
     worst, best = (ramp(off, p.full_within, p.zero_beyond) for off in (max(off_by), least_off))
-    slower = "slower" if timing.rate_hz < p.rate_hz else "faster"
-    off = f"{abs(timing.rate_hz / p.rate_hz - 1):.1%} {slower}"
-    reason = f"Messages come at {timing.rate_hz:.1f} Hz, {off} than {p.rate_hz:g} Hz."
+    reason = f"{_off_rate(timing, p)}{_by_timer(context, timing.rate_hz)}"
     if (stepped := clock_was_set(context, span)) is not None:
         return inconclusive(expected, measured, stepped, where=where)
     silent_s, of_s = _silence_s(context, p, span)
@@ -164,6 +165,39 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
     return measured_share(worst, best, expected, measured, reason, _doubt(delay_s, length_s), where=where)
 
 
+def _off_rate(timing: Timing, p: TopicRate) -> str:
+    """Say how far the rate is from the one wanted, and whether it is pauses that make it so."""
+    usual_hz = 1 / timing.median_s if timing.median_s > 0 else timing.rate_hz
+    longest_s = float(timing.intervals_s.max()) if len(timing.intervals_s) else 0.0
+    if timing.rate_hz < p.rate_hz and abs(usual_hz / p.rate_hz - 1) < p.full_within and longest_s > _PAUSE / p.rate_hz:
+        return (
+            f"Messages come at {usual_hz:.0f} Hz with pauses of up to {longest_s:.2f} s between them: "
+            f"{timing.rate_hz:.1f} Hz on average."
+        )
+    times = timing.rate_hz / p.rate_hz
+    off = f"{abs(times - 1):.1%} {'slower' if times < 1 else 'faster'} than" if times < 2 else f"{times:.3g} times"
+    return f"Messages come at {timing.rate_hz:.1f} Hz, {off} {p.rate_hz:g} Hz."
+
+
+#: Intervals of the rate wanted from which a gap is a pause.
+_PAUSE = 20
+
+
+def _by_timer(context: Context, rate_hz: float) -> str:
+    """Say so if the period of the node's only timer gives the rate that was measured."""
+    timers = [c for c in context.session.record.claims if c.kind == "timer" and not c.file.startswith("/")]
+    if len(timers) != 1 or not _NUMBER.fullmatch(timers[0].name):
+        return ""
+    period_s = float(timers[0].name)
+    if not period_s:
+        return " The timer's period is 0 s, so it fires as often as it can: 1 // 100 is 0, and 1 / 100 is 0.01."
+    if abs(rate_hz * period_s - 1) > _TIMER_SLACK:
+        return ""
+    return f" The timer's period is {period_s:g} s."
+
+
+#: How far a rate may be from a timer's for the timer to be the reason.
+_TIMER_SLACK = 0.05
 #: A topic on which nothing came for so long, and for so many of its intervals, had ended.
 _SILENT_S, _SILENT_INTERVALS = 0.5, 10
 
@@ -204,7 +238,7 @@ _NOTABLE_DELAY = 0.005
 
 
 #: Share of a span for which a process was kept from a core, from which its usual interval may be longer by that.
-_MANY_DELAYS = 0.1
+_MANY_DELAYS = 0.25
 
 
 def _doubt(delay_s: float, length_s: float) -> str:
@@ -352,16 +386,32 @@ def sinusoids(context: Context, p: Sinusoids) -> Finding:
     if series is None or len(series.values) < 20:
         return failed(expected, "too few numbers", "Too few messages with numbers came to see a motion.", where=where)
     parts, texts, reasons = [], [], []
+    elsewhere: set[int] = set()
     for component in p.components:
         share, text, reason = _judge_component(series, component, p)
+        if share < _MISPLACED and (place := _place_of(series, component, p)) is not None:
+            elsewhere.add(place)
+            share, reason = _MISPLACED, f"The motion of element {component.index} is in element {place}."
         parts.append(share)
         texts.append(text)
         reasons += [reason] if reason else []
-    moving = _others_that_move(series.values, p)
+    moving = [index for index in _others_that_move(series.values, p) if index not in elsewhere]
     parts.append(0.0 if moving else 1.0)
     if moving:
         reasons.append(f"Element {', '.join(map(str, moving))} should stay at 0, but moves.")
     return graded(sum(parts) / len(parts), expected, "; ".join(texts), " ".join(reasons), where=where)
+
+
+#: Credit for a component that moves as it should, but in another element.
+_MISPLACED = 0.5
+
+
+def _place_of(series: NumericStream, c: Component, p: Sinusoids) -> int | None:
+    """Return the other element that moves as a component should."""
+    finite = np.isfinite(series.values).all(axis=0)
+    places = (i for i in range(min(p.others_still, series.values.shape[1])) if i != c.index and finite[i])
+    moved = (c.model_copy(update={"index": i}) for i in places if float(np.ptp(series.values[:, i])) > c.amplitude)
+    return next((m.index for m in moved if _badness(_best_fit(series, m, p)[0], m) <= p.tolerance), None)
 
 
 def _others_that_move(values: Floats, p: Sinusoids) -> list[int]:
@@ -378,19 +428,16 @@ def _judge_component(series: NumericStream, c: Component, p: Sinusoids) -> tuple
     known = np.isfinite(series.values[:, c.index])
     if known.sum() < 20:
         return 0.0, f"[{c.index}] is not a number", f"Element {c.index} is not a number."
-    series = NumericStream(
-        series.source_ns[known], series.received_ns[known], series.sequence[known], series.values[known]
-    )
-    values = series.values[:, c.index]
-    by_count: Floats = (series.sequence - 1) * np.float64(p.tick_s)
-    by_clock = _since_first_s(series)
-    fits = [fit_sinusoid(times, values, 0.1 * c.frequency_hz, 5 * c.frequency_hz) for times in (by_clock, by_count)]
-    best = min(fits, key=lambda fit: _badness(fit, c))
+    values = series.values[known, c.index]
+    best, fits = _best_fit(series, c, p)
     text = f"[{c.index}] {best.amplitude:.3f} at {best.frequency_hz:.3f} Hz"
     if _badness(best, c) <= p.tolerance:
         early = min((f for f in fits if _badness(f, c) <= p.tolerance), key=lambda fit: abs(fit.phase))
         if abs(early.phase) <= 2 * np.pi * p.phase_tolerance:
             return 1.0, text, ""
+        turned = abs(abs(early.phase) - np.pi) <= 2 * np.pi * p.phase_tolerance
+        if turned:
+            return 2 / 3, text, f"Element {c.index} moves the wrong way: the sign of its sine is turned round."
         begins = f"begins at {early.amplitude * np.sin(early.phase):.2f} ({np.degrees(early.phase):.0f}° into a sine)"
         return 2 / 3, text, f"Element {c.index} has the right amplitude and frequency, but {begins} instead of at 0."
     if float(np.ptp(values)) < p.tolerance * c.amplitude:
@@ -406,6 +453,23 @@ def _judge_component(series: NumericStream, c: Component, p: Sinusoids) -> tuple
         "." if best.residual < 0.2 * c.amplitude else ", and is no clean sine."
     )
     return 0.5 * (frequency_right + amplitude_right), text, reason + _likely_slip(best, c)
+
+
+#: Frequencies that are searched, in parts of the one wanted.
+_SLOWEST, _FASTEST = 0.1, 20
+
+
+def _best_fit(series: NumericStream, c: Component, p: Sinusoids) -> tuple[Sinusoid, list[Sinusoid]]:
+    """Return the better of the fits by the clock and by counting messages, and both."""
+    known = np.isfinite(series.values[:, c.index])
+    series = NumericStream(
+        series.source_ns[known], series.received_ns[known], series.sequence[known], series.values[known]
+    )
+    by_count: Floats = (series.sequence - 1) * np.float64(p.tick_s)
+    bounds = (_SLOWEST * c.frequency_hz, _FASTEST * c.frequency_hz)
+    reckonings = (_since_first_s(series), by_count)
+    fits = [fit_sinusoid(times, series.values[:, c.index], *bounds) for times in reckonings]
+    return min(fits, key=lambda fit: _badness(fit, c)), fits
 
 
 def _since_first_s(series: NumericStream) -> Floats:
@@ -424,6 +488,8 @@ def _likely_slip(fit: Sinusoid, c: Component) -> str:
         slips.append("The amplitude is in degrees; it belongs in rad.")
     if abs(fit.frequency_hz / c.frequency_hz * 2 * np.pi - 1) < 0.05:
         slips.append("It is 2π times too slow: the factor 2π is missing in the sine.")
+    elif fit.residual < 0.2 * c.amplitude and (times := fit.frequency_hz / c.frequency_hz) > 1.5:
+        slips.append(f"It is {times:.3g} times too fast: t grows by too much a tick, or the frequency is wrong.")
     return " ".join(["", *slips])
 
 
@@ -467,7 +533,9 @@ def offered_qos(context: Context, p: OfferedQos) -> Finding:
     wrong = [(name, getattr(qos, name)) for name, value in wanted.items() if getattr(qos, name) != value]
     claim, spot = claimed_qos(context, "publisher", context.session.used(p.topic))
     notes = []
-    if claim is not None and p.depth is not None and claim.depth != p.depth:
+    if claim is not None and p.depth is not None and claim.history == "system_default":
+        notes.append(f"History and depth are left to the middleware; the lab asks for a depth of {p.depth}.")
+    elif claim is not None and p.depth is not None and claim.depth != p.depth:
         notes.append(f"The depth is {claim.depth}; the lab asks for {p.depth}.")
     reason = " ".join(
         f"The publisher offers {value.upper()} {name}, not {wanted[name].upper()}." for name, value in wrong

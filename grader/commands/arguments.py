@@ -84,5 +84,7 @@ def each(submissions: Sequence[_Submission], work: Callable[[_Submission], Decim
             print_error(error)
             statuses.append(error.exit_status)
         else:
-            statuses.append(BELOW if least is not None and earned < least else 0)
+            if below := least is not None and earned < least:
+                print(f"grade: {earned.normalize():f} points are below {least} (--fail-under)", file=sys.stderr)
+            statuses.append(BELOW if below else 0)
     return max(statuses)

@@ -132,6 +132,9 @@ def run(arguments: Sequence[str], console: Console, epilog: str = "") -> int:
     parser = _parser(epilog)
     options = parser.parse_args(arguments)
     rubric = pipeline.read_rubric(options.rubric)
+    for name in _sessions(options) or ():
+        if name not in rubric.sessions:
+            parser.error(f"there is no session {name!r}; there are {', '.join(rubric.sessions)}")
     found = _found(options, rubric)
     several = len(found.submissions) > 1 or options.scheduler is not None
     if several and options.timings:
@@ -167,7 +170,7 @@ def _live_options(options: argparse.Namespace, rubric: Rubric, *, several: bool)
 
     return pipeline.Options(
         _interpreter(options.python),
-        [s for s in options.sessions.split(",") if s] if options.sessions is not None else None,
+        _sessions(options),
         options.seed,
         options.jobs,
         options.launch,
@@ -176,6 +179,12 @@ def _live_options(options: argparse.Namespace, rubric: Rubric, *, several: bool)
         options.exports,
         options.path_prefix,
     )
+
+
+def _sessions(options: argparse.Namespace) -> list[str] | None:
+    if options.sessions is None:
+        return None
+    return [name for part in options.sessions.split(",") if (name := part.strip())]
 
 
 def _interpreter(chosen: Path | None) -> Path:
@@ -251,6 +260,10 @@ def _grade_class(found: Found, rubric: Rubric, live: Options, options: argparse.
         names = [*(row.handed.name for row in rows), *found.missing]
         for remark in live.overrides.remarks(names, times_matter=rubric.policy.late is not None):
             console.print(Text(f"Note: {terminal_text(remark)}", "yellow"))
+        below = [row.handed.name for row in rows if _status(row, options.fail_under) == BELOW]
+        if below:
+            told = f"Below {options.fail_under} points: {terminal_text(', '.join(below))}"
+            console.print(Text(told, "yellow"), soft_wrap=True)
         _report_class(rows, found.missing, rubric, options, console)
     return max(_status(row, options.fail_under) for row in rows)
 
@@ -265,7 +278,7 @@ def _where(options: argparse.Namespace, live: Options) -> tuple[Isolation | str,
     if options.scheduler is not None:
         # Only judging is left to this machine, which needs no confinement.
         return str(options.scheduler), Admission.on_this_machine(Isolation(Level.FULL))
-    pipeline.require_platform()
+    pipeline.require_platform(live.interpreter)
     isolation = probe_isolation(live.interpreter)
     require(isolation, Level.of(live.least_isolation))
     return isolation, Admission.on_this_machine(isolation, live.jobs)

@@ -12,6 +12,7 @@ _DESCRIPTION = """\
 Write index.html, a page over a class, and grades.csv, a line a student, into the folder of a class's results.
 
 They are made of the results that are there, without ROS; links on the page lead to the submissions' reports.
+grades.csv is UTF-8 with a byte order mark, for spreadsheet programs; programs read it as utf-8-sig.
 """
 
 
@@ -25,7 +26,6 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--class-list",
-        "--roster",
         type=Path,
         metavar="CSV",
         help="columns name, student_id and submitted_at; who is on it without a result is listed as not graded",
@@ -61,7 +61,8 @@ def run(arguments: Sequence[str], console: Console) -> int:
     graded = sum(row.result is not None for row in summary.rows)
     needy = len({todo.row for todo in summary.todos})
     median = f", median {tenths(summary.spread.median)} of {tenths(summary.spread.possible)}" if summary.spread else ""
-    console.print(f"{len(entries)} submissions, {graded} graded{median}; {needy} need attention.")
-    for name in (pipeline.CLASS_PAGE, pipeline.GRADES_FILE):
-        console.print(str(options.results / name), soft_wrap=True, markup=False)
+    attention = f"{needy} need{'s' * (needy == 1)} attention"
+    console.print(f"{len(entries)} submissions, {graded} graded{median}; {attention}.")
+    console.print(f"Class: {options.results / pipeline.CLASS_PAGE}", soft_wrap=True, markup=False)
+    console.print(f"Grades: {options.results / pipeline.GRADES_FILE}", soft_wrap=True, markup=False)
     return 0

@@ -131,7 +131,8 @@ def _confinement(isolation: Isolation) -> Iterator[Sign]:
 
 def _cores(isolation: Isolation) -> Sign:
     cores = len(os.sched_getaffinity(0))
-    found = f"{cores} for this process; {cells_at_a_time(isolation)} sessions side by side"
+    places = cells_at_a_time(isolation)
+    found = f"{cores} for this process; {f'{places} sessions side by side' if places > 1 else 'one session at a time'}"
     if cores < 2:
         return Sign(Verdict.CAUTION, "cores", found, "Two cores or more make grading faster and surer.")
     return Sign(Verdict.PASS, "cores", found)

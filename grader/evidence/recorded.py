@@ -254,6 +254,25 @@ class Recorded:
         idle_s = max(0.0, span.duration_s - float(cpu[1] - cpu[0]) / 1e9)
         return min(float(delay[1] - delay[0]) / 1e9 + _stolen_s(self.record, span), idle_s)
 
+    def long_delays_s(self, run: ProcessRun, span: Span, harmless_s: float) -> float:
+        """Return for how long within a span the machine kept a process from its core, short delays left out, in s.
+
+        Parameters
+        ----------
+        harmless_s : float
+            A delay of this length does no harm.
+
+        Notes
+        -----
+        Between two samples only the sum of delays is known, and one may reach over a sample: a part of the span
+        counts unless it and each of its neighbours together stay below what is harmless.
+        """
+        inside = [u.t_ns for u in run.usage if span.start_ns < u.t_ns < span.end_ns]
+        parts = itertools.pairwise([span.start_ns, *inside, span.end_ns])
+        delays = [0.0, *(self.machine_delay_s(run, Span(*part)) for part in parts), 0.0]
+        around = zip(delays, delays[1:], delays[2:], strict=False)
+        return sum(delay for before, delay, after in around if delay + max(before, after) > harmless_s)
+
     def longest_delay_s(self, span: Span) -> float:
         """Return for how long within a span the machine kept that process from its core which it held up most, in s.
 

@@ -21,13 +21,22 @@ _MEAN = (
     r"(?:avg|average|mean|media|média|moy|mittel|durchschnitt|schnitt|prom(?:edio)?|ortalama|средн|平均|평균|متوسط|औसत)"
 )
 _MOST = r"(?:max|máx|worst|peak|höchst|largest|en yüksek|макс|最大|最高|최대|أقصى|अधिकतम)"
-_RECEIVED = r"(?:recei|recv|rcvd|arrived|delivered|empfangen|recibid|reçu|ricevut|recebid|alınan|получ|接收|收到|受信|수신)[a-zé]*"
+_RECEIVED = (
+    r"(?:recei|recv|rcvd|arrived|delivered|empfangen|recibid|reçu|ricevut|recebid|alınan|получ|接收|收到|受信|수신)"
+    r"[a-zé]*"
+)
 _MESSAGES = (
     r"(?:msgs?|messages?|samples?|counts?|mensajes|nachrichten|messaggi|mensagens|mesaj|сообщ|消息|条|件|개|رسائل|संदेश)"
 )
 _NOT_RECEIVED = re.compile(r"sent|publ|lost|loss|drop|rate|hz|depth|envi|gesend|verl|%|sende|丢|发", re.IGNORECASE)
 _CELL_BORDER = r"[|│┃║,;\t]"
 _MOST_LINES_OF_A_BLOCK = 12
+
+LINE_LIMIT = 300
+"""Characters of a line that are read."""
+
+#: Lines with a name that are read, from the first and from the last on, and how far above a row its header may be.
+_FIRST_LINES, _LAST_LINES, _HEADER_ABOVE = 20, 40, 60
 
 
 @dataclass(frozen=True)
@@ -60,8 +69,8 @@ def result_row(output: Sequence[OutputLine], name: str, others: Sequence[str]) -
     others : sequence of str
         Names of the things that are also told of: a block of lines ends at one of them.
     """
-    lines = [_LOG_PREFIX.sub("", line.text[:500]) for line in output]
-    starts = [n for n, line in enumerate(lines) if names(line, name)]
+    lines = [_LOG_PREFIX.sub("", line.text[:LINE_LIMIT]) for line in output]
+    starts = lines_naming(lines, name)
     found = [
         ResultRow(output[start].t_ns, *row)
         for read in (_from_table, _from_block)
@@ -69,6 +78,12 @@ def result_row(output: Sequence[OutputLine], name: str, others: Sequence[str]) -
         if (row := read(lines, start, name, others)) is not None
     ]
     return next((row for row in found if row.mean_s is not None), found[0] if found else None)
+
+
+def lines_naming(lines: Sequence[str], name: str) -> list[int]:
+    """Return the places of the lines about a thing: the first and the last of them, where there are too many."""
+    about = [n for n, line in enumerate(lines) if names(line, name)]
+    return about if len(about) <= _FIRST_LINES + _LAST_LINES else [*about[:_FIRST_LINES], *about[-_LAST_LINES:]]
 
 
 def names(line: str, name: str) -> bool:
@@ -85,10 +100,11 @@ _Row = tuple[int, float | None, float | None]
 def _from_table(lines: Sequence[str], start: int, name: str, others: Sequence[str]) -> _Row | None:
     """Read a row of a table by its header; without one, count, mean and maximum stand in this order."""
     cells = _cells(lines[start])
-    header = next((found for line in reversed(lines[:start]) if (found := _header(line, len(cells)))), None)
+    above = reversed(lines[max(0, start - _HEADER_ABOVE) : start])
+    header = next((found for line in above if (found := _header(line, len(cells)))), None)
     if header is not None:
         count, mean_s, max_s = (_cell(cells, header, kind) for kind in ("count", "mean", "max"))
-        if count is None or count != int(count):
+        if count is None or not count.is_integer():
             return None
         return int(count), mean_s, max_s
     behind = lines[start].replace("test_", "").partition(name)[2]
@@ -174,7 +190,9 @@ def _count(text: str) -> int | None:
 
 def _time(text: str, label: str) -> float | None:
     """Return the time behind a label, in s."""
-    pattern = rf"(?<![A-Za-z]){label}((?:[^\d\n+-]|-(?=[A-Za-z ])){{0,40}}?)({_NUMBER})\s*({_UNIT})?(\s*(?:milli|micro|nano|second))?"
+    between = r"((?:[^\d\n+-]|-(?=[A-Za-z ])){0,40}?)"
+    behind = rf"\s*({_UNIT})?(\s*(?:milli|micro|nano|second))?"
+    pattern = rf"(?<![A-Za-z]){label}{between}({_NUMBER}){behind}"
     match = re.search(pattern, text, re.IGNORECASE)
     if match is None:
         return None

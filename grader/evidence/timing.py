@@ -33,6 +33,8 @@ class Timing:
         Times between consecutive samples, without those across a gap.
     times_ns : int64[n]
         Source timestamps of the samples that end the intervals.
+    burst_error_hz : float or None
+        Error of the rate where samples come in bursts; None where they do not.
     """
 
     rate_hz: float
@@ -40,6 +42,7 @@ class Timing:
     lost: int
     intervals_s: Floats
     times_ns: Integers
+    burst_error_hz: float | None = None
 
     @property
     def median_s(self) -> float:
@@ -72,7 +75,8 @@ def timing_of(stream: Stream, span: Span | None) -> Timing | None:
     -----
     Samples of several publishers interleave in one stream, so only the longest run of rising sequence
     numbers can be measured; a single publisher gives one run. The error of the rate is the jitter of the
-    two samples at the ends over the span: below 0.1 % for a span of seconds.
+    two samples at the ends over the span: below 0.1 % for a span of seconds. Where samples come in bursts, it
+    hangs on where in a burst the two lie, so that the slope of all samples is taken instead.
     """
     order = np.argsort(stream.source_ns, kind="stable")
     source, sequence = stream.source_ns[order], stream.sequence[order]
@@ -88,8 +92,31 @@ def timing_of(stream: Stream, span: Span | None) -> Timing | None:
     written = int(sequence[-1] - sequence[0])
     steps = np.diff(sequence)
     intervals = np.diff(source)[steps == 1] / 1e9
-    rate_hz = written / ((source[-1] - source[0]) / 1e9)
-    return Timing(float(rate_hz), written + 1, written + 1 - len(source), intervals, source[1:][steps == 1])
+    rate_hz, error_hz = written / ((source[-1] - source[0]) / 1e9), None
+    if len(intervals) and np.median(intervals) < _BURSTS / rate_hz:
+        rate_hz, error_hz = _slope(source, sequence)
+    lost = written + 1 - len(source)
+    return Timing(float(rate_hz), written + 1, lost, intervals, source[1:][steps == 1], error_hz)
+
+
+#: Where the usual interval is shorter than this part of the mean one, samples come in bursts.
+_BURSTS = 0.5
+
+
+def _slope(source: Integers, sequence: Integers) -> tuple[float, float]:
+    """Return the slope of sequence numbers over time, and its error, both in Hz.
+
+    Notes
+    -----
+    The samples of a burst are not independent, so that the bursts count: the error of a slope is that of n
+    independent values, ``residual · √(12/n) / length``, twice.
+    """
+    times = (source - source[0]) / np.float64(1e9)
+    slope, start = np.polyfit(times, (sequence - sequence[0]).astype(np.float64), 1)
+    residual = float(np.std(sequence - sequence[0] - slope * times - start))
+    length_s = float(times[-1])
+    bursts = max(2.0, length_s / float(np.diff(times).max()))
+    return float(slope), 2 * residual * float(np.sqrt(12 / bursts)) / length_s
 
 
 def _longest_rise(sequence: Integers) -> tuple[int, int]:

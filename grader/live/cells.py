@@ -20,7 +20,7 @@ from typing import Any
 from grader.live.environment import trusted_environment
 from grader.live.isolation import Isolation, cell_argv
 from grader.live.ros_launch import NativeLaunch
-from grader.live.scratch import scratch_prefix
+from grader.live.scratch import remove_tree, scratch_prefix
 from grader.live.session import SessionPlan
 from grader.live.turns import Turns
 from grader.recording.submission import SubmissionRecord
@@ -106,7 +106,8 @@ class Sessions:
         async def one(spec: SessionSpec) -> None:
             async with turn if self.turns is None else self.turns.cell(spec, alone=self.attempt > 1):
                 await self._record_one(spec, on_progress)
-                on_progress(Progress(spec.id, "recorded", ended=True))
+                again = " again, since something was left undecided" if self.attempt > 1 else ""
+                on_progress(Progress(spec.id, f"recorded{again}", ended=True))
 
         tasks = [asyncio.ensure_future(one(spec)) for spec in queue]
         try:
@@ -135,7 +136,7 @@ class Sessions:
             shutil.rmtree(partial, ignore_errors=True)
             raise
         finally:
-            shutil.rmtree(scratch, ignore_errors=True)
+            remove_tree(scratch)
         shutil.rmtree(folder, ignore_errors=True)
         partial.rename(folder)
 

@@ -69,6 +69,8 @@ _ACKNOWLEDGED_S = 1.0
 _FOREIGN_S = 0.5
 #: Service events that the middleware keeps until the recorder has them.
 _EVENTS_DEPTH = 100
+#: What is passed on of a text in an answer, of the elements of an array, and of the names of a node's parameters.
+_LONGEST_TEXT, _MOST_ELEMENTS, _MOST_DECLARED = 10_000, 1000, 200
 
 
 class Cancelled(Exception):
@@ -393,7 +395,8 @@ class Director:
         if got is None:
             return "timeout", {"node": node, "problem": "the node's parameter services do not answer"}
         values = {n: _plain_parameter(v) for n, v in zip(names, got.values, strict=False)}
-        return "done", {"node": node, "declared": list(listed.result.names)[:200], "values": values}
+        declared = _jsonable(list(listed.result.names)[:_MOST_DECLARED])
+        return "done", {"node": node, "declared": declared, "values": values}
 
     def _set_parameters(self, request: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
         values: dict[str, Any] = dict(request["values"])
@@ -508,13 +511,15 @@ def _plain_parameter(value: Any) -> dict[str, Any]:
 
 
 def _jsonable(value: Any) -> Any:
-    if value is None or isinstance(value, (bool, int, float, str)):
+    if isinstance(value, str):
+        return value[:_LONGEST_TEXT]
+    if value is None or isinstance(value, (bool, int, float)):
         return value
     if isinstance(value, Mapping):
         return {str(k): _jsonable(v) for k, v in value.items()}
     if hasattr(value, "__iter__"):
-        return [_jsonable(v) for v in list(value)[:1000]]
-    return str(value)
+        return [_jsonable(v) for v in list(value)[:_MOST_ELEMENTS]]
+    return str(value)[:_LONGEST_TEXT]
 
 
 def _say(event: dict[str, Any]) -> None:

@@ -6,12 +6,18 @@ reaches no process of a session.
 
 from __future__ import annotations
 
+import subprocess
 import sys
 import sysconfig
 from pathlib import Path
 
+from grader.errors import PlatformError
+
 #: What of ours stands in a student's sandbox: the tap and the settings of discovery.
 INSIDE_FOLDER = Path(__file__).parent / "inside"
+
+#: The first import from a cold disk takes seconds.
+_IMPORT_S = 60.0
 
 #: Fast DDS over UDP alone: shared memory needs equal user ids on both sides and crosses cells.
 _DDS = {
@@ -86,6 +92,42 @@ def student_environment(interpreter: Path, home: str, workspace: str, inside: st
 def default_interpreter() -> Path:
     """Python of the grader itself: not resolved, since a virtual environment is known by its link."""
     return Path(sys.executable)
+
+
+def require_ros(interpreter: Path) -> None:
+    """Raise unless an interpreter other than our own imports ROS 2 in the environment that students' processes get.
+
+    Raises
+    ------
+    PlatformError
+        Without this, every submission would fail for want of rclpy.
+    """
+    if interpreter == default_interpreter():
+        return
+    program = "import rclpy, std_msgs.msg, std_srvs.srv; print('imported')"
+    problem = "it does not answer"
+    try:
+        run = subprocess.run(
+            [str(interpreter), "-I", "-c", program],
+            capture_output=True,
+            text=True,
+            timeout=_IMPORT_S,
+            check=False,
+            stdin=subprocess.DEVNULL,
+            env=_ros(interpreter.parent.parent),
+            cwd="/",
+        )
+        if run.stdout.strip() == "imported":
+            return
+        problem = run.stderr.strip().rsplit("\n", 1)[-1] or problem
+    except (OSError, subprocess.TimeoutExpired) as error:
+        problem = str(error)
+    raise PlatformError(
+        f"this interpreter cannot run students' nodes ({problem[:200]})",
+        where=str(interpreter),
+        remedy="Give --python an environment in which the ROS 2 packages are installed with pip, as the grader's own "
+        "constraints.txt has them. What was sourced in the terminal reaches no student's process.",
+    )
 
 
 def interpreter_roots(interpreter: Path) -> list[Path]:

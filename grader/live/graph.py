@@ -25,8 +25,10 @@ from grader.recording.session import (
     ServiceOffer,
 )
 
-#: Topics looked at in one snapshot; a flood of topics must not stall the session.
+#: Topics and nodes looked at in one snapshot, and endpoints told; a flood of them must not stall the session.
 MAX_TOPICS = 400
+MAX_NODES = 400
+MAX_ENDPOINTS = 4000
 _INFINITE_NS = 2**62
 
 
@@ -99,11 +101,14 @@ def snapshot(node: Node, own_prefix: str, first: Collection[str] = ()) -> GraphS
     topics = sorted(name for name, _ in node.get_topic_names_and_types() if not is_reserved(name))
     topics.sort(key=lambda name: name not in first)
     for topic in topics[:MAX_TOPICS]:
+        if len(taken.endpoints) >= MAX_ENDPOINTS:
+            break
         infos = node.get_publishers_info_by_topic(topic) + node.get_subscriptions_info_by_topic(topic)
         taken.endpoints += [_endpoint(info, topic) for info in infos if not _gid(info).startswith(own_prefix)]
     # Nodes are told apart by their names alone. In our namespace those with endpoints of others are kept.
     others = {endpoint.node for endpoint in taken.endpoints}
-    taken.nodes = [full for full in taken.nodes if not is_reserved(full) or full in others]
+    taken.endpoints = taken.endpoints[:MAX_ENDPOINTS]
+    taken.nodes = [full for full in taken.nodes if not is_reserved(full) or full in others][:MAX_NODES]
     for full in sorted(set(taken.nodes)):
         services, clients = _services_of(node, full)
         taken.services += services
@@ -149,8 +154,9 @@ class GraphWatch:
     #: How often the graph is glanced at, and how often it is looked at closely although nothing seems to have changed.
     PERIOD_S = 0.04
     CLOSELY_S = 0.2
-    #: A hostile student can change the graph without end; after so many snapshots only the last is kept up.
-    MAX_CHANGES = 500
+    #: A hostile student can change the graph without end; after so many snapshots, or so much in them, only the
+    #: last is kept up.
+    MAX_CHANGES, MAX_ENTRIES = 500, 50_000
 
     def __init__(self, node: Node, on_change: Callable[[GraphSnapshot], None], first: set[str]) -> None:
         self._node = node
@@ -159,7 +165,7 @@ class GraphWatch:
         self._on_change = on_change
         self._next_s = self._closely_s = 0.0
         self._glance: object = None
-        self._changes = 0
+        self._changes = self._entries = 0
         self._key: object = None
         self.last = GraphSnapshot(0)
 
@@ -185,12 +191,17 @@ class GraphWatch:
         if key != self._key:
             self._key, self.last = key, taken
             self._changes += 1
-            if self._changes <= self.MAX_CHANGES:
+            self._entries += sum(map(len, (taken.nodes, taken.endpoints, taken.services, taken.clients)))
+            if not self._too_much:
                 self._on_change(taken)
         return self.last
 
     def close(self) -> None:
         """Hand on how the graph is at the end."""
         taken = self.look(now=True)
-        if self._changes > self.MAX_CHANGES:
+        if self._too_much:
             self._on_change(taken)
+
+    @property
+    def _too_much(self) -> bool:
+        return self._changes > self.MAX_CHANGES or self._entries > self.MAX_ENTRIES

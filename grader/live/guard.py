@@ -13,6 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from grader.live.cgroup import MEMORY_BYTES, PROCESSES, CellGroup
+from grader.live.kernel_memory import available_share, network_bytes
 from grader.live.process import RunningProcess, descendants_of
 
 _PERIOD_S = 0.1
@@ -22,7 +23,12 @@ _PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
 #: Where there are no file systems of a size of their own: what the processes may write, in bytes and in files.
 _MAX_WRITTEN_BYTES = 512 * 1024 * 1024
 _MAX_WRITTEN_FILES = 40_000
+_MAX_WRITTEN_DEPTH = 100
 _LOOKS_PER_WALK = 5
+#: What may lie in the sockets of a session.
+_MAX_NETWORK_BYTES = 128 * 1024 * 1024
+#: Share of the machine's memory below which nothing more may be taken, where the kernel limits nobody.
+_LEAST_AVAILABLE = 0.04
 
 
 class Guard:
@@ -37,7 +43,11 @@ class Guard:
     areas : mapping
         Folders that the student's processes may change.
     sized : bool
-        Whether each area is a file system of a size of its own.
+        Whether each area is a file system of a size of its own, and the network the session's own.
+    user : int or None
+        User id of the student's processes, where they have one of their own.
+    on_problem : callable
+        Told of what disturbs the session and cannot be laid at anybody's door.
     """
 
     def __init__(
@@ -47,8 +57,11 @@ class Guard:
         areas: Mapping[str, Path],
         *,
         sized: bool,
+        user: int | None,
+        on_problem: Callable[[str], None],
     ) -> None:
         self._students, self._group, self._areas, self._sized = students, group, areas, sized
+        self._user, self._on_problem = user, on_problem
         self._noted = {"memory": 0, "processes": 0}
         self._looks = 0
 
@@ -64,11 +77,27 @@ class Guard:
             self._note_exceeded(self._group)
         else:
             await self._sum_up()
+            await self._spare_the_machine()
+        if (self._sized or self._user is not None) and self._network_bytes() > _MAX_NETWORK_BYTES:
+            await self._end_all("memory")
         if self._sized:
             self._note_full_areas()
         elif self._looks % _LOOKS_PER_WALK == 0:
             await self._walk_areas()
         self._looks += 1
+
+    def _network_bytes(self) -> int:
+        return network_bytes(None if self._sized else self._user)
+
+    async def _end_all(self, limit: str | None) -> None:
+        for process in self._students():
+            await process.kill(limit=limit)
+
+    async def _spare_the_machine(self) -> None:
+        """End the student's processes where memory runs out, whoever has taken it: no sum shows all that they hold."""
+        if any(p.alive for p in self._students()) and available_share() < _LEAST_AVAILABLE:
+            self._on_problem("the machine ran out of memory while it was recorded")
+            await self._end_all(None)
 
     def _note_exceeded(self, group: CellGroup) -> None:
         for limit, times in group.exceeded().items():
@@ -117,8 +146,7 @@ class Guard:
         size, count = await asyncio.to_thread(_written, list(self._areas.values()))
         limit = "disk" if size > _MAX_WRITTEN_BYTES else "files" if count > _MAX_WRITTEN_FILES else None
         if limit is not None:
-            for process in self._students():
-                await process.kill(limit=limit)
+            await self._end_all(limit)
 
 
 def _taken(process: RunningProcess) -> tuple[int, int]:
@@ -127,9 +155,8 @@ def _taken(process: RunningProcess) -> tuple[int, int]:
     memory = tasks = 0
     for pid in descendants_of(root) if root is not None else ():
         with suppress(OSError, ValueError, IndexError):
-            words = Path(f"/proc/{pid}/statm").read_text().split()
-            memory += int(words[1]) * _PAGE_BYTES
-            tasks += len(os.listdir(f"/proc/{pid}/task"))  # noqa: PTH208 - names alone, which is faster
+            tasks += len(_tasks_of(pid))
+            memory += int(_said_of_memory(pid, "statm").split()[1]) * _PAGE_BYTES
     return memory, tasks
 
 
@@ -139,20 +166,48 @@ def _own_memory(process: RunningProcess) -> int:
     total = 0
     for pid in descendants_of(root) if root is not None else ():
         with suppress(OSError, ValueError, IndexError):
-            text = Path(f"/proc/{pid}/smaps_rollup").read_text()
-            total += int(text.split("Pss:", 1)[1].split()[0]) * 1024
+            total += int(_said_of_memory(pid, "smaps_rollup").split("Pss:", 1)[1].split()[0]) * 1024
     return total
 
 
+def _tasks_of(pid: int) -> list[str]:
+    return os.listdir(f"/proc/{pid}/task")  # noqa: PTH208 - names alone, which is faster
+
+
+def _said_of_memory(pid: int, file: str) -> str:
+    """Return what a file in /proc says of a process: by another of its threads, where the first has ended."""
+    text = ""
+    for folder in (f"/proc/{pid}", *(f"/proc/{pid}/task/{task}" for task in _tasks_of(pid))):
+        with suppress(OSError):
+            text = Path(folder, file).read_text()
+            if not text.startswith("0 "):
+                return text
+    return text
+
+
 def _written(folders: list[Path]) -> tuple[int, int]:
-    """Return the space in bytes and the number of files below some folders, counted up to the limit."""
+    """Return the space in bytes and the number of files below some folders, counted up to the limit.
+
+    What cannot be counted, since it is too deep or closed to us, is over the limit.
+    """
     size = count = 0
-    for folder in folders:
-        for _, folder_names, names, at in os.fwalk(folder, follow_symlinks=False):
-            count += len(names) + len(folder_names)
-            for name in names:
-                with suppress(OSError):
-                    size += os.stat(name, dir_fd=at, follow_symlinks=False).st_blocks * 512
-            if size > _MAX_WRITTEN_BYTES or count > _MAX_WRITTEN_FILES:
-                return size, count
+    queue = [(str(folder), 0) for folder in folders]
+    while queue:
+        folder, depth = queue.pop()
+        try:
+            with os.scandir(folder) as entries:
+                for entry in entries:
+                    count += 1
+                    if entry.is_dir(follow_symlinks=False):
+                        queue.append((entry.path, depth + 1))
+                    else:
+                        size += entry.stat(follow_symlinks=False).st_blocks * 512
+                    if size > _MAX_WRITTEN_BYTES or count > _MAX_WRITTEN_FILES:
+                        return size, count
+        except (FileNotFoundError, NotADirectoryError):  # it is gone by now
+            continue
+        except OSError:
+            return size, _MAX_WRITTEN_FILES + 1
+        if depth > _MAX_WRITTEN_DEPTH:
+            return size, _MAX_WRITTEN_FILES + 1
     return size, count

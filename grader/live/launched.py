@@ -9,13 +9,14 @@ noted, and the evaluation goes on.
 from __future__ import annotations
 
 import asyncio
+import itertools
 import json
 import os
 import re
 import shutil
 from collections.abc import Coroutine, Mapping
 from contextlib import suppress
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 from grader.live.isolation import LAUNCHING, PARAMETERS
@@ -182,12 +183,15 @@ class LaunchRunner:
         given = dict(plan.parameter_files)
         for process in plan.processes:
             given.update(process.parameter_files)
-        self._files = {bare: text for name, text in given.items() if (bare := Path(name).name)}
+        self._files = {
+            bare: text for name, text in given.items() if (bare := PurePosixPath(name).name) not in ("", "..")
+        }
         for name, text in self._files.items():
             path = self._session.tools[PARAMETERS] / name
-            path.write_text(self._placed(text), encoding="utf-8")
-            if text.startswith("#!"):
-                path.chmod(0o755)
+            with suppress(OSError, ValueError):  # a name that no file can have
+                path.write_text(self._placed(text), encoding="utf-8")
+                if text.startswith("#!"):
+                    path.chmod(0o755)
 
     def _placed(self, text: str) -> str:
         """Return a text in which each of the plan's own files stands under the path that it has here."""
@@ -202,7 +206,7 @@ class LaunchRunner:
         task.add_done_callback(self.waiting.discard)
 
     async def _start(self, process: Process, respawns: int = 0) -> None:
-        name = process.id + (f" (start {respawns + 1})" if respawns else "")
+        name = self._free_name(process.id + (f" (start {respawns + 1})" if respawns else ""))
         command = self._command(process)
         environment = {variable: self._placed(value) for variable, value in process.env.items()}
         try:
@@ -214,6 +218,11 @@ class LaunchRunner:
             return
         if process.respawn and respawns < _MAX_RESPAWNS:
             self._later(self._start_again(process, running, respawns + 1))
+
+    def _free_name(self, wanted: str) -> str:
+        """Return a name that no process of the session has: who took another's place would not be looked after."""
+        taken = {"", *self._session.processes, *self._session.plan.reference}
+        return next(name for n in itertools.count() if (name := f"{wanted} ({n})" if n else wanted) not in taken)
 
     def _command(self, process: Process) -> list[str]:
         """Return the command line, with `ros2 run` and Python as they are found here."""
@@ -293,10 +302,18 @@ def _mend_package(workspace: Path, wanted: str) -> bool:
     return True
 
 
+def _read_json(text: str) -> Any:
+    """Read JSON; half characters, which nobody could write to a file, are replaced."""
+    plain = json.loads(text)
+    if "\\ud" in text.lower():
+        plain = json.loads(json.dumps(plain, ensure_ascii=False).encode("utf-8", "replace"))
+    return plain
+
+
 def _read_plan(text: str, in_time: bool, timeout_s: float, run: ProcessRun, source: str) -> Plan:
     """Make a plan out of what the evaluation wrote, or of its silence."""
     with suppress(ValueError, RecursionError, MalformedPlanError):
-        return Plan.from_plain(json.loads(text))
+        return Plan.from_plain(_read_json(text))
     if not in_time:
         message = (
             f"the launch file was still busy after {timeout_s:g} s; it should describe processes and return at once"

@@ -9,13 +9,15 @@ import signal
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 from grader.live.priority import Priority, put_standing, put_starting, weigh_session
 from grader.recording.session import OutputLine, ProcessRun, Usage
 
-#: Output kept of one process, in bytes; what comes after is counted and dropped.
+#: Output kept of one process, in bytes and in lines; what comes after is counted and dropped.
 MAX_OUTPUT_BYTES = 1024 * 1024
+MAX_OUTPUT_LINES = 50_000
 #: Output after which a process is ended, in bytes: reading it takes time from others.
 MAX_FLOOD_BYTES = 64 * 1024 * 1024
 #: The longest line that is kept whole, in bytes.
@@ -29,6 +31,21 @@ _SANDBOX_LOOK_S, _SANDBOX_LOOKS = 0.01, 100
 _LAST_OUTPUT_S = 2.0
 
 
+@dataclass
+class OutputRoom:
+    """What may still be kept of the output of several processes together."""
+
+    bytes: int = 16 * MAX_OUTPUT_BYTES
+    lines: int = 4 * MAX_OUTPUT_LINES
+
+    def take(self, length: int) -> bool:
+        """Take the room for a line, if there is so much."""
+        if self.bytes < length or self.lines < 1:
+            return False
+        self.bytes, self.lines = self.bytes - length, self.lines - 1
+        return True
+
+
 class RunningProcess:
     """A started process and the record that it leaves.
 
@@ -40,6 +57,8 @@ class RunningProcess:
         Read end of bubblewrap's `--info-fd`; the process itself is a child of the pid written there.
     on_message : callable or None
         For trusted processes that speak in lines on standard output: gets each line, whole; none is kept.
+    room : OutputRoom
+        Shared with other processes of the session.
     """
 
     def __init__(
@@ -48,6 +67,7 @@ class RunningProcess:
         process: asyncio.subprocess.Process,
         child_pid_fd: int | None,
         on_message: Callable[[bytes], None] | None,
+        room: OutputRoom,
     ) -> None:
         self.run = run
         self._process = process
@@ -56,6 +76,7 @@ class RunningProcess:
         #: By thread id; those that have ended keep what they used.
         self._usage: dict[int, tuple[int, int]] = {}
         self._kept = self._written = 0
+        self._room = room
         self._on_message = on_message
         self.on_line: Callable[[OutputLine], None] | None = None
         #: Kept, since the event loop keeps no task from being collected.
@@ -80,6 +101,7 @@ class RunningProcess:
         child_pid_fd: int | None = None,
         with_input: bool = False,
         on_message: Callable[[bytes], None] | None = None,
+        room: OutputRoom | None = None,
     ) -> RunningProcess:
         """Start a process in a process group of its own, with SIGINT at its default."""
         run.started_ns = time.time_ns()
@@ -95,7 +117,7 @@ class RunningProcess:
             limit=_READ_BYTES,
         )
         put_starting(process.pid)
-        running = cls(run, process, child_pid_fd, on_message)
+        running = cls(run, process, child_pid_fd, on_message, room or OutputRoom())
         if child_pid_fd is not None:
             running.weighing = asyncio.create_task(running._weigh_sandbox())
         return running
@@ -124,6 +146,10 @@ class RunningProcess:
             if self._written > MAX_FLOOD_BYTES and self._on_message is None:
                 self.run.limit = "output"
                 self._end_group()
+            if self._on_message is None and (len(self.run.output) >= MAX_OUTPUT_LINES or not self._room.lines):
+                self.run.output_dropped_bytes += len(rest) + len(block)
+                rest = b""
+                continue
             *lines, rest = (rest + block).split(b"\n")
             for line in lines:
                 if self._on_message is not None and name == "stdout":
@@ -138,7 +164,8 @@ class RunningProcess:
 
     def _keep(self, t_ns: int, stream: str, line: bytes) -> None:
         cut = line[:MAX_LINE_BYTES]
-        if self._kept + len(cut) > MAX_OUTPUT_BYTES:
+        full = self._kept + len(cut) > MAX_OUTPUT_BYTES or len(self.run.output) >= MAX_OUTPUT_LINES
+        if full or not self._room.take(len(cut)):
             self.run.output_dropped_bytes += len(line) + 1
             return
         self._kept += len(cut) + 1
@@ -269,7 +296,6 @@ class RunningProcess:
         cpu_ns, delay_ns = (sum(values) for values in zip(*self._usage.values(), strict=True))
         self.run.usage.append(Usage(time.time_ns(), cpu_ns, delay_ns))
 
-
     def _note_last_usage(self) -> None:
         """Note the CPU time that it took until its end, which no sample has seen; its delay is as last seen.
 
@@ -299,11 +325,10 @@ class PipeReader:
             block = os.read(self._fd, 65536)
         except BlockingIOError:
             return
-        if not block:
+        self._size += len(block)
+        self._blocks.append(block)
+        if not block or self._size >= self._limit:  # Who writes on gets an error, and keeps nobody busy here.
             self.close()
-        elif self._size < self._limit:
-            self._size += len(block)
-            self._blocks.append(block)
 
     def close(self) -> None:
         """Take what is left in the pipe, close it, and hand everything on."""
@@ -320,11 +345,13 @@ class PipeReader:
 
 
 def children_of(pid: int) -> list[int]:
-    """Return the process ids of a process's children."""
-    try:
-        return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
-    except (OSError, ValueError):
-        return []
+    """Return the process ids of a process's children, whichever of its threads started them."""
+    found: list[int] = []
+    with suppress(OSError):
+        for task in os.listdir(f"/proc/{pid}/task"):  # noqa: PTH208 - names alone, which is faster
+            with suppress(OSError, ValueError):
+                found += map(int, Path(f"/proc/{pid}/task/{task}/children").read_text().split())
+    return found
 
 
 def descendants_of(pid: int) -> list[int]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import shutil
+import subprocess
 import tempfile
 from contextlib import suppress
 from pathlib import Path
@@ -31,9 +32,22 @@ def remove_leavings() -> list[str]:
     for path in sorted(Path(tempfile.gettempdir()).glob("grade-*")):
         with suppress(OSError):
             if _is_left(path):
-                shutil.rmtree(path, ignore_errors=True)
+                remove_tree(path)
                 removed.append(path.name)
     return removed
+
+
+def remove_tree(folder: Path) -> None:
+    """Remove a folder as far as that is permitted, whatever is in it.
+
+    Students' processes may have made folders within folders, deeper than Python's own functions follow, and
+    closed them to their owner.
+    """
+    with suppress(RecursionError):
+        shutil.rmtree(folder, ignore_errors=True)
+    if folder.is_dir() and not folder.is_symlink():
+        for command in (["chmod", "-R", "u+rwX"], ["rm", "-rf"]):
+            subprocess.run([*command, "--", str(folder)], check=False, capture_output=True, stdin=subprocess.DEVNULL)
 
 
 def _is_left(path: Path) -> bool:

@@ -1,8 +1,8 @@
 """The system call filter of students' processes, as a classic BPF program for Linux on x86-64.
 
 It denies what no ROS node needs and what has served to leave sandboxes: namespaces and mounts, tracing,
-keys, io_uring, kernel modules and clocks, socket families beyond the four that DDS uses, and choosing cores,
-by which a process could leave the one that it is held to.
+keys, io_uring, kernel modules and clocks, socket families beyond the four that DDS uses, memory that is no
+process's, which nobody would count, and choosing cores, by which a process could leave the one that it is held to.
 
 References
 ----------
@@ -40,13 +40,13 @@ DENIED = {
     "clock_settime": 227, "delete_module": 176, "fanotify_init": 300, "finit_module": 313, "fsconfig": 431,
     "fsmount": 432, "fsopen": 430, "fspick": 433, "init_module": 175, "io_uring_enter": 426,
     "io_uring_register": 427, "io_uring_setup": 425, "ioperm": 173, "iopl": 172, "kcmp": 312,
-    "kexec_file_load": 320, "kexec_load": 246, "keyctl": 250, "modify_ldt": 154, "mount": 165,
-    "mount_setattr": 442, "move_mount": 429, "name_to_handle_at": 303, "open_by_handle_at": 304,
-    "open_tree": 428, "perf_event_open": 298, "pidfd_getfd": 438, "pivot_root": 155, "process_madvise": 440,
-    "process_vm_readv": 310, "process_vm_writev": 311, "ptrace": 101, "quotactl": 179, "quotactl_fd": 443,
-    "reboot": 169, "request_key": 249, "sched_setaffinity": 203, "setns": 308, "settimeofday": 164,
-    "swapoff": 168, "swapon": 167, "syslog": 103, "umount2": 166, "unshare": 272, "userfaultfd": 323,
-    "vhangup": 153,
+    "kexec_file_load": 320, "kexec_load": 246, "keyctl": 250, "memfd_create": 319, "memfd_secret": 447,
+    "modify_ldt": 154, "mount": 165, "mount_setattr": 442, "move_mount": 429, "name_to_handle_at": 303,
+    "open_by_handle_at": 304, "open_tree": 428, "perf_event_open": 298, "pidfd_getfd": 438, "pivot_root": 155,
+    "process_madvise": 440, "process_vm_readv": 310, "process_vm_writev": 311, "ptrace": 101, "quotactl": 179,
+    "quotactl_fd": 443, "reboot": 169, "request_key": 249, "sched_setaffinity": 203, "setns": 308,
+    "settimeofday": 164, "shmget": 29, "swapoff": 168, "swapon": 167, "syslog": 103, "umount2": 166,
+    "unshare": 272, "userfaultfd": 323, "vhangup": 153,
 }  # fmt: skip
 
 

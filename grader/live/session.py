@@ -26,6 +26,7 @@ from pathlib import Path
 from typing import Any
 
 from grader.live.cgroup import CellGroup
+from grader.live.claims import claims_in
 from grader.live.environment import INSIDE_FOLDER, student_environment, trusted_environment
 from grader.live.guard import Guard
 from grader.live.isolation import (
@@ -43,15 +44,14 @@ from grader.live.isolation import (
 )
 from grader.live.launched import LaunchRunner
 from grader.live.machine import sample_machine
-from grader.live.priority import put_self_first
-from grader.live.process import PipeReader, RunningProcess, descendants_of
+from grader.live.priority import put_self_first, put_starting
+from grader.live.process import OutputRoom, PipeReader, RunningProcess, descendants_of
+from grader.live.scratch import remove_tree
 from grader.live.seccomp import open_filter
 from grader.recording.session import (
-    Claim,
     GraphSnapshot,
     ProcessRun,
     Published,
-    Qos,
     SessionRecord,
     StepRun,
     Trusted,
@@ -70,7 +70,7 @@ _SET_CHILD_SUBREAPER = 36
 _SWEEP_S = 5.0
 #: More than the processes that come before a student's program in its sandbox.
 _STUDENTS_IDS = 12
-_MAX_CLAIM_BYTES = 512 * 1024
+_MAX_CLAIM_BYTES, _MOST_CLAIMS = 512 * 1024, 5000
 _DIRECTOR_START_S = 20.0
 _DIRECTOR_STOP_S = 8.0
 _REFERENCE_START_S = 15.0
@@ -210,10 +210,18 @@ class Session:
         self.seen_tools = {t: t if confined else str(p) for t, p in self.tools.items()}
         self.processes: dict[str, RunningProcess] = {}
         self.director: _Director | None = None
+        self._room = OutputRoom()
         self._launch = LaunchRunner(self)
         places = self.isolation.groups
         self._group = CellGroup(places, f"cell-{plan.slot}") if places is not None else None
-        self._guard = Guard(self._students, self._group, self.areas, sized=confined)
+        self._guard = Guard(
+            self._students,
+            self._group,
+            self.areas,
+            sized=confined,
+            user=student_uid(self.isolation, plan.slot),
+            on_problem=self.record.problems.append,
+        )
 
     async def run(self) -> None:
         """Run the session and leave its record, whatever happens."""
@@ -222,16 +230,22 @@ class Session:
         try:
             self._prepare()
             await self._start_director()
+            put_self_first()
             watchers = [asyncio.create_task(self._sample()), asyncio.create_task(self._guard.watch())]
             try:
                 await asyncio.wait_for(self._run_steps(), self.plan.timeout_s)
             except asyncio.TimeoutError:
                 self.record.problems.append(f"the session took longer than {self.plan.timeout_s:g} s and was stopped")
             for watcher in watchers:
+                if watcher.done():  # They go on until they are cancelled, unless they broke.
+                    watcher.result()
                 watcher.cancel()
         except Exception as problem:
             self.record.problems.append(f"{type(problem).__name__}: {problem}")
-        await self._finish()
+        try:
+            await self._finish()
+        finally:
+            self._sweep()
 
     # -- start and end ------------------------------------------------------------------------
 
@@ -261,7 +275,7 @@ class Session:
         """Make a folder a copy of a staged submission, owned by the student; links are copied as links."""
         for left in target.iterdir():
             if left.is_dir() and not left.is_symlink():
-                shutil.rmtree(left)
+                remove_tree(left)
             else:
                 left.unlink()
         shutil.copytree(source, target, dirs_exist_ok=True, copy_function=shutil.copy, symlinks=True)
@@ -325,7 +339,6 @@ class Session:
             await self.director.stop()
         take_told(self.record)
         await self._guard.look()
-        self._sweep()
         _recover_bag(self.folder)
         self.record.ended_ns = time.time_ns()
         self.record.complete = True
@@ -491,6 +504,7 @@ class Session:
                 pass_fds=(info_write, seccomp, *pass_fds),
                 child_pid_fd=info_read if self.isolation.namespaces else None,
                 with_input=with_input,
+                room=self._room,
             )
         finally:
             os.close(info_write)
@@ -511,22 +525,8 @@ class Session:
         if run.artifact is not None and not text.startswith('{"kind": "started"'):
             said = run.output[-1].text if run.output else "nothing"
             self.record.problems.append(f"{run.name} could not be started in its cell: {said}")
-        for line in text.splitlines()[1:]:
-            with suppress(ValueError, TypeError, KeyError, AttributeError):
-                note = json.loads(line)
-                qos = Qos(**note["qos"]) if note.get("qos") else None
-                claim = Claim(
-                    run.name,
-                    str(note["kind"]),
-                    str(note["name"]),
-                    str(note["node"]),
-                    str(note.get("type", "")),
-                    str(note["file"]).removeprefix(f"{self.seen_workspace}/src/"),
-                    int(note["line"]),
-                    qos,
-                    note.get("value"),
-                )
-                self.record.claims.append(claim)
+        claims = claims_in(text, run.name, f"{self.seen_workspace}/src/")
+        self.record.claims += claims[: max(0, _MOST_CLAIMS - len(self.record.claims))]
 
     async def _start_reference(self, name: str, settings: dict[str, Any]) -> tuple[str, dict[str, Any]]:
         spec = self.plan.reference[name]
@@ -712,7 +712,7 @@ def _recover_bag(folder: Path) -> None:
 def main() -> None:
     """Run the session whose plan is in the file named by argv[1]."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    put_self_first()
+    put_starting(os.getpid())
     plan = SessionPlan(**json.loads(Path(sys.argv[1]).read_text(encoding="utf-8")))
     asyncio.run(Session(plan).run())
     _tell({"event": "ended"})

@@ -21,6 +21,12 @@ OUTCOMES = ("ok", "error", "not_assessable")
 
 PARAMETERS_PLACEHOLDER = "{parameters}"
 
+#: More than these no evaluation gives: what it runs may write a plan of its own instead.
+_MOST_PROCESSES, _MOST_FILES, _DEEPEST = 400, 2000, 60
+_LARGEST = 10**9
+#: A node's full name has 255 characters at most, so that it cannot consist of more names.
+_MOST_NAMES = 128
+
 _T = TypeVar("_T")
 
 
@@ -250,11 +256,25 @@ def _matches(section: str, full_name: str) -> int:
 
 
 def _wildcards_match(wanted: list[str], given: list[str]) -> bool:
-    if not wanted:
-        return not given
-    if wanted[0] == "**":
-        return any(_wildcards_match(wanted[1:], given[i:]) for i in range(len(given) + 1))
-    return bool(given) and wanted[0] in ("*", given[0]) and _wildcards_match(wanted[1:], given[1:])
+    """Whether names fit a pattern of names, `*` and `**`; in steps as many as both lists are long, multiplied."""
+    if max(len(wanted), len(given)) > _MOST_NAMES:
+        return False
+    reached = _beyond_any(wanted, {0})  # how many parts of the pattern may be used up
+    for name in given:
+        ahead = {n for n in reached if n < len(wanted) and wanted[n] == "**"}
+        ahead |= {n + 1 for n in reached if n < len(wanted) and wanted[n] in ("*", name)}
+        reached = _beyond_any(wanted, ahead)
+    return len(wanted) in reached
+
+
+def _beyond_any(wanted: list[str], reached: set[int]) -> set[int]:
+    """Add the parts that are reached because `**` may stand for nothing."""
+    found = set(reached)
+    for n in sorted(reached):
+        while n < len(wanted) and wanted[n] == "**":
+            n += 1
+            found.add(n)
+    return found
 
 
 def _flat(content: Mapping[str, Any], above: str) -> dict[str, Any]:
@@ -358,6 +378,8 @@ class Plan:
         MalformedPlanError
             It is no plan. The data may come from a process that ran a student's code, so nothing is trusted.
         """
+        if not _is_bounded(plain):
+            raise MalformedPlanError("this is no launch plan: it is larger than any")
         if not isinstance(plain, Mapping) or plain.get("schema") != PLAN_SCHEMA:
             raise MalformedPlanError(f"this is no launch plan: its schema is not {PLAN_SCHEMA}")
         if plain.get("outcome") not in OUTCOMES:
@@ -388,13 +410,33 @@ class Plan:
         return {"schema": PLAN_SCHEMA, **plain}
 
 
+def _is_bounded(plain: Any) -> bool:
+    """Whether data is no deeper, and what is in its lists no more, than in any plan."""
+    level = [plain]
+    for _ in range(_DEEPEST):
+        level = [
+            inner
+            for value in level
+            if isinstance(value, (Mapping, list, tuple))
+            for inner in (value.values() if isinstance(value, Mapping) else value)
+        ]
+    if level or not isinstance(plain, Mapping):
+        return not level
+    processes = plain.get("processes")
+    listed = processes if isinstance(processes, list) else []
+    files = [each.get("parameter_files") for each in (plain, *listed) if isinstance(each, Mapping)]
+    count = sum(len(texts) for texts in files if isinstance(texts, Mapping))
+    return len(listed) <= _MOST_PROCESSES and count <= _MOST_FILES
+
+
 def _made(cls: type[_T], item: Mapping[str, Any], **converted: Any) -> _T:
     hints = typing.get_type_hints(cls)
     given = {name: value for name, value in item.items() if name in hints and name not in converted}
     for name, value in given.items():
         hint = hints[name]
         kinds = typing.get_args(hint) if isinstance(hint, types.UnionType) else (hint,)
-        if all(kind in _PLAIN for kind in kinds) and not isinstance(value, tuple(_PLAIN[kind] for kind in kinds)):
+        fits = isinstance(value, tuple(_PLAIN[kind] for kind in kinds if kind in _PLAIN))
+        if (all(kind in _PLAIN for kind in kinds) and not fits) or (isinstance(value, int) and abs(value) > _LARGEST):
             raise MalformedPlanError(f"'{name}' of a {cls.__name__} in a launch plan cannot be {value!r:.80}")
     return cls(**given, **converted)
 

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from grader.report.plain import terminal_text
-from grader.timings import CellRun, Stopwatch
+
+if TYPE_CHECKING:
+    from grader.timings import CellRun, Stopwatch
 
 #: Stages that lie within another.
 _WITHIN = {"report": "of which the report"}
@@ -45,7 +47,8 @@ def _stages(watch: Stopwatch) -> Table:
         what = f"  {_WITHIN[stage.what]}" if stage.what in _WITHIN else stage.what
         since_s = stage.began_s - watch.started_s
         table.add_row(Text(what), f"{since_s:.2f} s", f"{stage.took_s:.2f} s", f"{stage.cpu_s:.2f} s")
-    table.add_row("all", "", f"{watch.total_s():.2f} s", f"{own_cpu_s(watch):.2f} s", style="bold")
+    all_s = max(stage.ended_s for stage in watch.stages) - watch.started_s
+    table.add_row("all", "", f"{all_s:.2f} s", f"{own_cpu_s(watch):.2f} s", style="bold")
     return table
 
 

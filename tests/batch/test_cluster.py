@@ -147,7 +147,7 @@ def test_problems_come_back_and_ctrl_c_ends(tmp_path: Path, cluster: Cluster) ->
     assert errors.splitlines()[0] == "grade: interrupted; 1 of 4 submissions are graded and kept."
     assert len(errors.splitlines()) == 2
     assert "bob: not graded: the submission is empty" in output
-    assert "cem: not graded: nothing in this folder looks like a submission" in output
+    assert "cem: not graded: nothing in it looks like a submission" in output
 
 
 def test_another_grader_is_refused() -> None:

@@ -84,6 +84,15 @@ def test_each_topic_with_traffic_is_a_part(tmp_path: Path) -> None:
     assert finding.reason == "Too little came on /b."
 
 
+def test_too_little_traffic_earns_its_share(tmp_path: Path) -> None:
+    """Half of the messages are half of the topic, in tenths; under another name half of that is lost."""
+    session = Session(tmp_path).messages("/a", [[0.0]] * 2, [1.0, 2.0], sequence=[1, 55])
+    wanted = {"topics": ["/a"], "least_messages": 100}
+    assert judged("topics_carry_traffic", wanted, session).credit == Decimal("0.5")
+    renamed = Session(tmp_path, "renamed").messages("/x", [[0.0]] * 2, [1.0, 2.0], sequence=[1, 200]).called("/a=/x")
+    assert judged("topics_carry_traffic", wanted, renamed).credit == Decimal("0.5")
+
+
 # -- profiles --------------------------------------------------------------------------------------
 
 
@@ -125,6 +134,15 @@ def test_a_side_that_is_missing_costs_half(tmp_path: Path) -> None:
     finding = profiled(tmp_path, RELIABLE, kinds=("publisher",))
     assert finding.credit == Decimal("0.5")
     assert f"no subscription on {TOPIC}" in finding.reason
+
+
+def test_sides_that_differ_are_told_apart(tmp_path: Path) -> None:
+    """Where only the subscription is wrong, reason and measurement say so."""
+    session = Session(tmp_path).endpoint("publisher", TOPIC).endpoint("subscription", TOPIC, qos=BEST_EFFORT).process()
+    finding = judged("qos_profiles", PROFILES, session)
+    assert finding.reason == f"The subscription on {TOPIC} has reliability best_effort, not reliable."
+    assert "publisher reliable" in finding.measured
+    assert "subscription best_effort" in finding.measured
 
 
 def test_no_endpoint_earns_nothing(tmp_path: Path) -> None:
@@ -185,6 +203,30 @@ def row(count: int = 1000, mean_ms: float = 1.0, max_ms: float = 3.0, name: str 
 def test_a_wrong_count_costs_all_and_a_wrong_latency_half(tmp_path: Path, line: str, credit: str) -> None:
     """The count may be 2 % off; the mean latency must be one that can be, and no more than the maximum."""
     assert reported(tmp_path, line).credit == Decimal(credit)
+
+
+@pytest.mark.parametrize(
+    ("line", "credit"),
+    [
+        ("fast: received 1000, mean 0.001 s, worst 0.003 s", "1"),
+        ("fast: 1000 messages, mean 1000 us", "0.75"),
+        ("fast: 1000 messages", "0.5"),
+    ],
+)
+def test_other_forms_are_judged_by_what_they_say(tmp_path: Path, line: str, credit: str) -> None:
+    """Other words and units cost nothing, a missing maximum a quarter, a missing latency half."""
+    assert reported(tmp_path, line).credit == Decimal(credit)
+
+
+def test_what_was_never_sent_is_not_charged_in_the_report(tmp_path: Path) -> None:
+    """A topic without traffic costs points for the traffic; a report of what never came is invented."""
+    wanted = {**REPORTED, "rows": [{"name": "fast", "topic": TOPIC}, {"name": "slow", "topic": "/slow"}]}
+    for name, lines, credit in (("honest", [row()], "1"), ("liar", [row(), row(name="slow")], "0.5")):
+        session = Session(tmp_path, name).endpoint("publisher", TOPIC).endpoint("subscription", TOPIC)
+        session.messages(TOPIC, [[0.0]] * 1000, evenly(100, 9.99), latency_s=0.001).process("it", lines)
+        assert judged("reported_traffic", wanted, session).credit == Decimal(credit)
+    silent = Session(tmp_path, "silent").process("it", ["fast: 0 msgs, no latency data"])
+    assert judged("reported_traffic", REPORTED, silent).outcome is Outcome.NOT_REACHED
 
 
 def test_numbers_without_a_subscription_are_invented(tmp_path: Path) -> None:

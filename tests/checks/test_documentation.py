@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from grader.recording.submission import SubmissionRecord
+from grader.recording.submission import FileFact, SubmissionRecord
 from grader.result import Finding, Outcome
 from tests.synthetic import judged, submission
 
@@ -53,6 +53,35 @@ def test_a_readme_that_says_all_passes() -> None:
     """Commands and a description of each part earn all, in whatever folder it lies."""
     assert static("readme", README, submission({"README.md": FILLED})).outcome is Outcome.PASSED
     assert static("readme", README, submission({"docs/Readme.TXT": FILLED})).outcome is Outcome.PASSED
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["LIESMICH.txt", "Lisez-moi.md", "LEEME.txt", "LEIAME", "README_ROS.md", "readme (1).txt", "说明.md", "notes.txt"],
+)
+def test_a_readme_may_have_another_name(name: str) -> None:
+    """Other languages have other names for it, and the only text that there is will do."""
+    assert static("readme", README, submission({name: FILLED, "it.py": ""})).outcome is Outcome.PASSED
+
+
+def test_texts_for_programs_are_no_readme() -> None:
+    """A list of requirements, a licence or a CMakeLists.txt describes nothing."""
+    files = {"requirements.txt": "numpy\n", "CMakeLists.txt": "project(x)\n", "LICENSE.txt": FILLED, "it.py": ""}
+    assert static("readme", README, submission(files)).outcome is Outcome.FAILED
+
+
+@pytest.mark.parametrize("name", ["README.pdf", "docs/report.docx", "README.ipynb"])
+def test_what_only_people_can_read_is_left_to_them(name: str) -> None:
+    """A document that cannot be read decides nothing, and costs nothing; beside a README it does not matter."""
+    record = submission({"it.py": "x = 1\n"})
+    record.files.append(FileFact(name, 1000, ""))
+    finding = static("readme", README, record)
+    assert (finding.outcome, finding.retry) == (Outcome.INCONCLUSIVE, False)
+    assert name in finding.reason
+    assert static("concepts_explained", CONCEPTS, record).outcome is Outcome.INCONCLUSIVE
+    both = submission({"README.md": "# Lab\n"})
+    both.files.append(FileFact(name, 1000, ""))
+    assert static("readme", README, both).outcome is Outcome.FAILED
 
 
 def test_each_part_of_a_readme_counts() -> None:

@@ -98,6 +98,14 @@ def test_what_we_cannot_evaluate_is_undecided(tmp_path: Path) -> None:
     assert (finding.outcome, finding.retry) == (Outcome.INCONCLUSIVE, False)
 
 
+def test_a_file_in_newer_syntax_is_undecided(tmp_path: Path) -> None:
+    """What an older Python cannot read is for a person to decide; a mistake is none of this."""
+    problem = {"kind": "syntax_error", "message": "syntax error: invalid syntax", "file": "it.py", "line": 1}
+    for name, text, outcome in (("a", "type X = int\n", Outcome.INCONCLUSIVE), ("b", "x = (\n", Outcome.FAILED)):
+        session = planned(Session(tmp_path, name), problem=problem)
+        assert judged("launch_loads", LOADS, session, submission({"it.py": text})).outcome is outcome
+
+
 def test_a_misnamed_executable_is_charged_elsewhere(tmp_path: Path) -> None:
     """That an executable does not exist is a matter of the nodes."""
     problem = {"kind": "unknown_executable", "message": "no executable talkk"}
@@ -212,6 +220,57 @@ def test_why_a_node_is_down_is_told(tmp_path: Path, run: dict[str, Any] | None, 
     assert words in nodes(session).reason
 
 
+def test_a_node_that_lacks_a_library_here_is_noted(tmp_path: Path) -> None:
+    """A node that needs what is not installed is undecided in its own criterion, and no fault of the launch file."""
+    session = planned(Session(tmp_path), processes=[entry("talk", "talker"), entry("listen", "listener")])
+    lines = ["Traceback (most recent call last):", '  File "/ws/src/it.py", line 1, in <module>']
+    lines.append("ModuleNotFoundError: No module named 'matplotlib'")
+    ended: dict[str, Any] = {"exited_ns": at(2.0), "interrupted_ns": None, "ended_by": "itself", "exit_status": 1}
+    session.process("talk-1", lines, artifact=None, **ended)
+    finding = nodes(session.node("/listener"))
+    assert finding.outcome is Outcome.PASSED
+    assert "needs matplotlib" in finding.notes[0]
+
+
+def died_of(given: str, declared: str, value: str) -> dict[str, Any]:
+    """Give a process that ended since a parameter has another type than declared."""
+    said = f"Trying to set parameter 'limit' to '{value}' of type '{given}', expecting type '{declared}'"
+    frame = '  File "/ws/src/it.py", line 9, in __init__'
+    lines = ["Traceback (most recent call last):", frame]
+    lines.append(f"rclpy.exceptions.InvalidParameterTypeException: {said}: limit")
+    return {"lines": lines, "exited_ns": at(2.0), "interrupted_ns": None, "ended_by": "itself", "exit_status": 1}
+
+
+@pytest.mark.parametrize(
+    ("given", "declared", "value", "hint", "place"),
+    [
+        ("STRING", "DOUBLE", "1.5", "without quotation marks", "launch.py:4"),
+        ("DOUBLE", "INTEGER", "100.0", "with a float, as 100.0", "it.py:9"),
+        ("BOOL", "STRING", "True", "not with a string", "it.py:9"),
+        ("INTEGER", "DOUBLE", "100", "value_type=float", "launch.py:4"),
+    ],
+)
+def test_a_parameter_of_another_type_is_mended_where_the_mistake_is(
+    tmp_path: Path, given: str, declared: str, value: str, hint: str, place: str
+) -> None:
+    """The launch file is to mend where it gives the wrong type, the node where it declares it."""
+    session = planned(Session(tmp_path), processes=[entry("talk", "talker", file="launch.py", line=4)])
+    session.process("talk-1", artifact=None, **died_of(given, declared, value))
+    finding = nodes(session.node("/listener"))
+    assert hint in finding.hint
+    assert str(finding.where[0]) == place
+
+
+@pytest.mark.parametrize(("charged", "credit"), [(FAILED, "1"), (passed("", ""), "0.5")])
+def test_a_type_that_the_node_declares_wrongly_is_charged_once(tmp_path: Path, charged: Finding, credit: str) -> None:
+    """Where the check of the node's parameters took points, the launch file is not to blame."""
+    wanted = {"step": "plan", "nodes": [{**NODES["nodes"][0], "types_charged_by": "types"}, NODES["nodes"][1]]}
+    session = planned(Session(tmp_path), processes=[entry("talk", "talker"), entry("listen", "listener")])
+    session.process("talk-1", artifact=None, **died_of("BOOL", "STRING", "True"))
+    finding = judged("launch_nodes", wanted, session.node("/listener"), findings={"types": charged})
+    assert finding.credit == Decimal(credit)
+
+
 def test_a_node_that_was_there_for_a_moment_is_down(tmp_path: Path) -> None:
     """A node that ends with an error, as one with a parameter of a wrong type, does not count by its first moment."""
     said = ["rclpy.exceptions.InvalidParameterTypeException: Trying to set parameter 'rate' to '5' of type 'INTEGER'"]
@@ -275,6 +334,18 @@ def test_a_parameter_reaches_the_node_and_follows_its_argument(
     finding = parameter(tmp_path, *values)
     assert finding.credit == Decimal(credit)
     assert words in finding.reason
+
+
+@pytest.mark.parametrize(("default", "credit"), [("50.0", "1"), ("70.0", "0")])
+def test_a_wrong_default_is_charged_with_the_arguments(tmp_path: Path, default: str, credit: str) -> None:
+    """A parameter that has its argument's default is as it should be, whatever that default is."""
+    wanted = {**PARAMETERS, "parameters": [{**PARAMETERS["parameters"][0], "argument": "rate"}]}
+    arguments = [{"name": "rate", "default": default}]
+    process = entry("talk", "talker", parameters=[{"name": "rate", "value": 50.0}])
+    session = Session(tmp_path)
+    for label in ("plan", "other"):
+        planned(session, label, processes=[process], arguments=arguments)
+    assert judged("launch_parameters", wanted, session).credit == Decimal(credit)
 
 
 def test_parameters_of_nodes_that_are_not_started_are_not_reached(tmp_path: Path) -> None:
@@ -341,11 +412,33 @@ def test_each_of_three_parts_counts(tmp_path: Path, how: dict[str, Any], credit:
     assert words in finding.reason
 
 
+def test_a_rate_that_the_machine_may_have_lowered_is_undecided(tmp_path: Path) -> None:
+    """Fewer commands are not charged where a node or the arm had no core for as long as that takes."""
+    others = {"alone": alone(tmp_path / "alone")}
+    busy = together(tmp_path / "a", rate_hz=60).process("talk").delayed("talk", 1.6, 5.0)
+    assert judged("launch_together", TOGETHER, busy, others=others).outcome is Outcome.INCONCLUSIVE
+    calm = together(tmp_path / "b", rate_hz=60).process("talk").delayed("talk", 0.2, 5.0)
+    assert judged("launch_together", TOGETHER, calm, others=others).outcome is Outcome.PARTIAL
+
+
 def test_the_rate_is_compared_with_the_rate_alone(tmp_path: Path) -> None:
     """A publisher that is slow by itself is not charged again."""
     session = together(tmp_path, rate_hz=40)
     finding = judged("launch_together", TOGETHER, session, others={"alone": alone(tmp_path, 40)})
     assert finding.outcome is Outcome.PASSED
+
+
+@pytest.mark.parametrize(("listener", "credit"), [(None, 0.667), ("/arm/commands", 1.0)])
+def test_a_topic_that_the_launch_file_moves_away_is_told(tmp_path: Path, listener: str | None, credit: float) -> None:
+    """Commands under a name that nobody listens to cost their part; moved together with who listens, nothing."""
+    session = together(tmp_path).called("/commands=/arm/commands")
+    times = evenly(100, 3.0)
+    session.messages("/arm/commands", [[x] for x in np.sin(times).tolist()], times)
+    if listener is not None:
+        session.endpoint("subscription", listener)
+    finding = judged("launch_together", TOGETHER, session, others={"alone": alone(tmp_path)})
+    assert float(finding.credit) == pytest.approx(credit, abs=0.001)
+    assert ("moves the commands to /arm/commands" in finding.reason) == (listener is None)
 
 
 def test_what_is_charged_elsewhere_is_left_out(tmp_path: Path) -> None:

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from grader.recording.session import OutputLine
+from grader.recording.session import OutputLine, Qos, Usage
 from grader.result import Finding, Outcome
-from tests.synthetic import BEST_EFFORT, FLOATS, RELIABLE, Session, judged, submission
+from tests.synthetic import BEST_EFFORT, FLOATS, RELIABLE, Session, at, judged, submission
 
 COMMAND, STATE = "/commands", "/states"
 SUBSCRIBED: dict[str, Any] = {
@@ -49,11 +49,11 @@ ERRORS = (0.9, 0.5, -0.2, 0.6)
 STATES_EACH = 40
 
 
-def stimulus(folder: Path) -> tuple[Session, list[float]]:
+def stimulus(folder: Path, errors: tuple[float, ...] = ERRORS) -> tuple[Session, list[float]]:
     """Record four plateaus of commands, with states at zero; returns the times of the states as well."""
     session = Session(folder)
-    starts = [1.0 + n for n in range(len(ERRORS))]
-    session.messages(COMMAND, [[error] * 7 for error in ERRORS], [start - 0.1 for start in starts])
+    starts = [1.0 + n for n in range(len(errors))]
+    session.messages(COMMAND, [[error] * 7 for error in errors], [start - 0.1 for start in starts])
     times = [start + 0.02 * n for start in starts for n in range(STATES_EACH)]
     session.messages(STATE, [[0.0] * 7] * len(times), times)
     return session, times
@@ -112,6 +112,15 @@ def test_a_request_that_nobody_offers_costs_a_part(tmp_path: Path, qos: Any, pol
 def test_a_weaker_request_is_compatible(tmp_path: Path) -> None:
     """Best effort is requested from a reliable publisher without loss of points."""
     assert judged("topics_subscribed", SUBSCRIBED, subscribed(tmp_path, BEST_EFFORT)).outcome is Outcome.PASSED
+
+
+def test_a_weaker_request_than_the_lab_asks_for_is_noted(tmp_path: Path) -> None:
+    """Where the rubric asks for reliable, each topic that requests best effort gets a note and loses nothing."""
+    wanted = {**SUBSCRIBED, "reliability": "reliable"}
+    finding = judged("topics_subscribed", wanted, subscribed(tmp_path, BEST_EFFORT))
+    assert finding.outcome is Outcome.PASSED
+    assert [STATE in note for note in finding.notes] == [True]
+    assert judged("topics_subscribed", wanted, subscribed(tmp_path / "other")).notes == ()
 
 
 def test_reliable_is_too_much_for_a_best_effort_offer(tmp_path: Path) -> None:
@@ -178,6 +187,51 @@ def test_one_wrong_plateau_costs_a_quarter(tmp_path: Path) -> None:
     finding = judged("reported_series", SERIES, session)
     assert finding.credit == Decimal("0.75")
     assert "0.1234; right is 0.9000" in finding.reason
+
+
+#: Errors that two decimals do not hold.
+FINE = (0.0944, 0.0544, -0.0244, 0.0644)
+
+
+@pytest.mark.parametrize(("form", "credit"), [("{:.2f}", 1), ("{:.1f}", 0), ("{:.1f}00", 0)])
+def test_reports_count_as_they_are_rounded(tmp_path: Path, form: str, credit: int) -> None:
+    """Two decimals are judged to these; coarser numbers are not taken for rounded ones."""
+    session, times = stimulus(tmp_path, FINE)
+    lines = [(t + 0.001, f"RMS: {form.format(abs(FINE[n // STATES_EACH]))} rad") for n, t in enumerate(times)]
+    assert judged("reported_series", SERIES, session.process("it", lines)).credit == credit
+
+
+HISTORY_INSTEAD = {"parameters": {"over": "history"}, "meaning": "all errors so far", "credit": 0.5}
+
+
+def test_a_known_mistake_in_the_series_is_named(tmp_path: Path) -> None:
+    """The RMS over all errors so far earns what the rubric leaves, with an example and the name of the mistake."""
+    session, times = stimulus(tmp_path)
+    squares = np.cumsum(np.repeat(ERRORS, STATES_EACH) ** 2) / np.arange(1, len(times) + 1)
+    lines = [(t + 0.001, f"RMS: {value:.4f}") for t, value in zip(times, np.sqrt(squares), strict=True)]
+    wanted = {**SERIES, "alternatives": [HISTORY_INSTEAD]}
+    finding = judged("reported_series", wanted, session.process("it", lines))
+    assert finding.credit == Decimal("0.5")
+    assert finding.reason.endswith("right is 0.5000. These numbers fit all errors so far.")
+
+
+def test_a_right_series_is_no_known_mistake(tmp_path: Path) -> None:
+    """What is right passes whatever alternatives there are."""
+    wanted = {**SERIES, "alternatives": [{"parameters": {}, "meaning": "what is right", "credit": 0}]}
+    assert judged("reported_series", wanted, with_reports(*stimulus(tmp_path))).outcome is Outcome.PASSED
+
+
+@pytest.mark.parametrize(("plateaus", "credit"), [(3, "1"), (2, "1"), (1, "0.5")])
+def test_a_node_that_ended_is_charged_where_the_rubric_says(tmp_path: Path, plateaus: int, credit: str) -> None:
+    """Plateaus after a node's end do not count if another check charges it, but half of them must be reached."""
+    session, times = stimulus(tmp_path)
+    with_reports(session, times[: plateaus * STATES_EACH])
+    run = session.record.processes[0]
+    run.interrupted_ns, run.ended_by, run.exited_ns = None, "itself", run.output[-1].t_ns
+    session.delayed("it", 2.0, 5.0)  # What has ended cannot be kept from a core.
+    finding = judged("reported_series", {**SERIES, "end_charged_by": "other"}, session)
+    assert finding.credit == Decimal(credit)
+    assert "charged in other" in finding.notes[0]
 
 
 def test_no_report_fails(tmp_path: Path) -> None:
@@ -248,6 +302,17 @@ def test_reports_that_the_machine_kept_back_are_undecided(tmp_path: Path) -> Non
     assert judged("report_share", SHARE, session).outcome is Outcome.INCONCLUSIVE
 
 
+def test_short_delays_lose_no_reports_while_the_queue_has_room(tmp_path: Path) -> None:
+    """A node with a queue of ten has not lost half by many short delays, and one without may have."""
+    queue = Qos("reliable", "volatile", "keep_last", 10)
+    for name, qos, outcome in (("a", queue, Outcome.PARTIAL), ("b", replace(queue, depth=1), Outcome.INCONCLUSIVE)):
+        session = with_reports(*stimulus(tmp_path / name), every=2).delayed("it", 2.5, 5.0)
+        samples = [Usage(at(t / 100), 0, round(t / 100 * 0.08 * 1e9)) for t in range(0, 500, 50)]
+        session.record.processes[0].usage = samples
+        session.claim("subscription", "/commands", qos=qos).claim("subscription", "/states", qos=qos)
+        assert judged("report_share", SHARE, session).outcome is outcome
+
+
 # -- statistics at the end -------------------------------------------------------------------------
 
 
@@ -285,6 +350,74 @@ def test_numbers_of_no_known_origin_fail_with_the_right_ones(tmp_path: Path) -> 
     finding = printed(tmp_path, 12.0)
     assert finding.outcome is Outcome.FAILED
     assert "Right would be [" in finding.reason
+
+
+def test_a_mistake_that_another_check_charged_costs_nothing_again(tmp_path: Path) -> None:
+    """An alternative that names a check which took points is passed here, without a word."""
+    mean = float(np.abs(history(None)).mean())
+    session = with_reports(*stimulus(tmp_path))
+    session.record.processes[0].output.append(OutputLine(0, "stdout", f"Mean: {vector(mean)}"))
+    alternative = {"parameters": {"history": None}, "meaning": "the whole run", "credit": 0.5, "charged_by": ["first"]}
+    wanted = {**STATISTICS, "alternatives": [alternative]}
+    taken = Finding(Outcome.PARTIAL, Decimal("0.5"), "", "")
+    assert judged("reported_statistics", wanted, session, findings={"first": taken}).outcome is Outcome.PASSED
+    given = Finding(Outcome.PASSED, Decimal(1), "", "")
+    assert judged("reported_statistics", wanted, session, findings={"first": given}).credit == Decimal("0.5")
+
+
+@pytest.mark.parametrize(("number", "credit"), [("0.06", 1), ("0.07", 0), ("0.060", 0)])
+def test_two_decimals_are_enough(tmp_path: Path, number: str, credit: int) -> None:
+    """Numbers printed with two decimals are judged to these, those with more to what they say."""
+    session, _ = stimulus(tmp_path, FINE)
+    wanted = {**STATISTICS, "label": "Max", "key": "max", "parameters": {"history": 30}, "alternatives": []}
+    finding = judged("reported_statistics", wanted, session.process("it", ["Max: [" + f"{number} " * 7 + "]"]))
+    assert finding.credit == credit
+
+
+def test_a_table_is_as_good_with_a_note(tmp_path: Path) -> None:
+    """A column of a table after Ctrl-C counts, and the form that was asked for is told."""
+    mean = float(np.abs(history(100)).mean())
+    session = with_reports(*stimulus(tmp_path))
+    run = session.record.processes[0]
+    assert run.interrupted_ns is not None
+    rows = ["Joint   Mean     Max", *(f"{n:5d}   {mean:.4f}   0.9" for n in range(7))]
+    run.output += [OutputLine(run.interrupted_ns + 1, "stdout", row) for row in rows]
+    finding = judged("reported_statistics", STATISTICS, session)
+    assert finding.outcome is Outcome.PASSED
+    assert "printed in a table" in finding.notes[0]
+
+
+SHORTER = {**STATISTICS, "shorter": {"session": "other", "least": 10, "most": 900}}
+
+
+@pytest.mark.parametrize(
+    ("lines", "facts", "credit"),
+    [
+        ([], {}, "0.5"),
+        (["Not enough samples"], {}, "0.5"),
+        (["Mean: [1.]"], {}, "1"),
+        (["KeyboardInterrupt"], {}, "1"),
+        ([], {"ended_by": "kill"}, "1"),
+        ([], {"ended_by": "itself", "interrupted_ns": None}, "1"),
+    ],
+)
+def test_statistics_must_come_after_a_shorter_run_too(
+    tmp_path: Path, lines: list[str], facts: dict[str, Any], credit: str
+) -> None:
+    """A node that prints nothing where it was stopped earlier loses half, unless something else may have kept it."""
+    session = with_reports(*stimulus(tmp_path))
+    mean = float(np.abs(history(100)).mean())
+    session.record.processes[0].output.append(OutputLine(0, "stdout", f"Mean: {vector(mean)}"))
+    other = Session(tmp_path, "other")
+    reports = [(1.0 + 0.01 * n, "RMS: 0.1") for n in range(50)]
+    other.process("joint_subscriber-2", [*reports, *((29.0, line) for line in lines)], artifact=None)
+    run = other.record.processes[0]
+    run.ended_by = "interrupt"
+    for name, value in facts.items():
+        setattr(run, name, value)
+    finding = judged("reported_statistics", SHORTER, session, others={"other": other.recorded()})
+    assert finding.credit == Decimal(credit)
+    assert ("stopped after 50 reports" in finding.reason) == (credit != "1")
 
 
 def test_another_number_of_joints_fails(tmp_path: Path) -> None:
@@ -325,6 +458,19 @@ def test_a_node_that_had_to_be_killed_is_told_so(tmp_path: Path) -> None:
     assert (again.outcome, "did not end in time" in again.reason) == (Outcome.FAILED, True)
 
 
+def test_a_node_that_ended_before_is_told_why(tmp_path: Path) -> None:
+    """An exception that ended the node before Ctrl-C is the reason, with the time."""
+    session = with_reports(*stimulus(tmp_path))
+    run = session.record.processes[0]
+    frame = '  File "/ws/src/it.py", line 3, in hear'
+    text = ["Traceback (most recent call last):", frame, "IndexError: list index out of range"]
+    run.output += [OutputLine(at(6.0), "stderr", line) for line in text]
+    run.interrupted_ns, run.ended_by, run.exited_ns = None, "itself", at(6.0)
+    finding = judged("reported_statistics", STATISTICS, session)
+    assert finding.reason.startswith("The node ended by itself at 6.0 s, before Ctrl-C.")
+    assert "IndexError" in finding.reason
+
+
 def test_a_signal_in_the_midst_of_a_call_is_nobodys_fault(tmp_path: Path) -> None:
     """A Ctrl-C that rclpy turned into another error leaves the statistics undecided."""
     session = with_reports(*stimulus(tmp_path))
@@ -349,6 +495,18 @@ def test_a_node_that_died_at_the_step_fails(tmp_path: Path) -> None:
     finding = judged("survives", {"artifact": "it", "step": "early"}, session)
     assert finding.outcome is Outcome.FAILED
     assert finding.measured == "it ended with status 1 at 3.00 s"
+
+
+def test_what_ends_a_node_later_is_no_matter_of_the_step(tmp_path: Path) -> None:
+    """A process that ended after a later step began has survived this one."""
+    session = Session(tmp_path).step("publish", "early").step("start", "later")
+    session.record.steps[-1].started_ns = at(2.0)
+    session.process("it", interrupted_ns=None, exited_ns=at(3.0), exit_status=1)
+    wanted = {"artifact": "it", "step": "early"}
+    assert judged("survives", wanted, session).outcome is Outcome.FAILED
+    assert judged("survives", {**wanted, "until": "later"}, session).outcome is Outcome.PASSED
+    session.record.processes[0].exited_ns = at(1.5)
+    assert judged("survives", {**wanted, "until": "later"}, session).outcome is Outcome.FAILED
 
 
 def test_a_step_that_was_not_reached_decides_nothing(tmp_path: Path) -> None:

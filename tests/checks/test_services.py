@@ -106,6 +106,46 @@ def test_an_answer_is_judged_by_its_values(
     assert bool(finding.notes) == (response["message"] == "Bonjour")
 
 
+AGAIN = {**ANSWERED, "again": "many", "contrary": r"(?i)\bdisabled\b"}
+
+
+@pytest.mark.parametrize(
+    ("later", "credit", "words"),
+    [
+        (answer(True, "Robot already enabled"), "1", ""),
+        (answer(True, "Robot enabled (was disabled)"), "1", ""),
+        (answer(True, "Robot disabled"), "0", "says the contrary"),
+        (answer(False, "Robot already enabled"), "0.75", "later"),
+    ],
+)
+def test_the_same_request_is_to_be_answered_alike(
+    tmp_path: Path, later: dict[str, Any], credit: str, words: str
+) -> None:
+    """A contrary later costs all, a refusal a quarter; one that tells of the former state as well is no contrary."""
+    session = called(called(Session(tmp_path), "enable", call(answer(True))), "many", call(answer(True)), call(later))
+    finding = judged("call_answered", AGAIN, session)
+    assert finding.credit == Decimal(credit)
+    assert words in finding.reason
+
+
+def test_another_answer_later_is_charged_once(tmp_path: Path) -> None:
+    """A node that refuses what changes nothing loses for enabling, and not for disabling as well."""
+    session = called(called(Session(tmp_path), "enable", call(answer(True))), "many", call(answer(False)))
+    taken = {"first": Finding(Outcome.PARTIAL, Decimal("0.75"), "", "")}
+    finding = judged("call_answered", {**AGAIN, "again_charged_by": "first"}, session, findings=taken)
+    assert finding.outcome is Outcome.PASSED
+
+
+def test_a_condition_the_wrong_way_round_is_named(tmp_path: Path) -> None:
+    """Where the answer is right when it should not be, the reason says so."""
+    session = called(called(Session(tmp_path), "enable", call(answer(False))), "refuse", call(answer(True)))
+    finding = judged("call_answered", {**ANSWERED, "opposite": "refuse"}, session)
+    assert finding.outcome is Outcome.FAILED
+    assert finding.reason.endswith("the condition is the wrong way round.")
+    neither = called(called(Session(tmp_path, "b"), "enable", call(answer(False))), "refuse", call(answer(False)))
+    assert "wrong way" not in judged("call_answered", {**ANSWERED, "opposite": "refuse"}, neither).reason
+
+
 def test_no_answer_fails_and_says_how_long_it_took(tmp_path: Path) -> None:
     """A call without an answer is told with its time."""
     finding = judged("call_answered", ANSWERED, called(Session(tmp_path).process(), "enable", call(None, 3.0)))
@@ -175,6 +215,25 @@ def test_refusal_and_recovery_are_half_each(
     assert words in finding.reason
 
 
+def test_a_refusal_in_words_alone_earns_half(tmp_path: Path) -> None:
+    """A message that refuses beside success=True is half a refusal, one that enables is none."""
+    for name, said, credit in (("a", "Cannot enable: unsafe", "0.5"), ("b", "Robot enabled", "0")):
+        session = called(Session(tmp_path, name), "refuse", call(answer(True, said)))
+        called(session, "recover", call(answer(True)))
+        assert judged("call_gated", {**GATED, "refusal": "(?i)cannot"}, session).credit == Decimal(credit)
+
+
+def test_a_gate_the_wrong_way_round_earns_half(tmp_path: Path) -> None:
+    """What follows the parameter in reverse earns half; where enabling fails otherwise, a refusal says nothing."""
+    lost = {"first": Finding(Outcome.FAILED, Decimal(0), "", "")}
+    gate = {**GATED, "enables": "first"}
+    for name, off, on, credit in (("a", True, False, "0.5"), ("b", False, False, "0"), ("c", False, True, "0")):
+        session = called(called(Session(tmp_path, name), "refuse", call(answer(off))), "recover", call(answer(on)))
+        finding = judged("call_gated", gate, session, findings=lost)
+        assert finding.credit == Decimal(credit)
+        assert (finding.outcome is Outcome.NOT_REACHED) == (credit == "0")
+
+
 def test_a_parameter_that_cannot_be_set_is_told(tmp_path: Path) -> None:
     """If the parameter could not be set, the reason says so."""
     assert "could not be set at all" in gated(tmp_path, True, True, True, "failed").reason
@@ -236,10 +295,27 @@ def test_calls_are_credited_by_the_share_in_time(tmp_path: Path, latencies: list
     assert finding.credit == Decimal(credit)
 
 
+def test_calls_that_the_machine_may_have_held_up_are_undecided(tmp_path: Path) -> None:
+    """A slow call is not charged where the server had no core for so long, and is where it slept."""
+    calls = [call(answer(True), latency_s) for latency_s in [0.002] * 9 + [1.2]]
+    held_up = called(Session(tmp_path / "a").process(), "many", *calls).delayed("it", 3.0, 4.0)
+    assert judged("calls_in_time", IN_TIME, held_up).outcome is Outcome.INCONCLUSIVE
+    slept = called(Session(tmp_path / "b").process(), "many", *calls).delayed("it", 0.3, 4.0)
+    assert judged("calls_in_time", IN_TIME, slept).credit == Decimal("0.9")
+
+
 def test_quick_calls_for_which_there_was_no_time_are_undecided(tmp_path: Path) -> None:
     """Where fewer calls were made than asked for, but all in time, nothing is lost."""
     session = called(Session(tmp_path), "many", *[call(answer(True))] * 5, wanted=50)
     assert judged("calls_in_time", IN_TIME, session).outcome is Outcome.INCONCLUSIVE
+
+
+def test_enough_quick_calls_will_do_where_there_was_no_time_for_more(tmp_path: Path) -> None:
+    """Calls that take long but are in time are not held against the node when others had no time."""
+    calls = [call(answer(True), 0.9)] * 12
+    finding = judged("calls_in_time", IN_TIME, called(Session(tmp_path), "many", *calls, wanted=50))
+    assert finding.outcome is Outcome.PASSED
+    assert "12 of 50 calls" in finding.notes[0]
 
 
 def test_slow_calls_are_lost_even_if_not_all_were_made(tmp_path: Path) -> None:

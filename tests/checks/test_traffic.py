@@ -110,6 +110,16 @@ def test_a_silent_publisher_fails_and_its_exception_is_told(tmp_path: Path) -> N
     assert (finding.where[0].file, finding.where[0].line) == ("it.py", 9)
 
 
+def test_a_library_that_is_missing_here_is_for_a_person_to_decide(tmp_path: Path) -> None:
+    """A node that ended since the grader lacks a library is undecided, and not run again for it."""
+    lines = ["Traceback (most recent call last):", '  File "/ws/src/it.py", line 2, in <module>']
+    for name, outcome in (("matplotlib", Outcome.INCONCLUSIVE), ("my_helpers", Outcome.FAILED)):
+        session = Session(tmp_path, name)
+        session.process("it", [*lines, f"ModuleNotFoundError: No module named '{name}'"], interrupted_ns=None)
+        finding = judged("topic_published", PUBLISHED, session)
+        assert finding.outcome is outcome
+
+
 def test_endpoints_of_reference_nodes_are_not_the_students(tmp_path: Path) -> None:
     """A publisher of our own on the topic is no publisher of the student's."""
     session = Session(tmp_path).endpoint("publisher", TOPIC, "/ours").process()
@@ -137,6 +147,41 @@ def test_the_reason_says_slower_or_faster(tmp_path: Path) -> None:
     assert "110.0 Hz, 10.0% faster" in rate(tmp_path / "fast", 110).reason
 
 
+@pytest.mark.parametrize(
+    ("rate_hz", "period", "words"),
+    [
+        (10, "0.1", "Messages come at 10.0 Hz, 90.0% slower than 100 Hz. The timer's period is 0.1 s."),
+        (1000, "0", "Messages come at 1000.0 Hz, 10 times 100 Hz. The timer's period is 0 s"),
+        (50, "0.01", "50.0% slower than 100 Hz."),
+        (50, "self.period", "50.0% slower than 100 Hz."),
+    ],
+)
+def test_a_timer_that_gives_the_rate_is_named(tmp_path: Path, rate_hz: float, period: str, words: str) -> None:
+    """The period explains the rate where it fits, and is left out where it does not."""
+    session = published(tmp_path, evenly(rate_hz, 6.0)).claim("timer", period)
+    reason = judged("topic_rate", RATE, session).reason
+    assert words in reason
+    assert ("period" in reason) == ("period" in words)
+
+
+@pytest.mark.parametrize("shift_s", [0.0, 0.013, 0.049, 0.087])
+def test_bursts_have_the_rate_of_all_their_messages(tmp_path: Path, shift_s: float) -> None:
+    """Ten messages every 0.1 s are 100 Hz, wherever in a burst the window begins and ends."""
+    times = [1.0 + 0.1 * burst + 0.0001 * n for burst in range(60) for n in range(10)]
+    session = Session(tmp_path).endpoint("publisher", TOPIC).process("it")
+    session.messages(TOPIC, [[0.0] * 7] * len(times), times).window(1.0 + shift_s, 6.9 + shift_s)
+    assert judged("topic_rate", RATE, session).outcome is Outcome.PASSED
+    assert "in bursts" in judged("topic_jitter", JITTER, session).reason
+
+
+def test_pauses_are_told_from_a_low_rate(tmp_path: Path) -> None:
+    """A node that sends at the right rate every other second is told of its pauses."""
+    times = [t for t in evenly(100, 6.0) if int(t) % 2 or t > 6.9]
+    finding = judged("topic_rate", RATE, published(tmp_path, times))
+    assert finding.outcome is Outcome.FAILED
+    assert "at 100 Hz with pauses of up to 1.01 s" in finding.reason
+
+
 def test_samples_that_the_recorder_lost_do_not_lower_the_rate(tmp_path: Path) -> None:
     """The rate counts by sequence numbers, so that every third message lost changes nothing."""
     times = evenly(100, 6.0)
@@ -161,6 +206,12 @@ def test_the_machine_does_not_excuse_a_node_that_is_slow_by_itself(tmp_path: Pat
     """A timer of 80 Hz stays one of 80 Hz although the machine was busy for a while."""
     session = published(tmp_path, evenly(80, 6.0)).delayed("it", 1.6, 8.0)
     assert judged("topic_rate", RATE, session).outcome is Outcome.FAILED
+
+
+def test_a_starved_node_is_undecided_however_even_its_intervals(tmp_path: Path) -> None:
+    """A node that gets its core every other time is even and slow, and its usual interval proves nothing then."""
+    session = published(tmp_path, evenly(60, 6.0)).delayed("it", 3.6, 8.0)
+    assert judged("topic_rate", RATE, session).outcome is Outcome.INCONCLUSIVE
 
 
 def test_a_node_that_burns_its_core_has_itself_to_blame(tmp_path: Path) -> None:
@@ -348,6 +399,31 @@ def test_each_wrong_part_of_the_motion_costs_its_part(
     assert words in finding.reason
 
 
+def test_a_motion_in_another_element_earns_half(tmp_path: Path) -> None:
+    """Counting joints from 1 is one mistake: half of each sinusoid, and nothing for the elements that move instead."""
+    times = np.array(evenly(100, 6.0))
+    rows = [[0.0, *row[:6]] for row in motion(np.arange(len(times)) * 0.01)]
+    finding = judged("sinusoids", MOTION, published(tmp_path, times.tolist(), rows))
+    assert float(finding.credit) == pytest.approx(0.667, abs=0.001)
+    assert finding.reason == "The motion of element 0 is in element 1. The motion of element 1 is in element 2."
+
+
+def test_a_motion_the_wrong_way_is_named(tmp_path: Path) -> None:
+    """A sine with its sign turned round keeps two thirds of its part."""
+    times = np.array(evenly(100, 6.0))
+    rows = [[-row[0], *row[1:]] for row in motion(np.arange(len(times)) * 0.01)]
+    finding = judged("sinusoids", MOTION, published(tmp_path, times.tolist(), rows))
+    assert float(finding.credit) == pytest.approx(0.889, abs=0.001)
+    assert finding.reason == "Element 0 moves the wrong way: the sign of its sine is turned round."
+
+
+def test_a_motion_ten_times_too_fast_is_named(tmp_path: Path) -> None:
+    """A t that grows too fast costs the frequency and not the amplitude."""
+    finding = moving(tmp_path, frequency_hz=2.0)
+    assert float(finding.credit) == pytest.approx(0.833, abs=0.001)
+    assert "It is 10 times too fast" in finding.reason
+
+
 def test_an_offset_is_a_mistake_and_is_named(tmp_path: Path) -> None:
     """A sinusoid that does not swing about zero loses points, and the reason says why."""
     finding = moving(tmp_path, offset=0.2)
@@ -408,6 +484,14 @@ def test_a_wrong_depth_only_advises(tmp_path: Path) -> None:
     finding = judged("offered_qos", {"topic": TOPIC, "reliability": "reliable", "depth": 10}, session)
     assert finding.outcome is Outcome.PASSED
     assert "depth is 1" in finding.notes[0]
+
+
+def test_a_depth_left_to_the_middleware_is_told_so(tmp_path: Path) -> None:
+    """The system's default profile has no depth of its own."""
+    claimed = replace(RELIABLE, history="system_default", depth=0)
+    session = Session(tmp_path).endpoint("publisher", TOPIC).claim("publisher", TOPIC, qos=claimed)
+    finding = judged("offered_qos", {"topic": TOPIC, "reliability": "reliable", "depth": 10}, session)
+    assert finding.notes == ("History and depth are left to the middleware; the lab asks for a depth of 10.",)
 
 
 def test_each_policy_asked_for_is_a_part(tmp_path: Path) -> None:

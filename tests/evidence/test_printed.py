@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grader.evidence.printed import labelled_vector, reports, text_of
+from grader.evidence.printed import labelled_vector, printed_vector, reports, text_of
 from grader.recording.session import OutputLine
 from tests.synthetic import Session, at
 
@@ -46,6 +46,48 @@ def test_where_there_is_no_vector_none_is_found(lines: list[str]) -> None:
     assert labelled_vector(said(*lines), "Mean") is None
 
 
+@pytest.mark.parametrize(
+    ("lines", "form"),
+    [
+        (["Mean: 0.1, 0.2, 0.3 rad"], "vector"),
+        (["Joint   Mean     Max", "  0     0.1     9.0", "  1     0.2     9.0", "  2     0.3     9.0"], "table"),
+        (["| joint | mean | max |", "|---|---|---|", "| a | 0.1 | 9 |", "| b | 0.2 | 9 |", "| c | 0.3 | 9 |"], "table"),
+        (["joint mean[rad] max", "J 0 0.1 9.0", "J 1 0.2 9.0", "J 2 0.3 9.0", "", "Done 1 2 3"], "table"),
+        (["      j0    j1    j2", "Mean  0.1   0.2   0.3", "Max   9     9     9"], "table"),
+        (["│ Mean │ 0.1 │ 0.2 │ 0.3 │"], "table"),
+        (["j1: mean=0.1, max=9.0", "j2: mean=0.2, max=9.0", "j3: mean=0.3, max=9.0"], "lines"),
+        (
+            ["Joint 1", "  Mean: 0.1 rad", "  Max: 9 rad", "Joint 2", "  Mean: 0.2 rad", "Joint 3", "  Mean: 0.3 rad"],
+            "lines",
+        ),
+        (["joint 0 mean error: 0.1 max error: 9", "joint 1 mean error: 0.2 max error: 9", "x mean: 0.3 y: 1"], "lines"),
+    ],
+)
+def test_other_forms_count_after_ctrl_c(lines: list[str], form: str) -> None:
+    """Bare numbers, tables and a line for each element are read, but only from what was printed at the end."""
+    found = printed_vector(said(*lines), "Mean", at(0.5))
+    assert found is not None
+    assert (found.values, found.form) == (pytest.approx((0.1, 0.2, 0.3)), form)
+    assert printed_vector(said(*lines), "Mean", at(1.5)) is None
+
+
+def test_one_number_is_no_column() -> None:
+    """A single number behind the label stays one, so that it can be told."""
+    assert labelled_vector(said("Mean: 0.1", "Max: 0.2"), "Mean", at(0.5)) == [0.1]
+    assert labelled_vector(said("Mean  Max", "0.1   0.2"), "Mean", at(0.5)) is None
+
+
+@pytest.mark.parametrize(
+    ("numbers", "rounding"),
+    [("0.12 0.3 1.", 0.005), ("0.123 0.3", 0.0005), ("0.1 0.2", 0.0), ("1 2", 0.0), ("1.2e-01 3.0e-02", 0.0)],
+)
+def test_rounding_is_half_of_the_last_place(numbers: str, rounding: float) -> None:
+    """Numpy leaves out trailing zeros, so the number with most places tells; less than two say nothing."""
+    found = printed_vector(said(f"Mean: [{numbers}]"), "Mean")
+    assert found is not None
+    assert found.rounding == pytest.approx(rounding)
+
+
 def test_labels_do_not_reach_into_each_other() -> None:
     """Each label finds its own vector."""
     output = said("Error Statistics:", "Mean: [1. 2.]", "Max: [3. 4.]", "RMS: [5. 6.]")
@@ -77,8 +119,9 @@ def test_what_numpy_prints_is_read_back(values: list[float]) -> None:
 @given(st.text(max_size=300))
 def test_no_text_breaks_it(text: str) -> None:
     """Whatever is printed, the answer is a list of numbers or none."""
-    found = labelled_vector(said(*f"Mean: [{text}".splitlines()), "Mean")
-    assert found is None or all(isinstance(x, float) for x in found)
+    for lines in (f"Mean: [{text}", f"Mean {text}\nMean", f"x Mean\n{text}"):
+        found = labelled_vector(said(*lines.splitlines()), "Mean", at(0.5))
+        assert found is None or all(isinstance(x, float) for x in found)
 
 
 # -- reports ---------------------------------------------------------------------------------------

@@ -161,3 +161,23 @@ def test_without_samples_the_machine_is_not_blamed(tmp_path: Path) -> None:
     assert machine_delay_s_of(tmp_path, run((0, 0, 5)), Span(START_NS, at(10))) == 0.0
     assert machine_delay_s_of(tmp_path, run((0, 0, 0), (1, 0, 1)), Span(at(5), at(10))) == pytest.approx(0.0)
     assert np.isfinite(machine_delay_s_of(tmp_path, run(), Span(at(5), at(5))))
+
+
+def test_delays_that_are_too_short_to_matter_are_left_out(tmp_path: Path) -> None:
+    """Between samples only sums are known, so one counts as long if it is so together with its neighbour."""
+    process = run((0, 0, 0), (1, 0, 0.05), (2, 0, 0.10), (3, 0, 0.10), (4, 0, 0.14), (5, 0, 0.14))
+    recorded = Session(tmp_path).recorded()
+    span = Span(at(0), at(5))
+    assert recorded.long_delays_s(process, span, 0.0) == pytest.approx(0.14)
+    assert recorded.long_delays_s(process, span, 0.08) == pytest.approx(0.10)
+    assert recorded.long_delays_s(process, span, 0.10) == 0.0
+    assert recorded.long_delays_s(process, Span(at(2), at(5)), 0.03) == pytest.approx(0.04)
+
+
+def test_the_longest_delay_is_of_a_process_that_is_not_the_recorder(tmp_path: Path) -> None:
+    """Students' and reference processes count; the grader's own may be late."""
+    session = Session(tmp_path).process("a").process("b").delayed("a", 1.0, 10.0).delayed("b", 3.0, 10.0)
+    span = Span(at(0), at(10))
+    assert session.recorded().longest_delay_s(span) == pytest.approx(3.0)
+    session.record.processes[1].role = "grader"
+    assert session.recorded().longest_delay_s(span) == pytest.approx(1.0)

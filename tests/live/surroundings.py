@@ -51,7 +51,7 @@ class Surroundings:
     user, group : int or None
         Ids to run as; None for those of the caller.
     readable : list of str
-        Folders that the user must be able to reach, though one above them may be closed to others.
+        Folders that every user must be able to reach, though one above them may be closed to others.
     container : bool
         Whether to deny what a plain container denies: namespaces, mounts, and most capabilities.
     limit_s : float
@@ -127,7 +127,7 @@ def _as(surroundings: Surroundings) -> list[str]:
 def _enter(surroundings: Surroundings) -> None:
     """Prepare the child, before it becomes the command."""
     libc = ctypes.CDLL(None, use_errno=True)
-    closed = _closed_folders(surroundings.readable) if surroundings.user is not None else {}
+    closed = _closed_folders(surroundings.readable) if os.geteuid() == 0 else {}
     if closed:
         _do(libc.unshare(CLONE_NEWNS))
         _do(libc.mount(b"none", b"/", None, MS_REC | MS_PRIVATE, None))

@@ -2,9 +2,10 @@
 
 import sys
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -186,3 +187,66 @@ def test_a_stimulus_that_did_not_run_is_no_verdict() -> None:
         tracking_statistics(early, {}, 3)
     with pytest.raises(ValueError, match="command"):
         tracking_statistics({"state": early["state"]}, {}, 3)
+
+
+def reported_by(
+    events: Sequence[Event], report: Callable[[Floats, list[Floats]], float], *, first: bool
+) -> list[float]:
+    """Give what a subscriber reports that forms its reports in a way of its own."""
+    command, errors, reports = None, [], []
+    for event in events:
+        values = np.array(event.values)
+        if event.role == COMMAND:
+            command = values if command is None or not first else command
+        elif command is not None:
+            errors.append(command - values)
+            reports.append(report(errors[-1], errors[-1000:]))
+    return reports
+
+
+@pytest.mark.parametrize(
+    ("parameters", "report", "first"),
+    [
+        ({"over": "history"}, lambda _, history: float(np.sqrt(np.mean(np.array(history) ** 2))), False),
+        ({"command": "first"}, lambda error, _: float(np.sqrt(np.mean(error**2))), True),
+        ({"formula": "mean"}, lambda error, _: float(np.mean(np.abs(error))), False),
+        ({"formula": "signed"}, lambda error, _: float(np.mean(error)), False),
+        ({"scale": float(np.degrees(1))}, lambda error, _: float(np.degrees(np.sqrt(np.mean(error**2)))), False),
+    ],
+)
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_known_mistakes_in_the_series_are_recognised(
+    seed: int, parameters: dict[str, Any], report: Callable[[Floats, list[Floats]], float], first: bool
+) -> None:
+    """The median on each plateau is that of a subscriber with the mistake, and not the right one on most of them."""
+    events = schedule(seed)
+    reports = reported_by(events, report, first=first)
+    right = tracking_plateaus(recorded(events), {}, seed)
+    wrong = tracking_plateaus(recorded(events), parameters, seed)
+    sent_ns = recorded(events)[STATE].source_ns[-len(reports) :]
+    for span in wrong:
+        inside = [r for t, r in zip(sent_ns, reports, strict=True) if span["start_ns"] <= t <= span["end_ns"]]
+        assert np.median(inside) == pytest.approx(span["value"], abs=1e-9)
+    differing = [
+        abs(a["value"] - b["value"]) > max(0.002, 0.01 * b["value"]) for a, b in zip(wrong, right, strict=True)
+    ]
+    assert sum(differing) >= 4
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_history_that_stops_when_full_is_recognised(seed: int) -> None:
+    """The first 1000 errors give other means than the last, and the oracle gives those."""
+    events = schedule(seed)
+    errors = np.array(hear_all(events, None).errors)[:1000]
+    found = tracking_statistics(recorded(events), {"keep": "first"}, seed)
+    right = tracking_statistics(recorded(events), {}, seed)
+    assert found["mean"]["value"] == pytest.approx(np.abs(errors).mean(axis=0))
+    mean = np.array(found["mean"]["value"])
+    assert ((mean > np.array(right["mean"]["high"])) | (mean < np.array(right["mean"]["low"]))).any()
+
+
+def test_statistics_in_another_unit_are_recognised() -> None:
+    """A factor goes into the value and its bounds alike."""
+    streams = recorded(schedule(0))
+    plain, scaled = (tracking_statistics(streams, {"scale": scale}, 0)["rms"] for scale in (1.0, 10.0))
+    assert all(np.allclose(10 * np.array(plain[kind]), scaled[kind]) for kind in ("low", "value", "high"))

@@ -1,0 +1,48 @@
+"""What the class page is told of a run: results, problems, and who has not handed in."""
+
+from __future__ import annotations
+
+from datetime import datetime, timezone
+from decimal import Decimal
+from pathlib import Path
+
+from grader.batch.class_entries import entries_of
+from grader.batch.order import Graded, NotGraded
+from grader.batch.run import Row
+from grader.cohort.roster import NOTHING_HANDED_IN
+from grader.intake import Handed, Piece
+
+NOON = datetime(2026, 11, 21, 12, tzinfo=timezone.utc)
+POINTS = Graded(Decimal(1), Decimal(1), Decimal(0))
+
+
+def handed(name: str) -> Handed:
+    """Make what a student of this name handed in."""
+    return Handed(name, (Piece(Path(name)),), f"id of {name}", NOON)
+
+
+def result(folder: Path, name: str) -> None:
+    """Write a result that tells its name."""
+    (folder / name).mkdir()
+    (folder / name / "result.json").write_text(f'{{"submission": "{name}"}}', encoding="utf-8")
+
+
+def test_all_who_are_known_are_told_once(tmp_path: Path) -> None:
+    """Those of this run, those graded before, and those who have not handed in, in the order of their names."""
+    for name in ("ann", "cem", "old"):
+        result(tmp_path, name)
+    (tmp_path / ".unfinished").mkdir()
+    rows = [
+        Row(handed("ann"), POINTS),
+        Row(handed("bob"), NotGraded("the submission is empty")),
+        Row(handed("cem"), NotGraded("the disk is full")),
+    ]
+    entries = entries_of(tmp_path, rows, ["dan", "old"])
+    assert [entry.name for entry in entries] == ["ann", "bob", "cem", "dan", "old"]
+    ann, bob, cem, dan, old = entries
+    assert (ann.result, ann.problem) == ({"submission": "ann"}, "")
+    assert (ann.student_id, ann.submitted_at) == ("id of ann", NOON)
+    assert (bob.result, bob.problem, bob.student_id) == (None, "the submission is empty", "id of bob")
+    assert (cem.result, cem.problem) == (None, "the disk is full"), "an earlier result is not this submission's"
+    assert (dan.result, dan.problem) == (None, NOTHING_HANDED_IN)
+    assert (old.result, old.problem) == ({"submission": "old"}, ""), "whoever has a result has handed in"

@@ -1,0 +1,106 @@
+"""Printed results of several things, in the many forms in which students print them."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from grader.evidence.result_rows import ResultRow, names, result_row
+from grader.recording.session import OutputLine
+
+FAST_AND_SLOW = [
+    # The lab's own form, and other units.
+    "fast  :  998 msgs, avg latency: 0.50ms, max: 2.00ms\nslow  :  997 msgs, avg latency: 0.70ms, max: 3.00ms",
+    "fast: 998 msgs, avg latency: 0.0005 s, max: 0.002 s\nslow: 997 msgs, avg latency: 0.0007 s, max: 0.003 s",
+    "fast: 998 messages, mean 500 us, max 2000 us\nslow: 997 messages, mean 700 µs, max 3000 µs",
+    "fast: received=998 mean=5.0e-4 s max=2e-3 s\nslow: received=997 mean=7.0e-4 s max=3e-3 s",
+    "fast: mean 0.5 milliseconds, max 2 milliseconds, 998 messages\n"
+    "slow: mean 0.7 milliseconds, max 3 milliseconds, 997 messages",
+    "fast: sent=1000 received=998 lost=2 avg=0.5ms max=2.0ms\nslow: sent=1000 received=997 lost=3 avg=0.7ms max=3.0ms",
+    "fast (depth 1): 998 msgs, avg-latency 0.5 ms, max-latency 2.0 ms\n"
+    "slow (depth 10): 997 msgs, avg-latency 0.7 ms, max-latency 3.0 ms",
+    "test_fast -> 998 mensajes, media 0.5 ms, máx 2.0 ms\ntest_slow -> 997 mensajes, media 0.7 ms, máx 3.0 ms",
+    "fast：收到 998 条，平均延迟 0.5 ms，最大 2.0 ms\nslow：收到 997 条，平均延迟 0.7 ms，最大 3.0 ms",
+    # Tables, with and without a header.
+    "profile | msgs | mean (ms) | max (ms)\n--- | --- | --- | ---\nfast | 998 | 0.5 | 2.0\nslow | 997 | 0.7 | 3.0",
+    "profile   msgs   mean_us   max_us\nfast      998    500.0     2000.0\nslow      997    700.0     3000.0",
+    "│ profil │  msgs │ moy (s) │ max (s) │\n│ fast   │   998 │  0.0005 │   0.002 │\n"
+    "│ slow   │   997 │  0.0007 │   0.003 │",
+    "profile,sent,received,lost,min_ms,mean_ms,max_ms\nfast,1000,998,2,0.1,0.5,2.0\nslow,1000,997,3,0.1,0.7,3.0",
+    "profile  max [ms]  mean [ms]  count\nfast     2.0       0.5        998\nslow     3.0       0.7        997",
+    "fast | 998 | 0.5 | 2.0 | 0.0 %\nslow | 997 | 0.7 | 3.0 | 0.1 %",
+    "fast  998  0.5  2.0\nslow  997  0.7  3.0",
+    # Blocks of lines, JSON, a logger.
+    "[fast]\n  messages received: 998\n  average latency: 500.0 us\n  maximum latency: 2000.0 us\n"
+    "[slow]\n  messages received: 997\n  average latency: 700.0 us\n  maximum latency: 3000.0 us",
+    '{"fast": {"count": 998, "avg_ms": 0.5, "max_ms": 2.0},\n "slow": {"count": 997, "avg_ms": 0.7, "max_ms": 3.0}}',
+    '{\n  "fast": {\n    "count": 998,\n    "avg_ms": 0.5,\n    "max_ms": 2.0\n  },\n'
+    '  "slow": {\n    "count": 997,\n    "avg_ms": 0.7,\n    "max_ms": 3.0\n  }\n}',
+    "[INFO] [1700.25] [qos]: fast: 998 msgs, avg 0.5 ms, max 2.0 ms\n"
+    "[INFO] [1700.26] [qos]: slow: 997 msgs, avg 0.7 ms, max 3.0 ms",
+    # What was said of them before.
+    "created fast\ncreated slow\nfast: 998 msgs, avg 0.5 ms, max 2.0 ms\nslow: 997 msgs, avg 0.7 ms, max 3.0 ms",
+]
+
+
+def output(text: str) -> list[OutputLine]:
+    """Give a text as a program's output."""
+    return [OutputLine(n, "stdout", line) for n, line in enumerate(text.split("\n"))]
+
+
+@pytest.mark.parametrize("text", FAST_AND_SLOW)
+def test_results_are_read_however_they_are_printed(text: str) -> None:
+    """Count, mean and maximum in seconds, each of its own row."""
+    fast, slow = result_row(output(text), "fast", ["slow"]), result_row(output(text), "slow", ["fast"])
+    assert fast is not None
+    assert slow is not None
+    assert (fast.count, fast.mean_s, fast.max_s) == (998, pytest.approx(0.0005), pytest.approx(0.002))
+    assert (slow.count, slow.mean_s, slow.max_s) == (997, pytest.approx(0.0007), pytest.approx(0.003))
+    assert fast.t_ns < slow.t_ns or "\n" not in text
+
+
+@pytest.mark.parametrize(
+    ("text", "count", "mean_s"),
+    [
+        ("fast: 0 msgs, no latency data", 0, None),
+        ("fast: 998 msgs", 998, None),
+        ("fast: 998", 998, None),
+        ("fast: 998 msgs, avg latency: -0.50 ms, max: 1.0 ms", 998, -0.0005),
+    ],
+)
+def test_what_is_not_said_is_not_made_up(text: str, count: int, mean_s: float | None) -> None:
+    """A bare count has no latency, and a negative one stays negative."""
+    row = result_row(output(text), "fast", [])
+    assert row is not None
+    assert (row.count, row.mean_s) == (count, pytest.approx(mean_s))
+
+
+@pytest.mark.parametrize(
+    "text", ["", "fast", "fast: depth 1, best effort", "breakfast: 998 msgs", "fast_2: 998 msgs", "fast took 10.0 s"]
+)
+def test_where_nothing_is_said_there_is_no_row(text: str) -> None:
+    """A name within another word, or without a count, is none."""
+    assert result_row(output(text), "fast", ["slow"]) is None
+
+
+def test_a_row_does_not_take_its_neighbours_numbers() -> None:
+    """A thing of which nothing is said does not get what is said of the next."""
+    text = "fast:\nslow: 997 msgs, avg 0.7 ms, max 3.0 ms"
+    assert result_row(output(text), "fast", ["slow"]) is None
+    assert result_row(output(text), "slow", ["fast"]) == ResultRow(1, 997, pytest.approx(0.0007), pytest.approx(0.003))
+
+
+def test_names_stand_by_themselves() -> None:
+    """A name may follow `test_` or a slash, and is no part of another word."""
+    assert names("/test_fast: 1", "fast")
+    assert names("'fast'", "fast")
+    assert not names("fast_lane", "fast")
+    assert not names("steadfast", "fast")
+
+
+@given(st.text(max_size=200), st.text(max_size=200))
+def test_no_text_breaks_it(before: str, behind: str) -> None:
+    """Whatever is printed, the answer is a row or none."""
+    row = result_row(output(f"{before}fast{behind}\n{before}"), "fast", ["slow"])
+    assert row is None or row.count >= 0
