@@ -57,6 +57,7 @@ def member(name: str, kind: bytes = tarfile.REGTYPE, linked: str = "") -> bytes:
         member("pipe", tarfile.FIFOTYPE),
         member("folder", tarfile.DIRTYPE),
     ],
+    ids=["above", "above by way of a folder", "absolute", "link", "hard link", "pipe", "folder"],
 )
 def test_nothing_but_files_below_the_folder(tmp_path: Path, content: bytes) -> None:
     """A name that leads out of the folder, a link, or anything that is no file is refused."""
