@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -77,15 +78,24 @@ def read_grading(results: Path, *, loaded: bool) -> Grading:
     )
 
 
-def one_round(submissions: Path, *, loaded: bool) -> list[Grading]:
-    """Grade a class once."""
+def one_round(submissions: Path, before: Sequence[Grading], keep: Path, *, loaded: bool) -> list[Grading]:
+    """Grade a class once; a results folder that decides anything otherwise than before is kept."""
     with tempfile.TemporaryDirectory(prefix="bench-stability-") as scratch:
         results = Path(scratch)
         with spinners(2 * cores()) if loaded else nullcontext():
             command = [sys.executable, "-m", "grader.cli", str(submissions), "--each", "-o", str(results)]
             environment = {name: value for name, value in os.environ.items() if name != "CI"}
             subprocess.run(command, stdout=subprocess.DEVNULL, check=True, env=environment)
-        return [read_grading(folder.parent, loaded=loaded) for folder in sorted(results.glob("*/result.json"))]
+        folders = [file.parent for file in sorted(results.glob("*/result.json"))]
+        gradings = [read_grading(folder, loaded=loaded) for folder in folders]
+        for folder, grading in zip(folders, gradings, strict=True):
+            if not _steadiness(grading.submission, [*_of(before, grading.submission), grading]).steady:
+                shutil.copytree(folder, keep / f"{grading.submission}-{time.time_ns()}")
+        return gradings
+
+
+def _of(gradings: Iterable[Grading], name: str) -> list[Grading]:
+    return [grading for grading in gradings if grading.submission == name]
 
 
 @dataclass(frozen=True)
@@ -119,7 +129,7 @@ class Steadiness:
 def steadiness(gradings: Sequence[Grading]) -> list[Steadiness]:
     """Sum up gradings, by submission."""
     names = list(dict.fromkeys(grading.submission for grading in gradings))
-    return [_steadiness(name, [g for g in gradings if g.submission == name]) for name in names]
+    return [_steadiness(name, _of(gradings, name)) for name in names]
 
 
 def _steadiness(name: str, gradings: Sequence[Grading]) -> Steadiness:
@@ -201,7 +211,7 @@ def collect(times: int, into: Path, until_s: float | None = None, only: bool | N
             loaded = counts[1] < counts[0] if only is None else only
             if counts[loaded] >= times // 2 and (only is not None or sum(counts) >= times):
                 return
-            gradings = one_round(Path(scratch), loaded=loaded)
+            gradings = one_round(Path(scratch), read(into), into.with_suffix(".kept"), loaded=loaded)
             with into.open("a", encoding="utf-8") as stream:
                 stream.writelines(json.dumps(asdict(grading)) + "\n" for grading in gradings)
 

@@ -29,6 +29,12 @@ class GraderError(Exception):
         self.remedy = remedy
 
 
+class UsageError(GraderError):
+    """The command line asks for something that there is not."""
+
+    exit_status = 2
+
+
 class SubmissionError(GraderError):
     """There is no such submission, or nothing in it looks like one."""
 

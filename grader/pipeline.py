@@ -21,7 +21,7 @@ from grader.checks import PARAMETERS_OF
 from grader.cohort.adjustments import adjust
 from grader.cohort.entries import ClassEntry
 from grader.cohort.overrides import OVERRIDES_FILE, Overrides, load_overrides, moment_of
-from grader.errors import PlatformError, RecordingError, RubricError
+from grader.errors import PlatformError, RecordingError, UsageError
 from grader.exporting import ExportTarget
 from grader.intake import Handed, Intake, taken_in
 from grader.judging import Recordings, judge, judge_checks, open_recordings
@@ -162,21 +162,29 @@ def versions() -> dict[str, str]:
     return named
 
 
+def require_sessions(names: Sequence[str], rubric: Rubric) -> None:
+    """Raise unless the rubric has all of these sessions.
+
+    Raises
+    ------
+    UsageError
+        With the sessions that there are.
+    """
+    for name in names:
+        if name not in rubric.sessions:
+            remedy = f"Sessions of this rubric are {', '.join(rubric.sessions)}."
+            raise UsageError(f"there is no session {name!r}", remedy=remedy)
+
+
 def chosen_sessions(rubric: Rubric, options: Options, submission: SubmissionRecord) -> list[str]:
     """Return the sessions to run: those chosen whose first file was handed in.
 
     Raises
     ------
-    RubricError
+    UsageError
         If a session is chosen that the rubric does not have.
     """
-    unknown = [s for s in options.sessions or () if s not in rubric.sessions]
-    if unknown:
-        raise RubricError(
-            f"there is no session {unknown[0]!r}",
-            [],
-            remedy=f"Sessions of this rubric are {', '.join(rubric.sessions)}.",
-        )
+    require_sessions(options.sessions or (), rubric)
     there = {a.name for a in submission.artifacts if a.path is not None}
     wanted = options.sessions if options.sessions is not None else list(rubric.sessions)
     return [s for s in wanted if not rubric.sessions[s].needs or rubric.sessions[s].needs[0] in there]

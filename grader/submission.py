@@ -14,7 +14,7 @@ from pathlib import Path, PurePosixPath
 from grader.errors import SubmissionError
 from grader.intake import Intake
 from grader.packages import find_packages
-from grader.recording.submission import ArtifactFact, FileFact, SubmissionRecord
+from grader.recording.submission import ArtifactFact, FileFact, PackageFact, SubmissionRecord
 from grader.rubric import ArtifactSpec, Rubric
 
 #: A text beyond this, and the largest of those that are too much together, are not read by the judging half.
@@ -43,6 +43,11 @@ def read_submission(intake: Intake, rubric: Rubric) -> SubmissionRecord:
         raise SubmissionError("the submission is empty", where=intake.where, remedy="Put the lab's files into it.")
     paths = [PurePosixPath(f.path) for f in record.files]
     record.artifacts = find_artifacts(paths, record.texts, rubric.artifacts)
+    record.packages = find_packages(record.texts, [f.path for f in record.files])
+    for fact in record.artifacts:
+        if fact.path is None:
+            fact.path = _by_entry_point(rubric.artifacts[fact.name].executable, record.packages, record.texts)
+            fact.found_by = "near miss" if fact.path is not None else fact.found_by
     if all(a.path is None for a in record.artifacts):
         wanted = ", ".join(spec.file for spec in rubric.artifacts.values())
         raise SubmissionError(
@@ -51,7 +56,6 @@ def read_submission(intake: Intake, rubric: Rubric) -> SubmissionRecord:
             remedy=f"At least one of these files is expected: {wanted}. "
             "If it is a folder of several submissions, add --each.",
         )
-    record.packages = find_packages(record.texts, [f.path for f in record.files])
     record.sha256 = _digest_of(record.files)
     return record
 
@@ -132,6 +136,17 @@ def _matches(path: PurePosixPath, pattern: str) -> bool:
     if pattern.startswith("**/"):
         return fnmatch.fnmatchcase(path.name, pattern[3:])
     return fnmatch.fnmatchcase(str(path), pattern)
+
+
+def _by_entry_point(executable: str | None, packages: list[PackageFact], texts: dict[str, str]) -> str | None:
+    """Return the file that a package runs as an executable of the artifact's name, whatever the file is called."""
+    for package in packages:
+        target = package.executables.get(executable or "", "")
+        module = PurePosixPath(package.path) / target.partition(":")[0].replace(".", "/")
+        path = f"{module}.py" if ":" in target else target
+        if path in texts:
+            return path
+    return None
 
 
 def _plain(name: str) -> str:

@@ -85,9 +85,9 @@ def tracking_plateaus(streams: Mapping[str, Stream], parameters: Mapping[str, An
     streams : mapping
         Roles "command" and "state".
     parameters : mapping
-        `min_states` (10): shorter spans are left out. To recognise mistakes: `formula` ("rms", or "mean" of |error|, or
-        "signed" mean), `over` ("state", or "history": over all errors so far, at most `history` (1000)), `command`
-        ("latest", or "first"), `scale` (1): a factor, as of another unit.
+        `min_states` (10): shorter spans are left out. To recognise mistakes: `formula` ("rms"; or "mean" of |error|,
+        "signed" mean, standard "deviation"), `over` ("state"; or "history": over all errors so far, at most
+        `history` (1000)), `command` ("latest", or "first"), `scale` (1): a factor, as of another unit.
     seed : int
         Not used: the recording holds all that is needed.
 
@@ -120,13 +120,17 @@ def tracking_plateaus(streams: Mapping[str, Stream], parameters: Mapping[str, An
 
 def _each_reported(errors: Floats, formula: str, history: int) -> Floats:
     """Give what is reported on each state by a formula over the joints of the last `history` errors."""
+    if formula == "deviation":
+        spread: Floats = errors.std(axis=1)
+        return spread
     terms = {"rms": errors**2, "mean": np.abs(errors), "signed": errors}[formula].mean(axis=1)
     if history > 1:
         total = np.concatenate(([0.0], np.cumsum(terms)))
         last = np.arange(1, len(total))
         first = np.maximum(0, last - history)
         terms = np.maximum(total[last] - total[first], 0.0 if formula == "rms" else -np.inf) / (last - first)
-    return np.sqrt(terms) if formula == "rms" else terms
+    values: Floats = np.sqrt(terms) if formula == "rms" else terms
+    return values
 
 
 def expected_reports(streams: Mapping[str, Stream], parameters: Mapping[str, Any], seed: int) -> int:
@@ -229,6 +233,16 @@ def _statistics(errors: Floats, mixture: _Mixture, signed: bool) -> dict[str, di
     }
 
 
+def _deviation(errors: Floats, mixture: _Mixture, rms: dict[str, list[float]]) -> dict[str, list[float]]:
+    """Give the standard deviation of the errors, bounded by the bounds of RMS and mean: σ² = RMS² − mean²."""
+    low, high = (np.array(bound) for bound in _mean_bounds(mixture.errors, mixture))
+    nearest = np.where((low <= 0) & (high >= 0), 0.0, np.minimum(np.abs(low), np.abs(high)))
+    farthest = np.maximum(np.abs(low), np.abs(high))
+    least = np.sqrt(np.maximum(np.array(rms["low"]) ** 2 - farthest**2, 0.0))
+    most = np.sqrt(np.maximum(np.array(rms["high"]) ** 2 - nearest**2, 0.0))
+    return _statistic(least.tolist(), errors.std(axis=0), most.tolist())
+
+
 def _reported(tracking: _Tracking, reports: Sequence[Sequence[float]]) -> _Tracking:
     """Give the states that were reported: for each report one of the last run before it whose error it shows."""
     runs = list(tracking.runs())
@@ -257,6 +271,7 @@ def tracking_statistics(
         `keep` ("last", or "first"): which errors a history holds that is full, to recognise one that stops then.
         `command` ("latest", or "first"): with which command states are compared.
         `scale` (1): a factor, to recognise another unit.
+        `deviation` (false): the standard deviation in place of the RMS, to recognise `numpy.std`.
         `reports` (none): pairs of time (ns) and RMS error as a subscriber reported them. Then the statistics
         are those over the states that it reported, which are fewer where it lost some.
     seed : int
@@ -284,5 +299,7 @@ def tracking_statistics(
     mixture = _mixture(tracking, history, parameters.get("slack_states", SLACK_STATES))
     errors = tracking.errors if history is None else tracking.errors[-history:]
     found = _statistics(errors, mixture, signed=bool(parameters.get("signed", False)))
+    if parameters.get("deviation"):
+        found["rms"] = _deviation(errors, mixture, found["rms"])
     scale = float(parameters.get("scale", 1.0))
     return {key: {kind: [scale * x for x in row] for kind, row in rows.items()} for key, rows in found.items()}

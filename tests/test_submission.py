@@ -91,6 +91,25 @@ def test_a_file_is_taken_for_one_artifact_only(folder: Path, rubric: Rubric) -> 
     assert paths["subscriber"] == "joint_subscriber.py"
 
 
+def test_nodes_in_one_file_are_found_by_their_entry_points(tmp_path: Path, rubric: Rubric) -> None:
+    """A package that runs several nodes out of one file has all of them; what has no entry point is missing."""
+    points = "['joint_publisher = arm.nodes:a', 'joint_subscriber = arm.nodes:b']"
+    files = {
+        "package.xml": "<package><name>arm</name><export><build_type>ament_python</build_type></export></package>",
+        "setup.py": f"from setuptools import setup\nsetup(entry_points={{'console_scripts': {points}}})\n",
+        "arm/nodes.py": "def a(): ...\ndef b(): ...\n",
+        "robot_launch.py": "",
+    }
+    for path, text in files.items():
+        (tmp_path / "ann" / path).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "ann" / path).write_text(text)
+    record = read_submission_folder(tmp_path / "ann", rubric)
+    one = "arm/nodes.py"
+    wanted = {"publisher": one, "subscriber": one, "service": None, "launch": "robot_launch.py", "qos": None}
+    assert found(record) == wanted
+    assert {fact.found_by for fact in record.artifacts if fact.path == one} == {"near miss"}
+
+
 def test_two_missing_files_are_not_found_in_one(folder: Path, rubric: Rubric) -> None:
     """One file that is similar to two missing ones is taken once."""
     (folder / "joint_publisher.py").rename(folder / "joint_pubscriber.py")

@@ -148,13 +148,15 @@ def qos_profiles(context: Context, p: QosProfiles) -> Finding:
         lacking = [side.kind for side in sides if not side.seen]
         if lacking:
             reasons.append(f"There is no {' and no '.join(lacking)} on {wanted.topic}.")
+        told: dict[str, list[str]] = {}
         for policy in ("reliability", "durability", "history", "depth"):
-            share, reason = _judge_policy(wanted, policy, sides)
+            share, which, reason = _judge_policy(wanted, policy, sides)
             parts.append(share * (1 - len(lacking) / 2))
-            reasons += [reason] if reason and len(lacking) < len(sides) else []
             if reason:
+                told.setdefault(which, []).append(reason)
                 wrong = [s for s in sides if any(value != getattr(wanted, policy) for value in s.policies(policy))]
                 spots += [side.where for side in wrong if side.where is not None][:1]
+        reasons += [f"{which} has {', and '.join(each)}." for which, each in told.items() if len(lacking) < len(sides)]
         texts.append(_shown(wanted.topic, sides))
     expected = "; ".join(f"{w.topic}: {w.reliability}, {w.history} {w.depth}, {w.durability}" for w in p.profiles)
     where = (*dict.fromkeys(spots), context.where())
@@ -186,16 +188,17 @@ class _Side:
         return f"{self.seen[0].reliability}, {history}, {self.seen[0].durability}" if self.seen else "nothing"
 
 
-def _judge_policy(wanted: WantedProfile, policy: str, sides: Sequence[_Side]) -> tuple[float, str]:
+def _judge_policy(wanted: WantedProfile, policy: str, sides: Sequence[_Side]) -> tuple[float, str, str]:
+    """Return the share of a policy, and where it is wrong, on which side or sides and how."""
     value = getattr(wanted, policy)
     got = [each for side in sides for each in side.policies(policy)]
     wrong = [(side.kind, each) for side in sides for each in side.policies(policy) if each != value]
     if not wrong:
         # Where nobody says, neither tap nor source, what cannot be known is not charged if the endpoint is there.
-        return 1.0, ""
+        return 1.0, "", ""
     kinds = list(dict.fromkeys(kind for kind, _ in wrong))
     which = f"The {kinds[0]} on {wanted.topic}" if len(kinds) == 1 else wanted.topic
-    return 1 - len(wrong) / len(got), f"{which} has {policy} {wrong[0][1]}, not {value}."
+    return 1 - len(wrong) / len(got), which, f"{policy} {wrong[0][1]}, not {value}"
 
 
 def _claim(context: Context, artifact: str, kind: str, topic: str) -> tuple[Qos | None, Where | None]:
@@ -260,10 +263,11 @@ _DOUBTFUL_SHARE = 0.1
 def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
     """Judge each row: half for the count, half for the latency."""
     parts, best, reasons, texts = [], [], [], []
+    untold: list[str] = []
     claims = {row.name: _claimed(context, p, row) for row in p.rows}
     # Where nothing was sent, and nothing is said to have come, that is charged with the traffic.
     rows = [r for r in p.rows if _written(context, r.topic) or ((said := claims[r.name]) is not None and said.count)]
-    expected = f"for each profile the messages delivered (± {p.count_tolerance:.0%}) and a latency that can be"
+    expected = f"for each profile the messages delivered (± {p.count_tolerance:.0%}) and a latency that is possible"
     if not rows:
         return not_reached("Nothing was sent on any of the topics, which is charged above.", expected=expected)
     for row in rows:
@@ -271,19 +275,25 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
         if claim is None:
             parts.append(0.0)
             best.append(0.0)
-            reasons.append(f"There is no line with count and latency for {row.name}.")
+            untold.append(row.name)
             continue
         shares, text, reason = _judge_row(context, p, row, claim)
         parts.append(shares[0])
         best.append(shares[1])
         texts.append(text)
         reasons += [reason] if reason else []
+    reasons += [f"There is no line with count and latency for {', '.join(untold)}."] if untold else []
+    hint = _ROW_HINT.format(untold[0]) if untold else _SIDES_HINT if all("incompatible" in r for r in reasons) else ""
     measured = "; ".join(texts) or "no results"
     spot = Where(session=context.session.record.session, process=p.artifact)
     if sum(best) - sum(parts) > _DOUBTFUL_SHARE * len(parts):
         late = "The machine kept the program from a core for times in which it may have lost what it did not count."
         return inconclusive(expected, measured, late, where=(spot,))
-    return graded(sum(best) / len(best), expected, measured, " ".join(reasons), where=(spot,))
+    return graded(sum(best) / len(best), expected, measured, " ".join(reasons), hint=hint, where=(spot,))
+
+
+_ROW_HINT = "Print a line for each profile, as '{}: 1000 msgs, avg latency: 0.50ms, max: 2.00ms'."
+_SIDES_HINT = "Give publisher and subscription of a profile the same QoSProfile; then messages arrive."
 
 
 def _claimed(context: Context, p: ReportedTraffic, row: Row) -> ResultRow | None:

@@ -65,12 +65,9 @@ def _for_a_person(expected: str, paths: Sequence[str]) -> Finding:
 
 def sources(context: Context, artifacts: tuple[str, ...]) -> list[SourceFacts]:
     """Return the facts of those artifacts that were handed in."""
-    found = []
-    for artifact in artifacts:
-        path = context.path_of(artifact)
-        if path is not None and path in context.submission.texts:
-            found.append(_facts(path, context.submission.texts[path]))
-    return found
+    paths = dict.fromkeys(context.path_of(artifact) for artifact in artifacts)  # one file may hold several
+    texts = context.submission.texts
+    return [_facts(path, texts[path]) for path in paths if path is not None and path in texts]
 
 
 class Part(Parameters):

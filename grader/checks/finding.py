@@ -271,3 +271,27 @@ def why_nothing(context: Context, artifact: str, fallback: str) -> tuple[str, st
             (Where(session=session, process=artifact),),
         )
     return fallback, "", (Where(session=session, process=artifact),)
+
+
+def not_seen(context: Context, artifact: str, kind: str, names: Sequence[str], expected: str) -> Finding | None:
+    """State that a node which goes on asked for an endpoint that the graph never showed, or None if that is not so.
+
+    Then the discovery failed, or the node forged its request: both leave open what it would have done.
+
+    Parameters
+    ----------
+    kind : str
+        Kind of the request, as the tap notes it.
+    names : sequence of str
+        Names of which one was asked for, literally.
+    """
+    processes = context.session.processes_of(artifact)
+    if not processes or processes[-1].interrupted_ns is None or context.diagnosis(artifact) is not None:
+        return None
+    wanted = {name.lstrip("/") for name in names}
+    for claim in context.session.record.claims:
+        if claim.kind == kind and claim.process == processes[-1].name and claim.name.lstrip("/") in wanted:
+            reason = f"The node asked for {claim.name} ({claim.file}:{claim.line}), but was not seen in the graph."
+            spot = Where(file=claim.file, line=claim.line)
+            return inconclusive(expected, f"no {kind} in the graph", reason, where=(spot,))
+    return None

@@ -21,6 +21,7 @@ from grader.checks.finding import (
     measured_share,
     missing_artifact,
     not_reached,
+    not_seen,
     passed,
     runs_elsewhere,
     takes_points,
@@ -96,6 +97,10 @@ def topics_subscribed(context: Context, p: TopicsSubscribed) -> Finding:
         spots += [spot] if spot else []
     if not any(shares) and (elsewhere := runs_elsewhere(context, p.artifact, expected)) is not None:
         return elsewhere
+    if not any(shares) and not nodes:
+        asked = not_seen(context, p.artifact, "subscription", [t.topic for t in p.topics], expected)
+        if asked is not None:
+            return asked
     if not any(shares):
         fallback = "The node subscribed to none of the topics, nor to any of a similar name."
         reason, hint, where = why_nothing(context, p.artifact, fallback)
@@ -167,18 +172,22 @@ class Alternative(Parameters):
         context: Context,
         expected: str,
         measured: str,
+        least: float = 0.0,
         *,
         example: str = "",
         where: Sequence[Where],
         notes: Sequence[str] = (),
     ) -> Finding:
-        """State what numbers are worth that fit it; where another check has charged the mistake, that says it."""
+        """State what numbers are worth that fit it; where another check has charged the mistake, that says it.
+
+        Numbers of which a share is right all the same are worth at least that.
+        """
         if any(takes_points(context.findings.get(check)) for check in self.charged_by):
             return passed(expected, measured, where=where, notes=notes)
         meant = f"These numbers fit {self.meaning}."
         reason = f"{example} {meant}".strip()
         more = [*notes, meant] if self.credit >= 1 else notes
-        return graded(self.credit, expected, measured, reason, where=where, notes=more)
+        return graded(max(self.credit, least), expected, measured, reason, where=where, notes=more)
 
 
 class ReportedSeries(Streams):
@@ -212,7 +221,7 @@ def spans_of(context: Context, p: Streams, other: Mapping[str, Any] | None = Non
 def reported_series(context: Context, p: ReportedSeries) -> Finding:
     """Judge each span by the median of the reports that fall into it."""
     spans = spans_of(context, p)
-    expected = f"the right value on each of {len(spans)} plateaus, ± {p.tolerance:g}"
+    expected = f"the right value on each of {len(spans)} plateaus (times of constant messages), ± {p.tolerance:g}"
     if not spans:
         return inconclusive(
             expected,
@@ -232,7 +241,8 @@ def reported_series(context: Context, p: ReportedSeries) -> Finding:
     seen = _Seen.of(heard, spans, p)
     measured = f"right on {seen.right} of {len(spans)} plateaus ({len(heard)} reports)"
     if seen.right < len(spans) and (other := _other_series(context, p, heard)) is not None:
-        return other.finding(context, expected, measured, example=_first_wrong(context, seen), where=where)
+        example = _first_wrong(context, seen)
+        return other.finding(context, expected, measured, seen.right / len(spans), example=example, where=where)
     if seen.silent and seen.right + seen.silent == len(spans) and (late := _starved(context, p)):
         return inconclusive(expected, measured, late, where=(spot,))
     notes = []
@@ -623,4 +633,5 @@ def report_share(context: Context, p: ReportShare) -> Finding:
     spot = Where(session=context.session.record.session, process=p.artifact)
     share, best = (n / max(1, possible) / p.full_from for n in (heard, heard + _messages_during_delay(context, p)))
     reason = f"Only {heard} of {possible} messages led to a report."
-    return measured_share(share, best, expected, measured, reason, _late(context, p), where=(spot,))
+    late = _late(context, p)
+    return measured_share(share, best, expected, measured, reason, late, where=(spot,))

@@ -20,6 +20,7 @@ from grader.checks.finding import (
     inconclusive,
     missing_artifact,
     not_reached,
+    not_seen,
     passed,
     runs_elsewhere,
     takes_points,
@@ -52,6 +53,8 @@ def service_offered(context: Context, p: ServiceOffered) -> Finding:
     if not offers and (elsewhere := runs_elsewhere(context, p.artifact, expected)) is not None:
         return elsewhere
     if not offers:
+        if (unseen := not_seen(context, p.artifact, "service", [p.service], expected)) is not None:
+            return unseen
         fallback = f"The service {p.service} never came up, nor one of a similar name. A client would wait in vain."
         reason, hint, where = why_nothing(context, p.artifact, fallback)
         return failed(expected, "no such service in the graph", reason, hint=hint, where=where)
@@ -139,6 +142,13 @@ def _earlier_silence(context: Context, step: StepRun | None, expected: str) -> F
     return None
 
 
+_STUCK = "it does not spin, or one of its callbacks never returns."
+_STUCK_HINT = (
+    "rclpy.spin(node) must be reached; and a callback that waits for an answer, as client.call() does, keeps the node "
+    "from getting it: use call_async()."
+)
+
+
 def _silence(context: Context, artifact: str, expected: str, problem: str, where: tuple[Where, ...]) -> Finding:
     """Explain why a call had no answer: an exception, a node that does not spin, or a callback that never returns."""
     found = context.diagnosis(artifact)
@@ -146,14 +156,8 @@ def _silence(context: Context, artifact: str, expected: str, problem: str, where
         spot = (Where(file=found.file, line=found.line),) if found.file else ()
         return failed(expected, "no answer", f"{problem} {told(found)}", hint=found.remedy, where=(*spot, *where))
     if any(s.kind == "get_parameters" and s.outcome == "timeout" for s in context.session.record.steps):
-        reason = f"{problem} The node does not answer questions for its parameters either: it does not spin."
-        return failed(
-            expected,
-            "no answer",
-            reason,
-            hint="rclpy.spin(node) lets a node answer; it must be reached.",
-            where=where,
-        )
+        reason = f"{problem} The node does not answer questions for its parameters either: {_STUCK}"
+        return failed(expected, "no answer", reason, hint=_STUCK_HINT, where=where)
     return failed(
         expected,
         "no answer",
@@ -185,9 +189,9 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
         also = "" if contrary is response else "also "
         reason = f"To this request it {also}answers {_shown(contrary)}, which says the contrary."
         return failed(expected, measured, reason, hint="Do what request.data says; do not switch over.", where=where)
-    other = next((a for a in _later_answers(context, p) if not _fits(a, p.response)), None)
-    if other is not None and not takes_points(context.findings.get(p.again_charged_by or "")):
-        reason = f"To the same request it answers {_shown(other)} later."
+    later = next((a for a in _later_answers(context, p) if not _fits(a, p.response)), None)
+    if later is not None and not takes_points(context.findings.get(p.again_charged_by or "")):
+        reason = f"To the same request it answers {_shown(later)} later."
         return graded(0.75, expected, measured, reason, hint=_ALIKE_HINT, where=where)
     text = str(response.get(p.message_field, ""))
     if p.message is not None and not text.strip():

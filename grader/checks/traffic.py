@@ -20,6 +20,7 @@ from grader.checks.finding import (
     inconclusive,
     measured_share,
     missing_artifact,
+    not_seen,
     passed,
     ramp,
     runs_elsewhere,
@@ -69,13 +70,15 @@ def topic_published(context: Context, p: TopicPublished) -> Finding:
     if not len(stream) and (elsewhere := runs_elsewhere(context, p.artifact, expected)) is not None:
         return elsewhere
     if not endpoints and not len(stream):
+        if (unseen := not_seen(context, p.artifact, "publisher", [p.topic], expected)) is not None:
+            return unseen
         fallback = f"Nothing was published on {p.topic}, nor on a topic of a similar name, within the time allowed."
         reason, hint, where = why_nothing(context, p.artifact, fallback)
         return failed(expected, "no publisher in the graph", reason, hint=hint, where=where)
     used = context.session.used(p.topic)
     found_type = endpoints[0].type if endpoints else stream.topic_type
     if not len(stream):
-        fallback, remedy = _silent_publisher(context, used)
+        fallback, remedy = _silent_publisher(context, p.artifact, used)
         reason, hint, where = why_nothing(context, p.artifact, fallback)
         return failed(expected, f"{found_type} on {used}, 0 messages", reason, hint=hint or remedy, where=where)
     spot = claimed_at(context, "publisher", used)
@@ -92,10 +95,16 @@ def topic_published(context: Context, p: TopicPublished) -> Finding:
     return graded(1 - sum(w for w, _ in wrong), expected, measured, " ".join(r for _, r in wrong), where=where)
 
 
-def _silent_publisher(context: Context, used: str) -> tuple[str, str]:
+def _silent_publisher(context: Context, artifact: str, used: str) -> tuple[str, str]:
     """Say of a publisher without messages what its timers tell: reason and hint."""
     silent = f"The publisher on {used} exists, but not one message came from it."
     timers = [c for c in context.session.record.claims if c.kind == "timer" and not c.file.startswith("/")]
+    source = context.submission.texts.get(context.path_of(artifact) or "", "")
+    if timers and "use_sim_time" in source and not len(context.session.stream("/clock")):
+        return (
+            f"{silent} It uses use_sim_time; in simulation time timers wait for /clock, which nobody sends here.",
+            "Leave use_sim_time to the launch file or the command line; a node by itself runs on the system's time.",
+        )
     periods_s = [float(c.name) for c in timers if _NUMBER.fullmatch(c.name)]
     if not timers:
         return silent, "Call publish() from a timer that the node creates, and spin the node."
@@ -159,9 +168,11 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
     silent_s, of_s = _silence_s(context, p, span)
     if silent_s - delay_s > max(_SILENT_S, _SILENT_INTERVALS * timing.median_s):
         measured = f"{timing.rate_hz:.2f} Hz for {of_s - silent_s:.1f} s, then nothing for {silent_s:.1f} s"
-        reason = f"Messages stop after {of_s - silent_s:.1f} s of the {of_s:.1f} s. {_why_silent(context, p.process)}"
+        why, hint, spots = _why_silent(context, p.process)
+        reason = f"Messages stop after {of_s - silent_s:.1f} s of the {of_s:.1f} s. {why}"
         share = min(best, ramp(silent_s / of_s, p.full_within, p.zero_beyond))
-        return graded(in_steps(share), expected, measured, reason, where=where)
+        where = (*spots, *_spots(context, p.topic, span))
+        return graded(in_steps(share), expected, measured, reason, hint=hint, where=where)
     return measured_share(worst, best, expected, measured, reason, _doubt(delay_s, length_s), where=where)
 
 
@@ -217,14 +228,22 @@ def _silence_s(context: Context, p: TopicRate, span: Span | None) -> tuple[float
     return max(0.0, of_s - lasted_s), of_s
 
 
-def _why_silent(context: Context, process: str) -> str:
+def _why_silent(context: Context, process: str) -> tuple[str, str, tuple[Where, ...]]:
+    """Say why messages stopped: reason, hint, and where."""
     run = context.session.process(process)
-    if run is None or (run.ended_by not in ("itself", "limit")):
-        return "The program ran on without publishing."
+    found = context.diagnosis(run.artifact) if run is not None and run.artifact is not None else None
+    spot = (Where(file=found.file, line=found.line),) if found is not None and found.file else ()
+    if run is None or run.ended_by not in ("itself", "limit"):
+        why = told(found) if found is not None else "The program ran on without publishing."
+        return why, found.remedy if found is not None else _SILENT_HINT, spot
     if ended_by_limit(run) and (hit := hit_limit(run)) is not None:
-        return hit[0]
-    found = context.diagnosis(run.artifact) if run.artifact is not None else None
-    return told(found) if found is not None else f"The program ended by itself with exit status {run.exit_status}."
+        return *hit, ()
+    if found is not None:
+        return told(found), found.remedy, spot
+    return f"The program ended by itself with exit status {run.exit_status}.", _SILENT_HINT, ()
+
+
+_SILENT_HINT = "A node publishes for as long as it runs; see what ends or stops it."
 
 
 def clock_was_set(context: Context, span: Span | None) -> str | None:
@@ -408,9 +427,9 @@ _MISPLACED = 0.5
 
 def _place_of(series: NumericStream, c: Component, p: Sinusoids) -> int | None:
     """Return the other element that moves as a component should."""
-    finite = np.isfinite(series.values).all(axis=0)
-    places = (i for i in range(min(p.others_still, series.values.shape[1])) if i != c.index and finite[i])
-    moved = (c.model_copy(update={"index": i}) for i in places if float(np.ptp(series.values[:, i])) > c.amplitude)
+    places = (i for i in range(min(p.others_still, series.values.shape[1])) if i != c.index)
+    finite = (i for i in places if np.isfinite(series.values[:, i]).all())
+    moved = (c.model_copy(update={"index": i}) for i in finite if float(np.ptp(series.values[:, i])) > c.amplitude)
     return next((m.index for m in moved if _badness(_best_fit(series, m, p)[0], m) <= p.tolerance), None)
 
 

@@ -132,9 +132,7 @@ def run(arguments: Sequence[str], console: Console, epilog: str = "") -> int:
     parser = _parser(epilog)
     options = parser.parse_args(arguments)
     rubric = pipeline.read_rubric(options.rubric)
-    for name in _sessions(options) or ():
-        if name not in rubric.sessions:
-            parser.error(f"there is no session {name!r}; there are {', '.join(rubric.sessions)}")
+    pipeline.require_sessions(_sessions(options) or (), rubric)
     found = _found(options, rubric)
     several = len(found.submissions) > 1 or options.scheduler is not None
     if several and options.timings:

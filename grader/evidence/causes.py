@@ -570,6 +570,9 @@ def _values(case: Case) -> Told | None:
         return "array-shapes", f"Two arrays do not fit each other: {case.text}.", remedy, ""
     if case.name == "KeyError":
         return "key", f"A dictionary has no key {case.text}.", "Set the key first, or use .get().", case.text
+    if case.name == "IndexError" and "is out of bounds for axis" in case.text:
+        remedy = "Check how many elements it has before one is taken or set; an array does not grow as a list does."
+        return "index", f"An array is used beyond its end: {case.text}.", remedy, ""
     if case.name not in _PLAIN:
         return None
     kind, sentence, remedy = _PLAIN[case.name]

@@ -43,9 +43,7 @@ def only_elsewhere(found: Diagnosis | None, texts: Mapping[str, str]) -> str | N
     if found.kind in ("missing-module", "missing-interface") and found.subject.split(".")[0] in _LIBRARIES:
         library = found.subject.split(".")[0]
         return f"It needs {library}, which is not installed where it was graded. {_LAST_WORD}"
-    if found.kind != "syntax-error" or found.file not in texts:
-        return None
-    if not is_newer_python(texts[found.file]):
+    if found.kind != "syntax-error" or not is_newer_python(texts.get(found.file or "", "")):
         return None
     place = f" (line {found.line})" if found.line else ""
     return (

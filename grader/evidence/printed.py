@@ -15,6 +15,8 @@ _ONLY_NUMBERS = re.compile(r"(?:[\s,;|'\"\[\]]|\b(?:rad|deg|m|mm|s|ms)\b|°)*")
 """What may stand between numbers and behind them."""
 
 _MAX_VECTOR_TEXT = 4000
+#: Labels from the last on behind which a vector is sought, and lines from the last on that are read for other forms.
+_LAST_LABELS, _LAST_LINES = 200, 500
 
 
 @dataclass(frozen=True)
@@ -97,13 +99,14 @@ def printed_vector(output: Sequence[OutputLine], label: str, after_ns: int | Non
     head = rf"\b{re.escape(label)}\w*\b[^\[\n]{{0,60}}(?:\n[ \t]*(?:np\.)?(?:array\()?)?\["
     for stream in ("stdout", "stderr"):
         text = "\n".join(line.text for line in output if line.stream == stream)
-        vectors = [_vector(text[m.end() : m.end() + _MAX_VECTOR_TEXT]) for m in re.finditer(head, text, re.IGNORECASE)]
-        found = [vector for vector in vectors if vector is not None]
-        if found:
-            return _numbers_of(found[-1], "vector")
+        ends = [match.end() for match in re.finditer(head, text, re.IGNORECASE)][-_LAST_LABELS:]
+        vectors = (_vector(text[end : end + _MAX_VECTOR_TEXT]) for end in reversed(ends))
+        if (found := next((vector for vector in vectors if vector is not None), None)) is not None:
+            return _numbers_of(found, "vector")
     if after_ns is None:
         return None
-    lines = [line.text[:_MAX_VECTOR_TEXT].rstrip() for line in output if line.t_ns >= after_ns]
+    last = [line for line in output if line.t_ns >= after_ns][-_LAST_LINES:]
+    lines = [line.text[:_MAX_VECTOR_TEXT].rstrip() for line in last]
     bare = [numbers for line in lines if (numbers := _bare(line, label))]
     if bare and len(bare[-1]) > 1:
         return _numbers_of(bare[-1], "vector")
@@ -195,8 +198,8 @@ def _each(lines: Sequence[str], label: str) -> list[str]:
 
 def _vector(text: str) -> list[str] | None:
     inside, closed, _ = text.partition("]")
-    inside = _WRAPPING.sub(" ", inside)
-    if not closed or not _NUMBER.search(inside) or not _ONLY_NUMBERS.fullmatch(_NUMBER.sub(" ", inside)):
+    inside = _WRAPPING.sub(" ", inside) if closed else ""
+    if not _NUMBER.search(inside) or not _ONLY_NUMBERS.fullmatch(_NUMBER.sub(" ", inside)):
         return None
     return _NUMBER.findall(inside)
 

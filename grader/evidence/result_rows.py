@@ -20,6 +20,10 @@ _LONG_UNITS = (("milli", 1e-3), ("micro", 1e-6), ("nano", 1e-9), ("second", 1.0)
 _MEAN = (
     r"(?:avg|average|mean|media|média|moy|mittel|durchschnitt|schnitt|prom(?:edio)?|ortalama|средн|平均|평균|متوسط|औसत)"
 )
+_LATENCY = (
+    r"(?:latenc|latenz|latênc|delay|verzögerung|retras|retard|ritard|atras|gecikme|задержк|延迟|時延|遅延|지연|تأخير|विलंब)"
+    r"[a-zé]*"
+)
 _MOST = r"(?:max|máx|worst|peak|höchst|largest|en yüksek|макс|最大|最高|최대|أقصى|अधिकतम)"
 _RECEIVED = (
     r"(?:recei|recv|rcvd|arrived|delivered|empfangen|recibid|reçu|ricevut|recebid|alınan|получ|接收|收到|受信|수신)"
@@ -170,6 +174,7 @@ def _from_block(lines: Sequence[str], start: int, name: str, others: Sequence[st
     for text in (first, "\n".join(block)):
         count = _count(text)
         mean_s, max_s = _time(text, _MEAN), _time(text, _MOST)
+        mean_s = _time(text, _LATENCY) if mean_s is None and max_s is None else mean_s
         if count is not None and (mean_s is not None or text is not first or len(block) == 1):
             return count, mean_s, max_s
     return None

@@ -22,6 +22,9 @@ TAIL_LINES = 20_000
 TRACEBACK_LIMIT = 200
 """Tracebacks of one process that are kept, the last ones."""
 
+FRAME_LIMIT = 200
+"""Frames of one traceback that are looked at, the deepest ones."""
+
 _MESSAGE_LINES = 12
 _ANSI = re.compile(r"\x1b\[[0-9;]{0,20}[A-Za-z]")
 _LAUNCH_PREFIX = re.compile(r"^\[[\w.-]{1,100}-\d{1,4}\] ?")
@@ -130,10 +133,15 @@ def student_frame(frames: Sequence[Frame], root_files: Collection[str]) -> tuple
     root_files : collection of str
         The submission's files, relative to its root.
     """
-    for frame in reversed(frames):
-        file = student_file(frame.path, root_files)
-        if file is not None:
-            return file, frame.line
+    by_name: dict[str, list[str]] = {}
+    for file in root_files:
+        by_name.setdefault(file.rsplit("/", 1)[-1], []).append(file)
+    meant: dict[str, str | None] = {}
+    for frame in reversed(frames[-FRAME_LIMIT:]):
+        if frame.path not in meant:
+            meant[frame.path] = student_file(frame.path, by_name.get(frame.path.rsplit("/", 1)[-1], ()))
+        if (found := meant[frame.path]) is not None:
+            return found, frame.line
     return None
 
 

@@ -83,7 +83,8 @@ def stage(source: Path, record: SubmissionRecord, rubric: Rubric, folder: Path, 
     for artifact in record.artifacts:
         if artifact.path is not None:
             relative = f"install/lib/.artifacts/{artifact.name}"
-            _write(folder / relative, _wrapper_of_file(artifact.path, record, interpreter, depth=3))
+            named = rubric.artifacts[artifact.name].executable
+            _write(folder / relative, _wrapper_of_file(artifact.path, record, interpreter, depth=3, executable=named))
             executables[artifact.name] = relative
     for package in record.packages:
         _install_package(folder, package, record, interpreter)
@@ -185,9 +186,11 @@ def _wrapper_of_entry(package: PackageFact, target: str, record: SubmissionRecor
     )
 
 
-def _wrapper_of_file(path: str, record: SubmissionRecord, interpreter: str, depth: int) -> str:
+def _wrapper_of_file(
+    path: str, record: SubmissionRecord, interpreter: str, depth: int, executable: str | None = None
+) -> str:
     relative = PurePosixPath(path)
-    function = function_to_call(record.texts.get(path, ""), _entry_points_of(relative, record))
+    function = function_to_call(record.texts.get(path, ""), _entry_points_of(relative, record, executable))
     run = _RUN_FILE_FUNCTION.format(function=function) if function is not None else _RUN_FILE
     path_entry = "os.path.dirname(source)"
     package_root = _package_root(relative, record)
@@ -208,12 +211,13 @@ def _wrapper_of_file(path: str, record: SubmissionRecord, interpreter: str, dept
     )
 
 
-def _entry_points_of(path: PurePosixPath, record: SubmissionRecord) -> list[str]:
-    """Return the functions of a file that entry points of its package name."""
+def _entry_points_of(path: PurePosixPath, record: SubmissionRecord, executable: str | None) -> list[str]:
+    """Return the functions of a file that entry points of its package name, that of an executable first."""
     named = []
     for package in (p for p in record.packages if path.is_relative_to(p.path)):
         module = ".".join(path.relative_to(package.path).with_suffix("").parts)
-        targets = [target.split(":") for target in package.executables.values() if target.count(":") == 1]
+        points = sorted(package.executables.items(), key=lambda point: point[0] != executable)
+        targets = [target.split(":") for _, target in points if target.count(":") == 1]
         named += [function for of_module, function in targets if of_module == module]
     return named
 

@@ -84,6 +84,15 @@ def test_what_only_people_can_read_is_left_to_them(name: str) -> None:
     assert static("readme", README, both).outcome is Outcome.FAILED
 
 
+def test_a_file_that_holds_several_parts_counts_once() -> None:
+    """Nodes in one file share their docstrings, which are no repeats of each other."""
+    text = '"""Both nodes of the lab in one file."""\n\n\nclass Node:\n    """Sends what the other one hears."""\n'
+    record = submission({"nodes.py": text}, it="nodes.py", other="nodes.py")
+    finding = static("docstrings", {**DOCSTRINGS, "artifacts": ["it", "other"]}, record)
+    assert finding.outcome is Outcome.PASSED
+    assert finding.measured.startswith("1 of 1")
+
+
 def test_each_part_of_a_readme_counts() -> None:
     """Without commands a quarter is lost, without a description half of the rest."""
     without_commands = FILLED.replace("python3 talk.py", "see below")

@@ -17,14 +17,14 @@ from tests.synthetic import Session, at, evenly, judged, submission
 
 LOADS = {"artifact": "it", "step": "plan"}
 ARGUMENTS = {"step": "plan", "arguments": [{"name": "sim", "default": "true"}, {"name": "rate", "default": "100.0"}]}
-NODES = {
+NODES: dict[str, Any] = {
     "step": "plan",
     "nodes": [
         {"node": "/talker", "artifact": "it", "executable": "talk", "charged_by": "talk.publishes"},
         {"node": "/listener", "artifact": "it", "executable": "listen", "charged_by": "listen.receives"},
     ],
 }
-PARAMETERS = {
+PARAMETERS: dict[str, Any] = {
     "step": "plan",
     "other_step": "other",
     "parameters": [

@@ -499,3 +499,13 @@ def test_each_policy_asked_for_is_a_part(tmp_path: Path) -> None:
     session = Session(tmp_path).endpoint("publisher", TOPIC)
     wanted = {"topic": TOPIC, "reliability": "reliable", "durability": "transient_local"}
     assert judged("offered_qos", wanted, session).credit == Decimal("0.5")
+
+
+def test_a_publisher_that_was_asked_for_and_not_seen_is_undecided(tmp_path: Path) -> None:
+    """Where a node that goes on asked for the publisher and the graph never showed it, the discovery may have failed."""
+    for name, outcome in ((TOPIC, Outcome.INCONCLUSIVE), ("/elsewhere", Outcome.FAILED)):
+        session = Session(tmp_path / name.strip("/")).process("it").claim("publisher", name)
+        assert judged("topic_published", PUBLISHED, session).outcome is outcome
+    crashed = ["Traceback (most recent call last):", '  File "/ws/src/it.py", line 9, in tick', "ValueError: no"]
+    session = Session(tmp_path / "crashed").process("it", crashed).claim("publisher", TOPIC)
+    assert judged("topic_published", PUBLISHED, session).outcome is Outcome.FAILED

@@ -270,6 +270,7 @@ def told(final: str, library: str = "") -> Diagnosis:
             "",
         ),
         ("IndexError: list index out of range", "", "index", ""),
+        ("IndexError: index 500 is out of bounds for axis 0 with size 500", "", "index", ""),
         ("KeyError: 'reliable'", "", "key", "'reliable'"),
         ("ZeroDivisionError: division by zero", "", "division", ""),
         ("RecursionError: maximum recursion depth exceeded", "", "recursion", ""),
@@ -485,10 +486,10 @@ def test_advisories_cost_nothing_and_say_what_is_better() -> None:
 def test_hostile_output_takes_bounded_time(piece: str) -> None:
     """A megabyte of anything is read in a bounded time."""
     output = lines(("Traceback (most recent call last):\n" + piece * (1_000_000 // len(piece)))[:1_000_000])
-    started = time.perf_counter()
+    started = time.process_time()
     explain(output, FILES)
     advisories(output)
-    assert time.perf_counter() - started < 5, "ten times what an idle machine takes"
+    assert time.process_time() - started < 5, "ten times what an idle machine takes"
 
 
 @given(st.lists(st.tuples(st.sampled_from(["stdout", "stderr"]), st.text(max_size=60)), max_size=30))

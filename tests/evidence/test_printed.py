@@ -67,7 +67,8 @@ def test_other_forms_count_after_ctrl_c(lines: list[str], form: str) -> None:
     """Bare numbers, tables and a line for each element are read, but only from what was printed at the end."""
     found = printed_vector(said(*lines), "Mean", at(0.5))
     assert found is not None
-    assert (found.values, found.form) == (pytest.approx((0.1, 0.2, 0.3)), form)
+    assert found.values == pytest.approx((0.1, 0.2, 0.3))
+    assert found.form == form
     assert printed_vector(said(*lines), "Mean", at(1.5)) is None
 
 

@@ -8,9 +8,11 @@ outlives it, and writes a `Leavings` as JSON to the file named. Standard library
 from __future__ import annotations
 
 import ctypes
+import fcntl
 import json
 import os
 import signal
+import socket
 import struct
 import subprocess
 import sys
@@ -88,6 +90,8 @@ def run(surroundings: Surroundings, command: list[str]) -> Leavings:
     """Run the command to its end, and look for what it left."""
     libc = ctypes.CDLL(None, use_errno=True)
     libc.prctl(SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+    if os.geteuid() == 0:
+        _bring_loopback_up()
     left = Leavings()
     # Files and not pipes, which whatever outlives the command would hold open.
     with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as errors:
@@ -108,6 +112,15 @@ def run(surroundings: Surroundings, command: list[str]) -> Leavings:
     mounts = Path("/proc/self/mountinfo").read_text(encoding="utf-8").splitlines()
     left.mounts = [line for line in mounts if surroundings.place in line]
     return left
+
+
+def _bring_loopback_up() -> None:
+    """Bring the loopback of a new network up; where it is up, this changes nothing."""
+    get_flags, set_flags, up = 0x8913, 0x8914, 0x1
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        request = struct.pack("16sh14x", b"lo", 0)
+        flags = struct.unpack("16sh14x", fcntl.ioctl(sock, get_flags, request))[1]
+        fcntl.ioctl(sock, set_flags, struct.pack("16sh14x", b"lo", flags | up))
 
 
 def _text_of(file: IO[bytes]) -> str:

@@ -6,15 +6,18 @@ than its honest twin, a submission graded beside it gets what it deserves, and n
 
 from __future__ import annotations
 
+import csv
 import fcntl
 import json
 import os
 import pwd
+import re
 import shutil
 import subprocess
 import sys
 import tempfile
 import unicodedata
+import urllib.parse
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
@@ -43,13 +46,17 @@ GRADE = Path(sys.executable).parent / "grade"
 SCHEMA = json.loads((ROOT / "grader/report/result.schema.json").read_text(encoding="utf-8"))
 HONEST = "honest"
 #: Attacks that are graded by one command.
-MOST_IN_BATCH = 8
+MOST_IN_BATCH = 12
 #: What one submission may take at most, retries included; a grader that takes longer hangs.
 LONGEST_S = 300.0
+#: A container has a network and process ids of its own, which the cells within share.
+OWN_SPACES = ["unshare", "--net", "--pid", "--mount", "--fork", "--kill-child", "--mount-proc"]
 #: Folders that every user of a machine may write to.
 SHARED_FOLDERS = (Path("/tmp"), Path("/dev/shm"), Path("/var/tmp"))
 STUDENT_UIDS = range(64100, 64300)
 REFUSED = 3
+#: What spreadsheets compute; a number with a sign is a number.
+FORMULA = re.compile(r"[\t\r]|[=@+-](?![\d.]+$)")
 
 
 class Environment(str, Enum):
@@ -144,6 +151,14 @@ def account() -> Iterator[tuple[int, int]]:
         subprocess.run(["userdel", name], check=True, capture_output=True)
 
 
+def short_rubric() -> str:
+    """Return the lab's rubric with a shorter window: what is attacked here is not the publisher's rate."""
+    text = (ROOT / "rubric.yaml").read_text(encoding="utf-8")
+    window = "observe: {duration_s: 6, first_message_on: /joint_commands}"
+    assert text.count(window) == 1
+    return text.replace(window, window.replace("6", "2"))
+
+
 def run_batch(batch: Batch, folder: Path) -> Graded:
     """Grade a batch's attacks and an honest submission by one command, and look at what is left."""
     handed = {attack.name: lay_out(attack, folder / "handed") for attack in batch.attacks}
@@ -153,7 +168,9 @@ def run_batch(batch: Batch, folder: Path) -> Graded:
     paths.insert(len(paths) // 2, honest)
     for name in ("home", "tmp", "results"):
         (folder / name).mkdir()
-    arguments = [*map(str, paths), "-o", str(folder / "results"), "--sessions", ",".join(batch.sessions), "--seed", "7"]
+    (folder / "rubric.yaml").write_text(short_rubric(), encoding="utf-8")
+    arguments = [*map(str, paths), "-o", str(folder / "results"), "--rubric", str(folder / "rubric.yaml")]
+    arguments += ["--sessions", ",".join(batch.sessions), "--seed", "7"]
     if batch.environment is Environment.CONTAINER:
         arguments += ["--require-isolation", "reduced"]
     before = entries_of_shared_folders()
@@ -186,8 +203,9 @@ def run_in(environment: Environment, folder: Path, command: list[str], limit_s: 
             limit_s=limit_s,
         )
         program = Path(__file__).with_name("surroundings.py")
+        apart = OWN_SPACES if environment is Environment.CONTAINER and os.geteuid() == 0 else []
         subprocess.run(
-            [sys.executable, "-I", str(program), json.dumps(asdict(surroundings)), *command],
+            [*apart, sys.executable, "-I", str(program), json.dumps(asdict(surroundings)), *command],
             env=caller,
             cwd="/",
             check=True,
@@ -235,9 +253,9 @@ def graded(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
     folder = shared / batch.name
     folder.mkdir(parents=True, exist_ok=True)
     told = folder / "graded.json"
-    # Cells of a plain container share one network with all other such cells of the machine.
-    alone = shared / ("container.lock" if batch.environment is Environment.CONTAINER else f"{batch.name}.lock")
-    with alone.open("w") as lock:
+    # Without root, cells of a plain container share one network with all other such cells of the machine.
+    together = batch.environment is Environment.CONTAINER and os.geteuid() != 0
+    with (shared / ("container.lock" if together else f"{batch.name}.lock")).open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not told.exists():
             with beside_others():
@@ -256,26 +274,34 @@ def graded(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
 # -- looking ----------------------------------------------------------------------------------
 
 
-def faults_of_page(folder: Path, honest: Page) -> list[str]:
-    """Say in what a report is not well-formed, or holds what a student put there."""
-    text = (folder / "report.html").read_text(encoding="utf-8")
+def faults_of_page(path: Path) -> list[str]:
+    """Say in what a page is not well-formed, or holds what a student put there."""
+    text = path.read_text(encoding="utf-8")
     try:
         page = Page(text)
     except AssertionError as problem:
-        return [f"the report's elements do not close in order: {problem}"]
-    faults = [f"{u!r} in the report" for u in sorted(set(text)) if is_control(u)]
-    faults += [f"the report has an element {tag} {a}" for tag, a in page.elements if a.get("id") == "injected"]
-    faults += [f"the report has a handler {name}" for _, a in page.elements for name in a if name.startswith("on")]
-    links = [*page.values("href"), *page.values("src")]
-    faults += [f"the report leads to {link}" for link in links if not link.startswith(("#", "data:", "recordings/"))]
-    if len(scripts_of(page)) != len(scripts_of(honest)):
-        faults.append("the report has scripts that another one has not")
-    return faults
+        return [f"the elements of {path.name} do not close in order: {problem}"]
+    faults = [f"{c!r} in {path.name}" for c in sorted(set(text)) if is_control(c)]
+    faults += [f"{path.name} has an element {tag} {a}" for tag, a in page.elements if a.get("id") == "injected"]
+    faults += [f"{path.name} has a handler {name}" for _, a in page.elements for name in a if name.startswith("on")]
+    links = [urllib.parse.urlsplit(link) for link in [*page.values("href"), *page.values("src")]]
+    return faults + [f"{path.name} leads to {link}" for link in links if link.netloc or link.scheme not in ("", "data")]
+
+
+def faults_of_table(path: Path) -> list[str]:
+    """Say where a spreadsheet would compute what a student wrote."""
+    with path.open(encoding="utf-8-sig", newline="") as file:
+        cells = [cell for row in csv.reader(file) for cell in row]
+    return [f"{cell!r} in {path.name}" for cell in cells if FORMULA.match(cell) or any(map(is_control, cell))]
 
 
 def scripts_of(page: Page) -> list[dict[str, str]]:
-    """Return the script elements of a page."""
-    return [attributes for tag, attributes in page.elements if tag in ("script", "iframe", "object", "embed", "base")]
+    """Return the elements of a page that run or fetch something."""
+    return [
+        {"element": tag, **attributes}
+        for tag, attributes in page.elements
+        if tag in ("script", "iframe", "object", "embed", "base")
+    ]
 
 
 def is_control(character: str) -> bool:
@@ -338,7 +364,9 @@ def faults_of_recording(attack: Attack, folder: Path, result: dict[str, Any]) ->
     levels = {session["isolation"] for session in result["provenance"]["sessions"].values()}
     known = {word for level in levels for word in attack.gaps.get(level, {})}
     escapes = [line for line in lines if line.startswith(ESCAPED)]
-    faults = [line for line in escapes if line.removeprefix(ESCAPED).split(":")[0].split()[0] not in known]
+    faults = [
+        line for line in dict.fromkeys(escapes) if line.removeprefix(ESCAPED).split(":")[0].split()[0] not in known
+    ]
     if expect.no_output is not None:
         faults += [line for line in lines if expect.no_output in line]
     if expect.no_text is not None:
@@ -372,9 +400,11 @@ def test_an_attack_gains_nothing_and_breaks_nothing(graded: Graded, attack: Atta
         assert not (folder / "report.html").exists()
         return
     result = graded.result_of(attack.name)
-    honest = Page((graded.results[HONEST] / "report.html").read_text(encoding="utf-8"))
     most = attack.most_points(pipeline.read_rubric(None))
-    faults = faults_of_result(result, float(most)) + faults_of_page(folder, honest)
+    faults = faults_of_result(result, float(most)) + faults_of_page(folder / "report.html")
+    honest = Page((graded.results[HONEST] / "report.html").read_text(encoding="utf-8"))
+    scripts = scripts_of(Page((folder / "report.html").read_text(encoding="utf-8")))
+    faults += [] if scripts == scripts_of(honest) else ["the report has other scripts than the honest one's"]
     faults += faults_of_verdict(attack, result) + faults_of_recording(attack, folder, result)
     assert not faults, "\n".join([*faults, *result["problems"]])
 
@@ -391,6 +421,8 @@ def test_attacks_leave_the_machine_and_their_neighbour_as_they_were(
     assert "Traceback" not in left.output + left.errors
     assert not [c for c in left.output + left.errors if is_control(c)]
     assert (left.processes, left.mounts, graded.littered, graded.temporary) == ([], [], [], [])
+    results = graded.results[HONEST].parent
+    assert faults_of_page(results / "index.html") + faults_of_table(results / "grades.csv") == []
     result = graded.result_of(HONEST)
     # What a busy machine leaves undecided costs nothing.
     checks = [c for criterion in result["criteria"] for c in criterion["checks"]]

@@ -164,6 +164,20 @@ def test_an_entry_point_may_name_any_function(tmp_path: Path) -> None:
     assert run(workspace.folder / "install/lib/arm_lab/talk") == "run"
 
 
+def test_nodes_in_one_file_are_told_apart_by_their_entry_points(tmp_path: Path) -> None:
+    """Each artifact runs the function that the entry point of its name names."""
+    points = "['joint_publisher = arm_lab.nodes:send', 'joint_subscriber = arm_lab.nodes:hear']"
+    text = "".join(f"def {name}():\n    print('{name}')\n" for name in ("hear", "main", "send"))
+    files: dict[str, str | bytes] = {
+        "package.xml": MANIFEST,
+        "setup.py": SETUP.replace("['talk = arm_lab.talk:main']", points),
+        "arm_lab/__init__.py": "",
+        "arm_lab/nodes.py": text,
+    }
+    workspace = staged(tmp_path, files, publisher="arm_lab/nodes.py", subscriber="arm_lab/nodes.py")
+    assert [run(wrapper(workspace, name)) for name in ("publisher", "subscriber")] == ["send", "hear"]
+
+
 def test_bare_files_are_also_known_by_their_own_names(tmp_path: Path) -> None:
     """A launch file may call a file of another name by that name, with or without its ending."""
     files: dict[str, str | bytes] = {"Joint_Publisher.py": SAYS.format("hello")}
