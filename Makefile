@@ -9,13 +9,17 @@ STAMP := $(VENV)/.installed
 DEV_STAMP := $(VENV)/.installed-dev
 NOT_INSTALLED = { echo "The packages could not be installed, see above; the first time, this needs a network."; exit 1; }
 
-.PHONY: alice test bench system system-dev lint types layers clean
+.PHONY: alice test attacks bench system system-dev lint types layers clean
 
 alice: $(STAMP) system
 	$(BIN)/grade submissions/alice/
 
 test: $(DEV_STAMP) system-dev lint types layers
 	$(BIN)/python -m pytest -n 4 --dist worksteal
+
+# Every attack of fixtures/attacks in all three environments; some twenty minutes. `make test` tries a part of them.
+attacks: $(DEV_STAMP) system
+	ATTACKS=all $(BIN)/python -m pytest -n 3 --dist worksteal tests/live/test_attacks.py
 
 # What grading costs and how sure it is, on this machine; some ten minutes. Run it while nothing else runs.
 bench: $(STAMP) system

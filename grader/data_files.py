@@ -6,11 +6,11 @@ written in a way that this reader does not follow is None, and then nothing is h
 
 from __future__ import annotations
 
-import ast
 import posixpath
 from typing import Any
 
 from grader.cmake_script import commands_of
+from grader.python_source import parse_python
 from grader.setup_script import UNREADABLE, NotUnderstoodError, SetupScript, keyword_of_setup
 
 _MOST_NAMES = 500
@@ -32,7 +32,7 @@ def data_files_of_setup(text: str, paths: list[str]) -> dict[str, str] | None:
         Path below the prefix -> path below the package; None if it is not understood.
     """
     try:
-        tree = ast.parse(text)
+        tree = parse_python(text)
         given = keyword_of_setup(tree, "data_files")
         return _laid_out(SetupScript(tree, paths).value(given)) if given is not None else {}
     except UNREADABLE:

@@ -18,6 +18,7 @@ from grader.checks.affected import not_measurable, with_checks
 from grader.checks.finding import not_reached
 from grader.errors import RecordingError
 from grader.evidence.census import census
+from grader.evidence.chance import may_be_chance
 from grader.evidence.diagnosis import advisories
 from grader.evidence.limits import hit_limit
 from grader.evidence.recorded import Recorded
@@ -143,6 +144,10 @@ def _judge(
     spoilt = next((violation for violation in violations if spec.id in violation.checks), None)
     if spoilt is not None:
         finding = not_measurable(finding, spoilt)
+    if recorded is not None and finding.outcome in (Outcome.FAILED, Outcome.PARTIAL):
+        chance = may_be_chance(recorded, context.reference_nodes)
+        if chance is not None:
+            return dataclasses.replace(finding, outcome=Outcome.INCONCLUSIVE, credit=Decimal(0), reason=chance, hint="")
     if finding.outcome in (Outcome.FAILED, Outcome.PARTIAL) and not finding.hint:
         return dataclasses.replace(finding, hint=spec.hint)
     return finding

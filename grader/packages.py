@@ -6,7 +6,6 @@ console scripts; `CMakeLists.txt` for installed programs.
 
 from __future__ import annotations
 
-import ast
 import configparser
 import posixpath
 import re
@@ -16,6 +15,7 @@ from xml.etree import ElementTree
 
 from grader.cmake_script import Command, commands_of
 from grader.data_files import data_files_of_cmake, data_files_of_setup
+from grader.python_source import parse_python
 from grader.recording.submission import PackageFact
 from grader.setup_script import UNREADABLE, SetupScript, keyword_of_setup
 
@@ -142,7 +142,7 @@ def is_launch_file(path: str) -> bool:
 def _console_scripts(text: str, package: PackageFact, inside: list[str]) -> list[str] | None:
     """Return what a setup.py declares as console scripts; None if it is written in a way that is not followed."""
     try:
-        tree = ast.parse(text)
+        tree = parse_python(text)
     except (SyntaxError, ValueError, RecursionError, MemoryError) as problem:
         package.problems.append(f"setup.py cannot be read: {problem}")
         return []

@@ -20,7 +20,7 @@ from grader.errors import RecordingError
 from grader.judging import Recordings, judge, judge_checks, open_recordings
 from grader.pipeline import read_rubric, undecided_sessions
 from grader.recording.bag import Bag
-from grader.recording.session import read_session, write_session
+from grader.recording.session import SessionRecord, read_session, write_session
 from grader.recording.submission import SUBMISSION_FILE, read_submission, write_submission
 from grader.report import json as result_json
 from grader.report.json import to_plain
@@ -201,6 +201,34 @@ def test_a_broken_recording_costs_nothing(copy: Path, rubric: Rubric, session: s
     assert result.score.undecided == sum(spec.points for spec in own)
     assert bool(result.problems) == (how != "without its folder")
     assert undecided_sessions(recordings, rubric, list(rubric.sessions)) == [session]
+
+
+def killed(record: SessionRecord) -> SessionRecord:
+    """Give the session as it were if something outside of it had killed the student's program."""
+    student = next(run for run in record.processes if run.role == "student")
+    student.ended_by, student.exit_status, student.interrupted_ns = "itself", 137, None
+    return dataclasses.replace(record, graph=[])
+
+
+def unseen(record: SessionRecord) -> SessionRecord:
+    """Give the session as it were if nothing of the student's had come into the graph."""
+    wait = next(step for step in record.steps if step.kind == "wait_for")
+    wait.outcome = "timeout"
+    return dataclasses.replace(record, graph=[])
+
+
+@pytest.mark.parametrize("how", [killed, unseen])
+def test_what_may_be_chance_costs_nothing_until_it_is_seen_again(
+    copy: Path, rubric: Rubric, how: Callable[[SessionRecord], SessionRecord]
+) -> None:
+    """A program that something else killed, or a node that nobody saw: at first undecided, and then what it is."""
+    record = how(read_session(copy / "subscriber"))
+    for attempt in (1, 2):
+        write_session(copy / "subscriber", dataclasses.replace(record, attempt=attempt))
+        recordings = open_recordings(copy, rubric)
+        again = undecided_sessions(recordings, rubric, list(rubric.sessions))
+        assert again == (["subscriber"] if attempt == 1 else [])
+        assert (lost(judge(recordings, rubric)) == 0) == (attempt == 1)
 
 
 def test_a_bag_that_was_cut_short_is_still_read(copy: Path, rubric: Rubric) -> None:

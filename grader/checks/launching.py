@@ -227,6 +227,7 @@ def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
     hints = [j.hint for j in judged if j.hint]
     notes = [j.note for j in judged if j.note]
     spots = [spot for j in judged for spot in j.where]
+    stopping: list[Mapping[str, Any]] = []
     for noted in mended(context, p.step, "unknown_executable", "unknown_package"):
         if any(
             a.path is None and a.expected.removesuffix(".py") in noted["message"] for a in context.submission.artifacts
@@ -234,9 +235,13 @@ def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
             notes.append(f"{_sentence(noted['message'])} Its file is missing, which is charged elsewhere.")
             continue
         share -= 1.0
-        reasons.insert(0, f"{_sentence(noted['message'])} `ros2 launch` stops there and starts nothing.")
-        hints.insert(0, str(noted["remedy"]))
-        spots.insert(0, Where(file=noted["file"], line=noted["line"]))
+        stopping.append(noted)
+    if stopping:
+        at = "there" if len(stopping) == 1 else "at the first of them"
+        said = " ".join(_sentence(noted["message"]) for noted in stopping)
+        reasons.insert(0, f"{said} `ros2 launch` stops {at} and starts nothing.")
+        hints = [str(noted["remedy"]) for noted in stopping] + hints
+        spots = [Where(file=noted["file"], line=noted["line"]) for noted in stopping] + spots
     up = [n for n in context.session.nodes if n not in context.reference_nodes]
     return graded(
         max(0.0, share / len(p.nodes)),

@@ -7,6 +7,7 @@ f-strings, loops over literal collections, and functions of the same file are fo
 from __future__ import annotations
 
 import ast
+import functools
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -127,6 +128,7 @@ _METHODS: dict[str, tuple[str, tuple[str, ...]]] = {
 }
 
 
+@functools.lru_cache(maxsize=64)
 def rclpy_calls(text: str) -> tuple[CallFact, ...]:
     """Calls that make publishers, subscriptions, services, clients, timers, parameters and nodes.
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import ast
 
+from grader.python_source import parse_python
+
 
 def parameter_line(text: str, node_line: int | None, parameter: str) -> int | None:
     """Find the line of a Python launch file that gives a node a parameter.
@@ -23,7 +25,7 @@ def parameter_line(text: str, node_line: int | None, parameter: str) -> int | No
         The parameter's line; else that of the node's `parameters`; else the node's own.
     """
     try:
-        tree = ast.parse(text)
+        tree = parse_python(text)
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         return node_line
     calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and node_line is not None]

@@ -10,6 +10,8 @@ import re
 import warnings
 from dataclasses import dataclass
 
+from grader.python_source import parse_python
+
 SIZE_LIMIT = 200_000
 """Characters that are read; no file written by hand comes near."""
 
@@ -66,7 +68,7 @@ def tree_of(text: str) -> tuple[ast.Module | None, SyntaxProblem | None]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            tree = ast.parse(text)
+            tree = parse_python(text)
             compile(text, "<submission>", "exec", dont_inherit=True)
     except SyntaxError as problem:
         if len(text) >= SIZE_LIMIT - 10_000:
@@ -84,7 +86,7 @@ def expression_tree(text: str) -> ast.Module | None:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return ast.parse(text)
+            return parse_python(text)
     except (SyntaxError, ValueError, RecursionError, MemoryError, OverflowError):
         return None
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator, Sequence
 
+from grader.python_source import parse_python
+
 #: What only a program calls that runs a node.
 _STARTING = frozenset(["spin", "spin_once", "spin_until_future_complete", "create_node", "MultiThreadedExecutor"])
 _FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
@@ -24,7 +26,7 @@ def function_to_call(text: str, entry_points: Sequence[str] = ()) -> str | None:
         Functions of the file that the package's entry points name. Without any, `main` is meant.
     """
     try:
-        tree = ast.parse(text)
+        tree = parse_python(text)
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         return None
     defined = {n.name for n in tree.body if isinstance(n, _FUNCTIONS)}
@@ -35,24 +37,41 @@ def function_to_call(text: str, entry_points: Sequence[str] = ()) -> str | None:
 def _runs_by_itself(tree: ast.Module, function: str) -> bool:
     """Whether the file, run as a program, calls the function or starts a node in another way."""
     own = {n.name: n for n in tree.body if isinstance(n, (*_FUNCTIONS, ast.ClassDef))}
-    starting = {function}
-    while more := {n for n, node in own.items() if n not in starting and _starts(ast.walk(node), starting)}:
-        starting |= more
+    callers: dict[str, list[str]] = {}
+    waiting, starting = [function], set[str]()
+    for name, node in own.items():
+        at_once, called = _called(ast.walk(node))
+        waiting += [name] if at_once else []
+        for other in called:
+            callers.setdefault(other, []).append(name)
+    while waiting:
+        name = waiting.pop()
+        if name not in starting:
+            starting.add(name)
+            waiting += callers.get(name, ())
     statements = [n for n in tree.body if not isinstance(n, (*_FUNCTIONS, ast.ClassDef))]
     return any(_is_guard(n) or _starts(_outside_of_functions(n), starting) for n in statements)
 
 
 def _starts(nodes: Iterator[ast.AST], starting: set[str]) -> bool:
     """Whether any of the nodes calls rclpy to run a node, or something that does."""
+    at_once, called = _called(nodes)
+    return at_once or not called.isdisjoint(starting)
+
+
+def _called(nodes: Iterator[ast.AST]) -> tuple[bool, set[str]]:
+    """Return whether rclpy is called to run a node, and the names of what else is called."""
+    called: set[str] = set()
     for node in nodes:
         if isinstance(node, ast.Call):
-            called = node.func
-            name = called.attr if isinstance(called, ast.Attribute) else getattr(called, "id", "")
-            by_name = isinstance(called, ast.Name) and name in starting
-            of_rclpy = isinstance(called, ast.Attribute) and getattr(called.value, "id", "") == "rclpy"
-            if name in _STARTING or by_name or (name == "init" and of_rclpy):
-                return True
-    return False
+            function = node.func
+            name = function.attr if isinstance(function, ast.Attribute) else getattr(function, "id", "")
+            of_rclpy = isinstance(function, ast.Attribute) and getattr(function.value, "id", "") == "rclpy"
+            if name in _STARTING or (name == "init" and of_rclpy):
+                return True, called
+            if isinstance(function, ast.Name):
+                called.add(name)
+    return False, called
 
 
 def _outside_of_functions(node: ast.AST) -> Iterator[ast.AST]:

@@ -191,7 +191,7 @@ class GraphWatch:
         if key != self._key:
             self._key, self.last = key, taken
             self._changes += 1
-            self._entries += sum(map(len, (taken.nodes, taken.endpoints, taken.services, taken.clients)))
+            self._entries += len(taken.nodes) + len(taken.endpoints) + len(taken.services) + len(taken.clients)
             if not self._too_much:
                 self._on_change(taken)
         return self.last

@@ -10,6 +10,7 @@ import pytest
 
 from grader.batch.admission import Admission, Place, Use
 from grader.batch.machine import Machine
+from grader.live.isolation import Form, Isolation, Level
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="abstract sockets are Linux's own")
 
@@ -165,3 +166,9 @@ def test_giving_back_twice_does_nothing() -> None:
         return queue.admitted
 
     assert asyncio.run(scenario()) == ["a", "b"]
+
+
+def test_cells_that_share_a_network_run_one_at_a_time() -> None:
+    """Whatever was asked for, a submission is not given the chance to speak in another's network."""
+    assert Admission.on_this_machine(Isolation(Level.REDUCED), 4).places == 1
+    assert Admission.on_this_machine(Isolation(Level.NO_CGROUP, Form.USER), 4).places == 4

@@ -293,6 +293,19 @@ def test_a_misnamed_executable_costs_a_part(tmp_path: Path) -> None:
     assert (finding.hint, finding.where[0].line) == ("x", 5)
 
 
+def test_several_misnamed_executables_are_told_in_their_order(tmp_path: Path) -> None:
+    """Each is named, and that the launch stops is said once."""
+    mended = [
+        {"kind": "unknown_executable", "message": f"no executable {name}", "file": "it.py", "line": n, "remedy": name}
+        for n, name in enumerate(("talk", "listen"), 1)
+    ]
+    finding = nodes(planned(Session(tmp_path), mended=mended, processes=BOTH).node("/talker").node("/listener"))
+    assert finding.reason == (
+        "No executable talk. No executable listen. `ros2 launch` stops at the first of them and starts nothing."
+    )
+    assert (finding.hint, finding.where[0].line) == ("talk", 1)
+
+
 def test_a_plan_with_a_problem_starts_nothing(tmp_path: Path) -> None:
     """A file that cannot be evaluated to its end starts no node at all."""
     problem = {"kind": "k", "message": "broken", "file": "it.py", "line": 2}

@@ -120,6 +120,17 @@ def test_a_library_that_is_missing_here_is_for_a_person_to_decide(tmp_path: Path
         assert finding.outcome is outcome
 
 
+def test_a_timer_that_waits_for_a_clock_is_told(tmp_path: Path) -> None:
+    """A silent node whose source sets use_sim_time is told of it, unless a clock ran."""
+    source = submission({"it.py": "Parameter('use_sim_time', value=True)\n"})
+    for name, clock in (("a", False), ("b", True)):
+        session = Session(tmp_path, name).endpoint("publisher", TOPIC).process("it").claim("timer", "0.01")
+        if clock:
+            session.messages("/clock", [[0.0]] * 2, [1.0, 2.0])
+        finding = judged("topic_published", PUBLISHED, session, source)
+        assert ("/clock" in finding.reason) == (not clock)
+
+
 def test_endpoints_of_reference_nodes_are_not_the_students(tmp_path: Path) -> None:
     """A publisher of our own on the topic is no publisher of the student's."""
     session = Session(tmp_path).endpoint("publisher", TOPIC, "/ours").process()
@@ -261,6 +272,21 @@ def test_a_program_that_ends_within_the_window_loses_the_rate(tmp_path: Path) ->
     assert finding.outcome is Outcome.FAILED
     assert "after 1.0 s of the 6.0 s" in finding.reason
     assert "exit status 139" in finding.reason
+
+
+def test_what_ended_a_program_within_the_window_is_shown(tmp_path: Path) -> None:
+    """An exception is told with its line and its remedy, and not the pacing of messages."""
+    times = evenly(100, 1.0)
+    frame = '  File "/ws/src/it.py", line 3, in tick'
+    lines = ["Traceback (most recent call last):", frame, "IndexError: list index out of range"]
+    session = Session(tmp_path).endpoint("publisher", TOPIC).claim("timer", "0.01", line=9)
+    session.process("it", lines, exit_status=1, ended_by="itself", interrupted_ns=None)
+    session.messages(TOPIC, [[0.0]] * len(times), times)
+    session.step("observe", "window", "cancelled", parameters={"duration_s": 6.0})
+    record = submission({"it.py": "\n" * 20})
+    finding = judged("topic_rate", RATE, session, record)
+    assert str(finding.where[0]) == "it.py:3"
+    assert finding.hint == "Check its length before an element is taken."
 
 
 # -- evenness --------------------------------------------------------------------------------------
