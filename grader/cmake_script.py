@@ -17,6 +17,7 @@ _WORD = re.compile(r'"([^"]*)"|(\S+)')
 _VARIABLE = re.compile(r"\$\{(\w+)\}")
 _HERE = re.compile(r"\$\{(?:CMAKE_CURRENT_SOURCE_DIR|CMAKE_CURRENT_LIST_DIR|CMAKE_SOURCE_DIR|PROJECT_SOURCE_DIR)\}(/?)")
 _MOST_COMMANDS, _MOST_WORDS, _LONGEST_WORD = 2000, 500, 1000
+_MOST_PATTERNS, _DEEPEST_LOOP = 100, 20
 
 
 @dataclass(frozen=True)
@@ -49,9 +50,10 @@ class _Reader:
     def __init__(self, variables: dict[str, list[str]], paths: Sequence[str]) -> None:
         self._variables = variables
         self._paths = paths
-        self._read = 0
+        self._read = self._patterns = 0
 
-    def read(self, raw: Sequence[tuple[str, str]]) -> Iterator[Command]:
+    def read(self, raw: Sequence[tuple[str, str]], depth: int = 0) -> Iterator[Command]:
+        """Give the commands, those in loops for each value; what is in too many loops is left out."""
         at = 0
         while at < len(raw) and self._read < _MOST_COMMANDS:
             self._read += 1
@@ -60,20 +62,20 @@ class _Reader:
             words = self._words(inside)
             if name == "foreach":
                 end = _end_of_loop(raw, at)
-                yield from self._loop(words, raw[at:end])
+                yield from self._loop(words, raw[at:end], depth + 1)
                 at = end + 1
             elif not self._takes(name, words):
                 yield Command(name, tuple(words[:_MOST_WORDS]))
 
-    def _loop(self, words: list[str], body: Sequence[tuple[str, str]]) -> Iterator[Command]:
-        if not words:
+    def _loop(self, words: list[str], body: Sequence[tuple[str, str]], depth: int) -> Iterator[Command]:
+        if not words or depth > _DEEPEST_LOOP:
             return
         values = [w for w in words[1:] if w not in ("IN", "ITEMS", "LISTS")]
         if "LISTS" in words[1:3]:
             values = [value for name in values for value in self._variables.get(name, [f"${{{name}}}"])]
         for value in values[:_MOST_WORDS]:
             self._variables[words[0]] = [value]
-            yield from self.read(body)
+            yield from self.read(body, depth)
 
     def _takes(self, name: str, words: list[str]) -> bool:
         """Take over what a command says of variables, and tell whether it was about them alone."""
@@ -91,7 +93,9 @@ class _Reader:
         if "RELATIVE" in words:
             at = words.index("RELATIVE")
             words = words[:at] + words[at + 2 :]
-        patterns = [posixpath.normpath(w) for w in words if w != "CONFIGURE_DEPENDS"][:20]
+        patterns = [posixpath.normpath(w) for w in words if w != "CONFIGURE_DEPENDS"]
+        patterns = patterns[: _MOST_PATTERNS - self._patterns]
+        self._patterns += len(patterns)
         return [path for path in self._paths if any(_is_like(path, pattern, deep) for pattern in patterns)]
 
     def _words(self, inside: str) -> list[str]:

@@ -21,6 +21,7 @@ from grader.setup_script import UNREADABLE, SetupScript, keyword_of_setup
 
 _MOST_SCRIPTS = 200
 _MOST_PACKAGES = 100
+_MOST_PROBLEMS = 20
 
 
 def find_packages(texts: dict[str, str], paths: list[str]) -> list[PackageFact]:
@@ -42,6 +43,8 @@ def find_packages(texts: dict[str, str], paths: list[str]) -> list[PackageFact]:
         else:
             _read_cmake(package, texts, paths)
         _read_data_files(package, texts, paths)
+        more = len(package.problems) - _MOST_PROBLEMS
+        package.problems[_MOST_PROBLEMS:] = [f"and {more} more of the kind"] if more > 0 else []
         packages.append(package)
     return packages
 

@@ -7,6 +7,7 @@ import json
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
@@ -214,7 +215,7 @@ def unseen(record: SessionRecord) -> SessionRecord:
     """Give the session as it were if nothing of the student's had come into the graph."""
     wait = next(step for step in record.steps if step.kind == "wait_for")
     wait.outcome = "timeout"
-    return dataclasses.replace(record, graph=[])
+    return dataclasses.replace(record, graph=[], claims=[])
 
 
 @pytest.mark.parametrize("how", [killed, unseen])

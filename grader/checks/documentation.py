@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import PurePosixPath
 
 from pydantic import Field
@@ -36,6 +36,10 @@ _FOR_PROGRAMS = ("requirements", "cmakelists", "constraints", "license", "licenc
 _NOT_READ = (".pdf", ".docx", ".doc", ".odt", ".rtf", ".pages", ".html", ".htm", ".ipynb", ".tex")
 
 
+#: Characters of all documents together after which no other is read.
+_MOST_CHARACTERS = 300_000
+
+
 @functools.lru_cache(maxsize=256)
 def _facts(path: str, text: str) -> SourceFacts:
     return parse(path, text)
@@ -48,7 +52,16 @@ def readmes(context: Context) -> list[tuple[str, Document]]:
     if not paths:
         paths = [p for p in written if p.suffix and not p.stem.lower().startswith(_FOR_PROGRAMS)]
     paths.sort(key=lambda p: (len(p.parts), str(p)))
-    return [(str(path), read_markdown(context.submission.texts[str(path)])) for path in paths]
+    return list(_read(context, map(str, paths)))
+
+
+def _read(context: Context, paths: Iterable[str]) -> Iterator[tuple[str, Document]]:
+    """Read documents one after the other, as many as anybody would."""
+    left = _MOST_CHARACTERS
+    for path in paths:
+        if left > 0:
+            left -= len(context.submission.texts[path])
+            yield path, read_markdown(context.submission.texts[path])
 
 
 def _not_read(context: Context) -> list[str]:
@@ -190,9 +203,8 @@ def concepts_explained(context: Context, p: ConceptsExplained) -> Finding:
     known = {passage.file for passage in passages}
     passages += [
         q
-        for path in sorted(other)
-        if path not in known
-        for q in document_passages(read_markdown(context.submission.texts[path]), path)
+        for path, document in _read(context, (path for path in sorted(other) if path not in known))
+        for q in document_passages(document, path)
     ]
     passages += [passage for facts in sources(context, p.artifacts) for passage in source_passages(facts)]
     found = concepts(passages, p.concepts, p.reasons, p.anchors, p.min_words)

@@ -208,19 +208,8 @@ def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
     plan = plan_of(context, p.step)
     if plan is None or plan.problem is not None:
         return _nothing_started(context, plan, expected)
-    contained = [
-        n.node
-        for n in p.nodes
-        if n.node not in context.session.nodes and _only_in_container(plan, n.node, n.executable)
-    ]
-    if contained:
-        return inconclusive(
-            expected,
-            f"{', '.join(contained)} in a container of components",
-            "The grader cannot evaluate nodes that are loaded into a container of components: it runs none.",
-            where=(context.where(),),
-            retry=False,
-        )
+    if (contained := _contained(context, plan, p, expected)) is not None:
+        return contained
     judged = [_judge_node(context, plan, wanted) for wanted in p.nodes]
     share = sum(j.share for j in judged)
     reasons = [j.reason for j in judged if j.reason]
@@ -251,6 +240,21 @@ def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
         hint=hints[0] if hints else "",
         where=spots or (context.where(),),
         notes=notes,
+    )
+
+
+def _contained(context: Context, plan: Plan, p: LaunchNodes, expected: str) -> Finding | None:
+    """State that nodes are loaded into a container, so that the grader cannot see them, or None if none is."""
+    absent = [n for n in p.nodes if n.node not in context.session.nodes]
+    contained = [n.node for n in absent if _only_in_container(plan, n.node, n.executable)]
+    if not contained:
+        return None
+    return inconclusive(
+        expected,
+        f"{', '.join(contained)} in a container of components",
+        "The grader cannot evaluate nodes that are loaded into a container of components: it runs none.",
+        where=(context.where(),),
+        retry=False,
     )
 
 

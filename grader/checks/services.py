@@ -253,7 +253,6 @@ def call_gated(context: Context, p: CallGated) -> Finding:
     expected = f"{_shown(p.refused)} while the parameter is off, {_shown(p.recovered)} when it is on again"
     steps = {name: context.session.step(name) for name in (p.refused_step, p.recovered_step, p.from_start_step)}
     answers = {name: _answer(step)[0] for name, step in steps.items()}
-
     refuses, recovers = _fits(answers[p.refused_step], p.refused), _fits(answers[p.recovered_step], p.recovered)
     measured = f"off: {_shown(answers[p.refused_step])}; on again: {_shown(answers[p.recovered_step])}"
     where = tuple(_spot(context, steps[n]) for n in (p.refused_step, p.recovered_step))
@@ -263,38 +262,36 @@ def call_gated(context: Context, p: CallGated) -> Finding:
             return graded(0.5, expected, measured, _REVERSED, hint=_REVERSED_HINT, where=where)
         return not_reached("Enabling fails already, so that a refusal says nothing.", expected=expected)
     if refuses:
-        return graded(
-            0.5 + 0.5 * recovers,
-            expected,
-            measured,
-            "It refuses, but does not recover when the parameter is true again.",
-            where=where,
-        )
+        reason = "It refuses, but does not recover when the parameter is true again."
+        return graded(0.5 + 0.5 * recovers, expected, measured, reason, where=where)
     if recovers and p.refusal is not None and re.search(p.refusal, _message(answers[p.refused_step], p.message_field)):
         return graded(0.5, expected, measured, _ONLY_SAID, hint=_ONLY_SAID_HINT, where=where)
-    if answers[p.refused_step] is None and _earlier_silence(context, steps[p.refused_step], expected) is not None:
-        reason = "The node had stopped answering before, which is charged there, so no change could be looked at."
-        share, hint = 0.5 * _fits(answers[p.from_start_step], p.refused), "Mend the earlier call first."
-        return graded(share, expected, measured, reason, hint=hint, where=where)
     if answers[p.refused_step] is None:
-        students = (run.artifact for run in context.session.record.processes if run.role == "student")
-        problem = "No answer came while the parameter was false."
-        return _silence(context, next(students, None) or "", expected, problem, where)
+        started_off = _fits(answers[p.from_start_step], p.refused)
+        return _no_answer_while_off(context, steps[p.refused_step], expected, measured, started_off, where)
     if _fits(answers[p.from_start_step], p.refused):
         reason = "It refuses only when the parameter is false from the start; a change while it runs has no effect."
-        return graded(
-            0.5,
-            expected,
-            measured + f"; off from the start: {_shown(answers[p.from_start_step])}",
-            reason,
-            where=where,
-        )
+        measured += f"; off from the start: {_shown(answers[p.from_start_step])}"
+        return graded(0.5, expected, measured, reason, where=where)
     set_step = context.session.step(p.set_step)
     if set_step is not None and set_step.outcome != "done":
         why = "; ".join(str(problem) for problem in set_step.result.get("refused", {}).values())
         reason = f"It goes on enabling, since the parameter could not be set at all{': ' + why if why else ''}."
         return failed(expected, measured, reason, hint=_SET_HINT, where=where)
     return failed(expected, measured, "It enables although the parameter is false.", where=where)
+
+
+def _no_answer_while_off(
+    context: Context, step: StepRun | None, expected: str, measured: str, started_off: bool, where: tuple[Where, ...]
+) -> Finding:
+    """State that no answer came while the parameter was off: charged here, unless the node was silent before."""
+    if _earlier_silence(context, step, expected) is not None:
+        reason = "The node had stopped answering before, which is charged there, so no change could be looked at."
+        hint = "Mend the earlier call first."
+        return graded(0.5 * started_off, expected, measured, reason, hint=hint, where=where)
+    students = (run.artifact for run in context.session.record.processes if run.role == "student")
+    problem = "No answer came while the parameter was false."
+    return _silence(context, next(students, None) or "", expected, problem, where)
 
 
 _ONLY_SAID = "Its message refuses, but the other fields say that it was done, and those are what a program goes by."

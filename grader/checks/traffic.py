@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from pydantic import Field
@@ -134,9 +135,32 @@ class TopicRate(Parameters):
     window: str | None = Field(None, description="Label of the observe step; else the whole session.")
 
 
-def _measured(context: Context, topic: str, window: str | None) -> tuple[Timing | None, Span | None]:
+@dataclass(frozen=True)
+class _Measured:
+    """A topic's timing within a window, by when its messages arrived where their stamps cannot be true.
+
+    Attributes
+    ----------
+    excused_s : float
+        Delay of the recorder, where the timing is that of arrival.
+    by : str
+        Says so, where it is.
+    """
+
+    timing: Timing | None
+    span: Span | None
+    excused_s: float = 0.0
+    by: str = ""
+
+
+def _measured(context: Context, topic: str, window: str | None) -> _Measured:
     span = context.session.window(window) if window else None
-    return timing_of(context.session.stream(topic), span), span
+    timing = timing_of(context.session.stream(topic), span)
+    held_up_s = context.session.recorder_delay_s(span) if span is not None else 0.0
+    if timing is None or not timing.contradicted_by_arrival(held_up_s):
+        return _Measured(timing, span)
+    by = " by their arrival, as the time stamps that they carry are not those of their sending"
+    return _Measured(timing.arrived, span, held_up_s, by)
 
 
 def _delay_s(context: Context, process: str, span: Span | None) -> float:
@@ -146,7 +170,8 @@ def _delay_s(context: Context, process: str, span: Span | None) -> float:
 
 def topic_rate(context: Context, p: TopicRate) -> Finding:
     """Judge the rate from source timestamps and sequence numbers."""
-    timing, span = _measured(context, p.topic, p.window)
+    found = _measured(context, p.topic, p.window)
+    timing, span = found.timing, found.span
     expected = f"{p.rate_hz:g} Hz ± {p.full_within:.0%}"
     where = (*_timer_spot(context), *_spots(context, p.topic, span))
     if timing is None:
@@ -154,10 +179,11 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
         reason = f"Only {count} messages came, too few to speak of a rate."
         return failed(expected, f"{count} messages", reason, where=where)
     length_s = span.duration_s if span else timing.written / timing.rate_hz
-    delay_s = min(_delay_s(context, p.process, span), 0.5 * length_s)
+    delay_s = min(_delay_s(context, p.process, span) + found.excused_s, 0.5 * length_s)
     best_hz = _best_rate_hz(timing, length_s, delay_s, p.rate_hz)
     error_hz = timing.burst_error_hz or 2 * timing.deviation_s() * timing.rate_hz / max(length_s, 1e-9)
     measured = f"{timing.rate_hz:.2f} Hz ± {max(error_hz, 0.01):.2f} Hz ({timing.written} messages in {length_s:.1f} s)"
+    measured += found.by
     span_hz = (timing.rate_hz - error_hz, best_hz + error_hz)
     off_by = [abs(hz / p.rate_hz - 1) for hz in span_hz]
     least_off = 0.0 if span_hz[0] <= p.rate_hz <= span_hz[1] else min(off_by)
@@ -313,7 +339,8 @@ class TopicJitter(Parameters):
 
 def topic_jitter(context: Context, p: TopicJitter) -> Finding:
     """Judge the evenness of intervals between consecutive samples."""
-    timing, span = _measured(context, p.topic, p.window)
+    found = _measured(context, p.topic, p.window)
+    timing, span = found.timing, found.span
     expected = f"{p.share:.0%} of the intervals within {p.full_within_s * 1e3:g} ms of their median"
     where = _spots(context, p.topic, span)
     if timing is None or not len(timing.intervals_s):
@@ -321,7 +348,8 @@ def topic_jitter(context: Context, p: TopicJitter) -> Finding:
     deviation_s = timing.deviation_s(p.share)
     longest = f"longest {timing.intervals_s.max() * 1e3:.1f} ms"
     measured = f"{p.share:.0%} within {deviation_s * 1e3:.2f} ms of {timing.median_s * 1e3:.2f} ms ({longest})"
-    delay_s = _delay_s(context, p.process, span)
+    measured += found.by
+    delay_s = _delay_s(context, p.process, span) + found.excused_s
     spread = _CONFIDENCE * math.sqrt(p.share * (1 - p.share) / len(timing.intervals_s))
     largest_s = timing.deviation_s(min(1.0, p.share + spread))
     least_s = timing.deviation_s(max(0.0, p.share - spread), delay_s)

@@ -306,7 +306,7 @@ def census(recorded: Recorded, reference_nodes: Mapping[str, str]) -> tuple[Touc
 def _sightings(recorded: Recorded) -> tuple[_Sighting, ...]:
     """Return all endpoints that were ever in the graph, by gid, topic and kind."""
     graphs = recorded.record.graph
-    ends_ns = [graph.t_ns for graph in graphs[1:]] + [recorded.record.ended_ns]
+    ends_ns = [graph.t_ns for graph in graphs[1:]] + [recorded.record.ended_ns] * bool(graphs)
     found: dict[tuple[str, str, str], _Sighting] = {}
     nodes: dict[str, str] = {}
     for graph, end_ns in zip(graphs, ends_ns, strict=True):

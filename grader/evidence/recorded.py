@@ -281,6 +281,11 @@ class Recorded:
         runs = (run for run in self.record.processes if run.role in ("student", "reference"))
         return max((self.machine_delay_s(run, span) for run in runs), default=0.0)
 
+    def recorder_delay_s(self, span: Span) -> float:
+        """Return for how long within a span the machine kept the recorder from its core, in s."""
+        ours = [p for p in self.record.processes if p.role == "grader"]
+        return sum(self.machine_delay_s(run, span) for run in ours)
+
     def output_of(self, artifact: str) -> list[OutputLine]:
         """Return the output of the last process that ran an artifact."""
         processes = self.processes_of(artifact)

@@ -528,7 +528,7 @@ def test_each_policy_asked_for_is_a_part(tmp_path: Path) -> None:
 
 
 def test_a_publisher_that_was_asked_for_and_not_seen_is_undecided(tmp_path: Path) -> None:
-    """Where a node that goes on asked for the publisher and the graph never showed it, the discovery may have failed."""
+    """Where a node that goes on asked for a publisher that the graph never showed, the discovery may have failed."""
     for name, outcome in ((TOPIC, Outcome.INCONCLUSIVE), ("/elsewhere", Outcome.FAILED)):
         session = Session(tmp_path / name.strip("/")).process("it").claim("publisher", name)
         assert judged("topic_published", PUBLISHED, session).outcome is outcome
