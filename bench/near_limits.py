@@ -41,12 +41,15 @@ def _rate(name: str, about: str, rate_hz: float) -> NearLimit:
 
 
 def _jitter(name: str, about: str, jitter_s: float) -> NearLimit:
-    # Each message is late by chance, but the next keeps to the schedule: the rate stays what it was.
+    # Each message is late by chance, but the next keeps to the schedule: the rate stays what it was. The schedule
+    # is the clock's, so that ticks which a busy machine took do not use up the lateness.
     wait = (
         "        import random, time\n"
-        "        self.begun_s = getattr(self, 'begun_s', time.monotonic() - time_s)\n"
-        f"        late_s = self.begun_s + time_s + random.uniform(0.0, {jitter_s})\n"
-        "        time.sleep(max(0.0, late_s - time.monotonic()))\n"
+        "        now_s = time.monotonic()\n"
+        "        self.begun_s = getattr(self, 'begun_s', now_s)\n"
+        "        ticks = (now_s - self.begun_s) / self.period_s + 0.4\n"
+        "        due_s = self.begun_s + int(ticks) * self.period_s\n"
+        f"        time.sleep(max(0.0, due_s + random.uniform(0.0, {jitter_s}) - now_s))\n"
     )
     return NearLimit(name, about, "joint_publisher.py", _PUBLISH, wait + _PUBLISH, "publisher.steady")
 

@@ -1,6 +1,7 @@
 """What all reference nodes share: their configuration, their node, their pace and their end.
 
-A reference node is started as `python -I .../arm.py '{"seed": 1, "names": {...}, "with": {...}}'`.
+A reference node is started as `python -I .../arm.py '{"seed": 1, "names": {...}, "with": {...}}'`, or with `-` in place
+of the configuration, which is then read from standard input: who may see the command line learns nothing from it.
 It prints `ready` once all its endpoints exist, runs until SIGINT or SIGTERM, and exits with status 0.
 
 What travels over DDS can be forged by students' nodes, standard output cannot. So it also prints who it is in
@@ -228,8 +229,8 @@ def run(kind: type[T], play: Callable[[Configuration, T, StopRequest], None]) ->
     stop = StopRequest()
     try:
         if len(sys.argv) != 2:
-            raise ConfigurationError("one argument is expected: the configuration as a JSON object")
-        configuration = parse_configuration(sys.argv[1])
+            raise ConfigurationError("one argument is expected: the configuration as a JSON object, or -")
+        configuration = parse_configuration(sys.stdin.read() if sys.argv[1] == "-" else sys.argv[1])
         settings = build_settings(kind, configuration.settings)
     except ConfigurationError as problem:
         print(f"{sys.argv[0]}: {problem}", file=sys.stderr)

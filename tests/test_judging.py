@@ -21,7 +21,7 @@ from grader.errors import RecordingError
 from grader.judging import Recordings, judge, judge_checks, open_recordings
 from grader.pipeline import read_rubric, undecided_sessions
 from grader.recording.bag import Bag
-from grader.recording.session import SessionRecord, read_session, write_session
+from grader.recording.session import OutputLine, SessionRecord, read_session, write_session
 from grader.recording.submission import SUBMISSION_FILE, read_submission, write_submission
 from grader.report import json as result_json
 from grader.report.json import to_plain
@@ -216,6 +216,17 @@ def unseen(record: SessionRecord) -> SessionRecord:
     wait = next(step for step in record.steps if step.kind == "wait_for")
     wait.outcome = "timeout"
     return dataclasses.replace(record, graph=[], claims=[])
+
+
+def test_a_program_that_was_refused_a_thread_is_looked_at_twice_again(copy: Path, rubric: Rubric) -> None:
+    """Others on the machine may have used up what the kernel allows; one that had too many itself is to blame."""
+    record = killed(read_session(copy / "subscriber"))
+    student = next(run for run in record.processes if run.role == "student")
+    student.exit_status, student.output = 1, [OutputLine(0, "stderr", "RuntimeError: Resource temporarily unavailable")]
+    for attempt, limit, points in ((1, None, 0), (2, None, 0), (3, None, 20), (1, "processes", 20)):
+        student.limit = limit
+        write_session(copy / "subscriber", dataclasses.replace(record, attempt=attempt, claims=[]))
+        assert lost(judge(open_recordings(copy, rubric), rubric)) == points
 
 
 @pytest.mark.parametrize("how", [killed, unseen])

@@ -28,7 +28,7 @@ from grader.checks.reception import OfferedProfile, clash
 from grader.checks.traffic import claimed_qos, student_endpoints
 from grader.evidence.calls import rclpy_calls
 from grader.evidence.printed import text_of
-from grader.evidence.recorded import Floats, Span
+from grader.evidence.recorded import Floats, Span, clock_step_s
 from grader.evidence.result_rows import LINE_LIMIT, ResultRow, lines_naming, result_row
 from grader.evidence.timing import timing_of
 from grader.recording.session import Qos
@@ -395,6 +395,8 @@ def _latency_problem(context: Context, p: ReportedTraffic, row: Row, got: Result
     latencies = _latencies_s(context, row.topic)
     if not len(latencies):
         return ""
+    if _stamped_otherwise(context, latencies):
+        return f"What is sent on {row.topic} carries time stamps that are not those of its sending."
     truth_s = float(np.mean(latencies))
     least_s = float(np.min(latencies)) / p.latency_factor
     most_s = max(truth_s * p.latency_factor, truth_s + p.latency_slack_s)
@@ -404,6 +406,19 @@ def _latency_problem(context: Context, p: ReportedTraffic, row: Row, got: Result
     reported = f"{row.name} reports a mean latency of {got.mean_s * 1e3:.2f} ms{most}"
     negative = " No message arrives before it was sent: subtract the other way round." if got.mean_s < 0 else ""
     return f"{reported}; recorded was {truth_s * 1e3:.2f} ms.{negative}"
+
+
+#: Median latencies that no message has within a machine, unless the recorder lacked a core for this share of the time.
+_LEAST_MEDIAN_S, _MOST_MEDIAN_S, _RECORDER_BUSY = -0.001, 0.03, 0.2
+
+
+def _stamped_otherwise(context: Context, latencies: Floats) -> bool:
+    """Whether messages did not leave when they are stamped: their stamps are the work of the student's process."""
+    record = context.session.record
+    span = Span(record.started_ns, record.ended_ns)
+    busy = context.session.recorder_delay_s(span) > _RECORDER_BUSY * span.duration_s
+    plausible = _LEAST_MEDIAN_S <= float(np.median(latencies)) <= _MOST_MEDIAN_S
+    return not plausible and not busy and not clock_step_s(record, span)
 
 
 def _latencies_s(context: Context, topic: str) -> Floats:

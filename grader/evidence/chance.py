@@ -9,19 +9,26 @@ from grader.evidence.recorded import Recorded
 from grader.recording.session import ProcessRun
 
 _KILLED = (-9, 137)
+#: What programs say when they may have no more threads or processes. The kernel counts those of a user, and in
+#: another container on the machine somebody else may have the same.
+_NO_MORE_TASKS = ("Resource temporarily unavailable", "can't start new thread")
+#: Recordings in which that is believed; what a program says of itself can be made up.
+_BELIEVED = 2
 
 
 def may_be_chance(recorded: Recorded, reference_nodes: Iterable[str]) -> str | None:
-    """Say what in the first recording of a session has to be seen again before it costs anything; None if nothing.
+    """Say what in the recording of a session has to be seen again before it costs anything; None if nothing.
 
     Parameters
     ----------
     reference_nodes : iterable of str
         Fully qualified names of the grader's own nodes.
     """
+    students = [run for run in recorded.record.processes if run.role == "student"]
+    if recorded.record.attempt <= _BELIEVED and any(_was_refused_tasks(run) for run in students):
+        return "A program could start no thread, and not since it had too many: the machine may have."
     if recorded.record.attempt > 1:
         return None
-    students = [run for run in recorded.record.processes if run.role == "student"]
     if any(_killed_by_nobody(run) for run in students):
         return "A program was killed, and by nobody of this session; the system does so when its memory is short."
     if _nobody_came(recorded, students, frozenset(reference_nodes)):
@@ -31,6 +38,12 @@ def may_be_chance(recorded: Recorded, reference_nodes: Iterable[str]) -> str | N
 
 def _killed_by_nobody(run: ProcessRun) -> bool:
     return run.exit_status in _KILLED and run.ended_by == "itself" and not ended_by_limit(run)
+
+
+def _was_refused_tasks(run: ProcessRun) -> bool:
+    """Whether a program ended with that complaint, without having reached a limit of the session."""
+    last = run.output[-1].text if run.output else ""
+    return run.ended_by == "itself" and run.limit is None and any(words in last for words in _NO_MORE_TASKS)
 
 
 def _nobody_came(recorded: Recorded, students: Iterable[ProcessRun], reference_nodes: frozenset[str]) -> bool:

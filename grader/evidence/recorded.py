@@ -46,6 +46,11 @@ class NumericStream:
     sequence: Integers
     values: Floats  # (n, m)
 
+    def until(self, t_ns: int) -> NumericStream:
+        """Return the messages that were received up to a time."""
+        there = self.received_ns <= t_ns
+        return NumericStream(self.source_ns[there], self.received_ns[there], self.sequence[there], self.values[there])
+
 
 @dataclass(frozen=True)
 class Span:

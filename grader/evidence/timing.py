@@ -81,8 +81,8 @@ class Timing:
         Notes
         -----
         Within a machine a sample is received some 0.1 ms after it was written, or later where the recorder has no
-        core. Over 150 recordings of honest publishers, on two cores with up to 14 processes ready to run, the two
-        quantiles differed by 1.6 ms at most, and the rates by 0.05 %.
+        core. In 658 recorded topics of honest programs, on two cores with up to 14 processes ready to run, the two
+        quantiles differed by 1.6 ms at most, by nothing beyond the recorder's delay, and the rates by 0.5 %.
         """
         if self.arrived is None or not len(self.intervals_s):
             return False
@@ -129,7 +129,7 @@ def _timed(times: Integers, sequence: Integers) -> Timing | None:
 
 
 #: The quantile by which the evenness of stamps is compared with that of arrivals, and by how much they may differ.
-_MOST, _OTHER_EVENNESS_S, _OTHER_RATE = 0.9, 0.003, 0.01
+_MOST, _OTHER_EVENNESS_S, _OTHER_RATE = 0.9, 0.003, 0.02
 #: Where the usual interval is shorter than this part of the mean one, samples come in bursts.
 _BURSTS = 0.5
 

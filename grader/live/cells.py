@@ -130,6 +130,7 @@ class Sessions:
         try:
             with _number() as number:
                 plan = self._plan(spec, partial, scratch, number)
+                (scratch / "plan.json").touch(mode=0o600)  # the seed is in it
                 (scratch / "plan.json").write_text(json.dumps(asdict(plan)), encoding="utf-8")
                 await self._run_cell(spec, scratch, on_progress)
         except BaseException:

@@ -6,6 +6,7 @@ reaches no process of a session.
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import sysconfig
@@ -132,13 +133,29 @@ def require_ros(interpreter: Path) -> None:
 
 def interpreter_roots(interpreter: Path) -> list[Path]:
     """Folders that an interpreter needs to run: its virtual environment and the installation behind it."""
-    prefix = interpreter.parent.parent
     real = interpreter.resolve().parent.parent
     stdlib = Path(sysconfig.get_path("stdlib")).parent.parent if interpreter == default_interpreter() else real
-    roots = [prefix, real, stdlib]
-    # Every link on the way from bin/python to the real program must resolve inside the cell too.
-    link = interpreter
-    while link.is_symlink():
-        link = (link.parent / link.readlink()) if not link.readlink().is_absolute() else link.readlink()
-        roots.append(link.parent.parent)
-    return list(dict.fromkeys(roots))
+    # A link may lie anywhere, such as in ~/bin: what else is there is nobody's business.
+    linked = [path.parent.parent for path in (interpreter, *_links_of(interpreter))]
+    return list(dict.fromkeys([*filter(_is_installation, linked), real, stdlib]))
+
+
+def interpreter_links(interpreter: Path) -> dict[Path, str]:
+    """Links on the way to the real program that lie in none of its folders -> what each of them says."""
+    roots = interpreter_roots(interpreter)
+    apart = [link for link in _links_of(interpreter) if not any(link.is_relative_to(root) for root in roots)]
+    return {link: str(link.readlink()) for link in apart}
+
+
+def _links_of(interpreter: Path) -> list[Path]:
+    """Return the links from an interpreter to the real program, the interpreter first if it is one."""
+    links: list[Path] = []
+    path = interpreter
+    while path.is_symlink() and path not in links:
+        links.append(path)
+        path = Path(os.path.normpath(path.parent / path.readlink()))
+    return links
+
+
+def _is_installation(folder: Path) -> bool:
+    return (folder / "pyvenv.cfg").is_file() or any(folder.glob("lib*/python3*"))

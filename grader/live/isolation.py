@@ -20,7 +20,7 @@ from typing import Any
 
 from grader.live.cgroup import PROCESSES, CellGroup, GroupPlaces
 from grader.live.confine import Confinement
-from grader.live.environment import INSIDE_FOLDER, interpreter_roots
+from grader.live.environment import INSIDE_FOLDER, interpreter_links, interpreter_roots
 from grader.live.landlock import confines_signals, landlock_version
 
 #: Paths inside a confined student's process.
@@ -210,7 +210,8 @@ def student_argv(
         limits["nproc"] = PROCESSES if uid is not None else _tasks_of_user() + PROCESSES
         read, write = _readable(room), [*map(str, room.areas.values()), *(f"/dev/{name}" for name in _DEVICES)]
         return Confinement(list(command), dict(environment), cwd, read, write, uid, limits).argv(sys.executable)
-    limits["nproc"] = PROCESSES
+    if group is None:
+        limits["nproc"] = PROCESSES  # By user id, which a grader in another container may have given as well.
     arguments = ["bwrap", "--unshare-pid", "--unshare-ipc", "--unshare-uts", "--unshare-cgroup-try"]
     arguments += ["--die-with-parent", "--new-session", "--info-fd", str(info_fd), "--hostname", "lab"]
     arguments += ["--seccomp", str(seccomp_fd)]
@@ -291,29 +292,45 @@ def _file_system(room: Room) -> list[str]:
     for root in interpreter_roots(room.interpreter):
         if not root.is_relative_to("/usr") and str(root) != "/":
             bind("--ro-bind", str(root), str(root))
+    for link, target in interpreter_links(room.interpreter).items():
+        if not link.is_relative_to("/usr"):
+            bind("--symlink", target, str(link))
     arguments += _hidden_package(room.interpreter)
     return [*arguments, "--remount-ro", "/"]
 
 
 def _hidden_package(interpreter: Path) -> list[str]:
     """Cover the grader's own package, oracles and solution included, where it lies among what a student sees."""
+    roots = [Path("/usr"), *interpreter_roots(interpreter)]
+    arguments: list[str] = []
+    for folder in _own_folders(roots):
+        if any(folder.is_relative_to(root) for root in roots):
+            arguments += ["--perms", "0555", "--tmpfs", str(folder), "--remount-ro", str(folder)]
+    return arguments
+
+
+def _own_folders(roots: Sequence[Path]) -> list[Path]:
+    """Return the grader's package and, in a checkout, what lies beside it and is no part of an interpreter."""
     package = INSIDE_FOLDER.parents[1]
-    if not any(package.is_relative_to(root) for root in (Path("/usr"), *interpreter_roots(interpreter))):
-        return []
-    return ["--perms", "0555", "--tmpfs", str(package), "--remount-ro", str(package)]
+    checkout = package.parent
+    if not (checkout / "rubric.yaml").is_file():
+        return [package]
+    folders = [p for p in checkout.iterdir() if p.is_dir() and not p.is_symlink()]
+    theirs = {checkout / name for name in ("bin", "lib", "lib64", "include", "share")} if checkout in roots else set()
+    return [p for p in sorted(folders) if p not in theirs and not any(root.is_relative_to(p) for root in roots)]
 
 
 def _readable(room: Room) -> list[str]:
-    """Return what a student's process may read where it sees the machine's own files, our package left out."""
-    package = INSIDE_FOLDER.parents[1]
+    """Return what a student's process may read where it sees the machine's own files, our own left out."""
     found = [Path("/proc"), *(Path("/") / n for n in ("bin", "sbin", "lib", "lib32", "lib64", "libx32"))]
     found += [Path("/etc") / name for name in _SETTINGS]
     queue = [Path("/usr"), *interpreter_roots(room.interpreter)]
+    ours = _own_folders(queue)
     while queue:
         folder = queue.pop()
-        if folder == package or folder == Path("/"):
+        if folder in ours or folder == Path("/"):
             continue
-        if package.is_relative_to(folder):
+        if any(own.is_relative_to(folder) for own in ours):
             queue += list(folder.iterdir())
         else:
             found.append(folder)

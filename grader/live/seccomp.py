@@ -25,6 +25,9 @@ _LOAD, _JUMP_EQUAL, _JUMP_AT_LEAST, _JUMP_ANY_BIT, _RETURN = 0x20, 0x15, 0x35, 0
 _ALLOW, _KILL_PROCESS, _ERRNO = 0x7FFF0000, 0x80000000, 0x00050000
 
 _SOCKET, _SOCKETPAIR, _IOCTL, _CLONE, _KILL, _CLONE3 = 41, 53, 16, 56, 62, 435
+_SETPRIORITY, _PRLIMIT = 141, 302
+#: What makes a call of the last two be about the caller's own process, or about one process at all.
+_OWN_PROCESS = _ONE_PROCESS = 0
 #: The process id -1, as 32 bits.
 _ALL_PROCESSES = 0xFFFFFFFF
 #: AF_UNIX, AF_INET, AF_INET6, AF_NETLINK (`getifaddrs` needs the last).
@@ -69,6 +72,11 @@ def filter_program(*, spare_others: bool = False) -> bytes:
         program += _answer_if(_JUMP_EQUAL, number, errno.EPERM)
     if spare_others:
         program += _judge_argument(_KILL, 0, _answer_if(_JUMP_EQUAL, _ALL_PROCESSES, errno.EPERM), _ALLOW)
+    # Limits and weights of others with the same user id, which may be the grader's own processes.
+    own = [_step(_JUMP_EQUAL, _OWN_PROCESS, 0, 1), _step(_RETURN, _ALLOW)]
+    program += _judge_argument(_PRLIMIT, 0, own, _ERRNO | errno.EPERM)
+    one = [_step(_JUMP_EQUAL, _ONE_PROCESS, 0, 1), _step(_RETURN, _ALLOW)]
+    program += _judge_argument(_SETPRIORITY, 0, one, _ERRNO | errno.EPERM)
     # Its flags lie in memory, where no filter can look; without it, libraries use `clone`.
     program += _answer_if(_JUMP_EQUAL, _CLONE3, errno.ENOSYS)
     program += _judge_argument(_CLONE, 0, _answer_if(_JUMP_ANY_BIT, _NAMESPACES, errno.EPERM), _ALLOW)

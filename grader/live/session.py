@@ -538,7 +538,11 @@ class Session:
             "types": self._types(),
         }
         run = ProcessRun(name, "reference", ["python", Path(spec["file"]).name, json.dumps(configuration)])
-        self.processes[name] = await self._start_trusted(run, [spec["file"], json.dumps(configuration)])
+        # Not on the command line, which everybody can read where process ids are not the cell's own: the seed is in it.
+        running = await self._start_trusted(run, [spec["file"], "-"], with_input=True)
+        running.write(json.dumps(configuration).encode())
+        running.close_input()
+        self.processes[name] = running
         outcome, result = await self._wait_output(name, "ready", _REFERENCE_START_S)
         if outcome != "done":
             self.record.problems.append(f"the reference node {name} did not get ready")

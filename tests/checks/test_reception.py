@@ -289,11 +289,20 @@ def test_no_report_is_not_charged_twice(tmp_path: Path) -> None:
 
 
 def test_output_that_was_not_kept_costs_nothing(tmp_path: Path) -> None:
-    """A node that wrote more than is kept may have reported each state."""
+    """A node that reported each state as long as its output was kept may have reported the others too."""
+    session, times = stimulus(tmp_path)
+    with_reports(session, times)
+    process = session.record.processes[0]
+    process.output, process.output_dropped_bytes = process.output[: len(process.output) // 2], 1000
+    assert judged("report_share", SHARE, session).outcome is Outcome.PASSED
+
+
+def test_printing_too_much_does_not_hide_that_reports_are_missing(tmp_path: Path) -> None:
+    """A node that reported a tenth of the states while its output was kept earns a tenth."""
     session, times = stimulus(tmp_path)
     with_reports(session, times, every=10)
     session.record.processes[0].output_dropped_bytes = 1000
-    assert judged("report_share", SHARE, session).outcome is Outcome.PASSED
+    assert judged("report_share", SHARE, session).outcome is Outcome.PARTIAL
 
 
 def test_reports_that_the_machine_kept_back_are_undecided(tmp_path: Path) -> None:
