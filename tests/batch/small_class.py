@@ -115,10 +115,19 @@ class Family:
 
     pid: int
     members: set[tuple[int, str]] = field(default_factory=set)
+    #: What was there before, such as a helper of `multiprocessing` that another test has started.
+    before: set[tuple[int, str]] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        if self.pid == os.getpid():
+            self.before = self._now()
 
     def look(self) -> None:
         """Note the processes that there are now."""
-        self.members |= {(pid, _born(pid)) for pid in below(self.pid)}
+        self.members |= self._now() - self.before
+
+    def _now(self) -> set[tuple[int, str]]:
+        return {(pid, _born(pid)) for pid in below(self.pid)}
 
     def left(self) -> list[str]:
         """Return the command lines of those that still live."""

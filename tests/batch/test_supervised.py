@@ -63,13 +63,13 @@ class Case:
                 self.order, self.admission, 0, lambda phase: phases.append(phase.text), limits
             )
             watching.cancel()
-            place = await asyncio.wait_for(self.admission.take(Use.CELL, 1, alone=True), 10)
+            place = await asyncio.wait_for(self.admission.take(Use.CELL, 1, alone=True), 120)
             place.release()
             return ending
 
         ending = asyncio.run(scenario())
         assert self.family.members
-        until(lambda: not self.family.left(), 10)
+        until(lambda: not self.family.left(), 30)
         assert leavings(self.temporary) == []
         return ending
 
