@@ -166,8 +166,16 @@ def _own_memory(process: RunningProcess) -> int:
     total = 0
     for pid in descendants_of(root) if root is not None else ():
         with suppress(OSError, ValueError, IndexError):
-            total += int(_said_of_memory(pid, "smaps_rollup").split("Pss:", 1)[1].split()[0]) * 1024
+            total += _proportional_bytes(pid)
     return total
+
+
+def _proportional_bytes(pid: int) -> int:
+    """Return the memory of one process; where its share of shared pages may not be read, without these."""
+    with suppress(OSError):
+        return int(_said_of_memory(pid, "smaps_rollup").split("Pss:", 1)[1].split()[0]) * 1024
+    _, resident, shared, *_ = _said_of_memory(pid, "statm").split()
+    return (int(resident) - int(shared)) * _PAGE_BYTES
 
 
 def _tasks_of(pid: int) -> list[str]:
