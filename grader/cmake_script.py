@@ -17,7 +17,7 @@ _WORD = re.compile(r'"([^"]*)"|(\S+)')
 _VARIABLE = re.compile(r"\$\{(\w+)\}")
 _HERE = re.compile(r"\$\{(?:CMAKE_CURRENT_SOURCE_DIR|CMAKE_CURRENT_LIST_DIR|CMAKE_SOURCE_DIR|PROJECT_SOURCE_DIR)\}(/?)")
 _MOST_COMMANDS, _MOST_WORDS, _LONGEST_WORD = 2000, 500, 1000
-_MOST_PATTERNS, _DEEPEST_LOOP = 100, 20
+_MOST_PATTERNS, _DEEPEST_LOOP = 40, 20
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ import pytest
 
 from grader.packages import find_packages
 from grader.recording.submission import PackageFact
+from tests.counted import calls_of
 
 MANIFEST = "<package><name>arm_lab</name><export><build_type>ament_python</build_type></export></package>"
 SETUP = "from setuptools import setup\nname = 'arm_lab'\nsetup(name=name, entry_points={})\n"
@@ -165,3 +166,40 @@ def test_setup_py_is_never_executed() -> None:
     """Code at module level has no effect on us."""
     setup = "raise SystemExit('executed')\n" + SETUP.replace("{}", "{'console_scripts': ['a = b:c']}")
     assert package({"package.xml": MANIFEST, "setup.py": setup}).executables == {"a": "b:c"}
+
+
+CMAKE_MANIFEST = MANIFEST.replace("ament_python", "ament_cmake")
+
+
+def test_loops_within_loops_are_read_up_to_a_depth() -> None:
+    """Two loops put both variables in, and two thousand break nothing."""
+    two = (
+        "foreach(a x y)\nforeach(b 1 2)\ninstall(PROGRAMS ${a}${b} DESTINATION lib/arm_lab)\nendforeach()\nendforeach()"
+    )
+    found = package({"package.xml": CMAKE_MANIFEST, "CMakeLists.txt": two}, "x1", "x2", "y1", "y2")
+    assert sorted(found.executables) == ["x1", "x2", "y1", "y2"]
+    many = "foreach(a x)\n" * 2000 + "install(PROGRAMS ${a} DESTINATION lib/arm_lab)\n"
+    assert package({"package.xml": CMAKE_MANIFEST, "CMakeLists.txt": many}, "x").executables == {}
+
+
+def test_patterns_are_tried_within_bounds() -> None:
+    """Forty thousand patterns are too many; the first of them are tried."""
+    globs = ("file(GLOB found " + " ".join(f"*a*b*{n}" for n in range(20)) + ")\n") * 2000
+    files = [f"aabb{n}.txt" for n in range(200)]
+    texts = {"package.xml": CMAKE_MANIFEST, "CMakeLists.txt": globs}
+    assert calls_of(lambda: find_packages(texts, [*texts, *files])) < 5_000_000
+
+
+def test_the_same_mistake_in_a_thousand_files_is_not_told_a_thousand_times() -> None:
+    """A few are named, and how many more there are."""
+    launches = [f"launch/arm{n}.launch.py" for n in range(1000)]
+    problems = with_scripts_and("data_files=[]", *launches).problems
+    assert len(problems) < 30
+    assert "more" in problems[-1]
+
+
+def with_scripts_and(more: str, *paths: str) -> PackageFact:
+    """Find a package whose setup.py says something more, with some files."""
+    scripts = "entry_points={'console_scripts': ['talk = arm_lab.talk:main']}"
+    setup = SETUP.replace("entry_points={}", f"{scripts}, {more}")
+    return package({"package.xml": MANIFEST, "setup.py": setup}, *paths)

@@ -77,7 +77,8 @@ def topic_published(context: Context, p: TopicPublished) -> Finding:
         reason, hint, where = why_nothing(context, p.artifact, fallback)
         return failed(expected, "no publisher in the graph", reason, hint=hint, where=where)
     used = context.session.used(p.topic)
-    found_type = endpoints[0].type if endpoints else stream.topic_type
+    types = [*(e.type for e in endpoints), *([stream.topic_type] if len(stream) else [])]
+    found_type = next((t for t in types if t != p.type), p.type)  # one that fits does not make up for another
     if not len(stream):
         fallback, remedy = _silent_publisher(context, p.artifact, used)
         reason, hint, where = why_nothing(context, p.artifact, fallback)
@@ -576,7 +577,9 @@ def offered_qos(context: Context, p: OfferedQos) -> Finding:
     endpoints = student_endpoints(context, p.topic, "publisher")
     if not endpoints:
         return failed(expected, "no publisher", "There is no publisher to look at.", where=(context.where(p.topic),))
-    qos = endpoints[0].qos
+    # Which of several publishers sent what is not known; one that fits does not make up for another.
+    unfit = [e.qos for e in endpoints if any(getattr(e.qos, name) != value for name, value in wanted.items())]
+    qos = unfit[0] if unfit else endpoints[0].qos
     wrong = [(name, getattr(qos, name)) for name, value in wanted.items() if getattr(qos, name) != value]
     claim, spot = claimed_qos(context, "publisher", context.session.used(p.topic))
     notes = []

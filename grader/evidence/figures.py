@@ -31,6 +31,8 @@ MOST_ITEMS = 60
 
 #: A source timestamp comes over the wire; one that far from the arrival cannot be drawn to scale.
 _FAR_NS = 10_000_000_000
+#: Nor can a number that is larger than any that is meant.
+_FAR = 1e9
 
 
 # -- what can be drawn -------------------------------------------------------------------------
@@ -432,7 +434,8 @@ def _series(spec: FigureSpec, recorded: Recorded, lab_folder: Path) -> Series | 
         wanted = range(length) if p.indices is None else [i for i in p.indices if i < length]
         left_out = max(left_out, len(wanted) - MOST_ELEMENTS)
         for index in list(wanted)[:MOST_ELEMENTS]:
-            times, values = _thinned(_seconds(stream.source_ns, recorded), stream.values[:, index])
+            drawn = np.abs(stream.values[:, index]) < _FAR
+            times, values = _thinned(_seconds(stream.source_ns[drawn], recorded), stream.values[drawn, index])
             lines.append(Line(role, recorded.used(topic), index, _floats(times), _floats(values)))
     if not lines:
         return None
@@ -451,12 +454,13 @@ def _plateaus(p: _Reported, recorded: Recorded, lab_folder: Path) -> tuple[Plate
     return tuple(
         Plateau(recorded.since_start_s(s["start_ns"]), recorded.since_start_s(s["end_ns"]), float(s["value"]))
         for s in plateaus[:MOST_POINTS]
+        if abs(s["value"]) < _FAR
     )
 
 
 def _reports(spec: FigureSpec, recorded: Recorded, lab_folder: Path) -> Reports | None:
     p = _settings(_Reported, spec)
-    said = [r for r in reports(recorded, p.artifact, p.pattern) if np.isfinite(r.value)]
+    said = [r for r in reports(recorded, p.artifact, p.pattern) if abs(r.value) < _FAR]
     plateaus = _plateaus(p, recorded, lab_folder)
     if not said and not plateaus:
         return None

@@ -63,7 +63,7 @@ def _fit_each(times_s: Floats, values: Floats, frequencies_hz: Floats) -> tuple[
     """Fit offset, sine and cosine at each frequency; returns the (n, 3) coefficients and n residuals."""
     phases = 2 * np.pi * np.outer(frequencies_hz, times_s)
     design = np.stack([np.ones_like(phases), np.sin(phases), np.cos(phases)], axis=1)
-    normal = design @ design.transpose(0, 2, 1) + 1e-12 * np.eye(3)
+    normal = design @ design.transpose(0, 2, 1) + 1e-12 * len(values) * np.eye(3)
     coefficients = np.linalg.solve(normal, (design @ values)[:, :, np.newaxis])[:, :, 0]
     left = values - np.einsum("fk,fkt->ft", coefficients, design)
     return coefficients, np.sqrt(np.mean(left**2, axis=1))

@@ -112,6 +112,16 @@ class CellGroup:
                 return
             time.sleep(0.002)
 
+    def remove_forgotten(self) -> None:
+        """Remove the empty groups beside this one whose labels end in the id of a process that is no more."""
+        for folder in self._folders():
+            stem = folder.name.rpartition("-")[0]
+            for other in folder.parent.glob(f"{stem}-*"):
+                owner = other.name.rpartition("-")[2]
+                if owner.isdecimal() and not Path("/proc", owner).exists():
+                    with suppress(OSError):
+                        other.rmdir()
+
     def _folders(self) -> list[Path]:
         return list(dict.fromkeys((self._memory, self._processes)))
 

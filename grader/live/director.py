@@ -14,6 +14,7 @@ import dataclasses
 import importlib
 import json
 import queue
+import shutil
 import socket
 import sys
 import threading
@@ -34,7 +35,7 @@ from rclpy.service_introspection import ServiceIntrospectionState
 
 from grader.live.graph import GraphWatch
 from grader.live.names import Candidate, near_miss
-from grader.live.recorder import Recorder
+from grader.live.recorder import DEFAULT_LIMIT_BYTES, Recorder
 from grader.recording.bag import BagWriter
 from grader.recording.session import (
     GRADER_NAMESPACE,
@@ -69,6 +70,8 @@ _ACKNOWLEDGED_S = 1.0
 _FOREIGN_S = 0.5
 #: Service events that the middleware keeps until the recorder has them.
 _EVENTS_DEPTH = 100
+#: Of the disk's free space a bag takes one part in so many at most, so that no flood of messages fills it.
+_SHARE_OF_FREE = 20
 #: What is passed on of a text in an answer, of the elements of an array, and of the names of a node's parameters.
 _LONGEST_TEXT, _MOST_ELEMENTS, _MOST_DECLARED = 10_000, 1000, 200
 
@@ -99,7 +102,8 @@ class Director:
         self._node = _silent_node("probe", self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
-        self._recorder = Recorder(BagWriter(folder, name), domain_id)
+        limit_bytes = min(DEFAULT_LIMIT_BYTES, shutil.disk_usage(folder).free // _SHARE_OF_FREE)
+        self._recorder = Recorder(BagWriter(folder, name), domain_id, limit_bytes=limit_bytes)
         self._watch = GraphWatch(self._node, self._on_change, {*expected, *_STANDARD})
         self._problems: list[str] = []
         self._reference_nodes = set(reference_nodes)

@@ -127,6 +127,7 @@ def _try(isolation: Isolation, interpreter: Path) -> str | None:
 def _limits_memory(isolation: Isolation, places: GroupPlaces, interpreter: Path) -> bool:
     """Whether two processes that together take twice the limit are ended by the kernel."""
     group = CellGroup(places, f"probe-{os.getpid()}")
+    group.remove_forgotten()
     try:
         group.make(memory_bytes=_PROBE_BYTES)
         run = _run(isolation, interpreter, _TAKE_MEMORY, group)

@@ -274,3 +274,11 @@ def test_a_pattern_that_does_not_compile_is_a_mistake_of_the_rubric(check: str, 
     """A regular expression that is none is refused when the rubric loads, like any other wrong parameter."""
     with pytest.raises(ValidationError, match="no valid regular expression"):
         REGISTRY[check].parameters.model_validate(parameters)
+
+
+@pytest.mark.parametrize("latency_s", [-0.2, 0.2])
+def test_latencies_are_not_compared_with_stamps_of_ones_own(tmp_path: Path, latency_s: float) -> None:
+    """Who stamps messages as he likes does not get the latency that he prints confirmed."""
+    finding = reported(tmp_path, row(mean_ms=1e3 * latency_s, max_ms=1e3 * latency_s + 1), latency_s=latency_s)
+    assert finding.credit == Decimal("0.5")
+    assert "not those of its sending" in finding.reason

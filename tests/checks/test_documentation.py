@@ -199,3 +199,13 @@ def test_passages_about_something_else_do_not_count() -> None:
     """Without an anchor a passage is not about the subject."""
     text = DISCUSSED.replace("QoS", "It")
     assert static("concepts_explained", CONCEPTS, submission({"README.md": text})).outcome is Outcome.FAILED
+
+
+def test_of_a_hundred_documents_the_first_are_read() -> None:
+    """More than anybody would read is left unread: what only the last one says does not count."""
+    padding = "Nothing to see here. " * 5000
+    said = f"{FILLED}\n"
+    first = {"README.md": said, **{f"d{n}/README.md": padding for n in range(100)}}
+    last = {**{f"d{n}/README.md": padding for n in range(100)}, "e/e/e/README.md": said}
+    assert static("readme", README, submission(first, talk="talk.py", hear="hear.py")).outcome is Outcome.PASSED
+    assert static("readme", README, submission(last, talk="talk.py", hear="hear.py")).outcome is Outcome.FAILED

@@ -535,3 +535,38 @@ def test_a_publisher_that_was_asked_for_and_not_seen_is_undecided(tmp_path: Path
     crashed = ["Traceback (most recent call last):", '  File "/ws/src/it.py", line 9, in tick', "ValueError: no"]
     session = Session(tmp_path / "crashed").process("it", crashed).claim("publisher", TOPIC)
     assert judged("topic_published", PUBLISHED, session).outcome is Outcome.FAILED
+
+
+def test_a_second_publisher_does_not_make_up_for_the_first(tmp_path: Path) -> None:
+    """Where one of two publishers is not as asked, whichever was seen first, that one counts."""
+    for number, order in enumerate([(RELIABLE, BEST_EFFORT), (BEST_EFFORT, RELIABLE)]):
+        session = published(tmp_path / str(number), evenly(100, 1.0))
+        session.graph.endpoints.clear()
+        for qos in order:
+            session.endpoint("publisher", TOPIC, qos=qos)
+        assert judged("offered_qos", {"topic": TOPIC, "reliability": "reliable"}, session).outcome is Outcome.FAILED
+
+
+def test_a_second_publisher_does_not_lend_its_type(tmp_path: Path) -> None:
+    """A publisher of the right type beside one of another is no publisher of the right type alone."""
+    session = published(tmp_path, evenly(100, 1.0)).endpoint("publisher", TOPIC, topic_type="std_msgs/msg/String")
+    assert judged("topic_published", PUBLISHED, session).outcome is Outcome.PARTIAL
+
+
+def forged(folder: Path, arrivals_s: list[float]) -> Session:
+    """Make a session whose messages are stamped every 10 ms and arrive at other times."""
+    session = Session(folder).endpoint("publisher", TOPIC).process("it")
+    for number, arrival_s in enumerate(arrivals_s, 1):
+        stamp_s = 1.0 + number / 100
+        session.messages(TOPIC, [[0.0] * 7], [stamp_s], sequence=[number], latency_s=arrival_s - stamp_s)
+    return session.window(1.0, 1.0 + len(arrivals_s) / 100 + 0.005)
+
+
+def test_stamps_that_do_not_tell_of_the_sending_earn_nothing(tmp_path: Path) -> None:
+    """Messages that arrive unevenly or at another rate than they are stamped are judged by their arrival."""
+    uneven = forged(tmp_path / "uneven", [1.02 + n / 100 + 0.012 * (n % 2) for n in range(600)])
+    finding = judged("topic_jitter", JITTER, uneven)
+    assert finding.outcome is Outcome.FAILED
+    assert "by their arrival" in finding.measured
+    slow = forged(tmp_path / "slow", [1.02 + n / 50 for n in range(600)])
+    assert judged("topic_rate", RATE, slow).outcome is Outcome.FAILED

@@ -404,3 +404,11 @@ def test_numbers_are_plain(tmp_path: Path) -> None:
     figure = drawn("intervals", recorded(tmp_path, {"/a": ticking(50, 10**7)}), topic="/a", rate_hz=100)
     assert isinstance(figure, Intervals)
     assert not any(isinstance(v, np.generic) for v in (*figure.edges_s, *figure.counts, figure.median_s))
+
+
+def test_numbers_that_nobody_means_are_not_drawn(tmp_path: Path) -> None:
+    """Next to the largest number that there is, all others would lie on one line, and so would nothing."""
+    rows: list[Row] = [(n + 1, 10**9 + n * 10**7, [1e308 if n % 2 else -1e308, float(n)]) for n in range(50)]
+    figure = drawn("series", recorded(tmp_path, {"/a": rows}), topics={"command": "/a"}, field="data")
+    assert isinstance(figure, Series)
+    assert [len(line.values) for line in figure.lines] == [0, 50]

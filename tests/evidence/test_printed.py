@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from grader.evidence.printed import labelled_vector, printed_vector, reports, text_of
 from grader.recording.session import OutputLine
+from tests.counted import calls_of
 from tests.synthetic import Session, at
 
 PATTERN = r"RMS[^\d\[\]+-]{0,60}([+-]?\d+(?:\.\d*)?(?:[eE][+-]?\d+)?)"
@@ -154,3 +155,16 @@ def test_without_reports_there_are_none(tmp_path: Path) -> None:
 def test_text_of_output() -> None:
     """Lines are joined by line ends."""
     assert text_of(said("a", "b")) == "a\nb"
+
+
+@pytest.mark.parametrize("line", ["Mean:[", "Mean  x", "Mean: [0.1", "| Mean | Max |", "Mean"])
+def test_endless_statistics_are_read_in_few_steps(line: str) -> None:
+    """Of twenty thousand lines that nearly are statistics only the last are read closely."""
+    output = [OutputLine(n, "stdout", line) for n in range(20_000)]
+    assert calls_of(lambda: printed_vector(output, "Mean", 0)) < 500_000
+
+
+def test_the_last_of_many_vectors_counts() -> None:
+    """A program that prints its statistics again and again is judged by the last ones."""
+    output = [OutputLine(n, "stdout", f"Mean: [{n}.0 1.0]") for n in range(5000)]
+    assert labelled_vector(output, "Mean") == [4999.0, 1.0]

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from grader.evidence.result_rows import ResultRow, names, result_row
 from grader.recording.session import OutputLine
+from tests.counted import calls_of
 
 FAST_AND_SLOW = [
     # The lab's own form, and other units.
@@ -106,3 +107,31 @@ def test_no_text_breaks_it(before: str, behind: str) -> None:
     """Whatever is printed, the answer is a row or none."""
     row = result_row(output(f"{before}fast{behind}\n{before}"), "fast", ["slow"])
     assert row is None or row.count >= 0
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["fast 1 2 3", "| fast | 1 | 2 | 3 |", "fast received 1 avg 1 ms max", "fast " + "1msgs avg1ms " * 500],
+)
+def test_endless_results_are_read_in_few_steps(line: str) -> None:
+    """Of twenty thousand lines about a thing only the first and the last are read closely."""
+    output = [OutputLine(n, "stdout", line) for n in range(20_000)]
+    assert calls_of(lambda: result_row(output, "fast", ["slow"])) < 1_000_000
+
+
+def test_the_last_results_count_behind_thousands_of_lines_with_the_name() -> None:
+    """A tool that prints each message still has its results read."""
+    said = ["fast got one"] * 5000 + ["fast : 998 msgs, avg latency: 0.50ms, max: 2.00ms"]
+    output = [OutputLine(n, "stdout", line) for n, line in enumerate(said)]
+    row = result_row(output, "fast", ["slow"])
+    assert row is not None
+    assert row.count == 998
+    assert row.mean_s == pytest.approx(0.0005)
+
+
+@pytest.mark.parametrize("cell", ["1e999", "9" * 250, "-1e999", "1.5"])
+def test_a_count_beyond_all_numbers_breaks_nothing(cell: str) -> None:
+    """A cell of a table that means infinity, or a part of a message, is not taken for so many messages."""
+    said = ["profile | msgs | mean (ms) | max (ms)", f"fast | {cell} | 0.5 | 2.0"]
+    row = result_row([OutputLine(n, "stdout", line) for n, line in enumerate(said)], "fast", ["slow"])
+    assert row is None or row.mean_s is None or row.count > 10**9

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -106,3 +107,43 @@ def test_without_consecutive_samples_there_is_no_deviation() -> None:
 def test_all_intervals_excused_leave_nothing() -> None:
     """An excuse for more than there is gives no deviation."""
     assert measured([1.0, 1.1, 1.3, 1.4]).deviation_s(0.95, excused_s=100.0) == 0.0
+
+
+def arriving(times_s: Sequence[float], arrivals_s: Sequence[float]) -> Timing:
+    """Give the timing of messages that are stamped at some times and received at others."""
+    received = np.array([at(t) for t in arrivals_s], dtype=np.int64)
+    timing = timing_of(replace(stream(times_s), received_ns=received), None)
+    assert timing is not None
+    return timing
+
+
+def test_stamps_that_arrive_as_they_say_are_believed() -> None:
+    """Delays on the way, and a recorder that was held up now and then, contradict no stamp."""
+    times = [1 + n / 100 for n in range(600)]
+    assert not arriving(times, [t + 0.0001 * (n % 7) for n, t in enumerate(times)]).contradicted_by_arrival(0.0)
+    assert not arriving(times, [t + 0.030 * (n % 40 == 0) for n, t in enumerate(times)]).contradicted_by_arrival(0.0)
+
+
+def test_stamps_of_another_evenness_than_the_arrival_are_not_believed() -> None:
+    """Messages that come in bursts of ten, stamped as if each came by itself, did not leave so."""
+    times = [1 + n / 100 for n in range(600)]
+    bursts = [1.1 + 0.1 * (n // 10) + 0.0001 * (n % 10) for n in range(600)]
+    assert arriving(times, bursts).contradicted_by_arrival(0.0)
+    assert not arriving(bursts, [t + 0.0001 for t in bursts]).contradicted_by_arrival(0.0)
+
+
+def test_stamps_of_another_rate_than_the_arrival_are_not_believed() -> None:
+    """Messages stamped at 100 Hz that come at 80 Hz left at 80 Hz."""
+    times = [1 + n / 100 for n in range(600)]
+    timing = arriving(times, [1 + n / 80 for n in range(600)])
+    assert timing.contradicted_by_arrival(0.0)
+    assert timing.arrived is not None
+    assert timing.arrived.rate_hz == pytest.approx(80)
+
+
+def test_a_recorder_without_a_core_contradicts_nothing() -> None:
+    """What the recorder's own delay explains is not held against the stamps."""
+    times = [1 + n / 100 for n in range(600)]
+    late = [t + 0.02 * (n % 5 == 0) for n, t in enumerate(times)]
+    assert arriving(times, late).contradicted_by_arrival(0.0)
+    assert not arriving(times, late).contradicted_by_arrival(120 * 0.02)

@@ -9,6 +9,7 @@ import pytest
 
 from grader.evidence.tracebacks import chains, student_file, student_frame, tracebacks
 from grader.recording.session import OutputLine
+from tests.counted import calls_of
 
 
 def lines(text: str, stream: str = "stderr") -> list[OutputLine]:
@@ -172,3 +173,23 @@ def test_paths_in_a_sandbox_mean_files_of_the_submission(path: str, file: str | 
     if path == "talker.py":
         files.append("talker.py")
     assert student_file(path, files) == file
+
+
+def test_endless_tracebacks_are_read_in_few_steps() -> None:
+    """Of twenty thousand frames only the deepest are compared with the submission's two thousand files."""
+    said = ["Traceback (most recent call last):", *['  File "/lib/other.py", line 1, in f'] * 20_000, "ValueError: x"]
+    (raised,) = tracebacks([OutputLine(n, "stderr", line) for n, line in enumerate(said)])
+    files = [f"package{n}/other{n}.py" for n in range(2000)]
+    assert calls_of(lambda: student_frame(raised.frames, files)) < 20_000
+
+
+def test_the_deepest_frame_of_the_submission_is_found_below_many_others() -> None:
+    """The student's line is told although a library's frames are below it."""
+    said = [
+        "Traceback (most recent call last):",
+        '  File "/ws/src/talker.py", line 9, in <module>',
+        *['  File "/lib/other.py", line 1, in f'] * 150,
+        "ValueError: x",
+    ]
+    (raised,) = tracebacks([OutputLine(n, "stderr", line) for n, line in enumerate(said)])
+    assert student_frame(raised.frames, ["talker.py", "package/talker.py"]) == ("talker.py", 9)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from grader.live.entry import function_to_call
+from tests.counted import calls_of
 
 MAIN = "import rclpy\ndef main():\n    rclpy.init()\n    rclpy.spin(Node())\n"
 
@@ -62,3 +63,11 @@ def test_entry_points_say_which_function_is_meant() -> None:
 def test_text_without_such_a_function_is_run_as_it_is(text: str) -> None:
     """That also goes for text that is no Python, which breaks nothing."""
     assert function_to_call(text) is None
+
+
+def test_functions_that_call_each_other_are_followed_once() -> None:
+    """Of thousands of functions, each of which calls the one before, each is looked at once."""
+    chain = "".join(f"def f{n}():\n    f{n - 1}()\n" for n in range(1, 2000))
+    text = "def main():\n    pass\ndef f0():\n    main()\n" + chain
+    assert function_to_call(text + "f1999()\n") is None
+    assert calls_of(lambda: function_to_call(text)) < 400_000

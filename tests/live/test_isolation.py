@@ -17,7 +17,7 @@ from grader import pipeline
 from grader.errors import IsolationError
 from grader.evidence.recorded import Recorded
 from grader.live.cells import Sessions
-from grader.live.isolation import Form, Isolation, Level
+from grader.live.isolation import Form, Isolation, Level, Room, student_argv
 from grader.live.landlock import landlock_version
 from grader.live.probing import probe_isolation, require
 from grader.live.seccomp import DENIED
@@ -33,7 +33,7 @@ LEVELS = [Level.FULL, Level.NO_CGROUP, Level.REDUCED]
 
 #: Prints a JSON object: what was tried -> "done" or the error's name.
 TRIES = """
-import ctypes, json, multiprocessing, os, socket, subprocess, sys, threading
+import ctypes, json, multiprocessing, os, resource, socket, subprocess, sys, threading
 
 libc = ctypes.CDLL(None, use_errno=True)
 
@@ -65,6 +65,8 @@ denied = {
     "all processes": lambda: os.kill(1, 9) if os.getppid() == 0 else os.kill(-1, 0) if NAMESPACES else os.kill(-1, 9),
     "a file of the system": lambda: change("/usr/made"),
     "own interpreter": lambda: change(sys.prefix + "/made"),
+    "limits of others": lambda: resource.prlimit(os.getppid(), resource.RLIMIT_NOFILE, (5, 5)),
+    "weight of all of a user's": lambda: os.setpriority(os.PRIO_USER, 0, 19),
     "secrets": lambda: open(SECRET).read(),
     "rubric": lambda: open(RUBRIC).read(),
     **{f"call {n}": (lambda n=n: system_call(n, 0, 0, 0, 0, 0)) for n in NUMBERS},
@@ -77,6 +79,7 @@ permitted = {
     "unix socket": lambda: opened(1, 1),
     "addresses": lambda: socket.if_nameindex(),
     "own file": lambda: change(os.path.join(os.environ["HOME"], "mine")),
+    "own limits": lambda: resource.prlimit(0, resource.RLIMIT_CORE, (0, 0)),
     "temporary file": lambda: change(os.path.join(os.environ["TMPDIR"], "mine")),
 }
 
@@ -171,16 +174,16 @@ for _ in range(6):
     if os.fork() == 0:
         taken = bytearray(600 * 1024 * 1024)
         taken[::4096] = b"x" * len(taken[::4096])
-        time.sleep(60)
+        time.sleep(8)
         os._exit(0)
-time.sleep(60)
+time.sleep(8)
 """,
     "processes": """
 import os, time
-for _ in range(1000):
+for _ in range(300):
     try:
         if os.fork() == 0:
-            time.sleep(60)
+            time.sleep(20)
             os._exit(0)
     except OSError:
         time.sleep(0.05)
@@ -213,6 +216,69 @@ while True:
     sys.stdout.write("x" * 60000 + "\\n")
 """,
 }
+
+
+#: Ways to take memory where one does not look at once: more than a session may have, and no more than 3 GiB.
+HIDDEN = {
+    "a child of a thread": """
+import ctypes, os, threading, time
+def take():
+    taken = [bytearray(64 * 1024 * 1024) for _ in range(48)]
+    for block in taken:
+        block[::4096] = b"x" * len(block[::4096])
+    time.sleep(8)
+    os._exit(0)
+def child():
+    if os.fork() == 0:
+        threading.Thread(target=take).start()
+        ctypes.CDLL(None).syscall(60, 0)
+    time.sleep(8)
+threading.Thread(target=child).start()
+time.sleep(8)
+""",
+    "what lies in sockets": """
+import socket, time
+kept = []
+sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+for _ in range(900):
+    receiver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 256 * 1024)
+    receiver.bind(("127.0.0.1", 0))
+    for _ in range(8):
+        sender.sendto(b"x" * 60000, receiver.getsockname())
+    kept.append(receiver)
+time.sleep(8)
+""",
+}
+
+
+@pytest.mark.parametrize("level", [Level.FULL, Level.NO_CGROUP], ids=lambda level: level.value)
+@pytest.mark.parametrize("place", HIDDEN)
+def test_memory_is_found_where_one_does_not_look_at_once(place: str, level: Level, tmp_path: Path) -> None:
+    """It counts whichever thread or child has taken it, and also where the kernel keeps it."""
+    run = process_of(run_at(level, tmp_path, HIDDEN[place]))
+    assert run.limit == "memory", (run.limit, run.ended_by, run.exit_status, [line.text for line in run.output][-3:])
+
+
+def test_a_launch_files_variables_reach_no_program_with_privileges(tmp_path: Path) -> None:
+    """What gives up privileges is found and run in an environment of ours; the student's begins behind it."""
+    variables = {"LD_PRELOAD": "/ws/theirs.so", "PATH": "/ws/theirs"}
+    for form in (Form.ROOT, Form.USER):
+        argv = student_argv(
+            Isolation(Level.NO_CGROUP, form, own_uid=form is Form.ROOT),
+            ["node", "--talk"],
+            environment=variables,
+            room=Room({"/ws": tmp_path}, {}, PYTHON),
+            slot=1,
+            info_fd=3,
+            seccomp_fd=4,
+            cwd="/ws",
+            group=None,
+        )
+        begins = argv.index("env")
+        assert not [word for word in argv[:begins] if "theirs" in word]
+        assert argv[begins:] == ["env", "-i", "--", "LD_PRELOAD=/ws/theirs.so", "PATH=/ws/theirs", "node", "--talk"]
+        assert "setpriv" not in argv[begins:]
 
 
 @pytest.mark.parametrize("level", LEVELS, ids=lambda level: level.value)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -10,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from grader.live.scratch import remove_leavings, scratch_prefix
+from grader.live.scratch import remove_leavings, remove_tree, scratch_prefix
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the live half runs on Linux alone")
 
@@ -87,3 +88,27 @@ def test_links_are_not_followed(temporary: Path) -> None:
     link.symlink_to(victim)
     assert remove_leavings() == []
     assert (victim / "file").is_file()
+
+
+@pytest.mark.skipif(not shutil.which("rm"), reason="coreutils remove what Python cannot")
+def test_folders_deeper_than_python_follows_are_removed(tmp_path: Path) -> None:
+    """Thousands of folders within each other go, also where one is closed to its owner; what links lead to stays."""
+    kept = tmp_path / "kept"
+    kept.mkdir()
+    folder = tmp_path / "scratch"
+    folder.mkdir()
+    (folder / "link").symlink_to(kept)
+    here = os.open(folder, os.O_RDONLY)
+    for number in range(3000):
+        os.mkdir("d", dir_fd=here)
+        inner = os.open("d", os.O_RDONLY, dir_fd=here)
+        if number == 2000:
+            os.fchmod(inner, 0o500)
+            os.close(inner)
+            break
+        os.close(here)
+        here = inner
+    os.close(here)
+    remove_tree(folder)
+    assert not folder.exists()
+    assert kept.is_dir()

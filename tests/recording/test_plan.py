@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from grader.recording.plan import PLAN_SCHEMA, MalformedPlanError, Parameter, Plan, Process
+from tests.counted import calls_of
 
 
 def plain(**more: Any) -> dict[str, Any]:
@@ -111,3 +112,58 @@ def test_the_last_value_counts() -> None:
     """A parameter given twice has the later value."""
     given = (Parameter("a", 1, "integer"), Parameter("a", 2, "integer"))
     assert Process("a-1", "/a", parameters=given).effective_parameters() == {"a": 2}
+
+
+def process_with_parameters(section: str, namespace: str) -> Process:
+    """A process of a node in a namespace, with a parameter file that has one section."""
+    content = {section: {"ros__parameters": {"x": 1}}}
+    return Process("a-1", "/a", name="n", namespace=namespace, parameters=(Parameter(file="f", content=content),))
+
+
+@pytest.mark.parametrize(
+    ("section", "namespace", "fits"),
+    [
+        ("/**", "/a/b", True),
+        ("/**/n", "/a/b", True),
+        ("/*/b/n", "/a/b", True),
+        ("/**/**/b/**/n", "/a/b", True),
+        ("/*/n", "/a/b", False),
+        ("/**/c/n", "/a/b", False),
+        ("/*/*/*/*", "/a/b", False),
+    ],
+)
+def test_wildcards_stand_for_names(section: str, namespace: str, fits: bool) -> None:
+    """One star stands for a name, two for any number of them, also for none."""
+    assert process_with_parameters(section, namespace).effective_parameters() == ({"x": 1} if fits else {})
+
+
+def test_wildcards_are_tried_in_few_steps() -> None:
+    """Forty wildcards and forty names have more ways to fit than there is time for, and all are ruled out soon."""
+    process = process_with_parameters("/**" * 40 + "/nobody", "/a" * 40)
+    assert calls_of(process.effective_parameters) < 100_000
+    assert process.effective_parameters() == {}
+
+
+def nested(depth: int) -> Any:
+    """Lists within lists."""
+    value: Any = "x"
+    for _ in range(depth):
+        value = [value]
+    return value
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        plain(processes=[{"id": f"a-{n}", "path": "/a"} for n in range(401)]),
+        plain(parameter_files={f"{n}.yaml": "" for n in range(2001)}),
+        plain(logs=[{"message": "m", "when": {"after_s": nested(100)}}]),
+        plain(arguments=[{"name": "a", "line": 10**400}]),
+        plain(problem={"kind": "k", "message": "m", "line": -(10**12)}),
+    ],
+    ids=["processes", "files", "depth", "line", "negative line"],
+)
+def test_what_no_evaluation_gives_is_no_plan(data: dict[str, Any]) -> None:
+    """More processes or files than an evaluation notes, deep nesting and absurd numbers were written by others."""
+    with pytest.raises(MalformedPlanError):
+        Plan.from_plain(data)

@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "reference"))
-sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from arm import ArmSettings, CommandInput
-from live_graph import Listener, listener, started, stop, use_private_graph
+
+from tests.reference.live_graph import Listener, listener, started, stop, use_private_graph
 
 TARGETS = [0.4, -0.3, 0.2, 0.1, 0.0, -0.1, -0.2]
 

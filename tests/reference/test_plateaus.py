@@ -6,12 +6,11 @@ from pathlib import Path
 import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "reference"))
-sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-from live_graph import Listener, lines, listener, started, stop, stop_and_hear, use_private_graph
 from plateau_schedule import COMMAND, STATE, PlateauSettings, schedule
 
 from grader.recording.told import DIGEST_DIGITS, digest
+from tests.reference.live_graph import Listener, lines, listener, started, stop, stop_and_hear, use_private_graph
 
 # Short, so that the test is: the node knows nothing of the numbers.
 SHORT = {"rate_hz": 500, "early_s": 0.5, "subscriptions": 1}

@@ -1,5 +1,6 @@
 """The configuration of reference nodes."""
 
+import subprocess
 import sys
 from pathlib import Path
 
@@ -10,6 +11,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "reference"))
 from arm import ArmSettings
 from plateau_schedule import PlateauSettings
 from reference_node import (
+    BAD_CONFIGURATION_STATUS,
     DIGEST_BYTES,
     PARTICIPANT_BYTES,
     ConfigurationError,
@@ -58,3 +60,17 @@ def test_digests_and_prefixes_are_as_the_judging_half_reads_them() -> None:
     """A byte is two digits."""
     assert 2 * DIGEST_BYTES == DIGEST_DIGITS
     assert 2 * PARTICIPANT_BYTES == PARTICIPANT_DIGITS
+
+
+def test_a_configuration_can_come_where_no_command_line_shows_it() -> None:
+    """With a dash in its place it is read from standard input, and refused like any other."""
+    program = Path(__file__).resolve().parents[2] / "reference" / "plateaus.py"
+    run = subprocess.run(
+        [sys.executable, "-I", str(program), "-"],
+        input='{"with": {"plateaux": 6}}',
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert run.returncode == BAD_CONFIGURATION_STATUS
+    assert "unknown setting 'plateaux'" in run.stderr

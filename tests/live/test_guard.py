@@ -1,0 +1,75 @@
+"""The watch over what students' processes take, with real files and processes."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import sys
+from pathlib import Path
+
+import pytest
+
+from grader.live import guard
+from grader.live.guard import Guard
+from grader.live.kernel_memory import available_share
+from grader.live.process import RunningProcess
+from grader.live.scratch import remove_tree
+from grader.recording.session import ProcessRun
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the live half runs on Linux alone")
+
+
+def watched(area: Path, *, sized: bool = False) -> tuple[ProcessRun, list[str]]:
+    """Look once at a process that sleeps; returns what became of it, and the problems that were told."""
+    record, problems = ProcessRun("it", "student", []), list[str]()
+
+    async def look() -> None:
+        running = await RunningProcess.start(
+            record, [sys.executable, "-c", "import time; time.sleep(60)"], environment={}, cwd="/"
+        )
+        watch = Guard(lambda: [running], None, {"/tmp": area}, sized=sized, user=None, on_problem=problems.append)
+        await watch.look()
+        await running.kill()
+
+    asyncio.run(look())
+    return record, problems
+
+
+def test_who_takes_little_goes_on(tmp_path: Path) -> None:
+    """A few files and folders are no limit."""
+    (tmp_path / "a" / "b").mkdir(parents=True)
+    (tmp_path / "a" / "file").write_text("x")
+    record, problems = watched(tmp_path)
+    assert (record.limit, problems) == (None, [])
+
+
+def test_folders_that_nobody_can_count_are_too_many(tmp_path: Path) -> None:
+    """A thousand folders within each other are not followed to their end."""
+    here = os.open(tmp_path, os.O_RDONLY)
+    for _ in range(1000):
+        os.mkdir("d", dir_fd=here)
+        inner = os.open("d", os.O_RDONLY, dir_fd=here)
+        os.close(here)
+        here = inner
+    os.close(here)
+    record, _ = watched(tmp_path)
+    remove_tree(tmp_path / "d")  # which pytest could not
+    assert (record.limit, record.ended_by) == ("files", "limit")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="nothing is closed to root")
+def test_folders_that_are_closed_to_us_are_too_many(tmp_path: Path) -> None:
+    """What is in them could be anything."""
+    (tmp_path / "closed").mkdir(mode=0)
+    record, _ = watched(tmp_path)
+    (tmp_path / "closed").chmod(0o700)
+    assert record.limit == "files"
+
+
+def test_where_memory_runs_out_nobody_is_blamed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The process is ended before the machine is, and the session says why it decides nothing."""
+    assert 0 < available_share() <= 1
+    monkeypatch.setattr(guard, "_LEAST_AVAILABLE", 1.1)
+    record, problems = watched(tmp_path)
+    assert (record.limit, record.ended_by) == (None, "kill")
+    assert problems == ["the machine ran out of memory while it was recorded"]

@@ -1,0 +1,99 @@
+"""Processes with real programs: what is kept of their output, and who belongs to whom."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import subprocess
+import sys
+
+import pytest
+
+from grader.live.process import (
+    MAX_OUTPUT_BYTES,
+    MAX_OUTPUT_LINES,
+    OutputRoom,
+    PipeReader,
+    RunningProcess,
+    descendants_of,
+)
+from grader.recording.session import ProcessRun
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the live half runs on Linux alone")
+
+#: A thread starts a child and stays; the child's first thread ends and another one goes on.
+_HIDDEN = """
+import ctypes, os, threading, time
+def child():
+    if os.fork() == 0:
+        threading.Thread(target=time.sleep, args=(60,)).start()
+        print(os.getpid(), flush=True)
+        ctypes.CDLL(None).syscall(60, 0)
+    time.sleep(60)
+threading.Thread(target=child).start()
+"""
+
+
+def run(program: str, room: OutputRoom | None = None) -> ProcessRun:
+    """Run a Python program to its end."""
+    record = ProcessRun("it", "student", [])
+
+    async def to_the_end() -> None:
+        running = await RunningProcess.start(
+            record, [sys.executable, "-c", program], environment={}, cwd="/", room=room
+        )
+        assert await running.wait_exit(60)
+
+    asyncio.run(to_the_end())
+    return record
+
+
+def test_lines_are_kept_up_to_a_number() -> None:
+    """A million empty lines are counted, and some of them kept."""
+    record = run("import os; [os.write(1, b'\\n' * 100_000) for _ in range(10)]")
+    assert len(record.output) == MAX_OUTPUT_LINES
+    assert record.output_dropped_bytes == 10**6 - MAX_OUTPUT_LINES
+
+
+def test_long_output_is_kept_up_to_a_size() -> None:
+    """Of eight megabytes one is kept, whole lines of it."""
+    record = run("import os; [os.write(1, (b'x' * 1023 + b'\\n') * 64) for _ in range(128)]")
+    assert MAX_OUTPUT_BYTES - 2048 < sum(len(line.text) + 1 for line in record.output) <= MAX_OUTPUT_BYTES
+    assert record.output_dropped_bytes == 128 * 64 * 1024 - sum(len(line.text) + 1 for line in record.output)
+
+
+def test_processes_of_a_session_share_their_room() -> None:
+    """What one has filled is not there for the next."""
+    room = OutputRoom(bytes=100, lines=5)
+    assert len(run("print('a\\n' * 2, end='')", room).output) == 2
+    second = run("print('b\\n' * 10, end='')", room)
+    assert (len(second.output), second.output_dropped_bytes) == (3, 14)
+
+
+def test_a_child_of_any_thread_is_found() -> None:
+    """It belongs to the process although not its first thread has started it, and although its own first has ended."""
+    with subprocess.Popen([sys.executable, "-c", _HIDDEN], stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            child = int(process.stdout.readline())
+            assert child in descendants_of(process.pid)
+        finally:
+            for pid in descendants_of(process.pid):
+                os.kill(pid, 9)
+
+
+def test_who_writes_without_end_to_a_pipe_is_cut_off() -> None:
+    """Once there is enough, it is handed on, and the writer gets an error instead of keeping us busy."""
+    told: list[str] = []
+    program = "import os, sys\ntry:\n while True: os.write(int(sys.argv[1]), b'x' * 65536)\nexcept OSError: pass"
+
+    async def read() -> int:
+        reading, writing = os.pipe()
+        PipeReader(reading, 10**6, told.append)
+        process = await asyncio.create_subprocess_exec(sys.executable, "-c", program, str(writing), pass_fds=(writing,))
+        os.close(writing)
+        return await asyncio.wait_for(process.wait(), 60)
+
+    assert asyncio.run(read()) == 0
+    assert len(told) == 1
+    assert 10**6 <= len(told[0]) < 2 * 10**6
