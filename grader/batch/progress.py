@@ -7,10 +7,8 @@ from collections import deque
 from collections.abc import Sequence
 from decimal import Decimal
 from pathlib import Path
-from types import TracebackType
 
 from rich.console import Console, Group, RenderableType
-from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
@@ -18,6 +16,7 @@ from rich.text import Text
 from grader.batch.order import Graded, NotGraded
 from grader.batch.run import Row
 from grader.batch.supervised import Phase
+from grader.report.in_place import InPlace
 from grader.report.plain import terminal_text
 from grader.report.terminal import points_text
 
@@ -27,7 +26,7 @@ _SHOWN_ENDED = 6
 _BAR_WIDTH = 40
 
 
-class ClassProgress:
+class ClassProgress(InPlace):
     """What is done, what runs and in which phase, what waits, and how long it will take.
 
     On a terminal in place; elsewhere, as in a CI job, a line when a submission ends.
@@ -47,18 +46,7 @@ class ClassProgress:
         self._phases: dict[str, dict[str, str]] = {}
         self._ended: deque[Text] = deque(maxlen=_SHOWN_ENDED)
         self._count = {"done": 0, "reused": 0, "not graded": 0}
-        self._live = Live(console=console, refresh_per_second=4, get_renderable=self.view, transient=True)
-
-    def __enter__(self) -> ClassProgress:
-        if self._console.is_terminal:
-            self._live.__enter__()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._console.is_terminal:
-            self._live.__exit__(kind, value, trace)
+        super().__init__(console, self.view)
 
     def expect(self, name: str, work_s: float) -> None:
         """Take note of a submission that is to be graded."""

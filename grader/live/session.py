@@ -48,6 +48,7 @@ from grader.live.priority import put_self_first, put_starting
 from grader.live.process import OutputRoom, PipeReader, RunningProcess, descendants_of
 from grader.live.scratch import remove_tree
 from grader.live.seccomp import open_filter
+from grader.recording.record import from_plain
 from grader.recording.session import (
     GraphSnapshot,
     ProcessRun,
@@ -55,7 +56,6 @@ from grader.recording.session import (
     SessionRecord,
     StepRun,
     Trusted,
-    from_plain,
     write_session,
 )
 from grader.recording.told import take_told

@@ -7,14 +7,11 @@ are needed here. Standard library only, since the trusted processes in a cell im
 
 from __future__ import annotations
 
-import dataclasses
-import functools
-import json
-import types
-import typing
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any
+
+from grader.recording.record import read_record, write_record
 
 SESSION_SCHEMA = "ros-lab-grader/session/v1"
 SESSION_FILE = "session.json"
@@ -296,67 +293,11 @@ class SessionRecord:
     published: list[Published] = field(default_factory=list)
 
 
-T = TypeVar("T")
-
-
-def from_plain(kind: type[T], plain: Any) -> T:
-    """Build a dataclass of this module from what `json` read.
-
-    Raises
-    ------
-    ValueError
-        If `plain` does not have the dataclass's shape.
-    """
-    if not isinstance(plain, dict):
-        raise ValueError(f"{kind.__name__}: an object was expected")
-    hints = _hints(cast(Any, kind))
-    unknown = sorted(set(plain) - set(hints))
-    if unknown:
-        raise ValueError(f"{kind.__name__}: unknown key {unknown[0]!r}")
-    try:
-        return kind(**{name: _convert(hints[name], value) for name, value in plain.items()})
-    except TypeError as problem:
-        raise ValueError(f"{kind.__name__}: {problem}") from problem
-
-
-@functools.lru_cache(maxsize=64)
-def _hints(kind: type[Any]) -> dict[str, Any]:
-    """Return the types of a dataclass's fields; finding them takes longer than all else in reading a record."""
-    hints = typing.get_type_hints(kind)
-    return {f.name: hints[f.name] for f in dataclasses.fields(kind)}
-
-
-def _convert(hint: Any, value: Any) -> Any:
-    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
-    if origin in (types.UnionType, typing.Union):
-        inner = [a for a in arguments if a is not type(None)]
-        return None if value is None else _convert(inner[0], value)
-    if origin is list:
-        return [_convert(arguments[0], item) for item in value]
-    if dataclasses.is_dataclass(hint):
-        return from_plain(hint, value)  # type: ignore[arg-type]
-    return value
-
-
 def write_session(folder: Path, record: SessionRecord) -> None:
-    """Write `session.json` in one step, so that no half-written file can be mistaken for a whole one."""
-    partial = folder / (SESSION_FILE + ".partial")
-    partial.write_text(json.dumps(dataclasses.asdict(record), ensure_ascii=True), encoding="utf-8")
-    partial.replace(folder / SESSION_FILE)
+    """Write `session.json`."""
+    write_record(folder / SESSION_FILE, record)
 
 
 def read_session(folder: Path) -> SessionRecord:
-    """Read `session.json`.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is none.
-    ValueError
-        If it is not of this schema.
-    """
-    plain = json.loads((folder / SESSION_FILE).read_text(encoding="utf-8"))
-    if not isinstance(plain, dict) or plain.get("schema") != SESSION_SCHEMA:
-        found = plain.get("schema") if isinstance(plain, dict) else None
-        raise ValueError(f"schema {SESSION_SCHEMA} expected, found {found!r}")
-    return from_plain(SessionRecord, plain)
+    """Read `session.json`; `read_record` says what it raises."""
+    return read_record(folder / SESSION_FILE, SessionRecord, SESSION_SCHEMA)

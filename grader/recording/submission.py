@@ -6,12 +6,10 @@ regrading needs neither the submission nor ROS.
 
 from __future__ import annotations
 
-import dataclasses
-import json
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from grader.recording.session import from_plain
+from grader.recording.record import read_record, write_record
 
 SUBMISSION_SCHEMA = "ros-lab-grader/submission/v1"
 SUBMISSION_FILE = "submission.json"
@@ -102,23 +100,10 @@ class SubmissionRecord:
 
 
 def write_submission(folder: Path, record: SubmissionRecord) -> None:
-    """Write `submission.json` in one step."""
-    partial = folder / (SUBMISSION_FILE + ".partial")
-    partial.write_text(json.dumps(dataclasses.asdict(record), ensure_ascii=True), encoding="utf-8")
-    partial.replace(folder / SUBMISSION_FILE)
+    """Write `submission.json`."""
+    write_record(folder / SUBMISSION_FILE, record)
 
 
 def read_submission(folder: Path) -> SubmissionRecord:
-    """Read `submission.json`.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is none.
-    ValueError
-        If it is not of this schema.
-    """
-    plain = json.loads((folder / SUBMISSION_FILE).read_text(encoding="utf-8"))
-    if not isinstance(plain, dict) or plain.get("schema") != SUBMISSION_SCHEMA:
-        raise ValueError(f"schema {SUBMISSION_SCHEMA} expected")
-    return from_plain(SubmissionRecord, plain)
+    """Read `submission.json`; `read_record` says what it raises."""
+    return read_record(folder / SUBMISSION_FILE, SubmissionRecord, SUBMISSION_SCHEMA)

@@ -5,14 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from decimal import Decimal
-from types import TracebackType
 
 from rich.console import Console, Group
-from rich.live import Live
 from rich.spinner import Spinner
 from rich.table import Table
 from rich.text import Text
 
+from grader.report.in_place import InPlace
 from grader.report.plain import terminal_text
 from grader.report.views import adjustments_of
 from grader.report.violations import note_of, titles_of
@@ -33,7 +32,7 @@ def points_text(value: Decimal) -> str:
     return f"{value.normalize():f}" if value else "0"
 
 
-class ProgressDisplay:
+class ProgressDisplay(InPlace):
     """Shows each session and what it waits for; on a terminal in place, else a line when a session ends.
 
     Parameters
@@ -49,18 +48,7 @@ class ProgressDisplay:
         self._started_s = time.monotonic()
         self._began: dict[str, float] = {}
         self._took: dict[str, float] = {}
-        self._live = Live(console=console, refresh_per_second=8, get_renderable=self._table, transient=True)
-
-    def __enter__(self) -> ProgressDisplay:
-        if self._console.is_terminal:
-            self._live.__enter__()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._console.is_terminal:
-            self._live.__exit__(kind, value, trace)
+        super().__init__(console, self._table, per_second=8)
 
     def update(self, session: str, text: str, step: int, steps: int, ended: bool) -> None:
         """Take note of what a session does now."""

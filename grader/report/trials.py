@@ -6,13 +6,12 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from decimal import Decimal
-from types import TracebackType
 
 from rich.console import Console, Group, RenderableType
-from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from grader.report.in_place import InPlace
 from grader.report.plain import terminal_text
 from grader.report.terminal import points_text
 
@@ -52,7 +51,7 @@ class TrialLine:
         return f"{points_text(self.earned)} / {points_text(self.possible)}"
 
 
-class TrialsDisplay:
+class TrialsDisplay(InPlace):
     """Shows how far the fixtures are: on a terminal in place, elsewhere a line when one has ended."""
 
     def __init__(self, console: Console, names: Sequence[str]) -> None:
@@ -62,18 +61,7 @@ class TrialsDisplay:
         self._ended: list[TrialLine] = []
         self._whole = len(names)
         self._began_s = time.monotonic()
-        self._live = Live(console=console, refresh_per_second=4, get_renderable=self._view, transient=True)
-
-    def __enter__(self) -> TrialsDisplay:
-        if self._console.is_terminal:
-            self._live.__enter__()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._console.is_terminal:
-            self._live.__exit__(kind, value, trace)
+        super().__init__(console, self._view)
 
     def phase(self, name: str, session: str, text: str, ended: bool) -> None:
         """Take note of what is being done with a fixture; `session` is empty for the grader's own work."""
