@@ -12,6 +12,8 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from grader import __version__
 from grader.checks import REGISTRY, Context
 from grader.checks.affected import not_measurable, with_checks
@@ -138,7 +140,8 @@ def _judge(
             reason=f"The experiment could not be carried out in order: {reason}",
         )
     try:
-        finding = REGISTRY[spec.check].judge(context, spec.parameters)
+        with np.errstate(over="ignore", invalid="ignore"):  # students may publish the largest numbers that there are
+            finding = REGISTRY[spec.check].judge(context, spec.parameters)
     except Exception as problem:  # A broken check never costs points; it must not take the others with it.
         finding = Finding(Outcome.ERROR, Decimal(0), reason=f"The check broke: {type(problem).__name__}: {problem}")
     spoilt = next((violation for violation in violations if spec.id in violation.checks), None)

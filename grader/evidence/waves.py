@@ -17,6 +17,8 @@ _GRID_POINTS = 200
 _REFINEMENTS = 3
 #: Of a longer series, evenly chosen samples are fitted: more of them say no more, and cost memory.
 _MOST_SAMPLES = 10_000
+#: Larger values, which nobody means, are fitted as if they were this large: no square of one is beyond all numbers.
+_LARGEST = 1e9
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,7 @@ def fit_sinusoid(times_s: Floats, values: Floats, lowest_hz: float, highest_hz: 
     The frequency is searched on a grid, which is then refined around its best point.
     """
     every = -(-len(values) // _MOST_SAMPLES) or 1
-    times_s, values = times_s[::every], values[::every]
+    times_s, values = times_s[::every], np.clip(values[::every], -_LARGEST, _LARGEST)
     low, high = lowest_hz, highest_hz
     best = Sinusoid(0.0, lowest_hz, 0.0, float("inf"))
     for _ in range(_REFINEMENTS):

@@ -66,3 +66,11 @@ def test_half_a_million_samples_are_fitted_in_bounded_memory() -> None:
     assert found.amplitude == pytest.approx(0.5, rel=0.01)
     assert found.frequency_hz == pytest.approx(0.2, rel=0.01)
     assert most_bytes < 200_000_000
+
+
+def test_the_largest_numbers_break_nothing() -> None:
+    """Numbers whose squares are beyond all numbers are fitted without an infinity and without a warning."""
+    values = np.where(np.arange(len(TIMES)) % 2, 1e308, -1e308)
+    with np.errstate(all="raise"):
+        fit = fit_sinusoid(TIMES, values, 0.02, 1.0)
+    assert np.isfinite([fit.amplitude, fit.frequency_hz, fit.offset, fit.residual]).all()
