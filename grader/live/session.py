@@ -55,6 +55,7 @@ from grader.recording.session import (
     SessionRecord,
     StepRun,
     Trusted,
+    Unrecorded,
     from_plain,
     write_session,
 )
@@ -143,6 +144,7 @@ class _Director:
             self._record.published.append(from_plain(Published, event["published"]))
         elif event["event"] == "stopped":
             self._record.problems += event["problems"]
+            self._record.unrecorded += [from_plain(Unrecorded, plain) for plain in event["unrecorded"]]
             self.stopped.set()
         elif self._answer is not None and not self._answer.done():
             self._answer.set_result(event)
