@@ -76,6 +76,8 @@ _DIRECTOR_START_S = 20.0
 _DIRECTOR_STOP_S = 8.0
 _REFERENCE_START_S = 15.0
 _SAMPLE_PERIOD_S = 0.5
+#: Limits of a session's students together: where one was hit, nothing more may begin.
+_LEAVES_NO_ROOM = ("processes", "memory")
 #: After the last of the student's processes has ended, how long its traffic may still be on its way.
 _AFTER_EXIT_S = 0.3
 
@@ -212,6 +214,8 @@ class Session:
         self.seen_tools = {t: t if confined else str(p) for t, p in self.tools.items()}
         self.processes: dict[str, RunningProcess] = {}
         self.director: _Director | None = None
+        #: Student's programs that never began, and how the session would be disturbed by that.
+        self._unstarted: list[tuple[ProcessRun, str]] = []
         self._room = OutputRoom()
         self._launch = LaunchRunner(self)
         places = self.isolation.groups
@@ -327,6 +331,7 @@ class Session:
 
     async def _finish(self) -> None:
         self._launch.end()
+        await self._guard.look()  # while it can still be seen who took what
         for name, process in self.processes.items():
             if process.alive and process.run.role == "student":
                 await process.kill()
@@ -341,10 +346,25 @@ class Session:
             await self.director.stop()
         take_told(self.record)
         await self._guard.look()
+        self._blame_unstarted()
         _recover_bag(self.folder)
         self.record.ended_ns = time.time_ns()
         self.record.complete = True
         write_session(self.folder, self.record)
+
+    def note_unstarted(self, run: ProcessRun, what: str) -> None:
+        """Note that a program of the student's never began; whose doing that is, is told at the end."""
+        said = run.output[-1].text if run.output else "nothing"
+        self._unstarted.append((run, f"{what} in its cell: {said}"))
+
+    def _blame_unstarted(self) -> None:
+        """Lay it at the student's door where its own processes left no room for more; else it is a problem."""
+        students = (run.limit for run in self.record.processes if run.role == "student")
+        filled = next((limit for limit in students if limit in _LEAVES_NO_ROOM), None)
+        for run, problem in self._unstarted:
+            run.limit = run.limit or filled
+            if filled is None:
+                self.record.problems.append(problem)
 
     def _sweep(self) -> None:
         """See to it that none of the student's processes is left."""
@@ -525,8 +545,7 @@ class Session:
 
     def _note_claims(self, run: ProcessRun, text: str) -> None:
         if run.artifact is not None and not text.startswith('{"kind": "started"'):
-            said = run.output[-1].text if run.output else "nothing"
-            self.record.problems.append(f"{run.name} could not be started in its cell: {said}")
+            self.note_unstarted(run, f"{run.name} could not be started")
         claims = claims_in(text, run.name, f"{self.seen_workspace}/src/")
         self.record.claims += claims[: max(0, _MOST_CLAIMS - len(self.record.claims))]
 

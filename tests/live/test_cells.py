@@ -220,6 +220,39 @@ def test_a_student_is_alone_in_its_cell(tmp_path: Path) -> None:
 # -- what ends, and what is left --------------------------------------------------------------
 
 
+#: Has as many processes as it may have.
+FILLS_ITS_CELL = """
+import os, time
+for _ in range(1000):
+    try:
+        if os.fork() == 0:
+            time.sleep(1000)
+            os._exit(0)
+    except OSError:
+        break
+print('full', flush=True)
+time.sleep(1000)
+"""
+
+
+def test_who_fills_a_cell_with_processes_keeps_its_own_programs_out(tmp_path: Path) -> None:
+    """A program that finds no room in the cell any more is no problem of the grader's: the limit is named with it."""
+    steps: list[dict[str, Any]] = [
+        {"start": {"student": "talker"}},
+        {"wait_for": {"output_of": "talker", "text": "full", "timeout_s": 30}},
+        {"start": {"student": "other"}},
+        {"wait_for": {"output_of": "other", "text": "began", "timeout_s": 5}},
+    ]
+    sources = {"talker": FILLS_ITS_CELL, "other": "print('began', flush=True)\n"}
+    record = make_lab(tmp_path, sources, {"only": steps}).record()["only"].record
+    talker, other = (run for run in record.processes if run.role == "student")
+    assert record.problems == []
+    assert talker.limit == "processes"
+    # Where the limit counts by namespace of users, each program has room of its own.
+    began = [line.text for line in other.output if line.stream == "stdout"]
+    assert (began, other.limit) in ((["began"], None), ([], "processes"))
+
+
 def test_a_session_beyond_its_time_is_ended(tmp_path: Path) -> None:
     """A session that takes longer than its limit is stopped soon after, and its recording says so."""
     started_s = time.monotonic()
