@@ -22,6 +22,7 @@ sys.path.append(str(ROOT))
 
 from grader.live.probing import probe_isolation  # noqa: E402
 from grader.recording.session import SessionRecord, read_session  # noqa: E402
+from grader.replacing import UNFINISHED  # noqa: E402
 from tests.live.small_lab import (  # noqa: E402
     FLOATS,
     TALKER,
@@ -341,7 +342,7 @@ def grading(tmp_path: Path) -> tuple[Lab, Path, subprocess.Popen[str], Watch]:
     temporary = own_temporary_folder(tmp_path)
     pipe = subprocess.PIPE
     process = subprocess.Popen(command(lab), env=environment(temporary), stdout=pipe, stderr=pipe, text=True)
-    bags = lab.results / "submission" / "recordings"
+    bags = lab.results / "submission" / UNFINISHED / "recordings"
 
     def recording() -> bool:
         assert process.poll() is None, process.communicate()
@@ -400,8 +401,12 @@ def test_a_grader_killed_at_any_moment_leaves_nothing_that_counts(tmp_path: Path
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["Ctrl-C", "SIGTERM"])
-def test_an_interrupted_grader_leaves_nothing(number: signal.Signals, tmp_path: Path) -> None:
-    """Ctrl-C ends the grader with 130 and SIGTERM with 143; no process, folder or result stays."""
+def test_an_interrupted_grader_leaves_all_as_it_was(number: signal.Signals, tmp_path: Path) -> None:
+    """Ctrl-C ends the grader with 130 and SIGTERM with 143; no process or folder stays, and an earlier result does."""
+    earlier = [tmp_path / "results/submission" / name for name in ("result.json", "report.html", "recordings/x.json")]
+    for path in earlier:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("earlier", encoding="utf-8")
     lab, temporary, process, watch = grading(tmp_path)
     process.send_signal(number)
     _, errors = process.communicate(timeout=15)
@@ -409,8 +414,8 @@ def test_an_interrupted_grader_leaves_nothing(number: signal.Signals, tmp_path: 
     assert "Traceback" not in errors
     until(lambda: not watch.left(), 5)
     assert leavings(temporary) == []
-    assert not list(lab.results.rglob("result.json"))
-    assert not list(lab.results.rglob("*.partial"))
+    assert sorted(path for path in lab.results.rglob("*") if path.is_file()) == sorted(earlier)
+    assert {path.read_text(encoding="utf-8") for path in earlier} == {"earlier"}
 
 
 def test_a_killed_session_process_leaves_its_recording_cut_off(tmp_path: Path) -> None:
