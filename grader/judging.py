@@ -16,7 +16,7 @@ import numpy as np
 
 from grader import __version__
 from grader.checks import REGISTRY, Context
-from grader.checks.affected import not_measurable, with_checks
+from grader.checks.affected import is_timed, named, not_measurable, with_checks, without_rest
 from grader.checks.finding import not_reached
 from grader.errors import RecordingError
 from grader.evidence.census import census
@@ -24,6 +24,7 @@ from grader.evidence.chance import may_be_chance
 from grader.evidence.diagnosis import advisories
 from grader.evidence.limits import hit_limit
 from grader.evidence.recorded import Recorded
+from grader.evidence.unrecorded import limits_hit, missing, sentence_on
 from grader.recording.session import SESSION_FILE
 from grader.recording.submission import SubmissionRecord, read_submission
 from grader.result import CriterionResult, Finding, Outcome, Result, Violation
@@ -83,7 +84,7 @@ def open_recordings(folder: Path, rubric: Rubric) -> Recordings:
                 remedy=f"It may be of another version. ({problem})",
             ) from problem
         sessions[name] = recorded
-        problems += [f"{name}: {p}" for p in recorded.record.problems]
+        problems += [f"{name}: {p}" for p in _problems_of(recorded)]
         if not recorded.record.complete:
             problems.append(f"{name}: the recording was cut off; its checks are undecided.")
     return Recordings(submission, sessions, tuple(problems))
@@ -133,7 +134,7 @@ def _judge(
     if spec.session and recorded is None:
         return _without_recording(spec, context, rubric)
     if recorded is not None and not _sound(recorded):
-        reason = "; ".join(recorded.record.problems) or "The recording was cut off."
+        reason = "; ".join(_problems_of(recorded)) or "The recording was cut off."
         return Finding(
             Outcome.INCONCLUSIVE,
             Decimal(0),
@@ -147,6 +148,8 @@ def _judge(
     spoilt = next((violation for violation in violations if spec.id in violation.checks), None)
     if spoilt is not None:
         finding = not_measurable(finding, spoilt)
+    elif recorded is not None:
+        finding = _as_far_as_recorded(finding, spec, recorded)
     if recorded is not None and finding.outcome in (Outcome.FAILED, Outcome.PARTIAL):
         chance = may_be_chance(recorded, context.reference_nodes)
         if chance is not None:
@@ -157,7 +160,24 @@ def _judge(
 
 
 def _sound(recorded: Recorded) -> bool:
-    return recorded.record.complete and not recorded.record.problems
+    return recorded.record.complete and not _problems_of(recorded)
+
+
+def _problems_of(recorded: Recorded) -> list[str]:
+    """Return what is wrong with a recording on the grader's side."""
+    return [*recorded.record.problems, *(sentence_on(left_out) for left_out in missing(recorded).by_grader)]
+
+
+def _as_far_as_recorded(finding: Finding, spec: CheckSpec, recorded: Recorded) -> Finding:
+    """Return what is found of a check that rests on a topic whose messages are not all recorded.
+
+    It costs points only where messages are missing through the student's own doing; else the recording is not sound.
+    """
+    check, names = REGISTRY[spec.check], named(spec, recorded)
+    left_out = next((u for u in missing(recorded).by_student if u.topic in names), None)
+    if left_out is None or finding.outcome is Outcome.ERROR or (check.by_endpoints and finding.outcome in _GOES_ON):
+        return finding
+    return without_rest(finding, left_out, timed=is_timed(spec, recorded))
 
 
 def _blocked(required: str, findings: Mapping[str, Finding], rubric: Rubric) -> Finding:
@@ -226,9 +246,10 @@ def _advisories(recordings: Recordings, criteria: tuple[CriterionResult, ...]) -
     """Collect what costs nothing: from the processes' output (by artifact), the files, and the checks' notes."""
     sources: dict[str, list[str]] = {}
     for recorded in recordings.sessions.values():
+        limits = limits_hit(recorded)
         for process in recorded.record.processes:
             if process.role == "student":
-                hit = hit_limit(process)
+                hit = hit_limit(dataclasses.replace(process, limit=limits.get(process.name)))
                 for text in (*advisories(process.output), *((" ".join(hit),) if hit is not None else ())):
                     sources.setdefault(text, []).append(process.artifact or "")
     found = []
@@ -257,7 +278,7 @@ def _provenance(recordings: Recordings, rubric: Rubric) -> dict[str, Any]:
                 role: round(sum(p.usage[-1].cpu_ns for p in record.processes if p.role == role and p.usage) / 1e9, 3)
                 for role in ("student", "reference", "grader")
             },
-            "limits": {p.name: p.limit for p in record.processes if p.limit is not None},
+            "limits": limits_hit(recorded),
         }
     versions = next((dict(r.record.versions) for r in recordings.sessions.values()), {})
     return {

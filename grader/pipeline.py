@@ -26,6 +26,7 @@ from grader.exporting import ExportTarget
 from grader.intake import Handed, Intake, taken_in
 from grader.judging import Recordings, judge, judge_checks, open_recordings
 from grader.recording.submission import SubmissionRecord, write_submission
+from grader.replacing import UNFINISHED, beside, replace_file, replace_files
 from grader.report import json as result_json
 from grader.result import CheckResult, Result
 from grader.rubric import Rubric, load_rubric
@@ -206,7 +207,7 @@ def grade(
     handed : Handed, Path or Intake
         The submission: a folder, an archive, what `grader.batch.found` made of more, or what was taken in already.
     results : Path
-        Folder of this submission's results.
+        Folder of this submission's results. Those of an earlier grading stay until all of the new ones are there.
     shared : Shared, optional
         What other submissions on this machine have to do with it.
     watch : Stopwatch, optional
@@ -230,9 +231,10 @@ def grade(
         submission.sessions = list(options.sessions) if options.sessions is not None else None
         with LiveExports(options.exports, results, options.path_prefix) as exports:
             follow = exports.follow(on_progress)
-            recorded = record(intake.folder, submission, rubric, results, options, follow, shared, watch)
-            with _work(shared, watch)("judging"):
-                result = judge_results(results, rubric, options.overrides, recorded, watch)
+            with beside(results, (RECORDINGS, REPORT_FILE, RESULT_FILE)) as new:
+                recorded = record(intake.folder, submission, rubric, new, options, follow, shared, watch)
+                with _work(shared, watch)("judging"):
+                    result = judge_results(new, rubric, options.overrides, recorded, watch)
     exports.write(result)
     return result
 
@@ -276,7 +278,7 @@ def record(
     for name in options.sessions if options.sessions is not None else rubric.sessions:
         if name not in chosen:
             on_progress(Progress(name, "left out, since its file is missing", ended=True))
-    _start_afresh(results, recordings, submission, rubric)
+    _start_afresh(recordings, submission, rubric)
     with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as scratch:
         with _work(shared, watch)("staging"):
             workspace = stage(folder, submission, rubric, Path(scratch), str(options.interpreter))
@@ -307,10 +309,8 @@ def record(
     return open_recordings(recordings, rubric)
 
 
-def _start_afresh(results: Path, recordings: Path, submission: SubmissionRecord, rubric: Rubric) -> None:
-    """Remove what an earlier grading left, so that no old result can be taken for a new one."""
-    for name in (RESULT_FILE, REPORT_FILE):
-        (results / name).unlink(missing_ok=True)
+def _start_afresh(recordings: Path, submission: SubmissionRecord, rubric: Rubric) -> None:
+    """Remove what an earlier recording left, and begin with what was handed in."""
     shutil.rmtree(recordings, ignore_errors=True)
     recordings.mkdir(parents=True)
     write_submission(recordings, submission)
@@ -349,12 +349,24 @@ def judge_results(
     RecordingError
         If there is nothing to judge.
     """
+    result, files = judged_files(results, rubric, overrides, recordings, watch)
+    replace_files(files)
+    return result
+
+
+def judged_files(
+    results: Path,
+    rubric: Rubric,
+    overrides: Overrides | None = None,
+    recordings: Recordings | None = None,
+    watch: Stopwatch | None = None,
+) -> tuple[Result, dict[Path, str]]:
+    """Do as `judge_results`, but hand out what is to be written, by its place."""
     recordings = recordings or open_recordings(results / RECORDINGS, rubric)
     result = judge_with_policy(recordings, rubric, overrides or Overrides())
     with (watch or Stopwatch()).stage("report"):
-        replace_file(results / REPORT_FILE, report_page(result, recordings, rubric))
-        replace_file(results / RESULT_FILE, result_json.render(result))
-    return result
+        page, text = report_page(result, recordings, rubric), result_json.render(result)
+    return result, {results / REPORT_FILE: page, results / RESULT_FILE: text}
 
 
 def judge_with_policy(recordings: Recordings, rubric: Rubric, overrides: Overrides) -> Result:
@@ -378,8 +390,10 @@ def judge_so_far(results: Path) -> Result:
     RecordingError
         If nothing has been begun there.
     """
-    rubric = read_rubric(rubric_copy(results))
-    recordings = open_recordings(results / RECORDINGS, rubric)
+    new = results / UNFINISHED
+    folder = new if (new / RECORDINGS).is_dir() else results
+    rubric = read_rubric(rubric_copy(folder))
+    recordings = open_recordings(folder / RECORDINGS, rubric)
     overrides = read_overrides(None, results.resolve().parent, rubric)
     result = judge_with_policy(recordings, rubric, overrides)
     criteria = [replace(c, checks=tuple(_not_yet_run(k, recordings) for k in c.checks)) for c in result.criteria]
@@ -479,10 +493,3 @@ def rubric_of_class(results: Path, entries: Sequence[ClassEntry]) -> Path | None
             if copy.is_file() and hashlib.sha256(copy.read_bytes()).hexdigest() == sha256:
                 return copy
     return None
-
-
-def replace_file(path: Path, text: str) -> None:
-    """Write a file in one step, so that nobody reads half of it."""
-    partial = path.with_suffix(path.suffix + ".partial")
-    partial.write_text(text, encoding="utf-8", newline="\n")
-    partial.replace(path)

@@ -13,6 +13,7 @@ from pathlib import Path, PurePosixPath
 
 from grader.errors import SubmissionError
 from grader.intake import Intake
+from grader.intake.names import displayed
 from grader.packages import find_packages
 from grader.recording.submission import ArtifactFact, FileFact, PackageFact, SubmissionRecord
 from grader.rubric import ArtifactSpec, Rubric
@@ -34,7 +35,7 @@ def read_submission(intake: Intake, rubric: Rubric) -> SubmissionRecord:
     Raises
     ------
     SubmissionError
-        If it holds nothing that the rubric asks for.
+        If it holds nothing that the rubric asks for, or something of it may not be read: that costs nobody points.
     """
     record = SubmissionRecord(name=intake.name, left_out=list(intake.left_out))
     record.submitted_at = intake.submitted_at.isoformat() if intake.submitted_at is not None else None
@@ -48,6 +49,7 @@ def read_submission(intake: Intake, rubric: Rubric) -> SubmissionRecord:
         if fact.path is None:
             fact.path = _by_entry_point(rubric.artifacts[fact.name].executable, record.packages, record.texts)
             fact.found_by = "near miss" if fact.path is not None else fact.found_by
+    _require_readable(intake, record)
     if all(a.path is None for a in record.artifacts):
         wanted = ", ".join(spec.file for spec in rubric.artifacts.values())
         raise SubmissionError(
@@ -58,6 +60,26 @@ def read_submission(intake: Intake, rubric: Rubric) -> SubmissionRecord:
         )
     record.sha256 = _digest_of(record.files)
     return record
+
+
+def _require_readable(intake: Intake, record: SubmissionRecord) -> None:
+    """Raise if a grade may rest on what is there and may not be read.
+
+    That is a file that programs are made of or that people read, and a folder, where a file of the lab is missing.
+    """
+    missing = any(fact.path is None for fact in record.artifacts)
+    closed = [
+        name
+        for name in intake.unreadable
+        if (missing if name.endswith("/") else PurePosixPath(name).suffix.lower() in TEXT_SUFFIXES)
+    ]
+    if closed:
+        more = f" and {len(closed) - 1} more" if len(closed) > 1 else ""
+        raise SubmissionError(
+            f"{displayed(closed[0])}{more} may not be read, so that no fair score exists",
+            where=intake.where,
+            remedy="Give yourself the right to read it (chmod -R u+rX), or grade as the user that it belongs to.",
+        )
 
 
 def read_submission_folder(folder: Path, rubric: Rubric) -> SubmissionRecord:

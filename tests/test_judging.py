@@ -243,6 +243,18 @@ def test_what_may_be_chance_costs_nothing_until_it_is_seen_again(
         assert (lost(judge(recordings, rubric)) == 0) == (attempt == 1)
 
 
+def test_a_node_that_a_limit_kept_from_the_graph_is_not_waited_for_again(copy: Path, rubric: Rubric) -> None:
+    """It had as many processes as it may have, or took too much: that is no chance, and the reason says so."""
+    record = unseen(read_session(copy / "subscriber"))
+    next(run for run in record.processes if run.role == "student").limit = "processes"
+    write_session(copy / "subscriber", record)
+    recordings = open_recordings(copy, rubric)
+    assert undecided_sessions(recordings, rubric, list(rubric.sessions)) == []
+    finding = checks_of(judge(recordings, rubric))["subscriber.receives"].finding
+    assert finding.outcome is Outcome.FAILED
+    assert "(limit: processes)" in finding.reason
+
+
 def test_a_bag_that_was_cut_short_is_still_read(copy: Path, rubric: Rubric) -> None:
     """Half a bag of a session that says it is complete never breaks judging."""
     path = next((copy / "publisher").glob("*.mcap"))

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import shutil
+import tempfile
 import time
+from collections.abc import Iterator
 from datetime import datetime, timezone
 from pathlib import Path
 
@@ -228,3 +230,48 @@ def test_a_folder_of_submissions_is_no_submission(tmp_path: Path, rubric: Rubric
         shutil.copytree(SOLUTION, tmp_path / "class" / name)
     record = read_submission_folder(tmp_path / "class", rubric)
     assert all(fact.candidates for fact in record.artifacts)
+
+
+@pytest.fixture
+def plain_user() -> Iterator[None]:
+    """Let the superuser be somebody who may not read everything, for a while."""
+    if os.geteuid() == 0:
+        os.seteuid(65534)
+        yield
+        os.seteuid(0)
+    else:
+        yield
+
+
+@pytest.mark.usefixtures("plain_user")
+@pytest.mark.parametrize(
+    ("closed", "missing", "refused"),
+    [
+        ("robot_service.py", "", True),
+        ("README.md", "", True),
+        ("helpers/tables.py", "", True),
+        ("photo.png", "", False),
+        ("helpers", "", False),
+        ("helpers", "robot_service.py", True),
+        ("photo.png", "robot_service.py", False),
+    ],
+)
+def test_what_a_grade_may_rest_on_must_be_readable(rubric: Rubric, closed: str, missing: str, refused: bool) -> None:
+    """A file that is there and may not be read is not missing: no points are lost, the submission is refused."""
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch, "ann")
+        (folder / "helpers").mkdir(parents=True)
+        for name in (*FILES.values(), "README.md", "helpers/tables.py", "photo.png"):
+            (folder / name).write_text("x = 1\n")
+        if missing:
+            (folder / missing).unlink()
+        (folder / closed).chmod(0)
+        with taken_in(folder) as intake:
+            if refused:
+                with pytest.raises(SubmissionError, match=f"{closed}.* may not be read") as caught:
+                    read_submission(intake, rubric)
+                assert caught.value.exit_status == 3
+                assert "chmod" in caught.value.remedy
+            else:
+                assert found(read_submission(intake, rubric))["publisher"] == "joint_publisher.py"
+        (folder / closed).chmod(0o700)

@@ -22,6 +22,7 @@ from grader.cohort.changes import Changes, changes_between
 from grader.cohort.overrides import Overrides
 from grader.errors import GraderError, RecordingError
 from grader.judging import open_recordings
+from grader.replacing import replace_files, uninterrupted
 from grader.report import json as result_json
 from grader.rubric import Rubric
 
@@ -74,9 +75,10 @@ class Rejudging:
             folder = self.results / name
             before = text_of(folder / pipeline.RESULT_FILE)
             after = (folder / (pipeline.RESULT_FILE + _NEW)).read_text(encoding="utf-8")
-            for file in _FILES:
-                (folder / (file + _NEW)).replace(folder / file)
-            note_replaced(self.results, name, before, after, occasion)
+            with uninterrupted():
+                for file in _FILES:
+                    (folder / (file + _NEW)).replace(folder / file)
+                note_replaced(self.results, name, before, after, occasion)
 
     def remarks(self) -> list[str]:
         """Say which overrides do nothing: those of no submission, and those of times where no time matters."""
@@ -228,8 +230,7 @@ def _judge(folder: Path, key: str, prepare: bool) -> Changes | NotGraded:
         text = result_json.render(result)
         if prepare:
             page = pipeline.report_page(result, recordings, rubric)
-            pipeline.replace_file(folder / (pipeline.REPORT_FILE + _NEW), page)
-            pipeline.replace_file(folder / (pipeline.RESULT_FILE + _NEW), text)
+            replace_files({folder / (pipeline.REPORT_FILE + _NEW): page, folder / (pipeline.RESULT_FILE + _NEW): text})
         return changes_between(read_result(text_of(folder / pipeline.RESULT_FILE)), read_result(text) or {})
     except Exception as error:  # One that cannot be judged does not keep the others from it.
         return NotGraded.from_error(error)

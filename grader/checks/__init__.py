@@ -17,42 +17,49 @@ from grader.result import Finding
 
 @dataclass(frozen=True)
 class Check:
-    """A check: its parameters' model and its function."""
+    """A check: its parameters' model and its function.
+
+    Attributes
+    ----------
+    by_endpoints : bool
+        Whether it can be passed without all messages of its topics.
+    """
 
     parameters: type[Parameters]
     judge: Callable[[Context, Any], Finding]
+    by_endpoints: bool = False
 
 
 REGISTRY: dict[str, Check] = {
     # A node that publishes.
-    "topic_published": Check(traffic.TopicPublished, traffic.topic_published),
+    "topic_published": Check(traffic.TopicPublished, traffic.topic_published, by_endpoints=True),
     "topic_rate": Check(traffic.TopicRate, traffic.topic_rate),
     "topic_jitter": Check(traffic.TopicJitter, traffic.topic_jitter),
     "message_values": Check(traffic.MessageValues, traffic.message_values),
     "sinusoids": Check(traffic.Sinusoids, traffic.sinusoids),
-    "offered_qos": Check(traffic.OfferedQos, traffic.offered_qos),
+    "offered_qos": Check(traffic.OfferedQos, traffic.offered_qos, by_endpoints=True),
     # A node that listens.
-    "topics_subscribed": Check(reception.TopicsSubscribed, reception.topics_subscribed),
+    "topics_subscribed": Check(reception.TopicsSubscribed, reception.topics_subscribed, by_endpoints=True),
     "reported_series": Check(reception.ReportedSeries, reception.reported_series),
     "reported_statistics": Check(reception.ReportedStatistics, reception.reported_statistics),
-    "survives": Check(reception.Survives, reception.survives),
+    "survives": Check(reception.Survives, reception.survives, by_endpoints=True),
     "report_share": Check(reception.ReportShare, reception.report_share),
     # A node that serves.
-    "service_offered": Check(services.ServiceOffered, services.service_offered),
+    "service_offered": Check(services.ServiceOffered, services.service_offered, by_endpoints=True),
     "call_answered": Check(services.CallAnswered, services.call_answered),
     "call_gated": Check(services.CallGated, services.call_gated),
-    "parameters_declared": Check(services.ParametersDeclared, services.parameters_declared),
+    "parameters_declared": Check(services.ParametersDeclared, services.parameters_declared, by_endpoints=True),
     "calls_in_time": Check(services.CallsInTime, services.calls_in_time),
     # A launch file.
-    "launch_loads": Check(launching.LaunchLoads, launching.launch_loads),
-    "launch_arguments": Check(launching.LaunchArguments, launching.launch_arguments),
-    "launch_nodes": Check(launching.LaunchNodes, launching.launch_nodes),
-    "launch_parameters": Check(launching.LaunchParameters, launching.launch_parameters),
+    "launch_loads": Check(launching.LaunchLoads, launching.launch_loads, by_endpoints=True),
+    "launch_arguments": Check(launching.LaunchArguments, launching.launch_arguments, by_endpoints=True),
+    "launch_nodes": Check(launching.LaunchNodes, launching.launch_nodes, by_endpoints=True),
+    "launch_parameters": Check(launching.LaunchParameters, launching.launch_parameters, by_endpoints=True),
     "launch_together": Check(launching.LaunchTogether, launching.launch_together),
     # A tool that compares QoS profiles.
-    "ends_by_itself": Check(comparison.EndsByItself, comparison.ends_by_itself),
-    "topics_carry_traffic": Check(comparison.TopicsCarryTraffic, comparison.topics_carry_traffic),
-    "qos_profiles": Check(comparison.QosProfiles, comparison.qos_profiles),
+    "ends_by_itself": Check(comparison.EndsByItself, comparison.ends_by_itself, by_endpoints=True),
+    "topics_carry_traffic": Check(comparison.TopicsCarryTraffic, comparison.topics_carry_traffic, by_endpoints=True),
+    "qos_profiles": Check(comparison.QosProfiles, comparison.qos_profiles, by_endpoints=True),
     "reported_traffic": Check(comparison.ReportedTraffic, comparison.reported_traffic),
     # What is written.
     "readme": Check(documentation.Readme, documentation.readme),

@@ -1,4 +1,4 @@
-"""Which checks cannot be judged since something of the grader's own was touched, and what is found then."""
+"""Which checks cannot be judged since something of the grader's own was touched, or since the recording was filled."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from typing import Any
 
 from grader.evidence.census import Touched
 from grader.evidence.recorded import Recorded
+from grader.evidence.unrecorded import sentence_on
+from grader.recording.session import Unrecorded
 from grader.result import Finding, Outcome, Violation
 from grader.rubric import CheckSpec, Rubric
 
@@ -22,7 +24,7 @@ def with_checks(touched: Touched, recorded: Recorded, rubric: Rubric) -> Violati
     if not violation.certain:
         return violation
     specs = [spec for spec in rubric.checks() if spec.session == violation.session]
-    spoilt = tuple(spec.id for spec in specs if not touched.spoilt.isdisjoint(_named(spec, recorded)))
+    spoilt = tuple(spec.id for spec in specs if not touched.spoilt.isdisjoint(named(spec, recorded)))
     return replace(violation, checks=spoilt)
 
 
@@ -38,7 +40,36 @@ def not_measurable(finding: Finding, violation: Violation) -> Finding:
     )
 
 
-def _named(spec: CheckSpec, recorded: Recorded) -> set[str]:
+def without_rest(finding: Finding, left_out: Unrecorded, *, timed: bool) -> Finding:
+    """Return what is found where a check cannot see all messages of a topic, through the student's own doing.
+
+    Parameters
+    ----------
+    timed : bool
+        Whether it measures over time: then what is missing looks like silence, and the student was not silent.
+    """
+    seen = finding.outcome in (Outcome.FAILED, Outcome.PARTIAL) and left_out.messages > 0 and not timed
+    return replace(
+        finding,
+        outcome=Outcome.FAILED,
+        credit=Decimal(0),
+        measured=finding.measured if seen else "not measured in full",
+        reason=" ".join([*([finding.reason] if seen else []), sentence_on(left_out)]),
+        hint=finding.hint if seen else _HINT,
+    )
+
+
+_HINT = "Send messages no larger and no more often than is asked for."
+
+
+def is_timed(spec: CheckSpec, recorded: Recorded) -> bool:
+    """Whether a check measures within the time of an `observe` step."""
+    words = set(_words(spec.parameters.model_dump()))
+    return any(step.kind == "observe" and step.label in words for step in recorded.record.steps)
+
+
+def named(spec: CheckSpec, recorded: Recorded) -> set[str]:
+    """Return the names that a check's parameters hold, and those of the steps to which they refer."""
     words = set(_words(spec.parameters.model_dump()))
     labelled = [step for step in recorded.record.steps if step.label in words]
     words.update(word for step in labelled for word in _words(step.parameters))

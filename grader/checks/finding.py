@@ -256,12 +256,15 @@ def why_nothing(context: Context, artifact: str, fallback: str) -> tuple[str, st
     """Say why an artifact's process did not show what was expected: (reason, hint, where)."""
     session = context.session.record.session
     processes = context.session.processes_of(artifact)
-    if processes and ended_by_limit(processes[-1]) and (hit := hit_limit(processes[-1])) is not None:
+    hit = hit_limit(processes[-1]) if processes else None
+    if hit is not None and ended_by_limit(processes[-1]):
         return *hit, (Where(session=session, process=artifact),)
     found = context.diagnosis(artifact)
     if found is not None:
         spot = Where(file=found.file, line=found.line) if found.file else Where(session=session, process=artifact)
         return told(found), found.remedy, (spot,)
+    if hit is not None:
+        return *hit, (Where(session=session, process=artifact),)
     if processes and processes[-1].ended_by == "itself" and processes[-1].exit_status is not None:
         status = processes[-1].exit_status
         reason = f"The program ended by itself with exit status {status} before it did anything that can be seen."
@@ -276,7 +279,8 @@ def why_nothing(context: Context, artifact: str, fallback: str) -> tuple[str, st
 def not_seen(context: Context, artifact: str, kind: str, names: Sequence[str], expected: str) -> Finding | None:
     """State that a node which goes on asked for an endpoint that the graph never showed, or None if that is not so.
 
-    Then the discovery failed, or the node forged its request: both leave open what it would have done.
+    Then the discovery failed, or the node forged its request: both leave open what it would have done. Where the
+    program hit a limit, that is what kept the node from it.
 
     Parameters
     ----------
@@ -286,7 +290,9 @@ def not_seen(context: Context, artifact: str, kind: str, names: Sequence[str], e
         Names of which one was asked for, literally.
     """
     processes = context.session.processes_of(artifact)
-    if not processes or processes[-1].interrupted_ns is None or context.diagnosis(artifact) is not None:
+    if not processes or processes[-1].interrupted_ns is None or processes[-1].limit is not None:
+        return None
+    if context.diagnosis(artifact) is not None:
         return None
     wanted = {name.lstrip("/") for name in names}
     for claim in context.session.record.claims:

@@ -16,6 +16,7 @@ from rich.text import Text
 
 from grader.commands.arguments import BELOW, add_fail_under, count, each, print_error
 from grader.errors import GraderError
+from grader.replacing import replace_file, replace_files, uninterrupted
 from grader.report.plain import terminal_text
 
 if TYPE_CHECKING:
@@ -108,11 +109,12 @@ def _regrade_one(folder: Path, options: argparse.Namespace, console: Console) ->
     rubric = pipeline.read_rubric(options.rubric or pipeline.rubric_copy(folder))
     overrides = pipeline.read_overrides(options.overrides, results, rubric)
     before = audit.text_of(folder / pipeline.RESULT_FILE)
-    result = pipeline.judge_results(folder, rubric, overrides)
-    print_result(console, result)
+    result, files = pipeline.judged_files(folder, rubric, overrides)
     occasion = audit.Occasion(datetime.now(timezone.utc), "regrade", overrides.sha256)
-    after = (folder / pipeline.RESULT_FILE).read_text(encoding="utf-8")
-    changes = audit.note_replaced(results, name, before, after, occasion)
+    with uninterrupted():  # so that no result is replaced without being kept
+        replace_files(files)
+        changes = audit.note_replaced(results, name, before, files[folder / pipeline.RESULT_FILE], occasion)
+    print_result(console, result)
     if changes.before is not None and changes.matters:
         console.print()
         console.print(changes_table({name: changes}))
@@ -139,7 +141,7 @@ def _regrade_class(folder: Path, options: argparse.Namespace, console: Console) 
     took_s = time.monotonic() - began_s
     print_changes(console, found.changes)
     matter = [changes for changes in found.changes.values() if changes.matters]
-    pipeline.replace_file(folder / CHANGES_FILE, changes_csv(matter))
+    replace_file(folder / CHANGES_FILE, changes_csv(matter))
     if options.apply:
         found.apply(Occasion(datetime.now(timezone.utc), "regrade", found.overrides.sha256))
     for remark in found.remarks():

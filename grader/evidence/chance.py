@@ -47,7 +47,7 @@ def _was_refused_tasks(run: ProcessRun) -> bool:
 
 
 def _nobody_came(recorded: Recorded, students: Iterable[ProcessRun], reference_nodes: frozenset[str]) -> bool:
-    """Whether programs that had to be stopped were waited for in vain, and showed no node at all."""
+    """Whether programs that had to be stopped, and hit no limit, were waited for in vain and showed no node at all."""
     waited = any(step.kind == "wait_for" and step.outcome == "timeout" for step in recorded.record.steps)
-    ran_on = any(run.ended_by in ("interrupt", "terminate", "kill") for run in students)
+    ran_on = any(run.ended_by in ("interrupt", "terminate", "kill") and run.limit is None for run in students)
     return waited and ran_on and not set(recorded.nodes) - reference_nodes

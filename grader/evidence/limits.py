@@ -12,6 +12,10 @@ _HIT = {
     "processes": ("started more processes or threads than a session allows", "Start a thread once, not in a callback."),
     "disk": ("wrote more to disk than a session allows", "Write little, and not in a callback."),
     "files": ("made more files than a session allows", "Write to one file instead of many."),
+    "recording": (
+        "published more than a session's recording holds",
+        "Send messages no larger and no more often than is asked for.",
+    ),
     "output": ("printed more than a session allows", "Print less, and not in a loop that never waits."),
 }
 _KILLED = (-9, 137)

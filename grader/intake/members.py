@@ -27,6 +27,7 @@ class Kind(Enum):
     SPARSE = "a sparse file"
     METHOD = "packed by a method that is not read here"
     UNREADABLE = "not readable"
+    CLOSED = "a folder that is not readable"
     DEEP = "too many folders deep"
 
 
@@ -142,7 +143,7 @@ def _folder(folder: int, parts: tuple[str, ...], most: int, most_depth: int) -> 
     try:
         inner = os.open(parts[-1], os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC, dir_fd=folder)
     except OSError:
-        yield Member("/".join(parts), Kind.UNREADABLE)
+        yield Member("/".join(parts), Kind.CLOSED)
         return
     try:
         yield from _below(inner, parts, most, most_depth)

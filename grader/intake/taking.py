@@ -56,6 +56,7 @@ _COMPILED_MAGIC = (
 )
 #: Up to here, any compression is believed.
 _RATIO_FROM_BYTES = 1024 * 1024
+_MOST_UNREADABLE = 1000
 _FULL = "no room left for files of its kind"
 #: Files of a whole class in one archive.
 _MOST_LISTED = 200_000
@@ -165,6 +166,8 @@ class Intake:
         When it was handed in; else the newest time of a file in the archive, which is what a student's machine said.
     where : str
         Where it comes from, in words.
+    unreadable : tuple of str
+        Files, and folders with a slash at the end, that are there and may not be read; some of many.
     """
 
     folder: Path
@@ -172,6 +175,7 @@ class Intake:
     left_out: tuple[str, ...] = ()
     submitted_at: datetime | None = None
     where: str = ""
+    unreadable: tuple[str, ...] = ()
 
 
 @contextmanager
@@ -208,7 +212,8 @@ def taken_in(handed: Handed | Path, *, prefix: str = "grade-", limits: Limits = 
         taking.leave_archives_out()
         taking.require_files()
         submitted_at = handed.submitted_at or taking.newest
-        yield Intake(taking.folder, handed.name, taking.notes.lines(), submitted_at, handed.where)
+        lines, unreadable = taking.notes.lines(), tuple(taking.unreadable)
+        yield Intake(taking.folder, handed.name, lines, submitted_at, handed.where, unreadable)
 
 
 @dataclass
@@ -227,6 +232,7 @@ class _Taking:
         self.folder.mkdir()
         self.notes = Notes()
         self.newest: datetime | None = None
+        self.unreadable: list[str] = []
         self._scratch, self._limits, self._where = scratch, limits, where
         self._members = 0
         self._kept: dict[str, str] = {}  # collision key -> the name it came under
@@ -348,6 +354,8 @@ class _Taking:
 
     def _take(self, member: Member, parts: tuple[str, ...]) -> bool:
         """Take a file in; returns whether it was, and notes why not."""
+        if member.kind in (Kind.UNREADABLE, Kind.CLOSED) and len(self.unreadable) < _MOST_UNREADABLE:
+            self.unreadable.append("/".join(parts) + "/" * (member.kind is Kind.CLOSED))
         reason = self._reason_against(member, parts) or self._copy(member, parts)
         if reason is not None:
             self.notes.add(member.name, reason)

@@ -72,6 +72,8 @@ _FOREIGN_S = 0.5
 _EVENTS_DEPTH = 100
 #: Of the disk's free space a bag takes one part in so many at most, so that no flood of messages fills it.
 _SHARE_OF_FREE = 20
+#: A recording of this size at least is as good as any: what fills it is a flood, and not for want of disk.
+_ENOUGH_BYTES = 64 * 2**20
 #: What is passed on of a text in an answer, of the elements of an array, and of the names of a node's parameters.
 _LONGEST_TEXT, _MOST_ELEMENTS, _MOST_DECLARED = 10_000, 1000, 200
 
@@ -102,8 +104,8 @@ class Director:
         self._node = _silent_node("probe", self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
-        limit_bytes = min(DEFAULT_LIMIT_BYTES, shutil.disk_usage(folder).free // _SHARE_OF_FREE)
-        self._recorder = Recorder(BagWriter(folder, name), domain_id, limit_bytes=limit_bytes)
+        self._limit_bytes = min(DEFAULT_LIMIT_BYTES, shutil.disk_usage(folder).free // _SHARE_OF_FREE)
+        self._recorder = Recorder(BagWriter(folder, name), domain_id, limit_bytes=self._limit_bytes)
         self._watch = GraphWatch(self._node, self._on_change, {*expected, *_STANDARD})
         self._problems: list[str] = []
         self._reference_nodes = set(reference_nodes)
@@ -134,7 +136,11 @@ class Director:
                 self._answer(request)
         self._watch.close()
         self._recorder.stop()
-        _say({"event": "stopped", "problems": self._problems + self._recorder.problems})
+        unrecorded = self._recorder.unrecorded
+        if self._limit_bytes < _ENOUGH_BYTES and any(left_out.messages for left_out in unrecorded):
+            self._problems.append(f"the disk had room for a recording of {self._limit_bytes / 1e6:.0f} MB only")
+        problems = self._problems + self._recorder.problems
+        _say({"event": "stopped", "problems": problems, "unrecorded": [dataclasses.asdict(u) for u in unrecorded]})
 
     def _require_empty_graph(self) -> None:
         """See to it that nothing is in the graph before the first process is started: it would be taken for its."""

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import asyncio
 import os
-from collections.abc import Callable, Mapping
+import signal
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
 from grader.live.cgroup import MEMORY_BYTES, PROCESSES, CellGroup
 from grader.live.kernel_memory import available_share, network_bytes
-from grader.live.process import RunningProcess, descendants_of
+from grader.live.process import RunningProcess, processes_of_user, tasks_of
 
 _PERIOD_S = 0.1
 #: A limit on processes refuses new ones; so near to it, it has.
@@ -109,29 +110,52 @@ class Guard:
         """Note a limit with the process that a signal has ended, else with the largest one."""
         students = self._students()
         killed = [p for p in students if not p.alive and p.run.exit_status in (137, -9) and p.run.limit is None]
-        alive = sorted((p for p in students if p.alive), key=lambda p: -_taken(p)[0])
+        alive = sorted((p for p in students if p.alive), key=lambda p: -_taken(p.descendants())[0])
         for process in (killed if limit == "memory" else []) or alive[:1] or students[-1:]:
             process.run.limit = process.run.limit or limit
 
     async def _sum_up(self) -> None:
         alive = [p for p in self._students() if p.alive]
-        taken = {p: _taken(p) for p in alive}
-        if sum(memory for memory, _ in taken.values()) > MEMORY_BYTES:
+        taken = {p: _taken(p.descendants()) for p in alive}
+        strays = self._strays(alive)
+        left_memory, left_tasks = _taken(strays)
+        if sum(memory for memory, _ in taken.values()) + left_memory > MEMORY_BYTES:
             # What forked processes share is in that sum once for each; a truer one takes longer.
-            own = {p: _own_memory(p) for p in alive}
-            if sum(own.values()) <= MEMORY_BYTES:
-                await self._limit_tasks(taken)
-                return
-            largest = max(alive, key=lambda p: own[p])
-            await largest.kill(limit="memory")
-        await self._limit_tasks(taken)
+            own = {p: _own_memory(p.descendants()) for p in alive}
+            left = _own_memory(strays)
+            if sum(own.values()) + left > MEMORY_BYTES:
+                largest = max(alive, key=lambda p: own[p], default=None)
+                if largest is not None and own[largest] >= left:
+                    await largest.kill(limit="memory")
+                else:
+                    self._end_strays(strays, "memory")
+        await self._limit_tasks(taken, strays, left_tasks)
 
-    async def _limit_tasks(self, taken: Mapping[RunningProcess, tuple[int, int]]) -> None:
+    async def _limit_tasks(
+        self, taken: Mapping[RunningProcess, tuple[int, int]], strays: Sequence[int], left_tasks: int
+    ) -> None:
         for process, (_, tasks) in taken.items():
             if tasks > PROCESSES:
                 await process.kill(limit="processes")
-            elif tasks > PROCESSES - _NEARLY:
+            elif tasks + left_tasks > PROCESSES - _NEARLY:
                 process.run.limit = process.run.limit or "processes"
+        if left_tasks > PROCESSES - _NEARLY:
+            self._end_strays(strays, "processes")
+
+    def _strays(self, alive: Iterable[RunningProcess]) -> list[int]:
+        """Return the processes of the students' user that are below none of their programs any more.
+
+        Where programs have process ids of their own, none gets away from below them.
+        """
+        if self._sized or self._user is None:
+            return []
+        return sorted(processes_of_user(self._user).difference(*(p.descendants() for p in alive)))
+
+    def _end_strays(self, strays: Iterable[int], limit: str) -> None:
+        self._blame(limit)
+        for pid in strays:
+            with suppress(ProcessLookupError, PermissionError):
+                os.kill(pid, signal.SIGKILL)
 
     def _note_full_areas(self) -> None:
         for folder in self._areas.values():
@@ -149,22 +173,20 @@ class Guard:
             await self._end_all(limit)
 
 
-def _taken(process: RunningProcess) -> tuple[int, int]:
-    """Return (memory in bytes, number of threads) of a process and all that it has started."""
-    root = process.root_pid()
+def _taken(pids: Iterable[int]) -> tuple[int, int]:
+    """Return (memory in bytes, number of threads) of processes."""
     memory = tasks = 0
-    for pid in descendants_of(root) if root is not None else ():
+    for pid in pids:
         with suppress(OSError, ValueError, IndexError):
-            tasks += len(_tasks_of(pid))
+            tasks += len(tasks_of(pid))
             memory += int(_said_of_memory(pid, "statm").split()[1]) * _PAGE_BYTES
     return memory, tasks
 
 
-def _own_memory(process: RunningProcess) -> int:
-    """Return the memory of a process and all that it has started in bytes, shared pages divided among them."""
-    root = process.root_pid()
+def _own_memory(pids: Iterable[int]) -> int:
+    """Return the memory of processes in bytes, shared pages divided among them."""
     total = 0
-    for pid in descendants_of(root) if root is not None else ():
+    for pid in pids:
         with suppress(OSError, ValueError, IndexError):
             total += _proportional_bytes(pid)
     return total
@@ -172,20 +194,16 @@ def _own_memory(process: RunningProcess) -> int:
 
 def _proportional_bytes(pid: int) -> int:
     """Return the memory of one process; where its share of shared pages may not be read, without these."""
-    with suppress(OSError):
+    with suppress(OSError, IndexError):
         return int(_said_of_memory(pid, "smaps_rollup").split("Pss:", 1)[1].split()[0]) * 1024
     _, resident, shared, *_ = _said_of_memory(pid, "statm").split()
     return (int(resident) - int(shared)) * _PAGE_BYTES
 
 
-def _tasks_of(pid: int) -> list[str]:
-    return os.listdir(f"/proc/{pid}/task")  # noqa: PTH208 - names alone, which is faster
-
-
 def _said_of_memory(pid: int, file: str) -> str:
     """Return what a file in /proc says of a process: by another of its threads, where the first has ended."""
     text = ""
-    for folder in (f"/proc/{pid}", *(f"/proc/{pid}/task/{task}" for task in _tasks_of(pid))):
+    for folder in (f"/proc/{pid}", *(f"/proc/{pid}/task/{task}" for task in tasks_of(pid))):
         with suppress(OSError):
             text = Path(folder, file).read_text()
             if not text.startswith("0 "):

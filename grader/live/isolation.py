@@ -13,6 +13,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from enum import Enum
 from pathlib import Path, PurePosixPath
@@ -22,6 +23,7 @@ from grader.live.cgroup import PROCESSES, CellGroup, GroupPlaces
 from grader.live.confine import Confinement
 from grader.live.environment import INSIDE_FOLDER, interpreter_links, interpreter_roots
 from grader.live.landlock import confines_signals, landlock_version
+from grader.live.process import processes_of_user, tasks_of
 
 #: Paths inside a confined student's process.
 WORKSPACE = "/ws"
@@ -247,13 +249,9 @@ def _limited(limits: Mapping[str, int], environment: Mapping[str, str], command:
 def _tasks_of_user() -> int:
     """Count the threads of all processes of this user, which a limit on processes counts too."""
     count = 0
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdecimal():
-            try:
-                if entry.stat().st_uid == os.getuid():
-                    count += len(list((entry / "task").iterdir()))
-            except OSError:
-                continue
+    for pid in processes_of_user(os.getuid()):
+        with suppress(OSError):
+            count += len(tasks_of(pid))
     return count
 
 

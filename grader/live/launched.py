@@ -155,8 +155,7 @@ class LaunchRunner:
         reader.close()
         text = received[0] if received else ""
         if not text:
-            said = run.output[-1].text if run.output else "nothing"
-            session.record.problems.append(f"the launch file could not be evaluated in its cell: {said}")
+            session.note_unstarted(run, "the launch file could not be evaluated")
         plan = _read_plan(text, in_time, timeout_s, run, source)
         if plan.problem is not None and plan.problem.kind in ("too_slow", "no_plan"):
             self._given_up[source] = plan

@@ -259,6 +259,11 @@ class RunningProcess:
         """Process id below which all of its processes are, while they have not left it."""
         return self._sandbox_pid or self._pid()
 
+    def descendants(self) -> list[int]:
+        """Process ids of all its processes that have not left it."""
+        root = self.root_pid()
+        return descendants_of(root) if root is not None else []
+
     async def wait_exit(self, timeout_s: float) -> bool:
         """Wait until it has ended; False if it has not in time."""
         done, _ = await asyncio.wait({self.exited}, timeout=timeout_s)
@@ -266,8 +271,7 @@ class RunningProcess:
 
     def put_standing(self) -> None:
         """Let it go before what is still starting: from now on its timing counts."""
-        root = self.root_pid()
-        put_standing(descendants_of(root) if root is not None else ())
+        put_standing(self.descendants())
 
     def hold_to_core(self, core: int) -> None:
         """Let all its threads, and those to come, run on one core only.
@@ -277,8 +281,7 @@ class RunningProcess:
         messages on two cores, and 400 of 400 on one. It is done from outside and once the node stands, so
         that the node sees all cores when it decides how many threads to have.
         """
-        root = self.root_pid()
-        for pid in descendants_of(root) if root is not None else ():
+        for pid in self.descendants():
             with suppress(OSError):
                 for task in Path(f"/proc/{pid}/task").iterdir():
                     with suppress(OSError):
@@ -362,6 +365,22 @@ def descendants_of(pid: int) -> list[int]:
         current = queue.pop()
         found.append(current)
         queue += children_of(current)
+    return found
+
+
+def tasks_of(pid: int) -> list[str]:
+    """Return the thread ids of a process."""
+    return os.listdir(f"/proc/{pid}/task")  # noqa: PTH208 - names alone, which is faster
+
+
+def processes_of_user(uid: int) -> set[int]:
+    """Return the process ids of a user."""
+    found = set()
+    with os.scandir("/proc") as entries:
+        for entry in entries:
+            with suppress(OSError):
+                if entry.name.isdecimal() and entry.stat().st_uid == uid:
+                    found.add(int(entry.name))
     return found
 
 

@@ -24,7 +24,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 
 from grader.recording.bag import BagWriter
 from grader.recording.definitions import DefinitionNotFound, definition_of, type_hash_of
-from grader.recording.session import GRADER_NAMESPACE, Endpoint
+from grader.recording.session import GRADER_NAMESPACE, Endpoint, Unrecorded
 
 NODE_NAME = "_grader_recorder"
 DEFAULT_LIMIT_BYTES = 512 * 2**20
@@ -40,8 +40,13 @@ _FLUSH_S = 0.5
 _OVERLAP_S, _LONGEST_OVERLAP_S = 2.0, 6.0
 _TYPES_PER_TOPIC = 4
 _MOST_PROBLEMS = 100
+_MOST_UNRECORDED = 5000
 # What the bag needs for a message beside its data: record head and index entry.
 _MESSAGE_OVERHEAD_BYTES = 47
+
+
+class _LimitReached(ValueError):
+    """There are more topics, or types of one, than are recorded."""
 
 
 @dataclass(frozen=True)
@@ -144,7 +149,9 @@ class Recorder:
     Attributes
     ----------
     problems : list of str
-        What could not be recorded, and why.
+        What went wrong on the recorder's side.
+    unrecorded : list of Unrecorded
+        What it left out.
     """
 
     def __init__(
@@ -156,6 +163,7 @@ class Recorder:
         limit_topics: int = DEFAULT_LIMIT_TOPICS,
     ) -> None:
         self.problems: list[str] = []
+        self.unrecorded: list[Unrecorded] = []
         self._writer = writer
         self._domain_id = domain_id
         self._left_bytes = limit_bytes
@@ -193,6 +201,13 @@ class Recorder:
         if len(self.problems) < _MOST_PROBLEMS:
             self.problems.append(problem)
 
+    def _leave_out(
+        self, topic: str, topic_type: str, reason: str, *, limit: bool, messages: int = 0, size_bytes: int = 0
+    ) -> None:
+        if len(self.unrecorded) < _MOST_UNRECORDED:
+            left_out = Unrecorded(topic, topic_type, time.time_ns(), messages, size_bytes, reason, limit)
+            self.unrecorded.append(left_out)
+
     # -- subscribing: on the caller's thread ---------------------------------------------------
 
     def follow(self, publishers: Sequence[Endpoint]) -> None:
@@ -221,14 +236,14 @@ class Recorder:
         except Exception as error:
             # Names and types are a student's: there are many ways in which rclpy can refuse them.
             self._refused.add((topic, topic_type))
-            self._report(f"{topic} ({topic_type}) is not recorded: {error}")
+            self._leave_out(topic, topic_type, str(error), limit=isinstance(error, _LimitReached))
             return
         with self._lock:
             self._lines[topic, topic_type] = line
 
     def _open(self, topic: str, topic_type: str, publishers: list[Endpoint], request: _Request) -> _Line:
         if len(self._lines) >= self._limit_topics:
-            raise ValueError(f"{self._limit_topics} topics are recorded already")
+            raise _LimitReached(f"{self._limit_topics} topics are recorded already")
         definition = definition_of(topic_type)
         # Only what an installed package defines is imported, as the name comes from outside.
         message_type = _message_type(topic_type)
@@ -243,7 +258,7 @@ class Recorder:
     def _node(self, level: int) -> Node:
         """The node whose participant holds the type number `level` of a topic."""
         if level >= _TYPES_PER_TOPIC:
-            raise ValueError(f"{_TYPES_PER_TOPIC} other types of this topic are recorded already")
+            raise _LimitReached(f"{_TYPES_PER_TOPIC} other types of this topic are recorded already")
         if level == len(self._nodes):
             context = Context()
             context.init([], domain_id=self._domain_id)
@@ -351,9 +366,13 @@ class Recorder:
     def _cut(self, line: _Line) -> None:
         """Record this topic no longer."""
         line.stopped = True
-        self._report(
-            f"{line.topic} ({line.topic_type}) is recorded up to message {line.count} only: "
-            f"it filled {line.written_bytes} bytes, as much as is left for all other topics"
+        self._leave_out(
+            line.topic,
+            line.topic_type,
+            "they fill as much as is left for all other topics",
+            limit=True,
+            messages=line.count,
+            size_bytes=line.written_bytes,
         )
         for tap in [line.tap, *line.retiring]:
             tap.close()

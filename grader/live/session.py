@@ -15,14 +15,15 @@ import os
 import shutil
 import signal
 import socket
+import stat
 import struct
 import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from grader.live.cgroup import CellGroup
@@ -56,6 +57,7 @@ from grader.recording.session import (
     SessionRecord,
     StepRun,
     Trusted,
+    Unrecorded,
     write_session,
 )
 from grader.recording.told import take_told
@@ -75,6 +77,8 @@ _DIRECTOR_START_S = 20.0
 _DIRECTOR_STOP_S = 8.0
 _REFERENCE_START_S = 15.0
 _SAMPLE_PERIOD_S = 0.5
+#: Limits of a session's students together: where one was hit, nothing more may begin.
+_LEAVES_NO_ROOM = ("processes", "memory")
 #: After the last of the student's processes has ended, how long its traffic may still be on its way.
 _AFTER_EXIT_S = 0.3
 
@@ -143,6 +147,7 @@ class _Director:
             self._record.published.append(from_plain(Published, event["published"]))
         elif event["event"] == "stopped":
             self._record.problems += event["problems"]
+            self._record.unrecorded += [from_plain(Unrecorded, plain) for plain in event["unrecorded"]]
             self.stopped.set()
         elif self._answer is not None and not self._answer.done():
             self._answer.set_result(event)
@@ -210,6 +215,8 @@ class Session:
         self.seen_tools = {t: t if confined else str(p) for t, p in self.tools.items()}
         self.processes: dict[str, RunningProcess] = {}
         self.director: _Director | None = None
+        #: Student's programs that never began, and how the session would be disturbed by that.
+        self._unstarted: list[tuple[ProcessRun, str]] = []
         self._room = OutputRoom()
         self._launch = LaunchRunner(self)
         places = self.isolation.groups
@@ -325,6 +332,7 @@ class Session:
 
     async def _finish(self) -> None:
         self._launch.end()
+        await self._guard.look()  # while it can still be seen who took what
         for name, process in self.processes.items():
             if process.alive and process.run.role == "student":
                 await process.kill()
@@ -339,10 +347,25 @@ class Session:
             await self.director.stop()
         take_told(self.record)
         await self._guard.look()
+        self._blame_unstarted()
         _recover_bag(self.folder)
         self.record.ended_ns = time.time_ns()
         self.record.complete = True
         write_session(self.folder, self.record)
+
+    def note_unstarted(self, run: ProcessRun, what: str) -> None:
+        """Note that a program of the student's never began; whose doing that is, is told at the end."""
+        said = run.output[-1].text if run.output else "nothing"
+        self._unstarted.append((run, f"{what} in its cell: {said}"))
+
+    def _blame_unstarted(self) -> None:
+        """Lay it at the student's door where its own processes left no room for more; else it is a problem."""
+        students = (run.limit for run in self.record.processes if run.role == "student")
+        filled = next((limit for limit in students if limit in _LEAVES_NO_ROOM), None)
+        for run, problem in self._unstarted:
+            run.limit = run.limit or filled
+            if filled is None:
+                self.record.problems.append(problem)
 
     def _sweep(self) -> None:
         """See to it that none of the student's processes is left."""
@@ -477,6 +500,8 @@ class Session:
             Folders that it may read besides: where it sees them -> where they are.
         """
         self.record.processes.append(run)
+        if workspace is None and cwd is not None and PurePosixPath(cwd).is_relative_to(self.seen_workspace):
+            _restore_way(self.workspace, PurePosixPath(cwd).relative_to(self.seen_workspace))
         info_read, info_write = os.pipe()
         os.set_blocking(info_read, False)
         seccomp = open_filter()
@@ -523,8 +548,7 @@ class Session:
 
     def _note_claims(self, run: ProcessRun, text: str) -> None:
         if run.artifact is not None and not text.startswith('{"kind": "started"'):
-            said = run.output[-1].text if run.output else "nothing"
-            self.record.problems.append(f"{run.name} could not be started in its cell: {said}")
+            self.note_unstarted(run, f"{run.name} could not be started")
         claims = claims_in(text, run.name, f"{self.seen_workspace}/src/")
         self.record.claims += claims[: max(0, _MOST_CLAIMS - len(self.record.claims))]
 
@@ -711,6 +735,28 @@ def _recover_bag(folder: Path) -> None:
     from grader.recording.bag import recover
 
     recover(folder)
+
+
+def _restore_way(top: Path, folder: PurePosixPath) -> None:
+    """See to it that a working folder is there and open to its owner, whatever an earlier program made of it.
+
+    No link is followed: what the student's programs put there must not lead anywhere else.
+    """
+    flags = os.O_PATH | os.O_DIRECTORY | os.O_NOFOLLOW
+    with suppress(OSError), ExitStack() as opened:
+        here = os.open(top, flags)
+        opened.callback(os.close, here)
+        for part in (*folder.parts, None):
+            own = f"/proc/self/fd/{here}"
+            mode = stat.S_IMODE(os.stat(own).st_mode)  # noqa: PTH116 - of what is open, wherever its name leads
+            if mode & stat.S_IRWXU != stat.S_IRWXU:
+                os.chmod(own, mode | stat.S_IRWXU)  # noqa: PTH101
+            if part is None:
+                return
+            with suppress(FileExistsError):
+                os.mkdir(part, 0o755, dir_fd=here)
+            here = os.open(part, flags, dir_fd=here)
+            opened.callback(os.close, here)
 
 
 def main() -> None:

@@ -557,6 +557,11 @@ class Bag:
         count = sum(len(self._contents.rows[number]) for number in numbers)
         return TopicInfo(topic, topic_type, count, self._contents.channels[numbers[0]].type_hash)
 
+    def size_bytes(self, topic: str, topic_type: str) -> int:
+        """Bytes of all messages of a topic of one type together."""
+        numbers = self._numbers.get((topic, topic_type), [])
+        return sum(end - start for number in numbers for *_, start, end in self._contents.rows[number])
+
     def stream(self, topic: str, topic_type: str | None = None) -> Stream:
         """Messages of a topic, none if the bag does not have it.
 

@@ -250,6 +250,31 @@ class Published:
 
 
 @dataclass
+class Unrecorded:
+    """Messages that the recorder left out: a topic of one type, or what came of it from some time on.
+
+    Attributes
+    ----------
+    t_ns : int
+        When it was left off.
+    messages, size_bytes : int
+        How many were recorded until then, and what they filled.
+    reason : str
+        Why, as a clause.
+    limit : bool
+        Whether it was for a limit of the recording, in bytes or in topics; else it cannot be recorded at all.
+    """
+
+    topic: str
+    type: str
+    t_ns: int
+    messages: int
+    size_bytes: int
+    reason: str
+    limit: bool
+
+
+@dataclass
 class SessionRecord:
     """All of one session but its bag.
 
@@ -270,6 +295,8 @@ class SessionRecord:
         The grader's own processes in the graph. All other endpoints there are the student's.
     published : list of Published
         All that the grader's own processes published.
+    unrecorded : list of Unrecorded
+        What the recorder left out. Whose doing that is, `grader.evidence.unrecorded` tells.
     """
 
     session: str
@@ -291,6 +318,7 @@ class SessionRecord:
     plan: dict[str, Any] | None = None
     trusted: list[Trusted] = field(default_factory=list)
     published: list[Published] = field(default_factory=list)
+    unrecorded: list[Unrecorded] = field(default_factory=list)
 
 
 def write_session(folder: Path, record: SessionRecord) -> None:

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from grader.judging import judge, open_recordings
-from grader.pipeline import read_rubric
-from grader.recording.session import Endpoint, SessionRecord, read_session, write_session
+from grader.pipeline import read_rubric, undecided_sessions
+from grader.recording.session import Endpoint, SessionRecord, Unrecorded, read_session, write_session
 from grader.recording.told import DIGEST_DIGITS
 from grader.result import CheckResult, Outcome, Result, ViolationKind
 from grader.rubric import Rubric
@@ -93,3 +93,58 @@ def test_a_session_with_a_problem_stays_undecided(recordings: Path, rubric: Rubr
     assert result.violations
     assert checks["launch.together"].finding.outcome is Outcome.INCONCLUSIVE
     assert result.score.earned + result.score.undecided == 100
+
+
+def cut_short(folder: Path, session: str, topic: str, messages: int) -> None:
+    """Let the recorder have left off a topic of a session, after so many messages."""
+    record = read_session(folder / session)
+    reason = "they fill as much as is left for all other topics"
+    left_out = Unrecorded(
+        topic, "std_msgs/msg/Float64MultiArray", record.started_ns, messages, 10**6, reason, limit=True
+    )
+    write_session(folder / session, dataclasses.replace(record, unrecorded=[left_out]))
+
+
+def test_what_needs_messages_that_a_flood_kept_out_fails_and_says_so(recordings: Path, rubric: Rubric) -> None:
+    """What the endpoint alone shows is passed; the rest is neither passed by a part nor left undecided."""
+    cut_short(recordings, "publisher", "/joint_commands", 34)
+    result, checks = judged(recordings, rubric)
+    failed = {"publisher.rate", "publisher.steady", "publisher.values", "publisher.motion"}
+    assert {name for name, check in checks.items() if check.finding.outcome is not Outcome.PASSED} == failed
+    for name in failed:
+        finding = checks[name].finding
+        assert (finding.outcome, finding.credit, finding.measured) == (
+            Outcome.FAILED,
+            Decimal(0),
+            "not measured in full",
+        )
+        assert finding.reason.startswith("Only the first 34 messages on /joint_commands (1 MB, 29.4 kB each)")
+        assert finding.expected
+        assert finding.hint
+    assert result.problems == ()
+    assert result.provenance["sessions"]["publisher"]["limits"] == {"publisher": "recording"}
+    assert any("limit: recording" in text for text in result.advisories)
+
+
+def test_silence_of_a_flood_is_not_called_silence(recordings: Path, rubric: Rubric) -> None:
+    """Where the window goes on after the recorder left off, the reason is the flood and not that messages stopped."""
+    bag = next((recordings / "publisher").glob("*.mcap"))
+    bag.write_bytes(bag.read_bytes()[: bag.stat().st_size // 2])
+    (recordings / "publisher/metadata.yaml").unlink()
+    cut_short(recordings, "publisher", "/joint_commands", 34)
+    finding = judged(recordings, rubric)[1]["publisher.rate"].finding
+    assert finding.outcome is Outcome.FAILED
+    assert "stop" not in finding.reason + finding.measured
+
+
+def test_a_recording_that_the_grader_filled_costs_nothing(recordings: Path, rubric: Rubric) -> None:
+    """What is not the student's doing leaves the session undecided, and it is recorded again."""
+    cut_short(recordings, "launch", "/clock", 34)
+    record = read_session(recordings / "launch")
+    left_out = [dataclasses.replace(record.unrecorded[0], limit=False, messages=0)]
+    write_session(recordings / "launch", dataclasses.replace(record, unrecorded=left_out))
+    opened = open_recordings(recordings, rubric)
+    result = judge(opened, rubric)
+    assert (result.score.earned, result.score.undecided) == (Decimal(85), Decimal(15))
+    assert "/clock" in result.problems[0]
+    assert undecided_sessions(opened, rubric, list(rubric.sessions)) == ["launch"]

@@ -532,6 +532,9 @@ def test_a_publisher_that_was_asked_for_and_not_seen_is_undecided(tmp_path: Path
     for name, outcome in ((TOPIC, Outcome.INCONCLUSIVE), ("/elsewhere", Outcome.FAILED)):
         session = Session(tmp_path / name.strip("/")).process("it").claim("publisher", name)
         assert judged("topic_published", PUBLISHED, session).outcome is outcome
+    limited = Session(tmp_path / "limited").process("it", limit="processes").claim("publisher", TOPIC)
+    finding = judged("topic_published", PUBLISHED, limited)
+    assert (finding.outcome, "(limit: processes)" in finding.reason) == (Outcome.FAILED, True)
     crashed = ["Traceback (most recent call last):", '  File "/ws/src/it.py", line 9, in tick', "ValueError: no"]
     session = Session(tmp_path / "crashed").process("it", crashed).claim("publisher", TOPIC)
     assert judged("topic_published", PUBLISHED, session).outcome is Outcome.FAILED

@@ -12,6 +12,7 @@ import pytest
 
 from grader.cli import main
 from grader.pipeline import RECORDINGS, RESULT_FILE, RUBRIC_COPY, lab_folder
+from grader.replacing import UNFINISHED
 from grader.report.exports import EXPORTS
 from tests.report.exports.sample_results import VARIABLES, every_outcome
 
@@ -124,14 +125,16 @@ def test_paths_begin_with_the_prefix(results: Path, capsys: pytest.CaptureFixtur
 
 
 def test_a_grading_that_still_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """What has been recorded is judged, the rest is undecided and says so, and nothing else is written."""
+    """What has been recorded is judged, the rest is undecided and says so; what an earlier one recorded is not."""
     results = tmp_path / "ann"
-    shutil.copytree(ROOT / "tests/recordings/solution", results / RECORDINGS)
-    shutil.copy(lab_folder() / "rubric.yaml", results / RECORDINGS / RUBRIC_COPY)
+    (results / RECORDINGS).mkdir(parents=True)
+    recordings = results / UNFINISHED / RECORDINGS
+    shutil.copytree(ROOT / "tests/recordings/solution", recordings)
+    shutil.copy(lab_folder() / "rubric.yaml", recordings / RUBRIC_COPY)
     for session in ("subscriber", "launch", "qos"):
-        shutil.rmtree(results / RECORDINGS / session)
+        shutil.rmtree(recordings / session)
     assert run(capsys, results, "--so-far", "--to", "gradescope")[0] == 0
-    assert {path.name for path in results.iterdir()} == {RECORDINGS, "gradescope.json"}
+    assert {path.name for path in results.iterdir()} == {UNFINISHED, RECORDINGS, "gradescope.json"}
     data: dict[str, Any] = json.loads((results / "gradescope.json").read_text(encoding="utf-8"))
     waiting = [test for test in data["tests"] if "Not yet run: the session '" in test["output"]]
     assert {test["tags"][0] for test in waiting} == {"subscriber", "launch", "qos"}

@@ -258,7 +258,7 @@ def test_what_may_not_be_read_is_left_out() -> None:
         folder = lay_out(Path(scratch, "ann"), {"a.py": b"1", "b.py": b"2", "src/c.py": b"3"})
         (folder / "b.py").chmod(0)
         (folder / "src").chmod(0)
-        assert take(folder) == ({"a.py": b"1"}, ("b.py: not readable", "src: not readable"))
+        assert take(folder) == ({"a.py": b"1"}, ("b.py: not readable", "src: a folder that is not readable"))
         folder.chmod(0)
         assert "may not be read" in refused(folder).problem
         for path in (folder, folder / "src"):

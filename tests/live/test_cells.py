@@ -22,6 +22,7 @@ sys.path.append(str(ROOT))
 
 from grader.live.probing import probe_isolation  # noqa: E402
 from grader.recording.session import SessionRecord, read_session  # noqa: E402
+from grader.replacing import UNFINISHED  # noqa: E402
 from tests.live.small_lab import (  # noqa: E402
     FLOATS,
     TALKER,
@@ -220,6 +221,39 @@ def test_a_student_is_alone_in_its_cell(tmp_path: Path) -> None:
 # -- what ends, and what is left --------------------------------------------------------------
 
 
+#: Has as many processes as it may have.
+FILLS_ITS_CELL = """
+import os, time
+for _ in range(1000):
+    try:
+        if os.fork() == 0:
+            time.sleep(1000)
+            os._exit(0)
+    except OSError:
+        break
+print('full', flush=True)
+time.sleep(1000)
+"""
+
+
+def test_who_fills_a_cell_with_processes_keeps_its_own_programs_out(tmp_path: Path) -> None:
+    """A program that finds no room in the cell any more is no problem of the grader's: the limit is named with it."""
+    steps: list[dict[str, Any]] = [
+        {"start": {"student": "talker"}},
+        {"wait_for": {"output_of": "talker", "text": "full", "timeout_s": 30}},
+        {"start": {"student": "other"}},
+        {"wait_for": {"output_of": "other", "text": "began", "timeout_s": 5}},
+    ]
+    sources = {"talker": FILLS_ITS_CELL, "other": "print('began', flush=True)\n"}
+    record = make_lab(tmp_path, sources, {"only": steps}).record()["only"].record
+    talker, other = (run for run in record.processes if run.role == "student")
+    assert record.problems == []
+    assert talker.limit == "processes"
+    # Where the limit counts by namespace of users, each program has room of its own.
+    began = [line.text for line in other.output if line.stream == "stdout"]
+    assert (began, other.limit) in ((["began"], None), ([], "processes"))
+
+
 def test_a_session_beyond_its_time_is_ended(tmp_path: Path) -> None:
     """A session that takes longer than its limit is stopped soon after, and its recording says so."""
     started_s = time.monotonic()
@@ -308,7 +342,7 @@ def grading(tmp_path: Path) -> tuple[Lab, Path, subprocess.Popen[str], Watch]:
     temporary = own_temporary_folder(tmp_path)
     pipe = subprocess.PIPE
     process = subprocess.Popen(command(lab), env=environment(temporary), stdout=pipe, stderr=pipe, text=True)
-    bags = lab.results / "submission" / "recordings"
+    bags = lab.results / "submission" / UNFINISHED / "recordings"
 
     def recording() -> bool:
         assert process.poll() is None, process.communicate()
@@ -367,8 +401,12 @@ def test_a_grader_killed_at_any_moment_leaves_nothing_that_counts(tmp_path: Path
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["Ctrl-C", "SIGTERM"])
-def test_an_interrupted_grader_leaves_nothing(number: signal.Signals, tmp_path: Path) -> None:
-    """Ctrl-C ends the grader with 130 and SIGTERM with 143; no process, folder or result stays."""
+def test_an_interrupted_grader_leaves_all_as_it_was(number: signal.Signals, tmp_path: Path) -> None:
+    """Ctrl-C ends the grader with 130 and SIGTERM with 143; no process or folder stays, and an earlier result does."""
+    earlier = [tmp_path / "results/submission" / name for name in ("result.json", "report.html", "recordings/x.json")]
+    for path in earlier:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("earlier", encoding="utf-8")
     lab, temporary, process, watch = grading(tmp_path)
     process.send_signal(number)
     _, errors = process.communicate(timeout=15)
@@ -376,8 +414,8 @@ def test_an_interrupted_grader_leaves_nothing(number: signal.Signals, tmp_path: 
     assert "Traceback" not in errors
     until(lambda: not watch.left(), 5)
     assert leavings(temporary) == []
-    assert not list(lab.results.rglob("result.json"))
-    assert not list(lab.results.rglob("*.partial"))
+    assert sorted(path for path in lab.results.rglob("*") if path.is_file()) == sorted(earlier)
+    assert {path.read_text(encoding="utf-8") for path in earlier} == {"earlier"}
 
 
 def test_a_killed_session_process_leaves_its_recording_cut_off(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import pytest
 from grader.live import guard
 from grader.live.guard import Guard
 from grader.live.kernel_memory import available_share
-from grader.live.process import RunningProcess
+from grader.live.process import RunningProcess, processes_of_user
 from grader.live.scratch import remove_tree
 from grader.recording.session import ProcessRun
 
@@ -73,3 +73,28 @@ def test_where_memory_runs_out_nobody_is_blamed(tmp_path: Path, monkeypatch: pyt
     record, problems = watched(tmp_path)
     assert (record.limit, record.ended_by) == (None, "kill")
     assert problems == ["the machine ran out of memory while it was recorded"]
+
+
+#: Leaves twenty processes behind that are below nobody's any more, then goes on.
+STRAYS = "for i in $(seq 20); do (sleep 60 &); done; echo left; sleep 60"
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give programs a user of their own")
+def test_processes_that_got_away_count_and_end(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Where programs share process ids with others, those of their user that are below none of them are theirs too."""
+    monkeypatch.setattr(guard, "PROCESSES", 20)
+    user, record = 64290, ProcessRun("it", "student", [])
+
+    async def look() -> None:
+        command = ["setpriv", "--reuid", str(user), "--clear-groups", "sh", "-c", STRAYS]
+        running = await RunningProcess.start(record, command, environment={"PATH": os.defpath}, cwd="/")
+        watch = Guard(lambda: [running], None, {"/tmp": tmp_path}, sized=False, user=user, on_problem=lambda _: None)
+        while not record.output:
+            await asyncio.sleep(0.05)
+        await watch.look()
+        await running.kill()
+
+    asyncio.run(asyncio.wait_for(look(), 60))
+    assert record.limit == "processes"
+    for pid in processes_of_user(user):  # those that the parent of all has not taken note of yet
+        assert Path(f"/proc/{pid}/stat").read_text().split()[2] == "Z"

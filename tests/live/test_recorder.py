@@ -143,7 +143,9 @@ for child in children:
 recorder.stop()
 used = resource.getrusage(resource.RUSAGE_SELF)
 counts = [[*key, count] for key, count in recorder.counts.items()]
-print(json.dumps({"problems": recorder.problems, "counts": counts, "cpu_s": used.ru_utime + used.ru_stime}))
+left_out = [[u.topic, u.messages, u.size_bytes, u.reason, u.limit] for u in recorder.unrecorded]
+told = {"problems": recorder.problems, "unrecorded": left_out, "counts": counts}
+print(json.dumps({**told, "cpu_s": used.ru_utime + used.ru_stime}))
 probe.destroy_node()
 rclpy.shutdown()
 """
@@ -336,7 +338,7 @@ def test_a_killed_recorder_leaves_its_evidence(tmp_path: Path) -> None:
 
 
 def test_limits_and_unknown_types_are_told(tmp_path: Path) -> None:
-    """A flood is cut without cost to other topics, and what cannot be recorded is a problem, not a crash."""
+    """A flood is cut without cost to other topics, and what cannot be recorded is told; neither is the recorder's."""
     flood = {"topic": "/flood", "kind": "floats", "rate_hz": 500, "count": 500, "values": 1000}
     calm = {"topic": "/calm", "kind": "floats", "rate_hz": 100, "count": 100, "values": 0}
     printed = record(
@@ -350,6 +352,12 @@ def test_limits_and_unknown_types_are_told(tmp_path: Path) -> None:
     assert 0 < len(bag.stream("/flood")) < 100
     assert len(bag.stream("/calm")) == 100
     assert (tmp_path / "bag" / "session.mcap").stat().st_size < 1_000_000
-    told = "\n".join(printed["problems"])
-    assert all(topic in told for topic in ("/flood", "/strange", "/worse", "not a name"))
-    assert len(printed["problems"]) == 4
+    left_out = {topic: facts for topic, *facts in printed["unrecorded"]}
+    assert set(left_out) == {"/flood", "/strange", "/worse", "not a name"}
+    messages, size_bytes, _, limit = left_out.pop("/flood")
+    assert (messages, limit) == (len(bag.stream("/flood")), True)
+    assert size_bytes > sum(map(len, bag.stream("/flood").data))
+    assert all(
+        reason and (count, size, of_limit) == (0, 0, False) for count, size, reason, of_limit in left_out.values()
+    )
+    assert printed["problems"] == []

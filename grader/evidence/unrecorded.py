@@ -1,0 +1,101 @@
+"""What the recorder left out, and whose doing that is, by the bytes that each writer put into the recording."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from grader.evidence.recorded import Recorded
+from grader.recording.session import Claim, ProcessRun, Published, Unrecorded
+from grader.recording.told import DIGEST_DIGITS, digest
+
+#: The limit of a session's recording, as `ProcessRun.limit` names limits.
+RECORDING = "recording"
+
+
+#: What fills a recording takes long to look through, and each check of its session asks.
+_MOST_KEPT = 4
+
+
+@dataclass(frozen=True)
+class Missing:
+    """What is missing in a recording.
+
+    Attributes
+    ----------
+    by_student, by_grader : sequence of Unrecorded
+        What was left out since the student's processes published too much, or what cannot be recorded; and what
+        cannot be laid at their door.
+    """
+
+    by_student: Sequence[Unrecorded]
+    by_grader: Sequence[Unrecorded]
+
+
+def missing(recorded: Recorded) -> Missing:
+    """Tell what is missing in a recording by whose doing it is.
+
+    Notes
+    -----
+    Topics share the room of a recording, so that it counts who filled the whole. What the grader's own processes told
+    that they published is theirs, and all else is the student's; where one of them told nothing, nobody can say.
+    """
+    unrecorded = recorded.record.unrecorded
+    told = {entry.topic for entry in recorded.record.published}
+    blamed = bool(unrecorded) and not recorded.silent_references and _student_wrote_more(recorded)
+    theirs = [u for u in unrecorded if blamed and (u.limit or u.topic not in told)]
+    return Missing(tuple(theirs), tuple(u for u in unrecorded if u not in theirs))
+
+
+def sentence_on(left_out: Unrecorded) -> str:
+    """Say what was left out, and why."""
+    if not left_out.limit:
+        return f"Messages on {left_out.topic} of type {left_out.type} cannot be recorded: {left_out.reason}."
+    if not left_out.messages:
+        return f"Messages on {left_out.topic} are not recorded: {left_out.reason} (limit: {RECORDING})."
+    size = f"{_in_words(left_out.size_bytes)}, {_in_words(left_out.size_bytes / left_out.messages)} each"
+    many = f"the first {left_out.messages} messages" if left_out.messages > 1 else "the first message"
+    return f"Only {many} on {left_out.topic} ({size}) are recorded: {left_out.reason} (limit: {RECORDING})."
+
+
+def _in_words(size_bytes: float) -> str:
+    return f"{size_bytes / 1e6:.3g} MB" if size_bytes >= 1e6 else f"{size_bytes / 1e3:.3g} kB"
+
+
+def limits_hit(recorded: Recorded) -> dict[str, str]:
+    """Return the limits that a session's processes hit, by the process's name."""
+    found = {run.name: run.limit for run in recorded.record.processes if run.limit is not None}
+    for left_out in missing(recorded).by_student:
+        if left_out.limit and (run := _publisher_of(recorded, left_out)) is not None:
+            found.setdefault(run.name, RECORDING)
+    return found
+
+
+@functools.lru_cache(maxsize=_MOST_KEPT)
+def _student_wrote_more(recorded: Recorded) -> bool:
+    """Whether most of the recording is not the grader's own."""
+    bag = recorded.bag
+    whole = sum(bag.size_bytes(info.topic, info.topic_type) for info in bag.topics)
+    own = sum(_told_bytes(recorded, entry) for entry in recorded.record.published)
+    return own <= whole - own
+
+
+def _told_bytes(recorded: Recorded, entry: Published) -> int:
+    """Return the bytes of the messages that a process of the grader's told, as far as they are recorded."""
+    digests = {entry.digests[n : n + DIGEST_DIGITS] for n in range(0, len(entry.digests), DIGEST_DIGITS)}
+    data = recorded.bag.stream(entry.topic, entry.type).data
+    return sum(len(message) for message in data if digest(message) in digests)
+
+
+def _publisher_of(recorded: Recorded, left_out: Unrecorded) -> ProcessRun | None:
+    """Return the student's process that published a topic, by what its nodes asked for; else the busiest one."""
+    students = [run for run in recorded.record.processes if run.role == "student"]
+    plain = left_out.topic.rsplit("/", 1)[-1]
+    asking = {claim.process for claim in recorded.record.claims if _asks_for(claim, plain)}
+    asked = [run for run in students if run.name in asking]
+    return max(asked or students, key=lambda run: run.usage[-1].cpu_ns if run.usage else 0, default=None)
+
+
+def _asks_for(claim: Claim, plain: str) -> bool:
+    return claim.kind == "publisher" and claim.name.rsplit("/", 1)[-1] == plain
