@@ -126,6 +126,8 @@ class Isolation:
         covers, lacks = [_FILES, _FILTER, _LIMITS], [*_NAMESPACES, _ALL_TOGETHER]
         (covers if landlock_version() >= 4 else lacks).append("no connections by TCP")
         lacks.append("UDP to other machines is not blocked")
+        if not self.own_uid and os.geteuid() == 0:
+            lacks.append("a user id of its own: students' code runs as root, without its privileges")
         if not self.own_uid and not confines_signals(landlock_version()):
             lacks.append("signals to the grader's processes")
         return covers, lacks
@@ -182,8 +184,7 @@ def student_argv(
     environment: Mapping[str, str],
     room: Room,
     slot: int,
-    info_fd: int,
-    seccomp_fd: int,
+    descriptors: Sequence[int],
     cwd: str,
     group: CellGroup | None,
 ) -> list[str]:
@@ -193,10 +194,9 @@ def student_argv(
     ----------
     slot : int
         Number of the cell among those that run at a time.
-    info_fd : int
-        Descriptor to which bubblewrap writes the child's process id.
-    seccomp_fd : int
-        Descriptor of the system call filter, see `grader.live.seccomp.open_filter`.
+    descriptors : sequence of int
+        Where there are namespaces: that to which bubblewrap writes the child's process id, and that of the system
+        call filter, see `grader.live.seccomp.open_filter`. Else none, since the student's process would inherit it.
     cwd : str
         Working folder as the student's process sees it.
     group : CellGroup or None
@@ -212,6 +212,7 @@ def student_argv(
         return Confinement(list(command), dict(environment), cwd, read, write, uid, limits).argv(sys.executable)
     if group is None:
         limits["nproc"] = PROCESSES  # By user id, which a grader in another container may have given as well.
+    info_fd, seccomp_fd = descriptors
     arguments = ["bwrap", "--unshare-pid", "--unshare-ipc", "--unshare-uts", "--unshare-cgroup-try"]
     arguments += ["--die-with-parent", "--new-session", "--info-fd", str(info_fd), "--hostname", "lab"]
     arguments += ["--seccomp", str(seccomp_fd)]
