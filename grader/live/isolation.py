@@ -32,7 +32,10 @@ INSIDE = "/inside"
 LAUNCHING = "/launching"
 PARAMETERS = "/parameters"
 
-_FIRST_UID = 64100
+#: Ids that nobody uses: of these, those of each network, and what is left where only few ids are mapped.
+#: References: systemd's "Users, Groups, UIDs and GIDs on systemd Systems"; user_namespaces(7).
+STUDENT_UIDS = (range(1_879_048_192, 2_147_352_576), range(64_100, 64_228))
+_UIDS_OF_NETWORK = 128
 _MAX_FILE_BYTES = 64 * 1024 * 1024
 _MAX_OPEN_FILES = 1024
 #: Address space of one process where no control group limits the memory of all together.
@@ -88,8 +91,8 @@ class Isolation:
         Whether bubblewrap lacks `--disable-userns`.
     groups : GroupPlaces or None
         Where control groups can be made (level full).
-    own_uid : bool
-        Whether each cell's student has a user id of its own.
+    first_uid : int or None
+        Where each cell's student has a user id of its own: that of the cell number 0, see `first_student_uid`.
     remedy : str
         What would give more, where more can be had.
     """
@@ -98,8 +101,13 @@ class Isolation:
     form: Form = Form.NONE
     old_bubblewrap: bool = False
     groups: GroupPlaces | None = None
-    own_uid: bool = False
+    first_uid: int | None = None
     remedy: str = ""
+
+    @property
+    def own_uid(self) -> bool:
+        """Whether each cell's student has a user id of its own."""
+        return self.first_uid is not None
 
     @property
     def namespaces(self) -> bool:
@@ -155,7 +163,25 @@ def cell_argv(isolation: Isolation, command: Sequence[str]) -> list[str]:
 
 def student_uid(isolation: Isolation, slot: int) -> int | None:
     """User id under which a cell's student runs, or None where it is the caller's own."""
-    return _FIRST_UID + slot if isolation.own_uid else None
+    return isolation.first_uid + slot if isolation.first_uid is not None else None
+
+
+def first_student_uid() -> int:
+    """Return the user id from which those of cells in this network are counted.
+
+    Notes
+    -----
+    Cells are numbered within a network. A grader in another container numbers its own alike, and where both have the
+    users of the machine, the kernel would count the processes of both students as one's, and each could signal the
+    other where process ids are shared too. So each network has its own ids, by the number of its namespace. In a
+    container with users of its own only few ids are mapped; nobody outside has them, and the kernel counts apart.
+    """
+    many, few = STUDENT_UIDS
+    namespace = Path("/proc/self/ns/net").stat().st_ino
+    first = many[namespace % (len(many) // _UIDS_OF_NETWORK) * _UIDS_OF_NETWORK]
+    mapped = [[int(word) for word in line.split()] for line in Path("/proc/self/uid_map").read_text().splitlines()]
+    last = first + _UIDS_OF_NETWORK - 1
+    return first if any(start <= first and last < start + count for start, _, count in mapped) else few[0]
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,7 @@ from grader.live.isolation import (
     Level,
     Room,
     cell_argv,
+    first_student_uid,
     student_argv,
     student_uid,
 )
@@ -66,7 +67,9 @@ def probe_isolation(interpreter: Path) -> Isolation:
         root = os.geteuid() == 0
         usage = subprocess.run(["bwrap", "--help"], capture_output=True, text=True, check=False)
         old = "--disable-userns" not in usage.stdout + usage.stderr
-        found = Isolation(Level.NO_CGROUP, Form.ROOT if root else Form.USER, old, own_uid=root)
+        found = Isolation(
+            Level.NO_CGROUP, Form.ROOT if root else Form.USER, old, first_uid=first_student_uid() if root else None
+        )
         problem = _try(found, interpreter)
         if problem is None:
             return _with_groups(found, interpreter)
@@ -104,7 +107,7 @@ def _without_namespaces(interpreter: Path, remedy: str) -> Isolation:
     if landlock_version() < 1:
         return Isolation(Level.NONE, remedy=f"{remedy} (This kernel has no Landlock either.)")
     root = os.geteuid() == 0
-    found = Isolation(Level.REDUCED, own_uid=root, remedy=remedy)
+    found = Isolation(Level.REDUCED, first_uid=first_student_uid() if root else None, remedy=remedy)
     problem = _try(found, interpreter)
     if problem is not None and root:
         remedy = f"{remedy.rstrip('.')}. Or {_remedy_for_own_uid(interpreter, problem)}"

@@ -219,13 +219,14 @@ class Session:
         self._room = OutputRoom()
         self._launch = LaunchRunner(self)
         places = self.isolation.groups
-        self._group = CellGroup(places, f"cell-{plan.slot}") if places is not None else None
+        user = student_uid(self.isolation, plan.slot)
+        self._group = CellGroup(places, f"cell-{user or plan.slot}") if places is not None else None
         self._guard = Guard(
             self._students,
             self._group,
             self.areas,
             sized=confined,
-            user=student_uid(self.isolation, plan.slot),
+            user=user,
             on_problem=self.record.problems.append,
         )
 

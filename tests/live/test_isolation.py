@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import subprocess
 import sys
 import tempfile
 from dataclasses import replace
@@ -19,7 +20,7 @@ from grader import pipeline
 from grader.errors import IsolationError
 from grader.evidence.recorded import Recorded
 from grader.live.cells import Sessions
-from grader.live.isolation import Form, Isolation, Level, Room, student_argv
+from grader.live.isolation import STUDENT_UIDS, Form, Isolation, Level, Room, first_student_uid, student_argv
 from grader.live.landlock import confines_signals, landlock_version
 from grader.live.probing import probe_isolation, require
 from grader.live.seccomp import DENIED
@@ -288,7 +289,7 @@ def test_a_launch_files_variables_reach_no_program_with_privileges(tmp_path: Pat
     variables = {"LD_PRELOAD": "/ws/theirs.so", "PATH": "/ws/theirs"}
     for form in (Form.ROOT, Form.USER):
         argv = student_argv(
-            Isolation(Level.NO_CGROUP, form, own_uid=form is Form.ROOT),
+            Isolation(Level.NO_CGROUP, form, first_uid=first_student_uid() if form is Form.ROOT else None),
             ["node", "--talk"],
             environment=variables,
             room=Room({"/ws": tmp_path}, {}, PYTHON),
@@ -353,3 +354,30 @@ def test_students_code_that_would_run_as_root_is_told_of_or_refused(tmp_path: Pa
     shut = next(p for p in reversed((closed / "python").parents) if not p.stat().st_mode & 0o001)
     assert "Install bubblewrap" in found.remedy
     assert f"chmod o+x {shut})" in found.remedy
+
+
+def first_uid_in(namespaces: list[str]) -> int:
+    """Return the first user id of students in new namespaces."""
+    program = "from grader.live.isolation import first_student_uid; print(first_student_uid())"
+    paths = os.pathsep.join(path for path in sys.path if path)
+    said = subprocess.run(
+        ["unshare", *namespaces, sys.executable, "-c", program],
+        env={**os.environ, "PYTHONPATH": paths},
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+    )
+    return int(said.stdout)
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root gives others user ids")
+def test_graders_in_two_networks_give_their_students_other_user_ids() -> None:
+    """By user id the kernel counts processes; where users are a container's own, it counts within it."""
+    many, few = STUDENT_UIDS
+    here, elsewhere = first_student_uid(), first_uid_in(["--net"])
+    assert first_student_uid() == here
+    if here in many:
+        assert elsewhere in many
+        assert abs(here - elsewhere) > 101
+    assert first_uid_in(["--net", "--user", "--map-root-user"]) == few[0]
