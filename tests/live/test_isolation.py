@@ -18,6 +18,7 @@ pytest.importorskip("rclpy")
 
 from grader import pipeline
 from grader.errors import IsolationError
+from grader.evidence.limits import ended_by_limit
 from grader.evidence.recorded import Recorded
 from grader.live.cells import Sessions
 from grader.live.isolation import STUDENT_UIDS, Form, Isolation, Level, Room, first_student_uid, student_argv
@@ -311,8 +312,47 @@ def test_what_takes_too_much_is_stopped_and_named(limit: str, level: Level, tmp_
     recorded = run_at(level, tmp_path, BOMBS[limit])
     run = process_of(recorded)
     assert run.limit == limit, (run.limit, run.ended_by, run.exit_status, [line.text for line in run.output][-3:])
+    # Whoever has killed a child of it for want of memory, the program as a whole is ended.
+    assert limit != "memory" or ended_by_limit(run), (run.ended_by, run.exit_status)
     assert recorded.record.complete
     assert recorded.record.problems == []
+
+
+#: Its child takes more than a session may have, while it stays small itself.
+TAKES_BY_A_CHILD = """
+import os, time
+if os.fork() == 0:
+    taken = [bytearray(64 * 1024 * 1024) for _ in range(48)]
+    for block in taken:
+        block[::4096] = b"x" * len(block[::4096])
+        time.sleep(0.01)
+    os._exit(0)
+time.sleep(60)
+"""
+CALM = """
+import time
+taken = bytearray(96 * 1024 * 1024)
+taken[::4096] = b"x" * len(taken[::4096])
+print("calm", flush=True)
+time.sleep(60)
+"""
+
+
+@pytest.mark.parametrize("level", LEVELS, ids=lambda level: level.value)
+def test_only_the_program_that_took_too_much_is_ended(level: Level, tmp_path: Path) -> None:
+    """Another one goes on, although it is the larger once the child of the first is dead."""
+    steps: list[dict[str, Any]] = [
+        {"start": {"student": "calm"}},
+        {"wait_for": {"output_of": "calm", "text": "calm", "timeout_s": 20}},
+        {"start": {"student": "node"}},
+        {"wait_exit": {"process": "node", "timeout_s": 40}},
+    ]
+    lab = make_lab(tmp_path, {"calm": CALM, "node": TAKES_BY_A_CHILD}, {"only": steps}, timeout_s=90)
+    recorded = record_at(lab, isolation_of(level))
+    calm, bomb = recorded.process("calm"), process_of(recorded)
+    assert calm is not None
+    assert (bomb.limit, ended_by_limit(bomb), calm.limit, calm.ended_by) == ("memory", True, None, "kill")
+    assert recorded.record.steps[-1].outcome == "done"
 
 
 def test_a_run_that_requires_more_than_there_is_is_refused() -> None:
