@@ -97,6 +97,13 @@ class CellGroup:
             "processes": _counter(self._processes / "pids.events", "max"),
         }
 
+    def memory_bytes(self) -> int:
+        """Return the memory that the group takes, 0 where that cannot be read."""
+        with suppress(OSError, ValueError):
+            name = "memory.current" if self._version == 2 else "memory.usage_in_bytes"
+            return int((self._memory / name).read_text())
+        return 0
+
     def remove(self) -> None:
         """Kill what is left in the group, and remove it; returns after a short while if it will not go."""
         end_s = time.monotonic() + _REMOVAL_S

@@ -62,7 +62,7 @@ def main() -> None:
     if os.geteuid() == 0:
         _give_up_privileges(plan.uid)
     _prctl(_SET_PDEATHSIG, signal.SIGKILL)
-    _filter_system_calls()
+    _filter_system_calls(local_sockets=plan.uid is not None)
     os.execvpe(plan.command[0], plan.command, plan.environment)
 
 
@@ -82,8 +82,8 @@ class _Program(ctypes.Structure):
     _fields_ = (("length", ctypes.c_ushort), ("steps", ctypes.c_char_p))
 
 
-def _filter_system_calls() -> None:
-    steps = filter_program(spare_others=True)
+def _filter_system_calls(*, local_sockets: bool) -> None:
+    steps = filter_program(spare_others=True, local_sockets=local_sockets)
     program = _Program(len(steps) // 8, steps)
     _prctl(_SET_SECCOMP, _FILTER_MODE, ctypes.addressof(program))
 

@@ -1,7 +1,8 @@
 """Watches what a session's student processes take, and ends those that take too much.
 
-Where control groups can be made, the kernel limits memory and processes, and this only notes it; elsewhere it
-sums up and kills. Disk is limited by the size of the file systems that the processes may write to.
+Where control groups can be made, the kernel limits memory and processes, and this notes it; elsewhere it sums up.
+Memory beyond the limit ends the whole program either way: the kernel may have killed a child of it only, and the rest
+would be waited for in vain. Disk is limited by the size of the file systems that the processes may write to.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ from grader.live.kernel_memory import available_share, network_bytes
 from grader.live.process import RunningProcess, processes_of_user, tasks_of
 
 _PERIOD_S = 0.1
+#: Share of the limit on memory from which it is getting short.
+_SHORT = 0.25
 #: A limit on processes refuses new ones; so near to it, it has.
 _NEARLY = 8
 _PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
@@ -64,6 +67,8 @@ class Guard:
         self._students, self._group, self._areas, self._sized = students, group, areas, sized
         self._user, self._on_problem = user, on_problem
         self._noted = {"memory": 0, "processes": 0}
+        #: Where the kernel kills: what each took when memory was last getting short.
+        self._held: dict[RunningProcess, int] = {}
         self._looks = 0
 
     async def watch(self) -> None:
@@ -75,7 +80,7 @@ class Guard:
     async def look(self) -> None:
         """Look once: note and end what exceeds a limit."""
         if self._group is not None:
-            self._note_exceeded(self._group)
+            await self._note_exceeded(self._group)
         else:
             await self._sum_up()
             await self._spare_the_machine()
@@ -100,19 +105,25 @@ class Guard:
             self._on_problem("the machine ran out of memory while it was recorded")
             await self._end_all(None)
 
-    def _note_exceeded(self, group: CellGroup) -> None:
+    async def _note_exceeded(self, group: CellGroup) -> None:
         for limit, times in group.exceeded().items():
             if times > self._noted[limit]:
                 self._noted[limit] = times
-                self._blame(limit)
+                for process in self._to_blame(limit):
+                    process.run.limit = process.run.limit or limit
+                    if limit == "memory":
+                        await process.kill(limit=limit)
+        if group.memory_bytes() > _SHORT * MEMORY_BYTES:
+            self._held = {p: _taken(p.descendants())[0] for p in self._students() if p.alive}
 
-    def _blame(self, limit: str) -> None:
-        """Note a limit with the process that a signal has ended, else with the largest one."""
+    def _to_blame(self, limit: str) -> list[RunningProcess]:
+        """Return the process that a signal has ended, else the one that takes, or lately took, most."""
         students = self._students()
         killed = [p for p in students if not p.alive and p.run.exit_status in (137, -9) and p.run.limit is None]
-        alive = sorted((p for p in students if p.alive), key=lambda p: -_taken(p.descendants())[0])
-        for process in (killed if limit == "memory" else []) or alive[:1] or students[-1:]:
-            process.run.limit = process.run.limit or limit
+        alive = sorted(
+            (p for p in students if p.alive), key=lambda p: -max(self._held.get(p, 0), _taken(p.descendants())[0])
+        )
+        return (killed if limit == "memory" else []) or alive[:1] or students[-1:]
 
     async def _sum_up(self) -> None:
         alive = [p for p in self._students() if p.alive]
@@ -152,7 +163,8 @@ class Guard:
         return sorted(processes_of_user(self._user).difference(*(p.descendants() for p in alive)))
 
     def _end_strays(self, strays: Iterable[int], limit: str) -> None:
-        self._blame(limit)
+        for process in self._to_blame(limit):
+            process.run.limit = process.run.limit or limit
         for pid in strays:
             with suppress(ProcessLookupError, PermissionError):
                 os.kill(pid, signal.SIGKILL)

@@ -34,7 +34,10 @@ INSIDE = "/inside"
 LAUNCHING = "/launching"
 PARAMETERS = "/parameters"
 
-_FIRST_UID = 64100
+#: Ids that nobody uses: of these, those of each network, and what is left where only few ids are mapped.
+#: References: systemd's "Users, Groups, UIDs and GIDs on systemd Systems"; user_namespaces(7).
+STUDENT_UIDS = (range(1_879_048_192, 2_147_352_576), range(64_100, 64_228))
+_UIDS_OF_NETWORK = 128
 _MAX_FILE_BYTES = 64 * 1024 * 1024
 _MAX_OPEN_FILES = 1024
 #: Address space of one process where no control group limits the memory of all together.
@@ -90,8 +93,8 @@ class Isolation:
         Whether bubblewrap lacks `--disable-userns`.
     groups : GroupPlaces or None
         Where control groups can be made (level full).
-    own_uid : bool
-        Whether each cell's student has a user id of its own.
+    first_uid : int or None
+        Where each cell's student has a user id of its own: that of the cell number 0, see `first_student_uid`.
     remedy : str
         What would give more, where more can be had.
     """
@@ -100,8 +103,13 @@ class Isolation:
     form: Form = Form.NONE
     old_bubblewrap: bool = False
     groups: GroupPlaces | None = None
-    own_uid: bool = False
+    first_uid: int | None = None
     remedy: str = ""
+
+    @property
+    def own_uid(self) -> bool:
+        """Whether each cell's student has a user id of its own."""
+        return self.first_uid is not None
 
     @property
     def namespaces(self) -> bool:
@@ -128,6 +136,8 @@ class Isolation:
         covers, lacks = [_FILES, _FILTER, _LIMITS], [*_NAMESPACES, _ALL_TOGETHER]
         (covers if landlock_version() >= 4 else lacks).append("no connections by TCP")
         lacks.append("UDP to other machines is not blocked")
+        if not self.own_uid and os.geteuid() == 0:
+            lacks.append("a user id of its own: students' code runs as root, without its privileges")
         if not self.own_uid and not confines_signals(landlock_version()):
             lacks.append("signals to the grader's processes")
         return covers, lacks
@@ -155,7 +165,25 @@ def cell_argv(isolation: Isolation, command: Sequence[str]) -> list[str]:
 
 def student_uid(isolation: Isolation, slot: int) -> int | None:
     """User id under which a cell's student runs, or None where it is the caller's own."""
-    return _FIRST_UID + slot if isolation.own_uid else None
+    return isolation.first_uid + slot if isolation.first_uid is not None else None
+
+
+def first_student_uid() -> int:
+    """Return the user id from which those of cells in this network are counted.
+
+    Notes
+    -----
+    Cells are numbered within a network. A grader in another container numbers its own alike, and where both have the
+    users of the machine, the kernel would count the processes of both students as one's, and each could signal the
+    other where process ids are shared too. So each network has its own ids, by the number of its namespace. In a
+    container with users of its own only few ids are mapped; nobody outside has them, and the kernel counts apart.
+    """
+    many, few = STUDENT_UIDS
+    namespace = Path("/proc/self/ns/net").stat().st_ino
+    first = many[namespace % (len(many) // _UIDS_OF_NETWORK) * _UIDS_OF_NETWORK]
+    mapped = [[int(word) for word in line.split()] for line in Path("/proc/self/uid_map").read_text().splitlines()]
+    last = first + _UIDS_OF_NETWORK - 1
+    return first if any(start <= first and last < start + count for start, _, count in mapped) else few[0]
 
 
 @dataclass(frozen=True)
@@ -184,8 +212,7 @@ def student_argv(
     environment: Mapping[str, str],
     room: Room,
     slot: int,
-    info_fd: int,
-    seccomp_fd: int,
+    descriptors: Sequence[int],
     cwd: str,
     group: CellGroup | None,
 ) -> list[str]:
@@ -195,10 +222,9 @@ def student_argv(
     ----------
     slot : int
         Number of the cell among those that run at a time.
-    info_fd : int
-        Descriptor to which bubblewrap writes the child's process id.
-    seccomp_fd : int
-        Descriptor of the system call filter, see `grader.live.seccomp.open_filter`.
+    descriptors : sequence of int
+        Where there are namespaces: that to which bubblewrap writes the child's process id, and that of the system
+        call filter, see `grader.live.seccomp.open_filter`. Else none, since the student's process would inherit it.
     cwd : str
         Working folder as the student's process sees it.
     group : CellGroup or None
@@ -214,6 +240,7 @@ def student_argv(
         return Confinement(list(command), dict(environment), cwd, read, write, uid, limits).argv(sys.executable)
     if group is None:
         limits["nproc"] = PROCESSES  # By user id, which a grader in another container may have given as well.
+    info_fd, seccomp_fd = descriptors
     arguments = ["bwrap", "--unshare-pid", "--unshare-ipc", "--unshare-uts", "--unshare-cgroup-try"]
     arguments += ["--die-with-parent", "--new-session", "--info-fd", str(info_fd), "--hostname", "lab"]
     arguments += ["--seccomp", str(seccomp_fd)]

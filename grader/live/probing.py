@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import stat
 import subprocess
 import tempfile
 from collections.abc import Mapping
@@ -23,10 +24,11 @@ from grader.live.isolation import (
     Level,
     Room,
     cell_argv,
+    first_student_uid,
     student_argv,
     student_uid,
 )
-from grader.live.landlock import landlock_version
+from grader.live.landlock import confines_signals, landlock_version
 from grader.live.seccomp import open_filter
 
 _PROBE_BYTES = 96 * 1024 * 1024
@@ -65,7 +67,9 @@ def probe_isolation(interpreter: Path) -> Isolation:
         root = os.geteuid() == 0
         usage = subprocess.run(["bwrap", "--help"], capture_output=True, text=True, check=False)
         old = "--disable-userns" not in usage.stdout + usage.stderr
-        found = Isolation(Level.NO_CGROUP, Form.ROOT if root else Form.USER, old, own_uid=root)
+        found = Isolation(
+            Level.NO_CGROUP, Form.ROOT if root else Form.USER, old, first_uid=first_student_uid() if root else None
+        )
         problem = _try(found, interpreter)
         if problem is None:
             return _with_groups(found, interpreter)
@@ -102,11 +106,33 @@ def _with_groups(found: Isolation, interpreter: Path) -> Isolation:
 def _without_namespaces(interpreter: Path, remedy: str) -> Isolation:
     if landlock_version() < 1:
         return Isolation(Level.NONE, remedy=f"{remedy} (This kernel has no Landlock either.)")
-    for own_uid in (True, False) if os.geteuid() == 0 else (False,):
-        found = Isolation(Level.REDUCED, own_uid=own_uid, remedy=remedy)
-        if _try(found, interpreter) is None:
-            return found
-    return Isolation(Level.NONE, remedy=remedy)
+    root = os.geteuid() == 0
+    found = Isolation(Level.REDUCED, first_uid=first_student_uid() if root else None, remedy=remedy)
+    problem = _try(found, interpreter)
+    if problem is not None and root:
+        remedy = f"{remedy.rstrip('.')}. Or {_remedy_for_own_uid(interpreter, problem)}"
+        found = Isolation(Level.REDUCED, remedy=remedy)
+        # As root it could end the grader, where signals are not confined.
+        problem = _try(found, interpreter) if confines_signals(landlock_version()) else problem
+    return found if problem is None else Isolation(Level.NONE, remedy=remedy)
+
+
+def _remedy_for_own_uid(interpreter: Path, problem: str) -> str:
+    """Say what keeps students' code from running under a user id of its own."""
+    closed = _closed_to_others(interpreter)
+    if closed is not None:
+        return f"let other users run {interpreter} (chmod o+x {closed}), or give another interpreter with --python."
+    last = problem.splitlines()[-1][:200]
+    return f"let root run {interpreter} under other user ids (what was tried ended with: {last})."
+
+
+def _closed_to_others(interpreter: Path) -> Path | None:
+    """Return the outermost folder on the way to an interpreter, or to its target, that others may not enter."""
+    for path in dict.fromkeys((interpreter, interpreter.resolve())):
+        for folder in reversed(path.parents):
+            if not folder.stat().st_mode & stat.S_IXOTH:
+                return folder
+    return None
 
 
 def _try(isolation: Isolation, interpreter: Path) -> str | None:
@@ -143,15 +169,14 @@ def _run(
 ) -> subprocess.CompletedProcess[str] | str:
     with tempfile.TemporaryDirectory(prefix="grade-probe-", ignore_cleanup_errors=True) as scratch:
         room, seen = _room(isolation, Path(scratch), interpreter)
-        descriptor = open_filter()
+        seccomp = (open_filter(),) if isolation.namespaces else ()
         command = student_argv(
             isolation,
             [str(interpreter), "-c", program],
             environment={"PATH": "/usr/bin"},
             room=room,
             slot=_NUMBER,
-            info_fd=2,
-            seccomp_fd=descriptor,
+            descriptors=[2, *seccomp],
             cwd=seen[TEMPORARY],
             group=group,
         )
@@ -163,13 +188,14 @@ def _run(
                 timeout=_TIMEOUT_S,
                 check=False,
                 stdin=subprocess.DEVNULL,
-                pass_fds=(descriptor,),
+                pass_fds=seccomp,
                 cwd="/",
             )
         except (OSError, subprocess.TimeoutExpired) as problem:
             return str(problem)
         finally:
-            os.close(descriptor)
+            for descriptor in seccomp:
+                os.close(descriptor)
 
 
 def _room(isolation: Isolation, scratch: Path, interpreter: Path) -> tuple[Room, Mapping[str, str]]:

@@ -6,6 +6,7 @@ import asyncio
 import json
 import os
 import signal
+import subprocess
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -29,6 +30,8 @@ _TERMINATE_GRACE_S = 1.0
 _SANDBOX_LOOK_S, _SANDBOX_LOOKS = 0.01, 100
 #: After its exit, how long what it wrote last may take to be read on a busy machine.
 _LAST_OUTPUT_S = 2.0
+#: What holding a process to a core by another program may take; it takes a few ms.
+_HOLD_S = 2.0
 
 
 @dataclass
@@ -273,19 +276,22 @@ class RunningProcess:
         """Let it go before what is still starting: from now on its timing counts."""
         put_standing(self.descendants())
 
-    def hold_to_core(self, core: int) -> None:
+    def hold_to_core(self, core: int, user: int | None) -> None:
         """Let all its threads, and those to come, run on one core only.
 
         CPython runs one thread at a time, and on several cores its threads hand the interpreter's lock to
         each other badly: a subscription under rclpy's MultiThreadedExecutor was seen to handle 27 of 400
         messages on two cores, and 400 of 400 on one. It is done from outside and once the node stands, so
         that the node sees all cores when it decides how many threads to have.
+
+        Parameters
+        ----------
+        user : int or None
+            User id of its own that it has.
         """
         for pid in self.descendants():
-            with suppress(OSError):
-                for task in Path(f"/proc/{pid}/task").iterdir():
-                    with suppress(OSError):
-                        os.sched_setaffinity(int(task.name), {core})
+            if not _hold(pid, core) and user is not None:
+                _hold_as_user(pid, core, user)
 
     def sample_usage(self) -> None:
         """Read CPU time and run-queue delay of all its processes and threads, while they exist."""
@@ -382,6 +388,27 @@ def processes_of_user(uid: int) -> set[int]:
                 if entry.name.isdecimal() and entry.stat().st_uid == uid:
                     found.add(int(entry.name))
     return found
+
+
+def _hold(pid: int, core: int) -> bool:
+    """Hold all threads of a process to a core; False if that is not permitted."""
+    with suppress(FileNotFoundError):
+        for task in tasks_of(pid):
+            try:
+                os.sched_setaffinity(int(task), {core})
+            except PermissionError:
+                return False
+            except OSError:  # It has ended.
+                continue
+    return True
+
+
+def _hold_as_user(pid: int, core: int, user: int) -> None:
+    """Hold a process to a core as the user that it runs as: root in a container has no say over others' cores."""
+    become = ["setpriv", f"--reuid={user}", f"--regid={user}", "--clear-groups", "--no-new-privs"]
+    command = [*become, "taskset", "--all-tasks", "--cpu-list", "--pid", str(core), str(pid)]
+    with suppress(OSError, subprocess.TimeoutExpired):
+        subprocess.run(command, check=False, timeout=_HOLD_S, stdin=subprocess.DEVNULL, capture_output=True, cwd="/")
 
 
 def _scheduling_of(pid: int) -> dict[int, tuple[int, int]]:

@@ -31,7 +31,8 @@ _OWN_PROCESS = _ONE_PROCESS = 0
 #: The process id -1, as 32 bits.
 _ALL_PROCESSES = 0xFFFFFFFF
 #: AF_UNIX, AF_INET, AF_INET6, AF_NETLINK (`getifaddrs` needs the last).
-_SOCKET_FAMILIES = (1, 2, 10, 16)
+_AF_UNIX = 1
+_SOCKET_FAMILIES = (_AF_UNIX, 2, 10, 16)
 #: TIOCSTI and TIOCLINUX put characters into a terminal's input.
 _TERMINAL_REQUESTS = (0x5412, 0x541C)
 #: CLONE_NEWNS, NEWCGROUP, NEWUTS, NEWIPC, NEWUSER, NEWPID, NEWNET.
@@ -53,13 +54,16 @@ DENIED = {
 }  # fmt: skip
 
 
-def filter_program(*, spare_others: bool = False) -> bytes:
+def filter_program(*, spare_others: bool = False, local_sockets: bool = True) -> bytes:
     """Return the filter as an array of `struct sock_filter`, which bubblewrap and the kernel take.
 
     Parameters
     ----------
     spare_others : bool
         Whether to deny a signal to all processes, for where there are no process ids of one's own.
+    local_sockets : bool
+        Whether to permit sockets of the family AF_UNIX, by which services of the machine are reached that trust the
+        user id, such as a container engine; pairs of them lead nowhere, and are always permitted.
     """
     program = [
         _step(_LOAD, _ARCHITECTURE),
@@ -82,9 +86,10 @@ def filter_program(*, spare_others: bool = False) -> bytes:
     program += _judge_argument(_CLONE, 0, _answer_if(_JUMP_ANY_BIT, _NAMESPACES, errno.EPERM), _ALLOW)
     terminal = [step for r in _TERMINAL_REQUESTS for step in _answer_if(_JUMP_EQUAL, r, errno.EPERM)]
     program += _judge_argument(_IOCTL, 1, terminal, _ALLOW)
-    families = [step for f in _SOCKET_FAMILIES for step in (_step(_JUMP_EQUAL, f, 0, 1), _step(_RETURN, _ALLOW))]
     for number in (_SOCKET, _SOCKETPAIR):
-        program += _judge_argument(number, 0, families, _ERRNO | errno.EAFNOSUPPORT)
+        families = [f for f in _SOCKET_FAMILIES if f != _AF_UNIX or local_sockets or number == _SOCKETPAIR]
+        permitted = [step for f in families for step in (_step(_JUMP_EQUAL, f, 0, 1), _step(_RETURN, _ALLOW))]
+        program += _judge_argument(number, 0, permitted, _ERRNO | errno.EAFNOSUPPORT)
     program.append(_step(_RETURN, _ALLOW))
     return b"".join(program)
 

@@ -20,8 +20,8 @@ import struct
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -220,13 +220,14 @@ class Session:
         self._room = OutputRoom()
         self._launch = LaunchRunner(self)
         places = self.isolation.groups
-        self._group = CellGroup(places, f"cell-{plan.slot}") if places is not None else None
+        user = student_uid(self.isolation, plan.slot)
+        self._group = CellGroup(places, f"cell-{user or plan.slot}") if places is not None else None
         self._guard = Guard(
             self._students,
             self._group,
             self.areas,
             sized=confined,
-            user=student_uid(self.isolation, plan.slot),
+            user=user,
             on_problem=self.record.problems.append,
         )
 
@@ -429,7 +430,8 @@ class Session:
         cores = sorted(os.sched_getaffinity(0))
         for number, process in enumerate(self._students()):
             if process.alive:
-                process.hold_to_core(cores[(self.plan.slot + number) % len(cores)])
+                core = cores[(self.plan.slot + number) % len(cores)]
+                process.hold_to_core(core, student_uid(self.isolation, self.plan.slot))
                 process.put_standing()
 
     async def _step_start(self, parameters: dict[str, Any]) -> tuple[str, dict[str, Any]]:
@@ -502,38 +504,32 @@ class Session:
         self.record.processes.append(run)
         if workspace is None and cwd is not None and PurePosixPath(cwd).is_relative_to(self.seen_workspace):
             _restore_way(self.workspace, PurePosixPath(cwd).relative_to(self.seen_workspace))
-        info_read, info_write = os.pipe()
-        os.set_blocking(info_read, False)
-        seccomp = open_filter()
-        argv = student_argv(
-            self.isolation,
-            command,
-            environment=environment,
-            room=Room(
-                {**self.areas, WORKSPACE: workspace or self.workspace},
-                {**self.tools, **(folders or {})},
-                Path(self.plan.interpreter),
-            ),
-            slot=self.plan.slot,
-            info_fd=info_write,
-            seccomp_fd=seccomp,
-            cwd=cwd or self.seen_home,
-            group=self._group,
+        room = Room(
+            {**self.areas, WORKSPACE: workspace or self.workspace},
+            {**self.tools, **(folders or {})},
+            Path(self.plan.interpreter),
         )
-        try:
+        with _descriptors_of_bubblewrap(self.isolation) as (info_read, passed):
+            argv = student_argv(
+                self.isolation,
+                command,
+                environment=environment,
+                room=room,
+                slot=self.plan.slot,
+                descriptors=passed,
+                cwd=cwd or self.seen_home,
+                group=self._group,
+            )
             return await RunningProcess.start(
                 run,
                 argv,
                 environment={"PATH": os.environ.get("PATH", "/usr/bin:/bin")},
                 cwd="/",
-                pass_fds=(info_write, seccomp, *pass_fds),
-                child_pid_fd=info_read if self.isolation.namespaces else None,
+                pass_fds=(*passed, *pass_fds),
+                child_pid_fd=info_read,
                 with_input=with_input,
                 room=self._room,
             )
-        finally:
-            os.close(info_write)
-            os.close(seccomp)
 
     def student_environment(self, more: dict[str, str]) -> dict[str, str]:
         """Environment of a student's process, with some variables more."""
@@ -697,6 +693,22 @@ def _tell(event: dict[str, Any]) -> None:
     with suppress(BrokenPipeError):
         sys.stdout.write(json.dumps(event) + "\n")
         sys.stdout.flush()
+
+
+@contextmanager
+def _descriptors_of_bubblewrap(isolation: Isolation) -> Iterator[tuple[int | None, tuple[int, ...]]]:
+    """Give where bubblewrap's child is told, and what to pass on to bubblewrap; where it is not used, nothing."""
+    if not isolation.namespaces:
+        yield None, ()
+        return
+    info_read, info_write = os.pipe()
+    os.set_blocking(info_read, False)
+    seccomp = open_filter()
+    try:
+        yield info_read, (info_write, seccomp)
+    finally:
+        os.close(info_write)
+        os.close(seccomp)
 
 
 def _bring_loopback_up() -> None:

@@ -36,6 +36,7 @@ sys.path.append(str(ROOT))
 
 from grader import pipeline  # noqa: E402
 from grader.intake import Handed  # noqa: E402
+from grader.live.isolation import STUDENT_UIDS  # noqa: E402
 from tests.live.attacks import ESCAPED, SOLUTION, Attack, lay_out, read_corpus  # noqa: E402
 from tests.live.surroundings import Leavings, Surroundings  # noqa: E402
 from tests.report.taken_apart import Page  # noqa: E402
@@ -55,7 +56,6 @@ LONGEST_S = 300.0
 OWN_SPACES = ["unshare", "--net", "--pid", "--mount", "--fork", "--kill-child", "--mount-proc"]
 #: Folders that every user of a machine may write to.
 SHARED_FOLDERS = (Path("/tmp"), Path("/dev/shm"), Path("/var/tmp"))
-STUDENT_UIDS = range(64100, 64300)
 REFUSED = 3
 #: What spreadsheets compute; a number with a sign is a number.
 FORMULA = re.compile(r"[\t\r]|[=@+-](?![\d.]+$)")
@@ -246,7 +246,7 @@ def is_litter(path: Path, user: int) -> bool:
         owner = path.lstat().st_uid
     except OSError:
         return False
-    return "attack_" in path.name or owner in STUDENT_UIDS or (owner == user != os.geteuid())
+    return "attack_" in path.name or any(owner in uids for uids in STUDENT_UIDS) or (owner == user != os.geteuid())
 
 
 @pytest.fixture

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import shutil
+import subprocess
 import sys
 import tempfile
 from dataclasses import replace
@@ -15,10 +18,11 @@ pytest.importorskip("rclpy")
 
 from grader import pipeline
 from grader.errors import IsolationError
+from grader.evidence.limits import ended_by_limit
 from grader.evidence.recorded import Recorded
 from grader.live.cells import Sessions
-from grader.live.isolation import Form, Isolation, Level, Room, student_argv
-from grader.live.landlock import landlock_version
+from grader.live.isolation import STUDENT_UIDS, Form, Isolation, Level, Room, first_student_uid, student_argv
+from grader.live.landlock import confines_signals, landlock_version
 from grader.live.probing import probe_isolation, require
 from grader.live.seccomp import DENIED
 from grader.live.stage import stage
@@ -69,6 +73,7 @@ denied = {
     "weight of all of a user's": lambda: os.setpriority(os.PRIO_USER, 0, 19),
     "secrets": lambda: open(SECRET).read(),
     "rubric": lambda: open(RUBRIC).read(),
+    "services of the same user": lambda: opened(1, 1),
     **{f"call {n}": (lambda n=n: system_call(n, 0, 0, 0, 0, 0)) for n in NUMBERS},
 }
 permitted = {
@@ -76,7 +81,8 @@ permitted = {
     "program": lambda: subprocess.run(["true"], check=True),
     "fork": lambda: os.waitpid(os.fork() or os._exit(0), 0),
     "udp": bound,
-    "unix socket": lambda: opened(1, 1),
+    "unix socket": lambda: opened(1, 1) if NAMESPACES else None,
+    "pair of unix sockets": lambda: [s.close() for s in socket.socketpair()],
     "addresses": lambda: socket.if_nameindex(),
     "own file": lambda: change(os.path.join(os.environ["HOME"], "mine")),
     "own limits": lambda: resource.prlimit(0, resource.RLIMIT_CORE, (0, 0)),
@@ -155,8 +161,9 @@ def test_what_a_student_may_and_may_not_do(level: Level, tmp_path: Path) -> None
     head = f"SECRET, RUBRIC = {str(secret)!r}, {str(tmp_path / 'rubric.yaml')!r}\n"
     head += f"NUMBERS, NAMESPACES = {sorted(DENIED.values())!r}, {level is not Level.REDUCED!r}\n"
     tries = TRIES
-    if level is not Level.REDUCED:  # Its own processes are all that it sees.
-        tries = "\n".join(line for line in TRIES.splitlines() if '"all processes"' not in line)
+    if level is not Level.REDUCED:  # Its own processes and sockets are all that it sees.
+        elsewhere = ('"all processes"', '"services of the same user"')
+        tries = "\n".join(line for line in TRIES.splitlines() if not line.strip().startswith(elsewhere))
     recorded = run_at(level, tmp_path, head + tries)
     said = texts(recorded)
     assert said, [line.text for line in process_of(recorded).output]
@@ -164,6 +171,24 @@ def test_what_a_student_may_and_may_not_do(level: Level, tmp_path: Path) -> None
     assert [k for k, v in facts["denied"].items() if v == "done"] == []
     assert set(facts["permitted"].values()) == {"done"}, facts["permitted"]
     assert recorded.record.isolation["level"] == level.value
+
+
+#: Prints what each of its open files is.
+OPEN_FILES = """
+import json, os
+print(json.dumps([os.readlink(f"/proc/self/fd/{name}") for name in os.listdir("/proc/self/fd") if int(name) < 100
+                  and os.path.lexists(f"/proc/self/fd/{name}")]), flush=True)
+"""
+
+
+@pytest.mark.parametrize("level", LEVELS, ids=lambda level: level.value)
+def test_nothing_of_the_graders_is_left_open(level: Level, tmp_path: Path) -> None:
+    """A student's process has its input, its two outputs and the pipe of the tap, and no other file of ours."""
+    recorded = run_at(level, tmp_path, OPEN_FILES)
+    said = texts(recorded)
+    assert said, [line.text for line in process_of(recorded).output]
+    kinds = sorted(target.split(":")[0] for target in json.loads(said[0]))
+    assert kinds == ["/dev/null", "pipe", "pipe", "pipe"]
 
 
 BOMBS = {
@@ -265,13 +290,12 @@ def test_a_launch_files_variables_reach_no_program_with_privileges(tmp_path: Pat
     variables = {"LD_PRELOAD": "/ws/theirs.so", "PATH": "/ws/theirs"}
     for form in (Form.ROOT, Form.USER):
         argv = student_argv(
-            Isolation(Level.NO_CGROUP, form, own_uid=form is Form.ROOT),
+            Isolation(Level.NO_CGROUP, form, first_uid=first_student_uid() if form is Form.ROOT else None),
             ["node", "--talk"],
             environment=variables,
             room=Room({"/ws": tmp_path}, {}, PYTHON),
             slot=1,
-            info_fd=3,
-            seccomp_fd=4,
+            descriptors=[3, 4],
             cwd="/ws",
             group=None,
         )
@@ -288,8 +312,47 @@ def test_what_takes_too_much_is_stopped_and_named(limit: str, level: Level, tmp_
     recorded = run_at(level, tmp_path, BOMBS[limit])
     run = process_of(recorded)
     assert run.limit == limit, (run.limit, run.ended_by, run.exit_status, [line.text for line in run.output][-3:])
+    # Whoever has killed a child of it for want of memory, the program as a whole is ended.
+    assert limit != "memory" or ended_by_limit(run), (run.ended_by, run.exit_status)
     assert recorded.record.complete
     assert recorded.record.problems == []
+
+
+#: Its child takes more than a session may have, while it stays small itself.
+TAKES_BY_A_CHILD = """
+import os, time
+if os.fork() == 0:
+    taken = [bytearray(64 * 1024 * 1024) for _ in range(48)]
+    for block in taken:
+        block[::4096] = b"x" * len(block[::4096])
+        time.sleep(0.01)
+    os._exit(0)
+time.sleep(60)
+"""
+CALM = """
+import time
+taken = bytearray(96 * 1024 * 1024)
+taken[::4096] = b"x" * len(taken[::4096])
+print("calm", flush=True)
+time.sleep(60)
+"""
+
+
+@pytest.mark.parametrize("level", LEVELS, ids=lambda level: level.value)
+def test_only_the_program_that_took_too_much_is_ended(level: Level, tmp_path: Path) -> None:
+    """Another one goes on, although it is the larger once the child of the first is dead."""
+    steps: list[dict[str, Any]] = [
+        {"start": {"student": "calm"}},
+        {"wait_for": {"output_of": "calm", "text": "calm", "timeout_s": 20}},
+        {"start": {"student": "node"}},
+        {"wait_exit": {"process": "node", "timeout_s": 40}},
+    ]
+    lab = make_lab(tmp_path, {"calm": CALM, "node": TAKES_BY_A_CHILD}, {"only": steps}, timeout_s=90)
+    recorded = record_at(lab, isolation_of(level))
+    calm, bomb = recorded.process("calm"), process_of(recorded)
+    assert calm is not None
+    assert (bomb.limit, ended_by_limit(bomb), calm.limit, calm.ended_by) == ("memory", True, None, "kill")
+    assert recorded.record.steps[-1].outcome == "done"
 
 
 def test_a_run_that_requires_more_than_there_is_is_refused() -> None:
@@ -303,3 +366,58 @@ def test_a_run_that_requires_more_than_there_is_is_refused() -> None:
     with pytest.raises(IsolationError) as caught:
         require(Isolation(Level.NONE), Level.REDUCED)
     assert "--trust-code" in caught.value.remedy
+
+
+@pytest.fixture
+def _no_bubblewrap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let no bubblewrap be found, so that there are no namespaces."""
+    (tmp_path / "bin").mkdir()
+    for name in ("unshare", "setpriv", "prlimit", "env", "sh"):
+        found = shutil.which(name)
+        assert found is not None
+        (tmp_path / "bin" / name).symlink_to(found)
+    monkeypatch.setenv("PATH", str(tmp_path / "bin"))
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root gives others user ids")
+@pytest.mark.skipif(landlock_version() < 1, reason="this kernel has no Landlock")
+@pytest.mark.usefixtures("_no_bubblewrap")
+def test_students_code_that_would_run_as_root_is_told_of_or_refused(tmp_path: Path) -> None:
+    """Without namespaces, where other users may not run the interpreter: what to open is said, and what lacks."""
+    closed = tmp_path / "closed"
+    closed.mkdir(mode=0o700)
+    (closed / "python").symlink_to(PYTHON)
+    found = probe_isolation(closed / "python")
+    confined = confines_signals(landlock_version())
+    assert (found.level, found.own_uid) == (Level.REDUCED if confined else Level.NONE, False)
+    assert not confined or any("runs as root" in lack for lack in found.describe()["lacks"])
+    shut = next(p for p in reversed((closed / "python").parents) if not p.stat().st_mode & 0o001)
+    assert "Install bubblewrap" in found.remedy
+    assert f"chmod o+x {shut})" in found.remedy
+
+
+def first_uid_in(namespaces: list[str]) -> int:
+    """Return the first user id of students in new namespaces."""
+    program = "from grader.live.isolation import first_student_uid; print(first_student_uid())"
+    paths = os.pathsep.join(path for path in sys.path if path)
+    said = subprocess.run(
+        ["unshare", *namespaces, sys.executable, "-c", program],
+        env={**os.environ, "PYTHONPATH": paths},
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+    )
+    return int(said.stdout)
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root gives others user ids")
+def test_graders_in_two_networks_give_their_students_other_user_ids() -> None:
+    """By user id the kernel counts processes; where users are a container's own, it counts within it."""
+    many, few = STUDENT_UIDS
+    here, elsewhere = first_student_uid(), first_uid_in(["--net"])
+    assert first_student_uid() == here
+    if here in many:
+        assert elsewhere in many
+        assert abs(here - elsewhere) > 101
+    assert first_uid_in(["--net", "--user", "--map-root-user"]) == few[0]

@@ -97,3 +97,40 @@ def test_who_writes_without_end_to_a_pipe_is_cut_off() -> None:
     assert asyncio.run(read()) == 0
     assert len(told) == 1
     assert 10**6 <= len(told[0]) < 2 * 10**6
+
+
+#: Prints the cores of a process of another user: before it is held to one, after a trial, and after one as that user.
+_HOLDS = """
+import asyncio, os, sys, time
+from grader.live.process import RunningProcess
+from grader.recording.session import ProcessRun
+
+async def hold():
+    command = ["setpriv", "--reuid=64299", "--regid=64299", "--clear-groups", "sleep", "60"]
+    running = await RunningProcess.start(ProcessRun("it", "student", []), command, environment={}, cwd="/")
+    end_s = time.monotonic() + 20
+    while os.stat(f"/proc/{running.root_pid()}").st_uid != 64299 and time.monotonic() < end_s:
+        await asyncio.sleep(0.01)
+    core = max(os.sched_getaffinity(0))
+    for user in ("nobody", None, 64299):
+        if user != "nobody":
+            running.hold_to_core(core, user)
+        print(len(os.sched_getaffinity(running.root_pid())))
+    await running.kill()
+
+asyncio.run(hold())
+"""
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root starts processes of other users")
+@pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="with one core there is nothing to choose")
+def test_a_process_of_another_user_is_held_to_a_core_where_root_may_not_do_so() -> None:
+    """In a container, root lacks the capability for it, and does it as that user."""
+    container = ["setpriv", "--bounding-set=-sys_nice", "--inh-caps=-sys_nice", "--"]
+    command = [*container, sys.executable, "-c", _HOLDS]
+    paths = os.pathsep.join(path for path in sys.path if path)
+    said = subprocess.run(
+        command, env={**os.environ, "PYTHONPATH": paths}, capture_output=True, text=True, timeout=60, check=True
+    )
+    cores = str(len(os.sched_getaffinity(0)))
+    assert said.stdout.split() == [cores, cores, "1"]
