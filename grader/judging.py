@@ -84,6 +84,8 @@ def open_recordings(folder: Path, rubric: Rubric) -> Recordings:
         problems += [f"{name}: {p}" for p in recorded.record.problems]
         if not recorded.record.complete:
             problems.append(f"{name}: the recording was cut off; its checks are undecided.")
+        elif not recorded.bag.finished:
+            problems.append(f"{name}: {_DAMAGED} Its checks are undecided.")
     return Recordings(submission, sessions, tuple(problems))
 
 
@@ -131,7 +133,8 @@ def _judge(
     if spec.session and recorded is None:
         return _without_recording(spec, context, rubric)
     if recorded is not None and not _sound(recorded):
-        reason = "; ".join(recorded.record.problems) or "The recording was cut off."
+        cut = _DAMAGED if recorded.record.complete else "The recording was cut off."
+        reason = "; ".join(recorded.record.problems) or cut
         return Finding(
             Outcome.INCONCLUSIVE,
             Decimal(0),
@@ -154,7 +157,11 @@ def _judge(
 
 
 def _sound(recorded: Recorded) -> bool:
-    return recorded.record.complete and not recorded.record.problems
+    return recorded.record.complete and recorded.bag.finished and not recorded.record.problems
+
+
+#: A copy that was cut short must not be taken for a node that fell silent.
+_DAMAGED = "The bag is damaged, or not all of it is there."
 
 
 def _blocked(required: str, findings: Mapping[str, Finding], rubric: Rubric) -> Finding:
