@@ -309,7 +309,7 @@ def record(
 
 def _start_afresh(results: Path, recordings: Path, submission: SubmissionRecord, rubric: Rubric) -> None:
     """Remove what an earlier grading left, so that no old result can be taken for a new one."""
-    for name in (RESULT_FILE, REPORT_FILE):
+    for name in (RESULT_FILE, REPORT_FILE, RUBRIC_COPY):
         (results / name).unlink(missing_ok=True)
     shutil.rmtree(recordings, ignore_errors=True)
     recordings.mkdir(parents=True)
@@ -335,6 +335,8 @@ def judge_results(
 ) -> Result:
     """Run the judging half on a results folder and write `result.json` and `report.html`.
 
+    The rubric is kept with them, if it is another than the submission was recorded with.
+
     Parameters
     ----------
     overrides : Overrides, optional
@@ -352,6 +354,7 @@ def judge_results(
     recordings = recordings or open_recordings(results / RECORDINGS, rubric)
     result = judge_with_policy(recordings, rubric, overrides or Overrides())
     with (watch or Stopwatch()).stage("report"):
+        keep_rubric(results, rubric)
         replace_file(results / REPORT_FILE, report_page(result, recordings, rubric))
         replace_file(results / RESULT_FILE, result_json.render(result))
     return result
@@ -378,9 +381,8 @@ def judge_so_far(results: Path) -> Result:
     RecordingError
         If nothing has been begun there.
     """
-    rubric = read_rubric(rubric_copy(results))
+    rubric, overrides = judged_by(results)
     recordings = open_recordings(results / RECORDINGS, rubric)
-    overrides = read_overrides(None, results.resolve().parent, rubric)
     result = judge_with_policy(recordings, rubric, overrides)
     criteria = [replace(c, checks=tuple(_not_yet_run(k, recordings) for k in c.checks)) for c in result.criteria]
     return replace(result, criteria=tuple(criteria))
@@ -407,39 +409,59 @@ def report_page(result: Result, recordings: Recordings, rubric: Rubric) -> str:
     return render(result, figures, records, recordings.submission)
 
 
-def regrade(results: Path, rubric_path: Path | None, overrides_path: Path | None = None) -> Result:
-    """Judge a results folder again, by default with the rubric that it was recorded with.
+def judged_by(
+    results: Path, rubric_path: Path | None = None, overrides_path: Path | None = None
+) -> tuple[Rubric, Overrides]:
+    """Load what a results folder is judged by again.
 
     Parameters
     ----------
+    rubric_path : Path, optional
+        By default the rubric by which it was judged last.
     overrides_path : Path, optional
-        A file of overrides; by default `overrides.yaml` beside the results folder, if there is one.
+        By default `overrides.yaml` beside the results folder, if there is one.
 
     Raises
     ------
     RecordingError
         If it is no results folder.
+    RubricError
+        With all mistakes of the rubric, or of the overrides.
     """
     rubric = read_rubric(rubric_path or rubric_copy(results))
-    return judge_results(results, rubric, read_overrides(overrides_path, results.resolve().parent, rubric))
+    return rubric, read_overrides(overrides_path, results.resolve().parent, rubric)
 
 
 def rubric_copy(results: Path) -> Path:
-    """Return the rubric that a results folder was recorded with.
+    """Return the rubric by which a results folder was judged last.
 
     Raises
     ------
     RecordingError
         If it is no results folder.
     """
-    copy = results / RECORDINGS / RUBRIC_COPY
-    if not copy.is_file():
-        raise RecordingError(
-            "there are no recordings to judge",
-            where=str(results),
-            remedy="Give a folder of results, e.g. results/ for a class or results/alice for one submission.",
-        )
-    return copy
+    found = _rubric_copies(results)
+    if found:
+        return found[0]
+    raise RecordingError(
+        "there are no recordings to judge",
+        where=str(results),
+        remedy="Give a folder of results, e.g. results/ for a class or results/alice for one submission.",
+    )
+
+
+def _rubric_copies(results: Path) -> list[Path]:
+    """Return the rubric of a result, if it was judged by another since, and the one that it was recorded with."""
+    return [copy for copy in (results / RUBRIC_COPY, results / RECORDINGS / RUBRIC_COPY) if copy.is_file()]
+
+
+def keep_rubric(results: Path, rubric: Rubric) -> None:
+    """Keep the rubric of a result beside it, if it is not the one with which the submission was recorded."""
+    recorded_with = results / RECORDINGS / RUBRIC_COPY
+    if recorded_with.is_file() and recorded_with.read_bytes() == rubric.text.encode():
+        (results / RUBRIC_COPY).unlink(missing_ok=True)
+    else:
+        replace_file(results / RUBRIC_COPY, rubric.text)
 
 
 def report_class(
@@ -475,9 +497,9 @@ def rubric_of_class(results: Path, entries: Sequence[ClassEntry]) -> Path | None
     }
     for sha256, _ in Counter(judged_by.values()).most_common():
         for name in (name for name, by in judged_by.items() if by == sha256):
-            copy = results / name / RECORDINGS / RUBRIC_COPY
-            if copy.is_file() and hashlib.sha256(copy.read_bytes()).hexdigest() == sha256:
-                return copy
+            for copy in _rubric_copies(results / name):
+                if hashlib.sha256(copy.read_bytes()).hexdigest() == sha256:
+                    return copy
     return None
 
 

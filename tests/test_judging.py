@@ -20,7 +20,6 @@ from grader.cohort.finished import finished
 from grader.errors import RecordingError
 from grader.judging import Recordings, judge, judge_checks, open_recordings
 from grader.pipeline import read_rubric, undecided_sessions
-from grader.recording.bag import Bag
 from grader.recording.session import OutputLine, SessionRecord, read_session, write_session
 from grader.recording.submission import SUBMISSION_FILE, read_submission, write_submission
 from grader.report import json as result_json

@@ -67,7 +67,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="RESULTS_DIR",
         help="results of a submission, e.g. results/alice, or of a class, e.g. results/",
     )
-    parser.add_argument("--rubric", type=Path, metavar="FILE", help="rubric (default: the one it was recorded with)")
+    parser.add_argument("--rubric", type=Path, metavar="FILE", help="rubric (default: the one it was judged by last)")
     parser.add_argument(
         "--overrides",
         type=Path,
@@ -105,8 +105,7 @@ def _regrade_one(folder: Path, options: argparse.Namespace, console: Console) ->
     from grader.report.terminal import print_result
 
     results, name = folder.resolve().parent, folder.resolve().name
-    rubric = pipeline.read_rubric(options.rubric or pipeline.rubric_copy(folder))
-    overrides = pipeline.read_overrides(options.overrides, results, rubric)
+    rubric, overrides = pipeline.judged_by(folder, options.rubric, options.overrides)
     before = audit.text_of(folder / pipeline.RESULT_FILE)
     result = pipeline.judge_results(folder, rubric, overrides)
     print_result(console, result)
