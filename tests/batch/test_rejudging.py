@@ -275,7 +275,7 @@ def test_the_trail_only_grows(results: Path, stricter: Path) -> None:
     """Going back and forth adds lines, and keeps each old result once."""
     rejudge(results, stricter, None, prepare=True).apply(OCCASION)
     first = (results / AUDIT_FILE).read_bytes()
-    for rubric in (None, stricter):
+    for rubric in (SHIPPED, stricter):
         rejudge(results, rubric, None, prepare=True).apply(OCCASION)
     assert (results / AUDIT_FILE).read_bytes().startswith(first)
     assert len(trail(results)) == 9
