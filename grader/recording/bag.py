@@ -450,11 +450,6 @@ class Stream:
         """Decode all messages; None stands for one whose bytes do not fit the type."""
         return list(self._decoded)
 
-    @property
-    def malformed(self) -> int:
-        """How many messages have bytes that do not fit the type."""
-        return sum(message is None for message in self._decoded)
-
     def field(self, path: str) -> list[Any]:
         """Value of one field in each message.
 
