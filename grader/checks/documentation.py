@@ -118,7 +118,8 @@ def readme(context: Context, p: Readme) -> Finding:
     }
     lacking = [part for part in p.parts if part.artifact not in described]
     share = p.run_weight * bool(commands) + (1 - p.run_weight) * len(described) / len(p.parts)
-    reasons = []
+    first = PurePosixPath(documents[0][0])
+    reasons = [] if _README.match(first.stem) else [f"There is no README; {first} was read in its place."]
     if not commands:
         reasons.append("It does not say by which commands the work is run.")
     if lacking:

@@ -221,6 +221,9 @@ def _grade_one(handed: Handed, rubric: Rubric, live: Options, options: argparse.
         occasion = audit.Occasion(now, "grade", live.overrides.sha256)
         audit.note_replaced(output, handed.name, before, after, occasion)
     print_result(console, result)
+    if live.sessions is not None:
+        told = f"Only {', '.join(live.sessions)} was run; what other sessions show is not part of this score."
+        console.print(Text(told, "yellow"))
     if options.timings:
         _print_timings(console, watch, result)
     console.print(f"Report: {results / pipeline.REPORT_FILE}", soft_wrap=True, markup=False)

@@ -177,6 +177,13 @@ def test_lost_points_show_their_proof() -> None:
     assert "How to mend it Use a timer." in words
 
 
+def test_a_score_of_some_sessions_says_so() -> None:
+    """Where only some sessions were asked for, the points are told to be theirs alone."""
+    asked = dataclasses.replace(submission(), sessions=["alone", "other"])
+    assert "only of the sessions alone, other" in text_of(page_of(submission=asked))
+    assert "only of the session" not in text_of(page_of())
+
+
 def test_the_time_of_a_call_is_told_in_milliseconds() -> None:
     """A span of less than a second is told to the millisecond, so that two calls are told apart."""
     places = [place_of(Where(session="alone", start_s=s, end_s=s + 0.002), {}, {}).text for s in (0.671, 0.674)]
