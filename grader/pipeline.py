@@ -444,7 +444,7 @@ def rubric_copy(results: Path) -> Path:
     if found:
         return found[0]
     raise RecordingError(
-        "there are no recordings to judge",
+        "there are no recordings to judge" if results.is_dir() else "there is no such folder",
         where=str(results),
         remedy="Give a folder of results, e.g. results/ for a class or results/alice for one submission.",
     )
