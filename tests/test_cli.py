@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -95,6 +96,19 @@ def test_a_defect_of_the_grader_is_no_low_score(
     monkeypatch.setattr("grader.commands.grade.run", fail)
     assert main(["ann"]) == 70
     assert "a defect of the grader" in capsys.readouterr().err
+
+
+def test_a_reader_that_leaves_changes_no_result(tmp_path: Path) -> None:
+    """As with `grade ... | head`: the results are written, and the status is that of the grading."""
+    results = results_of("wrong_topic", tmp_path)
+    command = [sys.executable, "-m", "grader.cli", "regrade", str(results)]
+    reader, writer = os.pipe()
+    os.close(reader)
+    run = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, cwd=ROOT, check=False)
+    os.close(writer)
+    assert (run.returncode, run.stderr) == (0, b"")
+    assert (results / REPORT_FILE).exists()
+    assert (results / RESULT_FILE).exists()
 
 
 # -- rubrics ---------------------------------------------------------------------------------------

@@ -222,7 +222,7 @@ def _grade_one(handed: Handed, rubric: Rubric, live: Options, options: argparse.
         audit.note_replaced(output, handed.name, before, after, occasion)
     print_result(console, result)
     if live.sessions is not None:
-        told = f"Only {', '.join(live.sessions)} was run; what other sessions show is not part of this score."
+        told = f"Of the sessions only {', '.join(live.sessions)}; what others show is not part of this score."
         console.print(Text(told, "yellow"))
     if options.timings:
         _print_timings(console, watch, result)

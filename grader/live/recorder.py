@@ -159,6 +159,8 @@ class Recorder:
         self._writer = writer
         self._domain_id = domain_id
         self._left_bytes = limit_bytes
+        # Only a disk that is nearly full leaves less than the default.
+        self._limited_by = "" if limit_bytes >= DEFAULT_LIMIT_BYTES else "; the disk for the results is nearly full"
         self._limit_topics = limit_topics
         self._lines: dict[tuple[str, str], _Line] = {}
         self._refused: set[tuple[str, str]] = set()
@@ -353,7 +355,7 @@ class Recorder:
         line.stopped = True
         self._report(
             f"{line.topic} ({line.topic_type}) is recorded up to message {line.count} only: "
-            f"it filled {line.written_bytes} bytes, as much as is left for all other topics"
+            f"it filled {line.written_bytes} bytes, as much as is left for all other topics{self._limited_by}"
         )
         for tap in [line.tap, *line.retiring]:
             tap.close()
