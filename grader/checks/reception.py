@@ -221,7 +221,7 @@ def spans_of(context: Context, p: Streams, other: Mapping[str, Any] | None = Non
 def reported_series(context: Context, p: ReportedSeries) -> Finding:
     """Judge each span by the median of the reports that fall into it."""
     spans = spans_of(context, p)
-    expected = f"the right value on each of {len(spans)} plateaus (times of constant messages), ± {p.tolerance:g}"
+    expected = f"the right value on each of {len(spans)} plateaus (times of constant messages), ± {p.tolerance:g} or 1%"
     if not spans:
         return inconclusive(
             expected,

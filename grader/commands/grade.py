@@ -140,6 +140,7 @@ def run(arguments: Sequence[str], console: Console, epilog: str = "") -> int:
     if several and options.exports:
         parser.error("--export is for one submission; for several use `grade export` on their results")
     live = _live_options(options, rubric, several=several)
+    _tell_of_single_files(options.submissions, rubric, console)
     remove_leavings()
     if several:
         return _grade_class(found, rubric, live, options, console)
@@ -161,6 +162,15 @@ def _found(options: argparse.Namespace, rubric: Rubric) -> Found:
             remedy="Give a submission, or the folder that holds them.",
         )
     return found
+
+
+def _tell_of_single_files(paths: Sequence[Path], rubric: Rubric, console: Console) -> None:
+    """Say so where one of the lab's files is given, and its folder holds more of them."""
+    names = {artifact.file for artifact in rubric.artifacts.values()}
+    for path in paths:
+        if path.name in names and path.is_file() and any((path.parent / n).is_file() for n in names - {path.name}):
+            told = f"Of the lab's files only {path.name} is graded; for all of them: grade {path.parent}"
+            console.print(Text(terminal_text(told), "yellow"), soft_wrap=True)
 
 
 def _live_options(options: argparse.Namespace, rubric: Rubric, *, several: bool) -> Options:
