@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import importlib
+import os
 import sys
 import traceback
 from collections.abc import Sequence
@@ -37,7 +38,7 @@ exit status:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit status."""
     arguments = list(sys.argv[1:] if argv is None else argv)
-    console = Console(highlight=False)
+    console = _Console(highlight=False)
     try:
         if arguments and arguments[0] in COMMANDS:
             command = importlib.import_module(f"grader.commands.{arguments[0]}")
@@ -49,6 +50,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except GraderError as error:
         print_error(error)
         return error.exit_status
+    except BrokenPipeError:
+        _discard_output()
+        return GraderError.exit_status
     except OSError as error:
         print_error(GraderError(error.strerror or str(error), where=str(error.filename or ""), remedy="Check -o."))
         return GraderError.exit_status
@@ -60,6 +64,22 @@ def main(argv: Sequence[str] | None = None) -> int:
         traceback.print_exc()
         print("grade: this is a defect of the grader; there is no result", file=sys.stderr)
         return GraderError.exit_status
+
+
+class _Console(Console):
+    """Goes on without a reader: with `grade ... | head` the results are written all the same."""
+
+    def on_broken_pipe(self) -> None:
+        """Print nothing more; rich would end with 1, which is a score below --fail-under."""
+        self.quiet = True
+        _discard_output()
+
+
+def _discard_output() -> None:
+    """Lead the standard output to where nothing breaks, also for what is written when Python ends."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    os.close(nowhere)
 
 
 def _command_meant(word: str) -> str:

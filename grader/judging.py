@@ -87,6 +87,8 @@ def open_recordings(folder: Path, rubric: Rubric) -> Recordings:
         problems += [f"{name}: {p}" for p in _problems_of(recorded)]
         if not recorded.record.complete:
             problems.append(f"{name}: the recording was cut off; its checks are undecided.")
+        elif not recorded.bag.finished:
+            problems.append(f"{name}: {_DAMAGED} Its checks are undecided.")
     return Recordings(submission, sessions, tuple(problems))
 
 
@@ -134,7 +136,8 @@ def _judge(
     if spec.session and recorded is None:
         return _without_recording(spec, context, rubric)
     if recorded is not None and not _sound(recorded):
-        reason = "; ".join(_problems_of(recorded)) or "The recording was cut off."
+        cut = _DAMAGED if recorded.record.complete else "The recording was cut off."
+        reason = "; ".join(_problems_of(recorded)) or cut
         return Finding(
             Outcome.INCONCLUSIVE,
             Decimal(0),
@@ -160,7 +163,7 @@ def _judge(
 
 
 def _sound(recorded: Recorded) -> bool:
-    return recorded.record.complete and not _problems_of(recorded)
+    return recorded.record.complete and recorded.bag.finished and not _problems_of(recorded)
 
 
 def _problems_of(recorded: Recorded) -> list[str]:
@@ -178,6 +181,10 @@ def _as_far_as_recorded(finding: Finding, spec: CheckSpec, recorded: Recorded) -
     if left_out is None or finding.outcome is Outcome.ERROR or (check.by_endpoints and finding.outcome in _GOES_ON):
         return finding
     return without_rest(finding, left_out, timed=is_timed(spec, recorded))
+
+
+#: A copy that was cut short must not be taken for a node that fell silent.
+_DAMAGED = "The bag is damaged, or not all of it is there."
 
 
 def _blocked(required: str, findings: Mapping[str, Finding], rubric: Rubric) -> Finding:

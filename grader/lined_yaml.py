@@ -26,6 +26,22 @@ class _Loader(_SAFE):  # type: ignore[misc]
     }
 
 
+#: Kind of mistake, as pydantic knows it -> plainer words.
+_PLAINER = {"extra_forbidden": "unknown key", "missing": "this key is missing"}
+
+
+def cannot_be_read(what: str, path: Path, problem: Exception, remedy: str) -> RubricError:
+    """Return the error of a file that is not there, or is no text.
+
+    Parameters
+    ----------
+    what : str
+        What the file is, in words, e.g. "the rubric".
+    """
+    reason = problem.strerror if isinstance(problem, OSError) and problem.strerror else str(problem)
+    return RubricError(f"{what} cannot be read", [reason], where=str(path), remedy=remedy)
+
+
 class Strict(BaseModel):
     """A part of such a file: unknown keys are mistakes, values do not change."""
 
@@ -63,8 +79,7 @@ class Mistakes:
         """Note what pydantic found wrong in a node."""
         for item in error.errors():
             message = item["msg"].removeprefix("Value error, ")
-            if item["type"] == "extra_forbidden":
-                message = "unknown key"
+            message = _PLAINER.get(item["type"], message)
             self.add(loc + tuple(item["loc"]), message)
 
     def raise_any(self, remedy: str) -> None:

@@ -18,7 +18,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from grader.errors import GraderError
+from grader.errors import UsageError
 from grader.exporting import STANDARD_OUTPUT, ExportTarget, write_exports
 from grader.report import json as result_json
 from grader.report.exports import EXPORTS
@@ -37,7 +37,7 @@ class LiveExports:
 
     Raises
     ------
-    GraderError
+    UsageError
         If one of them cannot be made here.
     """
 
@@ -115,5 +115,5 @@ def _let_yield(process: int) -> None:
 def _clear(path: Path, results: Path) -> None:
     """Remove an earlier export, which must not be taken for this grading's; fail now rather than in the end."""
     if path.parent != results and not path.parent.is_dir():
-        raise GraderError("there is no such folder to export into", where=str(path.parent), remedy="Make it first.")
+        raise UsageError("there is no such folder to export into", where=str(path.parent), remedy="Make it first.")
     path.unlink(missing_ok=True)

@@ -231,7 +231,7 @@ def grade(
         submission.sessions = list(options.sessions) if options.sessions is not None else None
         with LiveExports(options.exports, results, options.path_prefix) as exports:
             follow = exports.follow(on_progress)
-            with beside(results, (RECORDINGS, REPORT_FILE, RESULT_FILE)) as new:
+            with beside(results, (RUBRIC_COPY, RECORDINGS, REPORT_FILE, RESULT_FILE)) as new:
                 recorded = record(intake.folder, submission, rubric, new, options, follow, shared, watch)
                 with _work(shared, watch)("judging"):
                     result = judge_results(new, rubric, options.overrides, recorded, watch)
@@ -335,6 +335,8 @@ def judge_results(
 ) -> Result:
     """Run the judging half on a results folder and write `result.json` and `report.html`.
 
+    The rubric is kept with them, if it is another than the submission was recorded with.
+
     Parameters
     ----------
     overrides : Overrides, optional
@@ -360,13 +362,14 @@ def judged_files(
     overrides: Overrides | None = None,
     recordings: Recordings | None = None,
     watch: Stopwatch | None = None,
-) -> tuple[Result, dict[Path, str]]:
+) -> tuple[Result, dict[Path, str | None]]:
     """Do as `judge_results`, but hand out what is to be written, by its place."""
     recordings = recordings or open_recordings(results / RECORDINGS, rubric)
     result = judge_with_policy(recordings, rubric, overrides or Overrides())
     with (watch or Stopwatch()).stage("report"):
+        kept = None if _recorded_with(results) == rubric.text else rubric.text
         page, text = report_page(result, recordings, rubric), result_json.render(result)
-    return result, {results / REPORT_FILE: page, results / RESULT_FILE: text}
+    return result, {results / RUBRIC_COPY: kept, results / REPORT_FILE: page, results / RESULT_FILE: text}
 
 
 def judge_with_policy(recordings: Recordings, rubric: Rubric, overrides: Overrides) -> Result:
@@ -421,39 +424,60 @@ def report_page(result: Result, recordings: Recordings, rubric: Rubric) -> str:
     return render(result, figures, records, recordings.submission)
 
 
-def regrade(results: Path, rubric_path: Path | None, overrides_path: Path | None = None) -> Result:
-    """Judge a results folder again, by default with the rubric that it was recorded with.
+def judged_by(
+    results: Path, rubric_path: Path | None = None, overrides_path: Path | None = None
+) -> tuple[Rubric, Overrides]:
+    """Load what a results folder is judged by again.
 
     Parameters
     ----------
+    rubric_path : Path, optional
+        By default the rubric by which it was judged last.
     overrides_path : Path, optional
-        A file of overrides; by default `overrides.yaml` beside the results folder, if there is one.
+        By default `overrides.yaml` beside the results folder, if there is one.
 
     Raises
     ------
     RecordingError
         If it is no results folder.
+    RubricError
+        With all mistakes of the rubric, or of the overrides.
     """
     rubric = read_rubric(rubric_path or rubric_copy(results))
-    return judge_results(results, rubric, read_overrides(overrides_path, results.resolve().parent, rubric))
+    return rubric, read_overrides(overrides_path, results.resolve().parent, rubric)
 
 
 def rubric_copy(results: Path) -> Path:
-    """Return the rubric that a results folder was recorded with.
+    """Return the rubric by which a results folder was judged last.
 
     Raises
     ------
     RecordingError
         If it is no results folder.
     """
+    found = _rubric_copies(results)
+    if found:
+        return found[0]
+    raise RecordingError(
+        "there are no recordings to judge" if results.is_dir() else "there is no such folder",
+        where=str(results),
+        remedy="Give a folder of results, e.g. results/ for a class or results/alice for one submission.",
+    )
+
+
+def _rubric_copies(results: Path) -> list[Path]:
+    """Return the rubric of a result, if it was judged by another since, and the one that it was recorded with."""
+    return [copy for copy in (results / RUBRIC_COPY, results / RECORDINGS / RUBRIC_COPY) if copy.is_file()]
+
+
+def keep_rubric(results: Path, rubric: Rubric) -> None:
+    """Keep the rubric of a result beside it, if it is not the one with which the submission was recorded."""
+    replace_files({results / RUBRIC_COPY: None if _recorded_with(results) == rubric.text else rubric.text})
+
+
+def _recorded_with(results: Path) -> str | None:
     copy = results / RECORDINGS / RUBRIC_COPY
-    if not copy.is_file():
-        raise RecordingError(
-            "there are no recordings to judge",
-            where=str(results),
-            remedy="Give a folder of results, e.g. results/ for a class or results/alice for one submission.",
-        )
-    return copy
+    return copy.read_bytes().decode() if copy.is_file() else None
 
 
 def report_class(
@@ -489,7 +513,7 @@ def rubric_of_class(results: Path, entries: Sequence[ClassEntry]) -> Path | None
     }
     for sha256, _ in Counter(judged_by.values()).most_common():
         for name in (name for name, by in judged_by.items() if by == sha256):
-            copy = results / name / RECORDINGS / RUBRIC_COPY
-            if copy.is_file() and hashlib.sha256(copy.read_bytes()).hexdigest() == sha256:
-                return copy
+            for copy in _rubric_copies(results / name):
+                if hashlib.sha256(copy.read_bytes()).hexdigest() == sha256:
+                    return copy
     return None

@@ -44,15 +44,22 @@ def replace_file(path: Path, text: str) -> None:
     replace_files({path: text})
 
 
-def replace_files(texts: Mapping[Path, str]) -> None:
-    """Write files that belong together: all are written before the first is put in its place, or none is."""
+def replace_files(texts: Mapping[Path, str | None]) -> None:
+    """Write files that belong together: all are written before the first is put in its place, or none is.
+
+    None stands for a file that is to be there no longer.
+    """
     partials = {path: path.with_suffix(path.suffix + _PARTIAL) for path in texts}
     try:
         for path, text in texts.items():
-            partials[path].write_text(text, encoding="utf-8", newline="\n")
+            if text is not None:
+                partials[path].write_text(text, encoding="utf-8", newline="\n")
         with uninterrupted():
             for path, partial in partials.items():
-                partial.replace(path)
+                if texts[path] is None:
+                    path.unlink(missing_ok=True)
+                else:
+                    partial.replace(path)
     finally:
         for partial in partials.values():
             partial.unlink(missing_ok=True)
@@ -84,7 +91,10 @@ def beside(results: Path, parts: Sequence[str]) -> Iterator[Path]:
 
 
 def _put(new: Path, place: Path, before: Path) -> None:
-    """Put a file or a folder in its place; a folder that is there moves aside first."""
+    """Put a file or a folder in its place; a folder that is there moves aside first, and what is not new goes."""
     if place.is_dir():
         place.rename(before)
-    new.replace(place)
+    if new.exists():
+        new.replace(place)
+    else:
+        place.unlink(missing_ok=True)

@@ -14,8 +14,7 @@ from typing import Any
 
 from pydantic import BaseModel, Field, ValidationError, model_validator
 
-from grader.errors import RubricError
-from grader.lined_yaml import Loc, Strict, parse_yaml
+from grader.lined_yaml import Loc, Strict, cannot_be_read, parse_yaml
 from grader.policy import Policy
 
 
@@ -303,9 +302,7 @@ def load_rubric(path: Path, parameters_of: Mapping[str, type[BaseModel]], folder
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as problem:
-        raise RubricError(
-            "the rubric cannot be read", [str(problem)], where=str(path), remedy="Check --rubric."
-        ) from problem
+        raise cannot_be_read("the rubric", path, problem, "Check --rubric.") from problem
     return _Loader(path, text, parameters_of, folder).load()
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import re
 import shutil
 import subprocess
 import sys
@@ -71,6 +73,20 @@ def test_a_file_in_place_of_a_folder(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert (status, "damaged" in errors) == (3, True)
 
 
+def test_one_file_of_several_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Who gives a file in place of its folder is told so; who gives the folder, or the only file, is not."""
+    (tmp_path / "no-folder").touch()
+    for name in ("joint_publisher.py", "robot_service.py"):
+        (tmp_path / name).write_text("import rclpy\n")
+    said = []
+    for path in (tmp_path / "joint_publisher.py", tmp_path):
+        status, output, _ = run(capsys, path, "--one", "-o", tmp_path / "no-folder/results")
+        assert status == 70
+        said.append(output)
+    assert f"only joint_publisher.py is graded; for all of them: grade {tmp_path}" in said[0]
+    assert said[1] == ""
+
+
 def test_names_of_folders_cannot_steer_the_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Escape sequences in a path are shown, not obeyed."""
     status, _, errors = run(capsys, tmp_path / "\x1b[2Jann", "-o", tmp_path / "results")
@@ -95,6 +111,19 @@ def test_a_defect_of_the_grader_is_no_low_score(
     monkeypatch.setattr("grader.commands.grade.run", fail)
     assert main(["ann"]) == 70
     assert "a defect of the grader" in capsys.readouterr().err
+
+
+def test_a_reader_that_leaves_changes_no_result(tmp_path: Path) -> None:
+    """As with `grade ... | head`: the results are written, and the status is that of the grading."""
+    results = results_of("wrong_topic", tmp_path)
+    command = [sys.executable, "-m", "grader.cli", "regrade", str(results)]
+    reader, writer = os.pipe()
+    os.close(reader)
+    run = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, cwd=ROOT, check=False)
+    os.close(writer)
+    assert (run.returncode, run.stderr) == (0, b"")
+    assert (results / REPORT_FILE).exists()
+    assert (results / RESULT_FILE).exists()
 
 
 # -- rubrics ---------------------------------------------------------------------------------------
@@ -180,6 +209,10 @@ def test_checks_lists_each_check_with_its_parameters(capsys: pytest.CaptureFixtu
     for name, check in REGISTRY.items():
         assert f"{name}:" in output
         assert all(f"    {key}: " in output for key in check.parameters.model_fields)
+    assert "    rate_hz: number, required." in output
+    assert "    topics: list (mapping (topic, type) each), required." in output
+    assert not re.search(r": (str|float|int|tuple|Mapping|Optional|grader\.)", output)
+    assert "any value" not in output
 
 
 # -- regrading -------------------------------------------------------------------------------------

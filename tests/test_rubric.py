@@ -106,7 +106,7 @@ WRONG: list[tuple[str, str, str, str]] = [
     ("requires: [talk.publishes]", "requires: [talk.rate]", "requires: [talk", "'talk.rate' is no earlier check"),
     ("rate_hz: 10", "rate_hz: ten", "with: {topic: /chat, process", "valid number"),
     ("rate_hz: 10", "rate_hz: 0", "with: {topic: /chat, process", "greater than 0"),
-    (", rate_hz: 10", "", "with: {topic: /chat, process", "Field required"),
+    (", rate_hz: 10", "", "with: {topic: /chat, process", "this key is missing"),
     ("process: talk, rate_hz", "proces: talk, rate_hz", "with: {topic: /chat, proces", "unknown key"),
     ("full_within: 2%", "full_within: some", "with: {topic: /chat, process", "valid number"),
     ("- start: {student: talk}", "- begin: {student: talk}", "- begin", "a step has one key of start"),
@@ -165,7 +165,7 @@ def test_all_mistakes_are_reported_at_once(tmp_path: Path) -> None:
         ("lab: 'open\n", "lab.yaml"),
         ("\tlab: x\n", "lab.yaml:1"),
         ("lab: &a [*b]\n", "undefined alias"),
-        ("{}\n", "Field required"),
+        ("{}\n", "this key is missing"),
         ("lab: 5\nartifacts: 5\nsessions: []\ncriteria: x\n", "a list is expected"),
         (
             "lab: {id: a, title: b, points: 0}\ncriteria: [5]\nsessions: {a: 5, b: {steps: 5}}\n",

@@ -21,6 +21,7 @@ if [[ -n $result ]]; then
   # GitLab takes artifacts from the checkout alone.
   rm -rf -- "$CI_PROJECT_DIR/grade"
   cp -R -- "$folder" "$CI_PROJECT_DIR/grade"
+  echo "Of this job's artifacts, grade/report.html is the report."
 fi
 rm -rf -- "$results"
 exit "$status"

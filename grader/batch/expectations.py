@@ -11,8 +11,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from grader.cohort.finished import FinishedCheck, FinishedResult
-from grader.errors import RubricError, SubmissionError
-from grader.lined_yaml import Strict, parse_yaml
+from grader.errors import SubmissionError
+from grader.lined_yaml import Strict, cannot_be_read, parse_yaml
 from grader.result import Outcome
 from grader.rubric import Rubric
 
@@ -146,7 +146,7 @@ def load_fixture(folder: Path) -> Fixture:
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as problem:
-        raise RubricError(f"{what} cannot be read", [str(problem)], where=str(path)) from problem
+        raise cannot_be_read(what, path, problem, "Each fixture has one.") from problem
     plain, mistakes = parse_yaml(path, text, what)
     try:
         expectation = Expectation.model_validate(plain)

@@ -132,6 +132,7 @@ def find_submissions(
     for path in paths:
         finding.look_at(path, shape)
     handed = _uniquely_named(finding.submissions)
+    finding.understood += _marked(finding.submissions, handed)
     missing: tuple[str, ...] = ()
     if class_list is not None:
         handed, missing = _with_class_list(handed, read_class_list(class_list))
@@ -416,6 +417,16 @@ def _uniquely_named(submissions: Sequence[Handed]) -> list[Handed]:
     return [
         replace(handed, name=f"{handed.name}-{_mark(_origin(handed))}") if names[handed.name.casefold()] > 1 else handed
         for handed in distinct
+    ]
+
+
+def _marked(before: Sequence[Handed], after: Sequence[Handed]) -> list[str]:
+    """Say which submissions got a mark, so that a person can tell results of the same name apart."""
+    plain = {_origin(handed): handed.name for handed in before}
+    return [
+        f"{handed.where}: called {handed.name}, since there is another {plain[_origin(handed)]}"
+        for handed in after
+        if plain[_origin(handed)] != handed.name
     ]
 
 

@@ -59,15 +59,15 @@ class Rejudging:
         Name of the submission's folder -> why it could not be judged.
     overrides : Overrides
         What was applied.
-    late : bool
-        Whether a rubric says what lateness costs.
+    rubrics : mapping
+        Name of the submission's folder -> by which rubric it is judged.
     """
 
     results: Path
     changes: Mapping[str, Changes]
     failed: Mapping[str, NotGraded]
     overrides: Overrides
-    late: bool
+    rubrics: Mapping[str, Rubric]
 
     def apply(self, occasion: Occasion) -> None:
         """Put the new results, which were prepared, in place of the old, and note it in the trail."""
@@ -76,6 +76,7 @@ class Rejudging:
             before = text_of(folder / pipeline.RESULT_FILE)
             after = (folder / (pipeline.RESULT_FILE + _NEW)).read_text(encoding="utf-8")
             with uninterrupted():
+                pipeline.keep_rubric(folder, self.rubrics[name])
                 for file in _FILES:
                     (folder / (file + _NEW)).replace(folder / file)
                 note_replaced(self.results, name, before, after, occasion)
@@ -83,7 +84,8 @@ class Rejudging:
     def remarks(self) -> list[str]:
         """Say which overrides do nothing: those of no submission, and those of times where no time matters."""
         names = [changes.submission for changes in self.changes.values()]
-        return self.overrides.remarks([*names, *self.failed], times_matter=self.late)
+        late = any(rubric.policy.late is not None for rubric in self.rubrics.values())
+        return self.overrides.remarks([*names, *self.failed], times_matter=late)
 
 
 def rejudge(
@@ -100,7 +102,7 @@ def rejudge(
     Parameters
     ----------
     rubric : Path or None
-        By default, each is judged by the rubric that it was recorded with.
+        By default, each is judged by the rubric by which it was judged last.
     overrides : Path or None
         By default `overrides.yaml` in the folder, if there is one.
     prepare : bool
@@ -140,7 +142,7 @@ def rejudge(
         {name: changes[name] for name in by_name if name in changes},
         {name: failed[name] for name in by_name if name in failed},
         next((overrides for _, overrides in measures.values()), Overrides()),
-        any(rubric.policy.late is not None for rubric, _ in measures.values()),
+        {folder.name: measures[key][0] for folder, key in chosen.items()},
     )
 
 

@@ -102,7 +102,7 @@ class Readme(Parameters):
 
 def readme(context: Context, p: Readme) -> Finding:
     """Judge commands and descriptions; a bare list of names describes nothing."""
-    expected = f"commands to run it, and a description of each of {len(p.parts)} parts"
+    expected = f"commands to run it ({p.run_weight:.0%}), and a description of each of {len(p.parts)} parts (the rest)"
     documents = readmes(context)
     if not documents and (unread := _not_read(context)):
         return _for_a_person(expected, unread)
@@ -118,7 +118,8 @@ def readme(context: Context, p: Readme) -> Finding:
     }
     lacking = [part for part in p.parts if part.artifact not in described]
     share = p.run_weight * bool(commands) + (1 - p.run_weight) * len(described) / len(p.parts)
-    reasons = []
+    first = PurePosixPath(documents[0][0])
+    reasons = [] if _README.match(first.stem) else [f"There is no README; {first} was read in its place."]
     if not commands:
         reasons.append("It does not say by which commands the work is run.")
     if lacking:
@@ -144,6 +145,7 @@ def docstrings(context: Context, p: Docstrings) -> Finding:
     """Judge the weighted share of definitions with a docstring; missing files do not count."""
     facts = sources(context, p.artifacts)
     expected = f"docstrings on at least {p.full_from:.0%} of modules, classes and functions"
+    expected += f"; no credit up to {p.zero_to:.0%}" if p.zero_to else ""
     if not facts:
         return failed(expected, "no source files", "There is no source to read.")
     share = docstring_share(facts)
@@ -168,6 +170,7 @@ def comments(context: Context, p: Comments) -> Finding:
     """Judge the number of explaining comments against the lines of code."""
     facts = sources(context, p.artifacts)
     expected = f"at least {p.full_per_100_lines:g} explaining comments in 100 lines of code"
+    expected += f"; no credit up to {p.zero_to_per_100_lines:g}" if p.zero_to_per_100_lines else ""
     lines = sum(f.code_lines for f in facts)
     if not lines:
         return failed(expected, "no source files", "There is no source to read.")
@@ -208,7 +211,9 @@ def concepts_explained(context: Context, p: ConceptsExplained) -> Finding:
     ]
     passages += [passage for facts in sources(context, p.artifacts) for passage in source_passages(facts)]
     found = concepts(passages, p.concepts, p.reasons, p.anchors, p.min_words)
-    expected = f"{p.full_concepts} of {len(p.concepts)} concepts discussed, with reasons"
+    expected = (
+        f"{p.full_concepts} of {len(p.concepts)} concepts discussed (two thirds), and weighed with reasons (one third)"
+    )
     measured = f"{', '.join(found.discussed) or 'none'} discussed in {found.words} words"
     where = [Where(file=c.places[0].file, line=c.places[0].line) for c in found.concepts if c.places]
     if len(found.discussed) < p.least_concepts and (unread := _not_read(context)):

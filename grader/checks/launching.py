@@ -231,16 +231,23 @@ def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
         reasons.insert(0, f"{said} `ros2 launch` stops {at} and starts nothing.")
         hints = [str(noted["remedy"]) for noted in stopping] + hints
         spots = [Where(file=noted["file"], line=noted["line"]) for noted in stopping] + spots
-    up = [n for n in context.session.nodes if n not in context.reference_nodes]
     return graded(
         max(0.0, share / len(p.nodes)),
         expected,
-        ", ".join(up) or "no node of the student's in the graph",
+        _in_the_graph(context, mended_first=bool(stopping)),
         " ".join(reasons),
         hint=hints[0] if hints else "",
         where=spots or (context.where(),),
         notes=notes,
     )
+
+
+def _in_the_graph(context: Context, *, mended_first: bool) -> str:
+    """Name the student's nodes that were seen; where the grader put something right for that, say so."""
+    up = ", ".join(n for n in context.session.nodes if n not in context.reference_nodes)
+    if not up:
+        return "no node of the student's in the graph"
+    return f"as it is, none; put right by the grader: {up}" if mended_first else up
 
 
 def _contained(context: Context, plan: Plan, p: LaunchNodes, expected: str) -> Finding | None:

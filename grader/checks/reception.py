@@ -221,7 +221,7 @@ def spans_of(context: Context, p: Streams, other: Mapping[str, Any] | None = Non
 def reported_series(context: Context, p: ReportedSeries) -> Finding:
     """Judge each span by the median of the reports that fall into it."""
     spans = spans_of(context, p)
-    expected = f"the right value on each of {len(spans)} plateaus (times of constant messages), ± {p.tolerance:g}"
+    expected = f"the right value on each of {len(spans)} plateaus (times of constant messages), ± {p.tolerance:g} or 1%"
     if not spans:
         return inconclusive(
             expected,
@@ -403,6 +403,9 @@ def _judge_vector(
     spot = Where(session=context.session.record.session, process=p.artifact)
     measured = "[" + " ".join(f"{x:.4f}" for x in printed.values[: p.length]) + "]"
     notes = [_OTHER_FORMS[printed.form].format(p.label)] if printed.form in _OTHER_FORMS else []
+    right = context.oracle(p.oracle)(streams, p.parameters, context.session.record.seed)[p.key]["value"]
+    right_text = "[" + " ".join(f"{x:.4f}" for x in right) + "]"
+    expected = f"{right_text} from the recording, behind '{p.label}:' at Ctrl-C"
     share = _agreement(context, p, streams, {}, printed)
     if share >= 1:
         return passed(expected, measured, where=(spot,), notes=notes)
@@ -417,8 +420,7 @@ def _judge_vector(
             return passed(expected, measured, where=(spot,), notes=notes)
         if late := _starved(context, p):
             return inconclusive(expected, measured, late, where=(spot,))
-    right = context.oracle(p.oracle)(streams, p.parameters, context.session.record.seed)[p.key]["value"]
-    reason = "Right would be [" + " ".join(f"{x:.4f}" for x in right) + "]."
+    reason = f"Right would be {right_text}."
     if len(printed.values) != p.length:
         count = len(printed.values)
         amount = "One number is" if count == 1 else f"{count} numbers are"

@@ -250,7 +250,9 @@ class CallGated(Parameters):
 
 def call_gated(context: Context, p: CallGated) -> Finding:
     """Judge refusal (half) and recovery (half); refusing only with the parameter given at start earns half."""
-    expected = f"{_shown(p.refused)} while the parameter is off, {_shown(p.recovered)} when it is on again"
+    expected = (
+        f"{_shown(p.refused)} while the parameter is off (half), {_shown(p.recovered)} when it is on again (half)"
+    )
     steps = {name: context.session.step(name) for name in (p.refused_step, p.recovered_step, p.from_start_step)}
     answers = {name: _answer(step)[0] for name, step in steps.items()}
     refuses, recovers = _fits(answers[p.refused_step], p.refused), _fits(answers[p.recovered_step], p.recovered)
@@ -272,6 +274,7 @@ def call_gated(context: Context, p: CallGated) -> Finding:
     if _fits(answers[p.from_start_step], p.refused):
         reason = "It refuses only when the parameter is false from the start; a change while it runs has no effect."
         measured += f"; off from the start: {_shown(answers[p.from_start_step])}"
+        where = (*where, _spot(context, steps[p.from_start_step]))
         return graded(0.5, expected, measured, reason, where=where)
     set_step = context.session.step(p.set_step)
     if set_step is not None and set_step.outcome != "done":

@@ -173,7 +173,7 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
     """Judge the rate from source timestamps and sequence numbers."""
     found = _measured(context, p.topic, p.window)
     timing, span = found.timing, found.span
-    expected = f"{p.rate_hz:g} Hz ± {p.full_within:.0%}"
+    expected = f"{p.rate_hz:g} Hz ± {p.full_within:.0%}; credit falls by tenths to none at ± {p.zero_beyond:.0%}"
     where = (*_timer_spot(context), *_spots(context, p.topic, span))
     if timing is None:
         count = len(context.session.stream(p.topic))
@@ -342,7 +342,10 @@ def topic_jitter(context: Context, p: TopicJitter) -> Finding:
     """Judge the evenness of intervals between consecutive samples."""
     found = _measured(context, p.topic, p.window)
     timing, span = found.timing, found.span
-    expected = f"{p.share:.0%} of the intervals within {p.full_within_s * 1e3:g} ms of their median"
+    expected = (
+        f"{p.share:.0%} of the intervals within {p.full_within_s * 1e3:g} ms of their median; "
+        f"credit falls by halves to none at {p.zero_beyond_s * 1e3:g} ms"
+    )
     where = _spots(context, p.topic, span)
     if timing is None or not len(timing.intervals_s):
         return failed(expected, "too few messages", "Too few messages came to speak of intervals.", where=where)

@@ -75,7 +75,9 @@ def _entry(folder: Path) -> ClassEntry:
     except (OSError, ValueError, RecursionError):
         plain = None
     if not isinstance(plain, dict):
-        return ClassEntry(folder.name, None, f"Its {RESULT_FILE} cannot be read; grade it again.", report)
+        return ClassEntry(
+            folder.name, None, f"Its {RESULT_FILE} cannot be read; `grade regrade` makes it anew.", report
+        )
     return ClassEntry(folder.name, plain, "", report, _submitted_at(folder))
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import difflib
 import hashlib
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import date, datetime
 from decimal import Decimal, InvalidOperation
@@ -16,8 +17,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
-from grader.errors import RubricError
-from grader.lined_yaml import Loc, Mistakes, Strict, parse_yaml
+from grader.lined_yaml import Loc, Mistakes, Strict, cannot_be_read, parse_yaml
 from grader.policy import Moment, TimeSpan, parse_time
 from grader.rubric import Rubric
 
@@ -199,7 +199,7 @@ def load_overrides(path: Path, rubric: Rubric) -> Overrides:
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as problem:
-        raise RubricError(f"{_WHAT} cannot be read", [str(problem)], where=str(path)) from problem
+        raise cannot_be_read(_WHAT, path, problem, "Check --overrides.") from problem
     sha256 = hashlib.sha256(text.encode()).hexdigest()
     if not any(line.partition("#")[0].strip() for line in text.splitlines()):
         return Overrides(name=path.name, sha256=sha256)
@@ -222,6 +222,8 @@ def _entries(listed: list[Any], rubric: Rubric, mistakes: Mistakes) -> list[Over
     entries: list[Override] = []
     for number, raw in enumerate(listed):
         loc: Loc = ("overrides", number)
+        if isinstance(raw, Mapping):
+            _check_part(raw, loc, known, mistakes)
         try:
             entry = Override.model_validate(raw)
         except ValidationError as error:
@@ -230,7 +232,6 @@ def _entries(listed: list[Any], rubric: Rubric, mistakes: Mistakes) -> list[Over
         if entry in entries:
             mistakes.add(loc, "the same entry stands here twice")
         entries.append(entry)
-        _check_part(entry, loc, known, mistakes)
     return entries
 
 
@@ -241,15 +242,20 @@ def _possible(rubric: Rubric) -> dict[str, dict[str, Decimal]]:
     }
 
 
-def _check_part(entry: Override, loc: Loc, known: Mapping[str, Mapping[str, Decimal]], mistakes: Mistakes) -> None:
-    kind, identity = ("check", entry.check) if entry.check is not None else ("criterion", entry.criterion)
-    if identity is None:
-        return
-    possible = known[kind].get(identity)
-    if possible is None:
-        mistakes.add((*loc, kind), f"the rubric has no {kind} {identity!r}{_meant(identity, list(known[kind]))}")
-    elif entry.set_ is not None and not 0 <= entry.set_ <= possible:
-        mistakes.add((*loc, "set"), f"{identity} has from 0 to {possible} points; bonus gives more")
+def _check_part(
+    raw: Mapping[str, Any], loc: Loc, known: Mapping[str, Mapping[str, Decimal]], mistakes: Mistakes
+) -> None:
+    """Note a check or criterion that the rubric does not have, or points that it cannot have."""
+    for kind, possible in known.items():
+        identity = raw.get(kind)
+        if not isinstance(identity, str):
+            continue
+        if identity not in possible:
+            mistakes.add((*loc, kind), f"the rubric has no {kind} {identity!r}{_meant(identity, list(possible))}")
+            continue
+        with suppress(ValueError):
+            if "set" in raw and not 0 <= _points(raw["set"]) <= possible[identity]:
+                mistakes.add((*loc, "set"), f"{identity} has from 0 to {possible[identity]} points; bonus gives more")
 
 
 def _meant(name: str, known: list[str]) -> str:

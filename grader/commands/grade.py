@@ -140,6 +140,7 @@ def run(arguments: Sequence[str], console: Console, epilog: str = "") -> int:
     if several and options.exports:
         parser.error("--export is for one submission; for several use `grade export` on their results")
     live = _live_options(options, rubric, several=several)
+    _tell_of_single_files(options.submissions, rubric, console)
     remove_leavings()
     if several:
         return _grade_class(found, rubric, live, options, console)
@@ -161,6 +162,15 @@ def _found(options: argparse.Namespace, rubric: Rubric) -> Found:
             remedy="Give a submission, or the folder that holds them.",
         )
     return found
+
+
+def _tell_of_single_files(paths: Sequence[Path], rubric: Rubric, console: Console) -> None:
+    """Say so where one of the lab's files is given, and its folder holds more of them."""
+    names = {artifact.file for artifact in rubric.artifacts.values()}
+    for path in paths:
+        if path.name in names and path.is_file() and any((path.parent / n).is_file() for n in names - {path.name}):
+            told = f"Of the lab's files only {path.name} is graded; for all of them: grade {path.parent}"
+            console.print(Text(terminal_text(told), "yellow"), soft_wrap=True)
 
 
 def _live_options(options: argparse.Namespace, rubric: Rubric, *, several: bool) -> Options:
@@ -221,6 +231,9 @@ def _grade_one(handed: Handed, rubric: Rubric, live: Options, options: argparse.
         occasion = audit.Occasion(now, "grade", live.overrides.sha256)
         audit.note_replaced(output, handed.name, before, after, occasion)
     print_result(console, result)
+    if live.sessions is not None:
+        told = f"Of the sessions only {', '.join(live.sessions)}; what others show is not part of this score."
+        console.print(Text(told, "yellow"))
     if options.timings:
         _print_timings(console, watch, result)
     console.print(f"Report: {results / pipeline.REPORT_FILE}", soft_wrap=True, markup=False)

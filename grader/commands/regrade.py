@@ -68,7 +68,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="RESULTS_DIR",
         help="results of a submission, e.g. results/alice, or of a class, e.g. results/",
     )
-    parser.add_argument("--rubric", type=Path, metavar="FILE", help="rubric (default: the one it was recorded with)")
+    parser.add_argument("--rubric", type=Path, metavar="FILE", help="rubric (default: the one it was judged by last)")
     parser.add_argument(
         "--overrides",
         type=Path,
@@ -106,14 +106,14 @@ def _regrade_one(folder: Path, options: argparse.Namespace, console: Console) ->
     from grader.report.terminal import print_result
 
     results, name = folder.resolve().parent, folder.resolve().name
-    rubric = pipeline.read_rubric(options.rubric or pipeline.rubric_copy(folder))
-    overrides = pipeline.read_overrides(options.overrides, results, rubric)
+    rubric, overrides = pipeline.judged_by(folder, options.rubric, options.overrides)
     before = audit.text_of(folder / pipeline.RESULT_FILE)
     result, files = pipeline.judged_files(folder, rubric, overrides)
+    after = files[folder / pipeline.RESULT_FILE] or ""
     occasion = audit.Occasion(datetime.now(timezone.utc), "regrade", overrides.sha256)
     with uninterrupted():  # so that no result is replaced without being kept
         replace_files(files)
-        changes = audit.note_replaced(results, name, before, files[folder / pipeline.RESULT_FILE], occasion)
+        changes = audit.note_replaced(results, name, before, after, occasion)
     print_result(console, result)
     if changes.before is not None and changes.matters:
         console.print()

@@ -49,7 +49,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
     entries = entries_in(options.results)
     if not entries:
         raise SubmissionError(
-            "there are no results of submissions in it",
+            "there are no results of submissions in it" if options.results.is_dir() else "there is no such folder",
             where=str(options.results),
             remedy="Give the folder that holds a folder of results for each submission, e.g. results/.",
         )
@@ -62,7 +62,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
     needy = len({todo.row for todo in summary.todos})
     median = f", median {tenths(summary.spread.median)} of {tenths(summary.spread.possible)}" if summary.spread else ""
     attention = f"{needy} need{'s' * (needy == 1)} attention"
-    console.print(f"{len(entries)} submissions, {graded} graded{median}; {attention}.")
+    console.print(f"{len(entries)} submission{'s' * (len(entries) != 1)}, {graded} graded{median}; {attention}.")
     console.print(f"Class: {options.results / pipeline.CLASS_PAGE}", soft_wrap=True, markup=False)
     console.print(f"Grades: {options.results / pipeline.GRADES_FILE}", soft_wrap=True, markup=False)
     return 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import difflib
 import sys
 import tempfile
 import time
@@ -65,7 +66,9 @@ def run(arguments: Sequence[str], console: Console) -> int:
     fixtures = _fixtures(options, rubric, console)
     unknown = [name for name in options.names if name not in {fixture.name for fixture in fixtures}]
     if unknown:
-        parser.error(f"there is no fixture {terminal_text(unknown[0], 80)!r}")
+        near = difflib.get_close_matches(unknown[0], [fixture.name for fixture in fixtures], n=1)
+        meant = f"; did you mean {near[0]!r}?" if near else ""
+        parser.error(f"there is no fixture {terminal_text(unknown[0], 80)!r}{meant}")
     if options.names:
         fixtures = [fixture for fixture in fixtures if fixture.name in options.names]
     pipeline.require_platform()

@@ -79,12 +79,6 @@ class PrintedVector:
     form: str = "vector"
 
 
-def labelled_vector(output: Sequence[OutputLine], label: str, after_ns: int | None = None) -> list[float] | None:
-    """Return the values of `printed_vector`."""
-    found = printed_vector(output, label, after_ns)
-    return list(found.values) if found is not None else None
-
-
 def printed_vector(output: Sequence[OutputLine], label: str, after_ns: int | None = None) -> PrintedVector | None:
     """Return the last vector printed behind a label, as ``Mean: [0.1 0.2]``; it may run over several lines.
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import ast
 import re
-from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
@@ -63,8 +62,6 @@ class Definition:
     public : bool
         Whether neither its name nor that of what it stands in begins with an underscore, and it is not
         nested in a function.
-    lines : int
-        Lines from its first to its last, both included.
     trivial : bool
         Whether it needs no explanation: `main`, special methods, bodies of a line or two.
     owner : str or None
@@ -76,7 +73,6 @@ class Definition:
     line: int
     docstring: str | None
     public: bool
-    lines: int
     trivial: bool = False
     owner: str | None = None
 
@@ -126,13 +122,12 @@ def parse(path: str, text: str) -> SourceFacts:
     found = spans(whole)
     blank = blank_out(whole, found)
     module = path.rsplit("/", 1)[-1].removesuffix(".py")
-    lines = whole.count("\n") + 1
     if tree is None:
         definitions = _definitions_by_line(module, whole, blank, found)
         docstring_lines: set[int] = set()
     else:
         docstring_lines = _docstring_lines(tree)
-        definitions = list(_definitions(module, tree, lines))
+        definitions = list(_definitions(module, tree))
     definitions = _with_header_comment(definitions, comments := comments_of(whole, found, blank), blank)
     code_lines = sum(
         1 for number, line in enumerate(blank.split("\n"), 1) if line.strip() and number not in docstring_lines
@@ -142,9 +137,9 @@ def parse(path: str, text: str) -> SourceFacts:
     )
 
 
-def _definitions(module: str, tree: ast.Module, lines: int) -> Iterator[Definition]:
+def _definitions(module: str, tree: ast.Module) -> Iterator[Definition]:
     """Definitions of a tree in the order of their lines; without recursion, as trees may be deep."""
-    yield Definition("module", module, 1, _docstring(tree), True, lines, not tree.body)
+    yield Definition("module", module, 1, _docstring(tree), True, not tree.body)
     stack: list[tuple[ast.stmt, ast.AST | None, bool]] = [(node, None, True) for node in reversed(tree.body)]
     while stack:
         node, owner, public = stack.pop()
@@ -166,7 +161,6 @@ def _inner_public(node: ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef) -
 def _definition(
     node: ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef, owner: ast.AST | None, public: bool
 ) -> Definition:
-    lines = (node.end_lineno or node.lineno) - node.lineno + 1
     body = node.body[1:] if _docstring(node) is not None else node.body
     last = body[-1].end_lineno or 0 if body else 0
     body_lines = last - body[0].lineno + 1 if body else 0
@@ -183,7 +177,6 @@ def _definition(
         line=node.lineno,
         docstring=_docstring(node),
         public=public and (not node.name.startswith("_") or _is_self_evident(node.name)),
-        lines=lines,
         trivial=trivial,
         owner=name if isinstance(name, str) else None,
     )
@@ -220,7 +213,7 @@ def _definitions_by_line(module: str, text: str, blank: str, found: Sequence[Spa
     heads = [(text_line, match) for match, text_line in _numbered(blank, _DEFINITION_LINE)]
     first = next((number for number, line in enumerate(lines, 1) if line.strip()), 0)
     whole = _literal(text, strings.get(first)) if lines[first - 1].startswith("_") else None
-    definitions = [Definition("module", module, 1, whole, True, len(lines))]
+    definitions = [Definition("module", module, 1, whole, True)]
     owners: list[tuple[int, str, str]] = []
     for place, (number, match) in enumerate(heads):
         indent, keyword, name = len(match[1].expandtabs(4)), match[2], match[3]
@@ -233,10 +226,7 @@ def _definitions_by_line(module: str, text: str, blank: str, found: Sequence[Spa
         public = not name.startswith("_") and (owner is None or owner[1] == "class")
         docstring = _docstring_below(text, lines, number, last, strings)
         trivial = kind != "class" and (_is_self_evident(name) or last - number <= TRIVIAL_LINES)
-        size = last - number + 1
-        definitions.append(
-            Definition(kind, name, number, docstring, public, size, trivial, owner[2] if owner else None)
-        )
+        definitions.append(Definition(kind, name, number, docstring, public, trivial, owner[2] if owner else None))
     return definitions
 
 
@@ -275,7 +265,7 @@ def _with_header_comment(definitions: list[Definition], comments: Sequence[Comme
     header = [c.text for c in comments if c.line < first_code and c.kind == "explains"]
     if not header:
         return definitions
-    described = Definition("module", module.name, 1, "\n".join(header), True, module.lines, module.trivial)
+    described = Definition("module", module.name, 1, "\n".join(header), True, module.trivial)
     return [described, *definitions[1:]]
 
 
@@ -353,12 +343,3 @@ def _fault(definition: Definition, seen: set[str]) -> str:
         return "repeats the docstring of another"
     seen.add(form)
     return ""
-
-
-def definition_at(facts: SourceFacts, line: int) -> Definition | None:
-    """The innermost definition of `facts` that holds `line`."""
-    starts = [definition.line for definition in facts.definitions]
-    for definition in reversed(facts.definitions[: bisect_right(starts, line)]):
-        if line < definition.line + definition.lines:
-            return definition
-    return None

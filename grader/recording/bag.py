@@ -235,8 +235,8 @@ def _scan(buffer: _Buffer) -> _Contents:
     contents = _Contents()
     size = len(buffer)
     if bytes(buffer[: len(_MAGIC)]) == _MAGIC:
-        contents.finished = size > 2 * len(_MAGIC) and bytes(buffer[size - len(_MAGIC) :]) == _MAGIC
         _read_records(buffer, len(_MAGIC), size, contents)
+        contents.finished = contents.finished and bytes(buffer[size - len(_MAGIC) :]) == _MAGIC
     return contents
 
 
@@ -255,7 +255,10 @@ def _read_records(buffer: _Buffer, offset: int, end: int, contents: _Contents) -
                 rows[channel].append((log_ns, publish_ns, sequence, buffer, body + _MESSAGE_HEAD.size, offset))
         elif opcode == _CHUNK:
             _read_chunk(buffer, body, min(offset, end), contents)
-        elif opcode == _FOOTER or not 0 < opcode <= _LAST_OPCODE or offset > end:
+        elif opcode == _FOOTER:
+            contents.finished = True
+            return
+        elif not 0 < opcode <= _LAST_OPCODE or offset > end:
             return
         elif opcode in (_SCHEMA, _CHANNEL):
             with contextlib.suppress(struct.error, ValueError, IndexError):
@@ -447,11 +450,6 @@ class Stream:
         """Decode all messages; None stands for one whose bytes do not fit the type."""
         return list(self._decoded)
 
-    @property
-    def malformed(self) -> int:
-        """How many messages have bytes that do not fit the type."""
-        return sum(message is None for message in self._decoded)
-
     def field(self, path: str) -> list[Any]:
         """Value of one field in each message.
 
@@ -527,7 +525,7 @@ class Bag:
     topics : tuple of TopicInfo
         Topics by name, then by type; a topic that had two types is there twice.
     finished : bool
-        Whether its recorder came to its end. If not, the last moments may be missing.
+        Whether its recorder came to its end, and nothing is missing since. If not, the last moments may be.
     """
 
     def __init__(self, contents: _Contents) -> None:

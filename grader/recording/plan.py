@@ -360,11 +360,6 @@ class Plan:
         """Whether the launch file can be launched."""
         return self.outcome == "ok"
 
-    @property
-    def at_once(self) -> tuple[Process, ...]:
-        """The processes that wait for nothing."""
-        return tuple(process for process in self.processes if process.when is None)
-
     def node(self, full_name: str) -> Process | None:
         """The process that starts a node of a name, if any."""
         return next((p for p in self.processes if p.full_name == full_name), None)

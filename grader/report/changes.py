@@ -94,7 +94,8 @@ def print_changes(console: Console, changes: Mapping[str, Changes]) -> None:
     _print_summary(console, list(found.values()))
     kept = len(changes) - len(found)
     among = f"{len(found)} of {_counted(len(changes), 'submission')}"
-    console.print(f"Points or outcomes change for {among}{_words(changes)}; {kept} keep theirs.")
+    rest = "1 keeps its own" if kept == 1 else f"{kept} keep theirs"
+    console.print(f"Points or outcomes change for {among}{_words(changes)}; {rest}.")
 
 
 def changes_table(changes: Mapping[str, Changes]) -> Table:

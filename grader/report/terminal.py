@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from decimal import Decimal
 
 from rich.console import Console, Group
+from rich.padding import Padding
 from rich.spinner import Spinner
 from rich.table import Table
 from rich.text import Text
@@ -30,6 +31,10 @@ _SIGNS = {
 def points_text(value: Decimal) -> str:
     """Return points without trailing zeros."""
     return f"{value.normalize():f}" if value else "0"
+
+
+#: What took less was not run at all.
+_NOTABLE_S = 0.05
 
 
 class ProgressDisplay(InPlace):
@@ -57,8 +62,8 @@ class ProgressDisplay(InPlace):
         if ended:
             self._took[session] = now - self._began.pop(session)
             if not self._console.is_terminal:
-                told = f"  {session}: {terminal_text(text)} ({self._took[session]:.1f} s)"
-                self._console.print(told, highlight=False, markup=False)
+                took = f" ({self._took[session]:.1f} s)" if self._took[session] >= _NOTABLE_S else ""
+                self._console.print(f"  {session}: {terminal_text(text)}{took}", highlight=False, markup=False)
         self._states[session] = (text, step, steps, ended)
 
     def _table(self) -> Group:
@@ -109,7 +114,7 @@ def print_result(console: Console, result: Result) -> None:
     if result.advisories:
         console.print(Text("Costs nothing, but worth knowing:", "dim"))
         for advisory in result.advisories:
-            console.print(Text(f"  • {terminal_text(advisory)}", "dim"))
+            console.print(Padding(Text(f"• {terminal_text(advisory)}", "dim"), (0, 0, 0, 2)))
 
 
 def _add_adjustments(table: Table, result: Result) -> None:
@@ -140,9 +145,27 @@ def _add_criterion(table: Table, criterion: CriterionResult) -> None:
         Text(criterion.title, style),
         Text(f"{points_text(criterion.earned)} / {points_text(criterion.possible)}", style),
     )
+    unreached: dict[str, list[CheckResult]] = {}
     for check in criterion.checks:
-        if check.finding.outcome is not Outcome.PASSED:
+        if check.finding.outcome is Outcome.NOT_REACHED:
+            unreached.setdefault(check.finding.reason, []).append(check)
+    for check in criterion.checks:
+        if check.finding.outcome is Outcome.NOT_REACHED:
+            _add_unreached(table, unreached.pop(check.finding.reason, []))
+        elif check.finding.outcome is not Outcome.PASSED:
             _add_check(table, check)
+
+
+def _add_unreached(table: Table, checks: Sequence[CheckResult]) -> None:
+    """Add what one failure kept from being looked at, as one row."""
+    if not checks:
+        return
+    sign, colour = _SIGNS[Outcome.NOT_REACHED]
+    body = Text(", ".join(check.title for check in checks))
+    body.append(f"\n{terminal_text(checks[0].finding.reason)}", "default")
+    zero = Decimal(0)
+    earned, possible = sum((c.earned for c in checks), zero), sum((c.possible for c in checks), zero)
+    table.add_row(Text(sign, colour), body, Text(f"{points_text(earned)} / {points_text(possible)}", colour))
 
 
 def _add_check(table: Table, check: CheckResult) -> None:

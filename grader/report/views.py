@@ -242,12 +242,18 @@ def _source(text: str) -> str:
     return text if len(text) <= LONGEST_SOURCE_LINE else text[: LONGEST_SOURCE_LINE - 1] + "…"
 
 
+#: From here on tenths of a second tell a span.
+_LONG_SPAN_S = 1.0
+
+
 def _span(where: Where) -> str:
     if where.start_s is None:
         return ""
     if where.end_s is None:
-        return f"at {where.start_s:.1f} s"
-    return f"{where.start_s:.1f}–{where.end_s:.1f} s"
+        return f"at {where.start_s:.3f} s"
+    # A call takes a thousandth of what a window does.
+    places = 1 if where.end_s - where.start_s >= _LONG_SPAN_S else 3
+    return f"{where.start_s:.{places}f}–{where.end_s:.{places}f} s"
 
 
 def place_of(where: Where, texts: Mapping[str, str], anchors: Mapping[tuple[str, str], str]) -> Place:
@@ -273,6 +279,7 @@ class CheckView:
     lost: str
     badge: Badge
     full: bool
+    credit: str
     expected: str
     measured: str
     reason: str
@@ -285,6 +292,7 @@ def check_view(check: CheckResult, texts: Mapping[str, str], anchors: Mapping[tu
     """Describe a check with its proof."""
     finding = check.finding
     lost = _lost(check)
+    partial = finding.outcome is Outcome.PARTIAL
     wheres = dict.fromkeys(finding.where)
     places = tuple(place_of(w, texts, anchors) for w in list(wheres)[:MOST_WHERES])
     return CheckView(
@@ -295,6 +303,7 @@ def check_view(check: CheckResult, texts: Mapping[str, str], anchors: Mapping[tu
         points(lost) if lost > 0 else "",
         badge_of(finding.outcome),
         finding.outcome is Outcome.PASSED,
+        f"{finding.credit:.1%} of {points(check.possible)} points".replace(".0%", "%") if partial else "",
         finding.expected,
         finding.measured,
         finding.reason,
@@ -491,7 +500,8 @@ def process_view(session: str, number: int, run: ProcessRun, record: SessionReco
 
 
 def _printed(output: OutputLine, started_ns: int, far: bool) -> PrintedLine:
-    text = output.text
+    # What follows a bare carriage return is written over what was there, as a progress bar does.
+    text = output.text.rstrip("\r").rpartition("\r")[2]
     if len(text) > LONGEST_OUTPUT_LINE:
         text = text[: LONGEST_OUTPUT_LINE - 1] + "…"
     return PrintedLine(f"{(output.t_ns - started_ns) / 1e9:.3f}", output.stream == "stderr", text, far)

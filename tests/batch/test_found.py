@@ -324,8 +324,12 @@ def commit(folder: Path, time: str) -> None:
 def test_equal_names_are_told_apart_for_good(rubric: Rubric, tmp_path: Path) -> None:
     """Two submissions of one name get marks that do not depend on how or with whom they are given."""
     paths = [lay_out(tmp_path / folder / "alice", FIVE) for folder in "ab"]
-    names = [handed.name for handed in find_submissions(paths, rubric).submissions]
+    found = find_submissions(paths, rubric)
+    names = [handed.name for handed in found.submissions]
     assert len(set(names)) == 2
+    assert {f"{h.where}: called {h.name}, since there is another alice" for h in found.submissions} < {
+        *found.understood
+    }
     assert all(name.startswith("alice-") for name in names)
     paths.append(lay_out(tmp_path / "c" / "Alice", FIVE))
     again = find_submissions([Path(os.path.relpath(path)) for path in reversed(paths)], rubric)

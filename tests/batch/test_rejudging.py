@@ -39,7 +39,7 @@ def judged(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Lay out a class of three with their results, once."""
     folder = tmp_path_factory.mktemp("judged")
     for name in NAMES:
-        pipeline.regrade(add(folder, name), None)
+        pipeline.judge_results(add(folder, name), pipeline.read_rubric(None))
     return folder
 
 
@@ -118,7 +118,7 @@ def test_applying_writes_what_single_regrading_writes(results: Path, stricter: P
     found.apply(OCCASION)
     as_class = files(results)
     for name in NAMES:
-        pipeline.regrade(results / name, stricter)
+        pipeline.judge_results(results / name, *pipeline.judged_by(results / name, stricter))
     assert files(results) == as_class
     assert not [path for path in as_class if path.endswith(".new")]
 
@@ -160,6 +160,15 @@ def test_each_is_judged_by_its_own_rubric(results: Path, stricter: Path) -> None
     assert {name: changes.difference for name, changes in found.changes.items()} == {"alice": 0, "bob": 0, "carol": -6}
 
 
+def test_results_remember_the_rubric_that_was_applied(results: Path, stricter: Path) -> None:
+    """What was applied holds for the next judgement without a rubric, until the first rubric is applied again."""
+    rejudge(results, stricter, None, prepare=True).apply(OCCASION)
+    again = rejudge(results, None, None, prepare=False)
+    assert not any(changes.matters or changes.words for changes in again.changes.values())
+    rejudge(results, SHIPPED, None, prepare=True).apply(OCCASION)
+    assert not [path for path in files(results) if path.endswith(f"alice/{pipeline.RUBRIC_COPY}")]
+
+
 def test_a_broken_rubric_is_told_before_anything_is_judged(results: Path, tmp_path: Path) -> None:
     """All its mistakes are known, and no file has changed."""
     before = files(results)
@@ -193,7 +202,8 @@ def test_decisions_survive_every_regrade(results: Path, stricter: Path) -> None:
         plain = json.loads((results / "bob" / pipeline.RESULT_FILE).read_text())
         assert plain["score"]["final"] == plain["score"]["earned"] + 2.5
         assert [a["kind"] for a in plain["adjustments"]] == ["bonus"]
-        assert pipeline.regrade(results / "bob", rubric).final == found.changes["bob"].after
+        alone = pipeline.judge_results(results / "bob", *pipeline.judged_by(results / "bob", rubric))
+        assert alone.final == found.changes["bob"].after
     assert json.loads((results / "alice" / pipeline.RESULT_FILE).read_text())["adjustments"] == []
 
 
@@ -265,7 +275,7 @@ def test_the_trail_only_grows(results: Path, stricter: Path) -> None:
     """Going back and forth adds lines, and keeps each old result once."""
     rejudge(results, stricter, None, prepare=True).apply(OCCASION)
     first = (results / AUDIT_FILE).read_bytes()
-    for rubric in (None, stricter):
+    for rubric in (SHIPPED, stricter):
         rejudge(results, rubric, None, prepare=True).apply(OCCASION)
     assert (results / AUDIT_FILE).read_bytes().startswith(first)
     assert len(trail(results)) == 9

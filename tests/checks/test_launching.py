@@ -304,6 +304,7 @@ def test_several_misnamed_executables_are_told_in_their_order(tmp_path: Path) ->
         "No executable talk. No executable listen. `ros2 launch` stops at the first of them and starts nothing."
     )
     assert (finding.hint, finding.where[0].line) == ("talk", 1)
+    assert finding.measured == "as it is, none; put right by the grader: /talker, /listener"
 
 
 def test_a_plan_with_a_problem_starts_nothing(tmp_path: Path) -> None:

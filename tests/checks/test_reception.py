@@ -343,6 +343,7 @@ def test_a_forgotten_absolute_value_is_named(tmp_path: Path) -> None:
     finding = printed(tmp_path, float(history(100).mean()))
     assert finding.outcome is Outcome.FAILED
     assert finding.reason == "These numbers fit the signed error."
+    assert f"{float(np.abs(history(100)).mean()):.4f}" in finding.expected
 
 
 def test_another_history_earns_what_the_rubric_leaves(tmp_path: Path) -> None:

@@ -124,14 +124,14 @@ def test_all_mistakes_are_told_at_once_with_their_lines(tmp_path: Path, rubric: 
   - submission: bob
     who: [J. Smith]
     criterion: service
-    set: 2
+    set: 22
     reason: ""
     when: soon
   - {{submission: eve, bonus: 1, colour: red, {WHY}}}
 extra: 1
 """
     lines = [line.split(": ")[0] for line in mistakes(tmp_path, text, rubric)]
-    assert lines == [f"overrides.yaml:{number}" for number in (3, 9, 12, 13, 14, 15)]
+    assert lines == [f"overrides.yaml:{number}" for number in (3, 9, 11, 12, 13, 14, 15)]
 
 
 MISTAKES = {
@@ -201,8 +201,9 @@ def test_what_is_no_list_of_entries(tmp_path: Path, rubric: Rubric, text: str) -
 
 def test_a_file_that_is_not_there(tmp_path: Path, rubric: Rubric) -> None:
     """A wrong path is no empty file."""
-    with pytest.raises(RubricError, match="cannot be read"):
+    with pytest.raises(RubricError, match="cannot be read") as caught:
         load_overrides(tmp_path / "none.yaml", rubric)
+    assert caught.value.mistakes == ["No such file or directory"]
 
 
 # -- what does nothing -----------------------------------------------------------------------------

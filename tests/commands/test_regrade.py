@@ -10,7 +10,7 @@ import pytest
 
 from grader.batch.audit import AUDIT_FILE, HISTORY
 from grader.cli import main
-from grader.pipeline import RECORDINGS, RESULT_FILE, RUBRIC_COPY, lab_folder, regrade
+from grader.pipeline import RECORDINGS, RESULT_FILE, RUBRIC_COPY, judge_results, lab_folder, read_rubric
 from grader.report.changes import CHANGES_FILE
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -33,7 +33,7 @@ def judged(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Lay out a class of two with their results, once."""
     folder = tmp_path_factory.mktemp("judged")
     for name in ("ann", "bob"):
-        regrade(add(folder, name), None)
+        judge_results(add(folder, name), read_rubric(None))
     return folder
 
 

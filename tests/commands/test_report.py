@@ -115,6 +115,20 @@ def test_the_rubric_is_that_of_most(
     assert [name for name, row in grades(results).items() if row["needs"]] == ["best_effort_publisher", "wrong_topic"]
 
 
+def test_the_rubric_is_the_one_that_was_applied_last(
+    results: Path, tmp_path: Path, rubric: Rubric, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """After a new rubric was applied to the class, the page is made by it without naming it again."""
+    new = tmp_path / "new.yaml"
+    new.write_text(rubric.text.replace("title: Commands arrive at 100 Hz", "title: Commands are quick"))
+    assert main(["regrade", str(results), "--rubric", str(new), "--apply"]) == 0
+    run(capsys, results)
+    assert not [name for name, row in grades(results).items() if row["needs"] == "other rubric"]
+    page = (results / pipeline.CLASS_PAGE).read_text(encoding="utf-8")
+    assert "Commands are quick" in page
+    assert "Commands arrive at 100 Hz" not in page
+
+
 @pytest.mark.parametrize("there", [False, True])
 def test_a_folder_without_results_is_refused(there: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """No page over nobody is written where somebody gave the wrong folder."""
@@ -123,7 +137,7 @@ def test_a_folder_without_results_is_refused(there: bool, tmp_path: Path, capsys
         (folder / "notes").mkdir(parents=True)
     status, _, errors = run(capsys, folder)
     assert status == 3
-    assert "there are no results of submissions in it" in errors
+    assert ("there are no results of submissions in it" if there else "there is no such folder") in errors
     assert not (folder / "index.html").exists()
 
 

@@ -69,7 +69,7 @@ def test_a_rubric_that_lost_a_check(fixtures: Path, tmp_path: Path, capsys: pyte
 def test_fixtures_that_are_not_there(fixtures: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """An unknown name is wrong usage; a folder without fixtures ends with 3; a broken one with 4."""
     status, _, errors = run(capsys, "--fixtures", fixtures, "god")
-    assert (status, "there is no fixture 'god'" in errors) == (2, True)
+    assert (status, "there is no fixture 'god'; did you mean 'good'?" in errors) == (2, True)
     status, _, errors = run(capsys, "--fixtures", tmp_path / "none")
     assert (status, "there are no fixtures" in errors) == (3, True)
     (fixtures / "bad/expected.yaml").write_text("about: a\ncolour: red\n")

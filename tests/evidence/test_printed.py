@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grader.evidence.printed import labelled_vector, printed_vector, reports, text_of
+from grader.evidence.printed import printed_vector, reports, text_of
 from grader.recording.session import OutputLine
 from tests.counted import calls_of
 from tests.synthetic import Session, at
@@ -20,6 +20,12 @@ PATTERN = r"RMS[^\d\[\]+-]{0,60}([+-]?\d+(?:\.\d*)?(?:[eE][+-]?\d+)?)"
 def said(*lines: str, stream: str = "stdout") -> list[OutputLine]:
     """Give output lines."""
     return [OutputLine(at(1.0), stream, line) for line in lines]
+
+
+def vector_of(output: list[OutputLine], label: str, after_ns: int | None = None) -> list[float] | None:
+    """Give the values of the last vector behind a label."""
+    found = printed_vector(output, label, after_ns)
+    return list(found.values) if found is not None else None
 
 
 @pytest.mark.parametrize(
@@ -38,13 +44,13 @@ def said(*lines: str, stream: str = "stdout") -> list[OutputLine]:
 )
 def test_a_vector_is_found_however_it_is_printed(lines: list[str]) -> None:
     """Wrapped lines, numpy's types, labels in any case: the last one counts."""
-    assert labelled_vector(said(*lines), "Mean") == pytest.approx([0.1, 0.2, 0.3])
+    assert vector_of(said(*lines), "Mean") == pytest.approx([0.1, 0.2, 0.3])
 
 
 @pytest.mark.parametrize("lines", [[], ["Mean: 0.1"], ["Max: [0.1]"], ["Mean: [0.1 0.2"], ["Meaning [", "x"]])
 def test_where_there_is_no_vector_none_is_found(lines: list[str]) -> None:
     """Another label, a single number or a bracket that never closes are none."""
-    assert labelled_vector(said(*lines), "Mean") is None
+    assert vector_of(said(*lines), "Mean") is None
 
 
 @pytest.mark.parametrize(
@@ -75,8 +81,8 @@ def test_other_forms_count_after_ctrl_c(lines: list[str], form: str) -> None:
 
 def test_one_number_is_no_column() -> None:
     """A single number behind the label stays one, so that it can be told."""
-    assert labelled_vector(said("Mean: 0.1", "Max: 0.2"), "Mean", at(0.5)) == [0.1]
-    assert labelled_vector(said("Mean  Max", "0.1   0.2"), "Mean", at(0.5)) is None
+    assert vector_of(said("Mean: 0.1", "Max: 0.2"), "Mean", at(0.5)) == [0.1]
+    assert vector_of(said("Mean  Max", "0.1   0.2"), "Mean", at(0.5)) is None
 
 
 @pytest.mark.parametrize(
@@ -93,19 +99,19 @@ def test_rounding_is_half_of_the_last_place(numbers: str, rounding: float) -> No
 def test_labels_do_not_reach_into_each_other() -> None:
     """Each label finds its own vector."""
     output = said("Error Statistics:", "Mean: [1. 2.]", "Max: [3. 4.]", "RMS: [5. 6.]")
-    assert [labelled_vector(output, label) for label in ("Mean", "Max", "RMS")] == [[1, 2], [3, 4], [5, 6]]
+    assert [vector_of(output, label) for label in ("Mean", "Max", "RMS")] == [[1, 2], [3, 4], [5, 6]]
 
 
 def test_standard_output_comes_before_the_log() -> None:
     """A vector on standard output wins over one on standard error, which stands in where there is none."""
     both = said("Mean: [2.]", stream="stderr") + said("Mean: [1.]")
-    assert labelled_vector(both, "Mean") == [1.0]
-    assert labelled_vector(both[:1], "Mean") == [2.0]
+    assert vector_of(both, "Mean") == [1.0]
+    assert vector_of(both[:1], "Mean") == [2.0]
 
 
 def test_numbers_that_are_none_are_read_as_such() -> None:
     """NaN and infinity are numbers of their own."""
-    vector = labelled_vector(said("Mean: [nan inf -inf 1.]"), "Mean")
+    vector = vector_of(said("Mean: [nan inf -inf 1.]"), "Mean")
     assert vector is not None
     assert np.isnan(vector[0])
     assert vector[1:] == [np.inf, -np.inf, 1.0]
@@ -115,14 +121,14 @@ def test_numbers_that_are_none_are_read_as_such() -> None:
 def test_what_numpy_prints_is_read_back(values: list[float]) -> None:
     """Each array that numpy prints gives its numbers, also over several lines."""
     lines = f"Mean: {np.array(values)}".splitlines()
-    assert labelled_vector(said(*lines), "Mean") == pytest.approx(values, rel=1e-3, abs=1e-6)
+    assert vector_of(said(*lines), "Mean") == pytest.approx(values, rel=1e-3, abs=1e-6)
 
 
 @given(st.text(max_size=300))
 def test_no_text_breaks_it(text: str) -> None:
     """Whatever is printed, the answer is a list of numbers or none."""
     for lines in (f"Mean: [{text}", f"Mean {text}\nMean", f"x Mean\n{text}"):
-        found = labelled_vector(said(*lines.splitlines()), "Mean", at(0.5))
+        found = vector_of(said(*lines.splitlines()), "Mean", at(0.5))
         assert found is None or all(isinstance(x, float) for x in found)
 
 
@@ -167,4 +173,4 @@ def test_endless_statistics_are_read_in_few_steps(line: str) -> None:
 def test_the_last_of_many_vectors_counts() -> None:
     """A program that prints its statistics again and again is judged by the last ones."""
     output = [OutputLine(n, "stdout", f"Mean: [{n}.0 1.0]") for n in range(5000)]
-    assert labelled_vector(output, "Mean") == [4999.0, 1.0]
+    assert vector_of(output, "Mean") == [4999.0, 1.0]

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grader.evidence.source import Definition, SourceFacts, definition_at, docstring_share, parse
+from grader.evidence.source import SourceFacts, docstring_share, parse
 
 DOCUMENTED = '''"""Publish joint commands for the arm."""
 import math
@@ -191,14 +191,6 @@ def test_huge_files_are_cut_off() -> None:
     result = facts("x = 'some text'\n" * 100_000)
     assert result.truncated
     assert result.syntax_error is None
-
-
-def test_the_definition_around_a_line_is_found() -> None:
-    """A line belongs to the innermost definition that holds it."""
-    found = definition_at(facts(DOCUMENTED), 18)
-    assert isinstance(found, Definition)
-    assert found.name == "on_timer"
-    assert definition_at(facts(DOCUMENTED), 500) is None
 
 
 @pytest.mark.parametrize(

@@ -84,12 +84,6 @@ def test_a_node_is_found_by_its_full_name() -> None:
     assert plan.node("/u") is None
 
 
-def test_processes_that_wait_are_not_started_at_once() -> None:
-    """`at_once` leaves out what waits for a timer."""
-    plan = Plan("ok", processes=(Process("a-1", "/a"), Process("b-2", "/b", when={"after_s": 1.0})))
-    assert [p.id for p in plan.at_once] == ["a-1"]
-
-
 @pytest.mark.parametrize(
     ("content", "expected"),
     [

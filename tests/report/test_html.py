@@ -30,6 +30,7 @@ from grader.evidence.figures import (
 from grader.recording.session import OutputLine, ProcessRun, SessionRecord, StepRun
 from grader.recording.submission import ArtifactFact, FileFact, SubmissionRecord
 from grader.report.html import render
+from grader.report.views import place_of
 from grader.result import (
     CheckResult,
     CriterionResult,
@@ -52,7 +53,7 @@ def check(identity: str, outcome: Outcome, earned: str, possible: str = "6", **f
         identity,
         f"Title of {identity}",
         "alone",
-        Finding(outcome, Decimal(1), **finding),
+        Finding(outcome, Decimal(earned) / Decimal(possible), **finding),
         Decimal(earned),
         Decimal(possible),
         undecided,
@@ -169,11 +170,24 @@ def test_every_link_has_a_target() -> None:
 def test_lost_points_show_their_proof() -> None:
     """Expected, measured, reason, hint, the source line with its neighbours, and the span of a topic."""
     words = text_of(page_of())
-    assert "It is slow. Expected 100 Hz Measured 90 Hz Where node.py:3" in words
+    assert "It is slow. Expected 100 Hz Measured 90 Hz Credit 75% of 6 points Where node.py:3" in words
     assert "1 one 2 two ▸3 three 4 four 5 five" in words
     assert "six" not in words
     assert "recording 'alone', /cmd, 1.2–7.3 s" in words
     assert "How to mend it Use a timer." in words
+
+
+def test_a_score_of_some_sessions_says_so() -> None:
+    """Where only some sessions were asked for, the points are told to be theirs alone."""
+    asked = dataclasses.replace(submission(), sessions=["alone", "other"])
+    assert "only of the sessions alone, other" in text_of(page_of(submission=asked))
+    assert "only of the session" not in text_of(page_of())
+
+
+def test_the_time_of_a_call_is_told_in_milliseconds() -> None:
+    """A span of less than a second is told to the millisecond, so that two calls are told apart."""
+    places = [place_of(Where(session="alone", start_s=s, end_s=s + 0.002), {}, {}).text for s in (0.671, 0.674)]
+    assert places == ["recording 'alone', 0.671–0.673 s", "recording 'alone', 0.674–0.676 s"]
 
 
 def test_lines_are_counted_as_python_does() -> None:
@@ -307,6 +321,12 @@ def test_long_output_is_cut_in_the_middle() -> None:
     assert "900 lines left out" in words
     assert "1.000 err line0." in words
     assert len(page_of(sessions={"alone": session(["x" * 10**6])})) < 200_000
+
+
+def test_a_progress_bar_reads_as_its_last_state() -> None:
+    """What a line wrote over itself is left out; a carriage return at its end writes over nothing."""
+    words = text_of(page_of(sessions={"alone": session(["10 %\r50 %\rdone", "whole\r", "a\rb\r"])}))
+    assert "1.000 err done 1.001 err whole 1.002 err b" in words
 
 
 def test_process_ends_are_told() -> None:

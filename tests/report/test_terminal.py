@@ -55,6 +55,25 @@ def test_each_lost_point_has_its_reason() -> None:
     assert "5 / 15" in text
 
 
+def test_what_one_failure_hides_is_one_row() -> None:
+    """Checks that were not reached for the same reason share it, with the sum of their points."""
+    hidden = finding(Outcome.NOT_REACHED, "since 'Check 0' failed", "")
+    text = printed(
+        result(finding(Outcome.FAILED), hidden, hidden, finding(Outcome.NOT_REACHED, "for another reason", ""))
+    )
+    assert re.search(r"– +Check 1, Check 2 +0 / 10", text)
+    assert re.search(r"– +Check 3 +0 / 5", text)
+    assert text.count("since 'Check 0' failed") == 1
+
+
+def test_long_advice_stays_under_its_bullet() -> None:
+    """What does not fit on a line goes on below the bullet, not at the margin."""
+    lines = printed(result(finding(Outcome.PASSED), advice="word " * 30)).splitlines()
+    after = lines[next(n for n, text in enumerate(lines) if "•" in text) :]
+    assert len(after) > 1
+    assert all(text.startswith("  ") for text in after)
+
+
 def test_what_is_undecided_is_not_shown_as_lost() -> None:
     """Undecided points are asked, not subtracted, and told apart."""
     text = printed(result(finding(Outcome.INCONCLUSIVE), finding(Outcome.ERROR)))

@@ -49,7 +49,7 @@ def test_a_command_with_hostile_texts_is_read_as_meant(data: str, value: str) ->
     read = colon_command(command)
     assert read is not None
     assert (read.name, list(read.properties)) == ("warning", ["title"])
-    assert read.properties["title"] == line("t" + value)
+    assert read.properties["title"] == line("t" + value, 4000)
     assert read.data == uncommanded(shown(data))
     assert bracket_command(read.data) is None
 

@@ -30,8 +30,12 @@
       var button = document.createElement("button");
       button.type = "button";
       button.textContent = heading.textContent;
+      // Browsers leave buttons out where a heading is repeated on the next sheet of paper.
+      var printed = document.createElement("span");
+      printed.className = "paper";
+      printed.textContent = heading.textContent;
       heading.textContent = "";
-      heading.appendChild(button);
+      heading.append(button, printed);
       button.addEventListener("click", function () {
         var now = heading.getAttribute("aria-sort");
         sort(table, heading, now ? now === "ascending" : heading.getAttribute("data-kind") === "number");
@@ -66,7 +70,7 @@
     var sorted = table.tHead.querySelector("th[aria-sort]");
     var text = shown + " of " + rows.length + " shown";
     if (mistake) { text += ", with the mistake “" + mistake.title + "”"; }
-    if (sorted) { text += ", by " + sorted.textContent + ", " + sorted.getAttribute("aria-sort"); }
+    if (sorted) { text += ", by " + sorted.querySelector("button").textContent + ", " + sorted.getAttribute("aria-sort"); }
     status.textContent = text + ".";
   }
   if (rows.length) { form.hidden = false; status.hidden = false; }
