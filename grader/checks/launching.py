@@ -456,13 +456,13 @@ def _judge_parameter(
     changed = _planned(other, wanted)
     if changed is not _MISSING and _same(changed, wanted.other):
         return 1.0, "", text
+    subject = f"{wanted.name} of {short}"
     shown = "nothing" if changed is _MISSING else repr(changed)
-    return (
-        0.5,
-        f"{wanted.name} of {short} is not wired to its launch argument: "
-        f"with another argument it is {shown}, not {wanted.other!r}.",
-        text,
-    )
+    instead = f"with another argument it is {shown}, not {wanted.other!r}."
+    reason = f"{subject} is not wired to its launch argument: {instead}"
+    if changed is not _MISSING and not _same(changed, planned):
+        reason = f"{subject} follows its launch argument, but not as it should: {instead}"
+    return 0.5, reason, text
 
 
 def _follows_default(plan: Plan | None, wanted: WantedNodeParameter, value: Any) -> bool:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from grader.checks.finding import (
@@ -197,6 +198,7 @@ class ReportedSeries(Streams):
     tolerance: float = Field(gt=0, description="Absolute; 1 % of the value, and what rounding makes, are allowed too.")
     settle_s: float = Field(0.05, description="Reports this close to a span's ends do not count.")
     alternatives: tuple[Alternative, ...] = ()
+    smoothed_credit: float = Field(0.5, ge=0, le=1, description="Credit of reports that reach each value slowly.")
     end_charged_by: str | None = Field(
         None, description="Check that charges a node that ends early; then only half of the spans must be reached."
     )
@@ -245,6 +247,9 @@ def reported_series(context: Context, p: ReportedSeries) -> Finding:
         return other.finding(context, expected, measured, seen.right / len(spans), example=example, where=where)
     if seen.silent and seen.right + seen.silent == len(spans) and (late := _starved(context, p)):
         return inconclusive(expected, measured, late, where=(spot,))
+    if seen.right == len(spans) and (smoothed := _smoothed(context, p, heard, spans)):
+        hint = "Report the error of each message by itself, without those before it."
+        return graded(p.smoothed_credit, expected, measured, smoothed, hint=hint, where=where)
     notes = []
     if p.end_charged_by is not None and seen.silent and _ended_ns(context, p.artifact) is not None:
         notes = [f"The node ended before the last {seen.silent} plateaus, which is charged in {p.end_charged_by}."]
@@ -281,14 +286,12 @@ class _Seen:
     @classmethod
     def of(cls, heard: Sequence[Report], spans: Sequence[Mapping[str, Any]], p: ReportedSeries) -> _Seen:
         """Judge each span by the median of the reports within it."""
-        # What was printed with two places cannot be known better.
-        rounding = min((r.rounding for r in heard if r.rounding), default=0.0)
+        rounding = _rounding(heard)
         right, silent, left_out, ratios, wrong = 0, 0, 0, [], []
         for span in spans:
             inside = _inside(heard, span, p.settle_s)
             value = float(np.median([r.value for r in inside])) if inside else None
-            slack = max(p.tolerance, 0.01 * abs(span["value"]), rounding * 1.01)
-            if value is not None and abs(value - span["value"]) <= slack:
+            if value is not None and _shows(value, span, p, rounding):
                 right += 1
                 left_out, silent = left_out + silent, 0
                 continue
@@ -298,6 +301,53 @@ class _Seen:
             else:
                 silent += 1
         return cls(right, silent, left_out, tuple(ratios), wrong[0] if wrong else None)
+
+
+def _rounding(heard: Sequence[Report]) -> float:
+    """Return how far rounding may move a report: what was printed with two places cannot be known better."""
+    return min((r.rounding for r in heard if r.rounding), default=0.0)
+
+
+def _shows(value: float, span: Mapping[str, Any], p: ReportedSeries, rounding: float) -> bool:
+    right = float(span["value"])
+    return abs(value - right) <= max(p.tolerance, 0.01 * abs(right), rounding * 1.01)
+
+
+#: Share of the reports that may fit no span: the few of messages that came while the value changed.
+_SMOOTHED_SHARE = 0.1
+
+
+def _smoothed(context: Context, p: ReportedSeries, heard: Sequence[Report], spans: Sequence[Mapping[str, Any]]) -> str:
+    """Say that many reports lie between the value of one span and that of the next, if they do.
+
+    A node that is late shows the value of an earlier span, and one that reports a second number besides shows the
+    right one for each message all the same.
+    """
+    rounding, right, between = _rounding(heard), 0, []
+    for span in spans:
+        for report in _inside(heard, span, p.settle_s):
+            if _shows(report.value, span, p, rounding):
+                right += 1
+            elif not any(_shows(report.value, other, p, rounding) for other in spans):
+                between.append((report, span))
+    messages = max(
+        sum(len(_sent_inside(stream.source_ns, span, p.settle_s)) for span in spans)
+        for stream in context.streams(p.streams, p.field).values()
+    )
+    if len(between) <= _SMOOTHED_SHARE * (right + len(between)) or right >= (1 - _SMOOTHED_SHARE) * messages:
+        return ""
+    report, span = between[0]
+    example = f"At {context.session.since_start_s(report.t_ns):.1f} s it reports {report.value:.4f}"
+    return (
+        f"{len(between)} of {right + len(between)} reports fit no plateau: after each change the number goes over to "
+        f"the right one step by step, as a mean or a filter over several messages does. {example}; right is "
+        f"{span['value']:.4f}."
+    )
+
+
+def _sent_inside(source_ns: NDArray[np.int64], span: Mapping[str, Any], settle_s: float) -> NDArray[np.int64]:
+    settle_ns = settle_s * 1e9
+    return source_ns[(source_ns >= span["start_ns"] + settle_ns) & (source_ns <= span["end_ns"] - settle_ns)]
 
 
 def _first_wrong(context: Context, seen: _Seen) -> str:
@@ -406,17 +456,19 @@ def _judge_vector(
     share = _agreement(context, p, streams, {}, printed)
     if share >= 1:
         return passed(expected, measured, where=(spot,), notes=notes)
+    heard = _reports_of_some(context, p) if len(printed.values) == p.length else []
+    over_heard = [f"{p.label}: judged over the {len(heard)} messages that the node reported; it lost the others."]
+    fits_heard = bool(heard) and _agreement(context, p, streams, {"reports": heard}, printed) >= 1
+    # After a loss a right history reaches back further, so that it may look like one that is too long.
+    if fits_heard and _reported_most(context, p, heard):
+        return passed(expected, measured, where=(spot,), notes=[*notes, *over_heard])
     for other in p.alternatives:
         if _agreement(context, p, streams, other.parameters, printed) >= 1:
             return other.finding(context, expected, measured, where=(spot,), notes=notes)
-    if len(printed.values) == p.length and (heard := _reports_of_some(context, p)):
-        if _agreement(context, p, streams, {"reports": heard}, printed) >= 1:
-            notes.append(
-                f"{p.label}: judged over the {len(heard)} messages that the node reported; it lost the others."
-            )
-            return passed(expected, measured, where=(spot,), notes=notes)
-        if late := _starved(context, p):
-            return inconclusive(expected, measured, late, where=(spot,))
+    if fits_heard:
+        return passed(expected, measured, where=(spot,), notes=[*notes, *over_heard])
+    if heard and (late := _starved(context, p)):
+        return inconclusive(expected, measured, late, where=(spot,))
     right = context.oracle(p.oracle)(streams, p.parameters, context.session.record.seed)[p.key]["value"]
     reason = "Right would be [" + " ".join(f"{x:.4f}" for x in right) + "]."
     if len(printed.values) != p.length:
@@ -570,12 +622,22 @@ def _delay_s(context: Context, p: Streams) -> tuple[float, float]:
 
 def _reports_of_some(context: Context, p: ReportedStatistics) -> list[tuple[int, float]]:
     """Return the node's reports if they are clearly fewer than the messages: some may never have reached it."""
-    streams = context.streams(p.streams, p.field)
     heard = reports(context.session, p.artifact, p.report_pattern) if p.report_pattern else []
-    begun_ns = max(int(s.source_ns[0]) for s in streams.values())  # before that there is nothing to compare with
-    if len(heard) >= 0.99 * max(int((s.source_ns >= begun_ns).sum()) for s in streams.values()):
+    if len(heard) >= 0.99 * _comparable(context, p):
         return []
     return [(r.t_ns, r.value) for r in heard]
+
+
+def _reported_most(context: Context, p: ReportedStatistics, heard: Sequence[tuple[int, float]]) -> bool:
+    """Whether the reports are so many that the others were lost; a node with fewer may rather leave out reports."""
+    return 2 * len(heard) > _comparable(context, p)
+
+
+def _comparable(context: Context, p: ReportedStatistics) -> int:
+    """Return the number of messages for which there is something to compare with."""
+    streams = context.streams(p.streams, p.field)
+    begun_ns = max(int(s.source_ns[0]) for s in streams.values())
+    return max(int((s.source_ns >= begun_ns).sum()) for s in streams.values())
 
 
 class Survives(Parameters):

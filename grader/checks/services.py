@@ -87,7 +87,9 @@ class CallAnswered(Parameters):
     message: Pattern | None = Field(None, description="Regular expression for the message field.")
     contrary: Pattern | None = Field(None, description="A message that matches says the contrary: no credit.")
     again: str | None = Field(None, description="A later step with the same request, to be answered alike.")
-    again_charged_by: str | None = Field(None, description="Where this check took points, a later answer takes none.")
+    again_charged_by: str | None = Field(
+        None, description="Where this check took points, neither a later answer nor a contrary message takes any."
+    )
     opposite: str | None = Field(None, description="A step at which this answer would be wrong, to see a mix-up.")
 
 
@@ -185,12 +187,13 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
         swapped = _fits(_answer(context.session.step(p.opposite) if p.opposite else None)[0], p.response)
         reason = f"In the answer, {' and '.join(wrong)}.{_SWAPPED if swapped else ''}"
         return failed(expected, measured, reason, where=where)
-    if (contrary := _contrary(context, p, response)) is not None:
+    charged = takes_points(context.findings.get(p.again_charged_by or ""))
+    if not charged and (contrary := _contrary(context, p, response)) is not None:
         also = "" if contrary is response else "also "
         reason = f"To this request it {also}answers {_shown(contrary)}, which says the contrary."
-        return failed(expected, measured, reason, hint="Do what request.data says; do not switch over.", where=where)
+        return failed(expected, measured, reason, hint=_CONTRARY_HINT, where=where)
     later = next((a for a in _later_answers(context, p) if not _fits(a, p.response)), None)
-    if later is not None and not takes_points(context.findings.get(p.again_charged_by or "")):
+    if later is not None and not charged:
         reason = f"To the same request it answers {_shown(later)} later."
         return graded(0.75, expected, measured, reason, hint=_ALIKE_HINT, where=where)
     text = str(response.get(p.message_field, ""))
@@ -203,6 +206,7 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
 
 
 _SWAPPED = " Where this would be right, it answers the contrary: the condition is the wrong way round."
+_CONTRARY_HINT = "Do what request.data says, without switching over; and tell the new state, not the one before."
 _ALIKE_HINT = "Answer each request by what it asks for, whatever the state was before."
 
 

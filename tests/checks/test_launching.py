@@ -335,6 +335,7 @@ def parameter(folder: Path, planned_value: Any, other_value: Any, running: Any =
         ((100.0, 50.0), "1", ""),
         ((100, 50, None), "1", ""),
         ((100.0, 100.0, 100.0), "0.5", "not wired to its launch argument"),
+        ((100.0, "50.0.0", 100.0), "0.5", "not as it should: with another argument it is '50.0.0'"),
         ((30.0, 50.0, 30.0), "0", "is 30.0, not 100.0"),
         ((None, None, 100.0), "0", "the node's own default"),
         ((None, None), "0", "gives talker no rate"),

@@ -201,6 +201,22 @@ def test_reports_count_as_they_are_rounded(tmp_path: Path, form: str, credit: in
     assert judged("reported_series", SERIES, session.process("it", lines)).credit == credit
 
 
+@pytest.mark.parametrize(("window", "besides", "credit"), [(1, False, "1"), (15, False, "0.5"), (15, True, "1")])
+def test_reports_that_are_smoothed_are_not_those_of_each_message(
+    tmp_path: Path, window: int, besides: bool, credit: str
+) -> None:
+    """A moving mean loses a part although each plateau ends with the right value; printed besides, it does no harm."""
+    session, times = stimulus(tmp_path)
+    rows = history(None) ** 2
+    means = [float(np.sqrt(rows[max(0, n + 1 - window) : n + 1].mean())) for n in range(len(rows))]
+    lines = [(t + 0.001, f"RMS: {value:.4f}") for t, value in zip(times, means, strict=True)]
+    if besides:
+        lines += [(t + 0.001, f"RMS: {value:.4f}") for t, value in zip(times, np.sqrt(rows), strict=True)]
+    finding = judged("reported_series", SERIES, session.process("it", sorted(lines)))
+    assert finding.credit == Decimal(credit)
+    assert ("fit no plateau" in finding.reason) == (credit != "1")
+
+
 HISTORY_INSTEAD = {"parameters": {"over": "history"}, "meaning": "all errors so far", "credit": 0.5}
 
 
@@ -447,6 +463,20 @@ def test_statistics_over_what_a_node_received_pass(tmp_path: Path) -> None:
     session.record.processes[0].output = [*kept, replace(kept[-1], text=f"Mean: {vector(mean)}")]
     finding = judged("reported_statistics", STATISTICS, session)
     assert finding.outcome is Outcome.PASSED
+    assert "it lost the others" in finding.notes[0]
+
+
+def test_a_loss_makes_no_right_history_too_long(tmp_path: Path) -> None:
+    """Where lost messages let the right numbers fit the whole run as well, the node is taken at its word."""
+    session, times = stimulus(tmp_path)
+    with_reports(session, times)
+    output = session.record.processes[0].output
+    kept = [line for n, line in enumerate(output) if n < STATES_EACH or n % 3]
+    errors = [ERRORS[0]] * 40 + [error for error in ERRORS[1:] for _ in range(27)]
+    mean = float(np.abs(errors[-100:]).mean())
+    session.record.processes[0].output = [*kept, replace(kept[-1], text=f"Mean: {vector(mean)}")]
+    finding = judged("reported_statistics", STATISTICS, session)
+    assert (finding.outcome, finding.reason) == (Outcome.PASSED, "")
     assert "it lost the others" in finding.notes[0]
 
 

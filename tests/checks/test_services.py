@@ -128,6 +128,15 @@ def test_the_same_request_is_to_be_answered_alike(
     assert words in finding.reason
 
 
+@pytest.mark.parametrize(("credit", "outcome"), [("0.75", Outcome.PASSED), ("1", Outcome.FAILED)])
+def test_a_contrary_message_is_charged_once(tmp_path: Path, credit: str, outcome: Outcome) -> None:
+    """Messages that are swapped, or a switch, take points at the first request where the rubric names that check."""
+    session = called(Session(tmp_path), "enable", call(answer(True, "Robot disabled")))
+    before = {"first": Finding(Outcome.PARTIAL if credit != "1" else Outcome.PASSED, Decimal(credit), "", "")}
+    finding = judged("call_answered", {**AGAIN, "again_charged_by": "first"}, session, findings=before)
+    assert finding.outcome is outcome
+
+
 def test_another_answer_later_is_charged_once(tmp_path: Path) -> None:
     """A node that refuses what changes nothing loses for enabling, and not for disabling as well."""
     session = called(called(Session(tmp_path), "enable", call(answer(True))), "many", call(answer(False)))
