@@ -29,7 +29,7 @@ from grader.checks.finding import (
     told,
     why_nothing,
 )
-from grader.checks.traffic import claimed_at, claimed_qos, student_endpoints
+from grader.checks.traffic import claimed_at, claimed_qos, in_namespace, student_endpoints
 from grader.evidence.printed import PrintedVector, Report, printed_vector, reports
 from grader.evidence.recorded import Span
 from grader.recording.session import Endpoint, ProcessRun
@@ -136,7 +136,8 @@ def _judge_subscription(
     share, reasons = 1.0, []
     if used != wanted.topic:
         share -= 0.6
-        reasons.append(f"The subscription is on {used}, not on {wanted.topic}; the rest is judged with {used}.")
+        within = in_namespace(used, wanted.topic, [endpoint.node])
+        reasons.append(f"The subscription is on {used}, not on {wanted.topic}; the rest is judged with {used}.{within}")
     if endpoint.type != wanted.type:
         share -= 0.6
         reasons.append(f"The type on {used} is {endpoint.type}, not {wanted.type}, so no message can arrive.")
@@ -331,7 +332,7 @@ def _smoothed(context: Context, p: ReportedSeries, heard: Sequence[Report], span
             elif not any(_shows(report.value, other, p, rounding) for other in spans):
                 between.append((report, span))
     messages = max(
-        sum(len(_sent_inside(stream.source_ns, span, p.settle_s)) for span in spans)
+        sum(_sent_inside(stream.source_ns, span, p.settle_s) for span in spans)
         for stream in context.streams(p.streams, p.field).values()
     )
     if len(between) <= _SMOOTHED_SHARE * (right + len(between)) or right >= (1 - _SMOOTHED_SHARE) * messages:
@@ -345,9 +346,9 @@ def _smoothed(context: Context, p: ReportedSeries, heard: Sequence[Report], span
     )
 
 
-def _sent_inside(source_ns: NDArray[np.int64], span: Mapping[str, Any], settle_s: float) -> NDArray[np.int64]:
+def _sent_inside(source_ns: NDArray[np.int64], span: Mapping[str, Any], settle_s: float) -> int:
     settle_ns = settle_s * 1e9
-    return source_ns[(source_ns >= span["start_ns"] + settle_ns) & (source_ns <= span["end_ns"] - settle_ns)]
+    return int(((source_ns >= span["start_ns"] + settle_ns) & (source_ns <= span["end_ns"] - settle_ns)).sum())
 
 
 def _first_wrong(context: Context, seen: _Seen) -> str:

@@ -27,7 +27,7 @@ from grader.checks.finding import (
     told,
     why_nothing,
 )
-from grader.checks.traffic import claimed_at
+from grader.checks.traffic import claimed_at, in_namespace
 from grader.evidence.recorded import Span
 from grader.recording.session import StepRun
 from grader.result import Finding, Outcome, Where
@@ -61,7 +61,8 @@ def service_offered(context: Context, p: ServiceOffered) -> Finding:
     offer = next((s for s in offers if s.type == p.type), offers[0])
     wrong: list[tuple[float, str]] = []
     if used != p.service:
-        wrong.append((0.6, f"The service is named {used}, not {p.service}; the rest is judged on {used}."))
+        within = in_namespace(used, p.service, [offer.node])
+        wrong.append((0.6, f"The service is named {used}, not {p.service}; the rest is judged on {used}.{within}"))
     if offer.type != p.type:
         wrong.append((0.6, f"The service is of type {offer.type}, not {p.type}."))
     if p.node is not None and offer.node.rsplit("/", 1)[-1] != p.node.rsplit("/", 1)[-1]:

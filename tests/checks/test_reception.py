@@ -138,6 +138,14 @@ def test_a_misspelt_topic_and_a_wrong_type_are_told(tmp_path: Path) -> None:
     assert "/state, not on /states" in finding.reason
 
 
+def test_a_topic_in_the_namespace_of_its_node_is_told(tmp_path: Path) -> None:
+    """A relative name in a node with a namespace costs what any other name does, and the reason says why it is so."""
+    session = subscribed(tmp_path, state=f"/arm{STATE}", node="/arm/student").called(f"{STATE}=/arm{STATE}")
+    finding = judged("topics_subscribed", SUBSCRIBED, session)
+    assert finding.credit == Decimal("0.7")
+    assert "in the namespace of its node, /arm." in finding.reason
+
+
 def test_no_subscription_at_all_fails(tmp_path: Path) -> None:
     """A node that subscribes to nothing, or ends by itself, is told so."""
     session = Session(tmp_path).process("it", interrupted_ns=None, ended_by="itself", exit_status=0)
