@@ -32,7 +32,7 @@ from grader.checks.finding import (
 from grader.checks.traffic import claimed_at, claimed_qos, in_namespace, student_endpoints
 from grader.evidence.printed import PrintedVector, Report, printed_vector, reports
 from grader.evidence.recorded import Span
-from grader.recording.session import Endpoint, ProcessRun
+from grader.recording.session import Endpoint, ProcessRun, StepRun
 from grader.result import Finding, Outcome, Where
 
 
@@ -647,6 +647,8 @@ class Survives(Parameters):
     artifact: str
     step: str
     until: str | None = Field(None, description="A later step; what ends after that one's start has survived.")
+    quiet: Pattern | None = Field(None, description="A report that cannot be made yet, before the later step starts.")
+    quiet_credit: float = Field(0.5, ge=0, le=1, description="Credit of a node that makes it all the same.")
 
 
 def survives(context: Context, p: Survives) -> Finding:
@@ -662,10 +664,25 @@ def survives(context: Context, p: Survives) -> Finding:
     second_start_ns = processes[1].started_ns if len(processes) > 1 else 2**63
     second_start_ns = min(second_start_ns, later.started_ns) if later is not None else second_start_ns
     if first.exited_ns is None or first.interrupted_ns is not None or first.exited_ns > second_start_ns:
-        return passed(expected, "it went on", where=(spot,))
+        return _early_report(context, p, step, later) or passed(expected, "it went on", where=(spot,))
     reason, hint, where = why_nothing(context, p.artifact, "The node ended.")
     measured = f"it ended with status {first.exit_status} at {context.session.since_start_s(first.exited_ns):.2f} s"
     return failed(expected, measured, reason, hint=hint, where=where)
+
+
+def _early_report(context: Context, p: Survives, step: StepRun, later: StepRun | None) -> Finding | None:
+    """State that a node reported on messages with which nothing could be compared yet, None if it did not."""
+    if p.quiet is None or later is None:
+        return None
+    heard = reports(context.session, p.artifact, p.quiet)
+    early = [r for r in heard if step.started_ns <= r.t_ns < later.started_ns]
+    if not early:
+        return None
+    when_s = context.session.since_start_s(early[0].t_ns)
+    reason = f"At {when_s:.1f} s it reports {early[0].value:g}, when there is nothing yet to compare with."
+    spot = Where(session=context.session.record.session, process=p.artifact)
+    measured = f"it went on, with {len(early)} report{'s' if len(early) > 1 else ''} too early"
+    return graded(p.quiet_credit, "the node goes on, and reports nothing", measured, reason, where=(spot,))
 
 
 class ReportShare(Streams):

@@ -556,6 +556,18 @@ def test_what_ends_a_node_later_is_no_matter_of_the_step(tmp_path: Path) -> None
     assert judged("survives", {**wanted, "until": "later"}, session).outcome is Outcome.FAILED
 
 
+@pytest.mark.parametrize(("time_s", "credit"), [(1.5, "0.5"), (2.5, "1")])
+def test_a_report_before_it_can_be_made_costs_a_part(tmp_path: Path, time_s: float, credit: str) -> None:
+    """A node that makes up what it is compared with goes on, but reports too early."""
+    session = Session(tmp_path).step("publish", "early").step("start", "later")
+    session.record.steps[-1].started_ns = at(2.0)
+    session.process("it", [(time_s, "RMS: 0.1852 rad")])
+    wanted = {"artifact": "it", "step": "early", "until": "later", "quiet": PATTERN}
+    finding = judged("survives", wanted, session)
+    assert finding.credit == Decimal(credit)
+    assert ("At 1.5 s it reports 0.1852" in finding.reason) == (credit != "1")
+
+
 def test_a_step_that_was_not_reached_decides_nothing(tmp_path: Path) -> None:
     """Without the step the recording does not show what the node would have done."""
     session = Session(tmp_path).process()
