@@ -404,8 +404,10 @@ def _latency_problem(context: Context, p: ReportedTraffic, row: Row, got: Result
         return ""
     most = f" (max {got.max_s * 1e3:.2f} ms)" if got.max_s is not None else ""
     reported = f"{row.name} reports a mean latency of {got.mean_s * 1e3:.2f} ms{most}"
-    negative = " No message arrives before it was sent: subtract the other way round." if got.mean_s < 0 else ""
-    return f"{reported}; recorded was {truth_s * 1e3:.2f} ms.{negative}"
+    slip = " No message arrives before it was sent: subtract the other way round." if got.mean_s < 0 else ""
+    if least_s <= 1e3 * got.mean_s <= most_s:
+        slip = " It would be right in s: times 1000, it is in ms."
+    return f"{reported}; recorded was {truth_s * 1e3:.2f} ms.{slip}"
 
 
 #: Median latencies that no message has within a machine, unless the recorder lacked a core for this share of the time.

@@ -218,6 +218,14 @@ def test_other_forms_are_judged_by_what_they_say(tmp_path: Path, line: str, cred
     assert reported(tmp_path, line).credit == Decimal(credit)
 
 
+@pytest.mark.parametrize(("line", "said"), [("avg latency: 0.0010ms, max: 0.0030ms", True), (row(mean_ms=0.2), False)])
+def test_seconds_that_are_called_milliseconds_are_named(tmp_path: Path, line: str, said: bool) -> None:
+    """A latency that a factor of 1000 puts right is told to be in s; another is not."""
+    reason = reported(tmp_path, line if "msgs" in line else f"fast: 1000 msgs, {line}").reason
+    assert "recorded was 1.00 ms." in reason
+    assert ("It would be right in s" in reason) == said
+
+
 def test_what_was_never_sent_is_not_charged_in_the_report(tmp_path: Path) -> None:
     """A topic without traffic costs points for the traffic; a report of what never came is invented."""
     wanted = {**REPORTED, "rows": [{"name": "fast", "topic": TOPIC}, {"name": "slow", "topic": "/slow"}]}
