@@ -31,7 +31,7 @@ from grader.evidence.printed import text_of
 from grader.evidence.recorded import Floats, Span, clock_step_s
 from grader.evidence.result_rows import LINE_LIMIT, ResultRow, lines_naming, result_row
 from grader.evidence.timing import timing_of
-from grader.recording.session import Qos
+from grader.recording.session import OutputLine, Qos
 from grader.result import Finding, Where
 
 
@@ -55,7 +55,8 @@ def ends_by_itself(context: Context, p: EndsByItself) -> Finding:
         return inconclusive(expected, "not started", "The recording does not show the program.")
     run = processes[-1]
     spot = Where(session=context.session.record.session, process=p.artifact)
-    said = re.search(p.output, text_of(run.output)) is not None
+    printed = _without_tracebacks(run.output)
+    said = re.search(p.output, printed) is not None
     if not said and (elsewhere := runs_elsewhere(context, p.artifact, expected)) is not None:
         return elsewhere
     ran_s = ((run.exited_ns or context.session.record.ended_ns) - run.started_ns) / 1e9
@@ -83,7 +84,25 @@ def ends_by_itself(context: Context, p: EndsByItself) -> Finding:
         return graded(
             0.5, expected, measured, f"It ended after {ran_s:.1f} s already, which is too soon.", where=(spot,)
         )
+    if printed.strip() and run.exit_status == 0 and ran_s >= p.least_s:
+        reason = "It ended in time, but nothing that it printed could be read as results."
+        return graded(0.5, expected, measured, reason, hint=_RESULTS_HINT, where=(spot,))
     return failed(expected, measured, reason, hint=hint, where=where)
+
+
+_RESULTS_HINT = "Print the results before the program ends, with print() or the logger."
+
+
+def _without_tracebacks(output: Sequence[OutputLine]) -> str:
+    """Return what was printed without tracebacks, which quote the source."""
+    kept, quoting = [], False
+    for line in output:
+        begins = line.text.startswith("Traceback (most recent call last)")
+        kept += [] if quoting or begins else [line]
+        quoting = begins or (
+            quoting and line.text.startswith(" ")
+        )  # what is not indented is the message, the last line
+    return text_of(kept)
 
 
 def _bad_end(status: int | None) -> str:

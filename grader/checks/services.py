@@ -274,16 +274,23 @@ def call_gated(context: Context, p: CallGated) -> Finding:
     if answers[p.refused_step] is None:
         started_off = _fits(answers[p.from_start_step], p.refused)
         return _no_answer_while_off(context, steps[p.refused_step], expected, measured, started_off, where)
+    unset = _not_set(context.session.step(p.set_step))
     if _fits(answers[p.from_start_step], p.refused):
-        reason = "It refuses only when the parameter is false from the start; a change while it runs has no effect."
+        reason = "It refuses only when the parameter is false from the start; "
+        reason += unset or "a change while it runs has no effect."
         measured += f"; off from the start: {_shown(answers[p.from_start_step])}"
-        return graded(0.5, expected, measured, reason, where=where)
-    set_step = context.session.step(p.set_step)
-    if set_step is not None and set_step.outcome != "done":
-        why = "; ".join(str(problem) for problem in set_step.result.get("refused", {}).values())
-        reason = f"It goes on enabling, since the parameter could not be set at all{': ' + why if why else ''}."
-        return failed(expected, measured, reason, hint=_SET_HINT, where=where)
+        return graded(0.5, expected, measured, reason, hint=_SET_HINT if unset else "", where=where)
+    if unset:
+        return failed(expected, measured, f"It goes on enabling, since {unset}", hint=_SET_HINT, where=where)
     return failed(expected, measured, "It enables although the parameter is false.", where=where)
+
+
+def _not_set(step: StepRun | None) -> str:
+    """Say that the parameter could not be set while the node ran, and what the node answered, if so."""
+    if step is None or step.outcome == "done":
+        return ""
+    why = "; ".join(str(problem).rstrip(".") for problem in step.result.get("refused", {}).values())
+    return f"the parameter could not be set while it ran{': ' + why if why else ''}."
 
 
 def _no_answer_while_off(
@@ -305,7 +312,9 @@ _REVERSED_HINT = "Turn the condition round."
 _REVERSED = (
     "It follows the parameter, but the wrong way round: it enables while it is false and refuses while it is true."
 )
-_SET_HINT = "Declare the parameter with a default of the type that the lab gives it; others can then set it."
+_SET_HINT = (
+    "Declare the parameter with a default of the type that the lab gives it, not read-only; others can then set it."
+)
 
 
 class WantedParameter(Parameters):
