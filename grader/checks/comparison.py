@@ -29,7 +29,7 @@ from grader.checks.traffic import claimed_qos, student_endpoints
 from grader.evidence.calls import rclpy_calls
 from grader.evidence.printed import text_of
 from grader.evidence.recorded import Floats, Span, clock_step_s
-from grader.evidence.result_rows import LINE_LIMIT, ResultRow, lines_naming, result_row
+from grader.evidence.result_rows import LINE_LIMIT, ResultRow, lines_naming, plain_numbers, result_row
 from grader.evidence.timing import timing_of
 from grader.recording.session import OutputLine, Qos
 from grader.result import Finding, Where
@@ -318,7 +318,7 @@ _SIDES_HINT = "Give publisher and subscription of a profile the same QoSProfile;
 def _claimed(context: Context, p: ReportedTraffic, row: Row) -> ResultRow | None:
     """Return what is printed about a row: in the pattern's form, or in another that can be read."""
     output = context.session.output_of(p.artifact)
-    lines = [line.text[:LINE_LIMIT] for line in output]
+    lines = [plain_numbers(line.text[:LINE_LIMIT]) for line in output]
     for place in lines_naming(lines, row.name):
         if match := re.search(p.pattern, lines[place]):
             mean_s, max_s = (_signed(match, name) / 1e3 for name in ("mean_ms", "max_ms"))

@@ -233,12 +233,12 @@ def reported_series(context: Context, p: ReportedSeries) -> Finding:
         )
     heard = reports(context.session, p.artifact, p.pattern)
     if not heard:
-        fallback = "The node reported no tracking error at all, neither on its output nor in its log."
+        fallback, remedy = _unheard(context, p.artifact)
         if (mismatch := _deaf(context, p)) is not None:
             spot = Where(session=context.session.record.session, process=p.artifact)
             return failed(expected, "no report", mismatch, hint=_DEAF_HINT, where=(spot,))
         reason, hint, where = why_nothing(context, p.artifact, fallback)
-        return failed(expected, "no report", reason, hint=hint, where=where)
+        return failed(expected, "no report", reason, hint=hint or remedy, where=where)
     spot = Where(session=context.session.record.session, process=p.artifact)
     where = (spot, context.where(next(iter(p.streams.values()))))
     seen = _Seen.of(heard, spans, p)
@@ -258,6 +258,25 @@ def reported_series(context: Context, p: ReportedSeries) -> Finding:
     judged = max(seen.right, len(spans) - seen.left_out)
     reason = f"{_first_wrong(context, seen)}{_formula(seen.ratios, len(spans), context, p)}"
     return graded(seen.right / judged, expected, measured, reason, where=where, notes=notes)
+
+
+#: So many lines are more than what a node says of itself when it starts.
+_MANY_LINES = 20
+
+
+def _unheard(context: Context, artifact: str) -> tuple[str, str]:
+    """Say of a node without reports what else it did: reason and hint."""
+    reason = "The node reported no tracking error at all, neither on its output nor in its log."
+    source = context.submission.texts.get(context.path_of(artifact) or "", "")
+    processes = context.session.processes_of(artifact)
+    until_ns = (processes[-1].interrupted_ns if processes else None) or 2**63
+    lines = [line.text for line in processes[-1].output if line.t_ns < until_ns] if processes else []
+    if len(lines) >= _MANY_LINES:
+        shown = re.sub(r"^(\[[^\]]{0,80}\]:?\s*){1,3}", "", lines[-1])[:100]
+        return f"None of the {len(lines)} lines that it printed has the form asked for; the last is {shown!r}.", ""
+    if re.search(r"logger\w*(?:\(\))?\.debug\(", source):
+        return f"{reason} What it logs with debug() is not shown.", "Log with info(), as the lab asks for."
+    return reason, ""
 
 
 @dataclass(frozen=True)

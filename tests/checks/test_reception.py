@@ -266,6 +266,20 @@ def test_no_report_fails(tmp_path: Path) -> None:
     assert "no tracking error at all" in finding.reason
 
 
+def test_what_a_node_reports_in_another_form_is_shown(tmp_path: Path) -> None:
+    """A node that printed something else on each state is not said to be silent; nor is one that logs with debug()."""
+    session, times = stimulus(tmp_path)
+    lines = [(t + 0.001, "[INFO] [1.5] [it]: error of [0.1 0.2]") for t in times]
+    finding = judged("reported_series", SERIES, session.process("it", lines))
+    assert "None of the 160 lines" in finding.reason
+    assert "the last is 'error of [0.1 0.2]'" in finding.reason
+    session, _ = stimulus(tmp_path / "debug")
+    debugging = submission({"it.py": 'node.get_logger().debug(f"RMS: {rms}")'})
+    finding = judged("reported_series", SERIES, session.process("it", []), debugging)
+    assert "debug() is not shown" in finding.reason
+    assert "info()" in finding.hint
+
+
 def test_a_node_that_stopped_reporting_loses_the_rest(tmp_path: Path) -> None:
     """Plateaus at the end without a report are lost."""
     session, times = stimulus(tmp_path)
