@@ -256,7 +256,9 @@ def reported_series(context: Context, p: ReportedSeries) -> Finding:
         notes = [f"The node ended before the last {seen.silent} plateaus, which is charged in {p.end_charged_by}."]
         seen = replace(seen, left_out=seen.left_out + min(seen.silent, len(spans) // 2))
     judged = max(seen.right, len(spans) - seen.left_out)
-    reason = f"{_first_wrong(context, seen)}{_formula(seen.ratios, len(spans), context, p)}"
+    # A formula that is right somewhere is none that is always wrong by the same factor.
+    formula = "" if seen.right else _formula(seen.ratios, len(spans), context, p)
+    reason = f"{_first_wrong(context, seen)}{formula}"
     return graded(seen.right / judged, expected, measured, reason, where=where, notes=notes)
 
 

@@ -78,6 +78,15 @@ def service_offered(context: Context, p: ServiceOffered) -> Finding:
     )
 
 
+class Given(Parameters):
+    """A parameter with the value under which an answer is asked for; its own default is judged elsewhere."""
+
+    step: str = Field(description="The step that read the parameter.")
+    name: str
+    value: Any
+    instead: str = Field(description="The call that counts where the node began with another value.")
+
+
 class CallAnswered(Parameters):
     """A call is answered with the right values; an empty message, or another answer later, costs a quarter."""
 
@@ -92,6 +101,7 @@ class CallAnswered(Parameters):
         None, description="Where this check took points, neither a later answer nor a contrary message takes any."
     )
     opposite: str | None = Field(None, description="A step at which this answer would be wrong, to see a mix-up.")
+    given: Given | None = Field(None, description="A parameter on which the answer depends.")
 
 
 def _answer(step: StepRun | None) -> tuple[Mapping[str, Any] | None, float, str]:
@@ -170,9 +180,18 @@ def _silence(context: Context, artifact: str, expected: str, problem: str, where
     )
 
 
+def _given_otherwise(context: Context, given: Given) -> bool:
+    """Whether a node began with another value of a parameter than the answer is asked for."""
+    step = context.session.step(given.step)
+    read = (step.result.get("values", {}) if step is not None else {}).get(given.name)
+    return read is not None and isinstance(read["value"], type(given.value)) and read["value"] != given.value
+
+
 def call_answered(context: Context, p: CallAnswered) -> Finding:
     """Judge one answer."""
     step = context.session.step(p.step)
+    if p.given is not None and _given_otherwise(context, p.given):
+        step = context.session.step(p.given.instead)
     request = step.parameters.get("request", {}) if step is not None else {}
     expected = f"{_shown(request)} → {_shown(p.response)}"
     response, latency_s, problem = _answer(step)

@@ -138,6 +138,16 @@ def test_a_contrary_message_is_charged_once(tmp_path: Path, credit: str, outcome
     assert finding.outcome is outcome
 
 
+@pytest.mark.parametrize(("default", "credit"), [(False, "1"), (True, "0"), ("false", "0")])
+def test_another_default_is_not_charged_with_the_answer(tmp_path: Path, default: Any, credit: str) -> None:
+    """A node that refuses since its parameter begins otherwise is judged when the parameter has been set."""
+    session = Session(tmp_path).step("get_parameters", "read", values={"safe": {"type": "bool", "value": default}})
+    called(session, "enable", call(answer(False)))
+    called(session, "recover", call(answer(True)))
+    given = {"step": "read", "name": "safe", "value": True, "instead": "recover"}
+    assert judged("call_answered", {**ANSWERED, "given": given}, session).credit == Decimal(credit)
+
+
 def test_another_answer_later_is_charged_once(tmp_path: Path) -> None:
     """A node that refuses what changes nothing loses for enabling, and not for disabling as well."""
     session = called(called(Session(tmp_path), "enable", call(answer(True))), "many", call(answer(False)))
