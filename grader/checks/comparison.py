@@ -29,9 +29,9 @@ from grader.checks.traffic import claimed_qos, student_endpoints
 from grader.evidence.calls import rclpy_calls
 from grader.evidence.printed import text_of
 from grader.evidence.recorded import Floats, Span, clock_step_s
-from grader.evidence.result_rows import LINE_LIMIT, ResultRow, lines_naming, result_row
+from grader.evidence.result_rows import LINE_LIMIT, ResultRow, lines_naming, plain_numbers, result_row
 from grader.evidence.timing import timing_of
-from grader.recording.session import Qos
+from grader.recording.session import OutputLine, Qos
 from grader.result import Finding, Where
 
 
@@ -55,7 +55,8 @@ def ends_by_itself(context: Context, p: EndsByItself) -> Finding:
         return inconclusive(expected, "not started", "The recording does not show the program.")
     run = processes[-1]
     spot = Where(session=context.session.record.session, process=p.artifact)
-    said = re.search(p.output, text_of(run.output)) is not None
+    printed = _without_tracebacks(run.output)
+    said = re.search(p.output, printed) is not None
     if not said and (elsewhere := runs_elsewhere(context, p.artifact, expected)) is not None:
         return elsewhere
     ran_s = ((run.exited_ns or context.session.record.ended_ns) - run.started_ns) / 1e9
@@ -83,7 +84,25 @@ def ends_by_itself(context: Context, p: EndsByItself) -> Finding:
         return graded(
             0.5, expected, measured, f"It ended after {ran_s:.1f} s already, which is too soon.", where=(spot,)
         )
+    if printed.strip() and run.exit_status == 0 and ran_s >= p.least_s:
+        reason = "It ended in time, but nothing that it printed could be read as results."
+        return graded(0.5, expected, measured, reason, hint=_RESULTS_HINT, where=(spot,))
     return failed(expected, measured, reason, hint=hint, where=where)
+
+
+_RESULTS_HINT = "Print the results before the program ends, with print() or the logger."
+
+
+def _without_tracebacks(output: Sequence[OutputLine]) -> str:
+    """Return what was printed without tracebacks, which quote the source."""
+    kept, quoting = [], False
+    for line in output:
+        begins = line.text.startswith("Traceback (most recent call last)")
+        kept += [] if quoting or begins else [line]
+        quoting = begins or (
+            quoting and line.text.startswith(" ")
+        )  # what is not indented is the message, the last line
+    return text_of(kept)
 
 
 def _bad_end(status: int | None) -> str:
@@ -299,7 +318,7 @@ _SIDES_HINT = "Give publisher and subscription of a profile the same QoSProfile;
 def _claimed(context: Context, p: ReportedTraffic, row: Row) -> ResultRow | None:
     """Return what is printed about a row: in the pattern's form, or in another that can be read."""
     output = context.session.output_of(p.artifact)
-    lines = [line.text[:LINE_LIMIT] for line in output]
+    lines = [plain_numbers(line.text[:LINE_LIMIT]) for line in output]
     for place in lines_naming(lines, row.name):
         if match := re.search(p.pattern, lines[place]):
             mean_s, max_s = (_signed(match, name) / 1e3 for name in ("mean_ms", "max_ms"))
@@ -404,8 +423,10 @@ def _latency_problem(context: Context, p: ReportedTraffic, row: Row, got: Result
         return ""
     most = f" (max {got.max_s * 1e3:.2f} ms)" if got.max_s is not None else ""
     reported = f"{row.name} reports a mean latency of {got.mean_s * 1e3:.2f} ms{most}"
-    negative = " No message arrives before it was sent: subtract the other way round." if got.mean_s < 0 else ""
-    return f"{reported}; recorded was {truth_s * 1e3:.2f} ms.{negative}"
+    slip = " No message arrives before it was sent: subtract the other way round." if got.mean_s < 0 else ""
+    if least_s <= 1e3 * got.mean_s <= most_s:
+        slip = " It would be right in s: times 1000, it is in ms."
+    return f"{reported}; recorded was {truth_s * 1e3:.2f} ms.{slip}"
 
 
 #: Median latencies that no message has within a machine, unless the recorder lacked a core for this share of the time.

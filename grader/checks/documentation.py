@@ -200,7 +200,10 @@ class ConceptsExplained(Parameters):
 
 
 def concepts_explained(context: Context, p: ConceptsExplained) -> Finding:
-    """Judge the number of concepts discussed, and whether any are weighed against each other (a third)."""
+    """Judge the number of concepts discussed (two thirds), and whether any are weighed against each other (a third).
+
+    Without that, what is named may be no more than a list of settings, and earns half of what it would.
+    """
     passages = [passage for path, d in readmes(context) for passage in document_passages(d, path)]
     other = [path for path in context.submission.texts if PurePosixPath(path).suffix.lower() in (".md", ".rst", ".txt")]
     known = {passage.file for passage in passages}
@@ -220,7 +223,8 @@ def concepts_explained(context: Context, p: ConceptsExplained) -> Finding:
         return _for_a_person(expected, unread)
     if len(found.discussed) < p.least_concepts:
         return failed(expected, measured, "There is next to nothing in writing about the trade-offs.", where=where)
-    share = 2 / 3 * min(1.0, len(found.discussed) / p.full_concepts) + (1 / 3 if found.related else 0.0)
+    covered = min(1.0, len(found.discussed) / p.full_concepts)
+    share = 2 / 3 * covered + 1 / 3 if found.related else 1 / 3 * covered
     reasons = [] if found.related else ["They are not set in relation to each other: when which, and at what price?"]
     if len(found.discussed) < p.full_concepts:
         reasons.insert(0, f"Nothing is said about {', '.join(found.missing)}.")

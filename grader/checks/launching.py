@@ -300,7 +300,11 @@ def _judge_node(context: Context, plan: Plan, wanted: WantedNode) -> _JudgedNode
         note = f"The file for {wanted.node} is missing, which is charged in {wanted.charged_by}."
         return _JudgedNode(1.0, note=note)
     if entry.called in (name, None) and _charged(context, wanted.charged_by):
-        note = f"{wanted.node} did not come up by its own fault, which is charged in {wanted.charged_by}."
+        other = next(
+            (n for n in context.session.nodes if n.rsplit("/", 1)[-1] == name), context.session.used(wanted.node)
+        )
+        how = f"came up as {other}" if other != wanted.node else "did not come up"
+        note = f"{wanted.node} {how} by its own fault, which is charged in {wanted.charged_by}."
         return _JudgedNode(1.0, note=note)
     if (elsewhere := _why_only_elsewhere(context, entry)) is not None:
         return _JudgedNode(1.0, note=f"{wanted.node} did not come up. {elsewhere}")
@@ -411,6 +415,8 @@ def launch_parameters(context: Context, p: LaunchParameters) -> Finding:
         if plan is not None and entry is None:
             continue  # The node is not started, which is charged with the nodes.
         share, reason, text = _judge_parameter(context, wanted, plan, other)
+        if plan is not None and reason and _planned(plan, wanted) is _MISSING:
+            reason += _misdirected(plan, wanted, p.parameters)
         parts.append(share)
         texts.append(text)
         reasons += [reason] if reason else []
@@ -450,26 +456,30 @@ def _judge_parameter(
         and wanted.name in step.result.get("declared", [])
     ):
         return 0.0, f"{wanted.name} of {short} could not be read.", text
+    if planned is _MISSING:
+        return 0.0, f"The launch file gives {short} no {wanted.name}; {value!r} is the node's own default.", text
     if not _same(value, wanted.value) and not _follows_default(plan, wanted, value):
         return 0.0, f"{wanted.name} of {short} is {value!r}, not {wanted.value!r}.", text
-    if planned is _MISSING:
-        return (
-            0.0,
-            f"The launch file gives {short} no {wanted.name}; {value!r} is the node's own default.",
-            text,
-        )
     if wanted.other is None:
         return 1.0, "", text
     changed = _planned(other, wanted)
     if changed is not _MISSING and _same(changed, wanted.other):
         return 1.0, "", text
+    subject = f"{wanted.name} of {short}"
     shown = "nothing" if changed is _MISSING else repr(changed)
-    return (
-        0.5,
-        f"{wanted.name} of {short} is not wired to its launch argument: "
-        f"with another argument it is {shown}, not {wanted.other!r}.",
-        text,
-    )
+    instead = f"with another argument it is {shown}, not {wanted.other!r}."
+    reason = f"{subject} is not wired to its launch argument: {instead}"
+    if changed is not _MISSING and not _same(changed, planned):
+        reason = f"{subject} follows its launch argument, but not as it should: {instead}"
+    return 0.5, reason, text
+
+
+def _misdirected(plan: Plan, wanted: WantedNodeParameter, all_wanted: Sequence[WantedNodeParameter]) -> str:
+    """Say which node gets a parameter in place of the one that is to have it, if one does."""
+    due = {w.node.rsplit("/", 1)[-1] for w in all_wanted if w.name == wanted.name}
+    others = (e for e in plan.processes if e.called not in due and wanted.name in e.effective_parameters())
+    found = next((e.called or e.runs for e in others), None)
+    return f" It gives it to {found} instead." if found is not None else ""
 
 
 def _follows_default(plan: Plan | None, wanted: WantedNodeParameter, value: Any) -> bool:

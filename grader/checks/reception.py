@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from grader.checks.finding import (
@@ -28,10 +29,10 @@ from grader.checks.finding import (
     told,
     why_nothing,
 )
-from grader.checks.traffic import claimed_at, claimed_qos, student_endpoints
+from grader.checks.traffic import claimed_at, claimed_qos, in_namespace, student_endpoints
 from grader.evidence.printed import PrintedVector, Report, printed_vector, reports
 from grader.evidence.recorded import Span
-from grader.recording.session import Endpoint, ProcessRun
+from grader.recording.session import Endpoint, ProcessRun, StepRun
 from grader.result import Finding, Outcome, Where
 
 
@@ -135,7 +136,8 @@ def _judge_subscription(
     share, reasons = 1.0, []
     if used != wanted.topic:
         share -= 0.6
-        reasons.append(f"The subscription is on {used}, not on {wanted.topic}; the rest is judged with {used}.")
+        within = in_namespace(used, wanted.topic, [endpoint.node])
+        reasons.append(f"The subscription is on {used}, not on {wanted.topic}; the rest is judged with {used}.{within}")
     if endpoint.type != wanted.type:
         share -= 0.6
         reasons.append(f"The type on {used} is {endpoint.type}, not {wanted.type}, so no message can arrive.")
@@ -197,6 +199,7 @@ class ReportedSeries(Streams):
     tolerance: float = Field(gt=0, description="Absolute; 1 % of the value, and what rounding makes, are allowed too.")
     settle_s: float = Field(0.05, description="Reports this close to a span's ends do not count.")
     alternatives: tuple[Alternative, ...] = ()
+    smoothed_credit: float = Field(0.5, ge=0, le=1, description="Credit of reports that reach each value slowly.")
     end_charged_by: str | None = Field(
         None, description="Check that charges a node that ends early; then only half of the spans must be reached."
     )
@@ -230,12 +233,12 @@ def reported_series(context: Context, p: ReportedSeries) -> Finding:
         )
     heard = reports(context.session, p.artifact, p.pattern)
     if not heard:
-        fallback = "The node reported no tracking error at all, neither on its output nor in its log."
+        fallback, remedy = _unheard(context, p.artifact)
         if (mismatch := _deaf(context, p)) is not None:
             spot = Where(session=context.session.record.session, process=p.artifact)
             return failed(expected, "no report", mismatch, hint=_DEAF_HINT, where=(spot,))
         reason, hint, where = why_nothing(context, p.artifact, fallback)
-        return failed(expected, "no report", reason, hint=hint, where=where)
+        return failed(expected, "no report", reason, hint=hint or remedy, where=where)
     spot = Where(session=context.session.record.session, process=p.artifact)
     where = (spot, context.where(next(iter(p.streams.values()))))
     seen = _Seen.of(heard, spans, p)
@@ -245,13 +248,37 @@ def reported_series(context: Context, p: ReportedSeries) -> Finding:
         return other.finding(context, expected, measured, seen.right / len(spans), example=example, where=where)
     if seen.silent and seen.right + seen.silent == len(spans) and (late := _starved(context, p)):
         return inconclusive(expected, measured, late, where=(spot,))
+    if seen.right == len(spans) and (smoothed := _smoothed(context, p, heard, spans)):
+        hint = "Report the error of each message by itself, without those before it."
+        return graded(p.smoothed_credit, expected, measured, smoothed, hint=hint, where=where)
     notes = []
     if p.end_charged_by is not None and seen.silent and _ended_ns(context, p.artifact) is not None:
         notes = [f"The node ended before the last {seen.silent} plateaus, which is charged in {p.end_charged_by}."]
         seen = replace(seen, left_out=seen.left_out + min(seen.silent, len(spans) // 2))
     judged = max(seen.right, len(spans) - seen.left_out)
-    reason = f"{_first_wrong(context, seen)}{_formula(seen.ratios, len(spans), context, p)}"
+    # A formula that is right somewhere is none that is always wrong by the same factor.
+    formula = "" if seen.right else _formula(seen.ratios, len(spans), context, p)
+    reason = f"{_first_wrong(context, seen)}{formula}"
     return graded(seen.right / judged, expected, measured, reason, where=where, notes=notes)
+
+
+#: So many lines are more than what a node says of itself when it starts.
+_MANY_LINES = 20
+
+
+def _unheard(context: Context, artifact: str) -> tuple[str, str]:
+    """Say of a node without reports what else it did: reason and hint."""
+    reason = "The node reported no tracking error at all, neither on its output nor in its log."
+    source = context.submission.texts.get(context.path_of(artifact) or "", "")
+    processes = context.session.processes_of(artifact)
+    until_ns = (processes[-1].interrupted_ns if processes else None) or 2**63
+    lines = [line.text for line in processes[-1].output if line.t_ns < until_ns] if processes else []
+    if len(lines) >= _MANY_LINES:
+        shown = re.sub(r"^(\[[^\]]{0,80}\]:?\s*){1,3}", "", lines[-1])[:100]
+        return f"None of the {len(lines)} lines that it printed has the form asked for; the last is {shown!r}.", ""
+    if re.search(r"logger\w*(?:\(\))?\.debug\(", source):
+        return f"{reason} What it logs with debug() is not shown.", "Log with info(), as the lab asks for."
+    return reason, ""
 
 
 @dataclass(frozen=True)
@@ -281,14 +308,12 @@ class _Seen:
     @classmethod
     def of(cls, heard: Sequence[Report], spans: Sequence[Mapping[str, Any]], p: ReportedSeries) -> _Seen:
         """Judge each span by the median of the reports within it."""
-        # What was printed with two places cannot be known better.
-        rounding = min((r.rounding for r in heard if r.rounding), default=0.0)
+        rounding = _rounding(heard)
         right, silent, left_out, ratios, wrong = 0, 0, 0, [], []
         for span in spans:
             inside = _inside(heard, span, p.settle_s)
             value = float(np.median([r.value for r in inside])) if inside else None
-            slack = max(p.tolerance, 0.01 * abs(span["value"]), rounding * 1.01)
-            if value is not None and abs(value - span["value"]) <= slack:
+            if value is not None and _shows(value, span, p, rounding):
                 right += 1
                 left_out, silent = left_out + silent, 0
                 continue
@@ -298,6 +323,53 @@ class _Seen:
             else:
                 silent += 1
         return cls(right, silent, left_out, tuple(ratios), wrong[0] if wrong else None)
+
+
+def _rounding(heard: Sequence[Report]) -> float:
+    """Return how far rounding may move a report: what was printed with two places cannot be known better."""
+    return min((r.rounding for r in heard if r.rounding), default=0.0)
+
+
+def _shows(value: float, span: Mapping[str, Any], p: ReportedSeries, rounding: float) -> bool:
+    right = float(span["value"])
+    return abs(value - right) <= max(p.tolerance, 0.01 * abs(right), rounding * 1.01)
+
+
+#: Share of the reports that may fit no span: the few of messages that came while the value changed.
+_SMOOTHED_SHARE = 0.1
+
+
+def _smoothed(context: Context, p: ReportedSeries, heard: Sequence[Report], spans: Sequence[Mapping[str, Any]]) -> str:
+    """Say that many reports lie between the value of one span and that of the next, if they do.
+
+    A node that is late shows the value of an earlier span, and one that reports a second number besides shows the
+    right one for each message all the same.
+    """
+    rounding, right, between = _rounding(heard), 0, []
+    for span in spans:
+        for report in _inside(heard, span, p.settle_s):
+            if _shows(report.value, span, p, rounding):
+                right += 1
+            elif not any(_shows(report.value, other, p, rounding) for other in spans):
+                between.append((report, span))
+    messages = max(
+        sum(_sent_inside(stream.source_ns, span, p.settle_s) for span in spans)
+        for stream in context.streams(p.streams, p.field).values()
+    )
+    if len(between) <= _SMOOTHED_SHARE * (right + len(between)) or right >= (1 - _SMOOTHED_SHARE) * messages:
+        return ""
+    report, span = between[0]
+    example = f"At {context.session.since_start_s(report.t_ns):.1f} s it reports {report.value:.4f}"
+    return (
+        f"{len(between)} of {right + len(between)} reports fit no plateau: after each change the number goes over to "
+        f"the right one step by step, as a mean or a filter over several messages does. {example}; right is "
+        f"{span['value']:.4f}."
+    )
+
+
+def _sent_inside(source_ns: NDArray[np.int64], span: Mapping[str, Any], settle_s: float) -> int:
+    settle_ns = settle_s * 1e9
+    return int(((source_ns >= span["start_ns"] + settle_ns) & (source_ns <= span["end_ns"] - settle_ns)).sum())
 
 
 def _first_wrong(context: Context, seen: _Seen) -> str:
@@ -409,17 +481,19 @@ def _judge_vector(
     share = _agreement(context, p, streams, {}, printed)
     if share >= 1:
         return passed(expected, measured, where=(spot,), notes=notes)
+    heard = _reports_of_some(context, p) if len(printed.values) == p.length else []
+    over_heard = [f"{p.label}: judged over the {len(heard)} messages that the node reported; it lost the others."]
+    fits_heard = bool(heard) and _agreement(context, p, streams, {"reports": heard}, printed) >= 1
+    # After a loss a right history reaches back further, so that it may look like one that is too long.
+    if fits_heard and _reported_most(context, p, heard):
+        return passed(expected, measured, where=(spot,), notes=[*notes, *over_heard])
     for other in p.alternatives:
         if _agreement(context, p, streams, other.parameters, printed) >= 1:
             return other.finding(context, expected, measured, where=(spot,), notes=notes)
-    if len(printed.values) == p.length and (heard := _reports_of_some(context, p)):
-        if _agreement(context, p, streams, {"reports": heard}, printed) >= 1:
-            notes.append(
-                f"{p.label}: judged over the {len(heard)} messages that the node reported; it lost the others."
-            )
-            return passed(expected, measured, where=(spot,), notes=notes)
-        if late := _starved(context, p):
-            return inconclusive(expected, measured, late, where=(spot,))
+    if fits_heard:
+        return passed(expected, measured, where=(spot,), notes=[*notes, *over_heard])
+    if heard and (late := _starved(context, p)):
+        return inconclusive(expected, measured, late, where=(spot,))
     reason = f"Right would be {right_text}."
     if len(printed.values) != p.length:
         count = len(printed.values)
@@ -572,12 +646,22 @@ def _delay_s(context: Context, p: Streams) -> tuple[float, float]:
 
 def _reports_of_some(context: Context, p: ReportedStatistics) -> list[tuple[int, float]]:
     """Return the node's reports if they are clearly fewer than the messages: some may never have reached it."""
-    streams = context.streams(p.streams, p.field)
     heard = reports(context.session, p.artifact, p.report_pattern) if p.report_pattern else []
-    begun_ns = max(int(s.source_ns[0]) for s in streams.values())  # before that there is nothing to compare with
-    if len(heard) >= 0.99 * max(int((s.source_ns >= begun_ns).sum()) for s in streams.values()):
+    if len(heard) >= 0.99 * _comparable(context, p):
         return []
     return [(r.t_ns, r.value) for r in heard]
+
+
+def _reported_most(context: Context, p: ReportedStatistics, heard: Sequence[tuple[int, float]]) -> bool:
+    """Whether the reports are so many that the others were lost; a node with fewer may rather leave out reports."""
+    return 2 * len(heard) > _comparable(context, p)
+
+
+def _comparable(context: Context, p: ReportedStatistics) -> int:
+    """Return the number of messages for which there is something to compare with."""
+    streams = context.streams(p.streams, p.field)
+    begun_ns = max(int(s.source_ns[0]) for s in streams.values())
+    return max(int((s.source_ns >= begun_ns).sum()) for s in streams.values())
 
 
 class Survives(Parameters):
@@ -586,6 +670,8 @@ class Survives(Parameters):
     artifact: str
     step: str
     until: str | None = Field(None, description="A later step; what ends after that one's start has survived.")
+    quiet: Pattern | None = Field(None, description="A report that cannot be made yet, before the later step starts.")
+    quiet_credit: float = Field(0.5, ge=0, le=1, description="Credit of a node that makes it all the same.")
 
 
 def survives(context: Context, p: Survives) -> Finding:
@@ -601,10 +687,25 @@ def survives(context: Context, p: Survives) -> Finding:
     second_start_ns = processes[1].started_ns if len(processes) > 1 else 2**63
     second_start_ns = min(second_start_ns, later.started_ns) if later is not None else second_start_ns
     if first.exited_ns is None or first.interrupted_ns is not None or first.exited_ns > second_start_ns:
-        return passed(expected, "it went on", where=(spot,))
+        return _early_report(context, p, step, later) or passed(expected, "it went on", where=(spot,))
     reason, hint, where = why_nothing(context, p.artifact, "The node ended.")
     measured = f"it ended with status {first.exit_status} at {context.session.since_start_s(first.exited_ns):.2f} s"
     return failed(expected, measured, reason, hint=hint, where=where)
+
+
+def _early_report(context: Context, p: Survives, step: StepRun, later: StepRun | None) -> Finding | None:
+    """State that a node reported on messages with which nothing could be compared yet, None if it did not."""
+    if p.quiet is None or later is None:
+        return None
+    heard = reports(context.session, p.artifact, p.quiet)
+    early = [r for r in heard if step.started_ns <= r.t_ns < later.started_ns]
+    if not early:
+        return None
+    when_s = context.session.since_start_s(early[0].t_ns)
+    reason = f"At {when_s:.1f} s it reports {early[0].value:g}, when there is nothing yet to compare with."
+    spot = Where(session=context.session.record.session, process=p.artifact)
+    measured = f"it went on, with {len(early)} report{'s' if len(early) > 1 else ''} too early"
+    return graded(p.quiet_credit, "the node goes on, and reports nothing", measured, reason, where=(spot,))
 
 
 class ReportShare(Streams):

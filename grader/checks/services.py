@@ -27,7 +27,7 @@ from grader.checks.finding import (
     told,
     why_nothing,
 )
-from grader.checks.traffic import claimed_at
+from grader.checks.traffic import claimed_at, in_namespace
 from grader.evidence.recorded import Span
 from grader.recording.session import StepRun
 from grader.result import Finding, Outcome, Where
@@ -61,7 +61,8 @@ def service_offered(context: Context, p: ServiceOffered) -> Finding:
     offer = next((s for s in offers if s.type == p.type), offers[0])
     wrong: list[tuple[float, str]] = []
     if used != p.service:
-        wrong.append((0.6, f"The service is named {used}, not {p.service}; the rest is judged on {used}."))
+        within = in_namespace(used, p.service, [offer.node])
+        wrong.append((0.6, f"The service is named {used}, not {p.service}; the rest is judged on {used}.{within}"))
     if offer.type != p.type:
         wrong.append((0.6, f"The service is of type {offer.type}, not {p.type}."))
     if p.node is not None and offer.node.rsplit("/", 1)[-1] != p.node.rsplit("/", 1)[-1]:
@@ -77,6 +78,15 @@ def service_offered(context: Context, p: ServiceOffered) -> Finding:
     )
 
 
+class Given(Parameters):
+    """A parameter with the value under which an answer is asked for; its own default is judged elsewhere."""
+
+    step: str = Field(description="The step that read the parameter.")
+    name: str
+    value: Any
+    instead: str = Field(description="The call that counts where the node began with another value.")
+
+
 class CallAnswered(Parameters):
     """A call is answered with the right values; an empty message, or another answer later, costs a quarter."""
 
@@ -87,8 +97,11 @@ class CallAnswered(Parameters):
     message: Pattern | None = Field(None, description="Regular expression for the message field.")
     contrary: Pattern | None = Field(None, description="A message that matches says the contrary: no credit.")
     again: str | None = Field(None, description="A later step with the same request, to be answered alike.")
-    again_charged_by: str | None = Field(None, description="Where this check took points, a later answer takes none.")
+    again_charged_by: str | None = Field(
+        None, description="Where this check took points, neither a later answer nor a contrary message takes any."
+    )
     opposite: str | None = Field(None, description="A step at which this answer would be wrong, to see a mix-up.")
+    given: Given | None = Field(None, description="A parameter on which the answer depends.")
 
 
 def _answer(step: StepRun | None) -> tuple[Mapping[str, Any] | None, float, str]:
@@ -167,9 +180,18 @@ def _silence(context: Context, artifact: str, expected: str, problem: str, where
     )
 
 
+def _given_otherwise(context: Context, given: Given) -> bool:
+    """Whether a node began with another value of a parameter than the answer is asked for."""
+    step = context.session.step(given.step)
+    read = (step.result.get("values", {}) if step is not None else {}).get(given.name)
+    return read is not None and isinstance(read["value"], type(given.value)) and read["value"] != given.value
+
+
 def call_answered(context: Context, p: CallAnswered) -> Finding:
     """Judge one answer."""
     step = context.session.step(p.step)
+    if p.given is not None and _given_otherwise(context, p.given):
+        step = context.session.step(p.given.instead)
     request = step.parameters.get("request", {}) if step is not None else {}
     expected = f"{_shown(request)} → {_shown(p.response)}"
     response, latency_s, problem = _answer(step)
@@ -185,12 +207,13 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
         swapped = _fits(_answer(context.session.step(p.opposite) if p.opposite else None)[0], p.response)
         reason = f"In the answer, {' and '.join(wrong)}.{_SWAPPED if swapped else ''}"
         return failed(expected, measured, reason, where=where)
-    if (contrary := _contrary(context, p, response)) is not None:
+    charged = takes_points(context.findings.get(p.again_charged_by or ""))
+    if not charged and (contrary := _contrary(context, p, response)) is not None:
         also = "" if contrary is response else "also "
         reason = f"To this request it {also}answers {_shown(contrary)}, which says the contrary."
-        return failed(expected, measured, reason, hint="Do what request.data says; do not switch over.", where=where)
+        return failed(expected, measured, reason, hint=_CONTRARY_HINT, where=where)
     later = next((a for a in _later_answers(context, p) if not _fits(a, p.response)), None)
-    if later is not None and not takes_points(context.findings.get(p.again_charged_by or "")):
+    if later is not None and not charged:
         reason = f"To the same request it answers {_shown(later)} later."
         return graded(0.75, expected, measured, reason, hint=_ALIKE_HINT, where=where)
     text = str(response.get(p.message_field, ""))
@@ -203,6 +226,7 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
 
 
 _SWAPPED = " Where this would be right, it answers the contrary: the condition is the wrong way round."
+_CONTRARY_HINT = "Do what request.data says, without switching over; and tell the new state, not the one before."
 _ALIKE_HINT = "Answer each request by what it asks for, whatever the state was before."
 
 
@@ -271,17 +295,24 @@ def call_gated(context: Context, p: CallGated) -> Finding:
     if answers[p.refused_step] is None:
         started_off = _fits(answers[p.from_start_step], p.refused)
         return _no_answer_while_off(context, steps[p.refused_step], expected, measured, started_off, where)
+    unset = _not_set(context.session.step(p.set_step))
     if _fits(answers[p.from_start_step], p.refused):
-        reason = "It refuses only when the parameter is false from the start; a change while it runs has no effect."
+        reason = "It refuses only when the parameter is false from the start; "
+        reason += unset or "a change while it runs has no effect."
         measured += f"; off from the start: {_shown(answers[p.from_start_step])}"
         where = (*where, _spot(context, steps[p.from_start_step]))
-        return graded(0.5, expected, measured, reason, where=where)
-    set_step = context.session.step(p.set_step)
-    if set_step is not None and set_step.outcome != "done":
-        why = "; ".join(str(problem) for problem in set_step.result.get("refused", {}).values())
-        reason = f"It goes on enabling, since the parameter could not be set at all{': ' + why if why else ''}."
-        return failed(expected, measured, reason, hint=_SET_HINT, where=where)
+        return graded(0.5, expected, measured, reason, hint=_SET_HINT if unset else "", where=where)
+    if unset:
+        return failed(expected, measured, f"It goes on enabling, since {unset}", hint=_SET_HINT, where=where)
     return failed(expected, measured, "It enables although the parameter is false.", where=where)
+
+
+def _not_set(step: StepRun | None) -> str:
+    """Say that the parameter could not be set while the node ran, and what the node answered, if so."""
+    if step is None or step.outcome == "done":
+        return ""
+    why = "; ".join(str(problem).rstrip(".") for problem in step.result.get("refused", {}).values())
+    return f"the parameter could not be set while it ran{': ' + why if why else ''}."
 
 
 def _no_answer_while_off(
@@ -303,7 +334,9 @@ _REVERSED_HINT = "Turn the condition round."
 _REVERSED = (
     "It follows the parameter, but the wrong way round: it enables while it is false and refuses while it is true."
 )
-_SET_HINT = "Declare the parameter with a default of the type that the lab gives it; others can then set it."
+_SET_HINT = (
+    "Declare the parameter with a default of the type that the lab gives it, not read-only; others can then set it."
+)
 
 
 class WantedParameter(Parameters):

@@ -86,7 +86,9 @@ def topic_published(context: Context, p: TopicPublished) -> Finding:
     spot = claimed_at(context, "publisher", used)
     wrong: list[tuple[float, str]] = []
     if used != p.topic:
-        wrong.append((0.6, f"The topic is named {used}, not {p.topic}; the rest is judged on {used}."))
+        nodes = [e.node for e in endpoints]
+        within = in_namespace(used, p.topic, nodes)
+        wrong.append((0.6, f"The topic is named {used}, not {p.topic}; the rest is judged on {used}.{within}"))
     if found_type != p.type:
         wrong.append((0.6, f"The messages are of type {found_type}, not {p.type}."))
     wrong += _wrong_node(p.node, [e.node for e in endpoints])
@@ -116,6 +118,13 @@ def _silent_publisher(context: Context, artifact: str, used: str) -> tuple[str, 
             "create_timer takes the period in seconds: 1 divided by the rate in Hz.",
         )
     return silent, "See that the timer's callback reaches publish(), and that the node spins."
+
+
+def in_namespace(used: str, wanted: str, nodes: Sequence[str]) -> str:
+    """Say that a name is the wanted one in the namespace of its node, if so, as relative names are."""
+    namespaces = (node.rpartition("/")[0] for node in nodes)
+    found = next((n for n in namespaces if n and used == n + wanted), None)
+    return f" It lies in the namespace of its node, {found}." if found else ""
 
 
 def _wrong_node(wanted: str | None, nodes: Sequence[str]) -> list[tuple[float, str]]:

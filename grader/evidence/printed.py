@@ -141,8 +141,15 @@ def _bare(line: str, label: str) -> list[str]:
 _CELLS = re.compile(r"\s{2,}|\s*[|,;\t│┃║]\s*")
 
 
+#: Bars of an absolute value in a title, as in ``mean |e|``, are no borders.
+_MAGNITUDE = re.compile(
+    r"(?<=[^\s|]) ?\|(?:e|d|x|q|err|errors?|diff|delta|fehler|erreur|Δ\w?)\|(?=\s|$)", re.IGNORECASE
+)
+
+
 def _cells(line: str, *, apart: bool) -> list[str]:
     """Return the cells of a line of a table: apart by two spaces or by lines, else by each space."""
+    line = _MAGNITUDE.sub("", line)
     return [cell for cell in (_CELLS.split(line.strip()) if apart else re.split(r"[\s|,;│┃║]+", line)) if cell]
 
 

@@ -36,6 +36,13 @@ _NOT_RECEIVED = re.compile(r"sent|publ|lost|loss|drop|rate|hz|depth|envi|gesend|
 _CELL_BORDER = r"[|│┃║,;\t]"
 _MOST_LINES_OF_A_BLOCK = 12
 
+#: Digits in groups of three, as 1,001.5 or 1.001,5, and a decimal comma, as 0,49.
+_GROUPED_BY_COMMAS = re.compile(r"(?<![\d.,])[1-9]\d{0,2}(?:,\d{3})+(?=\.\d|(?![\d,]))")
+_GROUPED_BY_DOTS = re.compile(r"(?<![\d.,])[1-9]\d{0,2}(?:\.\d{3})+(?=,\d|(?![\d.]))")
+_DECIMAL_COMMA = re.compile(r"(?<![\d.,])(\d+),(\d+)(?![\d,])")
+#: A comma that parts values: behind a word or a bracket, or with more than two values in a row.
+_COMMAS_PART = re.compile(r"[^\W\d],\d|[\"'\])}],|[\[({][^\])}]*\d,\d|\d,\d+(?:\.\d+)?,\d+\.|,\d+\.\d+,")
+
 LINE_LIMIT = 300
 """Characters of a line that are read."""
 
@@ -73,7 +80,7 @@ def result_row(output: Sequence[OutputLine], name: str, others: Sequence[str]) -
     others : sequence of str
         Names of the things that are also told of: a block of lines ends at one of them.
     """
-    lines = [_LOG_PREFIX.sub("", line.text[:LINE_LIMIT]) for line in output]
+    lines = [plain_numbers(_LOG_PREFIX.sub("", line.text[:LINE_LIMIT])) for line in output]
     starts = lines_naming(lines, name)
     found = [
         ResultRow(output[start].t_ns, *row)
@@ -82,6 +89,20 @@ def result_row(output: Sequence[OutputLine], name: str, others: Sequence[str]) -
         if (row := read(lines, start, name, others)) is not None
     ]
     return next((row for row in found if row.mean_s is not None), found[0] if found else None)
+
+
+def plain_numbers(line: str) -> str:
+    """Return a line with its numbers as a program would read them: ``1,001`` and ``0,49`` as ``1001`` and ``0.49``.
+
+    In a line whose commas part values nothing is changed.
+    """
+    if not re.search(r"\d[.,]\d", line) or _COMMAS_PART.search(line):
+        return line
+    fractions = [match[0] for match in _DECIMAL_COMMA.finditer(_GROUPED_BY_DOTS.sub("1", line))]
+    if any(not _GROUPED_BY_COMMAS.fullmatch(number) for number in fractions):
+        line = _GROUPED_BY_DOTS.sub(lambda match: match[0].replace(".", ""), line)
+        return _DECIMAL_COMMA.sub(r"\1.\2", line)
+    return _GROUPED_BY_COMMAS.sub(lambda match: match[0].replace(",", ""), line)
 
 
 def lines_naming(lines: Sequence[str], name: str) -> list[int]:

@@ -53,6 +53,8 @@ def test_a_program_that_ends_with_results_passes(tmp_path: Path) -> None:
     [
         (3.0, ["Results"], {}, "0.5", "after 3.0 s already"),
         (10.0, [], {}, "0", "ended by itself with exit status 0"),
+        (10.0, ["Ergebnis"], {}, "0.5", "nothing that it printed could be read as results"),
+        (1.0, ["Traceback (most recent call last):", "    Results()", "NameError: Results"], {}, "0", "NameError"),
         (22.0, ["Results"], {"interrupted_ns": at(22.1), "ended_by": "interrupt"}, "0.5", "had to be stopped"),
         (22.0, [], {"interrupted_ns": at(22.1), "ended_by": "kill"}, "0", "still running after 22 s"),
     ],
@@ -216,6 +218,14 @@ def test_a_wrong_count_costs_all_and_a_wrong_latency_half(tmp_path: Path, line: 
 def test_other_forms_are_judged_by_what_they_say(tmp_path: Path, line: str, credit: str) -> None:
     """Other words and units cost nothing, a missing maximum a quarter, a missing latency half."""
     assert reported(tmp_path, line).credit == Decimal(credit)
+
+
+@pytest.mark.parametrize(("line", "said"), [("avg latency: 0.0010ms, max: 0.0030ms", True), (row(mean_ms=0.2), False)])
+def test_seconds_that_are_called_milliseconds_are_named(tmp_path: Path, line: str, said: bool) -> None:
+    """A latency that a factor of 1000 puts right is told to be in s; another is not."""
+    reason = reported(tmp_path, line if "msgs" in line else f"fast: 1000 msgs, {line}").reason
+    assert "recorded was 1.00 ms." in reason
+    assert ("It would be right in s" in reason) == said
 
 
 def test_what_was_never_sent_is_not_charged_in_the_report(tmp_path: Path) -> None:

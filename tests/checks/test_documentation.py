@@ -195,6 +195,15 @@ def test_a_missing_concept_is_named() -> None:
     assert "Nothing is said about queue" in finding.reason
 
 
+def test_a_list_of_settings_earns_a_third() -> None:
+    """Concepts that are named without a reason are no discussion."""
+    text = "# QoS\n\nThe QoS profiles are reliable and best effort with a depth of 1 to 10.\n"
+    text += "\nThe latency of each QoS profile is printed at the end of the run in ms.\n"
+    finding = static("concepts_explained", CONCEPTS, submission({"README.md": text}))
+    assert float(finding.credit) == pytest.approx(1 / 3, abs=0.001)
+    assert "not set in relation" in finding.reason
+
+
 def test_passages_about_something_else_do_not_count() -> None:
     """Without an anchor a passage is not about the subject."""
     text = DISCUSSED.replace("QoS", "It")

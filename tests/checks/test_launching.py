@@ -192,8 +192,17 @@ def test_a_node_at_fault_by_itself_is_not_charged_again(tmp_path: Path) -> None:
     session = planned(Session(tmp_path), processes=BOTH).node("/talker")
     finding = nodes(session, listen_receives=FAILED)
     assert finding.outcome is Outcome.PASSED
-    assert "charged in listen.receives" in finding.notes[0]
+    assert finding.notes == ("/listener did not come up by its own fault, which is charged in listen.receives.",)
     assert nodes(session.recorded(), listen_receives=passed("", "")).credit == Decimal("0.5")  # type: ignore[arg-type]
+
+
+def test_a_node_that_names_itself_otherwise_is_told_apart_from_one_that_is_not_there(tmp_path: Path) -> None:
+    """A node that came up in a namespace of its own is not said to be missing."""
+    session = planned(Session(tmp_path), processes=BOTH).node("/talker").node("/arm/listener")
+    finding = nodes(session, listen_receives=FAILED)
+    assert finding.notes == (
+        "/listener came up as /arm/listener by its own fault, which is charged in listen.receives.",
+    )
 
 
 def test_a_node_whose_file_is_missing_is_charged_elsewhere(tmp_path: Path) -> None:
@@ -336,6 +345,7 @@ def parameter(folder: Path, planned_value: Any, other_value: Any, running: Any =
         ((100.0, 50.0), "1", ""),
         ((100, 50, None), "1", ""),
         ((100.0, 100.0, 100.0), "0.5", "not wired to its launch argument"),
+        ((100.0, "50.0.0", 100.0), "0.5", "not as it should: with another argument it is '50.0.0'"),
         ((30.0, 50.0, 30.0), "0", "is 30.0, not 100.0"),
         ((None, None, 100.0), "0", "the node's own default"),
         ((None, None), "0", "gives talker no rate"),
@@ -348,6 +358,20 @@ def test_a_parameter_reaches_the_node_and_follows_its_argument(
     finding = parameter(tmp_path, *values)
     assert finding.credit == Decimal(credit)
     assert words in finding.reason
+
+
+@pytest.mark.parametrize(("other", "said"), [("listener", True), ("talker", False)])
+def test_a_parameter_for_another_node_is_told(tmp_path: Path, other: str, said: bool) -> None:
+    """Where a node's own default is the reason, it is told which node gets the value instead."""
+    rate = [{"name": "rate", "value": 100.0}]
+    session = Session(tmp_path)
+    for label in ("plan", "other"):
+        processes = [entry("talk", "talker"), entry("listen", other, parameters=rate)]
+        planned(session, label, processes=processes)
+    session.step("get_parameters", "read", values={"rate": {"type": "double", "value": 30.0}}, declared=["rate"])
+    finding = judged("launch_parameters", PARAMETERS, session)
+    assert "gives talker no rate; 30.0 is the node's own default." in finding.reason
+    assert ("It gives it to listener instead." in finding.reason) == said
 
 
 @pytest.mark.parametrize(("default", "credit"), [("50.0", "1"), ("70.0", "0")])

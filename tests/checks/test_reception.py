@@ -138,6 +138,14 @@ def test_a_misspelt_topic_and_a_wrong_type_are_told(tmp_path: Path) -> None:
     assert "/state, not on /states" in finding.reason
 
 
+def test_a_topic_in_the_namespace_of_its_node_is_told(tmp_path: Path) -> None:
+    """A relative name in a node with a namespace costs what any other name does, and the reason says why it is so."""
+    session = subscribed(tmp_path, state=f"/arm{STATE}", node="/arm/student").called(f"{STATE}=/arm{STATE}")
+    finding = judged("topics_subscribed", SUBSCRIBED, session)
+    assert finding.credit == Decimal("0.7")
+    assert "in the namespace of its node, /arm." in finding.reason
+
+
 def test_no_subscription_at_all_fails(tmp_path: Path) -> None:
     """A node that subscribes to nothing, or ends by itself, is told so."""
     session = Session(tmp_path).process("it", interrupted_ns=None, ended_by="itself", exit_status=0)
@@ -186,6 +194,7 @@ def test_one_wrong_plateau_costs_a_quarter(tmp_path: Path) -> None:
         line.text = "RMS tracking error: 0.1234 rad"
     finding = judged("reported_series", SERIES, session)
     assert finding.credit == Decimal("0.75")
+    assert "always" not in finding.reason
     assert "0.1234; right is 0.9000" in finding.reason
 
 
@@ -199,6 +208,22 @@ def test_reports_count_as_they_are_rounded(tmp_path: Path, form: str, credit: in
     session, times = stimulus(tmp_path, FINE)
     lines = [(t + 0.001, f"RMS: {form.format(abs(FINE[n // STATES_EACH]))} rad") for n, t in enumerate(times)]
     assert judged("reported_series", SERIES, session.process("it", lines)).credit == credit
+
+
+@pytest.mark.parametrize(("window", "besides", "credit"), [(1, False, "1"), (15, False, "0.5"), (15, True, "1")])
+def test_reports_that_are_smoothed_are_not_those_of_each_message(
+    tmp_path: Path, window: int, besides: bool, credit: str
+) -> None:
+    """A moving mean loses a part although each plateau ends with the right value; printed besides, it does no harm."""
+    session, times = stimulus(tmp_path)
+    rows = history(None) ** 2
+    means = [float(np.sqrt(rows[max(0, n + 1 - window) : n + 1].mean())) for n in range(len(rows))]
+    lines = [(t + 0.001, f"RMS: {value:.4f}") for t, value in zip(times, means, strict=True)]
+    if besides:
+        lines += [(t + 0.001, f"RMS: {value:.4f}") for t, value in zip(times, np.sqrt(rows), strict=True)]
+    finding = judged("reported_series", SERIES, session.process("it", sorted(lines)))
+    assert finding.credit == Decimal(credit)
+    assert ("fit no plateau" in finding.reason) == (credit != "1")
 
 
 HISTORY_INSTEAD = {"parameters": {"over": "history"}, "meaning": "all errors so far", "credit": 0.5}
@@ -240,6 +265,20 @@ def test_no_report_fails(tmp_path: Path) -> None:
     finding = judged("reported_series", SERIES, session.process("it", ["hello"], interrupted_ns=None))
     assert finding.outcome is Outcome.FAILED
     assert "no tracking error at all" in finding.reason
+
+
+def test_what_a_node_reports_in_another_form_is_shown(tmp_path: Path) -> None:
+    """A node that printed something else on each state is not said to be silent; nor is one that logs with debug()."""
+    session, times = stimulus(tmp_path)
+    lines = [(t + 0.001, "[INFO] [1.5] [it]: error of [0.1 0.2]") for t in times]
+    finding = judged("reported_series", SERIES, session.process("it", lines))
+    assert "None of the 160 lines" in finding.reason
+    assert "the last is 'error of [0.1 0.2]'" in finding.reason
+    session, _ = stimulus(tmp_path / "debug")
+    debugging = submission({"it.py": 'node.get_logger().debug(f"RMS: {rms}")'})
+    finding = judged("reported_series", SERIES, session.process("it", []), debugging)
+    assert "debug() is not shown" in finding.reason
+    assert "info()" in finding.hint
 
 
 def test_a_node_that_stopped_reporting_loses_the_rest(tmp_path: Path) -> None:
@@ -451,6 +490,20 @@ def test_statistics_over_what_a_node_received_pass(tmp_path: Path) -> None:
     assert "it lost the others" in finding.notes[0]
 
 
+def test_a_loss_makes_no_right_history_too_long(tmp_path: Path) -> None:
+    """Where lost messages let the right numbers fit the whole run as well, the node is taken at its word."""
+    session, times = stimulus(tmp_path)
+    with_reports(session, times)
+    output = session.record.processes[0].output
+    kept = [line for n, line in enumerate(output) if n < STATES_EACH or n % 3]
+    errors = [ERRORS[0]] * 40 + [error for error in ERRORS[1:] for _ in range(27)]
+    mean = float(np.abs(errors[-100:]).mean())
+    session.record.processes[0].output = [*kept, replace(kept[-1], text=f"Mean: {vector(mean)}")]
+    finding = judged("reported_statistics", STATISTICS, session)
+    assert (finding.outcome, finding.reason) == (Outcome.PASSED, "")
+    assert "it lost the others" in finding.notes[0]
+
+
 def test_nothing_printed_fails_with_what_to_do(tmp_path: Path) -> None:
     """A node that prints nothing after Ctrl-C is told where to print."""
     finding = judged("reported_statistics", STATISTICS, with_reports(*stimulus(tmp_path)))
@@ -517,6 +570,18 @@ def test_what_ends_a_node_later_is_no_matter_of_the_step(tmp_path: Path) -> None
     assert judged("survives", {**wanted, "until": "later"}, session).outcome is Outcome.PASSED
     session.record.processes[0].exited_ns = at(1.5)
     assert judged("survives", {**wanted, "until": "later"}, session).outcome is Outcome.FAILED
+
+
+@pytest.mark.parametrize(("time_s", "credit"), [(1.5, "0.5"), (2.5, "1")])
+def test_a_report_before_it_can_be_made_costs_a_part(tmp_path: Path, time_s: float, credit: str) -> None:
+    """A node that makes up what it is compared with goes on, but reports too early."""
+    session = Session(tmp_path).step("publish", "early").step("start", "later")
+    session.record.steps[-1].started_ns = at(2.0)
+    session.process("it", [(time_s, "RMS: 0.1852 rad")])
+    wanted = {"artifact": "it", "step": "early", "until": "later", "quiet": PATTERN}
+    finding = judged("survives", wanted, session)
+    assert finding.credit == Decimal(credit)
+    assert ("At 1.5 s it reports 0.1852" in finding.reason) == (credit != "1")
 
 
 def test_a_step_that_was_not_reached_decides_nothing(tmp_path: Path) -> None:

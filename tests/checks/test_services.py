@@ -61,6 +61,7 @@ def test_a_service_as_asked_passes(tmp_path: Path) -> None:
     ("wrong", "credit", "words"),
     [
         ({"name": "/enable"}, "0.4", "named /enable, not /robot/enable"),
+        ({"name": f"/arm{NAME}", "node": "/arm/student"}, "0.4", "in the namespace of its node, /arm."),
         ({"kind": "std_srvs/srv/Trigger"}, "0.4", "of type std_srvs/srv/Trigger"),
         ({"node": "/other"}, "0.8", "named /other, not /student"),
         ({"node": "/arm/student"}, "1", ""),
@@ -126,6 +127,25 @@ def test_the_same_request_is_to_be_answered_alike(
     finding = judged("call_answered", AGAIN, session)
     assert finding.credit == Decimal(credit)
     assert words in finding.reason
+
+
+@pytest.mark.parametrize(("credit", "outcome"), [("0.75", Outcome.PASSED), ("1", Outcome.FAILED)])
+def test_a_contrary_message_is_charged_once(tmp_path: Path, credit: str, outcome: Outcome) -> None:
+    """Messages that are swapped, or a switch, take points at the first request where the rubric names that check."""
+    session = called(Session(tmp_path), "enable", call(answer(True, "Robot disabled")))
+    before = {"first": Finding(Outcome.PARTIAL if credit != "1" else Outcome.PASSED, Decimal(credit), "", "")}
+    finding = judged("call_answered", {**AGAIN, "again_charged_by": "first"}, session, findings=before)
+    assert finding.outcome is outcome
+
+
+@pytest.mark.parametrize(("default", "credit"), [(False, "1"), (True, "0"), ("false", "0")])
+def test_another_default_is_not_charged_with_the_answer(tmp_path: Path, default: Any, credit: str) -> None:
+    """A node that refuses since its parameter begins otherwise is judged when the parameter has been set."""
+    session = Session(tmp_path).step("get_parameters", "read", values={"safe": {"type": "bool", "value": default}})
+    called(session, "enable", call(answer(False)))
+    called(session, "recover", call(answer(True)))
+    given = {"step": "read", "name": "safe", "value": True, "instead": "recover"}
+    assert judged("call_answered", {**ANSWERED, "given": given}, session).credit == Decimal(credit)
 
 
 def test_another_answer_later_is_charged_once(tmp_path: Path) -> None:
@@ -236,7 +256,7 @@ def test_a_gate_the_wrong_way_round_earns_half(tmp_path: Path) -> None:
 
 def test_a_parameter_that_cannot_be_set_is_told(tmp_path: Path) -> None:
     """If the parameter could not be set, the reason says so."""
-    assert "could not be set at all" in gated(tmp_path, True, True, True, "failed").reason
+    assert "could not be set while it ran" in gated(tmp_path, True, True, True, "failed").reason
 
 
 def test_no_answer_while_off_is_told(tmp_path: Path) -> None:

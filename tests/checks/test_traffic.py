@@ -66,6 +66,7 @@ def test_a_topic_as_asked_passes(tmp_path: Path) -> None:
         ({"topic": "/command"}, "0.4", "/command,"),
         ({"topic_type": "std_msgs/msg/String"}, "0.4", "std_msgs/msg/String"),
         ({"node": "/other"}, "0.8", "/other"),
+        ({"topic": f"/arm{TOPIC}", "node": "/arm/student"}, "0.4", "in the namespace of its node, /arm."),
         ({"topic": "/command", "topic_type": "std_msgs/msg/String"}, "0", "/command"),
     ],
 )

@@ -62,6 +62,7 @@ def test_where_there_is_no_vector_none_is_found(lines: list[str]) -> None:
         (["joint mean[rad] max", "J 0 0.1 9.0", "J 1 0.2 9.0", "J 2 0.3 9.0", "", "Done 1 2 3"], "table"),
         (["      j0    j1    j2", "Mean  0.1   0.2   0.3", "Max   9     9     9"], "table"),
         (["│ Mean │ 0.1 │ 0.2 │ 0.3 │"], "table"),
+        (["joint  mean |e|  max |e|", "0  0.1  9.0", "1  0.2  9.0", "2  0.3  9.0"], "table"),
         (["j1: mean=0.1, max=9.0", "j2: mean=0.2, max=9.0", "j3: mean=0.3, max=9.0"], "lines"),
         (
             ["Joint 1", "  Mean: 0.1 rad", "  Max: 9 rad", "Joint 2", "  Mean: 0.2 rad", "Joint 3", "  Mean: 0.3 rad"],

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grader.evidence.result_rows import ResultRow, names, result_row
+from grader.evidence.result_rows import ResultRow, names, plain_numbers, result_row
 from grader.recording.session import OutputLine
 from tests.counted import calls_of
 
@@ -135,3 +135,21 @@ def test_a_count_beyond_all_numbers_breaks_nothing(cell: str) -> None:
     said = ["profile | msgs | mean (ms) | max (ms)", f"fast | {cell} | 0.5 | 2.0"]
     row = result_row([OutputLine(n, "stdout", line) for n, line in enumerate(said)], "fast", ["slow"])
     assert row is None or row.mean_s is None or row.count > 10**9
+
+
+@pytest.mark.parametrize(
+    ("line", "plain"),
+    [
+        ("fast: 1,001 msgs, avg: 1,234.5ms", "fast: 1001 msgs, avg: 1234.5ms"),
+        ("fast: 1,001 messages", "fast: 1001 messages"),
+        ("│ fast │ 1.001 │ 442,1 │ 3.630,6 │", "│ fast │ 1001 │ 442.1 │ 3630.6 │"),
+        ("fast;1001;0,49;2,150", "fast;1001;0.49;2.150"),
+        ("fast,1001,0.49,2.15", "fast,1001,0.49,2.15"),
+        ("fast: 1001,490,2150", "fast: 1001,490,2150"),
+        ("'fast': [1001,0.49]", "'fast': [1001,0.49]"),
+        ("fast 1001 0.490 2.150", "fast 1001 0.490 2.150"),
+    ],
+)
+def test_numbers_are_read_in_the_notation_of_their_line(line: str, plain: str) -> None:
+    """Groups of three and a decimal comma are told from commas and dots that part values."""
+    assert plain_numbers(line) == plain
