@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -26,11 +27,23 @@ def __getattr__(name: str) -> Any:
 
 
 def read_launch_file(path: str) -> Any:
-    """The launch description of an XML or YAML launch file."""
-    from ._parser import Parser
-    from ._readers import read_xml, read_yaml
+    """The launch description of an XML or YAML launch file.
 
-    text = Path(path).read_text()
-    is_xml = path.endswith(".xml") or (not path.endswith((".yaml", ".yml")) and text.lstrip().startswith("<"))
+    Raises
+    ------
+    InvalidMarkupError
+        It is neither.
+    """
+    from ._parser import Parser
+    from ._readers import InvalidMarkupError, read_xml, read_yaml
+
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        line = error.object[: error.start].count(b"\n") + 1
+        raise InvalidMarkupError("a character of this file is not encoded in UTF-8", (path, line)) from error
+    # The name tells only what is tried first.
+    begins_as_yaml = re.match(r"\s*(%YAML|---|launch\s*:)", text) is not None
+    is_xml = text.lstrip("\ufeff \t\r\n").startswith("<") or (path.endswith(".xml") and not begins_as_yaml)
     root = read_xml(text, path) if is_xml else read_yaml(text, path)
     return Parser(path).parse_description(root)
