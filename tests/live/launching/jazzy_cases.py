@@ -183,9 +183,14 @@ SCOPES = [
 
 VALUES = [
     body(
-        "a configuration is read as YAML: exponents need a dot and a sign",
+        "an exponent without a dot is text to YAML, and a number to the node",
         "Arg('a', default_value='1e3'), Arg('b', default_value='1.0e+3'), talker(parameters=[{'a': Value('a'), 'b': Value('b')}])",
-        expect={"parameter 0 a": "1e3", "parameter 0 b": 1000.0},
+        expect={
+            "parameter 0 a": 1000.0,
+            "parameter 0 b": 1000.0,
+            "parameter_files.node_name_unspecified_1|yaml has": "a: 1e3\n",
+            "warnings.0.message has": "reads it as double",
+        },
     ),
     body(
         "a configuration is read as YAML: octal, hexadecimal, underscores",
@@ -194,8 +199,8 @@ VALUES = [
     ),
     body(
         "a configuration is read as YAML: on, off, no",
-        "talker(parameters=[{n: [TextSubstitution(text=n)] for n in ('on', 'off', 'no', 'n')}])",
-        expect={"parameter 0 on": True, "parameter 0 off": False, "parameter 0 no": False, "parameter 0 n": "n"},
+        "talker(parameters=[{n: [TextSubstitution(text=n)] for n in ('on', 'off', 'no')}])",
+        expect={"parameter 0 on": True, "parameter 0 off": False, "parameter 0 no": False},
     ),
     body(
         "a configuration is read as YAML: sexagesimal",
@@ -701,6 +706,108 @@ MARKUP = [
     yaml("YAML: an item with two keys", "- log: {message: x}\n  let: {name: a, value: b}\n", expect=bad("bad_markup")),
 ]
 
+#: What is said of a text that `launch` itself refuses with an error of its grammar.
+_REFUSED = {
+    "two blanks": ("$(var  k)", "one blank too many"),
+    "a blank before the end": ("$(var k )", "one blank too many"),
+    "a blank before the name": ("$( var k)", "a name is missing"),
+    "a parenthesis without quotes": ("$(eval 1+(2))", "needs quotes"),
+    "text behind a closing quote": ("$(eval 'a'b)", "is not closed"),
+    "a quote inside an argument": ("$(env X it's)", "is not closed"),
+    "a quote that is not closed": ("$(eval 'a)", "a quote is not closed"),
+}
+
+#: What it makes of others; `k` is `v`.
+_TAKEN = {
+    "a dollar without a parenthesis": ("$HOME costs 5$ $$(var k)", "$HOME costs 5$ $v"),
+    "a protected dollar": ("\\$(var k)", "$(var k)"),
+    "backslashes protect anything": ("a\\nb \\\\", "anb \\"),
+    "a protected quote and parenthesis": ("$(env NO_SUCH it\\'s\\(\\))", "it's()"),
+    "quotes inside quotes are letters": ("$(env NO_SUCH '$(env NO_SUCH &quot;a&quot;)')", '"a"'),
+    "a substitution as the name of another": ("$(var $(env NO_SUCH k))", "v"),
+}
+
+GRAMMAR = [
+    *(
+        xml(f"XML: {name}", f'<log message="{text}"/>', expect=bad("bad_markup", **{"problem.message has": said}))
+        for name, (text, said) in _REFUSED.items()
+    ),
+    *(
+        xml(f"XML: {name}", f'<let name="k" value="v"/><log message="{text}"/>', expect={"logs.0.message": said})
+        for name, (text, said) in _TAKEN.items()
+    ),
+    xml(
+        "XML: a command line with a quote that is not closed",
+        "<node pkg='demo' exec='talker' args=\"it's\"/>",
+        expect=bad("bad_text"),
+    ),
+    xml(
+        "XML: ns as ROS 1 wrote it",
+        "<node pkg='demo' exec='talker' ns='a'/>",
+        expect=bad("bad_markup", **{"problem.remedy has": "namespace="}),
+    ),
+    Case(
+        "XML in a namespace",
+        '<launch xmlns="http://example.org"></launch>',
+        {"outcome": "error", "problem.kind": "bad_markup"},
+        filename="x.launch.xml",
+    ),
+    Case(
+        "XML with a schema and a version",
+        '<launch xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" xsi:noNamespaceSchemaLocation="x" version="1"></launch>',
+        {"outcome": "ok"},
+        filename="x.launch.xml",
+    ),
+    Case(
+        "XML in a file called .yaml",
+        "<launch><log message='x'/></launch>",
+        {"outcome": "ok", "logs.0.message": "x"},
+        filename="x.launch.yaml",
+    ),
+    Case(
+        "XML behind a byte order mark",
+        "\ufeff<launch><log message='x'/></launch>",
+        {"outcome": "ok", "logs.0.message": "x"},
+        filename="x.launch.xml",
+    ),
+]
+
+SHAPES_OF_YAML = [
+    yaml(
+        "YAML: a mapping where a list is wanted",
+        "- node: {pkg: demo, exec: talker, param: {name: a, value: 1}}\n",
+        expect=bad("bad_markup", **{"problem.remedy has": "dash"}),
+    ),
+    yaml(
+        "YAML: an empty list of parameters", "- node: {pkg: demo, exec: talker, param: []}\n", expect=bad("bad_markup")
+    ),
+    yaml("YAML: an empty list of children", "- group: {children: []}\n", expect={"processes": []}),
+    yaml("YAML: a group without children", "- group: {scoped: true}\n", expect=bad("bad_markup")),
+    yaml("YAML: a group as a list", "- group: [{log: {message: x}}]\n", expect={"logs.0.message": "x"}),
+    yaml("YAML: an action that holds nothing", "- shutdown:\n", expect=bad("bad_markup")),
+    yaml("YAML: actions that are no list", "  node: {pkg: demo, exec: talker}\n", expect=bad("bad_markup", 1)),
+    yaml(
+        "YAML: an anchor and what is merged",
+        "- node: &a {pkg: demo, exec: talker, name: x}\n- node: {<<: *a, name: y}\n",
+        expect={"processes.1.name": "y", "processes.1.executable": "talker"},
+    ),
+    yaml(
+        "YAML: of two equal keys the last counts",
+        "- node: {pkg: demo, exec: talker, param: [{name: a, value: 1}], param: [{name: b, value: 2}]}\n",
+        expect={"effective 0": {"b": 2}},
+    ),
+    yaml(
+        "YAML: a list of two kinds of numbers",
+        "- node: {pkg: demo, exec: talker, param: [{name: a, value: [1, 2.5]}]}\n",
+        expect=bad("bad_markup", **{"problem.remedy has": "alike"}),
+    ),
+    yaml(
+        "YAML: respawn without quotes",
+        "- node: {pkg: demo, exec: talker, respawn: true}\n",
+        expect=bad("bad_markup", **{"problem.remedy has": "quotes"}),
+    ),
+]
+
 NAMES = [
     body(
         "a namespace of the scope, a relative one, an absolute one, an empty one",
@@ -751,6 +858,65 @@ NAMES = [
     body("a node that names nothing", "talker()", expect={"processes.0.argv": NODE, "processes.0.namespace": None}),
 ]
 
+READ_BY_NODES = [
+    body(
+        "texts that reach a node as something else, since they are written without quotes",
+        "talker(parameters=[{'a': 'y', 'b': '08', 'c': 'nan', 'd': ['x', 'y'], 'e': '12:30', 'f': '5'}])",
+        expect={
+            "parameter 0 a": True,
+            "processes.0.parameters.0.type": "bool",
+            "parameter 0 b": 8.0,
+            "parameter 0 c": "nan",
+            "parameter 0 d": ["x", True],
+            "parameter 0 e": "12:30",
+            "parameter 0 f": "5",
+            "len warnings": 4,
+        },
+    ),
+    body(
+        "a file of parameters is read as a node reads it",
+        "talker(name='t', namespace='', parameters=[HERE + '/p.yaml'])",
+        _files={
+            "p.yaml": "/**:\n  ros__parameters: {a: 1e2, b: 010, c: y, d: 'y', e: 1_000, f: 2024-01-01, g: 1:30, h: !!str 5}\n"
+            "/t:\n  ros__parameters: {i: .inf, j: 0x1F, k: [1.0, 2e3], l: ~, 5: on}\n"
+        },
+        expect={
+            "effective 0": {
+                **{"a": 100.0, "b": 8, "c": True, "d": "y", "e": "1_000", "f": "2024-01-01", "g": "1:30", "h": "5"},
+                **{"i": "inf", "j": 31, "k": [1.0, 2000.0], "l": "~", "5": True},
+            }
+        },
+    ),
+    body(
+        "a file of parameters with an alias, which no node can read",
+        "talker(parameters=[HERE + '/p.yaml'])",
+        _files={"p.yaml": "/**:\n  ros__parameters: {a: &x 1, b: *x}\n"},
+        expect={"len warnings": 1, "warnings.0.message has": "aliases"},
+    ),
+    body(
+        "parameters among the arguments come before the launch file's own",
+        "talker(parameters=[{'b': 3}], arguments=['x', '--ros-args', '-p', 'a:=1e2', '-p', 'b:=2', '--params-file', HERE + '/p.yaml'])",
+        _files={"p.yaml": "/**:\n  ros__parameters: {c: y}\n"},
+        expect={"effective 0": {"a": 100.0, "b": 3, "c": True}, "processes.0.parameters.0.type": "double"},
+    ),
+    body(
+        "a composable node's missing file of parameters",
+        "ComposableNodeContainer(name='c', namespace='', package='demo', executable='talker', composable_node_descriptions=["
+        "ComposableNode(package='p', plugin='p::N', name='n', parameters=['/no/p.yaml'])])",
+        expect={"outcome": "error", "problem.kind": "file_not_found"},
+    ),
+    body(
+        "a delay that is no number is found out when the process is to start again",
+        "talker(respawn=True, respawn_delay='2.0', respawn_max_retries=Value('n', default='3'))",
+        expect={"processes.0.respawn_delay_s": 0.0, "processes.0.respawn_max_retries": -1, "len warnings": 2},
+    ),
+    body(
+        "a time-out without a value is found out when the launch ends",
+        "talker(sigterm_timeout=Value('no_such'), sigkill_timeout='7')",
+        expect={"processes.0.sigterm_timeout_s": 5.0, "processes.0.sigkill_timeout_s": 7.0, "len warnings": 1},
+    ),
+]
+
 WRITES = """\
 import os, tempfile, yaml
 from launch import LaunchDescription
@@ -794,4 +960,18 @@ WRITTEN = [
     ),
 ]
 
-CASES = [*WRITTEN, *PATHS, *TIMERS, *SCOPES, *VALUES, *TEXT_TRAPS, *HANDLERS, *LIFECYCLES, *MARKUP, *NAMES]
+CASES = [
+    *WRITTEN,
+    *READ_BY_NODES,
+    *GRAMMAR,
+    *SHAPES_OF_YAML,
+    *PATHS,
+    *TIMERS,
+    *SCOPES,
+    *VALUES,
+    *TEXT_TRAPS,
+    *HANDLERS,
+    *LIFECYCLES,
+    *MARKUP,
+    *NAMES,
+]

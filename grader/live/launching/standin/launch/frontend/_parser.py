@@ -200,7 +200,11 @@ class Parser:
             error.args = (f"the root of a launch file must be 'launch', but it is '{root.tag}'",)
             blame(error, entity)
             raise error
-        reason = entity.get_attr("deprecated", optional=True)
-        with written_at(*entity.source_line):
-            actions = [self.parse_action(child) for child in entity.children]
-            return LaunchDescription(actions, deprecated_reason=reason)
+        try:
+            reason = entity.get_attr("deprecated", optional=True)
+            with written_at(*entity.source_line):
+                actions = [self.parse_action(child) for child in entity.children]
+                return LaunchDescription(actions, deprecated_reason=reason)
+        except Exception as error:
+            blame(error, entity)
+            raise
