@@ -523,7 +523,7 @@ def yaml(name: str, text: str, /, **expect: object) -> Case:
     return Case(name, f"launch:\n{text}", wanted, filename="x.launch.yaml")
 
 
-def bad(kind: str, line: int = 2, **expect: object) -> dict[str, object]:
+def bad(kind: str, line: int = 2, /, **expect: object) -> dict[str, object]:
     """What is expected of a markup file with a mistake."""
     return {"outcome": "error", "problem.kind": kind, "problem.line": line, **expect}
 
@@ -917,6 +917,174 @@ READ_BY_NODES = [
     ),
 ]
 
+#: What is to be said of common slips: entities, kind, and a word of the message or the remedy.
+_SLIPS = {
+    "text and a substitution added": ("talker(name='a' + Value('x'))", "substitution_too_early", "['text'"),
+    "a substitution and text added": ("talker(name=Value('x') + 'a')", "substitution_too_early", "['text'"),
+    "a substitution in os.path.join": (
+        "LogInfo(msg=os.path.join('a', Value('x')))",
+        "substitution_too_early",
+        "PathJoin",
+    ),
+    "float() of a substitution": ("talker(parameters=[{'a': float(Value('x'))}])", "substitution_too_early", "perform"),
+    "a function that takes no context": ("OpaqueFunction(function=lambda: [])", "positional_argument", "context"),
+    "a called function": ("OpaqueFunction(function=talker())", "bad_type", "without calling it"),
+    "exec= for executable=": ("Node(package='demo', exec='talker')", "unknown_keyword", "'executable='"),
+    "a keyword of another class": (
+        "LogInfo(msg=EnvironmentVariable('A', default='x'))",
+        "unknown_keyword",
+        "EnvironmentVariable()",
+    ),
+    "None in a group": ("GroupAction([talker(), None])", "not_an_action", "item 2"),
+    "a group of one action without a list": ("GroupAction(actions=talker())", "not_a_list", "list"),
+    "text for a whole number": (
+        "talker(parameters=[{'a': ParameterValue('5', value_type=int)}])",
+        "bad_type",
+        "an int",
+    ),
+    "an executable that resembles none": (
+        "Node(package='demo', executable='zzz')",
+        "unknown_executable",
+        "'demo'. The",
+    ),
+}
+
+#: Whole files, with the line that is to be shown and a word of the remedy.
+_WHOLE = {
+    "an async function": (
+        "async def generate_launch_description():\n    return LaunchDescription([])\n",
+        "wrong_return",
+        2,
+        "'def'",
+    ),
+    "a generator": (
+        "def generate_launch_description():\n    yield LaunchDescription([])\n",
+        "wrong_return",
+        2,
+        "'yield'",
+    ),
+    "a function that wants an argument": (
+        "def generate_launch_description(context):\n    pass\n",
+        "missing_argument",
+        2,
+        "Give",
+    ),
+    "a description without a function": (
+        "launch_description = LaunchDescription([])\n",
+        "no_generate_function",
+        None,
+        "Write a function",
+    ),
+    "a description under the function's name": (
+        "generate_launch_description = LaunchDescription([])\n",
+        "no_generate_function",
+        None,
+        "Write a function",
+    ),
+    "a null byte": ("# \0\n", "syntax_error", None, "UTF-8"),
+    "a typographic quote": ("x = \u2018demo\u2019\n", "syntax_error", 2, "syntax"),
+    "an environment without packages": (
+        "import os\nos.environ['AMENT_PREFIX_PATH'] = ''\ndef generate_launch_description():\n    return LaunchDescription([Node(package='demo', executable='talker')])\n",
+        "exception",
+        5,
+        "Mend",
+    ),
+    "a description that holds itself": (
+        "def generate_launch_description():\n    ld = LaunchDescription()\n    ld.add_action(ld)\n    return ld\n",
+        "endless",
+        3,
+        "end",
+    ),
+    "a group that holds itself": (
+        "def generate_launch_description():\n    inside = []\n    inside.append(GroupAction(inside))\n    return LaunchDescription(inside)\n",
+        "endless",
+        4,
+        "end",
+    ),
+    "a function that returns itself without end": (
+        "def again(context):\n    return [OpaqueFunction(function=again)]\ndef generate_launch_description():\n    return LaunchDescription(again(None))\n",
+        "endless",
+        3,
+        "end",
+    ),
+    "a function that yields without end": (
+        "def more(context):\n    while True:\n        yield LogInfo(msg='x')\ndef generate_launch_description():\n    return LaunchDescription([OpaqueFunction(function=more)])\n",
+        "endless",
+        4,
+        "end",
+    ),
+    "timers without end": (
+        "def again(context):\n    return [TimerAction(period=1.0, actions=[OpaqueFunction(function=again)])]\ndef generate_launch_description():\n    return LaunchDescription(again(None))\n",
+        "endless",
+        3,
+        "end",
+    ),
+    "a handler that its own actions call": (
+        "def generate_launch_description():\n    return LaunchDescription([\n        RegisterEventHandler(OnExecutionComplete(on_completion=[LogInfo(msg='x')]))])\n",
+        "endless",
+        4,
+        "end",
+    ),
+    "exit() while launching": (
+        "def generate_launch_description():\n    return LaunchDescription([OpaqueFunction(function=lambda context: exit(1))])\n",
+        "exits",
+        3,
+        "exit",
+    ),
+}
+_IMPORTS = "from launch import *; from launch.actions import *; from launch.event_handlers import *; from launch_ros.actions import *\n"
+
+SLIPS = [
+    *(fails(name, entities, kind, expect={"problem has": said}) for name, (entities, kind, said) in _SLIPS.items()),
+    *(
+        whole(name, _IMPORTS + text, kind, line, expect={"problem.remedy has": said, "problem.file": "x_launch.py"})
+        for name, (text, kind, line, said) in _WHOLE.items()
+    ),
+    Case(
+        "files that include each other in XML",
+        "<launch><include file='$(dirname)/b.xml'/></launch>",
+        {"outcome": "error", "problem.kind": "include_recursive", "problem.file": "b.xml"},
+        files={"b.xml": "<launch><include file='$(dirname)/x.launch.xml'/></launch>"},
+        filename="x.launch.xml",
+    ),
+    Case(
+        "a file that includes itself until a condition fails",
+        _IMPORTS
+        + "from launch.conditions import IfCondition\nfrom launch.substitutions import *\ndef generate_launch_description():\n"
+        "    n = LaunchConfiguration('n')\n"
+        "    again = IncludeLaunchDescription(ThisLaunchFile(), launch_arguments={'n': PythonExpression([n, '-1'])}.items(),\n"
+        "        condition=IfCondition(PythonExpression([n, '> 1'])))\n"
+        "    return LaunchDescription([DeclareLaunchArgument('n', default_value='3'), LogInfo(msg=n), again])\n",
+        {"outcome": "ok", "len logs": 3, "logs.2.message": "1"},
+    ),
+    Case(
+        "carriage returns, a byte order mark, and the function from another module",
+        "\ufeffimport os, sys\r\nsys.path.insert(0, os.path.dirname(__file__))\r\n"
+        "from made_elsewhere import generate_launch_description\r\n",
+        {"outcome": "ok", "processes.0.name": "n1"},
+        files={"made_elsewhere.py": OTHER},
+    ),
+    body(
+        "conditions are described by what they compare",
+        "Arg('a', default_value='x'), talker(condition=LaunchConfigurationEquals('a', 'x')), "
+        "talker(condition=LaunchConfigurationNotEquals('a', 'x'))",
+        expect={
+            "processes.0.condition_note": "LaunchConfigurationEquals('a', 'x') holds",
+            "not_started.0.why": "LaunchConfigurationNotEquals('a', 'x') does not hold",
+        },
+    ),
+    body(
+        "a class where an action is wanted fails when the process ends",
+        "talker(on_exit=Shutdown)",
+        expect={"len warnings": 1, "warnings.0.file": None},
+    ),
+    body(
+        "what is said without end is cut",
+        "*[LogInfo(msg='x' * 3000) for _ in range(600)]",
+        expect={"len logs": 500, "logs.0.message": "x" * 2000},
+    ),
+]
+
 WRITES = """\
 import os, tempfile, yaml
 from launch import LaunchDescription
@@ -965,6 +1133,7 @@ CASES = [
     *READ_BY_NODES,
     *GRAMMAR,
     *SHAPES_OF_YAML,
+    *SLIPS,
     *PATHS,
     *TIMERS,
     *SCOPES,

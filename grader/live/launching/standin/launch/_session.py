@@ -181,7 +181,7 @@ class Session:
             try:
                 visit_all(handler.handle(event, context), context, handler)
             except Exception as error:
-                blame(error, handler)
+                blame(error, getattr(event, "timer_action", handler))
                 raise
             finally:
                 context._pop_locals()

@@ -15,13 +15,12 @@ from launch._base import (
     normalize_to_list_of_substitutions,
     perform_substitutions,
 )
-from launch._catalogue import ELSEWHERE
+from launch._catalogue import ELSEWHERE, parameter_text
 from launch._installed import missing_data_file
 from launch.actions import ExecuteProcess
 from launch.frontend.expose import expose_action
 from launch.substitutions import LocalSubstitution
 
-from .._reading import as_read, read
 from ..descriptions import ComposableNode
 from ..parameter_descriptions import Parameter, ParameterFile, ParameterValue
 from ..substitutions import ExecutableInPackage
@@ -68,7 +67,7 @@ def read_from_command_line(value: Any) -> Any:
     import yaml
 
     try:
-        return read(str(value))
+        return parameter_text.read(str(value))
     except yaml.YAMLError:
         return str(value)
 
@@ -286,13 +285,13 @@ class Node(ExecuteProcess):
     def _as_read(self, context: Any, name: str, value: Any) -> Any:
         """The value that reaches the node, with a warning where it is no text any more."""
         texts = [item for item in (value if isinstance(value, (list, tuple)) else [value]) if type(item) is str]
-        lost = next((text for text in texts if type(as_read(text)) is not str), None)
+        lost = next((text for text in texts if type(parameter_text.as_read(text)) is not str), None)
         if lost is None:
             return value
-        became = ros_type(as_read(lost))
+        became = ros_type(parameter_text.as_read(lost))
         message = f"the text '{lost}' of the parameter '{name}' is written without quotes for the node"
         context.session.warn(f"{message}, which reads it as {became}", self.source_line)
-        return as_read(value)
+        return parameter_text.as_read(value)
 
     def _plan_value(self, name: str, value: Any, *, wildcard: bool = False) -> None:
         planned = _planned(name, value)
@@ -302,7 +301,7 @@ class Node(ExecuteProcess):
     def _plan_file(self, context: Any, path: Path, text: str | None = None) -> None:
         content = None
         try:
-            content = read(path.read_text() if text is None else text)
+            content = parameter_text.read(path.read_text() if text is None else text)
         except Exception as error:
             message = f"the parameter file '{path}' cannot be read, so the node will not start: {error}"
             context.session.warn(message, self.source_line)

@@ -37,7 +37,7 @@ def _value(event: Any, events: Iterator[Any]) -> Any:
     import yaml
 
     if isinstance(event, yaml.AliasEvent):
-        raise yaml.YAMLError(f"line {event.start_mark.line + 1}: a node cannot read aliases")
+        raise yaml.YAMLError(f"line {getattr(event.start_mark, 'line', 0) + 1}: a node cannot read aliases")
     if isinstance(event, yaml.ScalarEvent):
         return event.value if event.style in ("'", '"') or str(event.tag).endswith(":str") else scalar(event.value)
     if isinstance(event, yaml.SequenceStartEvent):
