@@ -104,6 +104,7 @@ def evaluate(file: str, arguments: dict[str, Any], root: str) -> dict[str, Any]:
         The plan, ready for JSON.
     """
     notes = _Notes(root)
+    sys.meta_path.append(_beside("standin/launch/_installed").SubmittedModules(root))
     outcome, problem = "ok", None
     configurations: dict[str, str] = {}
     try:

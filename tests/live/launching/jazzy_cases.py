@@ -928,6 +928,8 @@ _SLIPS = {
     ),
     "float() of a substitution": ("talker(parameters=[{'a': float(Value('x'))}])", "substitution_too_early", "perform"),
     "a function that takes no context": ("OpaqueFunction(function=lambda: [])", "positional_argument", "context"),
+    "an action for an event": ("EmitEvent(event=Shutdown())", "not_an_event", "launch.events.Shutdown()"),
+    "a handler that was never registered": ("UnregisterEventHandler(OnProcessStart(on_start=[]))", "exception", "Mend"),
     "a called function": ("OpaqueFunction(function=talker())", "bad_type", "without calling it"),
     "exec= for executable=": ("Node(package='demo', exec='talker')", "unknown_keyword", "'executable='"),
     "a keyword of another class": (
@@ -1039,6 +1041,52 @@ SLIPS = [
     *(
         whole(name, _IMPORTS + text, kind, line, expect={"problem.remedy has": said, "problem.file": "x_launch.py"})
         for name, (text, kind, line, said) in _WHOLE.items()
+    ),
+    Case(
+        "a module of the submission's own package",
+        "from robot.parts import generate_launch_description\n",
+        {"outcome": "ok", "processes.0.name": "n1"},
+        files={
+            **{"ws/robot/package.xml": "<package/>", "ws/robot/setup.py": "", "ws/robot/robot/__init__.py": ""},
+            "ws/robot/robot/parts.py": OTHER,
+        },
+    ),
+    Case(
+        "a module beside the launch file, where Python does not look",
+        "from parts import generate_launch_description\n",
+        {
+            **{"outcome": "error", "problem.kind": "unknown_import", "problem.line": 1},
+            "problem.message has": "'parts.py' is nowhere",
+        },
+        files={"parts.py": OTHER},
+    ),
+    Case(
+        "a Python package that its ROS package does not install",
+        "import parts\n",
+        {"outcome": "error", "problem.kind": "unknown_import"},
+        files={"parts/__init__.py": "", "package.xml": "<package/>", "CMakeLists.txt": "project(robot)\n"},
+    ),
+    *(
+        fails(name, entities, kind, expect={"outcome": "not_assessable", "problem.module": program})
+        for name, entities, kind, program in (
+            (
+                "a command of xacro, which is not here",
+                "LogInfo(msg=Command(['xacro ', 'a']))",
+                "missing_program",
+                "xacro",
+            ),
+            (
+                "the path of ros2, which is not here",
+                "LogInfo(msg=FindExecutable(name='ros2'))",
+                "missing_program",
+                "ros2",
+            ),
+        )
+    ),
+    body(
+        "an autostart is at the line of its node",
+        "\nLifecycleNode(package='demo', executable='talker', name='t', namespace='', autostart=True)",
+        expect={"transitions.0.line": BODY_LINE + 1, "transitions.0.file": "x_launch.py"},
     ),
     Case(
         "files that include each other in XML",

@@ -14,7 +14,7 @@ from typing import Any
 
 from ._base import STANDIN_ROOT, Located, UnsupportedByStandin
 from ._catalogue import LATER, SUBMODULES, homes_of, is_released, similar_names
-from ._installed import missing_data_file
+from ._installed import missing_data_file, module_out_of_reach
 from ._session import SUBSTITUTION_AS_TEXT, LimitExceededError
 from ._sources import InvalidPythonLaunchFileError, WrongReturnError
 
@@ -45,7 +45,10 @@ _KEYWORDS = (
     "on_start on_stdout on_stderr on_shutdown function scoped forwarding sigterm_timeout sigkill_timeout",
 )
 
-_NOT_HERE = ("unsupported", "missing_module", "missing_package")
+_NOT_HERE = ("unsupported", "missing_module", "missing_package", "missing_program")
+
+#: Programs that come with ROS or a simulator, and are not where this is evaluated.
+_ROS_PROGRAMS = ("xacro", "ros2", "rviz2", "colcon", "gz", "ign", "gazebo", "gzserver", "gzclient", "check_urdf")
 
 Described = tuple[str, str, str]
 
@@ -128,6 +131,11 @@ def _describe(error: BaseException, context: Any) -> Described:
         elif str(getattr(error, "launch_file", "")).endswith((".xml", ".yaml", ".yml")):
             quotes = 'Texts need quotes inside the expression: $(eval \'"$(var name)" == "x"\').'
         return "bad_expression", f"{type(error).__name__}: {_text(error)}", quotes
+    program = re.match(r"command not found: '([^']*)'|executable '([^']*)' not found on the PATH", str(error))
+    if program is not None and (program[1] or program[2]) in _ROS_PROGRAMS:
+        error.name = program[1] or program[2]  # type: ignore[attr-defined]
+        message = f"the launch file runs '{program[1] or program[2]}', which is not installed where it is evaluated"
+        return "missing_program", message, "Nothing, if the program is installed where you launch."
     for kinds, describe in _BY_TYPE:
         if isinstance(error, kinds):
             found = describe(error, context)
@@ -247,6 +255,14 @@ def _import(error: Any, context: Any) -> Described | None:
             "unknown_import",
             f"there is no module '{module}'",
             f"Did you mean '{close[0]}'? Mend the import.",
+        )
+    lying = module_out_of_reach(top, context.session.root) if isinstance(error, ModuleNotFoundError) and top else None
+    if lying is not None:
+        message = f"the launch file imports '{module}', but '{lying}' is nowhere where Python looks for modules"
+        return (
+            "unknown_import",
+            message,
+            "Put it into the Python package of a ROS package, and import it as package.module.",
         )
     if isinstance(error, ModuleNotFoundError):
         message = f"the launch file imports '{module}', which is not installed where it is evaluated"
@@ -487,6 +503,11 @@ _BY_MESSAGE: list[tuple[str, str, _Remedy]] = [
         r"|ThisLaunchFile|PythonExpression)",
         "substitution_too_early",
         _TOO_EARLY,
+    ),
+    (
+        r"^EmitEvent needs an event",
+        "not_an_event",
+        "Give an event, such as launch.events.Shutdown(); an action stands in the list by itself.",
     ),
     (r"^OpaqueFunction needs a function", "bad_type", "Give the function itself, without calling it: function=name."),
     (r"No closing quotation|No escaped character", "bad_text", "Close the quotes of the command line."),

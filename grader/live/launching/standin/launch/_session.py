@@ -16,7 +16,7 @@ from typing import Any
 
 from ._base import SourceLine, blame, no_action
 
-SUBSTITUTION_AS_TEXT = re.compile(r"<launch(_ros)?\.[\w.]+ object at 0x")
+SUBSTITUTION_AS_TEXT = re.compile(r"<launch(_ros)?\.(substitutions|parameter_descriptions)[\w.]* object at 0x")
 
 EVENT_LIMIT = 2000
 PROCESS_LIMIT = 400

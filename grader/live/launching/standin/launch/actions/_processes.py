@@ -13,10 +13,12 @@ from typing import Any
 from .. import logging as launch_logging
 from .._base import (
     Action,
+    Event,
     SomeSubstitutionsType_types_tuple,
     Substitution,
     blame,
     ensure_argument_type,
+    is_a_subclass,
     normalize_to_list_of_substitutions,
     perform_substitutions,
     shown,
@@ -39,6 +41,8 @@ class EmitEvent(Action):
 
     def __init__(self, *, event: Any, **kwargs: Any) -> None:
         super().__init__(**kwargs)
+        if not is_a_subclass(event, Event):
+            raise RuntimeError(f"EmitEvent needs an event, but {shown(event)}")
         self.__event = event
 
     @property
