@@ -765,6 +765,17 @@ GRAMMAR = [
         filename="x.launch.yaml",
     ),
     Case(
+        "YAML in a file called .launch",
+        "# a comment\nlaunch:\n- log: {message: x}\n",
+        {"outcome": "ok", "logs.0.message": "x"},
+        filename="robot.launch",
+    ),
+    xml(
+        "XML: an action of which it is not known since when it is there",
+        "<reset_env/>",
+        expect={"outcome": "not_assessable", "problem.kind": "unsupported", "problem.line": 2},
+    ),
+    Case(
         "XML behind a byte order mark",
         "\ufeff<launch><log message='x'/></launch>",
         {"outcome": "ok", "logs.0.message": "x"},

@@ -101,11 +101,12 @@ def get_launch_description_from_any_launch_file(launch_file_path: str, parser: A
     InvalidLaunchFileError
         The file is not of that format.
     """
+    from .frontend import markup_of
+
     extension = Path(launch_file_path).suffix.lstrip(".")
     if extension in ("xml", "yaml", "yml"):
         return get_launch_description_from_frontend_launch_file(launch_file_path)
-    text = Path(launch_file_path).read_bytes()
-    if extension != "py" and text.lstrip().startswith((b"<launch", b"<?xml", b"<!--")):
+    if extension != "py" and markup_of(Path(launch_file_path).read_text(encoding="utf-8", errors="replace")):
         return get_launch_description_from_frontend_launch_file(launch_file_path)
     return get_launch_description_from_python_launch_file(launch_file_path)
 

@@ -43,7 +43,13 @@ def read_launch_file(path: str) -> Any:
         line = error.object[: error.start].count(b"\n") + 1
         raise InvalidMarkupError("a character of this file is not encoded in UTF-8", (path, line)) from error
     # The name tells only what is tried first.
-    begins_as_yaml = re.match(r"\s*(%YAML|---|launch\s*:)", text) is not None
-    is_xml = text.lstrip("\ufeff \t\r\n").startswith("<") or (path.endswith(".xml") and not begins_as_yaml)
+    is_xml = markup_of(text) == "xml" or (path.endswith(".xml") and markup_of(text) is None)
     root = read_xml(text, path) if is_xml else read_yaml(text, path)
     return Parser(path).parse_description(root)
+
+
+def markup_of(text: str) -> str | None:
+    """The language in which a text seems to be written: `xml`, `yaml`, or none of them."""
+    if text.lstrip("\ufeff \t\r\n").startswith("<"):
+        return "xml"
+    return "yaml" if re.match(r"\ufeff?\s*(#.*\s+)*(%YAML|---|launch\s*:)", text) else None
