@@ -323,8 +323,15 @@ def _read_plan(text: str, in_time: bool, timeout_s: float, run: ProcessRun, sour
         message = "evaluating the launch file gave no description that can be read"
         remedy = "Return a LaunchDescription of a few entities, and write to no file descriptor but your own."
         return Plan("error", Problem("no_plan", message, source, None, remedy))
+    if run.limit is not None:
+        message = f"reading the launch file was stopped at the limit of {run.limit}, before it gave a description"
+        remedy = (
+            "Take out what prints, writes or starts programs without end: `ros2 launch` reads the whole file first."
+        )
+        return Plan("error", Problem("no_plan", message, source, None, remedy))
     status = run.exit_status or 0
-    how = f"by signal {status - 128}" if status > 128 else f"with status {status}"
+    number = status - 128 if status > 128 else -status
+    how = f"by signal {number}" if number > 0 else f"with status {status}"
     said = f"; it said: {run.output[-1].text[:300]}" if run.output else ""
     message = f"the program that reads the launch file was ended by it ({how}), before it gave a description{said}"
     remedy = "Take out what ends or replaces the program (os._exit, exec, signals), and return a LaunchDescription."

@@ -165,9 +165,9 @@ class Process:
     @property
     def full_name(self) -> str | None:
         """The node's name with its namespace, or None if the launch file does not name it."""
-        if self.name is None:
+        if self.called is None:
             return None
-        return f"{(self.namespace or '').rstrip('/')}/{self.name}"
+        return f"{(self._ruled('__ns') or self.namespace or '').rstrip('/')}/{self.called}"
 
     @property
     def _words(self) -> list[str]:
@@ -192,9 +192,12 @@ class Process:
     @property
     def called(self) -> str | None:
         """The node's name without its namespace, from the launch file or from a rule on the command line."""
-        rules = [word.partition(":=") for word in self._words]
-        given = [target for source, _, target in rules if source in ("__node", "__name")]
-        return self.name or (given[-1] if given else None)
+        return self._ruled("__node", "__name") or self.name
+
+    def _ruled(self, *sources: str) -> str | None:
+        """What the first rule for a name on the command line makes of it, where all later ones are ignored."""
+        rules = (word.partition(":=") for word in self._words)
+        return next((target for source, is_rule, target in rules if is_rule and source in sources), None)
 
     def command(self, parameters_folder: str) -> list[str]:
         """The command line, with the parameter files in a folder."""

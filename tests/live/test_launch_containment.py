@@ -42,7 +42,12 @@ class Misdeed:
 
 MISDEEDS = [
     Misdeed("loops", "while True:\n    pass", reason_has="still busy after 10 s"),
-    Misdeed("sleeps", "import time\ntime.sleep(1e6)", reason_has="still busy after 10 s"),
+    Misdeed("prints_without_end", "while True:\n    print('x' * 1000)", reason_has="at the limit of output"),
+    Misdeed(
+        "waits_for_a_thread",
+        "import threading, time\nthreading.Thread(target=lambda: time.sleep(1e6)).start()",
+        Outcome.PASSED,
+    ),
     Misdeed(
         "forks_without_end",
         "import os, time\nfor _ in range(400):\n    try:\n        os.fork()\n    except OSError:\n        pass\n"

@@ -14,6 +14,7 @@ import importlib.util
 import json
 import os
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +41,8 @@ def main(argv: list[str] | None = None) -> int:
     plan = _evaluate(request)
     if os.getpid() != process:
         os._exit(0)  # the launch file forked, and this is its child
-    sys.stdout.flush()
+    with suppress(Exception):
+        sys.stdout.flush()  # it may be closed, or no file at all
     with os.fdopen(options.result_fd, "wb") as result:
         result.write(json.dumps(plan).encode())
     return 0
@@ -69,4 +71,7 @@ def _evaluate(request: dict[str, Any]) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    status = main()
+    with suppress(Exception):
+        sys.stdout.flush()
+    os._exit(status)  # threads that the launch file has started keep no launch from going on

@@ -23,6 +23,7 @@ from typing import Any
 
 SCHEMA = "ros-lab-grader/launch-plan/v1"
 _MOST_PROCESSES, _MOST_EVENTS, _MOST_EXITS, _MOST_BYTES = 400, 2000, 2, 256 * 1024
+_MOST_LOGS, _LONGEST_LOG = 500, 2000
 _AT_ONCE, _TIMED, _EXITS, _SHUTDOWN = range(4)
 _CLOCK_GRAIN_NS = 10_000_000
 _INCLUDE = "include of the command line"
@@ -69,7 +70,12 @@ class _Notes:
                 return
             phase, self.clock_s, _order, before, work, self.when = heapq.heappop(self._queue)
             self.exits = before + (phase == _EXITS)
-            work()
+            try:
+                work()
+            except Exception as error:
+                if phase < _EXITS:
+                    raise
+                self.add("warnings", {"message": f"when this happens, it fails: {error}"}, None)
         raise RuntimeError(f"the launch description gives rise to more than {_MOST_EVENTS} events")
 
     def add(self, kind: str, entry: dict[str, Any], source: Any) -> None:
@@ -98,6 +104,7 @@ def evaluate(file: str, arguments: dict[str, Any], root: str) -> dict[str, Any]:
         The plan, ready for JSON.
     """
     notes = _Notes(root)
+    sys.meta_path.append(_beside("standin/launch/_installed").SubmittedModules(root))
     outcome, problem = "ok", None
     configurations: dict[str, str] = {}
     try:
@@ -192,7 +199,9 @@ def _replaced(notes: _Notes) -> dict[Any, Callable[..., Any]]:
         return entities
 
     def note_log(action: Any, context: Any) -> None:
-        notes.add("logs", {"message": "".join(part.perform(context) for part in action.msg)}, action)
+        message = "".join(part.perform(context) for part in action.msg)
+        if len(notes.found["logs"]) < _MOST_LOGS:
+            notes.add("logs", {"message": message[:_LONGEST_LOG]}, action)
 
     def note_timer(action: Any, context: Any) -> None:
         _wait(notes, action, context)
@@ -455,19 +464,18 @@ def _node(action: Any, command: list[str], files: dict[str, str], context: Any) 
 
     if not isinstance(action, Node):
         return {}
-    import yaml
-
     rules = [word.partition(":=") for flag, word in pairwise(command) if flag == "-r"]
     given = {source: target for source, _, target in rules}
     parameters: list[dict[str, Any]] = []
+    read = _beside("parameter_text").read
     for flag, word in pairwise(command):
         if flag == "--params-file":
             name = Path(word).name
             text = files.get(name)
-            parameters.append({"file": name, "content": None if text is None else _read_yaml(text)})
+            parameters.append({"file": name, "content": None if text is None else _content(text, read)})
         elif flag == "-p":
             name, _, value = word.partition(":=")
-            parameters.append({"name": name, "value": yaml.safe_load(value), "wildcard": True})
+            parameters.append({"name": name, "value": read(value), "wildcard": True})
     kinds = {LifecycleNode: "lifecycle_node", ComposableNodeContainer: "container"}
     return {
         "kind": next((kind for cls, kind in kinds.items() if isinstance(action, cls)), "node"),
@@ -480,19 +488,12 @@ def _node(action: Any, command: list[str], files: dict[str, str], context: Any) 
     }
 
 
-def _read_yaml(text: str) -> Any:
-    """The content of a parameter file, in which `launch_ros` writes lists as tuples of Python."""
+def _content(text: str, read: Callable[[str], Any]) -> Any:
+    """The content of a parameter file, or None if a node cannot read it."""
     import yaml
 
-    class Loader(yaml.SafeLoader):
-        """Knows tuples too."""
-
-    def read_tuple(loader: Any, node: Any) -> Any:
-        return loader.construct_sequence(node)
-
-    Loader.add_constructor("tag:yaml.org,2002:python/tuple", read_tuple)
     try:
-        return yaml.load(text, Loader)
+        return read(text)
     except yaml.YAMLError:
         return None
 
@@ -534,10 +535,15 @@ def _near_launch(module: str) -> bool:
 
 def _is_released(message: str) -> bool:
     """Whether the package that a message names can be had on a ROS machine, but is not on this one."""
-    spec = importlib.util.spec_from_file_location("released_packages", Path(__file__).parent / "released.py")
-    if spec is None or spec.loader is None:
-        return False
+    named = re.search(r"package '([^']+)'", message)
+    return named is not None and bool(_beside("released").is_released(named[1]))
+
+
+def _beside(name: str) -> Any:
+    """A module beside this one, which is a script where it runs."""
+    spec = importlib.util.spec_from_file_location(f"grader_{name}", Path(__file__).parent / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    named = re.search(r"package '([^']+)'", message)
-    return named is not None and bool(module.is_released(named[1]))
+    return module

@@ -183,9 +183,14 @@ SCOPES = [
 
 VALUES = [
     body(
-        "a configuration is read as YAML: exponents need a dot and a sign",
+        "an exponent without a dot is text to YAML, and a number to the node",
         "Arg('a', default_value='1e3'), Arg('b', default_value='1.0e+3'), talker(parameters=[{'a': Value('a'), 'b': Value('b')}])",
-        expect={"parameter 0 a": "1e3", "parameter 0 b": 1000.0},
+        expect={
+            "parameter 0 a": 1000.0,
+            "parameter 0 b": 1000.0,
+            "parameter_files.node_name_unspecified_1|yaml has": "a: 1e3\n",
+            "warnings.0.message has": "reads it as double",
+        },
     ),
     body(
         "a configuration is read as YAML: octal, hexadecimal, underscores",
@@ -194,8 +199,8 @@ VALUES = [
     ),
     body(
         "a configuration is read as YAML: on, off, no",
-        "talker(parameters=[{n: [TextSubstitution(text=n)] for n in ('on', 'off', 'no', 'n')}])",
-        expect={"parameter 0 on": True, "parameter 0 off": False, "parameter 0 no": False, "parameter 0 n": "n"},
+        "talker(parameters=[{n: [TextSubstitution(text=n)] for n in ('on', 'off', 'no')}])",
+        expect={"parameter 0 on": True, "parameter 0 off": False, "parameter 0 no": False},
     ),
     body(
         "a configuration is read as YAML: sexagesimal",
@@ -518,7 +523,7 @@ def yaml(name: str, text: str, /, **expect: object) -> Case:
     return Case(name, f"launch:\n{text}", wanted, filename="x.launch.yaml")
 
 
-def bad(kind: str, line: int = 2, **expect: object) -> dict[str, object]:
+def bad(kind: str, line: int = 2, /, **expect: object) -> dict[str, object]:
     """What is expected of a markup file with a mistake."""
     return {"outcome": "error", "problem.kind": kind, "problem.line": line, **expect}
 
@@ -701,6 +706,119 @@ MARKUP = [
     yaml("YAML: an item with two keys", "- log: {message: x}\n  let: {name: a, value: b}\n", expect=bad("bad_markup")),
 ]
 
+#: What is said of a text that `launch` itself refuses with an error of its grammar.
+_REFUSED = {
+    "two blanks": ("$(var  k)", "one blank too many"),
+    "a blank before the end": ("$(var k )", "one blank too many"),
+    "a blank before the name": ("$( var k)", "a name is missing"),
+    "a parenthesis without quotes": ("$(eval 1+(2))", "needs quotes"),
+    "text behind a closing quote": ("$(eval 'a'b)", "is not closed"),
+    "a quote inside an argument": ("$(env X it's)", "is not closed"),
+    "a quote that is not closed": ("$(eval 'a)", "a quote is not closed"),
+}
+
+#: What it makes of others; `k` is `v`.
+_TAKEN = {
+    "a dollar without a parenthesis": ("$HOME costs 5$ $$(var k)", "$HOME costs 5$ $v"),
+    "a protected dollar": ("\\$(var k)", "$(var k)"),
+    "backslashes protect anything": ("a\\nb \\\\", "anb \\"),
+    "a protected quote and parenthesis": ("$(env NO_SUCH it\\'s\\(\\))", "it's()"),
+    "quotes inside quotes are letters": ("$(env NO_SUCH '$(env NO_SUCH &quot;a&quot;)')", '"a"'),
+    "a substitution as the name of another": ("$(var $(env NO_SUCH k))", "v"),
+}
+
+GRAMMAR = [
+    *(
+        xml(f"XML: {name}", f'<log message="{text}"/>', expect=bad("bad_markup", **{"problem.message has": said}))
+        for name, (text, said) in _REFUSED.items()
+    ),
+    *(
+        xml(f"XML: {name}", f'<let name="k" value="v"/><log message="{text}"/>', expect={"logs.0.message": said})
+        for name, (text, said) in _TAKEN.items()
+    ),
+    xml(
+        "XML: a command line with a quote that is not closed",
+        "<node pkg='demo' exec='talker' args=\"it's\"/>",
+        expect=bad("bad_text"),
+    ),
+    xml(
+        "XML: ns as ROS 1 wrote it",
+        "<node pkg='demo' exec='talker' ns='a'/>",
+        expect=bad("bad_markup", **{"problem.remedy has": "namespace="}),
+    ),
+    Case(
+        "XML in a namespace",
+        '<launch xmlns="http://example.org"></launch>',
+        {"outcome": "error", "problem.kind": "bad_markup"},
+        filename="x.launch.xml",
+    ),
+    Case(
+        "XML with a schema and a version",
+        '<launch xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" xsi:noNamespaceSchemaLocation="x" version="1"></launch>',
+        {"outcome": "ok"},
+        filename="x.launch.xml",
+    ),
+    Case(
+        "XML in a file called .yaml",
+        "<launch><log message='x'/></launch>",
+        {"outcome": "ok", "logs.0.message": "x"},
+        filename="x.launch.yaml",
+    ),
+    Case(
+        "YAML in a file called .launch",
+        "# a comment\nlaunch:\n- log: {message: x}\n",
+        {"outcome": "ok", "logs.0.message": "x"},
+        filename="robot.launch",
+    ),
+    xml(
+        "XML: an action of which it is not known since when it is there",
+        "<reset_env/>",
+        expect={"outcome": "not_assessable", "problem.kind": "unsupported", "problem.line": 2},
+    ),
+    Case(
+        "XML behind a byte order mark",
+        "\ufeff<launch><log message='x'/></launch>",
+        {"outcome": "ok", "logs.0.message": "x"},
+        filename="x.launch.xml",
+    ),
+]
+
+SHAPES_OF_YAML = [
+    yaml(
+        "YAML: a mapping where a list is wanted",
+        "- node: {pkg: demo, exec: talker, param: {name: a, value: 1}}\n",
+        expect=bad("bad_markup", **{"problem.remedy has": "dash"}),
+    ),
+    yaml(
+        "YAML: an empty list of parameters", "- node: {pkg: demo, exec: talker, param: []}\n", expect=bad("bad_markup")
+    ),
+    yaml("YAML: an empty list of children", "- group: {children: []}\n", expect={"processes": []}),
+    yaml("YAML: a group without children", "- group: {scoped: true}\n", expect=bad("bad_markup")),
+    yaml("YAML: a group as a list", "- group: [{log: {message: x}}]\n", expect={"logs.0.message": "x"}),
+    yaml("YAML: an action that holds nothing", "- shutdown:\n", expect=bad("bad_markup")),
+    yaml("YAML: actions that are no list", "  node: {pkg: demo, exec: talker}\n", expect=bad("bad_markup", 1)),
+    yaml(
+        "YAML: an anchor and what is merged",
+        "- node: &a {pkg: demo, exec: talker, name: x}\n- node: {<<: *a, name: y}\n",
+        expect={"processes.1.name": "y", "processes.1.executable": "talker"},
+    ),
+    yaml(
+        "YAML: of two equal keys the last counts",
+        "- node: {pkg: demo, exec: talker, param: [{name: a, value: 1}], param: [{name: b, value: 2}]}\n",
+        expect={"effective 0": {"b": 2}},
+    ),
+    yaml(
+        "YAML: a list of two kinds of numbers",
+        "- node: {pkg: demo, exec: talker, param: [{name: a, value: [1, 2.5]}]}\n",
+        expect=bad("bad_markup", **{"problem.remedy has": "alike"}),
+    ),
+    yaml(
+        "YAML: respawn without quotes",
+        "- node: {pkg: demo, exec: talker, respawn: true}\n",
+        expect=bad("bad_markup", **{"problem.remedy has": "quotes"}),
+    ),
+]
+
 NAMES = [
     body(
         "a namespace of the scope, a relative one, an absolute one, an empty one",
@@ -751,6 +869,281 @@ NAMES = [
     body("a node that names nothing", "talker()", expect={"processes.0.argv": NODE, "processes.0.namespace": None}),
 ]
 
+READ_BY_NODES = [
+    body(
+        "texts that reach a node as something else, since they are written without quotes",
+        "talker(parameters=[{'a': 'y', 'b': '08', 'c': 'nan', 'd': ['x', 'y'], 'e': '12:30', 'f': '5'}])",
+        expect={
+            "parameter 0 a": True,
+            "processes.0.parameters.0.type": "bool",
+            "parameter 0 b": 8.0,
+            "parameter 0 c": "nan",
+            "parameter 0 d": ["x", True],
+            "parameter 0 e": "12:30",
+            "parameter 0 f": "5",
+            "len warnings": 4,
+        },
+    ),
+    body(
+        "a file of parameters is read as a node reads it",
+        "talker(name='t', namespace='', parameters=[HERE + '/p.yaml'])",
+        _files={
+            "p.yaml": "/**:\n  ros__parameters: {a: 1e2, b: 010, c: y, d: 'y', e: 1_000, f: 2024-01-01, g: 1:30, h: !!str 5}\n"
+            "/t:\n  ros__parameters: {i: .inf, j: 0x1F, k: [1.0, 2e3], l: ~, 5: on}\n"
+        },
+        expect={
+            "effective 0": {
+                **{"a": 100.0, "b": 8, "c": True, "d": "y", "e": "1_000", "f": "2024-01-01", "g": "1:30", "h": "5"},
+                **{"i": "inf", "j": 31, "k": [1.0, 2000.0], "l": "~", "5": True},
+            }
+        },
+    ),
+    body(
+        "a file of parameters with an alias, which no node can read",
+        "talker(parameters=[HERE + '/p.yaml'])",
+        _files={"p.yaml": "/**:\n  ros__parameters: {a: &x 1, b: *x}\n"},
+        expect={"len warnings": 1, "warnings.0.message has": "aliases"},
+    ),
+    body(
+        "parameters among the arguments come before the launch file's own",
+        "talker(parameters=[{'b': 3}], arguments=['x', '--ros-args', '-p', 'a:=1e2', '-p', 'b:=2', '--params-file', HERE + '/p.yaml'])",
+        _files={"p.yaml": "/**:\n  ros__parameters: {c: y}\n"},
+        expect={"effective 0": {"a": 100.0, "b": 3, "c": True}, "processes.0.parameters.0.type": "double"},
+    ),
+    body(
+        "a composable node's missing file of parameters",
+        "ComposableNodeContainer(name='c', namespace='', package='demo', executable='talker', composable_node_descriptions=["
+        "ComposableNode(package='p', plugin='p::N', name='n', parameters=['/no/p.yaml'])])",
+        expect={"outcome": "error", "problem.kind": "file_not_found"},
+    ),
+    body(
+        "a delay that is no number is found out when the process is to start again",
+        "talker(respawn=True, respawn_delay='2.0', respawn_max_retries=Value('n', default='3'))",
+        expect={"processes.0.respawn_delay_s": 0.0, "processes.0.respawn_max_retries": -1, "len warnings": 2},
+    ),
+    body(
+        "a time-out without a value is found out when the launch ends",
+        "talker(sigterm_timeout=Value('no_such'), sigkill_timeout='7')",
+        expect={"processes.0.sigterm_timeout_s": 5.0, "processes.0.sigkill_timeout_s": 7.0, "len warnings": 1},
+    ),
+]
+
+#: What is to be said of common slips: entities, kind, and a word of the message or the remedy.
+_SLIPS = {
+    "text and a substitution added": ("talker(name='a' + Value('x'))", "substitution_too_early", "['text'"),
+    "a substitution and text added": ("talker(name=Value('x') + 'a')", "substitution_too_early", "['text'"),
+    "a substitution in os.path.join": (
+        "LogInfo(msg=os.path.join('a', Value('x')))",
+        "substitution_too_early",
+        "PathJoin",
+    ),
+    "float() of a substitution": ("talker(parameters=[{'a': float(Value('x'))}])", "substitution_too_early", "perform"),
+    "a function that takes no context": ("OpaqueFunction(function=lambda: [])", "positional_argument", "context"),
+    "an action for an event": ("EmitEvent(event=Shutdown())", "not_an_event", "launch.events.Shutdown()"),
+    "a handler that was never registered": ("UnregisterEventHandler(OnProcessStart(on_start=[]))", "exception", "Mend"),
+    "a called function": ("OpaqueFunction(function=talker())", "bad_type", "without calling it"),
+    "exec= for executable=": ("Node(package='demo', exec='talker')", "unknown_keyword", "'executable='"),
+    "a keyword of another class": (
+        "LogInfo(msg=EnvironmentVariable('A', default='x'))",
+        "unknown_keyword",
+        "EnvironmentVariable()",
+    ),
+    "None in a group": ("GroupAction([talker(), None])", "not_an_action", "item 2"),
+    "a group of one action without a list": ("GroupAction(actions=talker())", "not_a_list", "list"),
+    "text for a whole number": (
+        "talker(parameters=[{'a': ParameterValue('5', value_type=int)}])",
+        "bad_type",
+        "an int",
+    ),
+    "an executable that resembles none": (
+        "Node(package='demo', executable='zzz')",
+        "unknown_executable",
+        "'demo'. The",
+    ),
+}
+
+#: Whole files, with the line that is to be shown and a word of the remedy.
+_WHOLE = {
+    "an async function": (
+        "async def generate_launch_description():\n    return LaunchDescription([])\n",
+        "wrong_return",
+        2,
+        "'def'",
+    ),
+    "a generator": (
+        "def generate_launch_description():\n    yield LaunchDescription([])\n",
+        "wrong_return",
+        2,
+        "'yield'",
+    ),
+    "a function that wants an argument": (
+        "def generate_launch_description(context):\n    pass\n",
+        "missing_argument",
+        2,
+        "Give",
+    ),
+    "a description without a function": (
+        "launch_description = LaunchDescription([])\n",
+        "no_generate_function",
+        None,
+        "Write a function",
+    ),
+    "a description under the function's name": (
+        "generate_launch_description = LaunchDescription([])\n",
+        "no_generate_function",
+        None,
+        "Write a function",
+    ),
+    "a null byte": ("# \0\n", "syntax_error", None, "UTF-8"),
+    "a typographic quote": ("x = \u2018demo\u2019\n", "syntax_error", 2, "syntax"),
+    "an environment without packages": (
+        "import os\nos.environ['AMENT_PREFIX_PATH'] = ''\ndef generate_launch_description():\n    return LaunchDescription([Node(package='demo', executable='talker')])\n",
+        "exception",
+        5,
+        "Mend",
+    ),
+    "a description that holds itself": (
+        "def generate_launch_description():\n    ld = LaunchDescription()\n    ld.add_action(ld)\n    return ld\n",
+        "endless",
+        3,
+        "end",
+    ),
+    "a group that holds itself": (
+        "def generate_launch_description():\n    inside = []\n    inside.append(GroupAction(inside))\n    return LaunchDescription(inside)\n",
+        "endless",
+        4,
+        "end",
+    ),
+    "a function that returns itself without end": (
+        "def again(context):\n    return [OpaqueFunction(function=again)]\ndef generate_launch_description():\n    return LaunchDescription(again(None))\n",
+        "endless",
+        3,
+        "end",
+    ),
+    "a function that yields without end": (
+        "def more(context):\n    while True:\n        yield LogInfo(msg='x')\ndef generate_launch_description():\n    return LaunchDescription([OpaqueFunction(function=more)])\n",
+        "endless",
+        4,
+        "end",
+    ),
+    "timers without end": (
+        "def again(context):\n    return [TimerAction(period=1.0, actions=[OpaqueFunction(function=again)])]\ndef generate_launch_description():\n    return LaunchDescription(again(None))\n",
+        "endless",
+        3,
+        "end",
+    ),
+    "a handler that its own actions call": (
+        "def generate_launch_description():\n    return LaunchDescription([\n        RegisterEventHandler(OnExecutionComplete(on_completion=[LogInfo(msg='x')]))])\n",
+        "endless",
+        4,
+        "end",
+    ),
+    "exit() while launching": (
+        "def generate_launch_description():\n    return LaunchDescription([OpaqueFunction(function=lambda context: exit(1))])\n",
+        "exits",
+        3,
+        "exit",
+    ),
+}
+_IMPORTS = "from launch import *; from launch.actions import *; from launch.event_handlers import *; from launch_ros.actions import *\n"
+
+SLIPS = [
+    *(fails(name, entities, kind, expect={"problem has": said}) for name, (entities, kind, said) in _SLIPS.items()),
+    *(
+        whole(name, _IMPORTS + text, kind, line, expect={"problem.remedy has": said, "problem.file": "x_launch.py"})
+        for name, (text, kind, line, said) in _WHOLE.items()
+    ),
+    Case(
+        "a module of the submission's own package",
+        "from robot.parts import generate_launch_description\n",
+        {"outcome": "ok", "processes.0.name": "n1"},
+        files={
+            **{"ws/robot/package.xml": "<package/>", "ws/robot/setup.py": "", "ws/robot/robot/__init__.py": ""},
+            "ws/robot/robot/parts.py": OTHER,
+        },
+    ),
+    Case(
+        "a module beside the launch file, where Python does not look",
+        "from parts import generate_launch_description\n",
+        {
+            **{"outcome": "error", "problem.kind": "unknown_import", "problem.line": 1},
+            "problem.message has": "'parts.py' is nowhere",
+        },
+        files={"parts.py": OTHER},
+    ),
+    Case(
+        "a Python package that its ROS package does not install",
+        "import parts\n",
+        {"outcome": "error", "problem.kind": "unknown_import"},
+        files={"parts/__init__.py": "", "package.xml": "<package/>", "CMakeLists.txt": "project(robot)\n"},
+    ),
+    *(
+        fails(name, entities, kind, expect={"outcome": "not_assessable", "problem.module": program})
+        for name, entities, kind, program in (
+            (
+                "a command of xacro, which is not here",
+                "LogInfo(msg=Command(['xacro ', 'a']))",
+                "missing_program",
+                "xacro",
+            ),
+            (
+                "the path of ros2, which is not here",
+                "LogInfo(msg=FindExecutable(name='ros2'))",
+                "missing_program",
+                "ros2",
+            ),
+        )
+    ),
+    body(
+        "an autostart is at the line of its node",
+        "\nLifecycleNode(package='demo', executable='talker', name='t', namespace='', autostart=True)",
+        expect={"transitions.0.line": BODY_LINE + 1, "transitions.0.file": "x_launch.py"},
+    ),
+    Case(
+        "files that include each other in XML",
+        "<launch><include file='$(dirname)/b.xml'/></launch>",
+        {"outcome": "error", "problem.kind": "include_recursive", "problem.file": "b.xml"},
+        files={"b.xml": "<launch><include file='$(dirname)/x.launch.xml'/></launch>"},
+        filename="x.launch.xml",
+    ),
+    Case(
+        "a file that includes itself until a condition fails",
+        _IMPORTS
+        + "from launch.conditions import IfCondition\nfrom launch.substitutions import *\ndef generate_launch_description():\n"
+        "    n = LaunchConfiguration('n')\n"
+        "    again = IncludeLaunchDescription(ThisLaunchFile(), launch_arguments={'n': PythonExpression([n, '-1'])}.items(),\n"
+        "        condition=IfCondition(PythonExpression([n, '> 1'])))\n"
+        "    return LaunchDescription([DeclareLaunchArgument('n', default_value='3'), LogInfo(msg=n), again])\n",
+        {"outcome": "ok", "len logs": 3, "logs.2.message": "1"},
+    ),
+    Case(
+        "carriage returns, a byte order mark, and the function from another module",
+        "\ufeffimport os, sys\r\nsys.path.insert(0, os.path.dirname(__file__))\r\n"
+        "from made_elsewhere import generate_launch_description\r\n",
+        {"outcome": "ok", "processes.0.name": "n1"},
+        files={"made_elsewhere.py": OTHER},
+    ),
+    body(
+        "conditions are described by what they compare",
+        "Arg('a', default_value='x'), talker(condition=LaunchConfigurationEquals('a', 'x')), "
+        "talker(condition=LaunchConfigurationNotEquals('a', 'x'))",
+        expect={
+            "processes.0.condition_note": "LaunchConfigurationEquals('a', 'x') holds",
+            "not_started.0.why": "LaunchConfigurationNotEquals('a', 'x') does not hold",
+        },
+    ),
+    body(
+        "a class where an action is wanted fails when the process ends",
+        "talker(on_exit=Shutdown)",
+        expect={"len warnings": 1, "warnings.0.file": None},
+    ),
+    body(
+        "what is said without end is cut",
+        "*[LogInfo(msg='x' * 3000) for _ in range(600)]",
+        expect={"len logs": 500, "logs.0.message": "x" * 2000},
+    ),
+]
+
 WRITES = """\
 import os, tempfile, yaml
 from launch import LaunchDescription
@@ -794,4 +1187,19 @@ WRITTEN = [
     ),
 ]
 
-CASES = [*WRITTEN, *PATHS, *TIMERS, *SCOPES, *VALUES, *TEXT_TRAPS, *HANDLERS, *LIFECYCLES, *MARKUP, *NAMES]
+CASES = [
+    *WRITTEN,
+    *READ_BY_NODES,
+    *GRAMMAR,
+    *SHAPES_OF_YAML,
+    *SLIPS,
+    *PATHS,
+    *TIMERS,
+    *SCOPES,
+    *VALUES,
+    *TEXT_TRAPS,
+    *HANDLERS,
+    *LIFECYCLES,
+    *MARKUP,
+    *NAMES,
+]

@@ -143,7 +143,7 @@ def mismatch(plan: Mapping[str, Any], path: str, expected: Any) -> str:
     except (KeyError, IndexError, TypeError) as error:
         return f"{path}: nothing there ({error!r})"
     if way == "has":
-        same = expected in value
+        same = expected in (json.dumps(value, ensure_ascii=False) if isinstance(value, dict) else value)
     elif way == "ends":
         same = str(value).endswith(expected)
     else:

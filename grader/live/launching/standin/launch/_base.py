@@ -14,7 +14,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-STANDIN_ROOT = str(Path(__file__).resolve().parent.parent) + os.sep
+#: The stand-in, and the script that evaluates with it.
+STANDIN_ROOT = str(Path(__file__).resolve().parents[2]) + os.sep
 
 SourceLine = tuple[str, int]
 
@@ -95,7 +96,7 @@ class Substitution(Located):
 
     def describe(self) -> str:
         """Text for people."""
-        return repr(self)
+        return f"{type(self).__name__}()"
 
     def perform(self, context: Any) -> str:
         """The text."""
@@ -113,7 +114,7 @@ class Condition(Located):
 
     def describe(self) -> str:
         """Text for people."""
-        return repr(self)
+        return f"{type(self).__name__}()"
 
     def evaluate(self, context: Any) -> bool:
         """Whether the action is carried out."""

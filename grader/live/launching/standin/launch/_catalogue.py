@@ -38,18 +38,18 @@ LATER: dict[str, frozenset[str]] = {
 ELSEWHERE = "/opt/ros/jazzy"
 
 
-def _is_released() -> Callable[[str], bool]:
-    """The question of `released.py`, which the grader itself asks too, and which is no module of the stand-in."""
-    spec = spec_from_file_location("released_packages", Path(__file__).parents[2] / "released.py")
+def _beside_the_standin(name: str) -> ModuleType:
+    """A module that the grader uses itself too, and which no launch file can import."""
+    spec = spec_from_file_location(f"grader_{name}", Path(__file__).parents[2] / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
     module = module_from_spec(spec)
     spec.loader.exec_module(module)
-    question: Callable[[str], bool] = module.is_released
-    return question
+    return module
 
 
-is_released = _is_released()
+is_released: Callable[[str], bool] = _beside_the_standin("released").is_released
+parameter_text = _beside_the_standin("parameter_text")
 
 # Sub-modules of the real packages whose names a launch file may import from the module itself.
 SUBMODULES: dict[str, str] = {

@@ -7,10 +7,12 @@ from typing import Any
 from ._base import (
     LaunchDescriptionEntity,
     Located,
+    blame,
     no_action,
     normalize_to_list_of_substitutions,
     perform_substitutions,
 )
+from ._session import DEPTH_LIMIT, LimitExceededError
 
 
 class LaunchDescription(LaunchDescriptionEntity):
@@ -63,7 +65,7 @@ class LaunchDescription(LaunchDescriptionEntity):
     ) -> list[tuple[Any, list[Any] | None]]:
         """The arguments that can be found without launching, with the includes that lead to each."""
         found: list[tuple[Any, list[Any] | None]] = []
-        _collect_arguments(self.entities, found, conditional_inclusion, (None, ()), self)
+        _collect_arguments(self.entities, found, conditional_inclusion, (None, (), 0), self)
         return found
 
 
@@ -71,12 +73,14 @@ def _collect_arguments(
     entities: Any,
     found: list[Any],
     conditional: bool,
-    way: tuple[list[Any] | None, tuple[str, ...]],
+    way: tuple[list[Any] | None, tuple[str, ...], int],
     parent: Any,
 ) -> None:
-    # `way`: the includes on the way here, and their files; a file is not gone into again from itself.
+    # `way`: the includes on the way here, their files, and the depth; a file is not gone into again from itself.
     from .actions import DeclareLaunchArgument, IncludeLaunchDescription, ResetLaunchConfigurations
 
+    if way[2] > DEPTH_LIMIT:
+        raise LimitExceededError("the launch description is nested without end")
     for position, entity in enumerate(entities, start=1):
         if not hasattr(entity, "describe_sub_entities"):
             raise no_action(entity, position, parent)
@@ -86,17 +90,21 @@ def _collect_arguments(
             found.append((entity, way[0]))
         if isinstance(entity, ResetLaunchConfigurations):
             return
-        nested = way
+        nested = (*way[:2], way[2] + 1)
         if isinstance(entity, IncludeLaunchDescription):
             location = entity.launch_description_source.location_without_context() or ""
             if location in way[1]:
                 continue
             includes = way[0] if way[0] is not None else []
             includes.append(entity)
-            nested = (includes, (*way[1], location))
-        _collect_arguments(entity.describe_sub_entities(), found, False, nested, entity)
-        for _, following in entity.describe_conditional_sub_entities():
-            _collect_arguments(following, found, True, nested, entity)
+            nested = (includes, (*way[1], location), way[2] + 1)
+        try:
+            _collect_arguments(entity.describe_sub_entities(), found, False, nested, entity)
+            for _, following in entity.describe_conditional_sub_entities():
+                _collect_arguments(following, found, True, nested, entity)
+        except Exception as error:
+            blame(error, entity)
+            raise
 
 
 class LaunchDescriptionSource(Located):

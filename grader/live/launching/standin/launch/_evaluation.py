@@ -8,6 +8,7 @@ import time
 from typing import Any
 
 from ._context import LaunchContext
+from ._installed import SubmittedModules
 from ._problems import problem_of, relative
 from ._written import carry_written_files
 
@@ -36,6 +37,7 @@ def evaluate(file: str, arguments: dict[str, Any], root: str) -> dict[str, Any]:
     context.session.root = root
     outcome, problem, began_ns = "ok", None, time.time_ns() - _CLOCK_GRAIN_NS
     given = {str(name): str(value) for name, value in arguments.items()}
+    sys.meta_path.append(SubmittedModules(root))
     sys.argv = ["ros2", "launch", file, *(f"{name}:={value}" for name, value in given.items())]
     try:
         _launch(context, file, given)

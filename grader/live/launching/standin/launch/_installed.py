@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
+from typing import Any
 
 MOST_FILES = 5000
 
@@ -64,7 +67,6 @@ def missing_data_file(path: str, root: str) -> tuple[str, str, str] | None:
     package, inside = parts[at + 1], Path(*parts[at + 2 :])
     for file in _files_below(root):
         home = _package_of(file, root) if file.name == inside.name else None
-        home = _package_of(file, root) if file.name == inside.name else None
         if home is None:
             continue
         source = file.relative_to(home)
@@ -73,4 +75,45 @@ def missing_data_file(path: str, root: str) -> tuple[str, str, str] | None:
             return str(file.relative_to(root)), "setup.py", f"data_files: ('{target}', ['{source}'])"
         line = f"install(DIRECTORY {source.parts[0]} DESTINATION share/${{PROJECT_NAME}})"
         return str(file.relative_to(root)), "CMakeLists.txt", line
+    return None
+
+
+class SubmittedModules(MetaPathFinder):
+    """Finds the Python packages of the submission's ROS packages, which are importable once these are built."""
+
+    def __init__(self, root: str) -> None:
+        self._root = root
+
+    def find_spec(self, fullname: str, path: Any, target: Any = None) -> ModuleSpec | None:
+        """The spec of such a package, which is looked for only where nothing else has the name."""
+        if path is not None or "." in fullname:
+            return None
+        for file in _files_below(self._root):
+            home = file.parent.parent
+            if file.name == "__init__.py" and file.parent.name == fullname and _installs_python(home):
+                return PathFinder.find_spec(fullname, [str(home)])
+        return None
+
+
+def _installs_python(folder: Path) -> bool:
+    if not (folder / "package.xml").is_file():
+        return False
+    build = folder / "CMakeLists.txt"
+    by_cmake = build.is_file() and "ament_python_install_package" in build.read_text(errors="replace")
+    return by_cmake or (folder / "setup.py").is_file()
+
+
+def module_out_of_reach(name: str, root: str) -> str | None:
+    """Path of a module that is in the submission, but where nothing can import it from.
+
+    Parameters
+    ----------
+    name : str
+        The module's name up to its first full stop.
+    root : str
+        The submission.
+    """
+    for path in _files_below(root) if root else ():
+        if path.name == f"{name}.py" or (path.name == "__init__.py" and path.parent.name == name):
+            return str(path.relative_to(root))
     return None

@@ -12,9 +12,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ._base import Located, UnsupportedByStandin
+from ._base import STANDIN_ROOT, Located, UnsupportedByStandin
 from ._catalogue import LATER, SUBMODULES, homes_of, is_released, similar_names
-from ._installed import missing_data_file
+from ._installed import missing_data_file, module_out_of_reach
 from ._session import SUBSTITUTION_AS_TEXT, LimitExceededError
 from ._sources import InvalidPythonLaunchFileError, WrongReturnError
 
@@ -45,7 +45,10 @@ _KEYWORDS = (
     "on_start on_stdout on_stderr on_shutdown function scoped forwarding sigterm_timeout sigkill_timeout",
 )
 
-_NOT_HERE = ("unsupported", "missing_module", "missing_package")
+_NOT_HERE = ("unsupported", "missing_module", "missing_package", "missing_program")
+
+#: Programs that come with ROS or a simulator, and are not where this is evaluated.
+_ROS_PROGRAMS = ("xacro", "ros2", "rviz2", "colcon", "gz", "ign", "gazebo", "gzserver", "gzclient", "check_urdf")
 
 Described = tuple[str, str, str]
 
@@ -98,7 +101,7 @@ def relative(path: str, root: str) -> str:
 
 
 def _inside(path: str, root: str) -> bool:
-    return Path(path).absolute().is_relative_to(Path(root).absolute())
+    return not path.startswith("<") and Path(path).absolute().is_relative_to(Path(root).absolute())
 
 
 def _place(error: BaseException, root: str, file: str) -> tuple[str, int | None]:
@@ -128,6 +131,11 @@ def _describe(error: BaseException, context: Any) -> Described:
         elif str(getattr(error, "launch_file", "")).endswith((".xml", ".yaml", ".yml")):
             quotes = 'Texts need quotes inside the expression: $(eval \'"$(var name)" == "x"\').'
         return "bad_expression", f"{type(error).__name__}: {_text(error)}", quotes
+    program = re.match(r"command not found: '([^']*)'|executable '([^']*)' not found on the PATH", str(error))
+    if program is not None and (program[1] or program[2]) in _ROS_PROGRAMS:
+        error.name = program[1] or program[2]  # type: ignore[attr-defined]
+        message = f"the launch file runs '{program[1] or program[2]}', which is not installed where it is evaluated"
+        return "missing_program", message, "Nothing, if the program is installed where you launch."
     for kinds, describe in _BY_TYPE:
         if isinstance(error, kinds):
             found = describe(error, context)
@@ -141,7 +149,7 @@ def _describe(error: BaseException, context: Any) -> Described:
     name = type(error).__name__
     return (
         "exception",
-        f"{name}: {message}",
+        f"{name}: {message}" if message else name,
         "Mend the line: it raises this exception while the file is read.",
     )
 
@@ -157,9 +165,20 @@ def _with_class(message: str, error: BaseException) -> str:
         return f"{match[1]}() is given {given} values without a keyword, and takes {least} so"
     if not behind or " got an unexpected" not in message:
         return message
-    made = [frame.f_locals.get("self") for frame, _ in traceback.walk_tb(error.__traceback__)]
-    ours = [type(one).__name__ for one in made if isinstance(one, Located)]
-    return f"{ours[-1]}() {message.partition('() ')[2]}" if ours else message
+    made = _entered_last(error)
+    return f"{made} {message.partition('() ')[2]}" if made else message
+
+
+def _entered_last(error: BaseException) -> str:
+    """The class of the stand-in whose construction a student's line began, while the error was raised inside it."""
+    name = ""
+    for frame, _ in traceback.walk_tb(error.__traceback__):
+        maker = frame.f_locals.get("self")
+        if not frame.f_code.co_filename.startswith(STANDIN_ROOT):
+            name = ""
+        elif isinstance(maker, Located):
+            name = f"{type(maker).__name__}()"
+    return name
 
 
 def _markup(match: re.Match[str], _: Any) -> str:
@@ -173,7 +192,15 @@ _MARKUP_REMEDIES = {
     "needs the attribute 'exec'": "Write exec='...' (ROS 1 wrote type='...').",
     "'$(find ": "Write $(find-pkg-share package) (ROS 1 wrote $(find package)).",
     "'$(arg ": "Write $(var name) (ROS 1 wrote $(arg name)).",
+    "<node> cannot have ns": "Write namespace='...' (ROS 1 wrote ns='...').",
+    "<group> cannot have ns": "Write push_ros_namespace as the first action of the group (ROS 1 wrote ns='...').",
     "did you mean": "Correct the name.",
+    "must be a list of mappings": "Begin each item with a dash: '- name: ...'.",
+    "under the key 'children'": "Write the actions as a list: each begins with a dash.",
+    "one blank too many": "Write one blank between the arguments, and none before ')'.",
+    "needs quotes around": "Put the argument in quotes.",
+    "items are of one type": "Write all items alike: [1.0, 2.5] instead of [1, 2.5].",
+    "not of one type": "Write all items alike: [1.0, 2.5] instead of [1, 2.5].",
     "cannot have": "Take it out.",
     "needs the attribute": "Add the attribute.",
     "decimal point": "Write 2.0 instead of 2.",
@@ -197,13 +224,12 @@ def near(name: str, known: Any) -> str:
 
 
 def _syntax(error: Any, _: Any) -> Described | None:
-    if error.filename is None or hasattr(error, "launch_note"):
+    if hasattr(error, "launch_note"):
         return None
-    return (
-        "syntax_error",
-        f"syntax error: {error.msg}",
-        "Mend the syntax on this line, or on the one before it.",
-    )
+    remedy = "Mend the syntax on this line, or on the one before it."
+    if error.filename is None and "null bytes" in str(error.msg):
+        remedy = "Save the file as UTF-8."
+    return "syntax_error", f"syntax error: {error.msg}", remedy
 
 
 def _unsupported(error: Any, _: Any) -> Described:
@@ -229,6 +255,14 @@ def _import(error: Any, context: Any) -> Described | None:
             "unknown_import",
             f"there is no module '{module}'",
             f"Did you mean '{close[0]}'? Mend the import.",
+        )
+    lying = module_out_of_reach(top, context.session.root) if isinstance(error, ModuleNotFoundError) and top else None
+    if lying is not None:
+        message = f"the launch file imports '{module}', but '{lying}' is nowhere where Python looks for modules"
+        return (
+            "unknown_import",
+            message,
+            "Put it into the Python package of a ROS package, and import it as package.module.",
         )
     if isinstance(error, ModuleNotFoundError):
         message = f"the launch file imports '{module}', which is not installed where it is evaluated"
@@ -259,7 +293,8 @@ def _unknown_name(name: str, module: str) -> Described:
 
 def _no_function(error: Any, _: Any) -> Described:
     lines: dict[str, int | None] = getattr(error, "module_names", {})
-    meant = difflib.get_close_matches("generate_launch_description", lines, n=1)
+    functions = [name for name, line in lines.items() if line is not None]
+    meant = difflib.get_close_matches("generate_launch_description", functions, n=1)
     error.launch_line = lines[meant[0]] if meant else None
     remedy = f"Rename '{meant[0]}': w" if meant else "W"
     remedy += "rite a function 'def generate_launch_description():' that returns a LaunchDescription."
@@ -297,6 +332,12 @@ def _import_all() -> None:
 
 
 def _wrong_return(error: Any, _: Any) -> Described:
+    for words, remedy in {
+        "a coroutine": "Write 'def', not 'async def': the function is called, and nobody awaits it.",
+        "a generator": "Write 'return LaunchDescription([...])' instead of 'yield'.",
+    }.items():
+        if words in str(error):
+            return "wrong_return", str(error), remedy
     return "wrong_return", str(error), "End the function with 'return LaunchDescription([...])'."
 
 
@@ -349,8 +390,9 @@ def _exit(error: Any, _: Any) -> Described:
     return "exits", "the launch file ends the whole program", "Remove the call of exit()."
 
 
-def _no_prefix(error: Any, _: Any) -> Described | None:
-    if "AMENT_PREFIX_PATH" not in str(error):
+def _no_prefix(error: Any, context: Any) -> Described | None:
+    there_before = context.session.initial_environment.get("AMENT_PREFIX_PATH")
+    if "AMENT_PREFIX_PATH" not in str(error) or there_before:
         return None
     return "no_prefix", "the evaluation has no ROS packages to look into", "Set AMENT_PREFIX_PATH."
 
@@ -394,6 +436,19 @@ def _executable(match: re.Match[str], _: Any) -> str:
 
 def _package_name(match: re.Match[str], _: Any) -> str:
     return "Write the name as in package.xml."
+
+
+_TOO_EARLY = (
+    "It has a value only while launching. Where a text is wanted, give a list: ['text', LaunchConfiguration(...)]; "
+    "for a path PathJoinSubstitution([...]); to compute with it, OpaqueFunction and .perform(context)."
+)
+
+
+def _positional(match: re.Match[str], _: Any) -> str:
+    of_the_file = "<locals>" in match.string or not re.match(r"[A-Z]", match.string)
+    if of_the_file and "takes 0 positional arguments but 1 was given" in match.string:
+        return "Give the function a parameter for the launch context: def name(context, *args, **kwargs)."
+    return "Write keywords: name=value."
 
 
 _AS_TEXT = "If it is meant as text, wrap it: ParameterValue(..., value_type=str)."
@@ -441,7 +496,21 @@ _BY_MESSAGE: list[tuple[str, str, _Remedy]] = [
         "positional_argument",
         "Put the actions into a list: LaunchDescription([...]).",
     ),
-    (r"values without a keyword|takes .* positional argument", "positional_argument", "Write keywords: name=value."),
+    (r"values without a keyword|takes .* positional argument", "positional_argument", _positional),
+    (
+        r"(argument must be|can only concatenate|unsupported operand|not supported between|expected str, bytes)"
+        r".*(LaunchConfiguration|Substitution|FindPackage|FindExecutable|PathJoin|Command|EnvironmentVariable"
+        r"|ThisLaunchFile|PythonExpression)",
+        "substitution_too_early",
+        _TOO_EARLY,
+    ),
+    (
+        r"^EmitEvent needs an event",
+        "not_an_event",
+        "Give an event, such as launch.events.Shutdown(); an action stands in the list by itself.",
+    ),
+    (r"^OpaqueFunction needs a function", "bad_type", "Give the function itself, without calling it: function=name."),
+    (r"No closing quotation|No escaped character", "bad_text", "Close the quotes of the command line."),
     (r"^launch configuration '([^']*)' does not exist", "undefined_configuration", _configuration),
     (r"^a condition must be one of", "bad_condition", "Let the condition be 'true' or 'false'."),
     (r"argument 'condition'", "bad_condition", "Wrap it: condition=IfCondition(...)."),
@@ -451,7 +520,12 @@ _BY_MESSAGE: list[tuple[str, str, _Remedy]] = [
     (r"argument 'allow_substs'", "bad_type", "Write allow_substs=True, or leave it out."),
     (r"argument 'actions'", "bad_type", "Give a list, even for one action: actions=[...]."),
     (r"when read as YAML|cannot be read as YAML", "bad_parameter_value", _AS_TEXT),
-    (r"^the attribute '|cannot stand in one element|is not closed|a name is missing after", "bad_markup", _markup),
+    (
+        r"^the attribute '|cannot stand in one element|is not closed|a name is missing after|one blank too many"
+        r"|needs quotes around",
+        "bad_markup",
+        _markup,
+    ),
     (r"^the type '\w*' is not one of|^a <param>", "bad_markup", _markup),
     (
         r"a remapping must be a tuple of two",
@@ -485,7 +559,7 @@ _BY_MESSAGE: list[tuple[str, str, _Remedy]] = [
         _one_type,
     ),
     (r"cannot be read as|^a list of \w+ is given|not of one type|^in this list only", "bad_parameter_value", _VALUE),
-    (r"^a \w+ is wanted|^a value, a substitution", "bad_type", "Give a value of this type, without quotes."),
+    (r"^an? \w+ is wanted|^a value, a substitution", "bad_type", "Give a value of this type, without quotes."),
     (r"^invalid node name", "bad_name", "Use letters, digits and '_', and put '/' into namespace=."),
     (r"^invalid namespace", "bad_name", "Use letters, digits and '_', with one '/' between the parts."),
     (r"^output must be|output can be set|the output of", "bad_output", "Write output='screen'."),
@@ -501,7 +575,7 @@ _BY_MESSAGE: list[tuple[str, str, _Remedy]] = [
     (r"every item must be an action", "not_an_action", "Put only actions into this list."),
     (r"only text", "bad_text", "Give text or a substitution: '100.0' for 100.0, 'true' for True."),
     (r"target_\w+ must be", "bad_target", "Give the action itself, as it is kept in a variable."),
-    (r"not well-formed|root of a launch file|mapping", "bad_markup", "Mend the file where it says."),
+    (r"not well-formed|not encoded in UTF-8|root of a launch file|mapping", "bad_markup", "Mend it where it says."),
     (
         r"^(a )?<\w+> |the attribute '|there is no (action|substitution)",
         "bad_markup",

@@ -16,10 +16,12 @@ from typing import Any
 
 from ._base import SourceLine, blame, no_action
 
-SUBSTITUTION_AS_TEXT = re.compile(r"<launch(_ros)?\.[\w.]+ object at 0x")
+SUBSTITUTION_AS_TEXT = re.compile(r"<launch(_ros)?\.(substitutions|parameter_descriptions)[\w.]* object at 0x")
 
 EVENT_LIMIT = 2000
 PROCESS_LIMIT = 400
+ENTITY_LIMIT = 10_000
+LOG_LIMIT, LOG_LENGTH = 500, 2000
 DEPTH_LIMIT = 150
 INCLUDE_LIMIT = 20
 EXIT_LIMIT = 2  # ends of processes that were started because another ended, and so on
@@ -57,10 +59,17 @@ class Session:
         self._condition_of: dict[int, str] = {}
         self._queue: list[tuple[int, float, int, int, Any, dict[str, Any]]] = []
         self._ends_before = 0
+        self._handled_last: Any = None
+        self._visited = 0
         self._order = itertools.count()
         self._clock_s = 0.0
         self._names: dict[str, int] = {}
         self._process_numbers = itertools.count(1)
+
+    def log(self, message: str, line: SourceLine | None) -> None:
+        """Note what the launch file says, unless it has said more than anybody reads."""
+        if len(self.logs) < LOG_LIMIT:
+            self.logs.append({"message": message[:LOG_LENGTH], "when": self.when, "source": line})
 
     def warn(self, message: str, line: SourceLine | None) -> None:
         """Note something that does not stop the launch."""
@@ -157,19 +166,22 @@ class Session:
                 if phase < _EXITS or isinstance(error, LimitExceededError):
                     raise
                 self.warn(f"when this happens, it fails: {error}", getattr(error, "launch_source", None))
-        raise LimitExceededError(f"the launch description gives rise to more than {EVENT_LIMIT} events")
+        endless = LimitExceededError(f"the launch description gives rise to more than {EVENT_LIMIT} events")
+        blame(endless, getattr(event, "timer_action", self._handled_last))
+        raise endless
 
     def _dispatch(self, event: Any, context: Any) -> None:
         context._set_is_shutdown(type(event).__name__ == "Shutdown")
         for handler in list(context.event_handlers):
             if not handler.matches(event):
                 continue
+            self._handled_last = handler
             context._push_locals()
             context.extend_locals({"event": event})
             try:
                 visit_all(handler.handle(event, context), context, handler)
             except Exception as error:
-                blame(error, handler)
+                blame(error, getattr(event, "timer_action", handler))
                 raise
             finally:
                 context._pop_locals()
@@ -187,6 +199,18 @@ class Session:
         if self.include_chain.count(file) > INCLUDE_LIMIT:
             shown = os.path.relpath(file, self.root) if self.root else file
             raise LimitExceededError(f"'{shown}' includes itself without end")
+
+    def count_visit(self) -> None:
+        """Note that an entity is visited.
+
+        Raises
+        ------
+        LimitExceededError
+            There is no end of them.
+        """
+        self._visited += 1
+        if self._visited > ENTITY_LIMIT:
+            raise LimitExceededError(f"the launch description has more than {ENTITY_LIMIT} actions")
 
     def add_process(self, process: dict[str, Any]) -> None:
         """Note a process that would be started.
@@ -235,6 +259,7 @@ def visit_all(entities: Any, context: Any, parent: Any, depth: int = 0) -> None:
         if not hasattr(entity, "visit"):
             raise no_action(entity, position, parent)
         try:
+            context.session.count_visit()
             entity.context_of_completion = context
             visit_all(entity.visit(context), context, entity, depth + 1)
         except Exception as error:

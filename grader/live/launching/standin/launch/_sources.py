@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from importlib.machinery import SourceFileLoader
 from importlib.util import module_from_spec, spec_from_loader
 from pathlib import Path
@@ -57,14 +58,28 @@ def get_launch_description_from_python_launch_file(python_launch_file_path: str)
         raise error
     function = module.generate_launch_description
     if not callable(function):
-        raise TypeError("generate_launch_description must be a function")
-    description = function()
+        message = f"generate_launch_description must be a function, but it is {_named(function)}"
+        no_function = InvalidPythonLaunchFileError(message)
+        no_function.launch_file = python_launch_file_path  # type: ignore[attr-defined]
+        raise no_function
+    try:
+        description = function()
+    except TypeError as error:
+        if not hasattr(error, "launch_source"):
+            error.launch_source = _written_at(function, python_launch_file_path)  # type: ignore[attr-defined]
+        raise
     if not isinstance(description, LaunchDescription):
-        line = getattr(getattr(function, "__code__", None), "co_firstlineno", 1)
+        if inspect.iscoroutine(description):
+            description.close()
         wrong = WrongReturnError(f"generate_launch_description() returns {_named(description)}")
-        wrong.launch_source = (python_launch_file_path, line)  # type: ignore[attr-defined]
+        wrong.launch_source = _written_at(function, python_launch_file_path)  # type: ignore[attr-defined]
         raise wrong
     return description
+
+
+def _written_at(function: Any, file: str) -> tuple[str, int]:
+    code = getattr(function, "__code__", None)
+    return getattr(code, "co_filename", file), getattr(code, "co_firstlineno", 1)
 
 
 def _named(description: Any) -> str:
@@ -86,11 +101,12 @@ def get_launch_description_from_any_launch_file(launch_file_path: str, parser: A
     InvalidLaunchFileError
         The file is not of that format.
     """
+    from .frontend import markup_of
+
     extension = Path(launch_file_path).suffix.lstrip(".")
     if extension in ("xml", "yaml", "yml"):
         return get_launch_description_from_frontend_launch_file(launch_file_path)
-    text = Path(launch_file_path).read_bytes()
-    if extension != "py" and text.lstrip().startswith((b"<launch", b"<?xml", b"<!--")):
+    if extension != "py" and markup_of(Path(launch_file_path).read_text(encoding="utf-8", errors="replace")):
         return get_launch_description_from_frontend_launch_file(launch_file_path)
     return get_launch_description_from_python_launch_file(launch_file_path)
 

@@ -80,6 +80,11 @@ class LaunchConfigurationEquals(Condition):
         self.__expected = None if expected_value is None else normalize_to_list_of_substitutions(expected_value)
         super().__init__(predicate=self._compare)
 
+    def describe(self) -> str:
+        """Text for people."""
+        expected = "None" if self.__expected is None else " + ".join(s.describe() for s in self.__expected)
+        return f"{type(self).__name__}('{self.__name}', {expected})"
+
     def _compare(self, context: Any) -> bool:
         expected = None if self.__expected is None else perform_substitutions(context, self.__expected)
         return bool(context.launch_configurations.get(self.__name) == expected)

@@ -11,6 +11,7 @@ from .._base import (
     Action,
     Substitution,
     blame,
+    no_action,
     normalize_to_list_of_substitutions,
     perform_substitutions,
 )
@@ -357,6 +358,9 @@ class GroupAction(Action):
             sets = [SetLaunchConfiguration(name, value) for name, value in self.__configurations.items()]
             begin = [PushLaunchConfigurations(), PushEnvironment()]
             end = [PopEnvironment(), PopLaunchConfigurations()]
+            for position, action in enumerate(actions, start=1):
+                if not hasattr(action, "visit"):
+                    raise no_action(action, position, self)
             if not self.__scoped:
                 self.__inside = [*sets, *actions]
             elif self.__forwarding:

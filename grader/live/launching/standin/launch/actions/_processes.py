@@ -13,10 +13,12 @@ from typing import Any
 from .. import logging as launch_logging
 from .._base import (
     Action,
+    Event,
     SomeSubstitutionsType_types_tuple,
     Substitution,
     blame,
     ensure_argument_type,
+    is_a_subclass,
     normalize_to_list_of_substitutions,
     perform_substitutions,
     shown,
@@ -39,6 +41,8 @@ class EmitEvent(Action):
 
     def __init__(self, *, event: Any, **kwargs: Any) -> None:
         super().__init__(**kwargs)
+        if not is_a_subclass(event, Event):
+            raise RuntimeError(f"EmitEvent needs an event, but {shown(event)}")
         self.__event = event
 
     @property
@@ -89,8 +93,7 @@ class LogInfo(Action):
     def execute(self, context: Any) -> None:
         """Say it."""
         text = perform_substitutions(context, self.__msg)
-        session = context.session
-        session.logs.append({"message": text, "when": session.when, "source": self.source_line})
+        context.session.log(text, self.source_line)
 
 
 class OpaqueFunction(Action):
@@ -405,17 +408,34 @@ class ExecuteLocal(Action):
             "remappings": [],
             "output": self._output_plan(context, name),
             "respawn": bool(self.__respawn),
-            "respawn_delay_s": self.__respawn_delay or 0.0,
-            "respawn_max_retries": self.__respawn_max_retries,
+            "respawn_delay_s": self._number(context, "respawn_delay", self.__respawn_delay or 0.0, 0.0),
+            "respawn_max_retries": self._number(context, "respawn_max_retries", self.__respawn_max_retries, -1),
             "emulate_tty": bool(self.__emulate_tty),
             "shell": bool(self.__shell),
-            "sigterm_timeout_s": float(perform_substitutions(context, self.__sigterm_timeout)),
-            "sigkill_timeout_s": float(perform_substitutions(context, self.__sigkill_timeout)),
+            "sigterm_timeout_s": self._seconds(context, "sigterm_timeout", self.__sigterm_timeout),
+            "sigkill_timeout_s": self._seconds(context, "sigkill_timeout", self.__sigkill_timeout),
             "when": context.session.when,
             "condition_note": context.session.condition_note(self),
             "absent": "",
             "source": self.source_line,
         }
+
+    def _number(self, context: Any, name: str, value: Any, default: float) -> Any:
+        """A number that is not looked at before the process ended."""
+        if isinstance(value, (int, float)):
+            return value
+        kind = type(value).__name__
+        message = f"{name} must be a number, but it is of type '{kind}'"
+        context.session.warn(f"{message}; the launch fails when it would start the process again", self.source_line)
+        return default
+
+    def _seconds(self, context: Any, name: str, value: Any) -> float:
+        """A time that is not resolved before the launch ends."""
+        try:
+            return float(perform_substitutions(context, value))
+        except Exception as error:
+            context.session.warn(f"{name} fails when the launch ends: {error}", self.source_line)
+            return 5.0
 
     def _program(self, context: Any, command: list[str]) -> dict[str, Any]:
         path, argv = command[0], command[1:]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -26,11 +27,29 @@ def __getattr__(name: str) -> Any:
 
 
 def read_launch_file(path: str) -> Any:
-    """The launch description of an XML or YAML launch file."""
-    from ._parser import Parser
-    from ._readers import read_xml, read_yaml
+    """The launch description of an XML or YAML launch file.
 
-    text = Path(path).read_text()
-    is_xml = path.endswith(".xml") or (not path.endswith((".yaml", ".yml")) and text.lstrip().startswith("<"))
+    Raises
+    ------
+    InvalidMarkupError
+        It is neither.
+    """
+    from ._parser import Parser
+    from ._readers import InvalidMarkupError, read_xml, read_yaml
+
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        line = error.object[: error.start].count(b"\n") + 1
+        raise InvalidMarkupError("a character of this file is not encoded in UTF-8", (path, line)) from error
+    # The name tells only what is tried first.
+    is_xml = markup_of(text) == "xml" or (path.endswith(".xml") and markup_of(text) is None)
     root = read_xml(text, path) if is_xml else read_yaml(text, path)
     return Parser(path).parse_description(root)
+
+
+def markup_of(text: str) -> str | None:
+    """The language in which a text seems to be written: `xml`, `yaml`, or none of them."""
+    if text.lstrip("\ufeff \t\r\n").startswith("<"):
+        return "xml"
+    return "yaml" if re.match(r"\ufeff?\s*(#.*\s+)*(%YAML|---|launch\s*:)", text) else None

@@ -19,12 +19,23 @@ class InvalidMarkupError(InvalidLaunchFileError):
 
 @dataclass
 class Element:
-    """One element: a tag of XML, or a key of YAML with what it holds, whose values have types already."""
+    """One element: a tag of XML, or a key of YAML with what it holds, whose values have types already.
+
+    Attributes
+    ----------
+    children : list of Element or None
+        None: a mapping of YAML without the key `children`.
+    lists : mapping
+        Other lists of mappings in YAML, each by its key. In XML these stand among the children.
+    typed : bool
+        It is one of YAML.
+    """
 
     tag: str
     line: int
     attributes: dict[str, Any] = field(default_factory=dict)
-    children: list[Element] = field(default_factory=list)
+    children: list[Element] | None = field(default_factory=list)
+    lists: dict[str, list[Element]] = field(default_factory=dict)
     typed: bool = False
 
 
@@ -38,13 +49,15 @@ def read_xml(text: str, path: str) -> Element:
     """
     from xml.parsers import expat
 
-    parser = expat.ParserCreate()
+    parser = expat.ParserCreate(namespace_separator="}")  # a tag with a namespace is none that is known
     roots: list[Element] = []
     open_elements: list[Element] = []
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         element = Element(tag, parser.CurrentLineNumber, dict(attributes))
-        (open_elements[-1].children if open_elements else roots).append(element)
+        beside = open_elements[-1].children if open_elements else roots
+        assert beside is not None
+        beside.append(element)
         open_elements.append(element)
 
     parser.StartElementHandler = start
@@ -76,8 +89,19 @@ def read_yaml(text: str, path: str) -> Element:
         ) from error
     if not isinstance(node, yaml.MappingNode) or not node.value:
         raise InvalidMarkupError("the file must be a mapping with the key 'launch'", (path, 1))
-    key, value = node.value[0]
-    return _yaml_element(str(key.value), value, key.start_mark.line + 1, path)
+    name, (key, value) = next(iter(_keys(node).items()))
+    return _yaml_element(name, value, key.start_mark.line + 1, path)
+
+
+def _keys(mapping: Any) -> dict[str, tuple[Any, Any]]:
+    """Nodes of keys and values by name: what `<<` merges is there too, and the last of two equal keys counts."""
+    import yaml
+
+    yaml.SafeLoader("").flatten_mapping(mapping)
+    found: dict[str, tuple[Any, Any]] = {}
+    for key, value in mapping.value:
+        found[str(key.value)] = (key, value)
+    return found
 
 
 def _yaml_element(tag: str, node: Any, line: int, path: str) -> Element:
@@ -87,9 +111,10 @@ def _yaml_element(tag: str, node: Any, line: int, path: str) -> Element:
     if isinstance(node, yaml.SequenceNode):
         element.children = [_only_key(item, path) for item in node.value]
     elif isinstance(node, yaml.MappingNode):
-        for key, value in node.value:
-            _add_key(element, str(key.value), value, key.start_mark.line + 1, path)
-    elif not (isinstance(node, yaml.ScalarNode) and node.tag.endswith(":null")):
+        element.children = None
+        for name, (key, value) in _keys(node).items():
+            _add_key(element, name, value, key.start_mark.line + 1, path)
+    else:
         raise InvalidMarkupError(f"'{tag}' must hold a mapping or a list", (path, line))
     return element
 
@@ -98,20 +123,22 @@ def _only_key(item: Any, path: str) -> Element:
     import yaml
 
     line = item.start_mark.line + 1
-    if not isinstance(item, yaml.MappingNode) or len(item.value) != 1:
+    keys = _keys(item) if isinstance(item, yaml.MappingNode) else {}
+    if len(keys) != 1:
         raise InvalidMarkupError("every item of this list must be a mapping with one key: the action", (path, line))
-    key, value = item.value[0]
-    return _yaml_element(str(key.value), value, line, path)
+    ((name, (_, value)),) = keys.items()
+    return _yaml_element(name, value, line, path)
 
 
 def _add_key(element: Element, name: str, node: Any, line: int, path: str) -> None:
     import yaml
 
-    nested = isinstance(node, yaml.SequenceNode) and any(isinstance(i, yaml.MappingNode) for i in node.value)
-    if nested and name == "children":
-        element.children += [_only_key(item, path) for item in node.value]
-    elif nested:
-        for item in node.value:
-            element.children.append(_yaml_element(name, item, item.start_mark.line + 1, path))
+    listed = node.value if isinstance(node, yaml.SequenceNode) else []
+    if name == "children":
+        if not isinstance(node, yaml.SequenceNode):
+            raise InvalidMarkupError("'children' must hold a list", (path, line))
+        element.children = [_only_key(item, path) for item in listed]
+    elif listed and isinstance(listed[0], yaml.MappingNode):
+        element.lists[name] = [_yaml_element(name, item, item.start_mark.line + 1, path) for item in listed]
     else:
         element.attributes[name] = yaml.SafeLoader("").construct_object(node, deep=True)

@@ -22,7 +22,8 @@ def parse_substitution(string_value: str) -> list[Substitution]:
     Raises
     ------
     ValueError
-        A parenthesis is not closed, or the name of a substitution is missing.
+        It is not written as it must be: a parenthesis or a quote is not closed, a name is missing, there is
+        more than one blank between two arguments, or a parenthesis stands in an argument without quotes.
     RuntimeError
         There is no substitution of that name.
     """
@@ -30,53 +31,105 @@ def parse_substitution(string_value: str) -> list[Substitution]:
 
     if not string_value:
         return [TextSubstitution(text="")]
-    parts, _ = _template(string_value, 0, "")
-    return parts
+    return _Reader(string_value).template("")
 
 
-def _template(text: str, start: int, end: str) -> tuple[list[Substitution], int]:
-    from ..substitutions import TextSubstitution
+class _Reader:
+    """Reads a text from left to right. `quote` is the quote inside which it is, or nothing."""
 
-    parts: list[Substitution] = []
-    plain = ""
-    position = start
-    while position < len(text) and not (end and text[position] in end):
-        if text.startswith("$(", position):
-            if plain:
-                parts.append(TextSubstitution(text=replace_escaped_characters(plain)))
-                plain = ""
-            sub, position = _substitution(text, position)
-            parts.append(sub)
-            continue
-        step = 2 if text[position] == "\\" and position + 1 < len(text) else 1
-        plain += text[position : position + step]
-        position += step
-    if plain:
-        parts.append(TextSubstitution(text=replace_escaped_characters(plain)))
-    return parts, position
+    def __init__(self, text: str) -> None:
+        self._text = text
+        self._at = 0
+
+    def template(self, quote: str) -> list[Substitution]:
+        """What stands outside of any substitution, or between two quotes: anything."""
+        parts = _Parts()
+        while self._here() and self._here() != quote:
+            if self._begins_substitution():
+                parts.add(self._substitution(quote))
+            else:
+                parts.text += self._take(2 if quote and self._escapes(quote) else 1)
+        return parts.done()
+
+    def _substitution(self, quote: str) -> Any:
+        name = _NAME.match(self._text, self._at + 2)
+        if name is None:
+            raise ValueError(f"'{self._text}': a name is missing after '$('")
+        self._at = name.end()
+        arguments: list[Any] = []
+        while self._here() == " ":
+            self._at += 1
+            arguments.append(self._argument(quote, name.group()))
+        if self._here() != ")":
+            raise ValueError(f"'{self._text}': '$({name.group()}' is not closed")
+        self._at += 1
+        return _instantiate(name.group(), arguments)
+
+    def _argument(self, quote: str, name: str) -> list[Substitution]:
+        # Quotes have a meaning only in a substitution that does not itself stand between quotes.
+        opened = self._here()
+        if not quote and opened and opened in "'\"":
+            self._at += 1
+            value = self.template(opened)
+            if not self._here():
+                raise ValueError(f"'{self._text}': a quote is not closed")
+            self._at += 1
+            return value
+        value = self._unquoted(quote)
+        if not value:
+            why = "has one blank too many" if self._here() in (" ", ")") else "is not closed"
+            raise ValueError(f"'{self._text}': '$({name}' {why}")
+        return value
+
+    def _unquoted(self, quote: str) -> list[Substitution]:
+        parts = _Parts()
+        barred = quote or "'\""
+        while character := self._here():
+            protected = self._text[self._at - 1] == "\\"
+            if self._begins_substitution():
+                parts.add(self._substitution(quote))
+            elif any(self._escapes(each) for each in barred):
+                parts.text += self._take(2)
+            elif character in (" ", *barred) or (character == ")" and not protected):
+                break
+            elif character == "(" and not protected:
+                raise ValueError(f"'{self._text}': '(' in an argument needs quotes around the argument")
+            else:
+                parts.text += self._take(1)
+        return parts.done()
+
+    def _here(self) -> str:
+        return self._text[self._at : self._at + 1]
+
+    def _take(self, count: int) -> str:
+        taken = self._text[self._at : self._at + count]
+        self._at += count
+        return taken
+
+    def _escapes(self, character: str) -> bool:
+        return self._text.startswith("\\" + character, self._at)
+
+    def _begins_substitution(self) -> bool:
+        return self._text.startswith("$(", self._at) and self._text[self._at - 1 : self._at] != "\\"
 
 
-def _substitution(text: str, start: int) -> tuple[Any, int]:
-    name = _NAME.match(text, start + 2)
-    if name is None:
-        raise ValueError(f"'{text}': a name is missing after '$('")
-    arguments: list[Any] = []
-    position = name.end()
-    while position < len(text) and text[position] == " ":
-        while position < len(text) and text[position] == " ":
-            position += 1
-        if position < len(text) and text[position] == ")":
-            break
-        quote = text[position] if position < len(text) and text[position] in "'\"" else ""
-        value, position = _template(text, position + len(quote), quote or " )")
-        if quote:
-            if position >= len(text):
-                raise ValueError(f"'{text}': a quote is not closed")
-            position += 1
-        arguments.append(value)
-    if position >= len(text) or text[position] != ")":
-        raise ValueError(f"'{text}': '$({name.group()}' is not closed")
-    return _instantiate(name.group(), arguments), position + 1
+class _Parts:
+    """Texts and substitutions in a row."""
+
+    def __init__(self) -> None:
+        self.text = ""
+        self._parts: list[Substitution] = []
+
+    def add(self, substitution: Substitution) -> None:
+        self.done().append(substitution)
+
+    def done(self) -> list[Substitution]:
+        from ..substitutions import TextSubstitution
+
+        if self.text:
+            self._parts.append(TextSubstitution(text=replace_escaped_characters(self.text)))
+            self.text = ""
+        return self._parts
 
 
 def _instantiate(name: str, arguments: list[Any]) -> Any:

@@ -75,7 +75,8 @@ def _read_yaml(value: str, aim: str, can_be_str: bool) -> Any:
             return value
         raise ValueError(f"'{value}' cannot be read as {aim}: it is not valid YAML ({error})") from error
     if not is_instance_of_valid_type(output, can_be_str):
-        raise ValueError(f"'{value}' cannot be read as {aim}: YAML makes it a {type(output).__name__}")
+        kind = "list whose items are not of one type" if isinstance(output, list) else type(output).__name__
+        raise ValueError(f"'{value}' cannot be read as {aim}: YAML makes it a {kind}")
     return output
 
 
@@ -176,7 +177,8 @@ def normalize_typed_substitution(value: Any, data_type: Any) -> Any:
     """
     if isinstance(value, ScalarTypesTuple):
         if not is_instance_of(value, data_type):
-            raise TypeError(f"a {getattr(data_type, '__name__', data_type)} is wanted, but {shown(value)}")
+            name = getattr(data_type, "__name__", str(data_type))
+            raise TypeError(f"{'an' if name == 'int' else 'a'} {name} is wanted, but {shown(value)}")
         return value
     if is_substitution(value):
         return normalize_to_list_of_substitutions(value)

@@ -65,7 +65,9 @@ class LifecycleNode(Node):
             context.session.processes[-1]["autostart"] = bool(self.__autostart)
         if not self.__autostart:
             return None
-        return [LifecycleTransition(lifecycle_node_names=[self.node_name], transition_ids=[_CONFIGURE, _ACTIVATE])]
+        started = LifecycleTransition(lifecycle_node_names=[self.node_name], transition_ids=[_CONFIGURE, _ACTIVATE])
+        started.source_line = self.source_line
+        return [started]
 
     def _change_state(self, context: Any) -> None:
         event = context.locals.event

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from launch._base import (
     normalize_to_list_of_substitutions,
     perform_substitutions,
 )
-from launch._catalogue import ELSEWHERE
+from launch._catalogue import ELSEWHERE, parameter_text
 from launch._installed import missing_data_file
 from launch.actions import ExecuteProcess
 from launch.frontend.expose import expose_action
@@ -66,7 +67,7 @@ def read_from_command_line(value: Any) -> Any:
     import yaml
 
     try:
-        return plain_value(yaml.safe_load(str(value)))
+        return parameter_text.read(str(value))
     except yaml.YAMLError:
         return str(value)
 
@@ -81,8 +82,9 @@ class Node(ExecuteProcess):
 
     def __new__(cls, *args: Any, **kwargs: Any) -> Any:
         # Python would complain of the missing 'executable', and not say what was given instead.
-        if "node_executable" in kwargs and "executable" not in kwargs:
-            raise TypeError(f"{cls.__name__}() got an unexpected keyword argument 'node_executable'")
+        other = next((name for name in ("node_executable", "exec", "type") if name in kwargs), None)
+        if other is not None and "executable" not in kwargs:
+            raise TypeError(f"{cls.__name__}() got an unexpected keyword argument '{other}'")
         return super().__new__(cls, *args, **kwargs)
 
     def __init__(
@@ -104,6 +106,7 @@ class Node(ExecuteProcess):
         cmd: list[Any] = [program]
         cmd += [] if arguments is None else arguments
         cmd += [] if ros_arguments is None else ["--ros-args", *_as_list(ros_arguments)]
+        self.__written_words = len(cmd)
         cmd += ["--ros-args"]
         if name is not None:
             cmd += ["-r", LocalSubstitution("ros_specific_arguments['name']", description="node name")]
@@ -242,7 +245,7 @@ class Node(ExecuteProcess):
                 path = context.session.add_file(self._label(), ".yaml", dumped(content))
                 self._extend("--params-file", path)
                 for name, value in item.items():
-                    self._plan_value(name, value)
+                    self._plan_value(name, self._as_read(context, name, value))
             elif isinstance(item, Parameter):
                 import yaml
 
@@ -279,21 +282,42 @@ class Node(ExecuteProcess):
                 message = f"the value of the parameter '{name}' is a {kind}, which a node cannot read"
                 context.session.warn(f"{message}, so it will not start; write float(...)", self.source_line)
 
+    def _as_read(self, context: Any, name: str, value: Any) -> Any:
+        """The value that reaches the node, with a warning where it is no text any more."""
+        texts = [item for item in (value if isinstance(value, (list, tuple)) else [value]) if type(item) is str]
+        lost = next((text for text in texts if type(parameter_text.as_read(text)) is not str), None)
+        if lost is None:
+            return value
+        became = ros_type(parameter_text.as_read(lost))
+        message = f"the text '{lost}' of the parameter '{name}' is written without quotes for the node"
+        context.session.warn(f"{message}, which reads it as {became}", self.source_line)
+        return parameter_text.as_read(value)
+
     def _plan_value(self, name: str, value: Any, *, wildcard: bool = False) -> None:
-        planned = {"name": name, "value": plain_value(value), "type": ros_type(value)}
+        planned = _planned(name, value)
         # What is on the command line is for any node of the process, as `/**` in a file is.
         self.__planned_parameters.append({**planned, **({"wildcard": True} if wildcard else {})})
 
     def _plan_file(self, context: Any, path: Path, text: str | None = None) -> None:
-        import yaml
-
         content = None
         try:
-            content = plain_value(yaml.safe_load(path.read_text() if text is None else text))
+            content = parameter_text.read(path.read_text() if text is None else text)
         except Exception as error:
             message = f"the parameter file '{path}' cannot be read, so the node will not start: {error}"
             context.session.warn(message, self.source_line)
         self.__planned_parameters.append({"file": str(path), "content": content})
+
+    def _given_in(self, words: list[str], context: Any) -> list[dict[str, Any]]:
+        """Parameters among the arguments that the launch file writes itself."""
+        after, self.__planned_parameters = self.__planned_parameters, []
+        for flag, word in pairwise(words[words.index("--ros-args") :] if "--ros-args" in words else []):
+            name, is_rule, value = word.partition(":=")
+            if flag in ("-p", "--param") and is_rule:
+                self._plan_value(name, read_from_command_line(value), wildcard=True)
+            elif flag == "--params-file":
+                self._plan_file(context, Path(word))
+        given, self.__planned_parameters = self.__planned_parameters, after
+        return given
 
     def _label(self) -> str:
         return str(self.__name if isinstance(self.__name, str) else self.__expanded_name).strip("<>")
@@ -329,7 +353,8 @@ class Node(ExecuteProcess):
         plan["name"] = None if self.__name is None else self.__expanded_name
         known = self.__expanded_namespace != self.UNSPECIFIED_NODE_NAMESPACE
         plan["namespace"] = self.__expanded_namespace if known else None
-        plan["parameters"] = self.__planned_parameters
+        words = (self.process_description.final_cmd or [])[len(plan["prefix"]) :][1 : self.__written_words]
+        plan["parameters"] = [*self._given_in(words, context), *self.__planned_parameters]
         plan["remappings"] = [list(rule) for rule in self.__expanded_remappings]
         plan["parameter_files"] = {
             name: text
@@ -439,15 +464,23 @@ def composable_plan(context: Any, node: ComposableNode) -> dict[str, Any]:
 def _composable_parameters(context: Any, node: ComposableNode) -> list[dict[str, Any]]:
     parameters: list[dict[str, Any]] = []
     for item in context.launch_configurations.get("global_params") or []:
-        parameters.append(_planned(*item) if isinstance(item, tuple) else {"file": str(item), "content": None})
+        parameters.append(_planned(*item) if isinstance(item, tuple) else _planned_file(item))
     for item in evaluate_parameters(context, node.parameters or ()):
         if isinstance(item, dict):
             parameters += [_planned(name, value) for name, value in item.items()]
         elif isinstance(item, Parameter):
             parameters.append(_planned(*item.evaluate(context)))
         else:
-            parameters.append({"file": str(item[0]), "content": None})
+            parameters.append(_planned_file(*item))
     return parameters
+
+
+def _planned_file(path: Any, text: str | None = None) -> dict[str, Any]:
+    """A file for a composable node, which `launch` itself reads while it asks for the node."""
+    import yaml
+
+    content = yaml.safe_load(Path(path).read_text() if text is None else text)
+    return {"file": str(path), "content": plain_value(content)}
 
 
 def _planned(name: str, value: Any) -> dict[str, Any]:

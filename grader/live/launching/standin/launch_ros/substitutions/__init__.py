@@ -137,7 +137,7 @@ def _not_found(executable: str, package: str, folder: Path, root: str) -> str:
             f"but {entry[1]} does not install it ({entry[2]} is missing). The package has: {listed}"
         )
     close = difflib.get_close_matches(executable.removesuffix(".py"), there, n=1)
-    meant = f"; did you mean '{close[0]}'?" if close else ""
+    meant = f"; did you mean '{close[0]}'?" if close else "."
     return f"executable '{executable}' not found in package '{package}'{meant} The package has: {listed}"
 
 
