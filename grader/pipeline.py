@@ -260,6 +260,7 @@ def record(
 ) -> Recordings:
     """Run the live half: stage, isolate, run the sessions, and again those whose checks are undecided."""
     from grader.live.cells import Progress, Sessions
+    from grader.live.fork_server import ForkServer
     from grader.live.isolation import Level
     from grader.live.probing import probe_isolation, require
     from grader.live.ros_launch import LaunchChoice, find_native_launch
@@ -267,44 +268,47 @@ def record(
     from grader.live.stage import stage
 
     watch = watch or Stopwatch()
-    with watch.stage("trying the isolation"):
-        isolation = shared.isolation if shared is not None else probe_isolation(options.interpreter)
-    require(isolation, Level.of(options.least_isolation))
-    native = find_native_launch(options.interpreter, LaunchChoice(options.launch))
-    recordings = results / RECORDINGS
-    chosen = chosen_sessions(rubric, options, submission)
-    for name in options.sessions if options.sessions is not None else rubric.sessions:
-        if name not in chosen:
-            on_progress(Progress(name, "left out, since its file is missing", ended=True))
-    _start_afresh(results, recordings, submission, rubric)
-    with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as scratch:
-        with _work(shared, watch)("staging"):
-            workspace = stage(folder, submission, rubric, Path(scratch), str(options.interpreter))
-        sessions = Sessions(
-            rubric,
-            submission,
-            workspace.folder,
-            workspace.executables,
-            recordings,
-            isolation,
-            options.interpreter,
-            options.seed if options.seed is not None else random.SystemRandom().randrange(2**31),
-            versions() | {"launch": "native" if native is not None else "stand-in"},
-            native,
-            turns=shared.turns if shared is not None else None,
-        )
-        on_progress = watch.follow(on_progress)
-        with watch.stage("sessions"):
-            sessions.record(chosen, on_progress, at_a_time=options.jobs if sessions.isolation.namespaces else None)
-        for attempt in range(2, RETRIES + 2):
-            with _work(shared, watch)("judging"):
-                recorded = open_recordings(recordings, rubric)
-                undecided = undecided_sessions(recorded, rubric, chosen)
-            if not undecided:
-                return recorded
-            with watch.stage(f"sessions again, attempt {attempt}"):
-                replace(sessions, attempt=attempt).record(undecided, on_progress, at_a_time=1)
-    return open_recordings(recordings, rubric)
+    # It imports while the isolation is tried.
+    with ForkServer() as forks:
+        with watch.stage("trying the isolation"):
+            isolation = shared.isolation if shared is not None else probe_isolation(options.interpreter)
+        require(isolation, Level.of(options.least_isolation))
+        native = find_native_launch(options.interpreter, LaunchChoice(options.launch))
+        recordings = results / RECORDINGS
+        chosen = chosen_sessions(rubric, options, submission)
+        for name in options.sessions if options.sessions is not None else rubric.sessions:
+            if name not in chosen:
+                on_progress(Progress(name, "left out, since its file is missing", ended=True))
+        _start_afresh(results, recordings, submission, rubric)
+        with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as scratch:
+            with _work(shared, watch)("staging"):
+                workspace = stage(folder, submission, rubric, Path(scratch), str(options.interpreter))
+            sessions = Sessions(
+                rubric,
+                submission,
+                workspace.folder,
+                workspace.executables,
+                recordings,
+                isolation,
+                options.interpreter,
+                options.seed if options.seed is not None else random.SystemRandom().randrange(2**31),
+                versions() | {"launch": "native" if native is not None else "stand-in"},
+                forks,
+                native,
+                turns=shared.turns if shared is not None else None,
+            )
+            on_progress = watch.follow(on_progress)
+            with watch.stage("sessions"):
+                sessions.record(chosen, on_progress, at_a_time=options.jobs if sessions.isolation.namespaces else None)
+            for attempt in range(2, RETRIES + 2):
+                with _work(shared, watch)("judging"):
+                    recorded = open_recordings(recordings, rubric)
+                    undecided = undecided_sessions(recorded, rubric, chosen)
+                if not undecided:
+                    return recorded
+                with watch.stage(f"sessions again, attempt {attempt}"):
+                    replace(sessions, attempt=attempt).record(undecided, on_progress, at_a_time=1)
+        return open_recordings(recordings, rubric)
 
 
 def _start_afresh(results: Path, recordings: Path, submission: SubmissionRecord, rubric: Rubric) -> None:

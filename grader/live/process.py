@@ -12,6 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from grader.live.forked import ForkedProcess, Program, start_forked
 from grader.live.priority import Priority, put_standing, put_starting, weigh_session
 from grader.recording.session import OutputLine, ProcessRun, Usage
 
@@ -64,7 +65,7 @@ class RunningProcess:
     def __init__(
         self,
         run: ProcessRun,
-        process: asyncio.subprocess.Process,
+        process: asyncio.subprocess.Process | ForkedProcess,
         child_pid_fd: int | None,
         on_message: Callable[[bytes], None] | None,
         room: OutputRoom,
@@ -100,7 +101,6 @@ class RunningProcess:
         pass_fds: Sequence[int] = (),
         child_pid_fd: int | None = None,
         with_input: bool = False,
-        on_message: Callable[[bytes], None] | None = None,
         room: OutputRoom | None = None,
     ) -> RunningProcess:
         """Start a process in a process group of its own, with SIGINT at its default."""
@@ -117,10 +117,20 @@ class RunningProcess:
             limit=_READ_BYTES,
         )
         put_starting(process.pid)
-        running = cls(run, process, child_pid_fd, on_message, room or OutputRoom())
+        running = cls(run, process, child_pid_fd, None, room or OutputRoom())
         if child_pid_fd is not None:
             running.weighing = asyncio.create_task(running._weigh_sandbox())
         return running
+
+    @classmethod
+    async def fork(
+        cls, run: ProcessRun, program: Program, *, on_message: Callable[[bytes], None] | None = None
+    ) -> RunningProcess:
+        """Start one of the grader's own programs as a fork of this process; it has a standard input."""
+        run.started_ns = time.time_ns()
+        process = await start_forked(program)
+        put_starting(process.pid)
+        return cls(run, process, None, on_message, OutputRoom())
 
     @property
     def alive(self) -> bool:

@@ -1,6 +1,6 @@
 """A session, as the first process of its cell: start, steps, stop → recording.
 
-Started by `grader.live.cells` with a `SessionPlan` as JSON in a file. It starts the director, the
+Forked by `grader.live.fork_server` with a `SessionPlan`. It starts the director, the
 reference nodes and the student's processes, runs the steps, and writes `session.json` beside the
 bag. It touches no ROS itself. Progress goes to standard output, one JSON line each.
 """
@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import ctypes
 import fcntl
+import importlib
 import json
 import os
 import shutil
@@ -28,6 +29,7 @@ from typing import Any
 from grader.live.cgroup import CellGroup
 from grader.live.claims import claims_in
 from grader.live.environment import INSIDE_FOLDER, student_environment, trusted_environment
+from grader.live.forked import Program, script
 from grader.live.guard import Guard
 from grader.live.isolation import (
     HOME,
@@ -295,8 +297,8 @@ class Session:
         }
         run = ProcessRun("director", "grader", ["python", "-m", "grader.live.director"])
         director = _Director(self.record)
-        arguments = ["-m", "grader.live.director", json.dumps(settings)]
-        director.running = await self._start_trusted(run, arguments, with_input=True, on_message=director.on_message)
+        main = importlib.import_module("grader.live.director").main
+        director.running = await self._start_trusted(run, main, [json.dumps(settings)], on_message=director.on_message)
         self.director = director
         ready = asyncio.create_task(director.ready.wait())
         await asyncio.wait(
@@ -310,18 +312,15 @@ class Session:
     async def _start_trusted(
         self,
         run: ProcessRun,
+        main: Callable[[], object],
         arguments: list[str],
         *,
-        with_input: bool = False,
         on_message: Callable[[bytes], None] | None = None,
     ) -> RunningProcess:
         self.record.processes.append(run)
-        home = self.scratch / "trusted"
-        environment = trusted_environment(home, self.plan.domain_id)
-        argv = ["setpriv", "--pdeathsig", "KILL", "prlimit", f"--as={_TRUSTED_BYTES}", sys.executable, "-I", *arguments]
-        return await RunningProcess.start(
-            run, argv, environment=environment, cwd="/", with_input=with_input, on_message=on_message
-        )
+        environment = trusted_environment(self.scratch / "trusted", self.plan.domain_id)
+        program = Program(run.name, main, arguments, environment, _TRUSTED_BYTES)
+        return await RunningProcess.fork(run, program, on_message=on_message)
 
     async def _finish(self) -> None:
         self._launch.end()
@@ -539,7 +538,7 @@ class Session:
         }
         run = ProcessRun(name, "reference", ["python", Path(spec["file"]).name, json.dumps(configuration)])
         # Not on the command line, which everybody can read where process ids are not the cell's own: the seed is in it.
-        running = await self._start_trusted(run, [spec["file"], "-"], with_input=True)
+        running = await self._start_trusted(run, script(spec["file"]), ["-"])
         running.write(json.dumps(configuration).encode())
         running.close_input()
         self.processes[name] = running
@@ -713,14 +712,9 @@ def _recover_bag(folder: Path) -> None:
     recover(folder)
 
 
-def main() -> None:
-    """Run the session whose plan is in the file named by argv[1]."""
+def run(plan: SessionPlan) -> None:
+    """Run a session; this process must be the first of its cell."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     put_starting(os.getpid())
-    plan = SessionPlan(**json.loads(Path(sys.argv[1]).read_text(encoding="utf-8")))
     asyncio.run(Session(plan).run())
     _tell({"event": "ended"})
-
-
-if __name__ == "__main__":
-    main()

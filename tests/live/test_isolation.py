@@ -17,6 +17,7 @@ from grader import pipeline
 from grader.errors import IsolationError
 from grader.evidence.recorded import Recorded
 from grader.live.cells import Sessions
+from grader.live.fork_server import ForkServer
 from grader.live.isolation import Form, Isolation, Level, Room, student_argv
 from grader.live.landlock import landlock_version
 from grader.live.probing import probe_isolation, require
@@ -113,7 +114,7 @@ def record_at(lab: Lab, isolation: Isolation) -> Recorded:
     """Record a lab's only session with a given confinement."""
     rubric = lab.rubric()
     submission = read_submission_folder(lab.submission, rubric)
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, ForkServer() as forks:
         workspace = stage(lab.submission, submission, rubric, Path(folder), str(PYTHON))
         sessions = Sessions(
             rubric,
@@ -125,6 +126,7 @@ def record_at(lab: Lab, isolation: Isolation) -> Recorded:
             PYTHON,
             1,
             pipeline.versions(),
+            forks,
         )
         sessions.record(["only"], lambda progress: None)
     return Recorded.open(lab.recordings / "only")

@@ -1,0 +1,153 @@
+"""Starts the first processes of cells as forks of a process that has imported what they need.
+
+Python that imports rclpy and the session anew takes a seventh of a second of a core, in each of a grading's cells at
+the same time; a fork takes a hundredth. The server has an environment made from nothing, starts no thread and nothing
+of ROS, and serves one grading. Each cell's first process then forks its director and reference nodes in the same way.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import importlib
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+from types import TracebackType
+
+from grader.live.environment import trusted_environment
+from grader.live.forked import Program, become, name_process, read_pipe
+from grader.live.isolation import Isolation
+from grader.live.namespaces import enter_cell
+
+_MOST_REQUEST_BYTES = 16 * 1024
+#: How long the server may take to end when nothing more is asked of it.
+_END_S = 5.0
+
+
+class Cell:
+    """A cell as the grader sees it: what its first process says, until all of the cell has ended."""
+
+    def __init__(self, said: asyncio.StreamReader) -> None:
+        self.said = said
+
+    async def pid(self) -> int:
+        """Return the process id by which the cell ends; to be called first, and once.
+
+        Raises
+        ------
+        RuntimeError
+            If the cell could not be made.
+        """
+        line = await self.said.readline()
+        if not line:
+            raise RuntimeError("the process that starts cells has ended")
+        return int(line)
+
+
+class ForkServer:
+    """The process that forks the first processes of cells; used as a context, with which all that it started ends."""
+
+    def __enter__(self) -> ForkServer:
+        self._link, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with theirs:
+            self._process = subprocess.Popen(
+                ["setpriv", "--pdeathsig", "KILL", sys.executable, "-I", "-m", __name__, str(theirs.fileno())],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                env=trusted_environment(Path("/"), 0),
+                cwd="/",
+                pass_fds=(theirs.fileno(),),
+                start_new_session=True,
+            )
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._link.close()
+        try:
+            self._process.wait(_END_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    async def start(self, plan: Path, errors: Path) -> Cell:
+        """Start the session of a plan in a cell of its own.
+
+        Parameters
+        ----------
+        plan : Path
+            A `SessionPlan` as JSON.
+        errors : Path
+            File for what its first process writes to standard error.
+        """
+        said, says = os.pipe()
+        with errors.open("wb") as file, suppress(ConnectionError):  # Then nothing will be said.
+            socket.send_fds(self._link, [os.fsencode(plan)], [says, file.fileno()])
+        os.close(says)
+        return Cell(await read_pipe(said))
+
+
+def _serve(link: socket.socket) -> None:
+    """Fork for each request, until there will be no more."""
+    _import_for_forks()
+    signal.signal(signal.SIGCHLD, lambda number, frame: _reap(os.WNOHANG))
+    server, null = os.getpid(), os.open(os.devnull, os.O_RDONLY)
+    while True:
+        request, descriptors, *_ = socket.recv_fds(link, _MOST_REQUEST_BYTES, 2)
+        if not request:
+            signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+            _reap(0)
+            return
+        plan = Path(os.fsdecode(request))
+        if os.fork() == 0:
+            environment = trusted_environment(plan.parent, 0)
+            program = Program("cell", partial(_run_in_cell, plan), [], environment)
+            become(program, server, (null, *descriptors))
+        for descriptor in descriptors:
+            os.close(descriptor)
+
+
+def _reap(options: int) -> None:
+    """Take note of forks that have ended, so that their CPU time counts as the server's."""
+    with suppress(ChildProcessError):
+        while os.waitpid(-1, options)[0]:
+            pass
+
+
+def _import_for_forks() -> None:
+    """Import what sessions, directors and reference nodes need, and load what nodes do; start nothing of it."""
+    for module in ("grader.live.session", "grader.live.director"):
+        importlib.import_module(module)
+    importlib.import_module("rclpy").get_rmw_implementation_identifier()
+    # A collection in a fork would touch, and so copy, the memory of all objects that are there now.
+    gc.collect()
+    gc.freeze()
+
+
+def _run_in_cell(file: Path) -> None:
+    from grader.live.session import SessionPlan, run
+
+    print(os.getpid(), flush=True)
+    plan = SessionPlan(**json.loads(file.read_text(encoding="utf-8")))
+    enter_cell(Isolation.from_plain(plan.isolation).form)
+    name_process("session")
+    run(plan)
+
+
+def main() -> None:
+    """Serve what comes through the socket of the number in argv[1]."""
+    with socket.socket(fileno=int(sys.argv[1])) as link:
+        _serve(link)
+
+
+if __name__ == "__main__":
+    main()
