@@ -259,7 +259,7 @@ def record(
     watch: Stopwatch | None = None,
 ) -> Recordings:
     """Run the live half: stage, isolate, run the sessions, and again those whose checks are undecided."""
-    from grader.live.cells import Progress, Sessions
+    from grader.live.cells import Progress, Sessions, types_in
     from grader.live.fork_server import ForkServer
     from grader.live.isolation import Level
     from grader.live.probing import probe_isolation, require
@@ -269,7 +269,7 @@ def record(
 
     watch = watch or Stopwatch()
     # It imports while the isolation is tried.
-    with ForkServer() as forks:
+    with ForkServer(types_in(rubric)) as forks:
         with watch.stage("trying the isolation"):
             isolation = shared.isolation if shared is not None else probe_isolation(options.interpreter)
         require(isolation, Level.of(options.least_isolation))

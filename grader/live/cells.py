@@ -59,6 +59,12 @@ def names_in(rubric: Rubric) -> list[str]:
     return sorted({str(s.parameters[k]) for s in steps for k in keys if s.parameters.get(k)})
 
 
+def types_in(rubric: Rubric) -> list[str]:
+    """Types of messages and services that the rubric's steps use."""
+    steps = [step for session in rubric.sessions.values() for step in session.steps]
+    return sorted({str(s.parameters["type"]) for s in steps if s.parameters.get("type")})
+
+
 @dataclass(frozen=True)
 class Sessions:
     """The sessions of one submission, ready to be recorded.

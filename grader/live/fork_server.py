@@ -8,6 +8,7 @@ of ROS, and serves one grading. Each cell's first process then forks its directo
 from __future__ import annotations
 
 import asyncio
+import compileall
 import gc
 import importlib
 import json
@@ -16,16 +17,28 @@ import signal
 import socket
 import subprocess
 import sys
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from types import TracebackType
 
-from grader.live.environment import trusted_environment
+from grader.live.environment import INSIDE_FOLDER, LAUNCHING_FOLDER, trusted_environment
 from grader.live.forked import Program, become, name_process, read_pipe
 from grader.live.isolation import Isolation
 from grader.live.namespaces import enter_cell
+from grader.recording.definitions import definition_of, type_hash_of
 
+_IMPORTED = ("grader.live.session", "grader.live.director", "grader.recording.bag", "mcap.writer", "runpy")
+#: Used by every node, and by the director itself.
+_STANDARD_TYPES = (
+    "rcl_interfaces/msg/Log",
+    "rcl_interfaces/msg/ParameterEvent",
+    "rcl_interfaces/srv/GetParameters",
+    "rcl_interfaces/srv/ListParameters",
+    "rcl_interfaces/srv/SetParameters",
+    "std_msgs/msg/Empty",
+)
 _MOST_REQUEST_BYTES = 16 * 1024
 #: How long the server may take to end when nothing more is asked of it.
 _END_S = 5.0
@@ -52,13 +65,23 @@ class Cell:
 
 
 class ForkServer:
-    """The process that forks the first processes of cells; used as a context, with which all that it started ends."""
+    """The process that forks the first processes of cells; used as a context, with which all that it started ends.
+
+    Parameters
+    ----------
+    types : collection of str
+        Types of messages and services that the sessions are likely to use.
+    """
+
+    def __init__(self, types: Collection[str] = ()) -> None:
+        self._types = types
 
     def __enter__(self) -> ForkServer:
         self._link, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs:
+            program = [sys.executable, "-I", "-m", __name__, str(theirs.fileno()), *self._types]
             self._process = subprocess.Popen(
-                ["setpriv", "--pdeathsig", "KILL", sys.executable, "-I", "-m", __name__, str(theirs.fileno())],
+                ["setpriv", "--pdeathsig", "KILL", *program],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
@@ -96,9 +119,9 @@ class ForkServer:
         return Cell(await read_pipe(said))
 
 
-def _serve(link: socket.socket) -> None:
+def _serve(link: socket.socket, types: Sequence[str]) -> None:
     """Fork for each request, until there will be no more."""
-    _import_for_forks()
+    _import_for_forks(types)
     signal.signal(signal.SIGCHLD, lambda number, frame: _reap(os.WNOHANG))
     server, null = os.getpid(), os.open(os.devnull, os.O_RDONLY)
     while True:
@@ -123,14 +146,30 @@ def _reap(options: int) -> None:
             pass
 
 
-def _import_for_forks() -> None:
+def _import_for_forks(types: Sequence[str]) -> None:
     """Import what sessions, directors and reference nodes need, and load what nodes do; start nothing of it."""
-    for module in ("grader.live.session", "grader.live.director"):
+    for module in _IMPORTED:
         importlib.import_module(module)
     importlib.import_module("rclpy").get_rmw_implementation_identifier()
+    for name in (*_STANDARD_TYPES, *types):
+        with suppress(Exception):  # What is not there, or is no type, is told where it is missed.
+            _load_type(name)
+    # Students' processes read these, and may write nothing beside them.
+    for folder in (INSIDE_FOLDER, LAUNCHING_FOLDER):
+        compileall.compile_dir(folder, quiet=2)
     # A collection in a fork would touch, and so copy, the memory of all objects that are there now.
     gc.collect()
     gc.freeze()
+
+
+def _load_type(name: str) -> None:
+    """Import a type of messages or services with its libraries, and look up its definition."""
+    package, kind, short = name.split("/")
+    interface = getattr(importlib.import_module(f"{package}.{kind}"), short)
+    importlib.import_module("rclpy.type_support").check_for_type_support(interface)
+    recorded = f"{name}_Event" if kind == "srv" else name
+    definition_of(recorded)
+    type_hash_of(recorded)
 
 
 def _run_in_cell(file: Path) -> None:
@@ -144,9 +183,9 @@ def _run_in_cell(file: Path) -> None:
 
 
 def main() -> None:
-    """Serve what comes through the socket of the number in argv[1]."""
+    """Serve what comes through the socket of the number in argv[1]; the types to load follow."""
     with socket.socket(fileno=int(sys.argv[1])) as link:
-        _serve(link)
+        _serve(link, sys.argv[2:])
 
 
 if __name__ == "__main__":

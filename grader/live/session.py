@@ -28,7 +28,7 @@ from typing import Any
 
 from grader.live.cgroup import CellGroup
 from grader.live.claims import claims_in
-from grader.live.environment import INSIDE_FOLDER, student_environment, trusted_environment
+from grader.live.environment import INSIDE_FOLDER, LAUNCHING_FOLDER, student_environment, trusted_environment
 from grader.live.forked import Program, script
 from grader.live.guard import Guard
 from grader.live.isolation import (
@@ -62,7 +62,6 @@ from grader.recording.session import (
 )
 from grader.recording.told import take_told
 
-_HERE = Path(__file__).parent
 _WORKSPACE_BYTES = 256 * 1024 * 1024
 _SMALL_BYTES = 64 * 1024 * 1024
 _MAX_FILES = 20_000
@@ -206,7 +205,7 @@ class Session:
         self.seen_workspace, self.seen_home, self.seen_temporary = seen[WORKSPACE], seen[HOME], seen[TEMPORARY]
         self.tools = {
             INSIDE: INSIDE_FOLDER,
-            LAUNCHING: _HERE / "launching",
+            LAUNCHING: LAUNCHING_FOLDER,
             PARAMETERS: self.scratch / "parameters",
         }
         self.seen_tools = {t: t if confined else str(p) for t, p in self.tools.items()}
