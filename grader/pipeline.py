@@ -275,7 +275,7 @@ def record(
     from grader.live.stage import stage
 
     watch = watch or Stopwatch()
-    # It imports while the isolation is tried.
+    # It begins to import while the isolation is tried.
     with ForkServer(types_in(rubric)) as forks:
         with watch.stage("trying the isolation"):
             isolation = shared.isolation if shared is not None else probe_isolation(options.interpreter)

@@ -176,7 +176,7 @@ class Sessions:
 
     async def _run_cell(self, spec: SessionSpec, scratch: Path, on_progress: Callable[[Progress], None]) -> None:
         on_progress(Progress(spec.id, "starting"))
-        cell = await self.forks.start(scratch / "plan.json", scratch / "stderr")
+        cell = await self.forks.start(self.isolation.form, scratch / "plan.json", scratch / "stderr")
         pid = asyncio.ensure_future(cell.pid())
         try:
             await asyncio.wait_for(_follow(cell, pid, spec.id, on_progress), spec.timeout_s + _GRACE_S)

@@ -25,11 +25,11 @@ from types import TracebackType
 
 from grader.live.environment import INSIDE_FOLDER, LAUNCHING_FOLDER, trusted_environment
 from grader.live.forked import Program, become, name_process, read_pipe
-from grader.live.isolation import Isolation
-from grader.live.namespaces import enter_cell
+from grader.live.isolation import Form
+from grader.live.namespaces import enter_cell, enter_own_mounts
 from grader.recording.definitions import definition_of, type_hash_of
 
-_IMPORTED = ("grader.live.session", "grader.live.director", "grader.recording.bag", "mcap.writer", "runpy")
+_WITHOUT_ROS = ("grader.live.session", "grader.recording.bag", "mcap.writer", "numpy", "runpy", "yaml")
 #: Used by every node, and by the director itself.
 _STANDARD_TYPES = (
     "rcl_interfaces/msg/Log",
@@ -102,11 +102,13 @@ class ForkServer:
             self._process.kill()
             self._process.wait()
 
-    async def start(self, plan: Path, errors: Path) -> Cell:
+    async def start(self, form: Form, plan: Path, errors: Path) -> Cell:
         """Start the session of a plan in a cell of its own.
 
         Parameters
         ----------
+        form : Form
+            How namespaces are had; the same for all cells of a server.
         plan : Path
             A `SessionPlan` as JSON.
         errors : Path
@@ -114,29 +116,36 @@ class ForkServer:
         """
         said, says = os.pipe()
         with errors.open("wb") as file, suppress(ConnectionError):  # Then nothing will be said.
-            socket.send_fds(self._link, [os.fsencode(plan)], [says, file.fileno()])
+            request = [form.value.encode(), b"\0", os.fsencode(plan)]
+            socket.send_fds(self._link, request, [says, file.fileno()])
         os.close(says)
         return Cell(await read_pipe(said))
 
 
 def _serve(link: socket.socket, types: Sequence[str]) -> None:
     """Fork for each request, until there will be no more."""
-    _import_for_forks(types)
+    for module in _WITHOUT_ROS:
+        importlib.import_module(module)
     signal.signal(signal.SIGCHLD, lambda number, frame: _reap(os.WNOHANG))
     server, null = os.getpid(), os.open(os.devnull, os.O_RDONLY)
+    loaded = False
     while True:
         request, descriptors, *_ = socket.recv_fds(link, _MOST_REQUEST_BYTES, 2)
         if not request:
-            signal.signal(signal.SIGCHLD, signal.SIG_DFL)
-            _reap(0)
-            return
-        plan = Path(os.fsdecode(request))
+            break
+        word, _, name = request.partition(b"\0")
+        form, plan = Form(word.decode()), Path(os.fsdecode(name))
+        if not loaded:
+            enter_own_mounts(form)
+            _load_ros(types)
+            loaded = True
         if os.fork() == 0:
-            environment = trusted_environment(plan.parent, 0)
-            program = Program("cell", partial(_run_in_cell, plan), [], environment)
+            program = Program("cell", partial(_run_in_cell, form, plan), [], trusted_environment(plan.parent, 0))
             become(program, server, (null, *descriptors))
         for descriptor in descriptors:
             os.close(descriptor)
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+    _reap(0)
 
 
 def _reap(options: int) -> None:
@@ -146,10 +155,9 @@ def _reap(options: int) -> None:
             pass
 
 
-def _import_for_forks(types: Sequence[str]) -> None:
-    """Import what sessions, directors and reference nodes need, and load what nodes do; start nothing of it."""
-    for module in _IMPORTED:
-        importlib.import_module(module)
+def _load_ros(types: Sequence[str]) -> None:
+    """Import what directors and reference nodes need, and load what their nodes do; start nothing of it."""
+    importlib.import_module("grader.live.director")
     importlib.import_module("rclpy").get_rmw_implementation_identifier()
     for name in (*_STANDARD_TYPES, *types):
         with suppress(Exception):  # What is not there, or is no type, is told where it is missed.
@@ -172,12 +180,12 @@ def _load_type(name: str) -> None:
     type_hash_of(recorded)
 
 
-def _run_in_cell(file: Path) -> None:
+def _run_in_cell(form: Form, file: Path) -> None:
     from grader.live.session import SessionPlan, run
 
     print(os.getpid(), flush=True)
     plan = SessionPlan(**json.loads(file.read_text(encoding="utf-8")))
-    enter_cell(Isolation.from_plain(plan.isolation).form)
+    enter_cell(form)
     name_process("session")
     run(plan)
 

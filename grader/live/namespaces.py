@@ -27,6 +27,21 @@ _SET_PDEATHSIG = 1
 _STANDARD_DESCRIPTORS, _MOST_DESCRIPTORS = 3, 1 << 20
 
 
+def enter_own_mounts(form: Form) -> None:
+    """Have this process, which may have one thread only, see a file system of its own, with an empty `/dev/shm`.
+
+    What it loads may leave files there. Without namespaces it stays where it is.
+
+    Raises
+    ------
+    OSError
+        If the system does not permit it.
+    """
+    if form is not Form.NONE:
+        _unshare(_NEW_MOUNTS)
+        _call("mount", b"none", b"/dev/shm", b"tmpfs", _NOSUID | _NODEV, b"size=1m")
+
+
 def enter_cell(form: Form) -> None:
     """Become the first process of a new cell, or stay where there are no namespaces.
 
@@ -41,20 +56,24 @@ def enter_cell(form: Form) -> None:
     if form is Form.NONE:
         end_with_parent()
         return
-    user, group = os.geteuid(), os.getegid()
-    spaces = _NEW_NET | _NEW_MOUNTS | _NEW_IPC | _NEW_UTS | _NEW_PIDS
-    _call("unshare", _NEW_USER | spaces if form is Form.USER else spaces)
-    if form is Form.USER:
-        Path("/proc/self/setgroups").write_text("deny")
-        Path("/proc/self/uid_map").write_text(f"0 {user} 1")
-        Path("/proc/self/gid_map").write_text(f"0 {group} 1")
-    end_with_parent()  # Only now, for a change of what a process may do takes this back.
+    _unshare(_NEW_NET | _NEW_MOUNTS | _NEW_IPC | _NEW_UTS | _NEW_PIDS)
     first = os.fork()
     if first:
         _wait_for(first)
     end_with_parent()
-    _call("mount", b"none", b"/", None, _RECURSIVE | _PRIVATE, None)
     _call("mount", b"proc", b"/proc", b"proc", _NOSUID | _NODEV | _NOEXEC, None)
+
+
+def _unshare(spaces: int) -> None:
+    """Leave the namespaces of some kinds for new ones, mounts among them, in a user namespace where that takes one."""
+    user, group = os.geteuid(), os.getegid()
+    _call("unshare", spaces if user == 0 else spaces | _NEW_USER)
+    if user != 0:
+        Path("/proc/self/setgroups").write_text("deny")
+        Path("/proc/self/uid_map").write_text(f"0 {user} 1")
+        Path("/proc/self/gid_map").write_text(f"0 {group} 1")
+    end_with_parent()  # Only now, for a change of what a process may do takes this back.
+    _call("mount", b"none", b"/", None, _RECURSIVE | _PRIVATE, None)
 
 
 def end_with_parent() -> None:

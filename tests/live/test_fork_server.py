@@ -14,14 +14,17 @@ import pytest
 pytest.importorskip("rclpy")
 
 from grader.live.fork_server import Cell, ForkServer
+from grader.live.isolation import Form
 from tests.live.small_lab import below, make_lab, name_of, until
 
 pytestmark = pytest.mark.live
 
+FORM = Form.NONE
+
 
 async def said_by(forks: ForkServer, plan: Path, errors: Path) -> tuple[int, bytes]:
     """Start a cell, and return its process id and what it says until its end."""
-    cell: Cell = await forks.start(plan, errors)
+    cell: Cell = await forks.start(FORM, plan, errors)
     return await cell.pid(), await cell.said.read()
 
 
