@@ -124,6 +124,7 @@ class ForkServer:
 
 def _serve(link: socket.socket, types: Sequence[str]) -> None:
     """Fork for each request, until there will be no more."""
+    gc.disable()  # Nothing of what is imported is for collection.
     for module in _WITHOUT_ROS:
         importlib.import_module(module)
     signal.signal(signal.SIGCHLD, lambda number, frame: _reap(os.WNOHANG))
@@ -139,6 +140,9 @@ def _serve(link: socket.socket, types: Sequence[str]) -> None:
             enter_own_mounts(form)
             _load_ros(types)
             loaded = True
+            # A collection in a fork would touch, and so copy, the memory of all objects that are there now.
+            gc.freeze()
+            gc.enable()
         if os.fork() == 0:
             program = Program("cell", partial(_run_in_cell, form, plan), [], trusted_environment(plan.parent, 0))
             become(program, server, (null, *descriptors))
@@ -165,9 +169,6 @@ def _load_ros(types: Sequence[str]) -> None:
     # Students' processes read these, and may write nothing beside them.
     for folder in (INSIDE_FOLDER, LAUNCHING_FOLDER):
         compileall.compile_dir(folder, quiet=2)
-    # A collection in a fork would touch, and so copy, the memory of all objects that are there now.
-    gc.collect()
-    gc.freeze()
 
 
 def _load_type(name: str) -> None:

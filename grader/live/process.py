@@ -360,7 +360,7 @@ def children_of(pid: int) -> list[int]:
     with suppress(OSError):
         for task in os.listdir(f"/proc/{pid}/task"):  # noqa: PTH208 - names alone, which is faster
             with suppress(OSError, ValueError):
-                found += map(int, Path(f"/proc/{pid}/task/{task}/children").read_text().split())
+                found += map(int, _read_status(f"/proc/{pid}/task/{task}/children").split())
     return found
 
 
@@ -379,8 +379,17 @@ def _scheduling_of(pid: int) -> dict[int, tuple[int, int]]:
     """Return (CPU time, run-queue delay) in ns for each of a process's threads, by thread id."""
     found = {}
     with suppress(OSError):
-        for task in Path(f"/proc/{pid}/task").iterdir():
+        for task in os.listdir(f"/proc/{pid}/task"):  # noqa: PTH208
             with suppress(OSError, ValueError, IndexError):
-                words = (task / "schedstat").read_text().split()
-                found[int(task.name)] = (int(words[0]), int(words[1]))
+                words = _read_status(f"/proc/{pid}/task/{task}/schedstat").split()
+                found[int(task)] = (int(words[0]), int(words[1]))
     return found
+
+
+def _read_status(file: str) -> bytes:
+    """Read what the system tells of a thread; as a `Path` it would take five times as long, twice a second for all."""
+    descriptor = os.open(file, os.O_RDONLY)
+    try:
+        return os.read(descriptor, _READ_BYTES)
+    finally:
+        os.close(descriptor)
