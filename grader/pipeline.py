@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import importlib.metadata
 import importlib.util
+import itertools
 import platform
 import random
 import shutil
@@ -24,7 +25,7 @@ from grader.cohort.overrides import OVERRIDES_FILE, Overrides, load_overrides, m
 from grader.errors import PlatformError, RecordingError, UsageError
 from grader.exporting import ExportTarget
 from grader.intake import Handed, Intake, taken_in
-from grader.judging import Recordings, judge, judge_checks, open_recordings
+from grader.judging import Recordings, judge, open_recordings
 from grader.recording.submission import SubmissionRecord, write_submission
 from grader.replacing import UNFINISHED, beside, replace_file, replace_files
 from grader.report import json as result_json
@@ -232,9 +233,9 @@ def grade(
         with LiveExports(options.exports, results, options.path_prefix) as exports:
             follow = exports.follow(on_progress)
             with beside(results, (RUBRIC_COPY, RECORDINGS, REPORT_FILE, RESULT_FILE)) as new:
-                recorded = record(intake.folder, submission, rubric, new, options, follow, shared, watch)
+                judged = record(intake.folder, submission, rubric, new, options, follow, shared, watch)
                 with _work(shared, watch)("judging"):
-                    result = judge_results(new, rubric, options.overrides, recorded, watch)
+                    result = judge_results(new, rubric, options.overrides, judged, watch)
     exports.write(result)
     return result
 
@@ -259,9 +260,16 @@ def record(
     on_progress: Callable[..., None],
     shared: Shared | None = None,
     watch: Stopwatch | None = None,
-) -> Recordings:
-    """Run the live half: stage, isolate, run the sessions, and again those whose checks are undecided."""
-    from grader.live.cells import Progress, Sessions
+) -> tuple[Recordings, Result]:
+    """Run the live half: stage, isolate, run the sessions, and again those whose checks are undecided.
+
+    Returns
+    -------
+    tuple
+        The last recordings, and what they were judged to be.
+    """
+    from grader.live.cells import Progress, Sessions, types_in
+    from grader.live.fork_server import ForkServer
     from grader.live.isolation import Level
     from grader.live.probing import probe_isolation, require
     from grader.live.ros_launch import LaunchChoice, find_native_launch
@@ -269,44 +277,48 @@ def record(
     from grader.live.stage import stage
 
     watch = watch or Stopwatch()
-    with watch.stage("trying the isolation"):
-        isolation = shared.isolation if shared is not None else probe_isolation(options.interpreter)
-    require(isolation, Level.of(options.least_isolation))
-    native = find_native_launch(options.interpreter, LaunchChoice(options.launch))
-    recordings = results / RECORDINGS
-    chosen = chosen_sessions(rubric, options, submission)
-    for name in options.sessions if options.sessions is not None else rubric.sessions:
-        if name not in chosen:
-            on_progress(Progress(name, "left out, since its file is missing", ended=True))
-    _start_afresh(recordings, submission, rubric)
-    with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as scratch:
-        with _work(shared, watch)("staging"):
-            workspace = stage(folder, submission, rubric, Path(scratch), str(options.interpreter))
-        sessions = Sessions(
-            rubric,
-            submission,
-            workspace.folder,
-            workspace.executables,
-            recordings,
-            isolation,
-            options.interpreter,
-            options.seed if options.seed is not None else random.SystemRandom().randrange(2**31),
-            versions() | {"launch": "native" if native is not None else "stand-in"},
-            native,
-            turns=shared.turns if shared is not None else None,
-        )
-        on_progress = watch.follow(on_progress)
-        with watch.stage("sessions"):
-            sessions.record(chosen, on_progress, at_a_time=options.jobs if sessions.isolation.namespaces else None)
-        for attempt in range(2, RETRIES + 2):
-            with _work(shared, watch)("judging"):
-                recorded = open_recordings(recordings, rubric)
-                undecided = undecided_sessions(recorded, rubric, chosen)
-            if not undecided:
-                return recorded
-            with watch.stage(f"sessions again, attempt {attempt}"):
-                replace(sessions, attempt=attempt).record(undecided, on_progress, at_a_time=1)
-    return open_recordings(recordings, rubric)
+    # It begins to import while the isolation is tried.
+    with ForkServer(types_in(rubric)) as forks:
+        with watch.stage("trying the isolation"):
+            isolation = shared.isolation if shared is not None else probe_isolation(options.interpreter)
+        require(isolation, Level.of(options.least_isolation))
+        native = find_native_launch(options.interpreter, LaunchChoice(options.launch))
+        recordings = results / RECORDINGS
+        chosen = chosen_sessions(rubric, options, submission)
+        for name in options.sessions if options.sessions is not None else rubric.sessions:
+            if name not in chosen:
+                on_progress(Progress(name, "left out, since its file is missing", ended=True))
+        _start_afresh(recordings, submission, rubric)
+        with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as scratch:
+            with _work(shared, watch)("staging"):
+                workspace = stage(folder, submission, rubric, Path(scratch), str(options.interpreter))
+            sessions = Sessions(
+                rubric,
+                submission,
+                workspace.folder,
+                workspace.executables,
+                recordings,
+                isolation,
+                options.interpreter,
+                options.seed if options.seed is not None else random.SystemRandom().randrange(2**31),
+                versions() | {"launch": "native" if native is not None else "stand-in"},
+                forks,
+                native,
+                turns=shared.turns if shared is not None else None,
+            )
+            on_progress = watch.follow(on_progress)
+            with watch.stage("sessions"):
+                sessions.record(chosen, on_progress, at_a_time=options.jobs if sessions.isolation.namespaces else None)
+            for attempt in itertools.count(2):
+                with _work(shared, watch)("judging"):
+                    recorded = open_recordings(recordings, rubric)
+                    result = judge(recorded, rubric)
+                undecided = undecided_sessions(result, chosen)
+                if not undecided or attempt > RETRIES + 1:
+                    break
+                with watch.stage(f"sessions again, attempt {attempt}"):
+                    replace(sessions, attempt=attempt).record(undecided, on_progress, at_a_time=1)
+    return recorded, result
 
 
 def _start_afresh(recordings: Path, submission: SubmissionRecord, rubric: Rubric) -> None:
@@ -317,20 +329,18 @@ def _start_afresh(recordings: Path, submission: SubmissionRecord, rubric: Rubric
     (recordings / RUBRIC_COPY).write_text(rubric.text, encoding="utf-8")
 
 
-def undecided_sessions(recordings: Recordings, rubric: Rubric, chosen: Sequence[str]) -> list[str]:
+def undecided_sessions(result: Result, chosen: Sequence[str]) -> list[str]:
     """Return the recorded sessions with a check whose outcome the recording leaves open."""
-    findings = judge_checks(recordings, rubric)
-    open_checks = [
-        c for c in rubric.checks() if c.id in findings and not findings[c.id].outcome.decided and findings[c.id].retry
-    ]
-    return [s for s in chosen if any(c.session == s for c in open_checks)]
+    checks = [check for criterion in result.criteria for check in criterion.checks]
+    undecided = {check.session for check in checks if not check.finding.outcome.decided and check.finding.retry}
+    return [session for session in chosen if session in undecided]
 
 
 def judge_results(
     results: Path,
     rubric: Rubric,
     overrides: Overrides | None = None,
-    recordings: Recordings | None = None,
+    judged: tuple[Recordings, Result] | None = None,
     watch: Stopwatch | None = None,
 ) -> Result:
     """Run the judging half on a results folder and write `result.json` and `report.html`.
@@ -341,8 +351,8 @@ def judge_results(
     ----------
     overrides : Overrides, optional
         What people decided about single submissions.
-    recordings : Recordings, optional
-        The folder's, if they are open: what was found out of them already is not found out again.
+    judged : tuple, optional
+        The folder's recordings and their result, as `record` returns them.
     watch : Stopwatch, optional
         Told what takes its time.
 
@@ -351,7 +361,7 @@ def judge_results(
     RecordingError
         If there is nothing to judge.
     """
-    result, files = judged_files(results, rubric, overrides, recordings, watch)
+    result, files = judged_files(results, rubric, overrides, judged, watch)
     replace_files(files)
     return result
 
@@ -360,12 +370,13 @@ def judged_files(
     results: Path,
     rubric: Rubric,
     overrides: Overrides | None = None,
-    recordings: Recordings | None = None,
+    judged: tuple[Recordings, Result] | None = None,
     watch: Stopwatch | None = None,
 ) -> tuple[Result, dict[Path, str | None]]:
     """Do as `judge_results`, but hand out what is to be written, by its place."""
-    recordings = recordings or open_recordings(results / RECORDINGS, rubric)
-    result = judge_with_policy(recordings, rubric, overrides or Overrides())
+    recordings = judged[0] if judged is not None else open_recordings(results / RECORDINGS, rubric)
+    result = judged[1] if judged is not None else judge(recordings, rubric)
+    result = by_policy(result, recordings, rubric, overrides or Overrides())
     with (watch or Stopwatch()).stage("report"):
         kept = None if _recorded_with(results) == rubric.text else rubric.text
         page, text = report_page(result, recordings, rubric), result_json.render(result)
@@ -374,13 +385,14 @@ def judged_files(
 
 def judge_with_policy(recordings: Recordings, rubric: Rubric, overrides: Overrides) -> Result:
     """Judge one submission, and adjust the points by what people decided and by the rubric's policy."""
+    return by_policy(judge(recordings, rubric), recordings, rubric, overrides)
+
+
+def by_policy(result: Result, recordings: Recordings, rubric: Rubric, overrides: Overrides) -> Result:
+    """Adjust the points of a result by what people decided and by the rubric's policy."""
     submission = recordings.submission
-    return adjust(
-        judge(recordings, rubric),
-        overrides.of(submission.name),
-        rubric.policy.late,
-        moment_of(submission.submitted_at),
-    )
+    moment = moment_of(submission.submitted_at)
+    return adjust(result, overrides.of(submission.name), rubric.policy.late, moment)
 
 
 def judge_so_far(results: Path) -> Result:

@@ -207,7 +207,7 @@ def test_a_broken_recording_costs_nothing(copy: Path, rubric: Rubric, session: s
     assert lost(result) == 0
     assert result.score.undecided == sum(spec.points for spec in own)
     assert bool(result.problems) == (how != "without its folder")
-    assert undecided_sessions(recordings, rubric, list(rubric.sessions)) == [session]
+    assert undecided_sessions(result, list(rubric.sessions)) == [session]
 
 
 def killed(record: SessionRecord) -> SessionRecord:
@@ -243,10 +243,10 @@ def test_what_may_be_chance_costs_nothing_until_it_is_seen_again(
     record = how(read_session(copy / "subscriber"))
     for attempt in (1, 2):
         write_session(copy / "subscriber", dataclasses.replace(record, attempt=attempt))
-        recordings = open_recordings(copy, rubric)
-        again = undecided_sessions(recordings, rubric, list(rubric.sessions))
+        result = judge(open_recordings(copy, rubric), rubric)
+        again = undecided_sessions(result, list(rubric.sessions))
         assert again == (["subscriber"] if attempt == 1 else [])
-        assert (lost(judge(recordings, rubric)) == 0) == (attempt == 1)
+        assert (lost(result) == 0) == (attempt == 1)
 
 
 def test_a_node_that_a_limit_kept_from_the_graph_is_not_waited_for_again(copy: Path, rubric: Rubric) -> None:
@@ -255,7 +255,7 @@ def test_a_node_that_a_limit_kept_from_the_graph_is_not_waited_for_again(copy: P
     next(run for run in record.processes if run.role == "student").limit = "processes"
     write_session(copy / "subscriber", record)
     recordings = open_recordings(copy, rubric)
-    assert undecided_sessions(recordings, rubric, list(rubric.sessions)) == []
+    assert undecided_sessions(judge(recordings, rubric), list(rubric.sessions)) == []
     finding = checks_of(judge(recordings, rubric))["subscriber.receives"].finding
     assert finding.outcome is Outcome.FAILED
     assert "(limit: processes)" in finding.reason

@@ -159,9 +159,9 @@ def test_what_no_other_run_can_decide_is_not_run_again(results: Path, rubric: Ru
             problem = {"kind": "module", "message": "needs xacro", "module": "xacro"}
             step["result"]["plan"] |= {"outcome": "not_assessable", "problem": problem}
     path.write_text(json.dumps(record), encoding="utf-8")
-    recordings = open_recordings(results / pipeline.RECORDINGS, rubric)
-    assert judge(recordings, rubric).score.undecided == 15
-    assert pipeline.undecided_sessions(recordings, rubric, list(rubric.sessions)) == []
+    result = judge(open_recordings(results / pipeline.RECORDINGS, rubric), rubric)
+    assert result.score.undecided == 15
+    assert pipeline.undecided_sessions(result, list(rubric.sessions)) == []
 
 
 def test_versions_name_what_a_recording_depends_on() -> None:

@@ -8,7 +8,6 @@ import os
 import shutil
 import signal
 import socket
-import sys
 import tempfile
 import threading
 from collections.abc import Callable, Coroutine, Iterator, Sequence
@@ -17,8 +16,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from grader.live.environment import trusted_environment
-from grader.live.isolation import Isolation, cell_argv
+from grader.live.fork_server import Cell, ForkServer
+from grader.live.isolation import Isolation
 from grader.live.ros_launch import NativeLaunch
 from grader.live.scratch import remove_tree, scratch_prefix
 from grader.live.session import SessionPlan
@@ -31,8 +30,8 @@ _CELLS_PER_CORE = 2
 _MOST_CELLS = 4
 #: Time that a session may take beyond its own limit before its cell is killed.
 _GRACE_S = 25.0
-#: How long the pipe from a cell may take to close once the cell has ended.
-_PIPE_CLOSES_S = 5.0
+#: How long a cell that is to end may take to say by which process id, and then to end.
+_END_S = 5.0
 
 
 @dataclass(frozen=True)
@@ -60,6 +59,12 @@ def names_in(rubric: Rubric) -> list[str]:
     return sorted({str(s.parameters[k]) for s in steps for k in keys if s.parameters.get(k)})
 
 
+def types_in(rubric: Rubric) -> list[str]:
+    """Types of messages and services that the rubric's steps use."""
+    steps = [step for session in rubric.sessions.values() for step in session.steps]
+    return sorted({str(s.parameters["type"]) for s in steps if s.parameters.get("type")})
+
+
 @dataclass(frozen=True)
 class Sessions:
     """The sessions of one submission, ready to be recorded.
@@ -70,6 +75,8 @@ class Sessions:
         The staged submission.
     recordings : Path
         Folder in which each session gets one of its own.
+    forks : ForkServer
+        Starts the cells.
     attempt : int
         1, or more where an earlier recording left something undecided.
     turns : Turns or None
@@ -85,6 +92,7 @@ class Sessions:
     interpreter: Path
     seed: int
     versions: dict[str, str]
+    forks: ForkServer
     native: NativeLaunch | None = None
     attempt: int = 1
     turns: Turns | None = None
@@ -168,37 +176,35 @@ class Sessions:
 
     async def _run_cell(self, spec: SessionSpec, scratch: Path, on_progress: Callable[[Progress], None]) -> None:
         on_progress(Progress(spec.id, "starting"))
-        command = [sys.executable, "-I", "-m", "grader.live.session", str(scratch / "plan.json")]
-        process = await asyncio.create_subprocess_exec(
-            *cell_argv(self.isolation, command),
-            stdin=asyncio.subprocess.DEVNULL,
-            stdout=asyncio.subprocess.PIPE,
-            stderr=(scratch / "stderr").open("wb"),
-            env=trusted_environment(scratch, 0),
-            cwd="/",
-            start_new_session=True,
-        )
+        cell = await self.forks.start(self.isolation.form, scratch / "plan.json", scratch / "stderr")
+        pid = asyncio.ensure_future(cell.pid())
         try:
-            await asyncio.wait_for(_follow(process, spec.id, on_progress), spec.timeout_s + _GRACE_S)
-            await asyncio.wait_for(process.wait(), 5.0)
+            await asyncio.wait_for(_follow(cell, pid, spec.id, on_progress), spec.timeout_s + _GRACE_S)
         except asyncio.TimeoutError:
             pass
         finally:
-            if process.returncode is None:
-                with suppress(ProcessLookupError):
-                    os.killpg(process.pid, signal.SIGKILL)
-            # Read to its end, so that the pipe is closed before the event loop is.
-            with suppress(asyncio.TimeoutError):
-                await asyncio.wait_for(process.communicate(), _PIPE_CLOSES_S)
+            await _end(cell, pid)
 
 
-async def _follow(process: asyncio.subprocess.Process, session: str, on_progress: Callable[[Progress], None]) -> None:
-    assert process.stdout is not None
-    async for line in process.stdout:
+async def _follow(cell: Cell, pid: asyncio.Future[int], session: str, on_progress: Callable[[Progress], None]) -> None:
+    """Pass on what a session tells, until its cell has ended."""
+    await asyncio.shield(pid)
+    async for line in cell.said:
         with suppress(ValueError, KeyError):
             event: dict[str, Any] = json.loads(line)
             if event["event"] == "step":
                 on_progress(Progress(session, event["text"], event["index"], event["of"]))
+
+
+async def _end(cell: Cell, pid: asyncio.Future[int]) -> None:
+    """End a cell that has not ended by itself, and return when nothing of it is left."""
+    with suppress(asyncio.TimeoutError, RuntimeError):
+        number = await asyncio.wait_for(pid, _END_S)
+        if not cell.said.at_eof():
+            with suppress(ProcessLookupError):
+                os.killpg(number, signal.SIGKILL)
+            # It holds the pipe as long as it is there.
+            await asyncio.wait_for(cell.said.read(), _END_S)
 
 
 def run_to_an_end(work: Coroutine[Any, Any, None]) -> None:

@@ -16,6 +16,8 @@ from grader.errors import PlatformError
 
 #: What of ours stands in a student's sandbox: the tap and the settings of discovery.
 INSIDE_FOLDER = Path(__file__).parent / "inside"
+#: What evaluates launch files there.
+LAUNCHING_FOLDER = Path(__file__).parent / "launching"
 
 #: The first import from a cold disk takes seconds.
 _IMPORT_S = 60.0

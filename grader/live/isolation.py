@@ -153,16 +153,6 @@ class Isolation:
         return cls(**{**plain, "level": Level(plain["level"]), "form": Form(plain["form"]), "groups": groups})
 
 
-def cell_argv(isolation: Isolation, command: Sequence[str]) -> list[str]:
-    """Return the command line that runs `command` in a new cell; all of the cell ends with its first process."""
-    ends_with_us = ["setpriv", "--pdeathsig", "KILL"]
-    if not isolation.namespaces:
-        return [*ends_with_us, *command]
-    user = ["--user", "--map-root-user"] if isolation.form is Form.USER else []
-    spaces = ["--net", "--mount", "--ipc", "--uts", "--pid", "--fork", "--kill-child", "--mount-proc"]
-    return [*ends_with_us, "unshare", *user, *spaces, *command]
-
-
 def student_uid(isolation: Isolation, slot: int) -> int | None:
     """User id under which a cell's student runs, or None where it is the caller's own."""
     return isolation.first_uid + slot if isolation.first_uid is not None else None

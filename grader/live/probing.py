@@ -23,12 +23,12 @@ from grader.live.isolation import (
     Isolation,
     Level,
     Room,
-    cell_argv,
     first_student_uid,
     student_argv,
     student_uid,
 )
 from grader.live.landlock import confines_signals, landlock_version
+from grader.live.namespaces import enter_cell
 from grader.live.seccomp import open_filter
 
 _PROBE_BYTES = 96 * 1024 * 1024
@@ -59,7 +59,7 @@ print("in")
 
 def probe_isolation(interpreter: Path) -> Isolation:
     """Find the strongest confinement that works here."""
-    missing = [tool for tool in ("unshare", "setpriv", "prlimit") if shutil.which(tool) is None]
+    missing = [tool for tool in ("setpriv", "prlimit") if shutil.which(tool) is None]
     if missing:
         return Isolation(Level.NONE, remedy=f"Install util-linux ({', '.join(missing)} not found).")
     problem, remedy = None, "Install bubblewrap: sudo apt-get install bubblewrap"
@@ -182,7 +182,8 @@ def _run(
         )
         try:
             return subprocess.run(
-                cell_argv(isolation, command),
+                command,
+                preexec_fn=lambda: _enter_cell(isolation.form),
                 capture_output=True,
                 text=True,
                 timeout=_TIMEOUT_S,
@@ -196,6 +197,14 @@ def _run(
         finally:
             for descriptor in seccomp:
                 os.close(descriptor)
+
+
+def _enter_cell(form: Form) -> None:
+    try:
+        enter_cell(form)
+    except OSError as problem:
+        os.write(2, str(problem).encode())
+        os._exit(1)
 
 
 def _room(isolation: Isolation, scratch: Path, interpreter: Path) -> tuple[Room, Mapping[str, str]]:

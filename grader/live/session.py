@@ -1,6 +1,6 @@
 """A session, as the first process of its cell: start, steps, stop → recording.
 
-Started by `grader.live.cells` with a `SessionPlan` as JSON in a file. It starts the director, the
+Forked by `grader.live.fork_server` with a `SessionPlan`. It starts the director, the
 reference nodes and the student's processes, runs the steps, and writes `session.json` beside the
 bag. It touches no ROS itself. Progress goes to standard output, one JSON line each.
 """
@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import ctypes
 import fcntl
+import importlib
 import json
 import os
 import shutil
@@ -18,6 +19,7 @@ import socket
 import stat
 import struct
 import sys
+import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
@@ -28,7 +30,8 @@ from typing import Any
 
 from grader.live.cgroup import CellGroup
 from grader.live.claims import claims_in
-from grader.live.environment import INSIDE_FOLDER, student_environment, trusted_environment
+from grader.live.environment import INSIDE_FOLDER, LAUNCHING_FOLDER, student_environment, trusted_environment
+from grader.live.forked import Program, script
 from grader.live.guard import Guard
 from grader.live.isolation import (
     HOME,
@@ -62,7 +65,6 @@ from grader.recording.session import (
 )
 from grader.recording.told import take_told
 
-_HERE = Path(__file__).parent
 _WORKSPACE_BYTES = 256 * 1024 * 1024
 _SMALL_BYTES = 64 * 1024 * 1024
 _MAX_FILES = 20_000
@@ -209,7 +211,7 @@ class Session:
         self.seen_workspace, self.seen_home, self.seen_temporary = seen[WORKSPACE], seen[HOME], seen[TEMPORARY]
         self.tools = {
             INSIDE: INSIDE_FOLDER,
-            LAUNCHING: _HERE / "launching",
+            LAUNCHING: LAUNCHING_FOLDER,
             PARAMETERS: self.scratch / "parameters",
         }
         self.seen_tools = {t: t if confined else str(p) for t, p in self.tools.items()}
@@ -303,8 +305,8 @@ class Session:
         }
         run = ProcessRun("director", "grader", ["python", "-m", "grader.live.director"])
         director = _Director(self.record)
-        arguments = ["-m", "grader.live.director", json.dumps(settings)]
-        director.running = await self._start_trusted(run, arguments, with_input=True, on_message=director.on_message)
+        main = importlib.import_module("grader.live.director").main
+        director.running = await self._start_trusted(run, main, [json.dumps(settings)], on_message=director.on_message)
         self.director = director
         ready = asyncio.create_task(director.ready.wait())
         await asyncio.wait(
@@ -318,18 +320,15 @@ class Session:
     async def _start_trusted(
         self,
         run: ProcessRun,
+        main: Callable[[], object],
         arguments: list[str],
         *,
-        with_input: bool = False,
         on_message: Callable[[bytes], None] | None = None,
     ) -> RunningProcess:
         self.record.processes.append(run)
-        home = self.scratch / "trusted"
-        environment = trusted_environment(home, self.plan.domain_id)
-        argv = ["setpriv", "--pdeathsig", "KILL", "prlimit", f"--as={_TRUSTED_BYTES}", sys.executable, "-I", *arguments]
-        return await RunningProcess.start(
-            run, argv, environment=environment, cwd="/", with_input=with_input, on_message=on_message
-        )
+        environment = trusted_environment(self.scratch / "trusted", self.plan.domain_id)
+        program = Program(run.name, main, arguments, environment, _TRUSTED_BYTES)
+        return await RunningProcess.fork(run, program, on_message=on_message)
 
     async def _finish(self) -> None:
         self._launch.end()
@@ -559,7 +558,7 @@ class Session:
         }
         run = ProcessRun(name, "reference", ["python", Path(spec["file"]).name, json.dumps(configuration)])
         # Not on the command line, which everybody can read where process ids are not the cell's own: the seed is in it.
-        running = await self._start_trusted(run, [spec["file"], "-"], with_input=True)
+        running = await self._start_trusted(run, script(spec["file"]), ["-"])
         running.write(json.dumps(configuration).encode())
         running.close_input()
         self.processes[name] = running
@@ -725,10 +724,9 @@ def _use_up_process_ids() -> None:
     The identity that Fast DDS gives a participant is made of the process id and two random bytes.
     """
     for _ in range(_STUDENTS_IDS):
-        child = os.fork()
-        if child == 0:
-            os._exit(0)
-        os.waitpid(child, 0)
+        thread = threading.Thread(target=int)  # A thread has an id of the same kind, and is cheaper than a fork.
+        thread.start()
+        thread.join()
 
 
 def _adopt_orphans() -> None:
@@ -771,14 +769,9 @@ def _restore_way(top: Path, folder: PurePosixPath) -> None:
             opened.callback(os.close, here)
 
 
-def main() -> None:
-    """Run the session whose plan is in the file named by argv[1]."""
+def run(plan: SessionPlan) -> None:
+    """Run a session; this process must be the first of its cell."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     put_starting(os.getpid())
-    plan = SessionPlan(**json.loads(Path(sys.argv[1]).read_text(encoding="utf-8")))
     asyncio.run(Session(plan).run())
     _tell({"event": "ended"})
-
-
-if __name__ == "__main__":
-    main()

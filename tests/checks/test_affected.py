@@ -147,4 +147,4 @@ def test_a_recording_that_the_grader_filled_costs_nothing(recordings: Path, rubr
     result = judge(opened, rubric)
     assert (result.score.earned, result.score.undecided) == (Decimal(85), Decimal(15))
     assert "/clock" in result.problems[0]
-    assert undecided_sessions(opened, rubric, list(rubric.sessions)) == ["launch"]
+    assert undecided_sessions(result, list(rubric.sessions)) == ["launch"]

@@ -158,6 +158,14 @@ def command_of(pid: int) -> str:
         return ""
 
 
+def name_of(pid: int) -> str:
+    """Return what a process calls itself, empty if it is gone."""
+    try:
+        return Path(f"/proc/{pid}/comm").read_text(encoding="utf-8").strip()
+    except OSError:
+        return ""
+
+
 def network_of(pid: int) -> str:
     """Return the network namespace of a process, empty if it is gone."""
     try:

@@ -34,6 +34,7 @@ from tests.live.small_lab import (  # noqa: E402
     leavings,
     make_lab,
     mounts_below,
+    name_of,
     own_temporary_folder,
     published,
     record_one,
@@ -432,8 +433,8 @@ def test_a_killed_session_process_leaves_its_recording_cut_off(tmp_path: Path) -
     def kill(progress: Any) -> None:
         if "observing" in progress.text:
             watch.look()
-            mine = [p for p in below(os.getpid()) if " grader.live.session " in command_of(p)]
-            os.kill(max(mine), signal.SIGKILL)
+            (session,) = (p for p in below(os.getpid()) if name_of(p) == "session")
+            os.kill(session, signal.SIGKILL)
 
     recorded = lab.record(kill)["only"]
     assert not recorded.record.complete

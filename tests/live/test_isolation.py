@@ -21,6 +21,7 @@ from grader.errors import IsolationError
 from grader.evidence.limits import ended_by_limit
 from grader.evidence.recorded import Recorded
 from grader.live.cells import Sessions
+from grader.live.fork_server import ForkServer
 from grader.live.isolation import STUDENT_UIDS, Form, Isolation, Level, Room, first_student_uid, student_argv
 from grader.live.landlock import confines_signals, landlock_version
 from grader.live.probing import probe_isolation, require
@@ -119,7 +120,7 @@ def record_at(lab: Lab, isolation: Isolation) -> Recorded:
     """Record a lab's only session with a given confinement."""
     rubric = lab.rubric()
     submission = read_submission_folder(lab.submission, rubric)
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, ForkServer() as forks:
         workspace = stage(lab.submission, submission, rubric, Path(folder), str(PYTHON))
         sessions = Sessions(
             rubric,
@@ -131,6 +132,7 @@ def record_at(lab: Lab, isolation: Isolation) -> Recorded:
             PYTHON,
             1,
             pipeline.versions(),
+            forks,
         )
         sessions.record(["only"], lambda progress: None)
     return Recorded.open(lab.recordings / "only")

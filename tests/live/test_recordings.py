@@ -29,7 +29,7 @@ from grader.judging import judge, open_recordings  # noqa: E402
 from grader.result import Outcome  # noqa: E402
 from grader.rubric import Rubric  # noqa: E402
 from grader.submission import read_submission_folder  # noqa: E402
-from tests.live.small_lab import TALKER, TEXT, below, command_of, make_lab, published  # noqa: E402
+from tests.live.small_lab import TALKER, TEXT, below, make_lab, name_of, published  # noqa: E402
 
 pytestmark = pytest.mark.live
 
@@ -148,12 +148,9 @@ def test_a_killed_recorder_costs_no_points(tmp_path: Path) -> None:
         if "observing" in progress.text and not killed_ns:
             # The bag grows while we look, for the cell does not wait for us.
             time.sleep(2.0)
-            mine = [p for p in below(os.getpid()) if "grader.live.director" in command_of(p)]
-            directors = [
-                p for p in mine if " -m grader.live.director " in command_of(p) and "setpriv" not in command_of(p)
-            ]
+            (director,) = (p for p in below(os.getpid()) if name_of(p) == "director")
             killed_ns.append(time.time_ns())
-            os.kill(max(directors), signal.SIGKILL)
+            os.kill(director, signal.SIGKILL)
         if progress.ended and not broken.exists():
             shutil.copytree(lab.recordings, broken)
 

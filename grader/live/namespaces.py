@@ -1,0 +1,101 @@
+"""Makes a process the first of a new cell: network, mounts, IPC, host name and process ids of its own.
+
+As `unshare --net --mount --ipc --uts --pid --fork --kill-child --mount-proc` does for a program that it starts, this
+does it for a fork that goes on in the same image.
+
+References
+----------
+unshare(2), pid_namespaces(7), user_namespaces(7), proc(5).
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NoReturn
+
+from grader.live.isolation import Form
+
+_NEW_MOUNTS, _NEW_UTS, _NEW_IPC, _NEW_USER, _NEW_PIDS, _NEW_NET = (
+    0x00020000, 0x04000000, 0x08000000, 0x10000000, 0x20000000, 0x40000000,
+)  # fmt: skip
+_NOSUID, _NODEV, _NOEXEC, _RECURSIVE, _PRIVATE = 0x2, 0x4, 0x8, 0x4000, 0x40000
+_SET_PDEATHSIG = 1
+_STANDARD_DESCRIPTORS, _MOST_DESCRIPTORS = 3, 1 << 20
+
+
+def enter_own_mounts(form: Form) -> None:
+    """Have this process, which may have one thread only, see a file system of its own, with an empty `/dev/shm`.
+
+    What it loads may leave files there. Without namespaces it stays where it is.
+
+    Raises
+    ------
+    OSError
+        If the system does not permit it.
+    """
+    if form is not Form.NONE:
+        _unshare(_NEW_MOUNTS)
+        _call("mount", b"none", b"/dev/shm", b"tmpfs", _NOSUID | _NODEV, b"size=1m")
+
+
+def enter_cell(form: Form) -> None:
+    """Become the first process of a new cell, or stay where there are no namespaces.
+
+    The calling process, which may have one thread only, is left outside: it waits for the one that goes on, ends with
+    its status, and all of the cell ends with it.
+
+    Raises
+    ------
+    OSError
+        If the system permits no such namespaces.
+    """
+    if form is Form.NONE:
+        end_with_parent()
+        return
+    _unshare(_NEW_NET | _NEW_MOUNTS | _NEW_IPC | _NEW_UTS | _NEW_PIDS)
+    first = os.fork()
+    if first:
+        _wait_for(first)
+    end_with_parent()
+    _call("mount", b"proc", b"/proc", b"proc", _NOSUID | _NODEV | _NOEXEC, None)
+
+
+def _unshare(spaces: int) -> None:
+    """Leave the namespaces of some kinds for new ones, mounts among them, in a user namespace where that takes one."""
+    user, group = os.geteuid(), os.getegid()
+    _call("unshare", spaces if user == 0 else spaces | _NEW_USER)
+    if user != 0:
+        Path("/proc/self/setgroups").write_text("deny")
+        Path("/proc/self/uid_map").write_text(f"0 {user} 1")
+        Path("/proc/self/gid_map").write_text(f"0 {group} 1")
+    end_with_parent()  # Only now, for a change of what a process may do takes this back.
+    _call("mount", b"none", b"/", None, _RECURSIVE | _PRIVATE, None)
+
+
+def end_with_parent() -> None:
+    """Have this process killed when the thread ends that has started it."""
+    _call("prctl", _SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
+
+
+def _wait_for(pid: int) -> NoReturn:
+    """Wait for a process, and end as it did."""
+    status = 1
+    try:
+        # Who reads a pipe of it must not wait for this process too, except for what it says.
+        os.closerange(_STANDARD_DESCRIPTORS, _MOST_DESCRIPTORS)
+        code = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+        status = code if code >= 0 else 128 - code
+    finally:
+        os._exit(status)
+
+
+def _call(function: str, *arguments: Any) -> None:
+    called: Callable[..., int] = getattr(ctypes.CDLL(None, use_errno=True), function)
+    words = [ctypes.c_ulong(a) if isinstance(a, int) else a for a in arguments]
+    if called(*words) != 0:
+        number = ctypes.get_errno()
+        raise OSError(number, f"{function}: {os.strerror(number)}")

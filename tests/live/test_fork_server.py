@@ -1,0 +1,63 @@
+"""The process that starts cells: what it says when it cannot, and that the CPU time of its forks is counted."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import resource
+import signal
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from grader.live.fork_server import Cell, ForkServer
+from grader.live.isolation import Form
+from tests.live.small_lab import below, make_lab, name_of, until
+
+pytestmark = pytest.mark.live
+
+FORM = Form.NONE
+
+
+async def said_by(forks: ForkServer, plan: Path, errors: Path) -> tuple[int, bytes]:
+    """Start a cell, and return its process id and what it says until its end."""
+    cell: Cell = await forks.start(FORM, plan, errors)
+    return await cell.pid(), await cell.said.read()
+
+
+def test_a_plan_that_cannot_be_read_ends_its_cell_only(tmp_path: Path) -> None:
+    """The next one is served as well, and the reason is in the file of errors."""
+    with ForkServer() as forks:
+        for number in range(2):
+            pid, said = asyncio.run(said_by(forks, tmp_path / "none.json", tmp_path / "errors"))
+            assert pid > 0
+            assert said == b""
+            assert "FileNotFoundError" in (tmp_path / "errors").read_text(encoding="utf-8"), number
+        until(lambda: not [p for p in below(os.getpid()) if name_of(p) == "cell"], 10)
+
+
+def test_a_server_that_was_killed_is_told(tmp_path: Path) -> None:
+    """Who asks it for a cell gets an error, and does not wait."""
+    with ForkServer(["no/such/type"]) as forks:
+        asyncio.run(said_by(forks, tmp_path / "none.json", tmp_path / "errors"))  # it is up
+        (server,) = (p for p in below(os.getpid()) if name_of(p) != "cell")
+        os.kill(server, signal.SIGKILL)
+        with pytest.raises(RuntimeError, match="has ended"):
+            asyncio.run(said_by(forks, tmp_path / "none.json", tmp_path / "errors"))
+
+
+def test_cpu_time_in_cells_counts_as_the_graders(tmp_path: Path) -> None:
+    """What processes in a cell have used is in the sum of this process's children, so that no cost is hidden."""
+    busy = "import time\nend = time.process_time() + 1.0\nwhile time.process_time() < end: pass\n"
+    steps: list[dict[str, Any]] = [
+        {"start": {"student": "talker"}},
+        {"wait_exit": {"process": "talker", "timeout_s": 40}},
+    ]
+    lab = make_lab(tmp_path, {"talker": busy}, {"only": steps})
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    lab.record()
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    assert after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime > 1.0
