@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 from grader.live.forked import ForkedProcess, Program, start_forked
 from grader.live.priority import Priority, put_standing, put_starting, weigh_session
+from grader.live.process_table import children_of, descendants_of, read_bytes_of, tasks_of
 from grader.recording.session import OutputLine, ProcessRun, Usage
 
 #: Output kept of one process, in bytes and in lines; what comes after is counted and dropped.
@@ -362,43 +363,6 @@ class PipeReader:
         self._on_end(b"".join(self._blocks).decode("utf-8", "replace"))
 
 
-def children_of(pid: int) -> list[int]:
-    """Return the process ids of a process's children, whichever of its threads started them."""
-    found: list[int] = []
-    with suppress(OSError):
-        for task in os.listdir(f"/proc/{pid}/task"):  # noqa: PTH208 - names alone, which is faster
-            with suppress(OSError, ValueError):
-                found += map(int, _read_status(f"/proc/{pid}/task/{task}/children").split())
-    return found
-
-
-def descendants_of(pid: int) -> list[int]:
-    """Return a process id and those of all below it."""
-    found: list[int] = []
-    queue = [pid]
-    while queue and len(found) < 1000:
-        current = queue.pop()
-        found.append(current)
-        queue += children_of(current)
-    return found
-
-
-def tasks_of(pid: int) -> list[str]:
-    """Return the thread ids of a process."""
-    return os.listdir(f"/proc/{pid}/task")  # noqa: PTH208 - names alone, which is faster
-
-
-def processes_of_user(uid: int) -> set[int]:
-    """Return the process ids of a user."""
-    found = set()
-    with os.scandir("/proc") as entries:
-        for entry in entries:
-            with suppress(OSError):
-                if entry.name.isdecimal() and entry.stat().st_uid == uid:
-                    found.add(int(entry.name))
-    return found
-
-
 def _hold(pid: int, core: int) -> bool:
     """Hold all threads of a process to a core; False if that is not permitted."""
     with suppress(FileNotFoundError):
@@ -426,15 +390,6 @@ def _scheduling_of(pid: int) -> dict[int, tuple[int, int]]:
     with suppress(OSError):
         for task in os.listdir(f"/proc/{pid}/task"):  # noqa: PTH208
             with suppress(OSError, ValueError, IndexError):
-                words = _read_status(f"/proc/{pid}/task/{task}/schedstat").split()
+                words = read_bytes_of(f"/proc/{pid}/task/{task}/schedstat").split()
                 found[int(task)] = (int(words[0]), int(words[1]))
     return found
-
-
-def _read_status(file: str) -> bytes:
-    """Read what the system tells of a thread; as a `Path` it would take five times as long, twice a second for all."""
-    descriptor = os.open(file, os.O_RDONLY)
-    try:
-        return os.read(descriptor, _READ_BYTES)
-    finally:
-        os.close(descriptor)

@@ -49,7 +49,8 @@ from grader.live.isolation import (
 from grader.live.launched import LaunchRunner
 from grader.live.machine import sample_machine
 from grader.live.priority import put_self_first, put_starting
-from grader.live.process import OutputRoom, PipeReader, RunningProcess, descendants_of
+from grader.live.process import OutputRoom, PipeReader, RunningProcess
+from grader.live.process_table import descendants_of
 from grader.live.scratch import remove_tree
 from grader.live.seccomp import open_filter
 from grader.recording.record import from_plain

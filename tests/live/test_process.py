@@ -15,8 +15,8 @@ from grader.live.process import (
     OutputRoom,
     PipeReader,
     RunningProcess,
-    descendants_of,
 )
+from grader.live.process_table import descendants_of
 from grader.recording.session import ProcessRun
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the live half runs on Linux alone")
@@ -102,7 +102,6 @@ def test_who_writes_without_end_to_a_pipe_is_cut_off() -> None:
 #: Prints the cores of a process of another user: before it is held to one, after a trial, and after one as that user.
 _HOLDS = """
 import asyncio, os, sys, time
-from grader.live.process import RunningProcess
 from grader.recording.session import ProcessRun
 
 async def hold():
