@@ -746,6 +746,17 @@ GRAMMAR = [
         "<node pkg='demo' exec='talker' ns='a'/>",
         expect=bad("bad_markup", **{"problem.remedy has": "namespace="}),
     ),
+    *(
+        xml(f"XML: {text}, which ROS 1 knew", text, expect=bad("bad_markup", **{"problem.remedy has": said}))
+        for text, said in (
+            ("<arg name='a' value='5'/>", "default="),
+            ("<node pkg='demo' exec='talker' required='true'/>", "on_exit='shutdown'"),
+            ("<rosparam command='load' file='a.yaml'/>", "<param from="),
+            ("<include file='a.launch.xml' ns='a'/>", "push_ros_namespace"),
+            ("<log message='$(optenv A b)'/>", "$(env NAME default)"),
+            ("<group ns='a'/>", "push_ros_namespace"),
+        )
+    ),
     Case(
         "XML in a namespace",
         '<launch xmlns="http://example.org"></launch>',
