@@ -952,6 +952,7 @@ _SLIPS = {
     "a function that takes no context": ("OpaqueFunction(function=lambda: [])", "positional_argument", "context"),
     "an action for an event": ("EmitEvent(event=Shutdown())", "not_an_event", "launch.events.Shutdown()"),
     "a handler that was never registered": ("UnregisterEventHandler(OnProcessStart(on_start=[]))", "exception", "Mend"),
+    "a list where a dict is wanted": ("talker(additional_env=[('A', '1')])", "bad_pairs", "dict"),
     "a called function": ("OpaqueFunction(function=talker())", "bad_type", "without calling it"),
     "exec= for executable=": ("Node(package='demo', exec='talker')", "unknown_keyword", "'executable='"),
     "a keyword of another class": (

@@ -516,6 +516,7 @@ _BY_MESSAGE: list[tuple[str, str, _Remedy]] = [
         "Give an event, such as launch.events.Shutdown(); an action stands in the list by itself.",
     ),
     (r"^OpaqueFunction needs a function", "bad_type", "Give the function itself, without calling it: function=name."),
+    (r"object has no attribute 'items'$", "bad_pairs", "Give a dict: {'name': 'value'}."),
     (r"No closing quotation|No escaped character", "bad_text", "Close the quotes of the command line."),
     (r"^launch configuration '([^']*)' does not exist", "undefined_configuration", _configuration),
     (r"^a condition must be one of", "bad_condition", "Let the condition be 'true' or 'false'."),
