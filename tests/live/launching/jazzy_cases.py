@@ -953,6 +953,19 @@ _SLIPS = {
     "an action for an event": ("EmitEvent(event=Shutdown())", "not_an_event", "launch.events.Shutdown()"),
     "a handler that was never registered": ("UnregisterEventHandler(OnProcessStart(on_start=[]))", "exception", "Mend"),
     "a list where a dict is wanted": ("talker(additional_env=[('A', '1')])", "bad_pairs", "dict"),
+    "a type that no parameter has": (
+        "talker(parameters=[{'a': ParameterValue(Value('x', default='1'), value_type=dict)}])",
+        "bad_type",
+        "List[...]",
+    ),
+    "a list where one number is wanted": ("TimerAction(period=[5], actions=[])", "bad_type", "not a list"),
+    "a number as a text": ("LogInfo(msg=TextSubstitution(text=5))", "bad_text", "Give text"),
+    "a list as the name of an argument": ("Arg(['a'], default_value='x')", "exception", "unhashable"),
+    "a folder where a file is wanted": (
+        "IncludeLaunchDescription(PythonLaunchDescriptionSource(HERE))",
+        "file_not_found",
+        "folder",
+    ),
     "a called function": ("OpaqueFunction(function=talker())", "bad_type", "without calling it"),
     "exec= for executable=": ("Node(package='demo', exec='talker')", "unknown_keyword", "'executable='"),
     "a keyword of another class": (
@@ -1134,6 +1147,11 @@ SLIPS = [
         "from made_elsewhere import generate_launch_description\r\n",
         {"outcome": "ok", "processes.0.name": "n1"},
         files={"made_elsewhere.py": OTHER},
+    ),
+    body(
+        "a number as the name and the description of an argument",
+        "Arg(5, default_value='x', description=7)",
+        expect={"arguments.0.name": "5", "arguments.0.description": "7"},
     ),
     body(
         "conditions are described by what they compare",

@@ -225,7 +225,7 @@ def _text(error: BaseException) -> str:
 
 def near(name: str, known: Any) -> str:
     """A question after what was meant, or nothing."""
-    found = difflib.get_close_matches(name, list(known), n=1, cutoff=0.6)
+    found = difflib.get_close_matches(name, [str(each) for each in known], n=1, cutoff=0.6)
     return f"Did you mean '{found[0]}'? " if found else ""
 
 
@@ -392,6 +392,11 @@ def _file(error: Any, context: Any) -> Described | None:
     return "file_not_found", f"the file '{path}' does not exist", "Correct the path, or hand the file in."
 
 
+def _folder(error: Any, context: Any) -> Described:
+    path = relative(str(error.filename), context.session.root) if context.session.root else str(error.filename)
+    return "file_not_found", f"'{path}' is a folder, and a file is wanted here", "Give the path of a file."
+
+
 def _exit(error: Any, _: Any) -> Described:
     return "exits", "the launch file ends the whole program", "Remove the call of exit()."
 
@@ -414,6 +419,7 @@ _BY_TYPE: list[tuple[Any, Callable[[Any, Any], Described | None]]] = [
     (NameError, _name),
     (KeyError, _package),
     (FileNotFoundError, _file),
+    (IsADirectoryError, _folder),
     (OSError, _no_prefix),
     (SystemExit, _exit),
 ]
@@ -516,6 +522,9 @@ _BY_MESSAGE: list[tuple[str, str, _Remedy]] = [
         "Give an event, such as launch.events.Shutdown(); an action stands in the list by itself.",
     ),
     (r"^OpaqueFunction needs a function", "bad_type", "Give the function itself, without calling it: function=name."),
+    (r"is not a type that a value can have", "bad_type", "Use int, float, bool, str, or List[...] of one of them."),
+    (r"is given where one \w+ is wanted", "bad_type", "Give one value, not a list."),
+    (r"^TextSubstitution takes a str", "bad_text", "Give text."),
     (r"object has no attribute 'items'$", "bad_pairs", "Give a dict: {'name': 'value'}."),
     (r"No closing quotation|No escaped character", "bad_text", "Close the quotes of the command line."),
     (r"^launch configuration '([^']*)' does not exist", "undefined_configuration", _configuration),
