@@ -542,7 +542,7 @@ _BY_MESSAGE: list[tuple[str, str, _Remedy]] = [
         "bad_markup",
         _markup,
     ),
-    (r"^the type '\w*' is not one of|^a <param>", "bad_markup", _markup),
+    (r"^the type '[^']*' is not one of|^a <param>", "bad_markup", _markup),
     (
         r"a remapping must be a tuple of two",
         "bad_remapping",
