@@ -77,6 +77,20 @@ def test_the_full_name_has_the_namespace(namespace: str | None, expected: str) -
     assert Process("a-1", "/a", name="t", namespace=namespace).full_name == expected
 
 
+def test_the_first_rule_for_a_name_counts() -> None:
+    """A rule among the launch file's own arguments comes before those that `launch` adds, and wins as in `rcl`."""
+    words = ("--ros-args", "-r", "__node:=first", "-r", "__ns:=/x", "--ros-args", "-r", "__node:=t", "-r", "__ns:=/a")
+    process = Process("a-1", "/a", name="t", namespace="/a", argv=words)
+    assert process.called == "first"
+    assert process.full_name == "/x/first"
+
+
+def test_a_rule_names_a_node_that_has_no_other_name() -> None:
+    """A node that only the arguments name has that name, in the root where no namespace is given."""
+    assert Process("a-1", "/a", argv=("--ros-args", "-r", "__node:=t")).full_name == "/t"
+    assert Process("a-1", "/a", argv=("--ros-args",)).full_name is None
+
+
 def test_a_node_is_found_by_its_full_name() -> None:
     """`node` finds the process of a name, and None for a name that nobody has."""
     plan = Plan("ok", processes=(Process("a-1", "/a", name="t"),))

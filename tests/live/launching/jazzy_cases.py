@@ -746,6 +746,17 @@ GRAMMAR = [
         "<node pkg='demo' exec='talker' ns='a'/>",
         expect=bad("bad_markup", **{"problem.remedy has": "namespace="}),
     ),
+    *(
+        xml(f"XML: {text}, which ROS 1 knew", text, expect=bad("bad_markup", **{"problem.remedy has": said}))
+        for text, said in (
+            ("<arg name='a' value='5'/>", "default="),
+            ("<node pkg='demo' exec='talker' required='true'/>", "on_exit='shutdown'"),
+            ("<rosparam command='load' file='a.yaml'/>", "<param from="),
+            ("<include file='a.launch.xml' ns='a'/>", "push_ros_namespace"),
+            ("<log message='$(optenv A b)'/>", "$(env NAME default)"),
+            ("<group ns='a'/>", "push_ros_namespace"),
+        )
+    ),
     Case(
         "XML in a namespace",
         '<launch xmlns="http://example.org"></launch>',
@@ -941,6 +952,20 @@ _SLIPS = {
     "a function that takes no context": ("OpaqueFunction(function=lambda: [])", "positional_argument", "context"),
     "an action for an event": ("EmitEvent(event=Shutdown())", "not_an_event", "launch.events.Shutdown()"),
     "a handler that was never registered": ("UnregisterEventHandler(OnProcessStart(on_start=[]))", "exception", "Mend"),
+    "a list where a dict is wanted": ("talker(additional_env=[('A', '1')])", "bad_pairs", "dict"),
+    "a type that no parameter has": (
+        "talker(parameters=[{'a': ParameterValue(Value('x', default='1'), value_type=dict)}])",
+        "bad_type",
+        "List[...]",
+    ),
+    "a list where one number is wanted": ("TimerAction(period=[5], actions=[])", "bad_type", "not a list"),
+    "a number as a text": ("LogInfo(msg=TextSubstitution(text=5))", "bad_text", "Give text"),
+    "a list as the name of an argument": ("Arg(['a'], default_value='x')", "exception", "unhashable"),
+    "a folder where a file is wanted": (
+        "IncludeLaunchDescription(PythonLaunchDescriptionSource(HERE))",
+        "file_not_found",
+        "folder",
+    ),
     "a called function": ("OpaqueFunction(function=talker())", "bad_type", "without calling it"),
     "exec= for executable=": ("Node(package='demo', exec='talker')", "unknown_keyword", "'executable='"),
     "a keyword of another class": (
@@ -1122,6 +1147,11 @@ SLIPS = [
         "from made_elsewhere import generate_launch_description\r\n",
         {"outcome": "ok", "processes.0.name": "n1"},
         files={"made_elsewhere.py": OTHER},
+    ),
+    body(
+        "a number as the name and the description of an argument",
+        "Arg(5, default_value='x', description=7)",
+        expect={"arguments.0.name": "5", "arguments.0.description": "7"},
     ),
     body(
         "conditions are described by what they compare",

@@ -192,6 +192,11 @@ _MARKUP_REMEDIES = {
     "needs the attribute 'exec'": "Write exec='...' (ROS 1 wrote type='...').",
     "'$(find ": "Write $(find-pkg-share package) (ROS 1 wrote $(find package)).",
     "'$(arg ": "Write $(var name) (ROS 1 wrote $(arg name)).",
+    "<arg> cannot have value": "Write default='...', or <let> for what is not to be an argument.",
+    "<node> cannot have required": "Write on_exit='shutdown' (ROS 1 wrote required='true').",
+    "<include> cannot have": "Put the include into a group, after push_ros_namespace or <let>.",
+    "rosparam": "Write <param from='...'/> inside the node (ROS 1 wrote rosparam).",
+    "'$(optenv ": "Write $(env NAME default) (ROS 1 wrote $(optenv NAME default)).",
     "<node> cannot have ns": "Write namespace='...' (ROS 1 wrote ns='...').",
     "<group> cannot have ns": "Write push_ros_namespace as the first action of the group (ROS 1 wrote ns='...').",
     "did you mean": "Correct the name.",
@@ -199,6 +204,7 @@ _MARKUP_REMEDIES = {
     "under the key 'children'": "Write the actions as a list: each begins with a dash.",
     "one blank too many": "Write one blank between the arguments, and none before ')'.",
     "needs quotes around": "Put the argument in quotes.",
+    "YAML makes it a dict": "Write the inner names as <param> inside this one.",
     "items are of one type": "Write all items alike: [1.0, 2.5] instead of [1, 2.5].",
     "not of one type": "Write all items alike: [1.0, 2.5] instead of [1, 2.5].",
     "cannot have": "Take it out.",
@@ -219,7 +225,7 @@ def _text(error: BaseException) -> str:
 
 def near(name: str, known: Any) -> str:
     """A question after what was meant, or nothing."""
-    found = difflib.get_close_matches(name, list(known), n=1, cutoff=0.6)
+    found = difflib.get_close_matches(name, [str(each) for each in known], n=1, cutoff=0.6)
     return f"Did you mean '{found[0]}'? " if found else ""
 
 
@@ -386,6 +392,11 @@ def _file(error: Any, context: Any) -> Described | None:
     return "file_not_found", f"the file '{path}' does not exist", "Correct the path, or hand the file in."
 
 
+def _folder(error: Any, context: Any) -> Described:
+    path = relative(str(error.filename), context.session.root) if context.session.root else str(error.filename)
+    return "file_not_found", f"'{path}' is a folder, and a file is wanted here", "Give the path of a file."
+
+
 def _exit(error: Any, _: Any) -> Described:
     return "exits", "the launch file ends the whole program", "Remove the call of exit()."
 
@@ -408,6 +419,7 @@ _BY_TYPE: list[tuple[Any, Callable[[Any, Any], Described | None]]] = [
     (NameError, _name),
     (KeyError, _package),
     (FileNotFoundError, _file),
+    (IsADirectoryError, _folder),
     (OSError, _no_prefix),
     (SystemExit, _exit),
 ]
@@ -510,6 +522,10 @@ _BY_MESSAGE: list[tuple[str, str, _Remedy]] = [
         "Give an event, such as launch.events.Shutdown(); an action stands in the list by itself.",
     ),
     (r"^OpaqueFunction needs a function", "bad_type", "Give the function itself, without calling it: function=name."),
+    (r"is not a type that a value can have", "bad_type", "Use int, float, bool, str, or List[...] of one of them."),
+    (r"is given where one \w+ is wanted", "bad_type", "Give one value, not a list."),
+    (r"^TextSubstitution takes a str", "bad_text", "Give text."),
+    (r"object has no attribute 'items'$", "bad_pairs", "Give a dict: {'name': 'value'}."),
     (r"No closing quotation|No escaped character", "bad_text", "Close the quotes of the command line."),
     (r"^launch configuration '([^']*)' does not exist", "undefined_configuration", _configuration),
     (r"^a condition must be one of", "bad_condition", "Let the condition be 'true' or 'false'."),
@@ -526,7 +542,7 @@ _BY_MESSAGE: list[tuple[str, str, _Remedy]] = [
         "bad_markup",
         _markup,
     ),
-    (r"^the type '\w*' is not one of|^a <param>", "bad_markup", _markup),
+    (r"^the type '[^']*' is not one of|^a <param>", "bad_markup", _markup),
     (
         r"a remapping must be a tuple of two",
         "bad_remapping",

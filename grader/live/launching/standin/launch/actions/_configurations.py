@@ -80,9 +80,10 @@ class DeclareLaunchArgument(Action):
         """What it is for."""
         if self.__given_description is None:
             return "no description given" if self.__choices is None else f"One of: {self.__choices}"
+        if self.__choices is None:
+            return self.__given_description
         ending = "" if self.__given_description.endswith(".") else "."
-        extra = "" if self.__choices is None else f"{ending} Valid choices are: {self.__choices}"
-        return self.__given_description + extra
+        return f"{self.__given_description}{ending} Valid choices are: {self.__choices}"
 
     @property
     def choices(self) -> Any:
@@ -113,9 +114,9 @@ class DeclareLaunchArgument(Action):
                 if self.__name not in context.launch_configurations:
                     raise
         entry = {
-            "name": self.__name,
+            "name": str(self.__name),
             "default": default,
-            "description": self.__given_description or "",
+            "description": str(self.__given_description or ""),
             "choices": None if self.__choices is None else [str(c) for c in self.__choices],
             "included": len(context.session.include_chain) > 1,
             "source": self.source_line,
