@@ -127,7 +127,6 @@ def _serve(link: socket.socket, types: Sequence[str]) -> None:
     gc.disable()  # Nothing of what is imported is for collection.
     for module in _WITHOUT_ROS:
         importlib.import_module(module)
-    signal.signal(signal.SIGCHLD, lambda number, frame: _reap(os.WNOHANG))
     server, null = os.getpid(), os.open(os.devnull, os.O_RDONLY)
     loaded = False
     while True:
@@ -139,6 +138,7 @@ def _serve(link: socket.socket, types: Sequence[str]) -> None:
         if not loaded:
             enter_own_mounts(form)
             _load_ros(types)
+            signal.signal(signal.SIGCHLD, lambda number, frame: _reap(os.WNOHANG))
             loaded = True
             # A collection in a fork would touch, and so copy, the memory of all objects that are there now.
             gc.freeze()
