@@ -86,8 +86,8 @@ def tracking_plateaus(streams: Mapping[str, Stream], parameters: Mapping[str, An
         Roles "command" and "state".
     parameters : mapping
         `min_states` (10): shorter spans are left out. To recognise mistakes: `formula` ("rms"; or "mean" of |error|,
-        "signed" mean, standard "deviation"), `over` ("state"; or "history": over all errors so far, at most
-        `history` (1000)), `command` ("latest", or "first"), `scale` (1): a factor, as of another unit.
+        "signed" mean, mean "square", standard "deviation"), `over` ("state"; or "history": over all errors so far, at
+        most `history` (1000)), `command` ("latest", or "first"), `scale` (1): a factor, as of another unit.
     seed : int
         Not used: the recording holds all that is needed.
 
@@ -123,12 +123,15 @@ def _each_reported(errors: Floats, formula: str, history: int) -> Floats:
     if formula == "deviation":
         spread: Floats = errors.std(axis=1)
         return spread
-    terms = {"rms": errors**2, "mean": np.abs(errors), "signed": errors}[formula].mean(axis=1)
+    kinds = {"rms": errors**2, "square": errors**2, "mean": np.abs(errors), "signed": errors}
+    terms = kinds[formula].mean(axis=1)
     if history > 1:
         total = np.concatenate(([0.0], np.cumsum(terms)))
         last = np.arange(1, len(total))
         first = np.maximum(0, last - history)
-        terms = np.maximum(total[last] - total[first], 0.0 if formula == "rms" else -np.inf) / (last - first)
+        terms = np.maximum(total[last] - total[first], 0.0 if formula in ("rms", "square") else -np.inf) / (
+            last - first
+        )
     values: Floats = np.sqrt(terms) if formula == "rms" else terms
     return values
 
@@ -272,6 +275,7 @@ def tracking_statistics(
         `command` ("latest", or "first"): with which command states are compared.
         `scale` (1): a factor, to recognise another unit.
         `deviation` (false): the standard deviation in place of the RMS, to recognise `numpy.std`.
+        `squared` (false): the mean square in place of the RMS, to recognise a forgotten root.
         `reports` (none): pairs of time (ns) and RMS error as a subscriber reported them. Then the statistics
         are those over the states that it reported, which are fewer where it lost some.
     seed : int
@@ -301,5 +305,7 @@ def tracking_statistics(
     found = _statistics(errors, mixture, signed=bool(parameters.get("signed", False)))
     if parameters.get("deviation"):
         found["rms"] = _deviation(errors, mixture, found["rms"])
+    if parameters.get("squared"):
+        found["rms"] = {kind: [x * x for x in row] for kind, row in found["rms"].items()}
     scale = float(parameters.get("scale", 1.0))
     return {key: {kind: [scale * x for x in row] for kind, row in rows.items()} for key, rows in found.items()}

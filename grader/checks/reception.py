@@ -414,6 +414,8 @@ def _formula(ratios: Sequence[float], spans: int, context: Context, p: Streams) 
     if abs(ratio / np.sqrt(count) - 1) < 0.02:
         root = f"the root of {count}: the sum was taken where the mean belongs"
         return f" It is always {ratio:.2f} times the right value, {root}."
+    if abs(ratio * np.sqrt(count) - 1) < 0.02:
+        return f" It is always {ratio:.2f} times the right value: divide by {count} under the root, not after it."
     if abs(ratio / np.degrees(1) - 1) < 0.02:
         return f" It is always {ratio:.2f} times the right value: it is in degrees, not in rad."
     return f" It is always {ratio:.2f} times the right value."

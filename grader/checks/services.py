@@ -283,7 +283,8 @@ def call_gated(context: Context, p: CallGated) -> Finding:
     measured = f"off: {_shown(answers[p.refused_step])}; on again: {_shown(answers[p.recovered_step])}"
     where = tuple(_spot(context, steps[n]) for n in (p.refused_step, p.recovered_step))
     enabling = context.findings.get(p.enables) if p.enables is not None else None
-    if enabling is not None and enabling.outcome in (Outcome.FAILED, Outcome.NOT_REACHED):
+    fails = enabling is not None and enabling.outcome in (Outcome.FAILED, Outcome.NOT_REACHED)
+    if fails and not (refuses and recovers):
         if _fits(answers[p.refused_step], p.recovered) and _fits(answers[p.recovered_step], p.refused):
             return graded(0.5, expected, measured, _REVERSED, hint=_REVERSED_HINT, where=where)
         return not_reached("Enabling fails already, so that a refusal says nothing.", expected=expected)

@@ -179,6 +179,12 @@ def test_a_constant_ratio_is_recognised(tmp_path: Path) -> None:
     assert "the root of 7: the sum was taken where the mean belongs" in finding.reason
 
 
+def test_a_count_that_stands_outside_the_root_is_recognised(tmp_path: Path) -> None:
+    """The root of the sum, divided by the count afterwards, is named by its ratio."""
+    finding = judged("reported_series", SERIES, with_reports(*stimulus(tmp_path), factor=7**-0.5))
+    assert "divide by 7 under the root" in finding.reason
+
+
 def test_another_constant_ratio_is_told_as_a_number(tmp_path: Path) -> None:
     """A factor that no known mistake gives is told as it is."""
     finding = judged("reported_series", SERIES, with_reports(*stimulus(tmp_path), factor=2))

@@ -244,10 +244,13 @@ def test_a_refusal_in_words_alone_earns_half(tmp_path: Path) -> None:
 
 
 def test_a_gate_the_wrong_way_round_earns_half(tmp_path: Path) -> None:
-    """What follows the parameter in reverse earns half; where enabling fails otherwise, a refusal says nothing."""
+    """What follows the parameter in reverse earns half; where enabling fails otherwise, a refusal says nothing.
+
+    Unless the node enables later: then what failed is charged there, and not here again.
+    """
     lost = {"first": Finding(Outcome.FAILED, Decimal(0), "", "")}
     gate = {**GATED, "enables": "first"}
-    for name, off, on, credit in (("a", True, False, "0.5"), ("b", False, False, "0"), ("c", False, True, "0")):
+    for name, off, on, credit in (("a", True, False, "0.5"), ("b", False, False, "0"), ("c", False, True, "1")):
         session = called(called(Session(tmp_path, name), "refuse", call(answer(off))), "recover", call(answer(on)))
         finding = judged("call_gated", gate, session, findings=lost)
         assert finding.credit == Decimal(credit)

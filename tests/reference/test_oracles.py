@@ -210,6 +210,7 @@ def reported_by(
         ({"over": "history"}, lambda _, history: float(np.sqrt(np.mean(np.array(history) ** 2))), False),
         ({"command": "first"}, lambda error, _: float(np.sqrt(np.mean(error**2))), True),
         ({"formula": "mean"}, lambda error, _: float(np.mean(np.abs(error))), False),
+        ({"formula": "square"}, lambda error, _: float(np.mean(error**2)), False),
         ({"formula": "deviation"}, lambda error, _: float(np.std(error)), False),
         ({"formula": "signed"}, lambda error, _: float(np.mean(error)), False),
         ({"scale": float(np.degrees(1))}, lambda error, _: float(np.degrees(np.sqrt(np.mean(error**2)))), False),
@@ -256,6 +257,17 @@ def test_a_standard_deviation_is_recognised(seed: int) -> None:
     right = tracking_statistics(recorded(events), {}, seed)["rms"]
     assert (np.array(found["low"]) - 1e-9 <= wrong).all()
     assert (wrong <= np.array(found["high"]) + 1e-9).all()
+    assert (wrong < np.array(right["low"])).any()
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_forgotten_root_is_recognised(seed: int) -> None:
+    """The mean of the squared errors lies within its bounds, and is no right RMS."""
+    events = schedule(seed)
+    wrong = (np.array(hear_all(events).errors) ** 2).mean(axis=0)
+    found = tracking_statistics(recorded(events), {"squared": True}, seed)["rms"]
+    right = tracking_statistics(recorded(events), {}, seed)["rms"]
+    assert found["value"] == pytest.approx(wrong)
     assert (wrong < np.array(right["low"])).any()
 
 
