@@ -165,6 +165,8 @@ class Intake:
         When it was handed in; else the newest time of a file in the archive, which is what a student's machine said.
     where : str
         Where it comes from, in words.
+    student_id : str or None
+        By which a learning-management system or a class list knows the student.
     """
 
     folder: Path
@@ -172,6 +174,7 @@ class Intake:
     left_out: tuple[str, ...] = ()
     submitted_at: datetime | None = None
     where: str = ""
+    student_id: str | None = None
 
 
 @contextmanager
@@ -208,7 +211,7 @@ def taken_in(handed: Handed | Path, *, prefix: str = "grade-", limits: Limits = 
         taking.leave_archives_out()
         taking.require_files()
         submitted_at = handed.submitted_at or taking.newest
-        yield Intake(taking.folder, handed.name, taking.notes.lines(), submitted_at, handed.where)
+        yield Intake(taking.folder, handed.name, taking.notes.lines(), submitted_at, handed.where, handed.student_id)
 
 
 @dataclass
