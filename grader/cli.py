@@ -29,7 +29,7 @@ COMMANDS = {
 _EXIT_STATUS = """\
 exit status:
   0  graded, whatever the score    1  below --fail-under         2  wrong usage
-  3  no usable submission          4  rubric not usable          5  platform not supported
+  3  no usable submission          4  rubric or overrides wrong  5  platform not supported
   6  recording not readable        7  confinement not to be had  70 other trouble
   130 interrupted                  of several submissions: the highest
 """
