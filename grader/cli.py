@@ -54,7 +54,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         _discard_output()
         return GraderError.exit_status
     except OSError as error:
-        print_error(GraderError(error.strerror or str(error), where=str(error.filename or ""), remedy="Check -o."))
+        remedy = "Check that the disk is not full and that the folder can be written to."
+        print_error(GraderError(error.strerror or str(error), where=str(error.filename or ""), remedy=remedy))
         return GraderError.exit_status
     except KeyboardInterrupt:
         print("grade: interrupted; there is no result of this submission", file=sys.stderr)
