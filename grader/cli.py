@@ -29,7 +29,7 @@ COMMANDS = {
 _EXIT_STATUS = """\
 exit status:
   0  graded, whatever the score    1  below --fail-under         2  wrong usage
-  3  no usable submission          4  rubric not usable          5  platform not supported
+  3  no usable submission          4  rubric or overrides wrong  5  platform not supported
   6  recording not readable        7  confinement not to be had  70 other trouble
   130 interrupted                  of several submissions: the highest
 """
@@ -54,7 +54,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         _discard_output()
         return GraderError.exit_status
     except OSError as error:
-        print_error(GraderError(error.strerror or str(error), where=str(error.filename or ""), remedy="Check -o."))
+        remedy = "Check that the disk is not full and that the folder can be written to."
+        print_error(GraderError(error.strerror or str(error), where=str(error.filename or ""), remedy=remedy))
         return GraderError.exit_status
     except KeyboardInterrupt:
         print("grade: interrupted; there is no result of this submission", file=sys.stderr)

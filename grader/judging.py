@@ -17,7 +17,7 @@ import numpy as np
 from grader import __version__
 from grader.checks import REGISTRY, Context
 from grader.checks.affected import is_timed, named, not_measurable, with_checks, without_rest
-from grader.checks.finding import not_reached
+from grader.checks.finding import no_such_file, not_reached
 from grader.errors import RecordingError
 from grader.evidence.census import census
 from grader.evidence.chance import may_be_chance
@@ -210,7 +210,7 @@ def _without_recording(spec: CheckSpec, context: Context, rubric: Rubric) -> Fin
             Decimal(0),
             expected=f"a file {name}",
             measured="no such file",
-            reason=f"There is no {name} in the submission.",
+            reason=no_such_file(context.submission, name),
             hint=f"Hand in a file named {name}.",
         )
     return Finding(Outcome.INCONCLUSIVE, Decimal(0), reason=f"The session '{spec.session}' was not recorded.")

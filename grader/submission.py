@@ -38,6 +38,7 @@ def read_submission(intake: Intake, rubric: Rubric) -> SubmissionRecord:
         If it holds nothing that the rubric asks for, or something of it may not be read: that costs nobody points.
     """
     record = SubmissionRecord(name=intake.name, left_out=list(intake.left_out))
+    record.student_id = intake.student_id
     record.submitted_at = intake.submitted_at.isoformat() if intake.submitted_at is not None else None
     _collect_files(intake.folder, record)
     if not record.files:

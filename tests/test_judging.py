@@ -285,13 +285,16 @@ def test_a_check_that_fails_lets_those_that_require_it_rest(rubric: Rubric) -> N
 
 
 def test_a_missing_artifact_is_the_students_even_without_a_recording(copy: Path, rubric: Rubric) -> None:
-    """A session that was not run because its file is missing fails at its first check."""
+    """A session that was not run because its file is missing fails at its first check, and says what was left out."""
     shutil.rmtree(copy / "service")
     record = read_submission(copy)
     next(fact for fact in record.artifacts if fact.name == "service").path = None
+    record.left_out = ["old/notes.txt: not readable", "old/robot_service.py: not readable"]
     write_submission(copy, record)
     checks = checks_of(judge(open_recordings(copy, rubric), rubric))
     assert checks["service.offers"].finding.outcome is Outcome.FAILED
+    reason = "There is no robot_service.py in the submission. Left out was old/robot_service.py: not readable."
+    assert checks["service.offers"].finding.reason == reason
     assert checks["service.enables"].finding.outcome is Outcome.NOT_REACHED
 
 

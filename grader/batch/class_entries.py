@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from grader.batch.class_list import Listed
 from grader.batch.order import NotGraded
 from grader.batch.run import Row
 from grader.cohort.entries import ClassEntry, entries_in
-from grader.cohort.roster import NOTHING_HANDED_IN
+from grader.cohort.roster import NOTHING_HANDED_IN, Student
 
 
 def entries_of(results: Path, rows: Sequence[Row], missing: Sequence[str]) -> list[ClassEntry]:
@@ -31,3 +32,8 @@ def entries_of(results: Path, rows: Sequence[Row], missing: Sequence[str]) -> li
             entry = ClassEntry(handed.name, None, problem)
         entries[handed.name] = replace(entry, submitted_at=handed.submitted_at, student_id=handed.student_id)
     return sorted(entries.values(), key=lambda entry: entry.name)
+
+
+def student_of(listed: Listed) -> Student:
+    """Return what a line of a class list tells of a student."""
+    return Student(listed.name, listed.student_id, listed.submitted_at)

@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict
@@ -221,6 +221,12 @@ def takes_points(finding: Finding | None) -> bool:
     return finding is not None and finding.outcome in (Outcome.FAILED, Outcome.PARTIAL, Outcome.NOT_REACHED)
 
 
+def no_such_file(submission: SubmissionRecord, name: str) -> str:
+    """Say that a file is not in the submission; and if one of its name was not taken in, why."""
+    left_out = [said for said in submission.left_out if PurePosixPath(said.partition(": ")[0]).name == name]
+    return f"There is no {name} in the submission." + (f" Left out was {left_out[0]}." if left_out else "")
+
+
 def missing_artifact(context: Context, artifact: str, expected: str) -> Finding | None:
     """State that an artifact's file is not there, or None if it is."""
     if context.path_of(artifact) is not None:
@@ -230,7 +236,7 @@ def missing_artifact(context: Context, artifact: str, expected: str) -> Finding 
     return failed(
         expected,
         "no such file",
-        f"There is no {name} in the submission.",
+        no_such_file(context.submission, name),
         hint=f"Hand in a file named {name}.",
     )
 

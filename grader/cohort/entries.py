@@ -78,11 +78,8 @@ def _entry(folder: Path) -> ClassEntry:
         return ClassEntry(
             folder.name, None, f"Its {RESULT_FILE} cannot be read; `grade regrade` makes it anew.", report
         )
-    return ClassEntry(folder.name, plain, "", report, _submitted_at(folder))
-
-
-def _submitted_at(folder: Path) -> datetime | None:
     try:
-        return moment_of(read_submission(folder / RECORDINGS).submitted_at)
+        record = read_submission(folder / RECORDINGS)
     except (OSError, ValueError):
-        return None
+        return ClassEntry(folder.name, plain, "", report)
+    return ClassEntry(folder.name, plain, "", report, moment_of(record.submitted_at), record.student_id)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import unicodedata
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -26,13 +28,19 @@ def with_roster(entries: Sequence[ClassEntry], roster: Iterable[Student]) -> lis
     Parameters
     ----------
     roster : iterable of Student
-        An entry is a student's if it bears the student's name, in whatever case, or else the id.
+        An entry is a student's if it bears the student's id, name, or both, in whatever case and however parted.
     """
     completed = {entry.name: entry for entry in entries}
-    names = {entry.name.casefold(): entry.name for entry in entries}
+    known: dict[str, str] = {}
+    for entry in entries:
+        for text in (entry.student_id, entry.name):
+            if text and (key := _key(text)):
+                known.setdefault(key, entry.name)
     for student in roster:
-        keys = [key.casefold() for key in (student.name, student.student_id) if key]
-        found = next((names[key] for key in keys if key in names), None)
+        # Of a download, folders are called after both.
+        both = f"{student.name} {student.student_id}" if student.student_id else ""
+        keys = [_key(text) for text in (student.student_id, student.name, both) if text]
+        found = next((known[key] for key in keys if key in known), None)
         if found is None:
             name = student.name or student.student_id or ""
             missing = ClassEntry(name, None, NOTHING_HANDED_IN, "", student.submitted_at, student.student_id)
@@ -45,3 +53,8 @@ def with_roster(entries: Sequence[ClassEntry], roster: Iterable[Student]) -> lis
                 student_id=student.student_id or entry.student_id,
             )
     return sorted(completed.values(), key=lambda entry: entry.name)
+
+
+def _key(name: str) -> str:
+    """Return what is the same of a name and of the folder that is called after it."""
+    return " ".join(re.findall(r"[^\W_]+", unicodedata.normalize("NFC", name))).casefold()

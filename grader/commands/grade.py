@@ -323,9 +323,13 @@ def _report_class(
 ) -> None:
     """Write the class page and the table of grades, over all results that lie in the folder."""
     from grader import pipeline
-    from grader.batch.class_entries import entries_of
+    from grader.batch.class_entries import entries_of, student_of
+    from grader.batch.class_list import read_class_list
+    from grader.cohort.roster import with_roster
 
     entries = entries_of(options.output, rows, missing)
+    if options.class_list is not None:
+        entries = with_roster(entries, map(student_of, read_class_list(options.class_list)))
     pipeline.report_class(options.output, entries, rubric, anonymous=options.anonymous)
     console.print(f"Class: {options.output / pipeline.CLASS_PAGE}", soft_wrap=True, markup=False)
     console.print(f"Grades: {options.output / pipeline.GRADES_FILE}", soft_wrap=True, markup=False)

@@ -39,9 +39,10 @@ def _parser() -> argparse.ArgumentParser:
 def run(arguments: Sequence[str], console: Console) -> int:
     """Write page and table; returns the exit status."""
     from grader import pipeline
+    from grader.batch.class_entries import student_of
     from grader.batch.class_list import read_class_list
     from grader.cohort.entries import entries_in
-    from grader.cohort.roster import Student, with_roster
+    from grader.cohort.roster import with_roster
     from grader.errors import SubmissionError
     from grader.report.views import tenths
 
@@ -55,8 +56,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
         )
     rubric = pipeline.read_rubric(options.rubric or pipeline.rubric_of_class(options.results, entries))
     if options.class_list is not None:
-        listed = read_class_list(options.class_list)
-        entries = with_roster(entries, (Student(s.name, s.student_id, s.submitted_at) for s in listed))
+        entries = with_roster(entries, map(student_of, read_class_list(options.class_list)))
     summary = pipeline.report_class(options.results, entries, rubric, anonymous=options.anonymous)
     graded = sum(row.result is not None for row in summary.rows)
     needy = len({todo.row for todo in summary.todos})

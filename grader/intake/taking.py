@@ -168,6 +168,8 @@ class Intake:
         Where it comes from, in words.
     unreadable : tuple of str
         Files, and folders with a slash at the end, that are there and may not be read; some of many.
+    student_id : str or None
+        By which a learning-management system or a class list knows the student.
     """
 
     folder: Path
@@ -176,6 +178,7 @@ class Intake:
     submitted_at: datetime | None = None
     where: str = ""
     unreadable: tuple[str, ...] = ()
+    student_id: str | None = None
 
 
 @contextmanager
@@ -213,7 +216,7 @@ def taken_in(handed: Handed | Path, *, prefix: str = "grade-", limits: Limits = 
         taking.require_files()
         submitted_at = handed.submitted_at or taking.newest
         lines, unreadable = taking.notes.lines(), tuple(taking.unreadable)
-        yield Intake(taking.folder, handed.name, lines, submitted_at, handed.where, unreadable)
+        yield Intake(taking.folder, handed.name, lines, submitted_at, handed.where, unreadable, handed.student_id)
 
 
 @dataclass

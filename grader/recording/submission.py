@@ -81,6 +81,8 @@ class SubmissionRecord:
         The sessions that were asked for; None for all of the rubric's.
     submitted_at : str or None
         When it was handed in, as ISO 8601 with its offset from UTC; None where nobody knows.
+    student_id : str or None
+        By which a grade book knows the student, where a learning-management system or a class list told it.
     """
 
     name: str
@@ -93,6 +95,7 @@ class SubmissionRecord:
     left_out: list[str] = field(default_factory=list)
     sessions: list[str] | None = None
     submitted_at: str | None = None
+    student_id: str | None = None
 
     def artifact(self, name: str) -> ArtifactFact | None:
         """Return the artifact of this name, or None if the rubric has none such."""

@@ -55,14 +55,17 @@ def test_recordings_without_a_result_are_not_graded(tmp_path: Path) -> None:
 
 
 def test_the_time_of_submission_comes_from_the_recordings(tmp_path: Path) -> None:
-    """It is read with its offset; where there is none, it is not known."""
+    """It is read with its offset, and the student's id with it; where there is none, it is not known."""
     folder = finished(tmp_path, "alice")
     (folder / "recordings").mkdir()
-    write_submission(folder / "recordings", SubmissionRecord("alice", submitted_at="2026-11-20T23:59:00+01:00"))
+    write_submission(
+        folder / "recordings", SubmissionRecord("alice", submitted_at="2026-11-20T23:59:00+01:00", student_id="17")
+    )
     finished(tmp_path, "bob")
     alice, bob = entries_in(tmp_path)
     assert alice.submitted_at == datetime(2026, 11, 20, 23, 59, tzinfo=timezone(timedelta(hours=1)))
     assert bob.submitted_at is None
+    assert (alice.student_id, bob.student_id) == ("17", None)
 
 
 @pytest.mark.parametrize("name", ["a b", "javascript:alert(1)", "a#b?c", "50%", "ü", '"><x', "a/b", "\udcff"])
@@ -95,3 +98,11 @@ def test_a_class_list_that_knows_less_takes_nothing_away() -> None:
     known = ClassEntry("alice", {}, submitted_at=moment, student_id="1")
     assert with_roster([known], [Student("alice"), Student("zoe"), Student("zoe")])[0] == known
     assert len(with_roster([known], [Student("alice"), Student("zoe"), Student("zoe")])) == 2
+
+
+def test_a_class_list_finds_who_came_in_a_download() -> None:
+    """Folders that are called after name and id are found by either; two of one name are told apart by the id."""
+    there = [ClassEntry("Zoë_O_Neil_17", {}), ClassEntry("Ann_Bee_18", {}), ClassEntry("Ann_Bee_19", {})]
+    listed = [Student("Zoë O'Neil", "17"), Student("Ann Bee", "19"), Student("ann bee", "18"), Student("Carl", "20")]
+    found = {entry.name: entry.student_id for entry in with_roster(there, listed)}
+    assert found == {"Zoë_O_Neil_17": "17", "Ann_Bee_18": "18", "Ann_Bee_19": "19", "Carl": "20"}
