@@ -435,6 +435,8 @@ def _series(spec: FigureSpec, recorded: Recorded, lab_folder: Path) -> Series | 
         left_out = max(left_out, len(wanted) - MOST_ELEMENTS)
         for index in list(wanted)[:MOST_ELEMENTS]:
             drawn = np.abs(stream.values[:, index]) < _FAR
+            if not drawn.any():
+                continue
             times, values = _thinned(_seconds(stream.source_ns[drawn], recorded), stream.values[drawn, index])
             lines.append(Line(role, recorded.used(topic), index, _floats(times), _floats(values)))
     if not lines:

@@ -411,4 +411,6 @@ def test_numbers_that_nobody_means_are_not_drawn(tmp_path: Path) -> None:
     rows: list[Row] = [(n + 1, 10**9 + n * 10**7, [1e308 if n % 2 else -1e308, float(n)]) for n in range(50)]
     figure = drawn("series", recorded(tmp_path, {"/a": rows}), topics={"command": "/a"}, field="data")
     assert isinstance(figure, Series)
-    assert [len(line.values) for line in figure.lines] == [0, 50]
+    assert [(line.index, len(line.values)) for line in figure.lines] == [(1, 50)]
+    alone = recorded(tmp_path / "alone", {"/a": [(number, time_ns, row[:1]) for number, time_ns, row in rows]})
+    assert drawn("series", alone, topics={"command": "/a"}, field="data") is None
