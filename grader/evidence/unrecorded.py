@@ -40,11 +40,11 @@ def missing(recorded: Recorded) -> Missing:
     -----
     Topics share the room of a recording, so that it counts who filled the whole. What the grader's own processes told
     that they published is theirs, and all else is the student's; where one of them told nothing, nobody can say.
+    A topic of which nothing was recorded, since there were too many or it is of an unknown type, is the student's
+    unless the grader publishes it.
     """
     unrecorded = recorded.record.unrecorded
-    told = {entry.topic for entry in recorded.record.published}
-    blamed = bool(unrecorded) and not recorded.silent_references and _student_wrote_more(recorded)
-    theirs = [u for u in unrecorded if blamed and (u.limit or u.topic not in told)]
+    theirs = [u for u in unrecorded if not recorded.silent_references and _is_students(recorded, u)]
     return Missing(tuple(theirs), tuple(u for u in unrecorded if u not in theirs))
 
 
@@ -70,6 +70,13 @@ def limits_hit(recorded: Recorded) -> dict[str, str]:
         if left_out.limit and (run := _publisher_of(recorded, left_out)) is not None:
             found.setdefault(run.name, RECORDING)
     return found
+
+
+def _is_students(recorded: Recorded, left_out: Unrecorded) -> bool:
+    of_grader = any((t.topic, t.type) == (left_out.topic, left_out.type) for t in recorded.record.published)
+    if left_out.messages == 0 and not of_grader:
+        return True
+    return left_out.limit and _student_wrote_more(recorded)
 
 
 @functools.lru_cache(maxsize=_MOST_KEPT)

@@ -162,7 +162,8 @@ def test_a_recording_that_the_grader_filled_costs_nothing(recordings: Path, rubr
     """What is not the student's doing leaves the session undecided, and it is recorded again."""
     cut_short(recordings, "launch", "/clock", 34)
     record = read_session(recordings / "launch")
-    left_out = [dataclasses.replace(record.unrecorded[0], limit=False, messages=0)]
+    own_type = next(entry.type for entry in record.published if entry.topic == "/clock")
+    left_out = [dataclasses.replace(record.unrecorded[0], type=own_type, limit=False, messages=0)]
     write_session(recordings / "launch", dataclasses.replace(record, unrecorded=left_out))
     opened = open_recordings(recordings, rubric)
     result = judge(opened, rubric)

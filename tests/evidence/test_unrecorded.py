@@ -58,15 +58,25 @@ def test_where_a_reference_node_told_nothing_nobody_is_blamed(tmp_path: Path) ->
     assert missing(made.recorded()).by_grader == (cut(COMMANDS),)
 
 
-def test_a_type_that_cannot_be_recorded_is_the_students_but_on_the_graders_topics(tmp_path: Path) -> None:
-    """What the grader's own nodes publish it must be able to record; no limit was hit."""
-    made = session(tmp_path, own=1, theirs=1000)
-    strange = [Unrecorded(topic, "a/msg/B", at(1.0), 0, 0, "unknown", limit=False) for topic in (STATES, COMMANDS)]
+def test_a_type_that_cannot_be_recorded_is_the_students_unless_the_grader_publishes_it(tmp_path: Path) -> None:
+    """What the grader's own nodes publish it must be able to record; no limit was hit, whoever wrote how much."""
+    made = session(tmp_path, own=1000, theirs=1)
+    kinds = ((STATES, FLOATS), (STATES, "a/msg/B"))
+    strange = [Unrecorded(topic, kind, at(1.0), 0, 0, "unknown", limit=False) for topic, kind in kinds]
     made.record.unrecorded += strange
     recorded = made.recorded()
     found = missing(recorded)
     assert (found.by_grader, found.by_student) == ((strange[0],), (strange[1],))
     assert limits_hit(recorded) == {}
+
+
+def test_a_topic_too_many_is_the_students(tmp_path: Path) -> None:
+    """The grader's own topics are few, and each is recorded from its start."""
+    made = session(tmp_path, own=1000, theirs=1)
+    made.record.unrecorded.append(Unrecorded("/more", FLOATS, at(1.0), 0, 0, "1000 topics are there", limit=True))
+    recorded = made.recorded()
+    assert len(missing(recorded).by_student) == 1
+    assert list(limits_hit(recorded).values()) == ["recording"]
 
 
 def test_the_process_that_asked_for_the_publisher_hit_the_limit(tmp_path: Path) -> None:
