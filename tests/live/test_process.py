@@ -102,6 +102,7 @@ def test_who_writes_without_end_to_a_pipe_is_cut_off() -> None:
 #: Prints the cores of a process of another user: before it is held to one, after a trial, and after one as that user.
 _HOLDS = """
 import asyncio, os, sys, time
+from grader.live.process import RunningProcess
 from grader.recording.session import ProcessRun
 
 async def hold():
