@@ -14,6 +14,7 @@ from typing import Any
 
 from grader.batch.journal import JOURNAL_FILE
 from grader.pipeline import RECORDINGS, RESULT_FILE
+from grader.replacing import UNFINISHED
 from tests.live.small_lab import TALKER, TEXT, below, command_of, make_lab, published
 
 #: The talker on another topic than the rubric's, for which there is part of the credit.
@@ -106,7 +107,9 @@ class SmallClass:
 
     def recording(self) -> list[str]:
         """Return whose sessions are being recorded now."""
-        return sorted({p.parts[-3] for p in self.results.glob(f".unfinished/new/*/{RECORDINGS}/.*.partial")})
+        return sorted(
+            {p.parts[-4] for p in self.results.glob(f".unfinished/new/*/{UNFINISHED}/{RECORDINGS}/.*.partial")}
+        )
 
 
 @dataclass
