@@ -82,6 +82,9 @@ def beside(results: Path, parts: Sequence[str]) -> Iterator[Path]:
     try:
         yield new
         with uninterrupted():
+            # Who is killed in between must not leave beside new parts what says that all is whole.
+            if (results / parts[-1]).exists():
+                (results / parts[-1]).replace(new / (parts[-1] + _BEFORE))
             for part in parts:
                 _put(new / part, results / part, new / (part + _BEFORE))
     finally:
