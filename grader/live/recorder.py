@@ -28,7 +28,6 @@ from grader.recording.session import GRADER_NAMESPACE, Endpoint, Unrecorded
 
 NODE_NAME = "_grader_recorder"
 DEFAULT_LIMIT_BYTES = 512 * 2**20
-_MUCH_BYTES = DEFAULT_LIMIT_BYTES // 8
 DEFAULT_LIMIT_TOPICS = 1000
 
 # The queue bridges the time that the recorder gets no core: 2 s at 5,000 messages/s. Keep last, not keep all:
@@ -169,8 +168,6 @@ class Recorder:
         self._writer = writer
         self._domain_id = domain_id
         self._left_bytes = limit_bytes
-        # Only a disk that is nearly full leaves so little.
-        self._limited_by = "" if limit_bytes >= _MUCH_BYTES else "; the disk for the results is nearly full"
         self._limit_topics = limit_topics
         self._lines: dict[tuple[str, str], _Line] = {}
         self._refused: set[tuple[str, str]] = set()
@@ -373,8 +370,8 @@ class Recorder:
         self._leave_out(
             line.topic,
             line.topic_type,
-            f"they fill as much as is left for all other topics{self._limited_by}",
-            limit=not self._limited_by,
+            "they fill as much as is left for all other topics",
+            limit=True,
             messages=line.count,
             size_bytes=line.written_bytes,
         )
