@@ -25,6 +25,13 @@ _NEW_MOUNTS, _NEW_UTS, _NEW_IPC, _NEW_USER, _NEW_PIDS, _NEW_NET = (
 _NOSUID, _NODEV, _NOEXEC, _RECURSIVE, _PRIVATE = 0x2, 0x4, 0x8, 0x4000, 0x40000
 _SET_PDEATHSIG = 1
 _STANDARD_DESCRIPTORS, _MOST_DESCRIPTORS = 3, 1 << 20
+#: Looked up now: a fork of a process with threads would wait for ever, if one of these held the loader's lock then.
+_CALLS: dict[str, Callable[..., int]] = {
+    name: getattr(libc, name)
+    for libc in [ctypes.CDLL(None, use_errno=True)]
+    for name in ("mount", "prctl", "unshare")
+    if hasattr(libc, name)
+}
 
 
 def enter_own_mounts(form: Form) -> None:
@@ -94,8 +101,7 @@ def _wait_for(pid: int) -> NoReturn:
 
 
 def _call(function: str, *arguments: Any) -> None:
-    called: Callable[..., int] = getattr(ctypes.CDLL(None, use_errno=True), function)
     words = [ctypes.c_ulong(a) if isinstance(a, int) else a for a in arguments]
-    if called(*words) != 0:
+    if _CALLS[function](*words) != 0:
         number = ctypes.get_errno()
         raise OSError(number, f"{function}: {os.strerror(number)}")
