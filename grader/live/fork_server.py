@@ -13,6 +13,7 @@ import gc
 import importlib
 import json
 import os
+import resource
 import signal
 import socket
 import subprocess
@@ -202,6 +203,9 @@ def _run_in_cell(form: Form, file: Path) -> None:
 def main() -> None:
     """Serve what comes through the socket of the number in argv[1]; the types to load follow."""
     end_with_parent()  # If that has ended already, so has the other side of the socket.
+    # What limits the grader's own memory is not for the cells, which have limits of their own.
+    hard = resource.getrlimit(resource.RLIMIT_AS)[1]
+    resource.setrlimit(resource.RLIMIT_AS, (hard, hard))
     with socket.socket(fileno=int(sys.argv[1])) as link:
         _serve(link, sys.argv[2:])
 

@@ -15,6 +15,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from grader.batch.one import limit_memory
 from grader.errors import PlatformError
 from grader.live.fork_server import Cell, ForkServer
 from grader.live.isolation import Form
@@ -92,6 +93,20 @@ def test_why_no_cell_can_be_made_is_told(tmp_path: Path) -> None:
     if run.stderr.startswith("no namespaces"):
         pytest.skip(run.stderr)
     assert run.stdout.count("a session cannot be started here: [Errno 2] mount: No such file") == 2, run.stderr
+
+
+def test_cells_do_not_inherit_the_limit_of_the_process_that_grades(tmp_path: Path) -> None:
+    """A class limits what judging a submission may map; a student's node has the same room there as by itself."""
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    limit_memory()
+    try:
+        assert resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY
+        with ForkServer() as forks:
+            asyncio.run(said_by(forks, tmp_path / "none.json", tmp_path / "errors"))  # it is up
+            (server,) = (p for p in below(os.getpid()) if name_of(p) != "cell")
+            assert resource.prlimit(server, resource.RLIMIT_AS) == (before[1], before[1])
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, before)
 
 
 def test_cpu_time_in_cells_counts_as_the_graders(tmp_path: Path) -> None:
