@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from typing import NoReturn
 
 from grader.live.namespaces import end_with_parent
+from grader.live.priority import put_starting
 
 _READ_BYTES = 64 * 1024
 _SET_NAME = 15
@@ -146,6 +147,7 @@ def _leave_everything(program: Program, parent: int, descriptors: Sequence[int])
         os._exit(1)
     name_process(program.name)
     os.setsid()
+    put_starting(os.getpid())  # Only now: before, the weight would be that of the other process's session.
     signal.set_wakeup_fd(-1)
     for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGCHLD):
         signal.signal(number, signal.SIG_DFL)
