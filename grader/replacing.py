@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import signal
 import threading
@@ -27,7 +28,8 @@ def uninterrupted() -> Iterator[None]:
     def note(number: int, frame: FrameType | None) -> None:
         received.append(number)
 
-    heeded = {number: before for number in _ASKING if (before := signal.getsignal(number)) != signal.SIG_IGN}
+    # None is a handler that is not Python's, and could not be put back.
+    heeded = {n: before for n in _ASKING if (before := signal.getsignal(n)) not in (signal.SIG_IGN, None)}
     for number in heeded:
         signal.signal(number, note)
     try:
@@ -69,7 +71,8 @@ def replace_files(texts: Mapping[Path, str | None]) -> None:
 def beside(results: Path, parts: Sequence[str]) -> Iterator[Path]:
     """Give an empty folder within a folder of results to make new ones in; its parts take their places in the end.
 
-    If the work is broken off, what was there before stays as it was.
+    If the work is broken off, or a part cannot be put in its place, what was there before stays as it was. Who is
+    killed in the midst of that leaves no results that say that they are whole.
 
     Parameters
     ----------
@@ -82,22 +85,24 @@ def beside(results: Path, parts: Sequence[str]) -> Iterator[Path]:
     try:
         yield new
         with uninterrupted():
-            # Who is killed in between must not leave beside new parts what says that all is whole.
-            if (results / parts[-1]).exists():
-                (results / parts[-1]).replace(new / (parts[-1] + _BEFORE))
-            for part in parts:
-                _put(new / part, results / part, new / (part + _BEFORE))
+            _exchange(new, results, parts)
     finally:
         shutil.rmtree(new, ignore_errors=True)
         with suppress(OSError):  # It is not empty, as a rule.
             results.rmdir()
 
 
-def _put(new: Path, place: Path, before: Path) -> None:
-    """Put a file or a folder in its place; a folder that is there moves aside first, and what is not new goes."""
-    if place.is_dir():
-        place.rename(before)
-    if new.exists():
-        new.replace(place)
-    else:
-        place.unlink(missing_ok=True)
+def _exchange(new: Path, results: Path, parts: Sequence[str]) -> None:
+    """Move what is there aside, the last part first, and what is new in its place; or undo all of it."""
+    moved: list[tuple[Path, Path]] = []
+    aside = [(results / part, new / (part + _BEFORE)) for part in reversed(parts)]
+    try:
+        for source, target in (*aside, *((new / part, results / part) for part in parts)):
+            if os.path.lexists(source):
+                # A folder may lie where it can be copied only, as in a lower layer of a container's file system.
+                shutil.move(source, target)
+                moved.append((source, target))
+    except BaseException:
+        for source, target in reversed(moved):
+            shutil.move(target, source)
+        raise

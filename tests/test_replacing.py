@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -52,6 +54,49 @@ def test_work_that_is_broken_off_leaves_the_old_results(tmp_path: Path, problem:
     with pytest.raises(problem):
         work()
     assert contents(tmp_path) == before
+
+
+def test_a_part_that_cannot_be_put_in_its_place_leaves_the_old_results(tmp_path: Path) -> None:
+    """Those that were put there already are taken back, and the recordings are not lost."""
+    make(tmp_path, "old")
+    before = contents(tmp_path)
+
+    def work() -> None:
+        with beside(tmp_path, (*PARTS[:2], "none/of/these", PARTS[2])) as new:
+            make(new, "new")
+            (new / "none/of").mkdir(parents=True)
+            (new / "none/of/these").write_text("new", encoding="utf-8")
+
+    with pytest.raises(FileNotFoundError):
+        work()
+    assert contents(tmp_path) == before
+    assert not (tmp_path / UNFINISHED).exists()
+
+
+#: Is killed when the first of the new parts is to be put in its place.
+KILLED = """
+import os, sys
+from pathlib import Path
+from grader.replacing import beside
+
+def kill(event, about):
+    if event == "os.rename" and str(about[0]).endswith("/recordings") and Path(about[0]).parent != results:
+        os._exit(9)
+
+results = Path(sys.argv[1])
+with beside(results, sys.argv[2:]) as new:
+    for part in sys.argv[2:]:
+        (new / part).write_text("new")
+    sys.addaudithook(kill)
+"""
+
+
+def test_who_is_killed_between_two_parts_leaves_nothing_that_seems_whole(tmp_path: Path) -> None:
+    """New recordings never lie beside an old result."""
+    make(tmp_path, "old")
+    run = subprocess.run([sys.executable, "-c", KILLED, str(tmp_path), *PARTS], check=False)
+    assert run.returncode == 9
+    assert not (tmp_path / "result.json").exists()
 
 
 def test_the_first_work_that_is_broken_off_leaves_no_folder(tmp_path: Path) -> None:

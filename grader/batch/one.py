@@ -35,6 +35,7 @@ FIRST_TURN = 0
 
 def main(argv: list[str]) -> int:
     """Carry out an order; returns the exit status."""
+    limit_memory()
     turns = _TurnsByPipe()
     try:
         order = Order.read(Path(argv[0]))
@@ -100,8 +101,6 @@ class _TurnsByPipe:
         self._kept: int | None = FIRST_TURN
         self._waiting = 0
         self._cells = 0
-        self._limit = resource.getrlimit(resource.RLIMIT_AS)
-        self._limit_memory()
         threading.Thread(target=self._read, daemon=True).start()
 
     @asynccontextmanager
@@ -117,12 +116,10 @@ class _TurnsByPipe:
         finally:
             self._waiting -= 1
         self._cells += 1
-        self._limit_memory()
         try:
             yield
         finally:
             self._cells -= 1
-            self._limit_memory()
             if self._cells or self._waiting:
                 say({"free": number})
             else:
@@ -156,12 +153,12 @@ class _TurnsByPipe:
         # Nobody is left to ask: end as on request, which removes what is half done.
         os.kill(os.getpid(), signal.SIGTERM)
 
-    def _limit_memory(self) -> None:
-        """Limit this process, but not the cells that it starts, which have limits of their own."""
-        soft, hard = self._limit
-        if not self._cells and (soft == resource.RLIM_INFINITY or soft > _MOST_MEMORY_BYTES):
-            soft = _MOST_MEMORY_BYTES
-        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
+
+def limit_memory() -> None:
+    """Limit this process, but not the cells that it starts, which have limits of their own."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    if soft == resource.RLIM_INFINITY or soft > _MOST_MEMORY_BYTES:
+        resource.setrlimit(resource.RLIMIT_AS, (_MOST_MEMORY_BYTES, hard))
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from grader.errors import PlatformError
 from grader.live.fork_server import Cell, ForkServer
 from grader.live.isolation import Isolation
 from grader.live.ros_launch import NativeLaunch
@@ -198,7 +199,7 @@ async def _follow(cell: Cell, pid: asyncio.Future[int], session: str, on_progres
 
 async def _end(cell: Cell, pid: asyncio.Future[int]) -> None:
     """End a cell that has not ended by itself, and return when nothing of it is left."""
-    with suppress(asyncio.TimeoutError, RuntimeError):
+    with suppress(asyncio.TimeoutError, PlatformError):
         number = await asyncio.wait_for(pid, _END_S)
         if not cell.said.at_eof():
             with suppress(ProcessLookupError):

@@ -13,6 +13,7 @@ import gc
 import importlib
 import json
 import os
+import resource
 import signal
 import socket
 import subprocess
@@ -23,10 +24,11 @@ from functools import partial
 from pathlib import Path
 from types import TracebackType
 
+from grader.errors import PlatformError
 from grader.live.environment import INSIDE_FOLDER, LAUNCHING_FOLDER, trusted_environment
 from grader.live.forked import Program, become, name_process, read_pipe
 from grader.live.isolation import Form
-from grader.live.namespaces import enter_cell, enter_own_mounts
+from grader.live.namespaces import end_with_parent, enter_cell, enter_own_mounts
 from grader.recording.definitions import definition_of, type_hash_of
 
 _WITHOUT_ROS = ("grader.live.session", "grader.recording.bag", "mcap.writer", "numpy", "runpy", "yaml")
@@ -42,6 +44,7 @@ _STANDARD_TYPES = (
 _MOST_REQUEST_BYTES = 16 * 1024
 #: How long the server may take to end when nothing more is asked of it.
 _END_S = 5.0
+_REMEDY = "See whether memory or processes ran out, and whether /dev/shm is there; `grade doctor` tells more."
 
 
 class Cell:
@@ -55,13 +58,14 @@ class Cell:
 
         Raises
         ------
-        RuntimeError
+        PlatformError
             If the cell could not be made.
         """
-        line = await self.said.readline()
-        if not line:
-            raise RuntimeError("the process that starts cells has ended")
-        return int(line)
+        said = (await self.said.readline()).decode("utf-8", "replace").strip()
+        if not said.isdecimal():
+            reason = said or "the process that starts cells has ended"
+            raise PlatformError(f"a session cannot be started here: {reason}", remedy=_REMEDY)
+        return int(said)
 
 
 class ForkServer:
@@ -79,9 +83,8 @@ class ForkServer:
     def __enter__(self) -> ForkServer:
         self._link, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs:
-            program = [sys.executable, "-I", "-m", __name__, str(theirs.fileno()), *self._types]
             self._process = subprocess.Popen(
-                ["setpriv", "--pdeathsig", "KILL", *program],
+                [sys.executable, "-I", "-m", __name__, str(theirs.fileno()), *self._types],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
@@ -135,15 +138,21 @@ def _serve(link: socket.socket, types: Sequence[str]) -> None:
             break
         word, _, name = request.partition(b"\0")
         form, plan = Form(word.decode()), Path(os.fsdecode(name))
-        if not loaded:
-            enter_own_mounts(form)
-            _load_ros(types)
-            signal.signal(signal.SIGCHLD, lambda number, frame: _reap(os.WNOHANG))
-            loaded = True
-            # A collection in a fork would touch, and so copy, the memory of all objects that are there now.
-            gc.freeze()
-            gc.enable()
-        if os.fork() == 0:
+        try:
+            if not loaded:
+                enter_own_mounts(form)
+                _load_ros(types)
+                signal.signal(signal.SIGCHLD, lambda number, frame: _reap(os.WNOHANG))
+                loaded = True
+                # A collection in a fork would touch, and so copy, the memory of all objects that are there now.
+                gc.freeze()
+                gc.enable()
+            forked = os.fork()
+        except OSError as problem:  # What runs already goes on.
+            forked = -1
+            with suppress(OSError):
+                os.write(descriptors[0], f"{problem}\n".encode())
+        if forked == 0:
             program = Program("cell", partial(_run_in_cell, form, plan), [], trusted_environment(plan.parent, 0))
             become(program, server, (null, *descriptors))
         for descriptor in descriptors:
@@ -193,6 +202,10 @@ def _run_in_cell(form: Form, file: Path) -> None:
 
 def main() -> None:
     """Serve what comes through the socket of the number in argv[1]; the types to load follow."""
+    end_with_parent()  # If that has ended already, so has the other side of the socket.
+    # What limits the grader's own memory is not for the cells, which have limits of their own.
+    hard = resource.getrlimit(resource.RLIMIT_AS)[1]
+    resource.setrlimit(resource.RLIMIT_AS, (hard, hard))
     with socket.socket(fileno=int(sys.argv[1])) as link:
         _serve(link, sys.argv[2:])
 

@@ -20,11 +20,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NoReturn
 
-from grader.live.namespaces import end_with_parent
+from grader.live.namespaces import close_descriptors, end_with_parent, open_descriptors
+from grader.live.priority import put_starting
 
 _READ_BYTES = 64 * 1024
 _SET_NAME = 15
-_MOST_DESCRIPTORS = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -146,13 +146,14 @@ def _leave_everything(program: Program, parent: int, descriptors: Sequence[int])
         os._exit(1)
     name_process(program.name)
     os.setsid()
+    put_starting(os.getpid())  # Only now: before, the weight would be that of the other process's session.
     signal.set_wakeup_fd(-1)
     for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGCHLD):
         signal.signal(number, signal.SIG_DFL)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     for target, descriptor in enumerate(descriptors):
         os.dup2(descriptor, target)
-    os.closerange(len(descriptors), _MOST_DESCRIPTORS)
+    close_descriptors(open_descriptors(len(descriptors)))
     os.environ.clear()
     os.environ.update(program.environment)
     os.chdir("/")

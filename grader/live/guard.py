@@ -167,8 +167,10 @@ class Guard:
         for process in self._to_blame(limit):
             process.run.limit = process.run.limit or limit
         for pid in strays:
-            with suppress(ProcessLookupError, PermissionError):
-                os.kill(pid, signal.SIGKILL)
+            with suppress(OSError):
+                # Since they were counted, one may have ended, and somebody else have its process id.
+                if Path(f"/proc/{pid}").stat().st_uid == self._user:
+                    os.kill(pid, signal.SIGKILL)
 
     def _note_full_areas(self) -> None:
         for folder in self._areas.values():

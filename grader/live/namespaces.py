@@ -13,7 +13,8 @@ from __future__ import annotations
 import ctypes
 import os
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -24,7 +25,14 @@ _NEW_MOUNTS, _NEW_UTS, _NEW_IPC, _NEW_USER, _NEW_PIDS, _NEW_NET = (
 )  # fmt: skip
 _NOSUID, _NODEV, _NOEXEC, _RECURSIVE, _PRIVATE = 0x2, 0x4, 0x8, 0x4000, 0x40000
 _SET_PDEATHSIG = 1
-_STANDARD_DESCRIPTORS, _MOST_DESCRIPTORS = 3, 1 << 20
+_STANDARD_DESCRIPTORS = 3
+#: Looked up now: a fork of a process with threads would wait for ever, if one of these held the loader's lock then.
+_CALLS: dict[str, Callable[..., int]] = {
+    name: getattr(libc, name)
+    for libc in [ctypes.CDLL(None, use_errno=True)]
+    for name in ("mount", "prctl", "unshare")
+    if hasattr(libc, name)
+}
 
 
 def enter_own_mounts(form: Form) -> None:
@@ -57,9 +65,10 @@ def enter_cell(form: Form) -> None:
         end_with_parent()
         return
     _unshare(_NEW_NET | _NEW_MOUNTS | _NEW_IPC | _NEW_UTS | _NEW_PIDS)
+    descriptors = open_descriptors(_STANDARD_DESCRIPTORS)
     first = os.fork()
     if first:
-        _wait_for(first)
+        _wait_for(first, descriptors)
     end_with_parent()
     _call("mount", b"proc", b"/proc", b"proc", _NOSUID | _NODEV | _NOEXEC, None)
 
@@ -81,12 +90,27 @@ def end_with_parent() -> None:
     _call("prctl", _SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
 
 
-def _wait_for(pid: int) -> NoReturn:
+def open_descriptors(least: int) -> list[int]:
+    """Return this process's open files from a number on.
+
+    To close all that there could be takes a Python that was built for older systems some 50 ms: there may be a million.
+    """
+    return [number for number in map(int, os.listdir("/proc/self/fd")) if number >= least]  # noqa: PTH208
+
+
+def close_descriptors(descriptors: Iterable[int]) -> None:
+    """Close files, those left out that are closed already."""
+    for descriptor in descriptors:
+        with suppress(OSError):
+            os.close(descriptor)
+
+
+def _wait_for(pid: int, descriptors: Iterable[int]) -> NoReturn:
     """Wait for a process, and end as it did."""
     status = 1
     try:
         # Who reads a pipe of it must not wait for this process too, except for what it says.
-        os.closerange(_STANDARD_DESCRIPTORS, _MOST_DESCRIPTORS)
+        close_descriptors(descriptors)
         code = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
         status = code if code >= 0 else 128 - code
     finally:
@@ -94,8 +118,7 @@ def _wait_for(pid: int) -> NoReturn:
 
 
 def _call(function: str, *arguments: Any) -> None:
-    called: Callable[..., int] = getattr(ctypes.CDLL(None, use_errno=True), function)
     words = [ctypes.c_ulong(a) if isinstance(a, int) else a for a in arguments]
-    if called(*words) != 0:
+    if _CALLS[function](*words) != 0:
         number = ctypes.get_errno()
         raise OSError(number, f"{function}: {os.strerror(number)}")

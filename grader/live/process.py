@@ -132,7 +132,6 @@ class RunningProcess:
         """Start one of the grader's own programs as a fork of this process; it has a standard input."""
         run.started_ns = time.time_ns()
         process = await start_forked(program)
-        put_starting(process.pid)
         return cls(run, process, None, on_message, OutputRoom())
 
     @property

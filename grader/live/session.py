@@ -48,7 +48,7 @@ from grader.live.isolation import (
 )
 from grader.live.launched import LaunchRunner
 from grader.live.machine import sample_machine
-from grader.live.priority import put_self_first, put_starting
+from grader.live.priority import put_self_first
 from grader.live.process import OutputRoom, PipeReader, RunningProcess
 from grader.live.process_table import descendants_of
 from grader.live.scratch import remove_tree
@@ -773,6 +773,5 @@ def _restore_way(top: Path, folder: PurePosixPath) -> None:
 def run(plan: SessionPlan) -> None:
     """Run a session; this process must be the first of its cell."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    put_starting(os.getpid())
     asyncio.run(Session(plan).run())
     _tell({"event": "ended"})

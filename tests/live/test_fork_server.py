@@ -6,6 +6,8 @@ import asyncio
 import os
 import resource
 import signal
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,8 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from grader.batch.one import limit_memory
+from grader.errors import PlatformError
 from grader.live.fork_server import Cell, ForkServer
 from grader.live.isolation import Form
 from tests.live.small_lab import below, make_lab, name_of, until
@@ -45,8 +49,64 @@ def test_a_server_that_was_killed_is_told(tmp_path: Path) -> None:
         asyncio.run(said_by(forks, tmp_path / "none.json", tmp_path / "errors"))  # it is up
         (server,) = (p for p in below(os.getpid()) if name_of(p) != "cell")
         os.kill(server, signal.SIGKILL)
-        with pytest.raises(RuntimeError, match="has ended"):
+        with pytest.raises(PlatformError, match="has ended"):
             asyncio.run(said_by(forks, tmp_path / "none.json", tmp_path / "errors"))
+
+
+#: Becomes the first process of a cell, and takes /dev/shm away there.
+WITHOUT_SHARED_MEMORY = """
+import asyncio, subprocess, sys
+from pathlib import Path
+from grader.errors import PlatformError
+from grader.live.fork_server import ForkServer
+from grader.live.isolation import Form
+from grader.live.namespaces import enter_cell
+
+form, folder = Form(sys.argv[1]), Path(sys.argv[2])
+try:
+    enter_cell(form)
+except OSError as problem:
+    sys.exit(f"no namespaces here: {problem}")
+for name in ("null", "urandom"):
+    (folder / name).touch()
+    subprocess.run(["mount", "--bind", f"/dev/{name}", folder / name], check=True)
+subprocess.run(["mount", "--rbind", folder, "/dev"], check=True)
+
+async def ask(forks):
+    cell = await forks.start(form, folder / "plan.json", folder / "errors")
+    try:
+        await cell.pid()
+    except PlatformError as error:
+        print(error)
+
+with ForkServer() as forks:
+    for _ in range(2):
+        asyncio.run(ask(forks))
+"""
+
+
+def test_why_no_cell_can_be_made_is_told(tmp_path: Path) -> None:
+    """The reason is the system's, here that shared memory cannot be mounted; who asks again is told again."""
+    form = "root" if os.geteuid() == 0 else "user"
+    command = [sys.executable, "-c", WITHOUT_SHARED_MEMORY, form, str(tmp_path)]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    if run.stderr.startswith("no namespaces"):
+        pytest.skip(run.stderr)
+    assert run.stdout.count("a session cannot be started here: [Errno 2] mount: No such file") == 2, run.stderr
+
+
+def test_cells_do_not_inherit_the_limit_of_the_process_that_grades(tmp_path: Path) -> None:
+    """A class limits what judging a submission may map; a student's node has the same room there as by itself."""
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    limit_memory()
+    try:
+        assert resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY
+        with ForkServer() as forks:
+            asyncio.run(said_by(forks, tmp_path / "none.json", tmp_path / "errors"))  # it is up
+            (server,) = (p for p in below(os.getpid()) if name_of(p) != "cell")
+            assert resource.prlimit(server, resource.RLIMIT_AS) == (before[1], before[1])
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, before)
 
 
 def test_cpu_time_in_cells_counts_as_the_graders(tmp_path: Path) -> None:

@@ -10,7 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from grader.live.priority import Priority
 from tests.live.small_lab import until
+from tests.live.test_priority import may_raise
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the live half runs on Linux alone")
 
@@ -56,6 +58,13 @@ def test_a_fork_keeps_no_descriptor_and_no_signal_of_the_other_process() -> None
     print(opened in descriptors, len(descriptors) <= 4, signal.getsignal(signal.SIGINT) is signal.default_int_handler)
 """
     assert forked(main)[1] == "False True True\n"
+
+
+def test_a_fork_goes_first_in_a_session_of_its_own() -> None:
+    """It sees to that itself, so that the weight is never that of the session that it comes from."""
+    nice = int(Priority.STARTING) if may_raise() else os.getpriority(os.PRIO_PROCESS, 0)
+    main = "def main(): print(os.getpriority(os.PRIO_PROCESS, 0), os.getsid(0) == os.getpid())"
+    assert forked(main)[1] == f"{nice} True\n"
 
 
 def test_a_fork_goes_by_its_name() -> None:
