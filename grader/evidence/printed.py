@@ -27,6 +27,8 @@ class Report:
     value: float
     rounding: float = 0.0
     """Half a unit of the last place that was printed, 0 where that is coarser than the second."""
+    lead_in: str = ""
+    """What stands before the number, as far as the pattern reads it."""
 
 
 def reports(recorded: Recorded, artifact: str, pattern: str) -> list[Report]:
@@ -57,7 +59,8 @@ def _report(expression: re.Pattern[str], t_ns: int, text: str) -> Report | None:
     if match is None:
         return None
     try:
-        return Report(t_ns, float(match.group(1)), _rounding([match.group(1)]))
+        value, lead_in = match.group(1), text[match.start() : match.start(1)].rstrip()
+        return Report(t_ns, float(value), _rounding([value]), lead_in)
     except (ValueError, IndexError):
         return None
 
