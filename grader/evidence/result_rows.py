@@ -39,9 +39,9 @@ _MOST_LINES_OF_A_BLOCK = 12
 #: Digits in groups of three, as 1,001.5 or 1.001,5, and a decimal comma, as 0,49.
 _GROUPED_BY_COMMAS = re.compile(r"(?<![\d.,])[1-9]\d{0,2}(?:,\d{3})+(?=\.\d|(?![\d,]))")
 _GROUPED_BY_DOTS = re.compile(r"(?<![\d.,])[1-9]\d{0,2}(?:\.\d{3})+(?=,\d|(?![\d.]))")
-_DECIMAL_COMMA = re.compile(r"(?<![\d.,])(\d+),(\d+)(?![\d,])")
+_DECIMAL_COMMA = re.compile(r"(?<![\d.,])(\d+),(\d+)(?![\d,]|\.\d)")
 #: A comma that parts values: behind a word or a bracket, or with more than two values in a row.
-_COMMAS_PART = re.compile(r"[^\W\d],\d|[\"'\])}],|[\[({][^\])}]*\d,\d|\d,\d+(?:\.\d+)?,\d+\.|,\d+\.\d+,")
+_COMMAS_PART = re.compile(r"[^\W\d],\d|[\"'\])}],|[\[({][^\[\](){}]*\d,\d|\d,\d+(?:\.\d+)?,\d+\.|,\d+\.\d+,")
 
 LINE_LIMIT = 300
 """Characters of a line that are read."""

@@ -148,6 +148,8 @@ def test_a_count_beyond_all_numbers_breaks_nothing(cell: str) -> None:
         ("fast: 1001,490,2150", "fast: 1001,490,2150"),
         ("'fast': [1001,0.49]", "'fast': [1001,0.49]"),
         ("fast 1001 0.490 2.150", "fast 1001 0.490 2.150"),
+        ("fast: 1001,0.49", "fast: 1001,0.49"),
+        ("fast ([1,2]) 0,49", "fast ([1,2]) 0,49"),
     ],
 )
 def test_numbers_are_read_in_the_notation_of_their_line(line: str, plain: str) -> None:
