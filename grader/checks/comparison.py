@@ -95,13 +95,16 @@ _RESULTS_HINT = "Print the results before the program ends, with print() or the 
 
 def _without_tracebacks(output: Sequence[OutputLine]) -> str:
     """Return what was printed without tracebacks, which quote the source."""
-    kept, quoting = [], False
+    kept: list[OutputLine] = []
+    quoting: set[str] = set()  # streams; lines of the other may stand between those of a traceback
     for line in output:
         begins = line.text.startswith("Traceback (most recent call last)")
-        kept += [] if quoting or begins else [line]
-        quoting = begins or (
-            quoting and line.text.startswith(" ")
-        )  # what is not indented is the message, the last line
+        if not begins and line.stream not in quoting:
+            kept.append(line)
+        elif begins or line.text.startswith(" "):
+            quoting.add(line.stream)
+        else:
+            quoting.remove(line.stream)  # what is not indented is the message, the last line
     return text_of(kept)
 
 

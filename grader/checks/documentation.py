@@ -180,7 +180,7 @@ def comments(context: Context, p: Comments) -> Finding:
     measured = f"{explaining} in {lines} lines of code ({density:.1f} in 100)"
     wanted = math.ceil(p.full_per_100_lines * lines / 100)
     said = f"{explaining} comment explains" if explaining == 1 else f"{explaining} comments explain"
-    reason = f"{said} something; for {lines} lines of code {wanted} give full credit"
+    reason = f"{said} something; for {lines} lines of code {wanted} give{'s' * (wanted == 1)} full credit"
     reason += f". {len(others)} more are commented-out code, repeats or echoes of the code." if others else "."
     bare = sorted(facts, key=lambda f: len(f.explaining) / max(1, f.code_lines))[:3]
     share = (density - p.zero_to_per_100_lines) / (p.full_per_100_lines - p.zero_to_per_100_lines)

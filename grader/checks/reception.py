@@ -276,7 +276,7 @@ def _unheard(context: Context, artifact: str) -> tuple[str, str]:
     if len(lines) >= _MANY_LINES:
         shown = re.sub(r"^(\[[^\]]{0,80}\]:?\s*){1,3}", "", lines[-1])[:100]
         return f"None of the {len(lines)} lines that it printed has the form asked for; the last is {shown!r}.", ""
-    if re.search(r"logger\w*(?:\(\))?\.debug\(", source):
+    if re.search(r"logger\w{0,20}(?:\(\))?\.debug\(", source):
         return f"{reason} What it logs with debug() is not shown.", "Log with info(), as the lab asks for."
     return reason, ""
 
@@ -340,18 +340,18 @@ _SMOOTHED_SHARE = 0.1
 
 
 def _smoothed(context: Context, p: ReportedSeries, heard: Sequence[Report], spans: Sequence[Mapping[str, Any]]) -> str:
-    """Say that many reports lie between the value of one span and that of the next, if they do.
+    """Say that many reports fit no span, each before the first that is right in its own, if that is so.
 
     A node that is late shows the value of an earlier span, and one that reports a second number besides shows the
-    right one for each message all the same.
+    right one from the first message on.
     """
     rounding, right, between = _rounding(heard), 0, []
     for span in spans:
-        for report in _inside(heard, span, p.settle_s):
-            if _shows(report.value, span, p, rounding):
-                right += 1
-            elif not any(_shows(report.value, other, p, rounding) for other in spans):
-                between.append((report, span))
+        inside = _inside(heard, span, p.settle_s)
+        fits = [_shows(report.value, span, p, rounding) for report in inside]
+        right += sum(fits)
+        before = inside[: fits.index(True)] if True in fits else []
+        between += [(r, span) for r in before if not any(_shows(r.value, other, p, rounding) for other in spans)]
     messages = max(
         sum(_sent_inside(stream.source_ns, span, p.settle_s) for span in spans)
         for stream in context.streams(p.streams, p.field).values()
@@ -700,7 +700,9 @@ def _early_report(context: Context, p: Survives, step: StepRun, later: StepRun |
     if p.quiet is None or later is None:
         return None
     heard = reports(context.session, p.artifact, p.quiet)
-    early = [r for r in heard if step.started_ns <= r.t_ns < later.started_ns]
+    # A line that says why there is no report yet may hold the same word, and a number.
+    lead_ins = {r.lead_in for r in heard if r.t_ns >= later.started_ns}
+    early = [r for r in heard if step.started_ns <= r.t_ns < later.started_ns and r.lead_in in lead_ins]
     if not early:
         return None
     when_s = context.session.since_start_s(early[0].t_ns)

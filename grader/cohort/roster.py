@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import unicodedata
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -31,16 +30,16 @@ def with_roster(entries: Sequence[ClassEntry], roster: Iterable[Student]) -> lis
         An entry is a student's if it bears the student's id, name, or both, in whatever case and however parted.
     """
     completed = {entry.name: entry for entry in entries}
-    known: dict[str, str] = {}
+    bearing: dict[str, set[str]] = {}
     for entry in entries:
-        for text in (entry.student_id, entry.name):
-            if text and (key := _key(text)):
-                known.setdefault(key, entry.name)
+        for key in _keys(entry.student_id, entry.name):
+            bearing.setdefault(key, set()).add(entry.name)
     for student in roster:
         # Of a download, folders are called after both.
         both = f"{student.name} {student.student_id}" if student.student_id else ""
-        keys = [_key(text) for text in (student.student_id, student.name, both) if text]
-        found = next((known[key] for key in keys if key in known), None)
+        keys = _keys(student.student_id, student.name, both)
+        # What several entries bear does not tell whose they are.
+        found = next((min(bearing[key]) for key in keys if len(bearing.get(key, ())) == 1), None)
         if found is None:
             name = student.name or student.student_id or ""
             missing = ClassEntry(name, None, NOTHING_HANDED_IN, "", student.submitted_at, student.student_id)
@@ -55,6 +54,12 @@ def with_roster(entries: Sequence[ClassEntry], roster: Iterable[Student]) -> lis
     return sorted(completed.values(), key=lambda entry: entry.name)
 
 
-def _key(name: str) -> str:
-    """Return what is the same of a name and of the folder that is called after it."""
-    return " ".join(re.findall(r"[^\W_]+", unicodedata.normalize("NFC", name))).casefold()
+def _keys(*texts: str | None) -> list[str]:
+    """Return by what a student is known: first each text as it is written, then what a folder's name keeps of it."""
+    given = [unicodedata.normalize("NFC", text) for text in texts if text]
+    return [*(f"={text.casefold()}" for text in given), *(plain for text in given if (plain := _plain(text)))]
+
+
+def _plain(text: str) -> str:
+    """Return the words of a text, of letters with their marks, and of digits."""
+    return " ".join("".join(c if unicodedata.category(c)[0] in "LMN" else " " for c in text).split()).casefold()

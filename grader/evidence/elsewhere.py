@@ -127,9 +127,9 @@ _CONVERSION = re.compile(r"(?<![!=<>])=?\s*(?:![rsa])?(?::(?!=).*)?$", re.DOTALL
 
 def _is_expression(field: str) -> bool:
     """Whether the contents of a field are an expression, with what says how to show it or without."""
+    if len(field) > _LONGEST_FIELD:
+        return False
     for text in dict.fromkeys((field, _CONVERSION.sub("", field), field.rpartition(":")[0])):
-        if len(text) > _LONGEST_FIELD:
-            return False
         if text.strip() and expression_tree(f"({_without_inner_quotes(text)})") is not None:
             return True
     return False

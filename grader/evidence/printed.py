@@ -14,6 +14,9 @@ _WRAPPING = re.compile(r"np\.float\d*\(|array\(|dtype=\w+|[()]")
 _ONLY_NUMBERS = re.compile(r"(?:[\s,;|'\"\[\]]|\b(?:rad|deg|m|mm|s|ms)\b|°)*")
 """What may stand between numbers and behind them."""
 
+#: A unit behind a label, as in ``Mean (rad): 0.1`` or ``Mean [rad]: [0.1]``.
+_LABEL_UNIT = r"(?: ?[(\[][A-Za-z°]{1,9}[)\]])?"
+
 _MAX_VECTOR_TEXT = 4000
 #: Labels from the last on behind which a vector is sought, and lines from the last on that are read for other forms.
 _LAST_LABELS, _LAST_LINES = 200, 500
@@ -27,6 +30,8 @@ class Report:
     value: float
     rounding: float = 0.0
     """Half a unit of the last place that was printed, 0 where that is coarser than the second."""
+    lead_in: str = ""
+    """What stands before the number, as far as the pattern reads it."""
 
 
 def reports(recorded: Recorded, artifact: str, pattern: str) -> list[Report]:
@@ -57,7 +62,8 @@ def _report(expression: re.Pattern[str], t_ns: int, text: str) -> Report | None:
     if match is None:
         return None
     try:
-        return Report(t_ns, float(match.group(1)), _rounding([match.group(1)]))
+        value, lead_in = match.group(1), text[match.start() : match.start(1)].rstrip()
+        return Report(t_ns, float(value), _rounding([value]), lead_in)
     except (ValueError, IndexError):
         return None
 
@@ -90,7 +96,10 @@ def printed_vector(output: Sequence[OutputLine], label: str, after_ns: int | Non
         In what was printed from then on other forms count too: numbers without brackets as in ``Mean: 0.1, 0.2``,
         a table with the label over a column or before a row, or lines that say ``mean = 0.1`` of one element each.
     """
-    head = rf"\b{re.escape(label)}\w*\b[^\[\n]{{0,60}}(?:\n[ \t]*(?:np\.)?(?:array\()?)?\["
+    head = (
+        rf"\b{re.escape(label)}\w*\b[^\[\n]{{0,60}}(?:\[[A-Za-z°]{{1,9}}\][^\[\n]{{0,20}})?"
+        r"(?:\n[ \t]*(?:np\.)?(?:array\()?)?\["
+    )
     for stream in ("stdout", "stderr"):
         text = "\n".join(line.text for line in output if line.stream == stream)
         ends = [match.end() for match in re.finditer(head, text, re.IGNORECASE)][-_LAST_LABELS:]
@@ -131,7 +140,7 @@ def _rounding(texts: Sequence[str]) -> float:
 
 def _bare(line: str, label: str) -> list[str]:
     """Return the numbers that stand behind a label of one or two words, if nothing else does."""
-    head = rf"(?:^|[\W_]){re.escape(label)}[A-Za-z]*(?:[ _-]?[A-Za-z|]{{1,20}})?[^\S\n]*[:=]([^:=]*)$"
+    head = rf"(?:^|[\W_]){re.escape(label)}[A-Za-z]*(?:[ _-]?[A-Za-z|]{{1,20}})?{_LABEL_UNIT}[^\S\n]*[:=]([^:=]*)$"
     match = re.search(head, line, re.IGNORECASE)
     if match is None or not _ONLY_NUMBERS.fullmatch(_NUMBER.sub(" ", _WRAPPING.sub(" ", match[1]))):
         return []
@@ -192,7 +201,7 @@ def _row(lines: Sequence[str], label: str) -> list[str]:
 
 def _each(lines: Sequence[str], label: str) -> list[str]:
     """Return the number behind a label in each line that has one, as in ``joint 3: mean = 0.1 rad, max = 0.2 rad``."""
-    words = rf"(?:^|[\W_]){re.escape(label)}[A-Za-z]*(?:[ _-][A-Za-z]{{1,20}})?"
+    words = rf"(?:^|[\W_]){re.escape(label)}[A-Za-z]*(?:[ _-][A-Za-z]{{1,20}})?{_LABEL_UNIT}"
     head = rf"{words}\s{{0,9}}[:=]\s{{0,9}}({_NUMBER.pattern})(?![\w.])"
     return [match[1] for line in lines if (match := re.search(head, line, re.IGNORECASE)) is not None]
 

@@ -39,9 +39,11 @@ _MOST_LINES_OF_A_BLOCK = 12
 #: Digits in groups of three, as 1,001.5 or 1.001,5, and a decimal comma, as 0,49.
 _GROUPED_BY_COMMAS = re.compile(r"(?<![\d.,])[1-9]\d{0,2}(?:,\d{3})+(?=\.\d|(?![\d,]))")
 _GROUPED_BY_DOTS = re.compile(r"(?<![\d.,])[1-9]\d{0,2}(?:\.\d{3})+(?=,\d|(?![\d.]))")
-_DECIMAL_COMMA = re.compile(r"(?<![\d.,])(\d+),(\d+)(?![\d,])")
+_DECIMAL_COMMA = re.compile(r"(?<![\d.,])(\d+),(\d+)(?![\d,]|\.\d)")
+#: Who writes a thousand as 1000 means one by 1,000; dates and times do not tell.
+_UNGROUPED = re.compile(r"(?<![\d.,:/-])\d{4,6}(?!\d|[.,:/-]\d)")
 #: A comma that parts values: behind a word or a bracket, or with more than two values in a row.
-_COMMAS_PART = re.compile(r"[^\W\d],\d|[\"'\])}],|[\[({][^\])}]*\d,\d|\d,\d+(?:\.\d+)?,\d+\.|,\d+\.\d+,")
+_COMMAS_PART = re.compile(r"[^\W\d],\d|[\"'\])}],|[\[({][^\[\](){}]*\d,\d|\d,\d+(?:\.\d+)?,\d+\.|,\d+\.\d+,")
 
 LINE_LIMIT = 300
 """Characters of a line that are read."""
@@ -99,7 +101,8 @@ def plain_numbers(line: str) -> str:
     if not re.search(r"\d[.,]\d", line) or _COMMAS_PART.search(line):
         return line
     fractions = [match[0] for match in _DECIMAL_COMMA.finditer(_GROUPED_BY_DOTS.sub("1", line))]
-    if any(not _GROUPED_BY_COMMAS.fullmatch(number) for number in fractions):
+    ungrouped = _UNGROUPED.search(line) is not None
+    if any(ungrouped or not _GROUPED_BY_COMMAS.fullmatch(number) for number in fractions):
         line = _GROUPED_BY_DOTS.sub(lambda match: match[0].replace(".", ""), line)
         return _DECIMAL_COMMA.sub(r"\1.\2", line)
     return _GROUPED_BY_COMMAS.sub(lambda match: match[0].replace(",", ""), line)
@@ -208,6 +211,7 @@ def _count(text: str) -> int | None:
         rf"(\d+)\s*{_MESSAGES}",
         rf"(?<![A-Za-z]){_MESSAGES}{behind}(\d+)(?!\.?\d)(?!\s*{_UNIT})",
         rf"^\W{{0,5}}(\d+)(?![\d.]|\s*{_UNIT})",
+        r"(?<!\w)n\s?[=:]\s?(\d+)(?!\.?\d)",
     ):
         if (match := re.search(pattern, text, re.IGNORECASE)) is not None:
             return int(match[1])

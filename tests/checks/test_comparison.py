@@ -11,7 +11,7 @@ import pytest
 from pydantic import ValidationError
 
 from grader.checks import REGISTRY
-from grader.recording.session import Qos
+from grader.recording.session import OutputLine, Qos
 from grader.result import Finding, Outcome
 from tests.synthetic import BEST_EFFORT, RELIABLE, Session, at, evenly, judged, submission
 
@@ -66,6 +66,13 @@ def test_each_other_end_is_told_apart(
     finding = ended(tmp_path, after_s, *lines, **facts)
     assert finding.credit == Decimal(credit)
     assert words in finding.reason
+
+
+def test_results_between_the_lines_of_a_traceback_count(tmp_path: Path) -> None:
+    """A traceback on one stream takes nothing from what is printed on the other meanwhile."""
+    session = Session(tmp_path).process("it", ["Results"], interrupted_ns=None, exited_ns=at(10.3), ended_by="itself")
+    session.record.processes[0].output[:0] = [OutputLine(at(0.1), "stderr", "Traceback (most recent call last):")]
+    assert judged("ends_by_itself", ENDS, session).outcome is Outcome.PASSED
 
 
 def test_a_program_that_was_not_started_decides_nothing(tmp_path: Path) -> None:

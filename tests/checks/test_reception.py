@@ -216,9 +216,9 @@ def test_reports_count_as_they_are_rounded(tmp_path: Path, form: str, credit: in
     assert judged("reported_series", SERIES, session.process("it", lines)).credit == credit
 
 
-@pytest.mark.parametrize(("window", "besides", "credit"), [(1, False, "1"), (15, False, "0.5"), (15, True, "1")])
+@pytest.mark.parametrize(("window", "besides", "credit"), [(1, 0, "1"), (15, 0, "0.5"), (15, 1, "1"), (15, 2, "1")])
 def test_reports_that_are_smoothed_are_not_those_of_each_message(
-    tmp_path: Path, window: int, besides: bool, credit: str
+    tmp_path: Path, window: int, besides: int, credit: str
 ) -> None:
     """A moving mean loses a part although each plateau ends with the right value; printed besides, it does no harm."""
     session, times = stimulus(tmp_path)
@@ -226,7 +226,8 @@ def test_reports_that_are_smoothed_are_not_those_of_each_message(
     means = [float(np.sqrt(rows[max(0, n + 1 - window) : n + 1].mean())) for n in range(len(rows))]
     lines = [(t + 0.001, f"RMS: {value:.4f}") for t, value in zip(times, means, strict=True)]
     if besides:
-        lines += [(t + 0.001, f"RMS: {value:.4f}") for t, value in zip(times, np.sqrt(rows), strict=True)]
+        right = list(zip(times, np.sqrt(rows), strict=True))
+        lines += [(t + 0.001, f"RMS: {value:.4f}") for t, value in right[::besides]]
     finding = judged("reported_series", SERIES, session.process("it", sorted(lines)))
     assert finding.credit == Decimal(credit)
     assert ("fit no plateau" in finding.reason) == (credit != "1")
@@ -578,12 +579,19 @@ def test_what_ends_a_node_later_is_no_matter_of_the_step(tmp_path: Path) -> None
     assert judged("survives", {**wanted, "until": "later"}, session).outcome is Outcome.FAILED
 
 
-@pytest.mark.parametrize(("time_s", "credit"), [(1.5, "0.5"), (2.5, "1")])
-def test_a_report_before_it_can_be_made_costs_a_part(tmp_path: Path, time_s: float, credit: str) -> None:
-    """A node that makes up what it is compared with goes on, but reports too early."""
+@pytest.mark.parametrize(
+    ("time_s", "line", "credit"),
+    [
+        (1.5, "RMS: 0.1852 rad", "0.5"),
+        (2.5, "RMS: 0.1852 rad", "1"),
+        (1.5, "No command yet, so no RMS error of the 7 joints", "1"),
+    ],
+)
+def test_a_report_before_it_can_be_made_costs_a_part(tmp_path: Path, time_s: float, line: str, credit: str) -> None:
+    """A node that makes up what it is compared with goes on, but reports too early; one that says why not does not."""
     session = Session(tmp_path).step("publish", "early").step("start", "later")
     session.record.steps[-1].started_ns = at(2.0)
-    session.process("it", [(time_s, "RMS: 0.1852 rad")])
+    session.process("it", [(time_s, line), (3.0, "RMS: 0.2000 rad")])
     wanted = {"artifact": "it", "step": "early", "until": "later", "quiet": PATTERN}
     finding = judged("survives", wanted, session)
     assert finding.credit == Decimal(credit)

@@ -106,3 +106,11 @@ def test_a_class_list_finds_who_came_in_a_download() -> None:
     listed = [Student("Zoë O'Neil", "17"), Student("Ann Bee", "19"), Student("ann bee", "18"), Student("Carl", "20")]
     found = {entry.name: entry.student_id for entry in with_roster(there, listed)}
     assert found == {"Zoë_O_Neil_17": "17", "Ann_Bee_18": "18", "Ann_Bee_19": "19", "Carl": "20"}
+
+
+def test_nobody_gets_the_result_of_another_whose_name_is_written_alike() -> None:
+    """Marks of vowels tell names apart, and names that differ by a stroke are taken as they are written, or not."""
+    there = [ClassEntry(name, {}) for name in ("ann_lee", "ann-lee", "काव", "bo_xu", "bo-xu")]
+    listed = [Student("कीव", "1"), Student("Ann-Lee", "2"), Student("Bo Xu", "3")]
+    found = {entry.name: entry.student_id for entry in with_roster(there, listed) if entry.student_id}
+    assert found == {"कीव": "1", "ann-lee": "2", "Bo Xu": "3"}

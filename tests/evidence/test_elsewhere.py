@@ -57,6 +57,11 @@ def test_no_text_breaks_it(text: str) -> None:
     assert is_newer_python(text) in (True, False)
 
 
+def test_a_field_without_end_is_given_up() -> None:
+    """An f-string's field that goes on for a hundred thousand spaces is not searched for its conversion."""
+    assert not is_newer_python("x = f'{a" + " " * 99_000 + "!'\n")
+
+
 def test_a_library_that_is_missing_is_for_a_person_to_decide() -> None:
     """A well-known library is told, a name that nobody knows is none."""
     known = only_elsewhere(Diagnosis("missing-module", "", "", subject="matplotlib.pyplot"), {})

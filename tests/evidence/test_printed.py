@@ -40,6 +40,8 @@ def vector_of(output: list[OutputLine], label: str, after_ns: int | None = None)
         ["Mean: [np.float64(0.1), np.float64(0.2), np.float64(0.3)]"],
         ["[INFO] [1.5] [node]: Mean: [1.0e-01 2.e-1 3E-1]"],
         ["Mean: [9 9 9]", "Mean: [.1 .2 .3]"],
+        ["Mean error [rad]: [0.1 0.2 0.3]"],
+        ["Mean [rad]:", "[0.1 0.2 0.3]"],
     ],
 )
 def test_a_vector_is_found_however_it_is_printed(lines: list[str]) -> None:
@@ -57,6 +59,8 @@ def test_where_there_is_no_vector_none_is_found(lines: list[str]) -> None:
     ("lines", "form"),
     [
         (["Mean: 0.1, 0.2, 0.3 rad"], "vector"),
+        (["Mean error (rad): (0.1, 0.2, 0.3)"], "vector"),
+        (["j1: mean (rad) = 0.1, max = 9", "j2: mean (rad) = 0.2", "j3: mean (rad) = 0.3"], "lines"),
         (["Joint   Mean     Max", "  0     0.1     9.0", "  1     0.2     9.0", "  2     0.3     9.0"], "table"),
         (["| joint | mean | max |", "|---|---|---|", "| a | 0.1 | 9 |", "| b | 0.2 | 9 |", "| c | 0.3 | 9 |"], "table"),
         (["joint mean[rad] max", "J 0 0.1 9.0", "J 1 0.2 9.0", "J 2 0.3 9.0", "", "Done 1 2 3"], "table"),

@@ -32,6 +32,7 @@ FAST_AND_SLOW = [
     "profile  max [ms]  mean [ms]  count\nfast     2.0       0.5        998\nslow     3.0       0.7        997",
     "fast | 998 | 0.5 | 2.0 | 0.0 %\nslow | 997 | 0.7 | 3.0 | 0.1 %",
     "fast  998  0.5  2.0\nslow  997  0.7  3.0",
+    "fast: n=998,avg=0.5,max=2.0\nslow: n = 997, avg = 0.7, max = 3.0",
     # Blocks of lines, JSON, a logger.
     "[fast]\n  messages received: 998\n  average latency: 500.0 us\n  maximum latency: 2000.0 us\n"
     "[slow]\n  messages received: 997\n  average latency: 700.0 us\n  maximum latency: 3000.0 us",
@@ -148,6 +149,11 @@ def test_a_count_beyond_all_numbers_breaks_nothing(cell: str) -> None:
         ("fast: 1001,490,2150", "fast: 1001,490,2150"),
         ("'fast': [1001,0.49]", "'fast': [1001,0.49]"),
         ("fast 1001 0.490 2.150", "fast 1001 0.490 2.150"),
+        ("fast: 1001,0.49", "fast: 1001,0.49"),
+        ("fast: 1001 msgs, avg: 1,234 ms", "fast: 1001 msgs, avg: 1.234 ms"),
+        ("[1732250000.123] fast: 1,001 msgs", "[1732250000.123] fast: 1001 msgs"),
+        ("2026-11-22 fast: 1,001 msgs", "2026-11-22 fast: 1001 msgs"),
+        ("fast ([1,2]) 0,49", "fast ([1,2]) 0,49"),
     ],
 )
 def test_numbers_are_read_in_the_notation_of_their_line(line: str, plain: str) -> None:
