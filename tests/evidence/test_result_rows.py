@@ -159,3 +159,23 @@ def test_a_count_beyond_all_numbers_breaks_nothing(cell: str) -> None:
 def test_numbers_are_read_in_the_notation_of_their_line(line: str, plain: str) -> None:
     """Groups of three and a decimal comma are told from commas and dots that part values."""
     assert plain_numbers(line) == plain
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "fast: 998 msgs, 0.49 ms avg, 2.15 ms max",
+        "fast: 0.49 avg, 2.15 max (n=998)",
+        "fast: 998 messages | 490 us mean | 2150 us max",
+        "fast: 998 messages, 0.49 milliseconds on average, 2.15 milliseconds max",
+        "fast 998 avg 0.49 max 2.15",
+        "fast: received 998, average 0.49 ms, max 2.15 ms",
+    ],
+)
+def test_labels_stand_before_their_numbers_or_behind_them(line: str) -> None:
+    """A mean is never taken for the maximum whose number is nearer to its label."""
+    row = result_row(output(line), "fast", ["slow"])
+    assert row is not None
+    assert row.count == 998
+    assert row.mean_s == pytest.approx(0.00049)
+    assert row.max_s == pytest.approx(0.00215)
