@@ -80,6 +80,8 @@ _DIRECTOR_START_S = 20.0
 _DIRECTOR_STOP_S = 8.0
 _REFERENCE_START_S = 15.0
 _SAMPLE_PERIOD_S = 0.5
+#: Rights of a folder to which both the student's user and bubblewrap, root without privileges, can change.
+_OPEN = 0o755
 #: Limits of a session's students together: where one was hit, nothing more may begin.
 _LEAVES_NO_ROOM = ("processes", "memory")
 #: After the last of the student's processes has ended, how long its traffic may still be on its way.
@@ -749,7 +751,7 @@ def _recover_bag(folder: Path) -> None:
 
 
 def _restore_way(top: Path, folder: PurePosixPath) -> None:
-    """See to it that a working folder is there and open to its owner, whatever an earlier program made of it.
+    """See to it that a working folder is there and open, whatever an earlier program made of it.
 
     No link is followed: what the student's programs put there must not lead anywhere else.
     """
@@ -760,8 +762,8 @@ def _restore_way(top: Path, folder: PurePosixPath) -> None:
         for part in (*folder.parts, None):
             own = f"/proc/self/fd/{here}"
             mode = stat.S_IMODE(os.stat(own).st_mode)  # noqa: PTH116 - of what is open, wherever its name leads
-            if mode & stat.S_IRWXU != stat.S_IRWXU:
-                os.chmod(own, mode | stat.S_IRWXU)  # noqa: PTH101
+            if mode & _OPEN != _OPEN:
+                os.chmod(own, mode | _OPEN)  # noqa: PTH101
             if part is None:
                 return
             with suppress(FileExistsError):
