@@ -76,6 +76,7 @@ class RunningProcess:
         self.run = run
         self._process = process
         self._child_pid_fd = child_pid_fd
+        self._sandbox_told = b""
         self._sandbox_pid: int | None = None
         #: By thread id; those that have ended keep what they used.
         self._usage: dict[int, tuple[int, int]] = {}
@@ -203,8 +204,10 @@ class RunningProcess:
         if self._child_pid_fd is None:
             return self._process.pid
         if self._sandbox_pid is None:
-            with suppress(BlockingIOError, ValueError, KeyError):
-                self._sandbox_pid = int(json.loads(os.read(self._child_pid_fd, 4096))["child-pid"])
+            with suppress(BlockingIOError):
+                self._sandbox_told += os.read(self._child_pid_fd, 4096)
+            with suppress(ValueError, KeyError):  # It is written in pieces.
+                self._sandbox_pid = int(json.loads(self._sandbox_told)["child-pid"])
         if self._sandbox_pid is None:
             return None
         children = children_of(self._sandbox_pid)
@@ -236,6 +239,10 @@ class RunningProcess:
         if not self.alive:
             return
         sent = self.interrupt()
+        if not sent:  # It is just beginning or just ending.
+            if await self.wait_exit(_TERMINATE_GRACE_S):
+                return
+            sent = self.interrupt()
         if sent and await self.wait_exit(timeout_s):
             self.run.ended_by = "interrupt"
             return

@@ -647,6 +647,9 @@ class Session:
             self._launch.end()
         alive = [p for p in chosen if p.alive]
         await asyncio.gather(*(p.stop(parameters["timeout_s"]) for p in alive))
+        for process in alive:
+            if process.run.interrupted_ns is None and process.run.ended_by in ("terminate", "kill"):
+                self.record.problems.append(f"{process.run.name} was not interrupted: its process was not found")
         ended = {p.run.name: p.run.ended_by for p in chosen}
         stubborn = [n for n, how in ended.items() if how in ("terminate", "kill")]
         return ("timeout" if stubborn else "done"), {"ended_by": ended}

@@ -134,3 +134,40 @@ def test_a_process_of_another_user_is_held_to_a_core_where_root_may_not_do_so() 
     )
     cores = str(len(os.sched_getaffinity(0)))
     assert said.stdout.split() == [cores, cores, "1"]
+
+
+#: Tells its child's process id as bubblewrap does, in two pieces; the child's child is the program.
+_TOLD_IN_PIECES = """
+import os, sys, time
+told = int(sys.argv[1])
+sandbox = os.fork()
+if sandbox == 0:
+    if os.fork() == 0:
+        os.execvp("sleep", ["sleep", "60"])
+    os.wait()
+    os._exit(0)
+os.write(told, b'{"child-pid": %d' % sandbox)
+time.sleep(0.3)
+os.write(told, b', "pid-namespace": 1}')
+os.wait()
+"""
+
+
+def test_a_program_is_found_however_its_sandbox_tells_of_it() -> None:
+    """What is read before all is written is not lost, so that the program can be interrupted."""
+    record = ProcessRun("it", "student", [])
+    told, tells = os.pipe()
+    os.set_blocking(told, False)
+
+    async def interrupted() -> None:
+        command = [sys.executable, "-c", _TOLD_IN_PIECES, str(tells)]
+        running = await RunningProcess.start(
+            record, command, environment={"PATH": os.defpath}, cwd="/", pass_fds=(tells,), child_pid_fd=told
+        )
+        while not running.interrupt():
+            await asyncio.sleep(0.01)
+        assert await running.wait_exit(20)
+
+    asyncio.run(asyncio.wait_for(interrupted(), 40))
+    assert record.ended_by == "itself"
+    assert record.interrupted_ns is not None
