@@ -17,7 +17,7 @@ alice: $(STAMP) system
 test: $(DEV_STAMP) system-dev lint types layers
 	$(BIN)/python -m pytest -n 4 --dist worksteal
 
-# Every attack of fixtures/attacks in all three environments; some twenty minutes. `make test` tries a part of them.
+# Every attack of fixtures/attacks in all three environments; some twelve minutes. `make test` tries a part of them.
 attacks: $(DEV_STAMP) system
 	ATTACKS=all $(BIN)/python -m pytest -n 3 --dist worksteal tests/live/test_attacks.py
 

@@ -6,7 +6,6 @@ import os
 import shutil
 import tempfile
 import time
-from collections.abc import Iterator
 from datetime import datetime, timezone
 from pathlib import Path
 
@@ -230,17 +229,6 @@ def test_a_folder_of_submissions_is_no_submission(tmp_path: Path, rubric: Rubric
         shutil.copytree(SOLUTION, tmp_path / "class" / name)
     record = read_submission_folder(tmp_path / "class", rubric)
     assert all(fact.candidates for fact in record.artifacts)
-
-
-@pytest.fixture
-def plain_user() -> Iterator[None]:
-    """Let the superuser be somebody who may not read everything, for a while."""
-    if os.geteuid() == 0:
-        os.seteuid(65534)
-        yield
-        os.seteuid(0)
-    else:
-        yield
 
 
 @pytest.mark.usefixtures("plain_user")

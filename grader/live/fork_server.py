@@ -26,9 +26,9 @@ from types import TracebackType
 
 from grader.errors import PlatformError
 from grader.live.environment import INSIDE_FOLDER, LAUNCHING_FOLDER, trusted_environment
-from grader.live.forked import Program, become, name_process, read_pipe
+from grader.live.forked import Program, become, read_pipe
 from grader.live.isolation import Form
-from grader.live.namespaces import end_with_parent, enter_cell, enter_own_mounts
+from grader.live.namespaces import end_with_parent, enter_cell, enter_own_mounts, name_process
 from grader.recording.definitions import definition_of, type_hash_of
 
 _WITHOUT_ROS = ("grader.live.session", "grader.recording.bag", "mcap.writer", "numpy", "runpy", "yaml")

@@ -8,7 +8,6 @@ would be whole in the child.
 from __future__ import annotations
 
 import asyncio
-import ctypes
 import os
 import resource
 import runpy
@@ -20,11 +19,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NoReturn
 
-from grader.live.namespaces import close_descriptors, end_with_parent, open_descriptors
+from grader.live.namespaces import close_descriptors, end_with_parent, name_process, open_descriptors
 from grader.live.priority import put_starting
 
 _READ_BYTES = 64 * 1024
-_SET_NAME = 15
 
 
 @dataclass(frozen=True)
@@ -160,8 +158,3 @@ def _leave_everything(program: Program, parent: int, descriptors: Sequence[int])
     sys.argv = [program.name, *program.arguments]
     if program.address_space_bytes is not None:
         resource.setrlimit(resource.RLIMIT_AS, (program.address_space_bytes, program.address_space_bytes))
-
-
-def name_process(name: str) -> None:
-    """Give this process another name, for people who look at the system's list of processes."""
-    ctypes.CDLL(None).prctl(_SET_NAME, name.encode()[:15], 0, 0, 0)

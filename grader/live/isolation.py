@@ -229,7 +229,7 @@ def student_argv(
         read, write = _readable(room), [*map(str, room.areas.values()), *(f"/dev/{name}" for name in _DEVICES)]
         return Confinement(list(command), dict(environment), cwd, read, write, uid, limits).argv(sys.executable)
     if group is None:
-        limits["nproc"] = PROCESSES  # By user id, which a grader in another container may have given as well.
+        limits["nproc"] = PROCESSES  # Counted by user id, so that a group says it better.
     info_fd, seccomp_fd = descriptors
     arguments = ["bwrap", "--unshare-pid", "--unshare-ipc", "--unshare-uts", "--unshare-cgroup-try"]
     arguments += ["--die-with-parent", "--new-session", "--info-fd", str(info_fd), "--hostname", "lab"]

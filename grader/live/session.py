@@ -770,7 +770,7 @@ def _restore_way(top: Path, folder: PurePosixPath) -> None:
             if part is None:
                 return
             with suppress(FileExistsError):
-                os.mkdir(part, 0o755, dir_fd=here)
+                os.mkdir(part, _OPEN, dir_fd=here)
             here = os.open(part, flags, dir_fd=here)
             opened.callback(os.close, here)
 

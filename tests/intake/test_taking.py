@@ -10,7 +10,7 @@ import tarfile
 import tempfile
 import unicodedata
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
@@ -238,17 +238,6 @@ def test_special_files_are_never_opened(tmp_path: Path) -> None:
         "socket.py: not a regular file",
         "sparse.bin: larger than 8 MiB",
     )
-
-
-@pytest.fixture
-def plain_user() -> Iterator[None]:
-    """Let the superuser be somebody who may not read everything, for a while."""
-    if os.geteuid() == 0:
-        os.seteuid(65534)
-        yield
-        os.seteuid(0)
-    else:
-        yield
 
 
 @pytest.mark.usefixtures("plain_user")
