@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import select
 import signal
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -66,22 +67,30 @@ def enter_cell(form: Form) -> None:
         return
     _unshare(_NEW_NET | _NEW_MOUNTS | _NEW_IPC | _NEW_UTS | _NEW_PIDS)
     descriptors = open_descriptors(_STANDARD_DESCRIPTORS)
+    there, held = os.pipe()
     first = os.fork()
     if first:
-        _wait_for(first, descriptors)
+        _wait_for(first, [*descriptors, there])
+    os.close(held)
     end_with_parent()
+    # Who ended before that kills nobody. Its process id tells nothing here, but what it held open is closed.
+    if select.select([there], [], [], 0)[0]:
+        os._exit(1)
+    os.close(there)
     _call("mount", b"proc", b"/proc", b"proc", _NOSUID | _NODEV | _NOEXEC, None)
 
 
 def _unshare(spaces: int) -> None:
     """Leave the namespaces of some kinds for new ones, mounts among them, in a user namespace where that takes one."""
-    user, group = os.geteuid(), os.getegid()
+    user, group, parent = os.geteuid(), os.getegid(), os.getppid()
     _call("unshare", spaces if user == 0 else spaces | _NEW_USER)
     if user != 0:
         Path("/proc/self/setgroups").write_text("deny")
         Path("/proc/self/uid_map").write_text(f"0 {user} 1")
         Path("/proc/self/gid_map").write_text(f"0 {group} 1")
     end_with_parent()  # Only now, for a change of what a process may do takes this back.
+    if os.getppid() != parent:
+        os._exit(1)
     _call("mount", b"none", b"/", None, _RECURSIVE | _PRIVATE, None)
 
 

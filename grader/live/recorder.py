@@ -119,12 +119,13 @@ class _Line:
     retiring: list[_Tap] = field(default_factory=list)
     seen: set[tuple[int, int]] = field(default_factory=set)
     overlapping: bool = False
+    changed_s: float = 0.0  # when a subscription came or went
     stopped: bool = False
     count: int = 0
     written_bytes: int = 0
 
     def is_repeat(self, source_ns: int, sequence: int) -> bool:
-        """Whether a message came already, while two subscriptions receive it."""
+        """Whether a message came already, while two subscriptions receive it, or lately did."""
         key = (source_ns, sequence)
         if key in self.seen:
             return True
@@ -292,7 +293,7 @@ class Recorder:
         if weaker == line.request or line.stopped:
             return
         with self._lock:
-            line.overlapping = True
+            line.overlapping, line.changed_s = True, time.monotonic()
         tap = _Tap(line.node, line.message_type, line.topic, weaker)
         with self._lock:
             line.retiring.append(line.tap)
@@ -385,20 +386,27 @@ class Recorder:
             for line in self._lines.values():
                 if line.retiring and _has_taken_over(line):
                     self._retire(line)
+                # What the one had received, the other may still hold, or be about to receive.
+                elif line.overlapping and not line.retiring and _age_s(line.changed_s) > _LONGEST_OVERLAP_S:
+                    line.overlapping = False
+                    line.seen.clear()
 
     def _retire(self, line: _Line) -> None:
         for tap in line.retiring:
             self._empty(line, tap)
             tap.close()
         line.retiring.clear()
-        line.overlapping = False
-        line.seen.clear()
+        line.changed_s = time.monotonic()
 
 
 def _has_taken_over(line: _Line) -> bool:
-    age_s = time.monotonic() - line.tap.opened_s
+    age_s = _age_s(line.tap.opened_s)
     matched = all(line.tap.matched() >= tap.matched() for tap in line.retiring)
     return age_s > _LONGEST_OVERLAP_S or (age_s > _OVERLAP_S and matched)
+
+
+def _age_s(since_s: float) -> float:
+    return time.monotonic() - since_s
 
 
 def _message_type(topic_type: str) -> type:
