@@ -6,6 +6,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -194,18 +195,38 @@ def below(pid: int) -> list[int]:
 
 @dataclass
 class Watch:
-    """Notes the networks of all cells that a process has, so that one can tell what stays behind in them."""
+    """Notes the networks of all cells that a process has, so that one can tell what stays behind in them.
+
+    It holds them open: the system gives the name of one that is gone to the next, which may be another test's.
+    """
 
     pid: int = field(default_factory=os.getpid)
-    networks: set[str] = field(default_factory=set)
+    networks: dict[str, int] = field(default_factory=dict)
+
+    def __del__(self) -> None:
+        """Let the networks go."""
+        for held in self.networks.values():
+            os.close(held)
 
     def look(self, progress: object = None) -> None:
         """Note the cells that there are now."""
-        self.networks |= {network_of(pid) for pid in below(self.pid)} - {network_of(os.getpid()), ""}
+        for pid in below(self.pid):
+            if network_of(pid) in ("", network_of(os.getpid()), *self.networks):
+                continue
+            with suppress(OSError):  # It has just ended.
+                held = os.open(f"/proc/{pid}/ns/net", os.O_RDONLY)
+                name = str(Path(f"/proc/self/fd/{held}").readlink())
+                self.networks[name] = held
 
     def left(self) -> list[str]:
         """Return the command lines of processes that still live in one of the cells."""
         return [command_of(pid) or f"pid {pid}" for pid in pids() if network_of(pid) in self.networks]
+
+    def until_all_ended(self) -> None:
+        """Wait until nothing lives in the cells any more; fails with what still does after a while."""
+        with suppress(AssertionError):
+            until(lambda: not self.left(), 5)
+        assert self.left() == []
 
 
 def mounts_below(folders: Iterable[Path]) -> list[str]:

@@ -277,9 +277,9 @@ if os.fork() == 0:
     if os.fork() == 0:
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, signal.SIG_IGN)
-        print('ready', flush=True)
         time.sleep(600)
     os._exit(0)
+os.wait()
 """
 FLOOD = "import os\nfor _ in range(10_000):\n    os.write(1, b'x' * 1023 + b'\\n')\n"
 ONE_LINE_FLOOD = "import os\nfor _ in range(10_000):\n    os.write(1, b'x' * 1024)\n"
@@ -310,7 +310,7 @@ def test_nothing_is_left_of_a_misbehaving_student(name: str, tmp_path: Path, mon
     steps: list[dict[str, Any]] = [
         START,
         {"wait_for": {"output_of": "talker", "text": text or "no such line", "timeout_s": 20 if text else 1}},
-        {"interrupt": {"process": "talker", "timeout_s": 1}},
+        {"interrupt": {"process": "talker", "timeout_s": 20 if ended_by == "interrupt" else 1}},
     ]
     watch = Watch()
     recorded = make_lab(tmp_path, {"talker": source}, {"only": steps}).record(watch.look)["only"]
@@ -320,7 +320,7 @@ def test_nothing_is_left_of_a_misbehaving_student(name: str, tmp_path: Path, mon
     assert not recorded.record.problems
     assert ended_by in (None, run.ended_by)
     assert watch.networks
-    until(lambda: not watch.left(), 5)
+    watch.until_all_ended()
     assert leavings(temporary) == []
     assert mounts_below([temporary]) == []
     kept = sum(len(line.text) + 1 for line in run.output)
@@ -362,7 +362,7 @@ def test_no_process_survives_a_killed_grader(tmp_path: Path) -> None:
     lab, _, process, watch = grading(tmp_path)
     process.kill()
     process.communicate()
-    until(lambda: not watch.left(), 5)
+    watch.until_all_ended()
     assert not list(lab.results.rglob("result.json"))
     assert not list(lab.results.rglob("report.html"))
 
@@ -377,7 +377,7 @@ def grade_and_kill(lab: Lab, caller: dict[str, str], after_s: float) -> None:
         time.sleep(0.01)
     process.kill()
     process.wait()
-    until(lambda: not watch.left(), 5)
+    watch.until_all_ended()
 
 
 def test_a_grader_killed_at_any_moment_leaves_nothing_that_counts(tmp_path: Path) -> None:
@@ -413,7 +413,7 @@ def test_an_interrupted_grader_leaves_all_as_it_was(number: signal.Signals, tmp_
     _, errors = process.communicate(timeout=15)
     assert process.returncode == 128 + number, errors
     assert "Traceback" not in errors
-    until(lambda: not watch.left(), 5)
+    watch.until_all_ended()
     assert leavings(temporary) == []
     assert sorted(path for path in lab.results.rglob("*") if path.is_file()) == sorted(earlier)
     assert {path.read_text(encoding="utf-8") for path in earlier} == {"earlier"}
@@ -439,4 +439,4 @@ def test_a_killed_session_process_leaves_its_recording_cut_off(tmp_path: Path) -
     recorded = lab.record(kill)["only"]
     assert not recorded.record.complete
     assert watch.networks
-    until(lambda: not watch.left(), 5)
+    watch.until_all_ended()

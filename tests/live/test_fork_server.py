@@ -19,7 +19,7 @@ from grader.batch.one import limit_memory
 from grader.errors import PlatformError
 from grader.live.fork_server import Cell, ForkServer
 from grader.live.isolation import Form
-from tests.live.small_lab import below, make_lab, name_of, until
+from tests.live.small_lab import below, command_of, make_lab, name_of, until
 
 pytestmark = pytest.mark.live
 
@@ -30,6 +30,14 @@ async def said_by(forks: ForkServer, plan: Path, errors: Path) -> tuple[int, byt
     """Start a cell, and return its process id and what it says until its end."""
     cell: Cell = await forks.start(FORM, plan, errors)
     return await cell.pid(), await cell.said.read()
+
+
+def process_id_of_server() -> int:
+    """Return the process id of the one fork server that there is, when no cell is in it any more."""
+    (found,) = (
+        p for p in below(os.getpid()) if "grader.live.fork_server" in command_of(p) and name_of(p) not in ("", "cell")
+    )
+    return found
 
 
 def test_a_plan_that_cannot_be_read_ends_its_cell_only(tmp_path: Path) -> None:
@@ -47,7 +55,7 @@ def test_a_server_that_was_killed_is_told(tmp_path: Path) -> None:
     """Who asks it for a cell gets an error, and does not wait."""
     with ForkServer(["no/such/type"]) as forks:
         asyncio.run(said_by(forks, tmp_path / "none.json", tmp_path / "errors"))  # it is up
-        (server,) = (p for p in below(os.getpid()) if name_of(p) != "cell")
+        server = process_id_of_server()
         os.kill(server, signal.SIGKILL)
         with pytest.raises(PlatformError, match="has ended"):
             asyncio.run(said_by(forks, tmp_path / "none.json", tmp_path / "errors"))
@@ -103,7 +111,7 @@ def test_cells_do_not_inherit_the_limit_of_the_process_that_grades(tmp_path: Pat
         assert resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY
         with ForkServer() as forks:
             asyncio.run(said_by(forks, tmp_path / "none.json", tmp_path / "errors"))  # it is up
-            (server,) = (p for p in below(os.getpid()) if name_of(p) != "cell")
+            server = process_id_of_server()
             assert resource.prlimit(server, resource.RLIMIT_AS) == (before[1], before[1])
     finally:
         resource.setrlimit(resource.RLIMIT_AS, before)
