@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -41,15 +42,12 @@ def _rate(name: str, about: str, rate_hz: float) -> NearLimit:
 
 
 def _jitter(name: str, about: str, jitter_s: float) -> NearLimit:
-    # Each message is late by chance, but the next keeps to the schedule: the rate stays what it was. The schedule
-    # is the clock's, so that ticks which a busy machine took do not use up the lateness.
+    # Each message is late by chance, but the next keeps to the timer's schedule: the rate stays what it was, and a
+    # tick that a busy machine took is late by no more than that.
     wait = (
         "        import random, time\n"
-        "        now_s = time.monotonic()\n"
-        "        self.begun_s = getattr(self, 'begun_s', now_s)\n"
-        "        ticks = (now_s - self.begun_s) / self.period_s + 0.4\n"
-        "        due_s = self.begun_s + int(ticks) * self.period_s\n"
-        f"        time.sleep(max(0.0, due_s + random.uniform(0.0, {jitter_s}) - now_s))\n"
+        "        due_s = self.timer.time_until_next_call() * 1e-9 - self.period_s\n"
+        f"        time.sleep(max(0.0, due_s + random.uniform(0.0, {jitter_s})))\n"
     )
     return NearLimit(name, about, "joint_publisher.py", _PUBLISH, wait + _PUBLISH, "publisher.steady")
 
@@ -71,8 +69,12 @@ NEAR_LIMITS = (
 )
 
 
-def write(folder: Path, *, solution: Path = SOLUTION) -> list[str]:
-    """Write the solution and all that lie near a limit as folders of submissions; returns their names.
+#: The solution itself first.
+NAMES = ("solution", *(near.name for near in NEAR_LIMITS))
+
+
+def write(folder: Path, names: Collection[str] = NAMES, *, solution: Path = SOLUTION) -> None:
+    """Write some of them as folders of submissions.
 
     Raises
     ------
@@ -80,11 +82,12 @@ def write(folder: Path, *, solution: Path = SOLUTION) -> list[str]:
         If the solution no longer holds a text that is to be changed.
     """
     shutil.rmtree(folder, ignore_errors=True)
-    shutil.copytree(solution, folder / "solution", ignore=shutil.ignore_patterns("__pycache__"))
-    for near in NEAR_LIMITS:
+    folder.mkdir()
+    if "solution" in names:
+        shutil.copytree(solution, folder / "solution", ignore=shutil.ignore_patterns("__pycache__"))
+    for near in (n for n in NEAR_LIMITS if n.name in names):
         text = (solution / near.file).read_text(encoding="utf-8")
         if text.count(near.old) != 1:
             raise ValueError(f"{near.name}: the solution's {near.file} does not hold {near.old!r} once")
         (folder / near.name).mkdir()
         (folder / near.name / near.file).write_text(text.replace(near.old, near.new), encoding="utf-8")
-    return ["solution", *(near.name for near in NEAR_LIMITS)]

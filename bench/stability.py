@@ -15,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass, field
@@ -205,19 +206,23 @@ def collect(times: int, into: Path, until_s: float | None = None, only: bool | N
         Begin no round after this time of the system clock.
     """
     with tempfile.TemporaryDirectory(prefix="bench-submissions-") as scratch:
-        names = near_limits.write(Path(scratch))
         while until_s is None or time.time() < until_s:
-            counts = [min(_count(read(into), name, loaded) for name in names) for loaded in (False, True)]
-            loaded = counts[1] < counts[0] if only is None else only
-            if counts[loaded] >= times // 2 and (only is not None or sum(counts) >= times):
+            gradings = read(into)
+            missing = {half: _missing(gradings, times // 2, half) for half in (False, True) if only in (None, half)}
+            if not any(missing.values()):
                 return
-            gradings = one_round(Path(scratch), read(into), into.with_suffix(".kept"), loaded=loaded)
+            # The half of which less is there comes next.
+            loaded = max(missing, key=lambda half: sum(missing[half].values()))
+            near_limits.write(Path(scratch), list(missing[loaded]))
+            done = one_round(Path(scratch), gradings, into.with_suffix(".kept"), loaded=loaded)
             with into.open("a", encoding="utf-8") as stream:
-                stream.writelines(json.dumps(asdict(grading)) + "\n" for grading in gradings)
+                stream.writelines(json.dumps(asdict(grading)) + "\n" for grading in done)
 
 
-def _count(gradings: Iterable[Grading], name: str, loaded: bool) -> int:
-    return sum(g.submission == name and g.loaded == loaded for g in gradings)
+def _missing(gradings: Iterable[Grading], wanted: int, loaded: bool) -> dict[str, int]:
+    """Return how many gradings of one half are still to be made, by submission."""
+    there = Counter(grading.submission for grading in gradings if grading.loaded == loaded)
+    return {name: wanted - there[name] for name in near_limits.NAMES if there[name] < wanted}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

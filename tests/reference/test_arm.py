@@ -144,7 +144,7 @@ class Enabling:
     def call(self, wanted: bool, then_s: float) -> None:
         """Ask for a change, wait for the answer, and give the arm time."""
         future = self.client.call_async(self._request(data=wanted))
-        assert self._beside.spin_until(future.done, 5)
+        assert self._beside.spin_until(future.done, 20)
         self._beside.spin_for(then_s)
 
 

@@ -3,6 +3,7 @@
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "reference"))
@@ -62,8 +63,8 @@ def test_stimulus_plays_the_schedule_of_its_seed(domain_id: int) -> None:
     missing = len(states) - len(received)
     assert 0 <= missing < len(states) - 1100
     assert values(heard, "/joint_states") == [event.values for event in states[missing:]]
-    elapsed_s = (received[-1][0] - received[0][0]) / 1e9
-    assert elapsed_s == pytest.approx(states[-1].t_s - states[missing].t_s, abs=0.05)
+    late_s = np.array([t_ns / 1e9 - state.t_s for (t_ns, _), state in zip(received, states[missing:], strict=True)])
+    assert np.median(np.abs(late_s - np.median(late_s))) < 0.02  # Some may be late, where the machine is.
 
 
 @pytest.mark.live
