@@ -46,9 +46,11 @@ def _moment(value: Any) -> Any:
 
 
 def parse_time(text: str) -> datetime | None:
-    """Read a date with its time from ISO 8601; None if it is none."""
+    """Read a date with its time from ISO 8601, also with "UTC" at its end, as GitHub and Canvas write it."""
     try:
-        return datetime.fromisoformat(re.sub(r"[Zz]$", "+00:00", re.sub(r"\s+(?=[+-]|[Zz]$)", "", text.strip())))
+        return datetime.fromisoformat(
+            re.sub(r"([Zz]|UTC)$", "+00:00", re.sub(r"\s+(?=[+-]|([Zz]|UTC)$)", "", text.strip()))
+        )
     except ValueError:
         return None
 

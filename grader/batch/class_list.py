@@ -4,13 +4,15 @@
     alice,20260017,2026-03-02T23:41:00+01:00
 
 `name` is the submission's name, or the one that a learning-management system wrote. The other two columns, and their
-values, may be missing; there may be more columns. A time without offset from UTC is this machine's local time.
+values, may be missing; there may be more columns. A time without offset from UTC is this machine's local time. Of
+several lines of a student with an id, the last time counts.
 """
 
 from __future__ import annotations
 
 import csv
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
@@ -57,13 +59,24 @@ def read_class_list(path: Path) -> list[Listed]:
         columns = [column.strip().lower().replace(" ", "_") for column in next(rows, [])]
         if "name" not in columns:
             raise ValueError("there is no column 'name'")
-        return [_listed(dict(zip(columns, row, strict=False))) for row in rows if any(cell.strip() for cell in row)]
+        filled = (row for row in rows if any(cell.strip() for cell in row))
+        return _once_each(_listed(dict(zip(columns, row, strict=False))) for row in filled)
     except (ValueError, csv.Error) as problem:
         raise SubmissionError(
             f"the class list is not usable: {problem}",
             where=f"{path}:{rows.line_num}",
             remedy=f"Its columns are {', '.join(_COLUMNS)}; times are like 2026-03-02T23:41:00+01:00.",
         ) from None
+
+
+def _once_each(listed: Iterable[Listed]) -> list[Listed]:
+    """Return each student with an id once, with the last time, as of a list with a line for each hand-in."""
+    found: dict[tuple[str, str | None, int], Listed] = {}
+    for number, student in enumerate(listed):
+        key = (student.name, student.student_id, 0 if student.student_id else number)
+        times = [s.submitted_at for s in (found.get(key), student) if s is not None and s.submitted_at is not None]
+        found[key] = replace(student, submitted_at=max(times, default=None))
+    return list(found.values())
 
 
 def _listed(row: dict[str, str]) -> Listed:

@@ -6,14 +6,17 @@ An *artifact's file* is one whose name the rubric asks for, word for word. A *pa
 workspace are (`src`, `launch`, `old`), or one of several that are numbered (`task2`). The first that applies decides:
 
 1. Most names are those of a learning-management system's download (`grader.batch.downloads`): each student is one.
-2. An artifact's file lies directly in it, or it is a git repository's root: one submission.
+2. It is a git repository's root, or an artifact's file lies directly in it: one submission. In a folder that is called
+   as folders of submissions are (`submissions`, `lab-09-submissions`, `students`), such a file belongs to nobody if 3
+   holds.
 3. The same artifact's file lies in two subfolders that are no parts: each subfolder and archive is one. In a single
    workspace each file lies in one package; in a class everyone has handed in the same names.
 4. It looks like a package or a workspace (`package.xml`, `setup.py`, `CMakeLists.txt`, or a part that holds an
    artifact's file): one submission.
-5. There are several archives, or it is called as folders of submissions are (`submissions`, `lab-09-submissions`,
-   `students`): each subfolder and archive is one.
-6. It holds a single folder and no files: what that folder is. If that is one submission, it is called as the outer.
+5. There are several archives, or several folders that are no parts and hold archives and no programs, or it is called
+   as folders of submissions are: each subfolder and archive is one.
+6. It holds a single folder, and no files but tables: what that folder is. If that is one submission, it is called as
+   the outer.
 7. An archive lies beside a folder with artifacts' files, without a README: each is one.
 8. One submission.
 
@@ -31,17 +34,27 @@ from collections import Counter, defaultdict, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from datetime import datetime, timezone
 from enum import Enum
 from functools import cached_property
 from itertools import chain, islice
 from pathlib import Path, PurePosixPath
 
 from grader.batch.class_list import Listed, read_class_list
-from grader.batch.downloads import Delivered, recognised
+from grader.batch.downloads import (
+    GRADESCOPE_FILE,
+    SAKAI_TIME_FILE,
+    Delivered,
+    Download,
+    Submitted,
+    read_gradescope,
+    read_sakai_time,
+    recognised,
+)
 from grader.batch.last_commit import last_commit_time
-from grader.intake import Handed, Piece, names_in
+from grader.intake import Handed, Piece, names_in, text_of, texts_in
 from grader.intake.members import is_folder
-from grader.intake.names import TOOL_FOLDERS, displayed, is_litter, is_packed, without_archive_suffix
+from grader.intake.names import TOOL_FOLDERS, displayed, is_archive, is_litter, is_packed, without_archive_suffix
 from grader.rubric import Rubric
 
 #: Names in one submission that are looked at to tell what it is.
@@ -55,15 +68,20 @@ _MOST_NAME_BYTES = 120
 
 _PART = re.compile(
     r"src|sources?|code|launch|config|params?|scripts?|nodes?|packages?|include|resource|msg|srv"
-    r"|(.*_)?ws|ros2?|workspace|old|backups?|bak|archive",
+    # Others before `_ws` are names of students.
+    r"|((ros2?|colcon|catkin|ament|dev|my|test|tutorial|lab[\w-]*)_)?ws|ros2?|workspace|old|backups?|bak|archive",
     re.IGNORECASE,
 )
+#: Longer numbers are those of students.
 _SECTION = re.compile(
-    r"(v|version|part|task|exercise|ex|q|question|lab|week|hw|assignment)[-_ ]?\d+([-_.]\d+)*", re.IGNORECASE
+    r"(v|version|part|task|exercise|ex|q|question|lab|week|hw|assignment)[-_ ]?\d{1,3}([-_.]\d{1,3})*", re.IGNORECASE
 )
 _COLLECTION = re.compile(r"(^|[-_ ])(submissions|students|hand-?ins|abgaben)($|[-_ (])", re.IGNORECASE)
 _PACKAGE_MARKS = frozenset({"package.xml", "setup.py", "CMakeLists.txt"})
 _TABLES = frozenset({".csv", ".xlsx", ".xls", ".ods", ".tsv"})
+_PROGRAMS = frozenset({".py", ".c", ".cc", ".cpp", ".launch"})
+#: What a system writes beside submissions is read up to so many bytes.
+_MOST_NOTES_BYTES = 64 * 1024**2
 
 
 class Shape(Enum):
@@ -135,7 +153,8 @@ def find_submissions(
     finding.understood += _marked(finding.submissions, handed)
     missing: tuple[str, ...] = ()
     if class_list is not None:
-        handed, missing = _with_class_list(handed, read_class_list(class_list))
+        handed, missing, unclear = _with_class_list(handed, read_class_list(class_list))
+        finding.understood += unclear
     ordered = tuple(sorted(handed, key=lambda h: (h.name.casefold(), h.name)))
     return Found(ordered, tuple(finding.understood), tuple(finding.not_understood), missing)
 
@@ -195,6 +214,14 @@ class _Place:
         if self.within is None:
             return _Place(self.path / folder, None, inside)
         return _Place(self.path, f"{self.within}{folder}/", inside)
+
+    def texts(self, files: Sequence[str]) -> dict[str, str]:
+        """Read files below it; what cannot be read is left out."""
+        if self.within is not None:
+            members = {self.within + file: file for file in files}
+            return {members[m]: text for m, text in texts_in(self.path, members, _MOST_NOTES_BYTES).items()}
+        read = {file: text_of(self.path / file, _MOST_NOTES_BYTES) for file in files}
+        return {file: text for file, text in read.items() if text is not None}
 
     def piece(self, entry: str = "", *, is_folder: bool = True, name: str = "") -> Piece:
         """Return what lies in it, or one entry."""
@@ -261,7 +288,7 @@ class _Finding:
             self._add(_handed(place, place.piece()), place.name)
             self.understood.append(f"{place.where}: one submission")
         elif (download := recognised(students.entries)) is not None:
-            self._add_download(students, *download)
+            self._add_download(students, download)
         else:
             self._add_each(students)
 
@@ -274,9 +301,10 @@ class _Finding:
             decided = self._is_collection(place, entries)
             if decided is not None:
                 return place if decided else None
-            if list(entries.values()) != [True]:
+            inner = [name for name, folder in entries.items() if folder or not _is_table(name)]
+            if len(inner) != 1 or not entries[inner[0]]:
                 break
-            place = place.below(next(iter(entries)))
+            place = place.below(inner[0])
         return None
 
     def _is_collection(self, place: _Place, entries: Mapping[str, bool]) -> bool | None:
@@ -289,13 +317,17 @@ class _Finding:
         parts = {name for name in folders if _PART.fullmatch(name)} | sections
         students = [artifacts for name, artifacts in held.items() if name not in parts]
         archives = [name for name, folder in entries.items() if not folder and is_packed(name)]
-        if place.is_repository or self._artifacts(name for name, folder in entries.items() if not folder):
+        sealed = [name for name in folders if name not in parts and _holds_archives_only(place.below(name).files)]
+        named_so = _COLLECTION.search(place.name) is not None
+        own = self._artifacts(name for name, folder in entries.items() if not folder)
+        alike = any(count > 1 for count in Counter(chain.from_iterable(students)).values())
+        if place.is_repository or (own and not (named_so and alike)):
             return False
-        if any(count > 1 for count in Counter(chain.from_iterable(students)).values()):
+        if alike:
             return True
         if _PACKAGE_MARKS & set(entries) or any(held[name] for name in parts):
             return False
-        if len(archives) > 1 or (_COLLECTION.search(place.name) and (folders or archives)):
+        if len(archives) > 1 or len(sealed) > 1 or (named_so and (folders or archives)):
             return True
         if archives and any(students):
             return not any(name.lower().startswith("readme") for name in entries)
@@ -319,7 +351,7 @@ class _Finding:
             elif not folder and is_packed(name):
                 handed = Handed("", (place.piece(name, is_folder=False),), where=f"{place.where}: {displayed(name)}")
                 self._add(handed, without_archive_suffix(name))
-            elif not folder and PurePosixPath(name).suffix.lower() not in _TABLES:
+            elif not folder and not _is_table(name):
                 self.not_understood.append(f"{place.where}: {displayed(name)}: neither a folder nor an archive")
         count = len(self.submissions) - before
         self.understood.append(f"{place.where}: {count:,} submission{'' if count == 1 else 's'}")
@@ -330,20 +362,23 @@ class _Finding:
         if assignment != place.name and name.startswith(f"{assignment}-"):
             self.submissions[-1] = replace(self.submissions[-1], student_id=name[len(assignment) + 1 :])
 
-    def _add_download(self, place: _Place, system: str, known: Mapping[str, Delivered]) -> None:
+    def _add_download(self, place: _Place, download: Download) -> None:
         students: dict[tuple[str, str], dict[str, Delivered]] = defaultdict(dict)
+        known = _with_notes(place, download)
         for entry, is_a_folder in place.entries.items():
             if entry in known:
                 students[known[entry].student, known[entry].student_id][entry] = known[entry]
-            elif is_a_folder or PurePosixPath(entry).suffix.lower() not in _TABLES:
-                self.not_understood.append(f"{place.where}: {displayed(entry)}: not named as {system} names files")
+            elif entry not in download.own and (is_a_folder or not _is_table(entry)):
+                told = f"{place.where}: {displayed(entry)}: not named as {download.system} names files"
+                self.not_understood.append(told)
         for (student, student_id), entries in students.items():
             handed = self._delivered(place, entries)
-            named = student if student == student_id else f"{student}_{student_id}"
+            named = student if student == student_id or not student_id else f"{student}_{student_id}"
             told = f"{place.where}: {displayed(named)}"
-            self._add(replace(handed, student=student, student_id=student_id, where=told), named)
+            self._add(replace(handed, student=student, student_id=student_id or None, where=told), named)
         count = len(students)
-        self.understood.append(f"{place.where}: {system}'s download of {count:,} submission{'' if count == 1 else 's'}")
+        amount = f"{count:,} submission{'' if count == 1 else 's'}"
+        self.understood.append(f"{place.where}: {download.system}'s download of {amount}")
 
     def _delivered(self, place: _Place, entries: Mapping[str, Delivered]) -> Handed:
         """Put together what one student has handed in: of several attempts, the last."""
@@ -369,6 +404,42 @@ class _Finding:
 _RESULT = "recordings/submission.json"
 
 
+def _is_table(name: str) -> bool:
+    """Whether a file is a table, such as a system writes of grades."""
+    return PurePosixPath(name).suffix.lower() in _TABLES
+
+
+def _holds_archives_only(files: Iterable[str]) -> bool:
+    """Whether files are what somebody hands in who packs: an archive, and no program beside it."""
+    names = [PurePosixPath(file) for file in files]
+    return any(is_archive(name.name) for name in names) and not any(name.suffix in _PROGRAMS for name in names)
+
+
+def _with_notes(place: _Place, download: Download) -> Mapping[str, Delivered]:
+    """Add what a system wrote down of names and times beside what was handed in."""
+    if download.system == "Gradescope":
+        told = read_gradescope(place.texts([GRADESCOPE_FILE]).get(GRADESCOPE_FILE, ""))
+        return {entry: _by(told[entry], known) if entry in told else known for entry, known in download.known.items()}
+    if download.system == "Sakai":
+        files = {entry: f"{entry}/{SAKAI_TIME_FILE}" for entry in download.known}
+        texts = place.texts(list(files.values()))
+        return {
+            entry: replace(known, attempt_at=read_sakai_time(texts.get(files[entry], "")))
+            for entry, known in download.known.items()
+        }
+    return download.known
+
+
+def _by(submitted: Submitted, known: Delivered) -> Delivered:
+    """Name those who handed something in together after all of them, with the number of the submission."""
+    if not submitted.students:
+        return replace(known, attempt_at=submitted.at)
+    (name, student_id), *others = submitted.students
+    if others:
+        name = ", ".join([*(each for each, _ in submitted.students), known.student])
+    return replace(known, student=name, student_id="" if others else student_id, attempt_at=submitted.at)
+
+
 def _wanted_names(rubric: Rubric) -> dict[str, frozenset[str]]:
     """Return the names of files that the rubric asks for, by artifact; patterns only if there is nothing else."""
     wanted = {}
@@ -379,11 +450,13 @@ def _wanted_names(rubric: Rubric) -> dict[str, frozenset[str]]:
 
 
 def _handed(place: _Place, piece: Piece) -> Handed:
+    """Return a submission, with the time of its last commit unless that is yet to come: such a clock was wrong."""
     time = None
     if place.within is None:
         folders = [name for name, folder in place.entries.items() if folder]
         inner = [place.path / folders[0]] if len(folders) == 1 else []
         time = next((found for folder in (place.path, *inner) if (found := last_commit_time(folder))), None)
+        time = None if time is not None and time > datetime.now(timezone.utc) else time
     return Handed("", (piece,), submitted_at=time, where=place.where)
 
 
@@ -430,23 +503,42 @@ def _marked(before: Sequence[Handed], after: Sequence[Handed]) -> list[str]:
     ]
 
 
-def _with_class_list(submissions: Sequence[Handed], listed: Sequence[Listed]) -> tuple[list[Handed], tuple[str, ...]]:
-    """Add what a class list knows; returns who is missing, too."""
-    known: dict[str, Listed] = {}
-    for student in listed:
-        for key in (student.student_id, student.name):
-            if key:
-                known.setdefault(_key(key), student)
-    completed, there = [], set()
+def _with_class_list(
+    submissions: Sequence[Handed], listed: Sequence[Listed]
+) -> tuple[list[Handed], tuple[str, ...], list[str]]:
+    """Add what a class list knows; returns who is missing, and whose lines are not told apart, too.
+
+    A name that two students have, or that two submissions bear under different ids, does not tell whose it is.
+    """
+    known, bearing = defaultdict(set), defaultdict(set)
+    for number, student in enumerate(listed):
+        for key in _keys(student.student_id, student.name):
+            known[key].add(number)
     for handed in submissions:
-        keys = (_key(key) for key in (handed.student_id, handed.student, handed.name) if key)
-        found = next((known[key] for key in keys if key in known), None)
-        if found is not None:
-            there.add(id(found))
+        for key in _keys(handed.student_id, handed.student, handed.name):
+            bearing[key].add(handed.student_id or handed.name)
+    completed, unclear, there = [], [], set()
+    for handed in submissions:
+        keys = [key for key in _keys(handed.student_id, handed.student, handed.name) if key in known]
+        there |= {number for key in keys for number in known[key]}
+        by_id = {_key(handed.student_id)} if handed.student_id else set()
+        sure = [key for key in keys if len(known[key]) == 1 and (key in by_id or len(bearing[key]) == 1)]
+        if sure:
+            found = listed[min(known[sure[0]])]
             student_id = found.student_id or handed.student_id
             handed = replace(handed, student_id=student_id, submitted_at=found.submitted_at or handed.submitted_at)
+        elif keys:
+            unclear.append(f"{handed.where}: by the name alone, the class list does not tell who this is")
         completed.append(handed)
-    return completed, tuple(displayed(s.name or s.student_id or "") for s in listed if id(s) not in there)
+    missing = tuple(displayed(s.name or s.student_id or "") for n, s in enumerate(listed) if n not in there)
+    return completed, missing, unclear
+
+
+def _keys(*texts: str | None) -> list[str]:
+    """Return by what a student is known; "Surname, First" is the same as "First Surname"."""
+    given = [text for text in texts if text]
+    given += [f"{first} {last}" for last, comma, first in (text.partition(", ") for text in given) if comma]
+    return [_key(text) for text in given]
 
 
 def _key(text: str) -> str:

@@ -60,6 +60,8 @@ _PACKED_SUFFIXES = frozenset(
 #: `alice.tar.gz` is called `alice`.
 _ARCHIVE_ENDING = re.compile(r"(\.tar)?(\.(zip|tar|gz|tgz|bz2|tbz2?|xz|txz|zst|7z|rar))$", re.IGNORECASE)
 
+_ARCHIVE = re.compile(r"\.(zip|tar|tgz|tbz2?|txz|7z|rar|tar\.(gz|bz2|xz|zst))$", re.IGNORECASE)
+
 #: Characters of a raw name beyond which nobody looks at it.
 _MOST_CHARACTERS = 1_000
 _MOST_PART_BYTES = 200
@@ -170,6 +172,11 @@ def is_compiled(name: str) -> bool:
 def is_packed(name: str) -> bool:
     """Whether a file's name says that it is an archive, or a file that is packed in some way."""
     return PurePosixPath(name).suffix.lower() in _PACKED_SUFFIXES
+
+
+def is_archive(name: str) -> bool:
+    """Whether a file's name says that it is an archive, and not one file that is packed."""
+    return _ARCHIVE.search(name) is not None
 
 
 def without_archive_suffix(name: str) -> str:

@@ -9,8 +9,8 @@ from __future__ import annotations
 import difflib
 import os
 import tempfile
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import partial
@@ -57,6 +57,7 @@ _COMPILED_MAGIC = (
 #: Up to here, any compression is believed.
 _RATIO_FROM_BYTES = 1024 * 1024
 _MOST_UNREADABLE = 1000
+_WITHIN = "an archive within the submission"
 _FULL = "no room left for files of its kind"
 #: Files of a whole class in one archive.
 _MOST_LISTED = 200_000
@@ -320,8 +321,10 @@ class _Taking:
 
     def leave_archives_out(self) -> None:
         """Note archives that were not unpacked."""
+        several = len(self._archives) > 1 and not self._has_programs
+        reason = f"{_WITHIN}, one of several; nothing says which of them counts" if several else _WITHIN
         for name, _, _ in self._archives:
-            self.notes.add(name, "an archive within the submission")
+            self.notes.add(name, reason)
 
     def require_files(self) -> None:
         """Refuse a submission of which nothing could be taken in."""
@@ -482,6 +485,46 @@ def names_in(path: Path) -> list[str] | None:
             return found if len(found) <= _MOST_LISTED else None
     except (OSError, DamagedError, ProtectedError, TooMuchError):
         return None
+
+
+def text_of(path: Path, most_bytes: int) -> str | None:
+    """Return the text of a file that a system wrote beside submissions; None if it cannot be read."""
+    try:
+        with os.fdopen(open_regular(path), "rb") as file:
+            return file.read(most_bytes).decode("utf-8", "replace")
+    except OSError:
+        return None
+
+
+def texts_in(path: Path, wanted: Collection[str], most_bytes: int) -> dict[str, str]:
+    """Return the texts of members of an archive that a system wrote beside submissions, as `names_in` names them.
+
+    What cannot be read is left out; the members' sizes together are limited.
+    """
+    found: dict[str, str] = {}
+    with (
+        suppress(OSError, DamagedError, ProtectedError, TooMuchError),
+        os.fdopen(open_regular(os.path.realpath(path)), "rb") as file,
+    ):
+        kind = format_of(file.read(HEAD_BYTES))
+        file.seek(0)
+        if kind is None or not kind.can_be_read:
+            return found
+        for member in islice(members_of_archive(file, kind), _MOST_LISTED):
+            name = names.slashed(member.name)
+            if name in wanted and member.kind is Kind.FILE:
+                content = _read(member, most_bytes)
+                most_bytes -= len(content)
+                found[name] = content.decode("utf-8", "replace")
+    return found
+
+
+def _read(member: Member, most_bytes: int) -> bytes:
+    content, parts = member.opened(), []
+    while most_bytes > 0 and (part := content.read(min(CHUNK_BYTES, most_bytes))):
+        parts.append(part)
+        most_bytes -= len(part)
+    return b"".join(parts)
 
 
 def _neighbours(path: Path) -> str:

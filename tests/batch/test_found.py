@@ -318,6 +318,214 @@ def commit(folder: Path, time: str) -> None:
         subprocess.run(["git", *command], cwd=folder, env=environment, check=True)
 
 
+# -- as other systems and other teachers lay them out ------------------------------------------------------
+
+
+@pytest.mark.parametrize("form", ["folder", "zip"])
+def test_brightspaces_download(form: str, rubric: Rubric, tmp_path: Path) -> None:
+    """A folder for each time that a student handed in: the last one counts, with its time; the index is nobody's."""
+    names = [
+        "index.html",
+        "67-900 - Mary-Ann O'Brien - Mar 1, 2026 1159 PM/lab.zip",
+        "67-900 - Mary-Ann O'Brien - Mar 2, 2026 121 PM/lab.zip",
+        "68-900 - Anne - Marie Smith - Feb 28, 2026 900 AM/lab.zip",
+    ]
+    found = find_submissions([download(tmp_path, form, names)], rubric)
+    students = by_name(found)
+    assert list(students) == ["Anne_-_Marie_Smith_68", "Mary-Ann_O_Brien_67"]
+    mary = students["Mary-Ann_O_Brien_67"]
+    assert (mary.student, mary.student_id) == ("Mary-Ann O'Brien", "67")
+    assert mary.submitted_at == datetime(2026, 3, 2, 13, 21).astimezone()
+    assert files_of(mary) == {"lab/joint_publisher.py"}
+    assert "Brightspace's download of 2 submissions" in found.understood[0]
+    assert [line.rpartition(": ")[2] for line in found.not_understood] == ["an earlier attempt"]
+
+
+@pytest.mark.parametrize("form", ["folder", "zip"])
+def test_a_single_student_of_brightspace(form: str, rubric: Rubric, tmp_path: Path) -> None:
+    """The first who hands in is told from the index beside it."""
+    names = ["index.html", "67-900 - Ann Smith - 1 mars, 2026 2359/lab.zip"]
+    (ann,) = find_submissions([download(tmp_path, form, names)], rubric).submissions
+    assert (ann.name, ann.submitted_at) == ("Ann_Smith_67", None)
+
+
+@pytest.mark.parametrize("form", ["folder", "zip"])
+def test_sakais_download(form: str, rubric: Rubric, tmp_path: Path) -> None:
+    """Names and ids are those of the folders, times those of the files beside what was handed in."""
+    names = [
+        "Lab 9/grades.csv",
+        "Lab 9/Müller, Ann(ann1)/Submission attachment(s)/lab.zip",
+        "Lab 9/O'Brien, Bob(bob2)/Submission attachment(s)/joint_publisher.py",
+        "Lab 9/Çelik, Cem(cem3)/Submission attachment(s)/lab.zip",
+    ]
+    folder = download(tmp_path, "folder", names)
+    (folder / "Lab 9/Müller, Ann(ann1)/timestamp.txt").write_text("20260302224105123")
+    (folder / "Lab 9/O'Brien, Bob(bob2)/timestamp.txt").write_text("2026-03-02T22:41:05Z\n")
+    (folder / "Lab 9/Çelik, Cem(cem3)/timestamp.txt").write_text("yesterday")
+    path = folder if form == "folder" else pack(folder, tmp_path / "export.zip")
+    students = by_name(find_submissions([path], rubric))
+    assert list(students) == ["Müller_Ann_ann1", "O_Brien_Bob_bob2", "Çelik_Cem_cem3"]
+    told = datetime(2026, 3, 2, 22, 41, 5, tzinfo=timezone.utc)
+    assert [handed.submitted_at for handed in students.values()] == [told, told, None]
+    assert "Submission attachment(s)/joint_publisher.py" in files_of(students["O_Brien_Bob_bob2"])
+    assert "lab/joint_publisher.py" in files_of(students["Müller_Ann_ann1"])
+
+
+GRADESCOPE = """\
+submission_101:
+  :submitters:
+  - :name: Ann Smith
+    :sid: '0012'
+    :email: ann@example.org
+  :created_at: 2026-03-02 22:41:05.123456789 Z
+  :score: 85.0
+  :results:
+    :tests:
+    - :name: Mallory
+      :output: "submission_102:\\n  :submitters:\\n"
+submission_102:
+  :submitters:
+  - :name: Bob Jones
+    :email: bob@example.org
+  - :name: "Cem \\u00c7elik"
+    :sid: '0014'
+  :created_at: 2026-03-02 14:41:05 -08:00
+submission_103:
+  :submitters: []
+"""
+
+
+@pytest.mark.parametrize("form", ["folder", "zip"])
+def test_gradescopes_export(form: str, rubric: Rubric, tmp_path: Path) -> None:
+    """Who and when stand in the export's table; several who handed in together are all named."""
+    names = [f"assignment_7_export/submission_{n}/{file}" for n in (101, 102, 103) for file in FIVE]
+    folder = download(tmp_path, "folder", names)
+    (folder / "assignment_7_export/submission_metadata.yml").write_text(GRADESCOPE, encoding="utf-8")
+    path = folder if form == "folder" else pack(folder, tmp_path / "export.zip")
+    found = find_submissions([path], rubric)
+    students = by_name(found)
+    assert list(students) == ["Ann_Smith_0012", "Bob_Jones_Cem_Çelik_submission_102", "submission_103"]
+    ann, both, nobody = students.values()
+    assert (ann.student, ann.student_id) == ("Ann Smith", "0012")
+    assert ann.submitted_at == datetime(2026, 3, 2, 22, 41, 5, 123456, tzinfo=timezone.utc)
+    assert (both.student_id, both.submitted_at) == (None, datetime(2026, 3, 2, 22, 41, 5, tzinfo=timezone.utc))
+    assert nobody.submitted_at is None
+    assert files_of(ann) == set(FIVE)
+    assert found.not_understood == ()
+
+
+def test_user_names_with_underscores_stay_apart(rubric: Rubric, tmp_path: Path) -> None:
+    """On Blackboard, a title, a user's name and a group's may hold underscores; nobody is taken for another."""
+    names = [
+        f"Lab_9 (B)_{who}_attempt_2026-03-01-12-00-00_joint_publisher.py" for who in ("a_smith", "b_smith", "Group 1")
+    ]
+    found = find_submissions([lay_out(tmp_path / "export", names)], rubric)
+    assert [(h.name, h.student_id) for h in found.submissions] == [
+        ("a_smith", "a_smith"),
+        ("b_smith", "b_smith"),
+        ("Group_1", "Group 1"),
+    ]
+    assert found.not_understood == ()
+
+
+def test_canvas_marks_lateness_in_each_form(rubric: Rubric, tmp_path: Path) -> None:
+    """The mark is no part of a name, neither where there is none nor in small letters."""
+    names = ["LATE_anon_Xy3zA_900_lab.zip", "bob_late_68_901_lab.zip", "latelyann_69_902_lab.zip"]
+    found = find_submissions([download(tmp_path, "folder", names)], rubric)
+    assert {h.name: h.late for h in found.submissions} == {"anon_Xy3zA": True, "bob_68": True, "latelyann_69": False}
+
+
+@pytest.mark.parametrize("number", ["09_01", "9_1"])
+def test_files_with_the_labs_number_are_one_students(number: str, rubric: Rubric, tmp_path: Path) -> None:
+    """Names such as lab_9_1_joint_publisher.py look like Canvas's, whose files have numbers of their own."""
+    folder = lay_out(tmp_path / "alice", [f"lab_{number}_{name}" for name in FIVE])
+    assert found_in(folder, rubric) == ["alice"]
+
+
+OTHER_CLASSES: dict[str, tuple[Iterable[str], list[str]]] = {
+    "an archive in each folder": (["alice/lab.zip", "bob/lab.tar.gz", "cem/x/lab.7z"], ["alice", "bob", "cem"]),
+    "archives and files": (
+        in_folders({"alice": FIVE, "bob": ["lab.zip", "notes.pdf"], "cem": ["lab.zip"]}),
+        ["alice", "bob", "cem"],
+    ),
+    "numbers of students that begin like a section's": (
+        in_folders({"V00812345": FIVE, "V00812346": FIVE}),
+        ["V00812345", "V00812346"],
+    ),
+    "workspaces called after students": (
+        in_folders({"anna_ws/src/p": FIVE, "bob_ws/src/p": FIVE}),
+        ["anna_ws", "bob_ws"],
+    ),
+    "a table beside the folder of a class": (
+        ["grades.xlsx", *in_folders({"Abgaben/Ann_1": FIVE, "Abgaben/Bob_2": FIVE[:1]}), "Abgaben/status.xlsx"],
+        ["Ann_1", "Bob_2"],
+    ),
+}
+
+
+@pytest.mark.parametrize("tree", OTHER_CLASSES)
+@pytest.mark.parametrize("form", ["folder", ".zip"])
+def test_other_folders_of_submissions(tree: str, form: str, rubric: Rubric, tmp_path: Path) -> None:
+    """A class is told from one submission also where nobody's files lie open, or names look like those of parts."""
+    laid_out, names = OTHER_CLASSES[tree]
+    folder = lay_out(tmp_path / "group", laid_out)
+    path = folder if form == "folder" else pack(folder, tmp_path / "group.zip")
+    found = find_submissions([path], rubric)
+    assert [handed.name for handed in found.submissions] == names
+    assert found.not_understood == ()
+
+
+def test_a_stray_file_of_the_lab_does_not_hide_a_class(rubric: Rubric, tmp_path: Path) -> None:
+    """In a folder called submissions, a file of the lab beside the students' folders belongs to nobody."""
+    tree = [FIVE[0], *in_folders({"alice": FIVE, "bob": FIVE})]
+    found = find_submissions([lay_out(tmp_path / "submissions", tree)], rubric)
+    assert [handed.name for handed in found.submissions] == ["alice", "bob"]
+    assert [FIVE[0] in line for line in found.not_understood] == [True]
+    assert found_in(lay_out(tmp_path / "alice", tree), rubric) == ["alice"]
+
+
+def test_a_commit_of_tomorrow_tells_no_time(rubric: Rubric, tmp_path: Path) -> None:
+    """Where a student's clock was ahead, the time is not known, instead of late."""
+    folder = lay_out(tmp_path / "alice", FIVE)
+    commit(folder, "2099-03-01T12:00:00+01:00")
+    (handed,) = find_submissions([folder], rubric).submissions
+    assert handed.submitted_at is None
+
+
+def test_a_list_does_not_tell_namesakes_apart(rubric: Rubric, tmp_path: Path) -> None:
+    """A time is given to nobody who may not be meant, and nobody who handed in is called missing."""
+    export = lay_out(
+        tmp_path / "export",
+        [f"{n}_assignsubmission_file_/{FIVE[0]}" for n in ("Ann Müller_11", "Ann Müller_12", "Bo_13")],
+    )
+    rows = ["Ann Müller,100,2026-03-02T23:00Z", "Ann Müller,200,2026-03-09T23:00Z", "Bo,300,2026-03-01T08:00Z"]
+    for listed in (rows, rows[1:]):
+        (tmp_path / "class.csv").write_text("\n".join(["name,student_id,submitted_at", *listed]), encoding="utf-8")
+        found = find_submissions([export], rubric, class_list=tmp_path / "class.csv")
+        assert [(h.student_id, h.submitted_at is None) for h in found.submissions] == [
+            ("11", True),
+            ("12", True),
+            ("300", False),
+        ]
+        assert found.missing == ()
+        assert sum("does not tell who this is" in line for line in found.understood) == 2
+
+
+def test_a_list_with_a_line_for_each_hand_in(rubric: Rubric, tmp_path: Path) -> None:
+    """The last time counts; surnames may come first, and times end with UTC, as other systems write them."""
+    rows = [
+        "name,student_id,submitted_at",
+        '"Müller, Ann",100,2026-03-02 22:00:00 UTC',
+        '"Müller, Ann",100,2026-03-03 22:00:00 UTC',
+        '"Müller, Ann",100,',
+    ]
+    (tmp_path / "class.csv").write_text("\n".join(rows), encoding="utf-8")
+    export = lay_out(tmp_path / "export", [f"Ann Müller_11_assignsubmission_file_/{FIVE[0]}"])
+    found = find_submissions([export], rubric, class_list=tmp_path / "class.csv")
+    assert [h.submitted_at for h in found.submissions] == [datetime(2026, 3, 3, 22, tzinfo=timezone.utc)]
+    assert found.missing == ()
+
+
 # -- names and the class list ----------------------------------------------------------------------------
 
 

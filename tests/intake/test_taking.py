@@ -341,6 +341,12 @@ def test_other_archives_are_left_out(form: str, tmp_path: Path) -> None:
     ]
 
 
+def test_of_several_archives_none_is_chosen(form: str, tmp_path: Path) -> None:
+    """Where nothing but archives was handed in, the refusal says that it is not known which of them counts."""
+    files = {name: zip_of([("node.py", PROGRAM)]) for name in ("lab.zip", "lab (1).zip")}
+    assert "one of several; nothing says which" in refused(handed_in(form, tmp_path, files)).remedy
+
+
 def test_archives_without_end_end(tmp_path: Path) -> None:
     """What goes on within itself is left out at the third level."""
     packed = zip_of([("node.py", PROGRAM)])
