@@ -30,7 +30,12 @@ def entries_of(results: Path, rows: Sequence[Row], missing: Sequence[str]) -> li
         if isinstance(row.ending, NotGraded) or entry is None:
             problem = row.ending.problem if isinstance(row.ending, NotGraded) else "Its results are not there."
             entry = ClassEntry(handed.name, None, problem)
-        entries[handed.name] = replace(entry, submitted_at=handed.submitted_at, student_id=handed.student_id)
+        entries[handed.name] = replace(
+            entry,
+            # What only the archive tells stands in the record.
+            submitted_at=handed.submitted_at or entry.submitted_at,
+            student_id=handed.student_id or entry.student_id,
+        )
     return sorted(entries.values(), key=lambda entry: entry.name)
 
 

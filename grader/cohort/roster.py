@@ -29,17 +29,23 @@ def with_roster(entries: Sequence[ClassEntry], roster: Iterable[Student]) -> lis
     roster : iterable of Student
         An entry is a student's if it bears the student's id, name, or both, in whatever case and however parted.
     """
+    students = list(roster)
+    called: dict[str, set[str | None]] = {}
+    for student in students:
+        for key in _keys(student.student_id, student.name):
+            called.setdefault(key, set()).add(student.student_id)
     completed = {entry.name: entry for entry in entries}
     bearing: dict[str, set[str]] = {}
     for entry in entries:
-        for key in _keys(entry.student_id, entry.name):
+        for key in _keys(entry.student_id, entry.name, _without_id(entry)):
             bearing.setdefault(key, set()).add(entry.name)
-    for student in roster:
+    for student in students:
         # Of a download, folders are called after both.
         both = f"{student.name} {student.student_id}" if student.student_id else ""
         keys = _keys(student.student_id, student.name, both)
-        # What several entries bear does not tell whose they are.
-        found = next((min(bearing[key]) for key in keys if len(bearing.get(key, ())) == 1), None)
+        # What several entries, or several students, bear does not tell whose they are.
+        telling = (key for key in keys if len(bearing.get(key, ())) == 1 and len(called.get(key, ())) < 2)
+        found = next((min(bearing[key]) for key in telling), None)
         if found is None:
             name = student.name or student.student_id or ""
             missing = ClassEntry(name, None, NOTHING_HANDED_IN, "", student.submitted_at, student.student_id)
@@ -54,9 +60,18 @@ def with_roster(entries: Sequence[ClassEntry], roster: Iterable[Student]) -> lis
     return sorted(completed.values(), key=lambda entry: entry.name)
 
 
+def _without_id(entry: ClassEntry) -> str:
+    """Return the student's name in a name that ends with the id, as of a download; empty if there is none."""
+    return entry.name.removesuffix(f"_{entry.student_id}") if entry.student_id else ""
+
+
 def _keys(*texts: str | None) -> list[str]:
-    """Return by what a student is known: first each text as it is written, then what a folder's name keeps of it."""
+    """Return by what a student is known: first each text as it is written, then what a folder's name keeps of it.
+
+    "Surname, First" is the same as "First Surname".
+    """
     given = [unicodedata.normalize("NFC", text) for text in texts if text]
+    given += [f"{first} {last}" for last, comma, first in (text.partition(", ") for text in given) if comma]
     return [*(f"={text.casefold()}" for text in given), *(plain for text in given if (plain := _plain(text)))]
 
 

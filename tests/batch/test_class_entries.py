@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from datetime import datetime, timezone
 from decimal import Decimal
 from pathlib import Path
@@ -11,7 +12,10 @@ from grader.batch.order import Graded, NotGraded
 from grader.batch.run import Row
 from grader.cohort.roster import NOTHING_HANDED_IN
 from grader.intake import Handed, Piece
+from grader.pipeline import RECORDINGS
+from grader.recording.submission import read_submission, write_submission
 
+KEPT = Path(__file__).resolve().parents[1] / "recordings/wrong_topic"
 NOON = datetime(2026, 11, 21, 12, tzinfo=timezone.utc)
 POINTS = Graded(Decimal(1), Decimal(1), Decimal(0))
 
@@ -46,3 +50,16 @@ def test_all_who_are_known_are_told_once(tmp_path: Path) -> None:
     assert (cem.result, cem.problem) == (None, "the disk is full"), "an earlier result is not this submission's"
     assert (dan.result, dan.problem) == (None, NOTHING_HANDED_IN)
     assert (old.result, old.problem) == ({"submission": "old"}, ""), "whoever has a result has handed in"
+
+
+def test_the_time_that_an_archive_tells_is_kept(tmp_path: Path) -> None:
+    """What was found when a submission was taken in stands in its record, and on the page."""
+    results = tmp_path / "results"
+    shutil.copytree(KEPT, results / "ann" / RECORDINGS)
+    (results / "ann" / "result.json").write_text("{}", encoding="utf-8")
+    record = read_submission(results / "ann" / RECORDINGS)
+    record.submitted_at, record.student_id = NOON.isoformat(), "7"
+    write_submission(results / "ann" / RECORDINGS, record)
+    row = Row(Handed("ann", (Piece(Path("ann.zip")),)), POINTS)
+    (entry,) = entries_of(results, [row], [])
+    assert (entry.submitted_at, entry.student_id) == (NOON, "7")

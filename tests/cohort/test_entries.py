@@ -114,3 +114,20 @@ def test_nobody_gets_the_result_of_another_whose_name_is_written_alike() -> None
     listed = [Student("कीव", "1"), Student("Ann-Lee", "2"), Student("Bo Xu", "3")]
     found = {entry.name: entry.student_id for entry in with_roster(there, listed) if entry.student_id}
     assert found == {"कीव": "1", "ann-lee": "2", "Bo Xu": "3"}
+
+
+def test_a_list_without_ids_names_those_of_a_download() -> None:
+    """A folder that is called after name and number is that of the name, also where the list has surnames first."""
+    moment = datetime(2026, 11, 20, 10, tzinfo=timezone.utc)
+    there = [ClassEntry("Ann_Müller_11", None, "x", student_id="11"), ClassEntry("Bo_12", None, "x", student_id="12")]
+    found = with_roster(there, [Student("Müller, Ann"), Student("Bo", None, moment)])
+    assert [entry.name for entry in found] == ["Ann_Müller_11", "Bo_12"]
+    assert found[1].submitted_at == moment
+
+
+def test_a_list_with_namesakes_does_not_tell_whose_an_entry_is() -> None:
+    """An entry that two students could be gets the id of neither."""
+    listed = [Student("Bo", "100"), Student("Bo", "200")]
+    assert with_roster([ClassEntry("Bo", None, "x")], listed)[0].student_id is None
+    by_id = with_roster([ClassEntry("Bo_200", None, "x", student_id="200")], listed)
+    assert [entry.name for entry in by_id] == ["Bo", "Bo_200"]
