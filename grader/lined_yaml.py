@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
@@ -15,13 +16,19 @@ Loc = tuple[str | int, ...]
 
 #: The safe loader, in C where PyYAML was built with it.
 _SAFE: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_INT, _TIMESTAMP = "tag:yaml.org,2002:int", "tag:yaml.org,2002:timestamp"
+_WHOLE = re.compile(r"[-+]?(0|[1-9][0-9]*)$")
 
 
 class _Loader(_SAFE):  # type: ignore[misc]
-    """Leaves dates as they are written: their mistakes are told with their lines, by whoever reads them."""
+    """Leaves dates as they are written: their mistakes are told with their lines, by whoever reads them.
+
+    So it does with numbers that no person writes as such: YAML 1.1 takes `0123456`, a student's number, for an octal
+    one, and `12_34` and `12:34` for whole ones.
+    """
 
     yaml_implicit_resolvers: ClassVar[dict[str, list[tuple[str, Any]]]] = {
-        first: [pair for pair in pairs if pair[0] != "tag:yaml.org,2002:timestamp"]
+        first: [(tag, _WHOLE if tag == _INT else pattern) for tag, pattern in pairs if tag != _TIMESTAMP]
         for first, pairs in _SAFE.yaml_implicit_resolvers.items()
     }
 

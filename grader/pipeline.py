@@ -22,7 +22,7 @@ from grader.checks import PARAMETERS_OF
 from grader.cohort.adjustments import adjust
 from grader.cohort.entries import ClassEntry
 from grader.cohort.overrides import OVERRIDES_FILE, Overrides, load_overrides, moment_of
-from grader.errors import PlatformError, RecordingError, UsageError
+from grader.errors import PlatformError, RecordingError, RubricError, UsageError
 from grader.exporting import ExportTarget
 from grader.intake import Handed, Intake, taken_in
 from grader.judging import Recordings, judge, open_recordings
@@ -119,6 +119,12 @@ def read_overrides(path: Path | None, results: Path, rubric: Rubric) -> Override
     """
     beside = results / OVERRIDES_FILE
     if path is None and not beside.is_file():
+        misnamed = beside.with_suffix(".yml")
+        if misnamed.is_file():
+            problem = f"the file of overrides is called {OVERRIDES_FILE}; under this name nothing in it would count"
+            raise RubricError(
+                problem, [], where=str(misnamed), remedy=f"Rename it, or give it with --overrides {misnamed}."
+            )
         return Overrides()
     return load_overrides(path or beside, rubric)
 

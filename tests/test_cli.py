@@ -166,6 +166,8 @@ def test_a_session_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixtu
         ["--colour"],
         ["ann", "--seed", "x"],
         ["ann", "--fail-under", "all"],
+        ["ann", "--fail-under", "nan"],
+        ["ann", "--fail-under", "-inf"],
         ["ann", "-j", "0"],
         ["regrade"],
         ["regrade", "x", "-j", "1"],

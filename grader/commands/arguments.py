@@ -6,6 +6,7 @@ import argparse
 import os
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from decimal import Decimal, InvalidOperation
 from typing import TypeVar
 
@@ -51,10 +52,10 @@ def least_isolation(options: argparse.Namespace, *, several: bool) -> str:
 
 def points(text: str) -> Decimal:
     """Read a number of points from an argument."""
-    try:
-        return Decimal(text)
-    except InvalidOperation:
-        raise argparse.ArgumentTypeError(f"{text!r} is no number of points") from None
+    with suppress(InvalidOperation):
+        if (number := Decimal(text)).is_finite():
+            return number
+    raise argparse.ArgumentTypeError(f"{text!r} is no number of points")
 
 
 def count(text: str) -> int:

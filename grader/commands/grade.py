@@ -302,6 +302,10 @@ def _tell_found(found: Found, console: Console) -> None:
         console.print(Text(f"Belongs to no submission: {terminal_text(line)}", "yellow"), soft_wrap=True)
     if len(found.not_understood) > _MOST_LISTED:
         console.print(Text(f"and {len(found.not_understood) - _MOST_LISTED} more.", "yellow"))
+    late = [handed.name for handed in found.submissions if handed.late and handed.submitted_at is None]
+    if late:
+        told = "Marked as late, but the download does not tell when they were handed in; --class-list can"
+        console.print(Text(f"{told}: {terminal_text(', '.join(late))}", "yellow"), soft_wrap=True)
     if found.missing:
         console.print(Text(f"Nothing handed in: {terminal_text(', '.join(found.missing))}", "yellow"), soft_wrap=True)
 
@@ -328,6 +332,10 @@ def _report_class(
     from grader.cohort.roster import with_roster
 
     entries = entries_of(options.output, rows, missing)
+    known = {*(row.handed.name for row in rows), *missing}
+    if earlier := [entry.name for entry in entries if entry.name not in known]:
+        told = f"Of earlier runs, and not among these: {terminal_text(', '.join(earlier))}. They are on the page too."
+        console.print(Text(told, "yellow"), soft_wrap=True)
     if options.class_list is not None:
         entries = with_roster(entries, map(student_of, read_class_list(options.class_list)))
     pipeline.report_class(options.output, entries, rubric, anonymous=options.anonymous)

@@ -215,6 +215,17 @@ def test_another_file_of_decisions(results: Path, tmp_path: Path) -> None:
     assert {name: changes.difference for name, changes in found.changes.items() if changes.matters} == {"alice": 1}
 
 
+def test_decisions_under_another_name_are_not_passed_over(results: Path) -> None:
+    """A file called overrides.yml is told, unless there is the right one, or it is given."""
+    text = f"overrides:\n  - {{submission: bob, bonus: 2.5, {WHY}}}\n"
+    (results / "overrides.yml").write_text(text)
+    with pytest.raises(RubricError, match=r"is called overrides\.yaml"):
+        rejudge(results, None, None, prepare=False)
+    assert rejudge(results, None, results / "overrides.yml", prepare=False).changes["bob"].difference == 2.5
+    (results / "overrides.yaml").write_text("overrides: []")
+    assert not rejudge(results, None, None, prepare=False).changes["bob"].matters
+
+
 def test_decisions_that_do_nothing_are_told(results: Path) -> None:
     """A name that nobody has, and a time where none matters."""
     text = f"overrides:\n  - {{submission: bbo, bonus: 1, {WHY}}}\n  - {{submission: bob, extension: 1 day, {WHY}}}\n"

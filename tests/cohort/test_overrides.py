@@ -96,6 +96,13 @@ def test_whom_an_entry_is_about(tmp_path: Path, rubric: Rubric) -> None:
     assert bonuses == {"alice": [1, 2], "bob": [1, 2], "eve": [2], "4711": [2, 3]}
 
 
+def test_a_number_is_a_name_as_it_is_written(tmp_path: Path, rubric: Rubric) -> None:
+    """What YAML 1.1 takes for octal, sexagesimal or parted numbers are numbers of students."""
+    for name in ("0012345", "012", "20260017", "2026_001", "12:30", "0x1F"):
+        found = load(tmp_path, f"overrides:\n  - {{submission: {name}, bonus: 1, {WHY}}}\n", rubric)
+        assert found.entries[0].submission == (name,)
+
+
 @pytest.mark.parametrize("text", ["", "# nothing yet\n", "overrides: []\n", "\n  # a\n\n"])
 def test_a_file_without_entries(tmp_path: Path, rubric: Rubric, text: str) -> None:
     """Nothing has been decided yet."""
