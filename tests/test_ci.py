@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
@@ -112,3 +113,27 @@ def test_gitlab_keeps_what_the_script_writes() -> None:
     assert artifacts["when"] == "always"
     assert artifacts["paths"] == ["grade/"]
     assert artifacts["reports"] == {"junit": "grade/junit.xml", "codequality": "grade/codequality.json"}
+
+
+def test_a_second_lab_of_the_same_job_has_its_own_score(tmp_path: Path) -> None:
+    """Where a job grades two labs, the outputs of the second step are of the second, and never those of the first."""
+    tools = {
+        "grade": '[[ $1 != export ]] || exit 0\n[[ $1 != none ]] || exit 3\nmkdir -p "$4/$1"\n'
+        'echo "{\\"score\\": {\\"final\\": ${1#lab}, \\"possible\\": 9, \\"undecided\\": 0}}" > "$4/$1/result.json"',
+        "sudo": 'shift; exec "$@"',
+        "python": f'exec {sys.executable} "$@"',
+    }
+    for name, script in tools.items():
+        (tmp_path / name).write_text(f"#!/usr/bin/env bash\n{script}\n", encoding="utf-8")
+        (tmp_path / name).chmod(0o755)
+    variables = dict.fromkeys(("RUBRIC", "SESSIONS", "FAIL_UNDER"), "") | {"REQUIRE_ISOLATION": "reduced"}
+    variables |= {"GRADE": str(tmp_path / "grade"), "RESULTS": str(tmp_path / "results")}
+    variables |= {"PATH": f"{tmp_path}:{os.environ['PATH']}", "GITHUB_STEP_SUMMARY": str(tmp_path / "summary")}
+    said = {}
+    for lab in ("lab8", "lab7", "none"):
+        step = {**variables, "SUBMISSION": lab, "GITHUB_OUTPUT": str(tmp_path / lab)}
+        done = subprocess.run(["bash", ROOT / "ci/github/grade.sh"], env=step, capture_output=True, check=False)
+        said[lab] = (done.returncode, (tmp_path / lab).read_text() if (tmp_path / lab).exists() else "")
+    assert said["lab8"] == (0, "score=8\npossible=9\nundecided=0\n")
+    assert said["lab7"] == (0, "score=7\npossible=9\nundecided=0\n")
+    assert said["none"] == (3, "")

@@ -11,6 +11,9 @@ arguments=("$SUBMISSION" --one --output "$RESULTS" --require-isolation "$REQUIRE
 [[ -z $SESSIONS ]] || arguments+=(--sessions "$SESSIONS")
 [[ -z $FAIL_UNDER ]] || arguments+=(--fail-under "$FAIL_UNDER")
 
+# Another step of this job may have graded another lab.
+as_root rm -rf -- "$RESULTS"
+
 # What a student wrote is printed among the rest. The grader leaves no command in it; and until the token
 # is said, which nobody can guess, the runner would not obey one.
 token=$(od -An -N16 -tx1 /dev/urandom | tr -d ' \n')
