@@ -86,6 +86,8 @@ class Changes:
         Points that are undecided.
     words : bool
         Whether the result differs in anything, such as a reason, beside its provenance.
+    possible_before, possible_after : Decimal
+        Points that could be had; equal where there was no result.
     """
 
     submission: str
@@ -96,6 +98,8 @@ class Changes:
     criteria: tuple[CriterionChange, ...] = ()
     adjustments: tuple[AdjustmentChange, ...] = ()
     words: bool = False
+    possible_before: Decimal = Decimal(0)
+    possible_after: Decimal = Decimal(0)
 
     @property
     def difference(self) -> Decimal:
@@ -111,6 +115,7 @@ class Changes:
             or self.undecided_before != self.undecided_after
             or self.criteria
             or self.adjustments
+            or self.possible_before != self.possible_after
         )
 
 
@@ -140,6 +145,8 @@ def changes_between(before: Mapping[str, Any] | None, after: Mapping[str, Any]) 
         tuple(_criteria(old.criteria if old is not None else (), new.criteria)) if old is not None else (),
         tuple(_adjustments(before or {}, after)),
         before is not None and _of_substance(before) != _of_substance(after),
+        (old or new).score.possible,
+        new.score.possible,
     )
 
 
@@ -207,9 +214,11 @@ def _adjusted(result: Mapping[str, Any]) -> dict[tuple[str, str], Decimal]:
 def plain_changes(changes: Changes) -> dict[str, Any]:
     """Return changes as plain data, for the audit trail: what each was and is."""
     checks = [check for criterion in changes.criteria for check in criterion.checks]
+    possible = [_number(changes.possible_before), _number(changes.possible_after)]
     return {
         "final": [_number(changes.before), _number(changes.after)],
         "undecided": [_number(changes.undecided_before), _number(changes.undecided_after)],
+        **({"possible": possible} if possible[0] != possible[1] else {}),
         "criteria": {c.id: [_number(c.before), _number(c.after)] for c in changes.criteria if c.difference},
         "checks": {
             c.id: {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from decimal import Decimal
 
@@ -94,8 +95,17 @@ def print_changes(console: Console, changes: Mapping[str, Changes]) -> None:
     _print_summary(console, list(found.values()))
     kept = len(changes) - len(found)
     among = f"{len(found)} of {_counted(len(changes), 'submission')}"
+    for (before, after), number in _totals(found.values()).items():
+        out_of = f"{points_text(after)} points, before of {points_text(before)}"
+        console.print(f"{_counted(number, 'submission')}: of {out_of}; a difference can come from that alone.")
     rest = "1 keeps its own" if kept == 1 else f"{kept} keep theirs"
     console.print(f"Points or outcomes change for {among}{_words(changes)}; {rest}.")
+
+
+def _totals(changes: Iterable[Changes]) -> Counter[tuple[Decimal, Decimal]]:
+    """Count for how many the points that can be had change, by what they were and are."""
+    pairs = ((each.possible_before, each.possible_after) for each in changes)
+    return Counter(pair for pair in pairs if pair[0] != pair[1])
 
 
 def changes_table(changes: Mapping[str, Changes]) -> Table:
@@ -125,8 +135,11 @@ def _add_submission(table: Table, name: str, changes: Changes) -> None:
             _step(criterion.before, criterion.after),
             _signed(criterion.difference),
         )
+        titles = Counter(check.title for check in criterion.checks)
         for check in criterion.checks:
-            row = Text(f"    {terminal_text(check.title, 80)}", "dim")
+            # Of a check that was renamed, only the ids tell old and new apart.
+            by_id = f" ({check.id})" if titles[check.title] > 1 else ""
+            row = Text(f"    {terminal_text(check.title + by_id, 120)}", "dim")
             table.add_row(row, _outcomes(check), _step(check.before, check.after), _signed(check.difference))
     for change in changes.adjustments:
         row = Text(f"  {terminal_text(f'{change.kind}: {change.what}', 80)}", "dim")

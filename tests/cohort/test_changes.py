@@ -144,6 +144,15 @@ def test_what_is_no_result_is_refused() -> None:
         changes_between(None, {"score": {}})
 
 
+def test_points_that_can_be_had_are_compared(judged: dict[str, Any]) -> None:
+    """A rubric with another total matters, even for whom the points stay the same; the trail has both totals."""
+    after = copy.deepcopy(judged)
+    after["score"]["possible"] = 90
+    changes = changes_between(judged, after)
+    assert changes.matters
+    assert plain_changes(changes)["possible"] == [100, 90]
+
+
 def test_the_trail_says_what_was_and_is(judged: dict[str, Any]) -> None:
     """Each change is a pair of old and new, in plain numbers."""
     plain = plain_changes(changes_between(judged, with_check(judged, "publisher.rate", 2.5, "partial")))

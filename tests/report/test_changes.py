@@ -69,6 +69,21 @@ def test_a_class_is_summed_up_by_check() -> None:
     assert "Points or outcomes change for 2 of 4 submissions, 1 only in words; 2 keep theirs." in text
 
 
+def test_another_total_is_told() -> None:
+    """Where a rubric has fewer points in all, that is said once for all whom it concerns; renamed checks have ids."""
+    checks = tuple(CheckChange(f"p.{n}", "Rate", "p", None, Outcome.PASSED, None, Decimal(6)) for n in "ab")
+    criterion = CriterionChange("p", "Publisher", Decimal(20), Decimal(20), checks)
+    each = [
+        Changes(name, Decimal(100), Decimal(90), *_NONE, (criterion,), (), True, Decimal(100), Decimal(90))
+        for name in ("ann", "bob")
+    ]
+    text = printed(*each, change("eve", "90", "88"))
+    assert text.count("2 submissions: of 90 points, before of 100") == 1
+    assert "Rate (p.a) not there → passed" in text
+    only = Changes("ann", Decimal(9), Decimal(9), *_NONE, (), (), True, Decimal(100), Decimal(90))
+    assert "1 submission: of 90 points, before of 100" in printed(only)
+
+
 def test_nothing_changes() -> None:
     """That nothing changes is said, with those that change in words."""
     assert printed(change("ann", "90", "90")) == "No points change; 1 submission judged."
