@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import difflib
 import hashlib
+import unicodedata
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -46,10 +47,14 @@ def _points(value: Any) -> Any:
 
 
 def _names(value: Any) -> Any:
-    listed = [value] if isinstance(value, (str, int)) and not isinstance(value, bool) else value
-    if isinstance(listed, (list, tuple)) and listed and all(isinstance(n, (str, int)) for n in listed):
-        return tuple(str(name) for name in listed)
-    raise ValueError(f"the name of a submission, a list of names, or '{EVERYONE}' for all is expected")
+    listed = value if isinstance(value, (list, tuple)) else [value]
+    if listed and all(isinstance(n, (str, int)) and not isinstance(n, bool) for n in listed):
+        # As names of submissions are, however an editor composes letters with their marks.
+        return tuple(unicodedata.normalize("NFC", str(name)) for name in listed)
+    raise ValueError(
+        f"the name of a submission, a list of names, or '{EVERYONE}' for all is expected; "
+        "in quotes if it reads like something else, as 1.10 or no does"
+    )
 
 
 def _words(value: Any) -> Any:
@@ -70,6 +75,12 @@ def _date(value: Any) -> Any:
     if not isinstance(found, date):
         raise ValueError("a date is expected, such as 2026-11-21, with its time where you like")
     return found.isoformat(timespec="minutes") if isinstance(found, datetime) else found.isoformat()
+
+
+def _only_true(value: Any) -> Any:
+    if value is not True:
+        raise ValueError("only true is expected; without it, nothing is excused")
+    return value
 
 
 Points = Annotated[Decimal, BeforeValidator(_points)]
@@ -98,7 +109,7 @@ class Override(Strict):
     criterion: str | None = None
     set_: Points | None = Field(None, alias="set")
     add: Points | None = None
-    excused: Literal[True] | None = None
+    excused: Annotated[Literal[True] | None, BeforeValidator(_only_true)] = None
     bonus: Points | None = None
     extension: TimeSpan | None = None
     due: Moment | None = None
@@ -128,7 +139,7 @@ class Override(Strict):
         if changes[0] not in _OF_A_PART and parts:
             raise ValueError(f"{changes[0]} is of the whole submission, not of a check or a criterion")
         if self.bonus is not None and self.bonus <= 0:
-            raise ValueError("a bonus is more than 0 points")
+            raise ValueError("a bonus is more than 0 points; add takes points of a check or a criterion")
         return self
 
     def concerns(self, submission: str) -> bool:

@@ -103,6 +103,21 @@ def test_a_number_is_a_name_as_it_is_written(tmp_path: Path, rubric: Rubric) -> 
         assert found.entries[0].submission == (name,)
 
 
+def test_a_name_may_be_composed_in_either_way(tmp_path: Path, rubric: Rubric) -> None:
+    """A name that was copied from a file manager of macOS is that of the submission."""
+    found = load(tmp_path, f"overrides:\n  - {{submission: Mu\u0308ller, bonus: 1, {WHY}}}\n", rubric)
+    assert found.of("M\u00fcller")
+    assert found.strangers(["M\u00fcller"]) == []
+
+
+def test_words_that_yaml_reads_are_no_names(tmp_path: Path, rubric: Rubric) -> None:
+    """A student called no has to be quoted, within a list too; the mistake says so."""
+    for name in ("no", "[alice, no]", "1.10"):
+        with pytest.raises(RubricError) as caught:
+            load(tmp_path, f"overrides:\n  - {{submission: {name}, bonus: 1, {WHY}}}\n", rubric)
+        assert "in quotes" in caught.value.mistakes[0]
+
+
 @pytest.mark.parametrize("text", ["", "# nothing yet\n", "overrides: []\n", "\n  # a\n\n"])
 def test_a_file_without_entries(tmp_path: Path, rubric: Rubric, text: str) -> None:
     """Nothing has been decided yet."""
