@@ -77,6 +77,7 @@ _SECTION = re.compile(
     r"(v|version|part|task|exercise|ex|q|question|lab|week|hw|assignment)[-_ ]?\d{1,3}([-_.]\d{1,3})*", re.IGNORECASE
 )
 _COLLECTION = re.compile(r"(^|[-_ ])(submissions|students|hand-?ins|abgaben)($|[-_ (])", re.IGNORECASE)
+_VERSION = re.compile(r"Version (\d{1,4})")
 _PACKAGE_MARKS = frozenset({"package.xml", "setup.py", "CMakeLists.txt"})
 _TABLES = frozenset({".csv", ".xlsx", ".xls", ".ods", ".tsv"})
 _PROGRAMS = frozenset({".py", ".c", ".cc", ".cpp", ".launch"})
@@ -346,7 +347,8 @@ class _Finding:
         before = len(self.submissions)
         for name, folder in place.entries.items():
             if folder and not any(file.endswith(_RESULT) for file in place.below(name).files):
-                self._add(_handed(place.below(name), place.piece(name)), name)
+                folder_of = self._last_version(place.below(name))
+                self._add(_handed(folder_of, folder_of.piece()), name)
                 self._name_clone(place, name)
             elif not folder and is_packed(name):
                 handed = Handed("", (place.piece(name, is_folder=False),), where=f"{place.where}: {displayed(name)}")
@@ -355,6 +357,21 @@ class _Finding:
                 self.not_understood.append(f"{place.where}: {displayed(name)}: neither a folder nor an archive")
         count = len(self.submissions) - before
         self.understood.append(f"{place.where}: {count:,} submission{'' if count == 1 else 's'}")
+
+    def _last_version(self, place: _Place) -> _Place:
+        """Return the last of the folders `Version 1`, `Version 2`, ... that Microsoft Teams makes, if it holds such."""
+        inner = place
+        for _ in range(_MOST_WRAPPERS):
+            numbers = {name: _VERSION.fullmatch(name) for name in inner.entries}
+            told = {name: int(number[1]) for name, number in numbers.items() if number is not None}
+            if told and len(told) == len(numbers):
+                *earlier, last = sorted(told, key=lambda name: told[name])
+                self.not_understood += [f"{inner.where}: {displayed(name)}: an earlier version" for name in earlier]
+                return inner.below(last)
+            if list(inner.entries.values()) != [True]:
+                break
+            inner = inner.below(next(iter(inner.entries)))
+        return place
 
     def _name_clone(self, place: _Place, name: str) -> None:
         """Note the user name in what GitHub Classroom calls `lab-09-submissions/lab-09-alice`."""

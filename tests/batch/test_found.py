@@ -475,6 +475,22 @@ def test_other_folders_of_submissions(tree: str, form: str, rubric: Rubric, tmp_
     assert found.not_understood == ()
 
 
+@pytest.mark.parametrize("form", ["folder", ".zip"])
+def test_teams_keeps_each_version(form: str, rubric: Rubric, tmp_path: Path) -> None:
+    """Of what was handed in several times, the last version counts, and the others are told."""
+    tree = [f"Submitted files/Ann Lee/Lab 9/Version {n}/{FIVE[0]}" for n in (1, 2, 10)]
+    tree += [f"Submitted files/Bob Ray/Lab 9/Version 1/{FIVE[0]}", f"Submitted files/Cem/Lab 9/{FIVE[0]}"]
+    folder = lay_out(tmp_path / "group", tree)
+    found = find_submissions([folder if form == "folder" else pack(folder, tmp_path / "group.zip")], rubric)
+    assert {h.name: files_of(h) for h in found.submissions} == {
+        "Ann_Lee": {FIVE[0]},
+        "Bob_Ray": {FIVE[0]},
+        "Cem": {f"Lab 9/{FIVE[0]}"},
+    }
+    assert found.submissions[0].pieces[0].member.endswith("Version 10/" if form == ".zip" else "")
+    assert [line.rpartition(": ")[0].rpartition(": ")[2] for line in found.not_understood] == ["Version 1", "Version 2"]
+
+
 def test_a_stray_file_of_the_lab_does_not_hide_a_class(rubric: Rubric, tmp_path: Path) -> None:
     """In a folder called submissions, a file of the lab beside the students' folders belongs to nobody."""
     tree = [FIVE[0], *in_folders({"alice": FIVE, "bob": FIVE})]

@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
+import io
 import sys
+from argparse import Namespace
+from dataclasses import replace
+from datetime import datetime, timezone
+from decimal import Decimal
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
+from grader.batch.found import Found
+from grader.batch.order import Graded
+from grader.batch.run import Row
 from grader.cli import main
+from grader.commands.grade import _report_class, _tell_found
+from grader.intake import Handed
+from grader.pipeline import read_rubric
 
 ROOT = Path(__file__).parents[2]
 
@@ -48,3 +60,31 @@ def test_a_cluster_needs_its_software(
     status, _, errors = run(capsys, ROOT / "submissions/alice", *arguments)
     assert status == 5
     assert "[cluster]" in errors
+
+
+def told(found: Found) -> str:
+    """Give what the command tells of what was found."""
+    console = Console(file=io.StringIO(), width=200)
+    _tell_found(found, console)
+    assert isinstance(console.file, io.StringIO)
+    return console.file.getvalue()
+
+
+def test_who_is_marked_late_without_a_time_is_told() -> None:
+    """A system's mark is not lost where it alone tells that something was late."""
+    late = Handed("bob", (), late=True)
+    assert "--class-list can: bob\n" in told(Found((late, Handed("ann", ()))))
+    assert told(Found((replace(late, submitted_at=datetime(2026, 3, 2, tzinfo=timezone.utc)),))) == ""
+
+
+def test_who_is_on_the_page_from_earlier_runs_is_told(tmp_path: Path) -> None:
+    """A submission that was renamed or withdrawn stays on the class page, and a line says so."""
+    for name in ("ann", "old"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "result.json").write_text("{}", encoding="utf-8")
+    rows = [Row(Handed("ann", ()), Graded(Decimal(1), Decimal(1), Decimal(0)))]
+    console = Console(file=io.StringIO(), width=200)
+    options = Namespace(output=tmp_path, class_list=None, anonymous=False)
+    _report_class(rows, ("zoe",), read_rubric(None), options, console)
+    assert isinstance(console.file, io.StringIO)
+    assert "Of earlier runs, and not among these: old." in console.file.getvalue()
