@@ -118,8 +118,10 @@ def test_gitlab_keeps_what_the_script_writes() -> None:
 def test_a_second_lab_of_the_same_job_has_its_own_score(tmp_path: Path) -> None:
     """Where a job grades two labs, the outputs of the second step are of the second, and never those of the first."""
     tools = {
-        "grade": '[[ $1 != export ]] || exit 0\n[[ $1 != none ]] || exit 3\nmkdir -p "$4/$1"\n'
-        'echo "{\\"score\\": {\\"final\\": ${1#lab}, \\"possible\\": 9, \\"undecided\\": 0}}" > "$4/$1/result.json"',
+        "grade": '[[ $1 != export ]] || { echo "$@"; exit 0; }\n[[ $1 != none ]] || exit 3\n'
+        'lab=$(basename "$1"); mkdir -p "$4/$lab"\n'
+        'echo "{\\"score\\": {\\"final\\": ${lab#lab}, \\"possible\\": 9, \\"undecided\\": 0}}"'
+        ' > "$4/$lab/result.json"',
         "sudo": 'shift; exec "$@"',
         "python": f'exec {sys.executable} "$@"',
     }
@@ -130,10 +132,12 @@ def test_a_second_lab_of_the_same_job_has_its_own_score(tmp_path: Path) -> None:
     variables |= {"GRADE": str(tmp_path / "grade"), "RESULTS": str(tmp_path / "results")}
     variables |= {"PATH": f"{tmp_path}:{os.environ['PATH']}", "GITHUB_STEP_SUMMARY": str(tmp_path / "summary")}
     said = {}
-    for lab in ("lab8", "lab7", "none"):
-        step = {**variables, "SUBMISSION": lab, "GITHUB_OUTPUT": str(tmp_path / lab)}
-        done = subprocess.run(["bash", ROOT / "ci/github/grade.sh"], env=step, capture_output=True, check=False)
-        said[lab] = (done.returncode, (tmp_path / lab).read_text() if (tmp_path / lab).exists() else "")
+    for lab, path in (("lab8", "./lab8"), ("lab7", str(tmp_path / "lab7")), ("none", "none")):
+        step = {**variables, "SUBMISSION": path, "GITHUB_OUTPUT": str(tmp_path / f"{lab}.txt")}
+        command = ["bash", ROOT / "ci/github/grade.sh"]
+        done = subprocess.run(command, env=step, cwd=tmp_path, capture_output=True, text=True, check=False)
+        outputs = tmp_path / f"{lab}.txt"
+        said[lab] = (done.returncode, outputs.read_text(encoding="utf-8") if outputs.exists() else "")
     assert said["lab8"] == (0, "score=8\npossible=9\nundecided=0\n")
     assert said["lab7"] == (0, "score=7\npossible=9\nundecided=0\n")
     assert said["none"] == (3, "")

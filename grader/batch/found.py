@@ -52,6 +52,7 @@ from grader.batch.downloads import (
     recognised,
 )
 from grader.batch.last_commit import last_commit_time
+from grader.errors import SubmissionError
 from grader.intake import Handed, Piece, names_in, text_of, texts_in
 from grader.intake.members import is_folder
 from grader.intake.names import TOOL_FOLDERS, displayed, is_archive, is_litter, is_packed, without_archive_suffix
@@ -139,7 +140,7 @@ def find_submissions(
     Raises
     ------
     SubmissionError
-        If the class list is not usable.
+        If the class list is not usable, or a class is packed twice.
 
     Notes
     -----
@@ -286,12 +287,34 @@ class _Finding:
             return
         students = self._students(place, shape) if shape is not Shape.ONE else None
         if students is None:
+            if shape is not Shape.ONE:
+                self._refuse_packed_class(place)
             self._add(_handed(place, place.piece()), place.name)
             self.understood.append(f"{place.where}: one submission")
         elif (download := recognised(students.entries)) is not None:
             self._add_download(students, download)
         else:
             self._add_each(students)
+
+    def _refuse_packed_class(self, place: _Place) -> None:
+        """Raise if an archive holds nothing but the archive of a class, of which all would be taken for one student's.
+
+        Raises
+        ------
+        SubmissionError
+            With what to do.
+        """
+        if place.within is None or list(place.entries.values()) != [False]:
+            return
+        (packed,) = place.entries
+        names = names_in(place.path, place.within + packed)
+        inner = _Place(Path(packed), "", tuple(names)) if names is not None else None
+        if inner is not None and self._students(inner, Shape.AUTO) is not None:
+            raise SubmissionError(
+                f"it holds an archive of several submissions, {displayed(packed)}",
+                where=str(place.path),
+                remedy=f"Unpack it, and give {displayed(packed)}; if it is all of one student, add --one.",
+            )
 
     def _students(self, place: _Place, shape: Shape) -> _Place | None:
         """Return where the students lie beside each other; None if it is one submission."""

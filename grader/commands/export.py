@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -30,10 +31,17 @@ def add_exports(parser: argparse.ArgumentParser, option: str) -> None:
     )
     parser.add_argument(
         "--path-prefix",
+        type=_below_here,
         default="",
         metavar="DIR",
-        help="folder of the submission in its repository, for forms that point at lines of files",
+        help="folder of the submission in its repository (an absolute one: below the working folder), for forms that "
+        "point at lines of files",
     )
+
+
+def _below_here(text: str) -> str:
+    """Return a path as jobs name it, whose working folder is the repository."""
+    return os.path.relpath(text) if Path(text).is_absolute() else text
 
 
 def _target(text: str) -> ExportTarget:

@@ -464,8 +464,13 @@ def _part_of(members: Iterable[Member], part: str, name: str) -> Iterator[Member
             yield replace(member, name=told[len(part) :])
 
 
-def names_in(path: Path) -> list[str] | None:
+def names_in(path: Path, within: str = "") -> list[str] | None:
     """Return the names of the files in an archive, with slashes, and of folders, with a slash at the end.
+
+    Parameters
+    ----------
+    within : str
+        A file in it, if that is an archive whose names are asked for.
 
     Returns
     -------
@@ -474,17 +479,33 @@ def names_in(path: Path) -> list[str] | None:
     """
     try:
         with os.fdopen(open_regular(os.path.realpath(path)), "rb") as file:
+            if not within:
+                return _names_of(file)
             kind = format_of(file.read(HEAD_BYTES))
             file.seek(0)
             if kind is None or not kind.can_be_read:
                 return None
-            found = []
-            for member in islice(members_of_archive(file, kind), _MOST_LISTED + 1):
-                name = names.slashed(member.name).rstrip("/")
-                found.append(f"{name}/" if member.kind is Kind.FOLDER else name)
-            return found if len(found) <= _MOST_LISTED else None
+            for member in islice(members_of_archive(file, kind), _MOST_LISTED):
+                if names.slashed(member.name) == within and member.kind is Kind.FILE:
+                    with tempfile.TemporaryFile() as inner:
+                        inner.write(_read(member, LIMITS.archive_bytes))
+                        inner.seek(0)
+                        return _names_of(inner)
     except (OSError, DamagedError, ProtectedError, TooMuchError):
+        pass
+    return None
+
+
+def _names_of(file: BinaryIO) -> list[str] | None:
+    kind = format_of(file.read(HEAD_BYTES))
+    file.seek(0)
+    if kind is None or not kind.can_be_read:
         return None
+    found = []
+    for member in islice(members_of_archive(file, kind), _MOST_LISTED + 1):
+        name = names.slashed(member.name).rstrip("/")
+        found.append(f"{name}/" if member.kind is Kind.FOLDER else name)
+    return found if len(found) <= _MOST_LISTED else None
 
 
 def text_of(path: Path, most_bytes: int) -> str | None:

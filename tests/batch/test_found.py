@@ -491,6 +491,20 @@ def test_teams_keeps_each_version(form: str, rubric: Rubric, tmp_path: Path) -> 
     assert [line.rpartition(": ")[0].rpartition(": ")[2] for line in found.not_understood] == ["Version 1", "Version 2"]
 
 
+def test_a_class_that_is_packed_twice_is_no_submission(rubric: Rubric, tmp_path: Path) -> None:
+    """An archive that holds that of a class is refused with what to do; that of one submission is unpacked twice."""
+    tree = lay_out(tmp_path / "tree", in_folders({"alice": FIVE, "bob": FIVE}))
+    outer = lay_out(tmp_path / "mail", [".DS_Store"])
+    pack(tree, outer / "submissions.zip")
+    packed = pack(outer, tmp_path / "mail.zip")
+    with pytest.raises(SubmissionError, match=r"submissions\.zip") as caught:
+        find_submissions([packed], rubric)
+    assert "--one" in caught.value.remedy
+    assert found_in(packed, rubric, Shape.ONE) == ["mail"]
+    pack(tree / "alice", outer / "submissions.zip")
+    assert found_in(pack(outer, packed), rubric) == ["mail"]
+
+
 def test_a_stray_file_of_the_lab_does_not_hide_a_class(rubric: Rubric, tmp_path: Path) -> None:
     """In a folder called submissions, a file of the lab beside the students' folders belongs to nobody."""
     tree = [FIVE[0], *in_folders({"alice": FIVE, "bob": FIVE})]

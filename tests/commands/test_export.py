@@ -124,6 +124,16 @@ def test_paths_begin_with_the_prefix(results: Path, capsys: pytest.CaptureFixtur
     assert "file=labs/ann/a.partial.py,line=3" in out
 
 
+def test_an_absolute_prefix_is_meant_from_the_repository(
+    results: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """A job may name the submission by the variable of its workspace; what lies elsewhere is not pointed at."""
+    monkeypatch.chdir(tmp_path)
+    for prefix, pointed in ((tmp_path / "labs/ann", True), (tmp_path.parent, False)):
+        _, out, _ = run(capsys, results.resolve(), "--to", "github-annotations=-", "--path-prefix", prefix)
+        assert ("file=labs/ann/a.partial.py,line=3" in out, "file=" in out) == (pointed, pointed)
+
+
 def test_a_grading_that_still_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """What has been recorded is judged, the rest is undecided and says so; what an earlier one recorded is not."""
     results = tmp_path / "ann"
