@@ -134,7 +134,7 @@ def test_a_second_lab_of_the_same_job_has_its_own_score(tmp_path: Path) -> None:
     said = {}
     for lab, path in (("lab8", "./lab8"), ("lab7", str(tmp_path / "lab7")), ("none", "none")):
         step = {**variables, "SUBMISSION": path, "GITHUB_OUTPUT": str(tmp_path / f"{lab}.txt")}
-        command = ["bash", ROOT / "ci/github/grade.sh"]
+        command = ["bash", str(ROOT / "ci/github/grade.sh")]
         done = subprocess.run(command, env=step, cwd=tmp_path, capture_output=True, text=True, check=False)
         outputs = tmp_path / f"{lab}.txt"
         said[lab] = (done.returncode, outputs.read_text(encoding="utf-8") if outputs.exists() else "")

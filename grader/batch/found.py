@@ -155,7 +155,8 @@ def find_submissions(
     finding.understood += _marked(finding.submissions, handed)
     missing: tuple[str, ...] = ()
     if class_list is not None:
-        handed, missing, unclear = _with_class_list(handed, read_class_list(class_list))
+        plain = {_origin(one): one.name for one in finding.submissions}
+        handed, missing, unclear = _with_class_list(handed, plain, read_class_list(class_list))
         finding.understood += unclear
     ordered = tuple(sorted(handed, key=lambda h: (h.name.casefold(), h.name)))
     return Found(ordered, tuple(finding.understood), tuple(finding.not_understood), missing)
@@ -544,22 +545,28 @@ def _marked(before: Sequence[Handed], after: Sequence[Handed]) -> list[str]:
 
 
 def _with_class_list(
-    submissions: Sequence[Handed], listed: Sequence[Listed]
+    submissions: Sequence[Handed], names: Mapping[str, str], listed: Sequence[Listed]
 ) -> tuple[list[Handed], tuple[str, ...], list[str]]:
     """Add what a class list knows; returns who is missing, and whose lines are not told apart, too.
 
     A name that two students have, or that two submissions bear under different ids, does not tell whose it is.
+
+    Parameters
+    ----------
+    names : mapping
+        Where each submission lies -> its name without a mark.
     """
     known, bearing = defaultdict(set), defaultdict(set)
     for number, student in enumerate(listed):
         for key in _keys(student.student_id, student.name):
             known[key].add(number)
+    borne = {h.name: _keys(h.student_id, h.student, names[_origin(h)]) for h in submissions}
     for handed in submissions:
-        for key in _keys(handed.student_id, handed.student, handed.name):
+        for key in borne[handed.name]:
             bearing[key].add(handed.student_id or handed.name)
     completed, unclear, there = [], [], set()
     for handed in submissions:
-        keys = [key for key in _keys(handed.student_id, handed.student, handed.name) if key in known]
+        keys = [key for key in borne[handed.name] if key in known]
         there |= {number for key in keys for number in known[key]}
         by_id = {_key(handed.student_id)} if handed.student_id else set()
         sure = [key for key in keys if len(known[key]) == 1 and (key in by_id or len(bearing[key]) == 1)]

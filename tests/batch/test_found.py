@@ -541,6 +541,16 @@ def test_a_list_does_not_tell_namesakes_apart(rubric: Rubric, tmp_path: Path) ->
         assert sum("does not tell who this is" in line for line in found.understood) == 2
 
 
+def test_a_list_does_not_call_missing_who_handed_in_twice(rubric: Rubric, tmp_path: Path) -> None:
+    """Two submissions of one name get marks; that the student is there is known all the same."""
+    folder = lay_out(tmp_path / "group", in_folders({"alice": FIVE, "bob": FIVE}))
+    pack(folder / "alice", folder / "alice.zip")
+    (tmp_path / "class.csv").write_text("name\nalice\nbob\nzoe\n", encoding="utf-8")
+    found = find_submissions([folder], rubric, class_list=tmp_path / "class.csv")
+    assert [handed.name[:6] for handed in found.submissions] == ["alice-", "alice-", "bob"]
+    assert found.missing == ("zoe",)
+
+
 def test_a_list_with_a_line_for_each_hand_in(rubric: Rubric, tmp_path: Path) -> None:
     """The last time counts; surnames may come first, and times end with UTC, as other systems write them."""
     rows = [
