@@ -18,6 +18,8 @@ HIDDEN = "‹name›"
 LEAST_LETTERS, LEAST_DIGITS = 3, 4
 #: Names below this length are hidden only where they stand alone, not within a word.
 LEAST_WITHIN_A_WORD = 4
+#: Names in scripts that are written without blanks are hidden from this length, wherever they stand.
+LEAST_UNPARTED = 2
 #: How letters that plain ASCII lacks are written in names of files and nodes.
 _SPELT = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "å": "aa", "ø": "oe", "æ": "ae"})
 
@@ -100,19 +102,32 @@ class _Hider:
 
 
 def _parts(name: str) -> list[str]:
-    letters = [part for part in re.findall(r"[^\W\d_]+", name) if len(part) >= LEAST_LETTERS]
+    letters = [
+        part
+        for part in re.findall(r"[^\W\d_]+", name)
+        if len(part) >= (LEAST_UNPARTED if _is_unparted(part) else LEAST_LETTERS)
+    ]
     return letters + [part for part in re.findall(r"\d+", name) if len(part) >= LEAST_DIGITS]
 
 
 def _matching(name: str) -> str:
     """Return the pattern of a name; a short one has to stand alone, be it as a word of a name in camel case."""
-    if len(name) >= LEAST_WITHIN_A_WORD:
+    if len(name) >= LEAST_WITHIN_A_WORD or (len(name) >= LEAST_UNPARTED and _is_unparted(name)):
         return re.escape(name)
     before = r"(?:(?<![^\W_])|(?-i:(?<=[a-z0-9])(?=[A-Z])))"
     after = r"(?:(?![^\W_])|(?-i:(?=[A-Z])))"
     return f"{before}{re.escape(name)}{after}"
 
 
+def _is_unparted(name: str) -> bool:
+    """Whether a name is of Chinese, Japanese or Korean letters, to which other words are joined without a blank."""
+    return all(unicodedata.east_asian_width(character) == "W" for character in name)
+
+
 def _plain(text: str) -> str:
-    """Return a text with letters without their marks; each stays one character, so that places stay the same."""
-    return "".join(unicodedata.normalize("NFKD", character)[0] for character in text)
+    """Return a text with letters without their marks; each stays one character, so that places stay the same.
+
+    A Korean syllable stays whole: of its parts, the first alone is that of hundreds.
+    """
+    first = (unicodedata.normalize("NFKD", character)[0] for character in text)
+    return "".join(old if "\u1100" <= new <= "\u11ff" else new for old, new in zip(text, first, strict=True))

@@ -44,6 +44,8 @@ def said(*entries: ClassEntry) -> str:
         ("o'brien-4711999", "obrien? O'Brien handed in 4711999.", ("o'brien", "4711999")),
         ("Jo Ng", "Jo Ng wrote it.", ("jo ng",)),
         ("kim", "KimPublisher by kim; lab9_kim/x.py.", ("kim",)),
+        ("\u738b\u4f1f_8", "\u8bdd\u9898\u738b\u4f1f\u7684\u8282\u70b9, \u738b\u4f1fNode.", ("\u738b\u4f1f",)),
+        ("\uae40 \ucca0\uc218", "\uae40\ucca0\uc218\uac00; lab9\ucca0\uc218.", ("\ucca0\uc218",)),
     ],
 )
 def test_no_part_of_a_name_is_left(name: str, reason: str, left: tuple[str, ...]) -> None:
@@ -57,6 +59,13 @@ def test_short_names_are_hidden_as_words_only() -> None:
     hidden = anonymous([entry("ann", "Ann planned AnnNode.")], LAB)
     assert hidden[0].result is not None
     assert hidden[0].result["criteria"][0]["checks"][0]["reason"] == f"{HIDDEN} planned {HIDDEN}Node."
+
+
+def test_a_korean_name_hides_no_word_that_sounds_alike_at_first() -> None:
+    """Syllables are compared whole, not by their first letters."""
+    hidden = anonymous([entry("\ucca0\uc218", "\ucca0\uc218, \ucd08\uc18d.")], LAB)
+    assert hidden[0].result is not None
+    assert hidden[0].result["criteria"][0]["checks"][0]["reason"] == f"{HIDDEN}, \ucd08\uc18d."
 
 
 def test_words_of_the_rubric_are_no_names() -> None:
