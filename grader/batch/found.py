@@ -7,8 +7,8 @@ workspace are (`src`, `launch`, `old`), or one of several that are numbered (`ta
 
 1. Most names are those of a learning-management system's download (`grader.batch.downloads`): each student is one.
 2. It is a git repository's root, or an artifact's file lies directly in it: one submission. In a folder that is called
-   as folders of submissions are (`submissions`, `lab-09-submissions`, `students`), such a file belongs to nobody if 3
-   holds.
+   as folders of submissions are (`submissions`, `lab-09-submissions`, `students`), that does not matter if 3 holds:
+   an instructor's repository, a stray file.
 3. The same artifact's file lies in two subfolders that are no parts: each subfolder and archive is one. In a single
    workspace each file lies in one package; in a class everyone has handed in the same names.
 4. It looks like a package or a workspace (`package.xml`, `setup.py`, `CMakeLists.txt`, or a part that holds an
@@ -346,7 +346,7 @@ class _Finding:
         named_so = _COLLECTION.search(place.name) is not None
         own = self._artifacts(name for name, folder in entries.items() if not folder)
         alike = any(count > 1 for count in Counter(chain.from_iterable(students)).values())
-        if place.is_repository or (own and not (named_so and alike)):
+        if (place.is_repository or own) and not (named_so and alike):
             return False
         if alike:
             return True

@@ -144,7 +144,7 @@ def run(arguments: Sequence[str], console: Console, epilog: str = "") -> int:
     remove_leavings()
     if several:
         return _grade_class(found, rubric, live, options, console)
-    if found.not_understood or found.missing:
+    if found.not_understood or found.missing or any(handed.late for handed in found.submissions):
         _tell_found(found, console)
     return each(
         found.submissions, lambda handed: _grade_one(handed, rubric, live, options, console), options.fail_under

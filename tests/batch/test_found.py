@@ -512,6 +512,8 @@ def test_a_stray_file_of_the_lab_does_not_hide_a_class(rubric: Rubric, tmp_path:
     assert [handed.name for handed in found.submissions] == ["alice", "bob"]
     assert [FIVE[0] in line for line in found.not_understood] == [True]
     assert found_in(lay_out(tmp_path / "alice", tree), rubric) == ["alice"]
+    kept = lay_out(tmp_path / "lab-09-submissions", [".git/HEAD", *tree[1:]])
+    assert found_in(kept, rubric) == ["alice", "bob"], "an instructor keeps them in a repository"
 
 
 def test_a_commit_of_tomorrow_tells_no_time(rubric: Rubric, tmp_path: Path) -> None:
