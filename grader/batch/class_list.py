@@ -39,7 +39,7 @@ class Listed:
 
 
 def read_class_list(path: Path) -> list[Listed]:
-    """Read a class list, as comma or semicolon separated values.
+    """Read a class list, of values separated by commas, semicolons or tabs.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def read_class_list(path: Path) -> list[Listed]:
             "the class list cannot be read", where=str(path), remedy=f"It is a CSV file in UTF-8. {problem}"
         ) from None
     first = text.partition("\n")[0]
-    rows = csv.reader(text.splitlines(), delimiter=";" if first.count(";") > first.count(",") else ",")
+    rows = csv.reader(text.splitlines(), delimiter=max(",;\t", key=first.count))
     try:
         columns = [column.strip().lower().replace(" ", "_") for column in next(rows, [])]
         if "name" not in columns:

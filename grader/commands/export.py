@@ -11,7 +11,8 @@ from typing import Any
 
 from rich.console import Console
 
-from grader.errors import RecordingError
+from grader.commands.arguments import print_error
+from grader.errors import GraderError, RecordingError
 from grader.exporting import STANDARD_OUTPUT, ExportTarget, write_exports
 from grader.report.exports import EXPORTS
 from grader.report.plain import terminal_text
@@ -75,13 +76,24 @@ def run(arguments: Sequence[str], console: Console) -> int:
     parser = _parser()
     options = parser.parse_args(arguments)
     targets = _targets(parser, options)
+    statuses = [0]
     for results in options.results:
-        plain = _judged_so_far(results) if options.so_far else read_result(results)
-        written = write_exports(targets, plain, results, options.path_prefix)
-        if not any(target.file == STANDARD_OUTPUT for target in targets):
-            for path in written:
-                console.print(terminal_text(str(path)), soft_wrap=True, markup=False)
-    return 0
+        try:
+            _export(results, targets, options, console)
+        except (
+            GraderError
+        ) as error:  # What is no result, such as a table beside them, does not keep the others from it.
+            print_error(error)
+            statuses.append(error.exit_status)
+    return max(statuses)
+
+
+def _export(results: Path, targets: Sequence[ExportTarget], options: argparse.Namespace, console: Console) -> None:
+    plain = _judged_so_far(results) if options.so_far else read_result(results)
+    written = write_exports(targets, plain, results, options.path_prefix)
+    if not any(target.file == STANDARD_OUTPUT for target in targets):
+        for path in written:
+            console.print(terminal_text(str(path)), soft_wrap=True, markup=False)
 
 
 def _targets(parser: argparse.ArgumentParser, options: argparse.Namespace) -> list[ExportTarget]:

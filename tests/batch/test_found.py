@@ -644,6 +644,7 @@ def test_a_class_list_knows_more(rubric: Rubric, tmp_path: Path) -> None:
         ("surname,time\n", 1),
         ("name,submitted_at\nann,2026-03-02\nbob,yesterday\n", 3),
         ("name,student_id\nann,1\n,,\n\n  ,\nbob\n,\n,x\ny\n", None),
+        ("name\tstudent_id\tsubmitted_at\nann, b; c\t1\t2026-03-02\n", None),
         ('name\n"ann\n', None),
         ("name,submitted_at\n,2026-03-02\n", 2),
     ],

@@ -79,6 +79,18 @@ def test_several_results_have_their_forms_beside_them(results: Path, capsys: pyt
     assert (status, "leave out the file" in errors) == (2, True)
 
 
+def test_what_is_no_result_does_not_keep_others_from_their_forms(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With `results/*`, tables and earlier results are among the paths; they are told, and the rest is written."""
+    other = shutil.copytree(results, results.parent / "zoe")
+    table = results.parent / "grades.csv"
+    table.write_text("submission\n", encoding="utf-8")
+    status, _, errors = run(capsys, results, table, other, "--to", "junit")
+    assert (status, errors.count("grades.csv")) == (6, 1)
+    assert (other / "junit.xml").exists()
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
