@@ -70,7 +70,8 @@ _MOST_NAME_BYTES = 120
 _PART = re.compile(
     r"src|sources?|code|launch|config|params?|scripts?|nodes?|packages?|include|resource|msg|srv"
     # Others before `_ws` are names of students.
-    r"|((ros2?|colcon|catkin|ament|dev|my|test|tutorial|lab[\w-]*)_)?ws|ros2?|workspace|old|backups?|bak|archive",
+    r"|((ros2?|colcon|catkin|ament|dev|my|old|new|final|backup|test|tutorial|robot\w*|lab[\w-]*)_)?ws"
+    r"|ros2?|workspace|old|backups?|bak|archive",
     re.IGNORECASE,
 )
 #: Longer numbers are those of students.

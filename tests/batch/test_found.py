@@ -82,6 +82,7 @@ ONE = {
     ),
     "a package": ["package.xml", *in_folders({"nodes": FIVE[:3], "my_launch": FIVE[3:]})],
     "a workspace with a copy": in_folders({"ros2_ws/src/p": FIVE, "old": FIVE}),
+    "two workspaces": in_folders({"ros2_ws/src/p": FIVE, "old_ws/src/p": FIVE}),
     "a wrapped workspace": in_folders({"lab/ros2_ws/src/p/p": FIVE}),
     "tasks": in_folders({"task1": FIVE, "task2": FIVE}),
     "a build beside it": in_folders({"src/p": FIVE, "build/p": FIVE, "install/p": FIVE, ".git": ["HEAD"]}),
