@@ -21,6 +21,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from itertools import takewhile
+from pathlib import PurePosixPath
 
 import yaml
 
@@ -38,6 +39,7 @@ _BLACKBOARD = re.compile(
 )
 _BRIGHTSPACE = re.compile(r"(?P<id>\d+)-\d+ - (?P<name>.+) - (?P<time>(?:(?! - ).)*\b\d{4}\b(?:(?! - ).)*)")
 _SAKAI = re.compile(r"(?P<name>[^()]+, ?[^()]+)\((?P<id>[^()\s]+)\)")
+_TABLES = frozenset({".csv", ".xlsx", ".xls", ".ods", ".tsv"})
 #: Longer names are none that these systems make.
 _MOST_CHARACTERS = 500
 _AGAIN = re.compile(r"-\d{1,3}(?=(\.[^.]+)?$)")
@@ -187,6 +189,11 @@ _SYSTEMS: dict[str, tuple[Callable[[Mapping[str, bool]], dict[str, Delivered]], 
 }
 
 
+def is_table(name: str) -> bool:
+    """Whether a file is a table, such as a system writes of grades."""
+    return PurePosixPath(name).suffix.lower() in _TABLES
+
+
 def recognised(entries: Mapping[str, bool]) -> Download | None:
     """Tell which system a download comes from, and what it says of each entry.
 
@@ -198,12 +205,13 @@ def recognised(entries: Mapping[str, bool]) -> Download | None:
     Returns
     -------
     Download or None
-        None unless most entries are named as one of the systems does.
+        None unless most entries are named as one of the systems does; tables are not counted.
     """
     fit = {name: is_folder for name, is_folder in entries.items() if len(name) <= _MOST_CHARACTERS}
     for system, (read, own) in _SYSTEMS.items():
         known = read(fit)
-        if known and 2 * len(known) > len(entries.keys() - own):
+        others = [name for name in entries if name not in known and name not in own and not is_table(name)]
+        if len(known) > len(others):
             return Download(system, known, own & entries.keys())
     return None
 

@@ -47,6 +47,7 @@ from grader.batch.downloads import (
     Delivered,
     Download,
     Submitted,
+    is_table,
     read_gradescope,
     read_sakai_time,
     recognised,
@@ -81,7 +82,6 @@ _SECTION = re.compile(
 _COLLECTION = re.compile(r"(^|[-_ ])(submissions|students|hand-?ins|abgaben)($|[-_ (])", re.IGNORECASE)
 _VERSION = re.compile(r"Version (\d{1,4})")
 _PACKAGE_MARKS = frozenset({"package.xml", "setup.py", "CMakeLists.txt"})
-_TABLES = frozenset({".csv", ".xlsx", ".xls", ".ods", ".tsv"})
 _PROGRAMS = frozenset({".py", ".c", ".cc", ".cpp", ".launch"})
 #: What a system writes beside submissions is read up to so many bytes.
 _MOST_NOTES_BYTES = 64 * 1024**2
@@ -327,7 +327,7 @@ class _Finding:
             decided = self._is_collection(place, entries)
             if decided is not None:
                 return place if decided else None
-            inner = [name for name, folder in entries.items() if folder or not _is_table(name)]
+            inner = [name for name, folder in entries.items() if folder or not is_table(name)]
             if len(inner) != 1 or not entries[inner[0]]:
                 break
             place = place.below(inner[0])
@@ -378,7 +378,7 @@ class _Finding:
             elif not folder and is_packed(name):
                 handed = Handed("", (place.piece(name, is_folder=False),), where=f"{place.where}: {displayed(name)}")
                 self._add(handed, without_archive_suffix(name))
-            elif not folder and not _is_table(name):
+            elif not folder and not is_table(name):
                 self.not_understood.append(f"{place.where}: {displayed(name)}: neither a folder nor an archive")
         count = len(self.submissions) - before
         self.understood.append(f"{place.where}: {count:,} submission{'' if count == 1 else 's'}")
@@ -410,7 +410,7 @@ class _Finding:
         for entry, is_a_folder in place.entries.items():
             if entry in known:
                 students[known[entry].student, known[entry].student_id][entry] = known[entry]
-            elif entry not in download.own and (is_a_folder or not _is_table(entry)):
+            elif entry not in download.own and (is_a_folder or not is_table(entry)):
                 told = f"{place.where}: {displayed(entry)}: not named as {download.system} names files"
                 self.not_understood.append(told)
         for (student, student_id), entries in students.items():
@@ -444,11 +444,6 @@ class _Finding:
 
 #: By this, the results of an earlier grading are known.
 _RESULT = "recordings/submission.json"
-
-
-def _is_table(name: str) -> bool:
-    """Whether a file is a table, such as a system writes of grades."""
-    return PurePosixPath(name).suffix.lower() in _TABLES
 
 
 def _holds_archives_only(files: Iterable[str]) -> bool:

@@ -415,6 +415,14 @@ def test_gradescopes_export(form: str, rubric: Rubric, tmp_path: Path) -> None:
     assert found.not_understood == ()
 
 
+def test_a_download_of_one_is_told_beside_tables(rubric: Rubric, tmp_path: Path) -> None:
+    """Where only one has handed in so far, the system's tables of grades do not outnumber the student."""
+    names = [f"Ann Lee_11_assignsubmission_file_/{FIVE[0]}", "Grades-Lab 9.csv", "worksheet.xlsx"]
+    found = find_submissions([lay_out(tmp_path / "export", names)], rubric)
+    assert [(h.name, h.student_id) for h in found.submissions] == [("Ann_Lee_11", "11")]
+    assert found.not_understood == ()
+
+
 def test_user_names_with_underscores_stay_apart(rubric: Rubric, tmp_path: Path) -> None:
     """On Blackboard, a title, a user's name and a group's may hold underscores; nobody is taken for another."""
     names = [
