@@ -344,7 +344,7 @@ def outcomes(result: dict[str, Any], sessions: tuple[str, ...]) -> dict[str, str
 
 def is_excused(check: dict[str, Any]) -> bool:
     """Whether a check is undecided for nothing but what the machine did."""
-    return check["outcome"] == "inconclusive" and check["reason"].startswith(MACHINE)
+    return check["outcome"] == "inconclusive" and str(check["reason"]).startswith(MACHINE)
 
 
 def faults_of_verdict(attack: Attack, result: dict[str, Any]) -> list[str]:

@@ -296,6 +296,13 @@ print('ready', flush=True)
 signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
 """
 ONE_LINE_FLOOD = "import os\nfor _ in range(10_000):\n    os.write(1, b'x' * 1024)\n"
+#: Stands in the cell until it has been looked at: it may be there for a tenth of a second only.
+HELD = "import time\nprint('up', flush=True)\ntime.sleep(600)\n"
+HOLD: list[dict[str, Any]] = [
+    {"start": {"student": "held"}},
+    {"wait_for": {"output_of": "held", "text": "up", "timeout_s": 30}},
+    {"wait_exit": {"process": "held", "timeout_s": 60}},
+]
 CLOSES = "import os, time\nprint('ready', flush=True)\nos.close(1)\nos.close(2)\ntime.sleep(600)\n"
 STOPS_ITSELF = "import os, signal\nprint('ready', flush=True)\nos.kill(os.getpid(), signal.SIGSTOP)\n"
 KILLS_ALL = "import os, signal\nprint('ready', flush=True)\nos.kill(-1, signal.SIGKILL)\n" + READY
@@ -321,12 +328,19 @@ def test_nothing_is_left_of_a_misbehaving_student(name: str, tmp_path: Path, mon
     temporary = own_temporary_folder(tmp_path)
     monkeypatch.setattr(tempfile, "tempdir", str(temporary))
     steps: list[dict[str, Any]] = [
+        *HOLD,
         START,
         {"wait_for": {"output_of": "talker", "text": text or "no such line", "timeout_s": 20}},
         {"interrupt": {"process": "talker", "timeout_s": 20 if ended_by == "interrupt" else 1}},
     ]
     watch = Watch()
-    recorded = make_lab(tmp_path, {"talker": source}, {"only": steps}).record(watch.look)["only"]
+
+    def look(progress: Progress) -> None:
+        watch.look()
+        if "until held ends" in progress.text:
+            interrupt_students()
+
+    recorded = make_lab(tmp_path, {"talker": source, "held": HELD}, {"only": steps}).record(look)["only"]
     run = recorded.process("talker")
     assert run is not None
     assert recorded.record.complete

@@ -176,7 +176,6 @@ def test_a_launch_file_that_misbehaves_is_contained(misdeed: Misdeed, tmp_path: 
     else:
         # What a busy machine leaves undecided costs nothing.
         assert {c.finding.outcome for c in checks_of(result).values()} <= {Outcome.PASSED, Outcome.INCONCLUSIVE}, said
-    assert watch.networks
     watch.until_all_ended()
     until(lambda: not processes_with(MARK))
     assert [state_of(folder) for folder in watched] == before
