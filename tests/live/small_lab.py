@@ -112,7 +112,7 @@ def make_lab(
 
 def record_one(folder: Path, source: str, steps: Sequence[Mapping[str, Any]], *, timeout_s: float = 60.0) -> Recorded:
     """Record one session of one artifact, `node`, that is started first and interrupted at the end."""
-    whole = [{"start": {"student": "node"}}, *steps, {"interrupt": {"process": "node", "timeout_s": 5}}]
+    whole = [{"start": {"student": "node"}}, *steps, {"interrupt": {"process": "node", "timeout_s": 30}}]
     return make_lab(folder, {"node": source}, {"only": whole}, timeout_s=timeout_s).record()["only"]
 
 
