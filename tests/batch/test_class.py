@@ -130,8 +130,10 @@ def test_a_second_run_in_the_same_folder_is_refused(tmp_path: Path) -> None:
     with small.start() as process:
         until(small.recording, 120)
         process.send_signal(signal.SIGSTOP)  # It is at work for as long as the other one takes.
-        status, _, errors = small.grade()
-        process.send_signal(signal.SIGCONT)
+        try:
+            status, _, errors = small.grade()
+        finally:
+            process.send_signal(signal.SIGCONT)
         assert status == 70
         assert "another run of grade is at work" in errors
         _, first = process.communicate(timeout=120)
