@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import pickle
 import signal
@@ -80,7 +81,7 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
     worker = ["worker", "--scheduler-file", str(file), "--nthreads", "1", "--no-nanny", "--no-dashboard"]
     with ExitStack() as stack:
         stack.enter_context(running([*dask, *scheduler], folder))
-        until(file.exists, 60)
+        until(lambda: is_whole(file), 60)
         workers = [
             stack.enter_context(
                 running([*dask, *worker, "--name", name, "--local-directory", str(folder / name)], folder)
@@ -88,6 +89,14 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
             for name in ("one", "other")
         ]
         yield Cluster(file, workers)
+
+
+def is_whole(file: Path) -> bool:
+    """Whether a file of JSON is there and written to its end."""
+    try:
+        return bool(json.loads(file.read_text(encoding="utf-8")))
+    except (OSError, ValueError):
+        return False
 
 
 def graded_here(folder: Path, small: SmallClass) -> SmallClass:

@@ -45,14 +45,14 @@ class Case:
     phases: list[str] = field(default_factory=list)
 
     def ends(self, limits: Limits | None = None, kill_at: str = "") -> Ending:
-        """Grade it, and check that nothing is left; `kill_at` is the phase in which its process is killed."""
+        """Grade it, and check that nothing is left; `kill_at` is the phase from which on its process is killed."""
         phases = self.phases
 
         async def watch() -> None:
             while True:
                 self.family.look()
                 for pid, _ in self.family.members:
-                    if kill_at and kill_at in phases[-1:] and "grader.batch.one" in command_of(pid):
+                    if kill_at in phases and "grader.batch.one" in command_of(pid):
                         with suppress(ProcessLookupError):
                             os.kill(pid, signal.SIGKILL)
                 await asyncio.sleep(0.02)

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, Page, Route, sync_playwright
+from playwright.sync_api import Browser, Page, Route, expect, sync_playwright
 
 ARGUMENTS = (
     "--no-sandbox",
@@ -26,6 +26,8 @@ ARGUMENTS = (
 DESK, PHONE = (1240, 900), (390, 844)
 #: Rules of axe-core whose breach keeps someone from using a page.
 GRAVE = ("serious", "critical")
+# What a page shows is waited for; on a busy machine that takes longer than the five seconds of Playwright's own.
+expect.set_options(timeout=30_000)
 
 
 def chromium() -> str:

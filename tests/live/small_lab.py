@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -111,7 +112,7 @@ def make_lab(
 
 def record_one(folder: Path, source: str, steps: Sequence[Mapping[str, Any]], *, timeout_s: float = 60.0) -> Recorded:
     """Record one session of one artifact, `node`, that is started first and interrupted at the end."""
-    whole = [{"start": {"student": "node"}}, *steps, {"interrupt": {"process": "node", "timeout_s": 5}}]
+    whole = [{"start": {"student": "node"}}, *steps, {"interrupt": {"process": "node", "timeout_s": 30}}]
     return make_lab(folder, {"node": source}, {"only": whole}, timeout_s=timeout_s).record()["only"]
 
 
@@ -193,6 +194,33 @@ def below(pid: int) -> list[int]:
     return found
 
 
+def students() -> list[int]:
+    """Return the processes below this one that run a student's program, those of its sandbox among them."""
+    return [pid for pid in below(os.getpid()) if "/ws/install" in command_of(pid)]
+
+
+def interrupt_students() -> None:
+    """Send Ctrl-C to all students' programs, and to their sandboxes, which end them."""
+    for pid in students():
+        with suppress(ProcessLookupError):  # It has just ended.
+            os.kill(pid, signal.SIGINT)
+
+
+def look_on(duration_s: float) -> None:
+    """Wait for a time in which nobody is held up: what is timed after a halt of the machine is the halt.
+
+    A machine that never gives so much time is not waited for.
+    """
+    end_s = time.monotonic() + 20 * duration_s
+    begun_s = last_s = time.monotonic()
+    while last_s - begun_s < duration_s and last_s < end_s:
+        time.sleep(0.02)
+        now_s = time.monotonic()
+        if now_s - last_s > 0.2:
+            begun_s = now_s
+        last_s = now_s
+
+
 @dataclass
 class Watch:
     """Notes the networks of all cells that a process has, so that one can tell what stays behind in them.
@@ -225,7 +253,7 @@ class Watch:
     def until_all_ended(self) -> None:
         """Wait until nothing lives in the cells any more; fails with what still does after a while."""
         with suppress(AssertionError):
-            until(lambda: not self.left(), 5)
+            until(lambda: not self.left())
         assert self.left() == []
 
 

@@ -57,6 +57,8 @@ OWN_SPACES = ["unshare", "--net", "--pid", "--mount", "--fork", "--kill-child", 
 #: Folders that every user of a machine may write to.
 SHARED_FOLDERS = (Path("/tmp"), Path("/dev/shm"), Path("/var/tmp"))
 REFUSED = 3
+#: How the reasons begin for which a busy machine leaves a measurement undecided.
+MACHINE = ("The machine kept ", "The measurement's error ")
 #: What spreadsheets compute; a number with a sign is a number.
 FORMULA = re.compile(r"[\t\r]|[=@+-](?![\d.]+$)")
 
@@ -331,11 +333,18 @@ def faults_of_result(result: dict[str, Any], most: float) -> list[str]:
 
 
 def outcomes(result: dict[str, Any], sessions: tuple[str, ...]) -> dict[str, str]:
-    """Return the outcome of each check of the sessions."""
+    """Return the outcome of each check of the sessions; what a busy machine leaves undecided is as good as passed."""
     rubric = pipeline.read_rubric(None)
     chosen = {c.id for c in rubric.checks() if c.session in sessions}
     checks = [check for criterion in result["criteria"] for check in criterion["checks"]]
-    return {check["id"]: check["outcome"] for check in checks if check["id"] in chosen}
+    return {
+        check["id"]: "passed" if is_excused(check) else check["outcome"] for check in checks if check["id"] in chosen
+    }
+
+
+def is_excused(check: dict[str, Any]) -> bool:
+    """Whether a check is undecided for nothing but what the machine did."""
+    return check["outcome"] == "inconclusive" and str(check["reason"]).startswith(MACHINE)
 
 
 def faults_of_verdict(attack: Attack, result: dict[str, Any]) -> list[str]:

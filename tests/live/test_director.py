@@ -165,7 +165,7 @@ def test_calls_are_kept_with_their_responses_and_latencies(tmp_path: Path) -> No
             call("/quick", request={"data": True}, repeat=20, clients=2),
             call("/slow", repeat=50, at_most_s=1.0),
             call("/absent", timeout_s=0.5),
-            call("/never", repeat=50, timeout_s=0.7, at_most_s=5),
+            call("/never", repeat=50, timeout_s=0.7, at_most_s=20),
         ],
     )
     quick, slow, absent, never = steps_of(recorded, "call")
@@ -179,7 +179,7 @@ def test_calls_are_kept_with_their_responses_and_latencies(tmp_path: Path) -> No
     assert all(one["ended_ns"] - one["started_ns"] >= 0.2e9 for one in slow.result["calls"])
     assert (absent.outcome, absent.result["calls"]) == ("timeout", [])
     assert (never.outcome, [one["response"] for one in never.result["calls"]]) == ("timeout", [None, None])
-    assert never.ended_ns - never.started_ns < 5e9
+    assert never.ended_ns - never.started_ns < 20e9, "it was asked more than twice"
 
 
 def test_calls_of_the_grader_are_in_the_bag(tmp_path: Path) -> None:
@@ -276,7 +276,7 @@ def test_a_publication_reaches_every_kind_of_subscription(tmp_path: Path) -> Non
         node(SUBSCRIPTIONS),
         [
             {"wait_for": {"subscription": "/orders", "type": TEXT, "timeout_s": 20}},
-            {"publish": {"topic": "/orders", "type": TEXT, "message": {"data": "go"}, "count": 20, "rate_hz": 50}},
+            {"publish": {"topic": "/orders", "type": TEXT, "message": {"data": "go"}, "count": 100, "rate_hz": 50}},
         ],
     )
     (publish,) = steps_of(recorded, "publish")
@@ -284,9 +284,9 @@ def test_a_publication_reaches_every_kind_of_subscription(tmp_path: Path) -> Non
     (told,) = recorded.record.published
     assert (told.process, told.topic, told.type) == ("director", "/orders", TEXT)
     assert told.digests == "".join(map(digest, recorded.bag.stream("/orders").data))
-    assert recorded.stream("/orders").field("data") == ["go"] * 20
+    assert recorded.stream("/orders").field("data") == ["go"] * 100
     taken = json.loads(texts(recorded)[0])
-    assert (taken["volatile"], taken["transient"]) == (20, 20)
+    assert (taken["volatile"], taken["transient"]) == (100, 100)
     assert taken["best_effort"] >= 10, "only what came before the student's side was matched may be missing"
 
 

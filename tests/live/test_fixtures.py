@@ -20,6 +20,8 @@ from grader.rubric import Rubric
 from grader.submission import read_submission_folder
 
 ROOT = Path(__file__).parents[2]
+#: How often a fixture is graded without other fixtures beside it, where the machine is busy all the same.
+MOST_ALONE = 3
 FIXTURES = sorted(path.parent for path in (ROOT / "fixtures").glob("*/expected.yaml"))
 
 
@@ -56,8 +58,9 @@ def test_fixture_gets_its_verdict(folder: Path, tmp_path: Path, rubric: Rubric) 
 
     with machine(alone=False):
         verdict = graded()
-    if verdict.undecided:
-        # Several fixtures at a time can be more than the machine takes; undecided is then the right answer.
-        with machine(alone=True):
-            verdict = graded()
+    for _ in range(MOST_ALONE):
+        if verdict.undecided:
+            # Several tests at a time can be more than the machine takes; undecided is then the right answer.
+            with machine(alone=True):
+                verdict = graded()
     assert verdict.differences == ()

@@ -201,9 +201,9 @@ for _ in range(6):
     if os.fork() == 0:
         taken = bytearray(600 * 1024 * 1024)
         taken[::4096] = b"x" * len(taken[::4096])
-        time.sleep(8)
+        time.sleep(60)
         os._exit(0)
-time.sleep(8)
+time.sleep(60)
 """,
     "processes": """
 import os, time
@@ -253,15 +253,15 @@ def take():
     taken = [bytearray(64 * 1024 * 1024) for _ in range(48)]
     for block in taken:
         block[::4096] = b"x" * len(block[::4096])
-    time.sleep(8)
+    time.sleep(60)
     os._exit(0)
 def child():
     if os.fork() == 0:
         threading.Thread(target=take).start()
         ctypes.CDLL(None).syscall(60, 0)
-    time.sleep(8)
+    time.sleep(60)
 threading.Thread(target=child).start()
-time.sleep(8)
+time.sleep(60)
 """,
     "what lies in sockets": """
 import socket, time
@@ -274,7 +274,7 @@ for _ in range(900):
     for _ in range(8):
         sender.sendto(b"x" * 60000, receiver.getsockname())
     kept.append(receiver)
-time.sleep(8)
+time.sleep(60)
 """,
 }
 

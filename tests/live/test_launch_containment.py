@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+import os
+import secrets
 import shutil
 import sys
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,18 +18,21 @@ import pytest
 pytest.importorskip("rclpy")
 
 from grader import pipeline
+from grader.live.cells import Progress
 from grader.live.probing import probe_isolation
 from grader.result import CheckResult, Outcome, Result
 from grader.submission import read_submission_folder
+from tests.live.small_lab import Watch, until
 
 pytestmark = pytest.mark.live
 
 ROOT = Path(__file__).parents[2]
 CRITERION = "launch"
-#: An argument by which the processes that a case leaves behind would be known.
-MARK = "98765.4321"
-#: Ends within this time, whatever the launch file does: one evaluation may take 10 s, the rest is the session.
-BOUND_S = 60.0
+#: An argument by which the processes that a case leaves behind would be known, and no other test's.
+MARK = f"{10**6 + os.getpid()}.{secrets.randbelow(10**6):06}"
+#: Ends within this time, whatever the launch file does: some go on for a million seconds. One evaluation may take 10 s,
+#: the rest are the sessions, of which a busy machine may need three.
+BOUND_S = 300.0
 
 
 @dataclass(frozen=True)
@@ -129,22 +135,15 @@ def processes_with(words: str) -> set[str]:
     return found
 
 
-def left_running(words: str) -> set[str]:
-    """Processes that are still there after longer than another grading on this machine would need them."""
-    found, until = processes_with(words), time.monotonic() + 12
-    while found and time.monotonic() < until:
-        time.sleep(0.2)
-        found &= processes_with(words)
-    return found
-
-
-def record_and_judge(submission: Path, results: Path) -> Result:
+def record_and_judge(
+    submission: Path, results: Path, on_progress: Callable[[Progress], None] = lambda progress: None
+) -> Result:
     """Record the launch session alone, and judge it."""
     rubric = pipeline.read_rubric(None)
     record = read_submission_folder(submission, rubric)
     record.sessions = [CRITERION]
     options = pipeline.Options(Path(sys.executable), [CRITERION], jobs=1)
-    pipeline.record(submission, record, rubric, results, options, lambda progress: None)
+    pipeline.record(submission, record, rubric, results, options, on_progress)
     return pipeline.judge_results(results, rubric)
 
 
@@ -163,7 +162,8 @@ def test_a_launch_file_that_misbehaves_is_contained(misdeed: Misdeed, tmp_path: 
     watched = [submission, ROOT / "grader/live/launching", ROOT / "reference"]
     before = [state_of(folder) for folder in watched]
     began = time.monotonic()
-    result = record_and_judge(submission, tmp_path / "results")
+    watch = Watch()
+    result = record_and_judge(submission, tmp_path / "results", watch.look)
     took_s = time.monotonic() - began
     judged = checks_of(result)[misdeed.check]
     said = f"{judged.finding.reason} | {judged.finding.measured} | {result.problems}"
@@ -174,9 +174,10 @@ def test_a_launch_file_that_misbehaves_is_contained(misdeed: Misdeed, tmp_path: 
         assert judged.finding.hint
         assert result.score.undecided == 0, said
     else:
-        assert all(c.finding.outcome is Outcome.PASSED for c in checks_of(result).values()), said
-    assert not left_running(MARK)
-    assert not left_running("evaluate.py --result-fd")
+        # What a busy machine leaves undecided costs nothing.
+        assert {c.finding.outcome for c in checks_of(result).values()} <= {Outcome.PASSED, Outcome.INCONCLUSIVE}, said
+    watch.until_all_ended()
+    until(lambda: not processes_with(MARK))
     assert [state_of(folder) for folder in watched] == before
     assert not list(tmp_path.rglob("planted_by_launch"))
     assert not Path("/tmp/planted_by_launch").exists()

@@ -27,21 +27,22 @@ RATES_HZ = {"/rate_1": 1, "/rate_10": 10, "/rate_100": 100, "/rate_1000": 1000}
 BURST_HZ, BURST_COUNT = 5000, 7500
 LATE_COUNT = 350
 
-# Publishes by absolute deadlines once each publisher is matched, and logs the time of each call.
+# Publishes by absolute deadlines once each publisher is matched, and logs when each call began and ended. It holds all
+# messages until the recorder has them: what a smaller queue of its own loses on a busy machine, it loses itself.
 PUBLISHERS = """
 import heapq, json, sys, time
 import rclpy
+from rclpy.duration import Duration
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Float64MultiArray, String
 plan, log_path = json.loads(sys.argv[1]), sys.argv[2]
-time.sleep(plan.get("sleep_s", 0))
 rclpy.init()
 node = rclpy.create_node(plan["node"])
 kinds = {"floats": Float64MultiArray, "text": String}
 log, publishers, due = {}, [], []
 for index, entry in enumerate(plan["publishers"]):
     reliability = ReliabilityPolicy[entry.get("reliability", "RELIABLE")]
-    qos = QoSProfile(depth=2000, reliability=reliability)
+    qos = QoSProfile(depth=entry["count"], reliability=reliability)
     publishers.append(node.create_publisher(kinds[entry["kind"]], entry["topic"], qos))
     log[entry["topic"]] = []
     due.append((0.0, index, 0))
@@ -62,12 +63,15 @@ while due:
     wait = start + at - time.monotonic()
     if wait > 0:
         time.sleep(wait)
-    log[entry["topic"]].append(time.time_ns())
+    begun_ns = time.time_ns()
     publishers[index].publish(message)
+    log[entry["topic"]].append((begun_ns, time.time_ns()))
     if number + 1 < entry["count"]:
         heapq.heappush(due, ((number + 1) / entry["rate_hz"], index, number + 1))
 with open(log_path, "w") as stream:
     json.dump(log, stream)
+for publisher in publishers:
+    publisher.wait_for_all_acked(Duration(seconds=20))
 time.sleep(1.5)
 """
 
@@ -111,6 +115,7 @@ SESSION = """
 import json, os, resource, signal, subprocess, sys, time
 from pathlib import Path
 import rclpy
+from grader.live.namespaces import end_with_parent
 from grader.live.recorder import Recorder
 from grader.recording.bag import BagWriter
 from grader.recording.session import Endpoint, Qos
@@ -130,18 +135,30 @@ def publishers():
                     "/" + info.node_name, str(info.endpoint_gid),
                     Qos(qos.reliability.name.lower(), qos.durability.name.lower()))
 
-children = [subprocess.Popen([sys.executable, *argv]) for argv in setting["programs"]]
-start = time.monotonic()
+def begin(argv):
+    return subprocess.Popen([sys.executable, *argv], preexec_fn=end_with_parent)
+
+def counted(topic):
+    return sum(count for key, count in recorder.counts.items() if key[0] == topic)
+
+children = [begin(argv) for argv in setting["programs"]]
+later = setting.get("later", [])
+start = looked = time.monotonic()
 held = []
-while any(child.poll() is None for child in children) and time.monotonic() < start + 30:
+while (later or any(child.poll() is None for child in children)) and time.monotonic() < start + 50:
     recorder.follow([*publishers(), *extra])
-    if setting.get("kill_after") and sum(recorder.counts.values()) >= setting["kill_after"]:
+    if later and counted(later[0][0]) > 50:
+        children.append(begin(later.pop(0)[1]))
+    looked, before = time.monotonic(), looked
+    # Not after a halt of the machine, in which the recorder could not write either.
+    going = looked - before < 0.3
+    if going and setting.get("kill_after") and sum(recorder.counts.values()) >= setting["kill_after"]:
         print(json.dumps({"killed_ns": time.time_ns()}), flush=True)
         os.kill(os.getpid(), signal.SIGKILL)
-    if not held and sum(count for key, count in recorder.counts.items() if key[0] == setting.get("hold_at")) > 50:
+    if not held and counted(setting.get("hold_at")) > 50:
         with recorder._lock:
             held = [time.time_ns()]
-            time.sleep(1)
+            time.sleep(2)
             held.append(time.time_ns())
     time.sleep(0.1)
 for child in children:
@@ -203,8 +220,6 @@ class Recorded:
             {"topic": topic, "kind": "floats", "rate_hz": rate, "count": 5 * rate + 1}
             for topic, rate in RATES_HZ.items()
         ]
-        late = {"topic": "/late", "kind": "text", "rate_hz": 70, "count": LATE_COUNT}
-        weak = {"topic": "/late", "kind": "text", "rate_hz": 50, "count": 50, "reliability": "BEST_EFFORT"}
         burst = {"topic": "/burst", "kind": "floats", "rate_hz": BURST_HZ, "count": BURST_COUNT}
         mixed = [{"topic": "/mixed", "kind": kind, "rate_hz": 100, "count": 100} for kind in ("text", "floats")]
         self.printed = record(
@@ -213,14 +228,15 @@ class Recorded:
             hold_at="/rate_100",
             programs=[
                 publishers("rates", home / "rates.json", *rates, say=["first line", "second line"]),
-                publishers("burst", home / "burst.json", burst, mixed[0], late),
-                publishers("weak", home / "weak.json", weak, mixed[1], sleep_s=2),
+                publishers("burst", home / "burst.json", burst, mixed[0]),
+                publishers("other", home / "other.json", mixed[1]),
                 ["-c", SERVICE],
             ],
         )
-        self.published_ns: dict[str, list[int]] = {}
+        #: By topic: when each call that published began and ended.
+        self.called_ns: dict[str, list[tuple[int, int]]] = {}
         for name in ("rates", "burst"):
-            self.published_ns |= json.loads((home / f"{name}.json").read_text())
+            self.called_ns |= json.loads((home / f"{name}.json").read_text())
         self.bag = Bag.open(self.folder)
 
     def stream(self, topic: str, topic_type: str | None = None) -> Stream:
@@ -242,29 +258,29 @@ def test_nothing_went_wrong(recorded: Recorded) -> None:
     assert counts == {(t.topic, t.topic_type): t.count for t in recorded.bag.topics}
 
 
-@pytest.mark.parametrize("topic", RATES_HZ)
-def test_rate_is_exact(recorded: Recorded, topic: str) -> None:
-    """Sequence numbers and source timestamps give the publisher's true rate within 0.1 %."""
+@pytest.mark.parametrize("topic", [*RATES_HZ, "/burst"])
+def test_times_are_exact(recorded: Recorded, topic: str) -> None:
+    """Each source timestamp lies within the call that published its message, so that a rate is the publisher's own.
+
+    However the machine delays the publisher: most calls take far less than a thousandth of these five seconds.
+    """
     stream = recorded.stream(topic)
-    first, last = int(stream.sequence[0]), int(stream.sequence[-1])
-    measured_hz = (last - first) / (int(stream.source_ns[-1]) - int(stream.source_ns[0])) * 1e9
-    truth_ns = recorded.published_ns[topic]
-    true_hz = (last - first) / (truth_ns[last - 1] - truth_ns[first - 1]) * 1e9
-    assert measured_hz == pytest.approx(true_hz, rel=1e-3)
-    assert true_hz == pytest.approx(RATES_HZ[topic], rel=0.02)
+    calls_ns = np.array(recorded.called_ns[topic])[stream.sequence - 1]
+    assert ((calls_ns[:, 0] <= stream.source_ns) & (stream.source_ns <= calls_ns[:, 1])).all()
+    assert np.median(calls_ns[:, 1] - calls_ns[:, 0]) < 5_000_000
 
 
 @pytest.mark.parametrize("topic", [*RATES_HZ, "/burst"])
 def test_nothing_is_lost(recorded: Recorded, topic: str) -> None:
     """Every message is in the bag, at 5,000 messages/s as well, with its own value."""
     stream = recorded.stream(topic)
-    count = len(recorded.published_ns[topic])
+    count = len(recorded.called_ns[topic])
     assert stream.sequence.tolist() == list(range(1, count + 1))
     assert [values[0] for values in stream.field("data")] == list(range(count))
 
 
 def test_received_time_is_the_middlewares(recorded: Recorded) -> None:
-    """The received time tells when a message came in, not when the recorder, held up for a second, took it."""
+    """The received time tells when a message came in, not when the recorder, held up for two seconds, took it."""
     stream = recorded.stream("/rate_100")
     assert (stream.received_ns >= stream.source_ns).all()
     begun_ns, ended_ns = recorded.printed["held_ns"]
@@ -280,11 +296,26 @@ def test_two_types_on_one_topic(recorded: Recorded) -> None:
     assert recorded.stream("/mixed", TEXT).field("data")[0].startswith("burst")
 
 
-def test_a_weaker_publisher_that_joins_is_recorded_too(recorded: Recorded) -> None:
-    """When a best-effort publisher joins, the reliable one's messages are neither lost nor doubled."""
-    lines = recorded.stream("/late").field("data")
-    assert [line for line in lines if line.startswith("burst")] == [f"burst {n}" for n in range(LATE_COUNT)]
-    assert [line for line in lines if line.startswith("weak")] == [f"weak {n}" for n in range(50)]
+def test_a_weaker_publisher_that_joins_is_recorded_too(tmp_path: Path) -> None:
+    """When a best-effort publisher joins, the reliable one's messages are neither lost nor doubled.
+
+    A flood beside them would fill the socket, and what a best-effort subscription then misses is not sent again.
+    """
+    firm = {"topic": "/late", "kind": "text", "rate_hz": 70, "count": LATE_COUNT}
+    weak = {"topic": "/late", "kind": "text", "rate_hz": 50, "count": 50, "reliability": "BEST_EFFORT"}
+    record(
+        tmp_path / "bag",
+        74,
+        programs=[publishers("firm", tmp_path / "firm.json", firm)],
+        later=[("/late", publishers("weak", tmp_path / "weak.json", weak))],
+    )
+    numbers: dict[str, list[int]] = {"firm": [], "weak": []}
+    for line in Bag.open(tmp_path / "bag").stream("/late").field("data"):
+        node, number = line.split()
+        numbers[node].append(int(number))
+    # Of two subscriptions that receive it, the reliable one may be later.
+    assert sorted(numbers["firm"]) == list(range(LATE_COUNT))
+    assert len(numbers["weak"]) == len(set(numbers["weak"])) > 0
 
 
 def test_log_and_service_events_are_recorded(recorded: Recorded) -> None:
@@ -332,7 +363,7 @@ def test_all_readers_agree(recorded: Recorded) -> None:
 def test_a_killed_recorder_leaves_its_evidence(tmp_path: Path) -> None:
     """After SIGKILL all but the last second can be read, and mended into a bag that others read."""
     folder = tmp_path / "bag"
-    entry = {"topic": "/commands", "kind": "floats", "rate_hz": 500, "count": 1300}
+    entry = {"topic": "/commands", "kind": "floats", "rate_hz": 500, "count": 5000}
     programs = [publishers("talker", tmp_path / "log.json", entry)]
     printed = record(folder, 72, programs=programs, kill_after=1000)
 

@@ -29,7 +29,17 @@ from grader.judging import judge, open_recordings  # noqa: E402
 from grader.result import Outcome  # noqa: E402
 from grader.rubric import Rubric  # noqa: E402
 from grader.submission import read_submission_folder  # noqa: E402
-from tests.live.small_lab import TALKER, TEXT, below, make_lab, name_of, published  # noqa: E402
+from tests.live.small_lab import (  # noqa: E402
+    TALKER,
+    TEXT,
+    below,
+    interrupt_students,
+    look_on,
+    make_lab,
+    name_of,
+    published,
+    until,
+)
 
 pytestmark = pytest.mark.live
 
@@ -101,7 +111,7 @@ def test_values_are_those_that_were_published(solution: Path) -> None:
     ours = Recorded.open(solution / pipeline.RECORDINGS / "publisher").numeric("/joint_commands", "data")
     assert ours is not None
     values = np.array([message.data for message in messages])
-    assert len(values) >= 550
+    assert len(values) > 100
     assert np.array_equal(values, ours.values)
     first = round(float(np.arcsin(values[0, 0] / 0.5) / (2 * np.pi * 0.2 * 0.01)))
     expected = 0.5 * np.sin(2 * np.pi * 0.2 * 0.01 * (first + np.arange(len(values))))
@@ -137,20 +147,23 @@ def test_a_killed_recorder_costs_no_points(tmp_path: Path) -> None:
     steps: list[dict[str, Any]] = [
         {"start": {"student": "talker"}},
         {"wait_for": {"publisher": "/chatter", "type": TEXT, "timeout_s": 20}},
-        {"observe": {"duration_s": 3, "first_message_on": "/chatter", "timeout_s": 20}},
-        {"interrupt": {"process": "talker"}},
+        {"observe": {"duration_s": 0.5, "first_message_on": "/chatter", "timeout_s": 20}},
+        {"wait_exit": {"process": "talker", "timeout_s": 60}},
     ]
     lab = make_lab(tmp_path, {"talker": TALKER}, {"only": steps}, checks=[published("/chatter")])
     broken = tmp_path / "broken"
     killed_ns: list[int] = []
 
     def on_progress(progress: Any) -> None:
-        if "observing" in progress.text and not killed_ns:
-            # The bag grows while we look, for the cell does not wait for us.
-            time.sleep(2.0)
-            (director,) = (p for p in below(os.getpid()) if name_of(p) == "director")
-            killed_ns.append(time.time_ns())
-            os.kill(director, signal.SIGKILL)
+        if "until talker ends" in progress.text:
+            if not killed_ns:
+                # The bag grows while we look, for the cell does not wait for us.
+                look_on(1.0)
+                (director,) = (p for p in below(os.getpid()) if name_of(p) == "director")
+                killed_ns.append(time.time_ns())
+                os.kill(director, signal.SIGKILL)
+                until(lambda: name_of(director) != "director")
+            interrupt_students()
         if progress.ended and not broken.exists():
             shutil.copytree(lab.recordings, broken)
 

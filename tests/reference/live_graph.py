@@ -4,12 +4,14 @@ import json
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import IO, Any
 
@@ -116,7 +118,7 @@ def stop_and_hear(process: subprocess.Popen[str]) -> dict[str, str]:
 
 def _stopped(process: subprocess.Popen[str], number: int) -> tuple[int, str, str]:
     process.send_signal(number)
-    rest, error = process.communicate(timeout=3)
+    rest, error = process.communicate(timeout=30)
     return process.returncode, rest, error
 
 
@@ -125,4 +127,21 @@ def use_private_graph(set_variable: Callable[[str, str], None], folder: Path) ->
     set_variable("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
     set_variable("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
     set_variable("ROS_LOG_DIR", str(folder))
-    return 1 + os.getpid() % 100
+    return own_domain()[0]
+
+
+@cache
+def own_domain() -> tuple[int, socket.socket]:
+    """Return a ROS domain that nobody else has in this network while this process lives, and what holds it.
+
+    It is held as cells hold their numbers, which are their domains where they share a network.
+    """
+    for number in range(100, 0, -1):
+        held = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        try:
+            held.bind(f"\0grade-cell-{number}")
+        except OSError:
+            held.close()
+        else:
+            return number, held
+    raise RuntimeError("all domains of this network are taken")

@@ -1,5 +1,6 @@
 """The simulated arm: its inputs as pure objects, and as a node on a real graph."""
 
+import re
 import signal
 import sys
 from collections.abc import Iterator
@@ -64,6 +65,12 @@ def rate_hz(received: list[tuple[int, Any]]) -> float:
     return (len(received) - 1) / ((received[-1][0] - received[0][0]) / 1e9)
 
 
+def keeps(received: list[tuple[int, Any]], wanted_hz: int) -> bool:
+    """Tell whether a topic had its rate over its last second; in those before it, the machine may have halted."""
+    last = received[-wanted_hz - 1 :]
+    return len(last) > wanted_hz and rate_hz(last) == pytest.approx(wanted_hz, rel=0.02)
+
+
 @pytest.mark.live
 def test_arm_follows_commands_and_keeps_its_rates(student: Listener, domain_id: int) -> None:
     """The arm goes where a best-effort publisher sends it, at its rates, with a clock of exact steps."""
@@ -77,21 +84,21 @@ def test_arm_follows_commands_and_keeps_its_rates(student: Listener, domain_id: 
     student.listen("/clock", Clock)
     states = student.received["/joint_states"]
     with started("arm.py", configuration, domain_id) as arm:
-        assert student.spin_until(lambda: len(states) > 10, 10)
+        assert student.spin_until(lambda: len(states) > 10, 30)
         assert max(map(abs, positions(student))) <= 0.05
         # Again and again, as a student's node does: the arm may match the publisher seconds later.
         student.node.create_timer(0.01, lambda: publisher.publish(Float64MultiArray(data=TARGETS)))
-        assert student.spin_until(lambda: near(student, TARGETS), 10)
-        publisher.publish(Float64MultiArray(data=[1.0]))
+        assert student.spin_until(lambda: near(student, TARGETS), 30)
+        student.node.create_timer(0.1, lambda: publisher.publish(Float64MultiArray(data=[1.0])))
         student.spin_for(1.0)
+        assert student.spin_until(lambda: keeps(states, 100) and keeps(student.received["/clock"], 200), 30)
         status, rest, error = stop(arm)
     assert near(student, TARGETS)
-    assert rate_hz(states) == pytest.approx(100, rel=0.02)  # the arm catches up
-    assert rate_hz(student.received["/clock"]) == pytest.approx(200, rel=0.02)
     ticks = [m.clock.sec * 10**9 + m.clock.nanosec for _, m in student.received["/clock"]]
     assert ticks[0] > 0
     assert {b - a for a, b in pairwise(ticks)} == {5_000_000}
-    assert (status, rest, error) == (0, "ignored 1 malformed commands\n", "")
+    assert (status, error) == (0, "")
+    assert re.fullmatch(r"ignored [1-9]\d* malformed commands\n", rest)
 
 
 def add_timed_node(student: Listener, topic: str, simulation_time: bool) -> None:
@@ -115,11 +122,18 @@ def test_simulation_time_keeps_a_100_hz_timer_at_100_hz(student: Listener, domai
     add_timed_node(student, "/simulated", simulation_time=True)
     add_timed_node(student, "/real", simulation_time=False)
     with started("arm.py", {"seed": 5, "with": {"simulation_time": True}}, domain_id):
-        assert student.spin_until(lambda: len(student.received["/simulated"]) > 10, 10)
-        for received in student.received.values():
-            received.clear()
-        student.spin_for(2.0)
-    assert rate_hz(student.received["/simulated"]) == pytest.approx(rate_hz(student.received["/real"]), rel=0.1)
+        assert student.spin_until(lambda: len(student.received["/simulated"]) > 10, 30)
+        # A machine that holds up only one of the two processes does so for a while.
+        assert any(alike(student, "/simulated", "/real") for _ in range(10))
+
+
+def alike(student: Listener, one: str, other: str) -> bool:
+    """Receive for two seconds, and tell whether two topics had the same rate in them."""
+    for received in student.received.values():
+        received.clear()
+    student.spin_for(2.0)
+    both = [student.received[topic] for topic in (one, other)]
+    return min(map(len, both)) > 10 and rate_hz(both[0]) == pytest.approx(rate_hz(both[1]), rel=0.1)
 
 
 class Enabling:
@@ -161,7 +175,7 @@ def test_enable_service_gates_the_motion(student: Listener, domain_id: int) -> N
     student.node.create_timer(0.01, lambda: publisher.publish(Float64MultiArray(data=target)))
     configuration = {"seed": 1, "with": {"enable_service": "/enable", "initial_offset_rad": 0.0}}
     with started("arm.py", configuration, domain_id):
-        assert student.spin_until(lambda: bool(student.received["/joint_states"]), 10)
+        assert student.spin_until(lambda: bool(student.received["/joint_states"]), 30)
         target = TARGETS
         student.spin_for(0.3)
         assert positions(student) == [0.0] * 7, "not yet enabled"
@@ -178,8 +192,8 @@ def test_enable_service_gates_the_motion(student: Listener, domain_id: int) -> N
         enabling.call(True, then_s=0.3)
         assert near(student, TARGETS), "refused"
         enabling.granting = True
-        enabling.call(True, then_s=0.8)
-        assert near(student, target), "granted again"
+        enabling.call(True, then_s=0.0)
+        assert student.spin_until(lambda: near(student, target), 30), "granted again"
 
 
 @pytest.mark.live

@@ -49,7 +49,7 @@ def test_stimulus_plays_the_schedule_of_its_seed(domain_id: int) -> None:
         heard.node.create_subscription(Float64MultiArray, "/cmds", sent.append, 100, raw=True)
         with started("plateaus.py", {"seed": 8, "names": names, "with": SHORT}, domain_id) as stimulus:
             last = states[-1].values
-            assert heard.spin_until(lambda: values(heard, "/joint_states")[-208:] == [last] * 208, 15)
+            assert heard.spin_until(lambda: values(heard, "/joint_states")[-208:] == [last] * 208, 60)
             assert lines(stimulus).readline() == "done\n"
             heard.spin_for(0.2)
             told = stop_and_hear(stimulus)
@@ -72,10 +72,11 @@ def test_stimulus_goes_on_with_one_topic_matched(domain_id: int) -> None:
     """A subscriber that missed a topic still gets the other, after the time for matching is up."""
     from std_msgs.msg import Float64MultiArray
 
-    settings = {**SHORT, "match_timeout_s": 0.5}
+    # Slow enough that the schedule is not over before a subscriber on a busy machine is found.
+    settings = {**SHORT, "rate_hz": 150, "match_timeout_s": 0.5}
     with listener(domain_id) as heard:
         heard.listen("/joint_states", Float64MultiArray)
         received = heard.received["/joint_states"]
         with started("plateaus.py", {"seed": 8, "with": settings}, domain_id) as stimulus:
-            assert heard.spin_until(lambda: len(received) >= 100, 10)
+            assert heard.spin_until(lambda: len(received) >= 100, 30)
             assert stop(stimulus) == (0, "", "")
