@@ -60,7 +60,8 @@ def _readable(ask: Callable[[], list[T]], otherwise: list[T]) -> list[T]:
 
 def _topics(node: Node, known: Collection[str]) -> list[tuple[str, list[str]]]:
     """Return names and types of topics; of those known by name alone where they cannot be told."""
-    told = _readable(node.get_topic_names_and_types, [(name, []) for name in known])
+    told: list[tuple[str, list[str]]] = [(name, []) for name in known]
+    told = _readable(node.get_topic_names_and_types, told)
     return [(name, types) for name, types in told if _TOPIC_NAME.fullmatch(name)]
 
 
