@@ -18,6 +18,8 @@ _VARIABLE = re.compile(r"\$\{(\w+)\}")
 _HERE = re.compile(r"\$\{(?:CMAKE_CURRENT_SOURCE_DIR|CMAKE_CURRENT_LIST_DIR|CMAKE_SOURCE_DIR|PROJECT_SOURCE_DIR)\}(/?)")
 _MOST_COMMANDS, _MOST_WORDS, _LONGEST_WORD = 2000, 500, 1000
 _MOST_PATTERNS, _DEEPEST_LOOP = 40, 20
+#: Characters of commands that are read, those in loops each time.
+_MOST_CHARACTERS = 500_000
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,7 @@ class _Reader:
     def __init__(self, variables: dict[str, list[str]], paths: Sequence[str]) -> None:
         self._variables = variables
         self._paths = paths
-        self._read = self._patterns = 0
+        self._read = self._patterns = self._characters = 0
 
     def read(self, raw: Sequence[tuple[str, str]], depth: int = 0) -> Iterator[Command]:
         """Give the commands, those in loops for each value; what is in too many loops is left out."""
@@ -59,6 +61,9 @@ class _Reader:
             self._read += 1
             name, inside = raw[at]
             at += 1
+            self._characters += len(inside)
+            if self._characters > _MOST_CHARACTERS:
+                return
             words = self._words(inside)
             if name == "foreach":
                 end = _end_of_loop(raw, at)
@@ -114,7 +119,16 @@ class _Reader:
 
 def _put_in(match: re.Match[str], variables: Mapping[str, list[str]]) -> str:
     """Return a variable's value, or the variable itself where nothing is known of it."""
-    return ";".join(variables[match[1]])[:_LONGEST_WORD] if match[1] in variables else match[0]
+    if match[1] not in variables:
+        return match[0]
+    # Of a long list no more than is kept: it may be put in thousands of times.
+    kept, length = [], 0
+    for word in variables[match[1]]:
+        kept.append(word)
+        length += len(word) + 1
+        if length > _LONGEST_WORD:
+            break
+    return ";".join(kept)[:_LONGEST_WORD]
 
 
 def _end_of_loop(raw: Sequence[tuple[str, str]], start: int) -> int:

@@ -22,6 +22,7 @@ from grader.setup_script import UNREADABLE, SetupScript, keyword_of_setup
 _MOST_SCRIPTS = 200
 _MOST_PACKAGES = 100
 _MOST_PROBLEMS = 20
+_LONGEST_LINE = 500
 
 
 def find_packages(texts: dict[str, str], paths: list[str]) -> list[PackageFact]:
@@ -169,7 +170,7 @@ def _scripts_of_text(points: str) -> list[str]:
     parser = configparser.ConfigParser(interpolation=None, strict=False, delimiters=("=",))
     parser.optionxform = str  # type: ignore[method-assign,assignment]
     try:
-        parser.read_string(points)
+        parser.read_string(_cut(points))
     except configparser.Error:
         return []
     if not parser.has_section("console_scripts"):
@@ -180,11 +181,16 @@ def _scripts_of_text(points: str) -> list[str]:
 def _console_scripts_of_config(text: str) -> list[str]:
     parser = configparser.ConfigParser(interpolation=None, strict=False)
     try:
-        parser.read_string(text)
+        parser.read_string(_cut(text))
     except configparser.Error:
         return []
     lines = parser.get("options.entry_points", "console_scripts", fallback="")
     return [line for line in lines.splitlines() if line.strip()]
+
+
+def _cut(text: str) -> str:
+    """Return a text with its lines cut: `configparser` takes time by the square of the blanks in a line."""
+    return "\n".join(line[:_LONGEST_LINE] for line in text.splitlines())
 
 
 def _read_cmake(package: PackageFact, texts: dict[str, str], paths: list[str]) -> None:

@@ -9,12 +9,15 @@ from __future__ import annotations
 import ast
 import fnmatch
 import posixpath
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 _MOST_DEPTH, _MOST_STEPS, _MOST_PARTS = 50, 5000, 12
 #: Values that double each other, and lists of commands, would otherwise take without end.
 _LONGEST_VALUE, _MOST_PATTERNS = 100_000, 100
+#: Characters and elements of all values together.
+_MOST_IN_VALUES = 1_000_000
 
 _Names = Mapping[str, Any]
 
@@ -70,9 +73,8 @@ class SetupScript:
     def __init__(self, tree: ast.Module, paths: list[str]) -> None:
         self._paths = paths
         self._constants: dict[str, ast.expr | None] = {}
-        self._steps = self._patterns = 0
-        local = {id(node) for each in ast.walk(tree) for node in _of_its_own(each)}
-        for node in (n for n in ast.walk(tree) if id(n) not in local):
+        self._steps = self._patterns = self._in_values = 0
+        for node in _of_the_file(tree):
             if isinstance(node, ast.Assign):
                 for target in node.targets:
                     self._assign(target, node.value)
@@ -81,13 +83,20 @@ class SetupScript:
             elif isinstance(node, (ast.AugAssign, ast.For, ast.NamedExpr)):
                 self._assign(node.target, None)
             elif isinstance(node, ast.Attribute) and node.attr in _CHANGING:
-                self._assign(node.value, None)
+                self._forget(node)
 
     def _assign(self, target: ast.expr, value: ast.expr | None) -> None:
         for node in ast.walk(target):
             if isinstance(node, ast.Name):
                 known = node.id not in self._constants and target is node
                 self._constants[node.id] = value if known else None
+
+    def _forget(self, node: ast.expr) -> None:
+        """Take the name before attributes, elements and calls for one whose value is not known."""
+        while isinstance(node, (ast.Attribute, ast.Subscript, ast.Call)):
+            node = node.func if isinstance(node, ast.Call) else node.value
+        if isinstance(node, ast.Name):
+            self._constants[node.id] = None
 
     def value(self, node: ast.expr, names: _Names | None = None, depth: int = 0) -> Any:
         """Return the value of an expression.
@@ -108,7 +117,11 @@ class SetupScript:
         reader = _READERS.get(type(node))
         if reader is None:
             raise NotUnderstoodError
-        return reader(self, node, names or {}, depth + 1)
+        value = reader(self, node, names or {}, depth + 1)
+        self._in_values += len(value) if isinstance(value, (str, bytes, list, dict)) else 0
+        if self._in_values > _MOST_IN_VALUES:
+            raise NotUnderstoodError
+        return value
 
     # -- one method a kind of expression --------------------------------------------------------
 
@@ -194,7 +207,7 @@ class SetupScript:
                 yield from self._each(others, inner, depth)
 
     def _call(self, node: ast.Call, names: _Names, depth: int) -> Any:
-        name = ast.unparse(node.func)
+        name = _dotted(node.func)
         given = [self.value(argument, names, depth) for argument in node.args]
         if name == "dict" and not given:
             return {k.arg: self.value(k.value, names, depth) for k in node.keywords if k.arg is not None}
@@ -281,10 +294,23 @@ _READERS: Mapping[type[ast.expr], Callable[..., Any]] = {
 }
 
 
-def _of_its_own(node: ast.AST) -> Iterator[ast.AST]:
-    """Give what lies within a function or a class: names there are not those of the file."""
-    if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.Lambda)):
-        yield from (n for n in ast.walk(node) if n is not node)
+def _of_the_file(tree: ast.Module) -> Iterator[ast.AST]:
+    """Give each node but those within functions and classes: names there are not those of the file."""
+    waiting = deque[ast.AST]([tree])
+    while waiting:
+        node = waiting.popleft()
+        yield node
+        if not isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.Lambda)):
+            waiting.extend(ast.iter_child_nodes(node))
+
+
+def _dotted(node: ast.expr) -> str:
+    """Return a name with points as it is written; empty for any other expression."""
+    parts: list[str] = []
+    while isinstance(node, ast.Attribute):
+        parts.append(node.attr)
+        node = node.value
+    return ".".join([node.id, *reversed(parts)]) if isinstance(node, ast.Name) else ""
 
 
 def _unpacked(target: ast.expr, item: Any) -> dict[str, Any]:

@@ -30,6 +30,7 @@ TEXTS = {
     "a number that cannot be printed": (
         f"x = {HEX}\nself.create_publisher(String, {HEX}, {HEX})\nself.create_timer({HEX}, f)\n"
         f"self.declare_parameter('p', {HEX})\nQoSProfile(depth={HEX})\n"
+        f"self.create_publisher(String, f'/t{{{HEX}}}', 10)\n"
         f"setup(entry_points={{'console_scripts': [{HEX}]}}, data_files=[({HEX}, [{HEX}])], name=str({HEX}))\n"
     ),
     "numbers that cannot be computed": (
@@ -45,6 +46,25 @@ TEXTS = {
         "setup(entry_points={**{}, (1, 2): [3], 'console_scripts': {'a': 1}}, "
         "data_files=[('a', [1, None, b'x']), (glob(1), []), ([] % 1, []), ('{}'.format, [1]), ('a'.format(1), 2)])\n"
     ),
+    "functions around much": "x = " + "lambda: " * 300 + "[" + "0, " * 3000 + "]\nsetup(data_files=[])\n",
+    "attributes of much": "f([" + "0, " * 3000 + "])" + ".append" * 300 + "\nsetup(data_files=[])\n",
+    "methods of a choice beside much": (
+        "setup(data_files=[], entry_points={'console_scripts': [('a=b:c' if 1 else ["
+        + "0, " * 3000
+        + "]).strip() for i in list('"
+        + "i" * 1000
+        + "')]})\n"
+    ),
+    "copies of a long text": "x = '"
+    + "a" * 90_000
+    + "'\nsetup(entry_points=[x.upper() for i in list('"
+    + "i" * 900
+    + "')])\n",
+    "a list put in without end": (
+        "set(a " + "x" * 900 + ")\nlist(APPEND b " + "${a} " * 500 + ")\nforeach(i ${b})\n"
+        "message(" + "${b}y" * 1500 + ")\nendforeach()\ninstall(DIRECTORY d0 DESTINATION share/p)\n"
+    ),
+    "blanks without end": "[options.entry_points]\nx" + " " * 20_000 + "y\nconsole_scripts =\n  a = b:c\n",
     "patterns without end": "setup(data_files=[" + "('share/p', glob('" + "**/" * 11 + "x'))," * 300 + "])\n",
     "commands without end": "install(" * 30_000 + "install(PROGRAMS " * 10_000 + "ament_auto_package(" * 5_000,
     "more commands than files": "install(DIRECTORY a b c DESTINATION share/p)\n" * 5_000,

@@ -460,7 +460,8 @@ class _Reader:
             return _UNKNOWN
         depth += 1
         if isinstance(node, ast.Constant):
-            return node.value
+            # Python refuses to write a number of thousands of digits.
+            return _UNKNOWN if isinstance(node.value, int) and abs(node.value) > _NUMBER_LIMIT else node.value
         if isinstance(node, ast.Name):
             return self._name(node, bindings, depth)
         if isinstance(node, ast.Attribute):

@@ -217,13 +217,13 @@ class Recorded:
         Parameters
         ----------
         without : iterable of str
-            Nodes (fully qualified) whose endpoints do not count, e.g. reference nodes. Another node of such a name
-            counts where the grader's is known by its gid.
+            Nodes (fully qualified) whose endpoints do not count, e.g. reference nodes. Where the grader's are known by
+            their gids, these count by no name, which others can give them, and another node of such a name counts.
         """
         topic, left_out = self.used(name), set(without)
-        known = {e.node for e in self.endpoints if self.is_trusted(e.gid)}
+        ours = {e.gid: e.node for e in self.endpoints if left_out and self.is_trusted(e.gid)}
         fitting = (e for e in self.endpoints if e.topic == topic and e.kind == kind)
-        return tuple(e for e in fitting if e.node not in left_out or (e.node in known and not self.is_trusted(e.gid)))
+        return tuple(e for e in fitting if e.gid not in ours and (e.node not in left_out or e.node in ours.values()))
 
     @functools.cached_property
     def nodes(self) -> tuple[str, ...]:

@@ -73,6 +73,8 @@ class Limits:
         Files and folders that are looked at; with more, the submission is refused.
     files : int
         Sources and texts; and as many files of other kinds.
+    folders : int
+        Folders that hold what is taken in.
     source_bytes, other_bytes : int
         Sources and texts in all; files of other kinds in all.
     file_bytes : int
@@ -85,6 +87,7 @@ class Limits:
 
     members: int = 50_000
     files: int = 2_000
+    folders: int = 2_000
     source_bytes: int = 32 * 1024**2
     other_bytes: int = 96 * 1024**2
     file_bytes: int = 8 * 1024**2
@@ -382,6 +385,8 @@ class _Taking:
         key = names.collision_key(parts)
         if key in self._folders or any(names.collision_key(parts[:n]) in self._kept for n in range(1, len(parts))):
             return "a file where another has a folder"
+        if len(self._folders) + len(_folders_above(parts) - self._folders) > self._limits.folders:
+            return f"more than {self._limits.folders:,} folders"
         if self._kept.get(key, member.name) != member.name:
             return "its name differs from another only in case or in the form of its letters"
         return None
@@ -443,7 +448,12 @@ class _Taking:
         target.parent.mkdir(parents=True, exist_ok=True)
         self._partial.replace(target)
         self._kept[key] = name
-        self._folders.update(names.collision_key(parts[:depth]) for depth in range(1, len(parts)))
+        self._folders.update(_folders_above(parts))
+
+
+def _folders_above(parts: tuple[str, ...]) -> set[str]:
+    """Return the collision keys of the folders that a file lies in."""
+    return {names.collision_key(parts[:depth]) for depth in range(1, len(parts))}
 
 
 def _mebibytes(size: int) -> str:

@@ -1,7 +1,7 @@
 """Becomes a student's command, confined without namespaces: for containers and hosts that permit none.
 
 Run as `python -I -m grader.live.confine SPEC`, where SPEC is a `Confinement` as JSON. It gives up privileges,
-restricts files, TCP and signals by Landlock, filters system calls, sets limits, and executes the command.
+restricts files and signals by Landlock, filters system calls, TCP among them, sets limits, and executes the command.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def main() -> None:
     if os.geteuid() == 0:
         _give_up_privileges(plan.uid)
     _prctl(_SET_PDEATHSIG, signal.SIGKILL)
-    _filter_system_calls(local_sockets=plan.uid is not None)
+    _filter_system_calls(own_user=plan.uid is not None)
     os.execvpe(plan.command[0], plan.command, plan.environment)
 
 
@@ -82,8 +82,8 @@ class _Program(ctypes.Structure):
     _fields_ = (("length", ctypes.c_ushort), ("steps", ctypes.c_char_p))
 
 
-def _filter_system_calls(*, local_sockets: bool) -> None:
-    steps = filter_program(spare_others=True, local_sockets=local_sockets)
+def _filter_system_calls(*, own_user: bool) -> None:
+    steps = filter_program(own_spaces=False, own_user=own_user)
     program = _Program(len(steps) // 8, steps)
     _prctl(_SET_SECCOMP, _FILTER_MODE, ctypes.addressof(program))
 

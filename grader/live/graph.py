@@ -5,11 +5,12 @@ What is ours is known by its gid: a student's node may have any name.
 
 from __future__ import annotations
 
+import re
 import secrets
 import time
 from collections.abc import Callable, Collection
-from functools import lru_cache
-from typing import Any
+from functools import lru_cache, partial
+from typing import Any, TypeVar
 
 from rclpy.impl.implementation_singleton import rclpy_implementation as rcl
 from rclpy.node import Node
@@ -33,6 +34,10 @@ MAX_TOPICS = 400
 MAX_NODES = 400
 MAX_ENDPOINTS = 4000
 _INFINITE_NS = 2**62
+#: Names that rcl takes. A program without ROS may have others on DDS, and bytes that are no text.
+_TOPIC_NAME = re.compile(r"(?:/[A-Za-z_][A-Za-z0-9_]*)+")
+
+T = TypeVar("T")
 
 
 def full_name(namespace: str, name: str) -> str:
@@ -43,6 +48,21 @@ def full_name(namespace: str, name: str) -> str:
 def is_reserved(name: str) -> bool:
     """Whether a node or topic (fully qualified) is in the grader's namespace."""
     return name.startswith(GRADER_NAMESPACE + "/")
+
+
+def _readable(ask: Callable[[], list[T]], otherwise: list[T]) -> list[T]:
+    """Return what rclpy tells of the graph, or something else where it gives up, as something in it is no text."""
+    try:
+        return ask()
+    except UnicodeDecodeError:
+        return otherwise
+
+
+def _topics(node: Node, known: Collection[str]) -> list[tuple[str, list[str]]]:
+    """Return names and types of topics; of those known by name alone where they cannot be told."""
+    told: list[tuple[str, list[str]]] = [(name, []) for name in known]
+    told = _readable(node.get_topic_names_and_types, told)
+    return [(name, types) for name, types in told if _TOPIC_NAME.fullmatch(name)]
 
 
 def gid_prefix_of(node: Node) -> str:
@@ -122,13 +142,16 @@ def _endpoints_of(node: Node, topic: str) -> list[Endpoint]:
 
     The node's own functions do: in a session that would be half of what looking at the graph costs.
     """
+    told: list[dict[str, Any]] = []
     with node.handle:
-        told = rcl.rclpy_get_publishers_info_by_topic(node.handle, topic, False)
-        told += rcl.rclpy_get_subscriptions_info_by_topic(node.handle, topic, False)
+        for ask in (rcl.rclpy_get_publishers_info_by_topic, rcl.rclpy_get_subscriptions_info_by_topic):
+            told += _readable(partial(ask, node.handle, topic, False), [])
     return [_endpoint(_Told(topic, info)) for info in told]
 
 
-def snapshot(node: Node, own_prefix: str, first: Collection[str] = ()) -> GraphSnapshot:
+def snapshot(
+    node: Node, own_prefix: str, first: Collection[str] = (), before: GraphSnapshot | None = None
+) -> GraphSnapshot:
     """Take a snapshot of the graph.
 
     Parameters
@@ -137,10 +160,15 @@ def snapshot(node: Node, own_prefix: str, first: Collection[str] = ()) -> GraphS
         See `gid_prefix_of`; endpoints of this process are left out.
     first : collection of str
         Topics that are looked at before all others, where there are too many.
+    before : GraphSnapshot or None
+        The last one, which stands in where names cannot be told.
     """
     taken = GraphSnapshot(time.time_ns())
-    taken.nodes = sorted(full_name(namespace, name) for name, namespace in node.get_node_names_and_namespaces())
-    topics = sorted(name for name, _ in node.get_topic_names_and_types() if not is_reserved(name))
+    before = before or taken
+    named = _readable(node.get_node_names_and_namespaces, [full.rsplit("/", 1)[::-1] for full in before.nodes])
+    taken.nodes = sorted(full_name(namespace, name) for name, namespace in named)
+    known = {*first, *(endpoint.topic for endpoint in before.endpoints)}
+    topics = sorted(name for name, _ in _topics(node, known) if not is_reserved(name))
     topics.sort(key=lambda name: name not in first)
     for topic in topics[:MAX_TOPICS]:
         if len(taken.endpoints) >= MAX_ENDPOINTS:
@@ -159,13 +187,16 @@ def snapshot(node: Node, own_prefix: str, first: Collection[str] = ()) -> GraphS
 
 def _glance(node: Node) -> object:
     """Return what of the graph costs a tenth of a snapshot to look at: names, types, and how many endpoints."""
-    topics = node.get_topic_names_and_types()
+    topics = _topics(node, ())
     handle = node.handle
     with handle:
         counts = [
             (handle.get_count_publishers(name), handle.get_count_subscribers(name)) for name, _ in topics[:MAX_TOPICS]
         ]
-    return node.get_node_names_and_namespaces(), topics, counts, node.get_service_names_and_types()
+    nodes, services = (
+        _readable(ask, []) for ask in (node.get_node_names_and_namespaces, node.get_service_names_and_types)
+    )
+    return nodes, topics, counts, services
 
 
 def _services_of(node: Node, full: str) -> tuple[list[ServiceOffer], list[ServiceClient]]:
@@ -173,7 +204,7 @@ def _services_of(node: Node, full: str) -> tuple[list[ServiceOffer], list[Servic
     try:
         offered = node.get_service_names_and_types_by_node(name, namespace or "/")[:MAX_TOPICS]
         asked = node.get_client_names_and_types_by_node(name, namespace or "/")[:MAX_TOPICS]
-    except RuntimeError:  # The node left in between.
+    except (RuntimeError, UnicodeDecodeError):  # The node left in between, or what it has are no names.
         return [], []
     return (
         [ServiceOffer(service, kind, full) for service, kinds in offered for kind in kinds],
@@ -222,7 +253,7 @@ class GraphWatch:
         if not now and settled and glance == self._glance and now_s < self._closely_s:
             return self.last
         self._glance, self._closely_s = glance, now_s + self.CLOSELY_S
-        taken = snapshot(self._node, self.own_prefix, self.first)
+        taken = snapshot(self._node, self.own_prefix, self.first, self.last)
         key = (
             tuple(taken.nodes),
             tuple(sorted((e.gid, e.kind, e.topic, e.type, e.node) for e in taken.endpoints)),

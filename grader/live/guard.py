@@ -30,6 +30,9 @@ _MAX_WRITTEN_BYTES = 512 * 1024 * 1024
 _MAX_WRITTEN_FILES = 40_000
 _MAX_WRITTEN_DEPTH = 100
 _LOOKS_PER_WALK = 5
+#: Of the disk's space that was free when the session began, the share below which nothing more may be written: files
+#: that are open and have no name any more are in no folder.
+_LEAST_FREE = 0.5
 #: What may lie in the sockets of a session.
 _MAX_NETWORK_BYTES = 128 * 1024 * 1024
 #: Share of the machine's memory below which nothing more may be taken, where the kernel limits nobody.
@@ -71,6 +74,8 @@ class Guard:
         #: Where the kernel kills: what each took when memory was last getting short.
         self._held: dict[RunningProcess, int] = {}
         self._looks = 0
+        #: Free space of the areas' disk when it was first looked at, in bytes.
+        self._free_bytes: int | None = None
 
     async def watch(self) -> None:
         """Look again and again until cancelled."""
@@ -186,6 +191,16 @@ class Guard:
         limit = "disk" if size > _MAX_WRITTEN_BYTES else "files" if count > _MAX_WRITTEN_FILES else None
         if limit is not None:
             await self._end_all(limit)
+        free_bytes = min(map(_free_bytes, self._areas.values()))
+        self._free_bytes = free_bytes if self._free_bytes is None else self._free_bytes
+        if any(p.alive for p in self._students()) and free_bytes < _LEAST_FREE * self._free_bytes:
+            self._on_problem("the disk ran out of space while it was recorded")
+            await self._end_all(None)
+
+
+def _free_bytes(folder: Path) -> int:
+    space = os.statvfs(folder)
+    return space.f_bavail * space.f_frsize
 
 
 def _taken(pids: Iterable[int]) -> tuple[int, int]:

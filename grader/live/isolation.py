@@ -40,6 +40,9 @@ STUDENT_UIDS = (range(1_879_048_192, 2_147_352_576), range(64_100, 64_228))
 _UIDS_OF_NETWORK = 128
 _MAX_FILE_BYTES = 64 * 1024 * 1024
 _MAX_OPEN_FILES = 1024
+#: Too small for any core file. Where a program of the machine's takes them, as apport does on Ubuntu, a limit of 0 does
+#: not keep it from being started, as root, for each crash; this one does. Reference: Linux, fs/coredump.c.
+_NO_CORE_BYTES = 1
 #: Address space of one process where no control group limits the memory of all together.
 _MAX_ADDRESS_BYTES = 4 * 1024**3
 #: Of `/etc`, what programs need to run.
@@ -133,8 +136,7 @@ class Isolation:
             return ([*covers, _ALL_TOGETHER], []) if self.level is Level.FULL else (covers, [_ALL_TOGETHER])
         if self.level is Level.NONE:
             return ["limits on output and time"], [*_NAMESPACES, _FILES, _FILTER, _LIMITS]
-        covers, lacks = [_FILES, _FILTER, _LIMITS], [*_NAMESPACES, _ALL_TOGETHER]
-        (covers if landlock_version() >= 4 else lacks).append("no connections by TCP")
+        covers, lacks = [_FILES, _FILTER, _LIMITS, "no connections by TCP"], [*_NAMESPACES, _ALL_TOGETHER]
         lacks.append("UDP to other machines is not blocked")
         if not self.own_uid and os.geteuid() == 0:
             lacks.append("a user id of its own: students' code runs as root, without its privileges")
@@ -251,7 +253,7 @@ def student_argv(
 
 
 def _limits(group: CellGroup | None, uid: int | None) -> dict[str, int]:
-    limits = {"nofile": _MAX_OPEN_FILES, "fsize": _MAX_FILE_BYTES, "core": 0}
+    limits = {"nofile": _MAX_OPEN_FILES, "fsize": _MAX_FILE_BYTES, "core": _NO_CORE_BYTES}
     return limits if group is not None else {**limits, "as": _MAX_ADDRESS_BYTES}
 
 

@@ -1,4 +1,4 @@
-"""What a process may open and reach, restricted by Landlock, which needs no privilege (Linux 5.13 and newer).
+"""What a process may open and signal, restricted by Landlock, which needs no privilege (Linux 5.13 and newer).
 
 References
 ----------
@@ -24,7 +24,6 @@ _REFER, _TRUNCATE, _IOCTL_DEV = 1 << 13, 1 << 14, 1 << 15
 _ALL_OF_VERSION_1 = (1 << 13) - 1
 _OF_FILES = _EXECUTE | _WRITE_FILE | _READ_FILE | _TRUNCATE | _IOCTL_DEV
 _READ = _EXECUTE | _READ_FILE | _READ_DIR
-_TCP_BIND_AND_CONNECT = 0b11
 _ABSTRACT_SOCKETS_AND_SIGNALS = 0b11
 
 
@@ -42,8 +41,8 @@ def confines_signals(version: int) -> bool:
 def restrict(read: Iterable[Path], write: Iterable[Path]) -> None:
     """Let this process and all that come from it open nothing but the given files and what is below the folders.
 
-    From version 4 on they also cannot use TCP, from version 6 on neither signal processes outside nor connect to
-    their abstract sockets. The process must have set `no_new_privs`.
+    From version 6 on they also can neither signal processes outside nor connect to their abstract sockets. The process
+    must have set `no_new_privs`.
 
     Raises
     ------
@@ -55,10 +54,9 @@ def restrict(read: Iterable[Path], write: Iterable[Path]) -> None:
     handled |= (_REFER if version >= 2 else 0) | (_TRUNCATE if version >= 3 else 0)
     handled |= _IOCTL_DEV if version >= 5 else 0
     attributes = struct.pack("=Q", handled)
-    if version >= 4:
-        attributes += struct.pack("=Q", _TCP_BIND_AND_CONNECT)
     if confines_signals(version):
-        attributes += struct.pack("=Q", _ABSTRACT_SOCKETS_AND_SIGNALS)
+        # Between the two stands what is restricted of TCP, which the system call filter does without gaps.
+        attributes += struct.pack("=QQ", 0, _ABSTRACT_SOCKETS_AND_SIGNALS)
     ruleset = _call(_CREATE_RULESET, attributes, len(attributes), 0)
     for path in read:
         _allow(ruleset, path, _READ & handled)

@@ -39,6 +39,9 @@ sys.argv[0] = source
 #: Where packages keep data files of a kind.
 _USUAL_FOLDERS = {".yaml": "config", ".yml": "config", ".rviz": "rviz", ".urdf": "urdf", ".xacro": "urdf"}
 
+#: What is installed beside the sources at most: data files once for each package, and programs.
+_MOST_INSTALLED_BYTES, _MOST_INSTALLED = 64 * 1024 * 1024, 8_000
+
 _PACKAGE_PATH = "os.path.normpath(os.path.join(os.path.dirname(os.path.realpath(__file__)), '../../..', {root!r}))"
 _RUN_FILE = 'runpy.run_path(source, run_name="__main__")'
 _RUN_FILE_FUNCTION = 'sys.exit(runpy.run_path(source, run_name="student_module")[{function!r}]())'
@@ -62,6 +65,22 @@ class Workspace:
     executables: dict[str, str] = field(default_factory=dict)
 
 
+@dataclass
+class _Room:
+    """What is left of the room for what is installed."""
+
+    size_bytes: int = _MOST_INSTALLED_BYTES
+    entries: int = _MOST_INSTALLED
+
+    def take(self, path: Path, size_bytes: int) -> bool:
+        """Take the room for a file and the folders that it needs, if there is so much."""
+        entries = 1 + sum(not parent.is_dir() for parent in path.parents)
+        if size_bytes > self.size_bytes or entries > self.entries:
+            return False
+        self.size_bytes, self.entries = self.size_bytes - size_bytes, self.entries - entries
+        return True
+
+
 def stage(source: Path, record: SubmissionRecord, rubric: Rubric, folder: Path, interpreter: str) -> Workspace:
     """Make the workspace.
 
@@ -71,7 +90,13 @@ def stage(source: Path, record: SubmissionRecord, rubric: Rubric, folder: Path, 
         The submission's folder; only the files listed in `record` are copied.
     interpreter : str
         Absolute path of the Python that runs students' code.
+
+    Notes
+    -----
+    Of data there may be more than a session has room for, once it is installed for each of several packages; then what
+    is no text is left out.
     """
+    room = _Room()
     for file in record.files:
         target = folder / "src" / file.path
         origin = source / file.path
@@ -87,10 +112,10 @@ def stage(source: Path, record: SubmissionRecord, rubric: Rubric, folder: Path, 
             _write(folder / relative, _wrapper_of_file(artifact.path, record, interpreter, depth=3, executable=named))
             executables[artifact.name] = relative
     for package in record.packages:
-        _install_package(folder, package, record, interpreter)
+        _install_package(folder, room, package, record, interpreter)
     if not record.packages:
         for name in _packages_of_bare_files(record, rubric):
-            _install_bare_files(folder, name, record, rubric, interpreter)
+            _install_bare_files(folder, room, name, record, rubric, interpreter)
     return Workspace(folder, executables)
 
 
@@ -113,7 +138,9 @@ def _packages_of_bare_files(record: SubmissionRecord, rubric: Rubric) -> list[st
     return [p for p in dict.fromkeys([rubric.lab.package, *named]) if not is_released(p)][:20]
 
 
-def _install_bare_files(folder: Path, package: str, record: SubmissionRecord, rubric: Rubric, interpreter: str) -> None:
+def _install_bare_files(
+    folder: Path, room: _Room, package: str, record: SubmissionRecord, rubric: Rubric, interpreter: str
+) -> None:
     _register(folder, package)
     for artifact in record.artifacts:
         executable = rubric.artifacts[artifact.name].executable
@@ -123,34 +150,40 @@ def _install_bare_files(folder: Path, package: str, record: SubmissionRecord, ru
         # `ros2 run` knows them by the names that their entry points would have, or by their own.
         for name in {executable, PurePosixPath(artifact.path).name, PurePosixPath(artifact.path).stem}:
             _write(folder / "install/lib" / package / name, text)
-    for file in record.files:
+    for file in sorted(record.files, key=lambda file: file.path not in record.texts):
         # Nothing says what would be installed, so all data files are, where they lie and where they usually do.
         path = PurePosixPath(file.path)
         usual = _USUAL_FOLDERS.get(path.suffix, "launch" if is_launch_file(path.name) else None)
         if _is_shared(path):
             for target in {str(path), f"{usual}/{path.name}" if usual and len(path.parts) == 1 else str(path)}:
-                _share(folder, file.path, f"share/{package}/{target}")
+                _share(folder, room, file.path, f"share/{package}/{target}")
 
 
-def _install_package(folder: Path, package: PackageFact, record: SubmissionRecord, interpreter: str) -> None:
+def _install_package(
+    folder: Path, room: _Room, package: PackageFact, record: SubmissionRecord, interpreter: str
+) -> None:
     _register(folder, package.name)
-    for target, file_path in (_all_data(package, record) if package.shared is None else package.shared).items():
-        _share(folder, file_path, target)
     for name, target in package.executables.items():
-        if re.fullmatch(r"[\w.+-]{1,200}", name):
-            _write(
-                folder / "install/lib" / package.name / name,
-                _wrapper_of_entry(package, target, record, interpreter),
-            )
+        program, text = (
+            folder / "install/lib" / package.name / name,
+            _wrapper_of_entry(package, target, record, interpreter),
+        )
+        if re.fullmatch(r"[\w.+-]{1,200}", name) and room.take(program, len(text)):
+            _write(program, text)
+    shared = _all_data(package, record) if package.shared is None else package.shared
+    for target, file_path in sorted(shared.items(), key=lambda pair: pair[1] not in record.texts):
+        _share(folder, room, file_path, target)
 
 
-def _share(folder: Path, file_path: str, target: str) -> None:
+def _share(folder: Path, room: _Room, file_path: str, target: str) -> None:
     """Install a file below the prefix's share folder, and nowhere else."""
     origin, parts = folder / "src" / file_path, PurePosixPath(target).parts
     if parts[:1] != ("share",) or ".." in parts or not origin.is_file():
         return
     installed = folder / "install" / target
     with suppress(OSError):  # a name that is a folder elsewhere, or too long
+        if not room.take(installed, origin.stat().st_size):
+            return
         installed.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(origin, installed)
 

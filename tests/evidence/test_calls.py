@@ -278,3 +278,13 @@ def test_any_text_is_read(source: str) -> None:
     assert isinstance(rclpy_calls(source), tuple)
     assert has_main_guard(source) in (True, False)
     assert defines_main(source) in (True, False)
+
+
+def test_numbers_that_cannot_be_written_are_not_known() -> None:
+    """Python refuses to write thousands of digits; what a text holds of them is not told, and the rest is."""
+    number = "0x" + "f" * 5000
+    unknown, known = calls(
+        f"self.create_publisher(String, f'/t{{{number}}}', {number})\nself.create_publisher(String, 't', 5)"
+    )
+    assert (unknown.name, unknown.qos) == (None, None)
+    assert (known.name, known.qos) == ("t", profile("reliable", 5))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from grader.evidence.recorded import Recorded, Span
-from grader.recording.session import UNKNOWN_NODE, Endpoint, GraphSnapshot, MachineSample, ProcessRun, Usage
+from grader.recording.session import UNKNOWN_NODE, Endpoint, GraphSnapshot, MachineSample, ProcessRun, Trusted, Usage
 from tests.synthetic import FLOATS, START_NS, Session, at
 
 
@@ -100,6 +100,19 @@ def test_an_endpoint_whose_node_was_unknown_belongs_to_its_participant(tmp_path:
     recorded = session.recorded()
     assert sorted((e.gid[0], e.node) for e in recorded.endpoints) == [("a", "/late"), ("c", "/same"), ("c", "/same")]
     assert [e.node for e in recorded.endpoints_on("/a", "publisher", without=["/late"])] == ["/same"]
+
+
+def test_an_endpoint_of_the_graders_is_no_students_under_any_name(tmp_path: Path) -> None:
+    """Anybody can tell the graph which node an endpoint belongs to; the gid that came through the pipe counts."""
+    session = Session(tmp_path)
+    renamed, own = endpoint("a" * 24 + "01", "/student"), endpoint("b" * 24 + "01", "/arm")
+    session.record.graph = [
+        GraphSnapshot(at(1.0), endpoints=[renamed, own, endpoint("a" * 24 + "02", "/arm", "/b")]),
+    ]
+    session.record.trusted = [Trusted("arm", "a" * 24)]
+    recorded = session.recorded()
+    assert [e.gid for e in recorded.endpoints_on("/a", "publisher", without=["/arm"])] == [own.gid]
+    assert [e.gid for e in recorded.endpoints_on("/a", "publisher")] == [renamed.gid, own.gid]
 
 
 def test_nodes_of_all_times_are_listed_once(tmp_path: Path) -> None:

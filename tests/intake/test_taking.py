@@ -368,6 +368,14 @@ def test_large_files_are_left_out(form: str, tmp_path: Path) -> None:
     assert left_out == ("bag.mcap: larger than 0 MiB",)
 
 
+def test_folders_have_a_limit(form: str, tmp_path: Path) -> None:
+    """Each file may bring twenty folders along; past a number, those that need more of them are left out."""
+    files = {f"a{n}/b/c/x.py": b"pass" for n in range(10)} | {"main.py": b"pass"}
+    kept_files, left_out = take(handed_in(form, tmp_path, files), replace(LIMITS, folders=9))
+    assert sorted(kept_files) == ["a0/b/c/x.py", "a1/b/c/x.py", "a2/b/c/x.py", "main.py"]
+    assert left_out[-1].endswith("more than 9 folders")
+
+
 def test_data_does_not_crowd_out_sources(form: str, tmp_path: Path) -> None:
     """Sources have room of their own, in number and in size, wherever in the order they come."""
     pictures = {f"data/{number:03}.png": bytes(100) for number in range(30)}

@@ -77,6 +77,14 @@ def test_where_memory_runs_out_nobody_is_blamed(tmp_path: Path, monkeypatch: pyt
     assert problems == ["the machine ran out of memory while it was recorded"]
 
 
+def test_where_the_disk_runs_out_nobody_is_blamed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Files that are open and have no name stand in no folder: the process is ended before the disk is full."""
+    monkeypatch.setattr(guard, "_LEAST_FREE", 1.1)
+    record, problems = watched(tmp_path)
+    assert (record.limit, record.ended_by) == (None, "kill")
+    assert problems == ["the disk ran out of space while it was recorded"]
+
+
 #: Leaves twenty processes behind that are below nobody's any more, then goes on.
 STRAYS = "for i in $(seq 20); do (sleep 60 &); done; echo left; sleep 60"
 

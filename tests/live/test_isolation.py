@@ -38,7 +38,7 @@ LEVELS = [Level.FULL, Level.NO_CGROUP, Level.REDUCED]
 
 #: Prints a JSON object: what was tried -> "done" or the error's name.
 TRIES = """
-import ctypes, json, multiprocessing, os, resource, socket, subprocess, sys, threading
+import ctypes, fcntl, json, multiprocessing, os, resource, socket, subprocess, sys, threading
 
 libc = ctypes.CDLL(None, use_errno=True)
 
@@ -62,6 +62,15 @@ def change(path):
     with open(path, "w") as file:
         file.write("x")
 
+def cut():
+    change(os.path.join(os.environ["HOME"], "cut"))
+    os.open(os.path.join(os.environ["HOME"], "cut"), os.O_RDONLY | os.O_TRUNC)
+
+def lease():
+    change(os.path.join(os.environ["HOME"], "leased"))
+    file = os.open(os.path.join(os.environ["HOME"], "leased"), os.O_RDONLY)
+    fcntl.fcntl(file, fcntl.F_SETLEASE, fcntl.F_RDLCK)
+
 denied = {
     "namespace by clone": lambda: system_call(56, 0x10000000 | 17, 0, 0, 0, 0),
     "packet socket": lambda: opened(17, 3),
@@ -71,10 +80,19 @@ denied = {
     "a file of the system": lambda: change("/usr/made"),
     "own interpreter": lambda: change(sys.prefix + "/made"),
     "limits of others": lambda: resource.prlimit(os.getppid(), resource.RLIMIT_NOFILE, (5, 5)),
+    "weight of another": lambda: os.setpriority(os.PRIO_PROCESS, os.getppid(), 19),
     "weight of all of a user's": lambda: os.setpriority(os.PRIO_USER, 0, 19),
     "secrets": lambda: open(SECRET).read(),
     "rubric": lambda: open(RUBRIC).read(),
     "services of the same user": lambda: opened(1, 1),
+    "a connection": lambda: opened(2, 1),
+    "a connection over several ways": lambda: socket.socket(2, 1, 262).close(),
+    "cutting a file that is open for reading": cut,
+    "a lease of a file": lease,
+    "rights of a file": lambda: os.chmod(sys.prefix, os.stat(sys.prefix).st_mode & 0o7777),
+    "times of a file": lambda: os.utime(sys.prefix, ns=(0, os.stat(sys.prefix).st_mtime_ns)),
+    "another scheduling": lambda: os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0)),
+    "another scheduling of others": lambda: os.sched_setscheduler(os.getppid(), os.SCHED_IDLE, os.sched_param(0)),
     **{f"call {n}": (lambda n=n: system_call(n, 0, 0, 0, 0, 0)) for n in NUMBERS},
 }
 permitted = {
@@ -87,6 +105,9 @@ permitted = {
     "addresses": lambda: socket.if_nameindex(),
     "own file": lambda: change(os.path.join(os.environ["HOME"], "mine")),
     "own limits": lambda: resource.prlimit(0, resource.RLIMIT_CORE, (0, 0)),
+    "own weight": lambda: os.setpriority(os.PRIO_PROCESS, 0, 19),
+    "usual scheduling": lambda: os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0)),
+    "flags of a descriptor": lambda: fcntl.fcntl(1, fcntl.F_SETFL, fcntl.fcntl(1, fcntl.F_GETFL)),
     "temporary file": lambda: change(os.path.join(os.environ["TMPDIR"], "mine")),
 }
 
@@ -164,7 +185,7 @@ def test_what_a_student_may_and_may_not_do(level: Level, tmp_path: Path) -> None
     head += f"NUMBERS, NAMESPACES = {sorted(DENIED.values())!r}, {level is not Level.REDUCED!r}\n"
     tries = TRIES
     if level is not Level.REDUCED:  # Its own processes and sockets are all that it sees.
-        elsewhere = ('"all processes"', '"services of the same user"')
+        elsewhere = ('"all processes"', '"services of the same user"', '"a connection', '"cutting a file')
         tries = "\n".join(line for line in TRIES.splitlines() if not line.strip().startswith(elsewhere))
     recorded = run_at(level, tmp_path, head + tries)
     said = texts(recorded)

@@ -184,3 +184,16 @@ def test_bare_files_are_also_known_by_their_own_names(tmp_path: Path) -> None:
     workspace = staged(tmp_path, files, publisher="Joint_Publisher.py")
     package = workspace.folder / "install/lib" / read_rubric(None).lab.package
     assert {p.name for p in package.iterdir()} == {"joint_publisher", "Joint_Publisher", "Joint_Publisher.py"}
+
+
+def test_data_are_installed_while_there_is_room_and_texts_before_them(tmp_path: Path) -> None:
+    """Recordings for each of several packages would fill a session's disk; programs and texts are not among them."""
+    launch = "".join(f"Node(package='p{n}')\n" for n in range(12))
+    files: dict[str, str | bytes] = {"a.bin": bytes(8_000_000), "robot_launch.py": launch}
+    record = SubmissionRecord("ann", texts={"robot_launch.py": launch})
+    for path, content in files.items():
+        (tmp_path / path).write_bytes(content.encode() if isinstance(content, str) else content)
+        record.files.append(FileFact(path, len(content), ""))
+    share = stage(tmp_path, record, read_rubric(None), tmp_path / "ws", sys.executable).folder / "install/share"
+    assert len(list(share.glob("p[0-9]*/launch/robot_launch.py"))) == 12
+    assert len(list(share.glob("*/a.bin"))) == 8

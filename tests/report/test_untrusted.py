@@ -18,6 +18,7 @@ from grader.report.untrusted import line, shown
         ("\x1b[31mred\x1b[0m", "red"),
         ("\x1b]0;title\x07rest", "rest"),
         ("\x9b2Jgone", "gone"),
+        ("\x9da\x9d0;title\x07rest", "⟨U+009D⟩arest"),
         ("a\x00b\x08c", "a⟨U+0000⟩b⟨U+0008⟩c"),
         ("a\r\nb\rc", "a\nb⟨U+000D⟩c"),
         ("evil\u202etxt.exe", "evil⟨U+202E⟩txt.exe"),
