@@ -322,11 +322,15 @@ def _claimed(context: Context, p: ReportedTraffic, row: Row) -> ResultRow | None
     """Return what is printed about a row: in the pattern's form, or in another that can be read."""
     output = context.session.output_of(p.artifact)
     lines = [plain_numbers(line.text[:LINE_LIMIT]) for line in output]
-    for place in lines_naming(lines, row.name):
-        if match := re.search(p.pattern, lines[place]):
-            mean_s, max_s = (_signed(match, name) / 1e3 for name in ("mean_ms", "max_ms"))
-            return ResultRow(output[place].t_ns, int(match["count"]), mean_s, max_s)
-    return result_row(output, row.name, [other.name for other in p.rows if other is not row])
+    for loosely in (False, True):
+        for place in lines_naming(lines, row.name, loosely=loosely):
+            if match := re.search(p.pattern, lines[place]):
+                mean_s, max_s = (_signed(match, name) / 1e3 for name in ("mean_ms", "max_ms"))
+                return ResultRow(output[place].t_ns, int(match["count"]), mean_s, max_s)
+        others = [other.name for other in p.rows if other is not row]
+        if (found := result_row(output, row.name, others, loosely=loosely)) is not None:
+            return found
+    return None
 
 
 def _signed(match: re.Match[str], name: str) -> float:

@@ -6,6 +6,7 @@ What is read here are claims: checks compare them with what was recorded.
 
 from __future__ import annotations
 
+import functools
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -72,7 +73,9 @@ class ResultRow:
     max_s: float | None
 
 
-def result_row(output: Sequence[OutputLine], name: str, others: Sequence[str]) -> ResultRow | None:
+def result_row(
+    output: Sequence[OutputLine], name: str, others: Sequence[str], *, loosely: bool = False
+) -> ResultRow | None:
     """Return what a program's output says of a thing.
 
     Parameters
@@ -81,9 +84,11 @@ def result_row(output: Sequence[OutputLine], name: str, others: Sequence[str]) -
         How the thing is called; it stands in its line as a word of its own.
     others : sequence of str
         Names of the things that are also told of: a block of lines ends at one of them.
+    loosely : bool
+        Whether the name may be spelt otherwise, as ``Best Effort`` for ``best_effort``.
     """
     lines = [plain_numbers(_LOG_PREFIX.sub("", line.text[:LINE_LIMIT])) for line in output]
-    starts = lines_naming(lines, name)
+    starts = lines_naming(lines, name, loosely=loosely)
     found = [
         ResultRow(output[start].t_ns, *row)
         for read in (_from_table, _from_block)
@@ -108,15 +113,40 @@ def plain_numbers(line: str) -> str:
     return _GROUPED_BY_COMMAS.sub(lambda match: match[0].replace(",", ""), line)
 
 
-def lines_naming(lines: Sequence[str], name: str) -> list[int]:
-    """Return the places of the lines about a thing: the first and the last of them, where there are too many."""
-    about = [n for n, line in enumerate(lines) if names(line, name)]
+def lines_naming(lines: Sequence[str], name: str, *, loosely: bool = False) -> list[int]:
+    """Return the places of the lines about a thing: the first and the last of them, where there are too many.
+
+    Parameters
+    ----------
+    loosely : bool
+        In any spelling, as ``Best Effort`` for ``best_effort``; where lines begin with it, those alone.
+    """
+    about = [n for n, line in enumerate(lines) if not loosely and names(line, name)]
+    if loosely:
+        places = [(n, match) for n, line in enumerate(lines) if (match := _spelt(name).search(line)) is not None]
+        first = [n for n, match in places if not re.search(r"[^\W_]", lines[n][: match.start()])]
+        about = first or [n for n, _ in places]
     return about if len(about) <= _FIRST_LINES + _LAST_LINES else [*about[:_FIRST_LINES], *about[-_LAST_LINES:]]
 
 
 def names(line: str, name: str) -> bool:
     """Whether a line is about a thing: its name stands in it as a word of its own, at most behind ``test_``."""
     return re.search(rf"(?<![A-Za-z0-9_]){re.escape(name)}(?![A-Za-z0-9_])", line.replace("test_", "")) is not None
+
+
+@functools.lru_cache(maxsize=64)
+def _spelt(name: str) -> re.Pattern[str]:
+    """Return what finds a name in any spelling: in capitals, apart, with hyphens."""
+    parts = r"[\s_-]?".join(map(re.escape, re.split(r"[\W_]+", name)))
+    return re.compile(rf"(?<![^\W_])(?:test_)?{parts}(?![^\W_])", re.IGNORECASE)
+
+
+def _behind(line: str, name: str) -> str:
+    """Return what stands behind a name in a line, however it is spelt."""
+    if names(line, name):
+        return line.replace("test_", "").partition(name)[2]
+    match = _spelt(name).search(line)
+    return line[match.end() :] if match is not None else ""
 
 
 _Row = tuple[int, float | None, float | None]
@@ -135,7 +165,7 @@ def _from_table(lines: Sequence[str], start: int, name: str, others: Sequence[st
         if count is None or not count.is_integer():
             return None
         return int(count), mean_s, max_s
-    behind = lines[start].replace("test_", "").partition(name)[2]
+    behind = _behind(lines[start], name)
     numbers = [c for c in re.split(rf"[\s:\"'`*]+|\s*{_CELL_BORDER}\s*", behind) if c]
     if len(numbers) < 3 or not all(re.fullmatch(rf"{_NUMBER}%?|%|-", c) for c in numbers):
         return None
@@ -188,10 +218,11 @@ def _unit_of(text: str) -> float:
 
 def _from_block(lines: Sequence[str], start: int, name: str, others: Sequence[str]) -> _Row | None:
     """Read what stands behind the name, up to the next name: labelled numbers with their units."""
-    first = lines[start].replace("test_", "").partition(name)[2]
+    first = _behind(lines[start], name)
     block = [first]
+    spelt_so = names(lines[start], name)
     for line in lines[start + 1 : start + _MOST_LINES_OF_A_BLOCK]:
-        if any(names(line, other) for other in (name, *others)):
+        if any(names(line, other) if spelt_so else _spelt(other).search(line) for other in (name, *others)):
             break
         block.append(line)
     # What one line tells wholly, the next need not; a block goes on where it does not.

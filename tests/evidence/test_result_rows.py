@@ -179,3 +179,19 @@ def test_labels_stand_before_their_numbers_or_behind_them(line: str) -> None:
     assert row.count == 998
     assert row.mean_s == pytest.approx(0.00049)
     assert row.max_s == pytest.approx(0.00215)
+
+
+@pytest.mark.parametrize("name", ["BEST_EFFORT", "Best Effort", "best-effort", "BestEffort", "/test_Best_Effort"])
+def test_a_name_may_be_spelt_otherwise(name: str) -> None:
+    """In capitals, apart or with hyphens it is the same name, if that is asked for; rows that begin with it count."""
+    text = f"sensor_data ({name}): 9 msgs, avg 9 ms, max 9 ms\n{name}: 998 msgs, avg 0.5 ms, max 2.0 ms"
+    row = result_row(output(text), "best_effort", ["sensor_data"], loosely=True)
+    assert row == ResultRow(1, 998, 0.5 * 1e-3, 2.0 * 1e-3)
+    assert result_row(output(text), "best_effort", ["sensor_data"]) is None
+
+
+def test_a_block_in_another_spelling_ends_at_the_next_name() -> None:
+    """What is said below the next name is said of that."""
+    text = "Best Effort\n  received: 998\nReliable\n  received: 997\n  average: 0.7 ms"
+    row = result_row(output(text), "best_effort", ["reliable"], loosely=True)
+    assert row == ResultRow(0, 998, None, None)
