@@ -460,7 +460,7 @@ def _judge_parameter(
         return 0.0, f"The launch file gives {short} no {wanted.name}; {value!r} is the node's own default.", text
     if not _same(value, wanted.value) and not _follows_default(plan, wanted, value):
         return 0.0, f"{wanted.name} of {short} is {value!r}, not {wanted.value!r}.", text
-    if wanted.other is None:
+    if wanted.other is None or _lacks_argument(plan, wanted):
         return 1.0, "", text
     changed = _planned(other, wanted)
     if changed is not _MISSING and _same(changed, wanted.other):
@@ -482,6 +482,11 @@ def _misdirected(plan: Plan, wanted: WantedNodeParameter, all_wanted: Sequence[W
     return f" It gives it to {found} instead." if found is not None else ""
 
 
+def _lacks_argument(plan: Plan | None, wanted: WantedNodeParameter) -> bool:
+    """Whether the launch file declares no argument of this name for the parameter to follow, which is charged there."""
+    return plan is not None and wanted.argument is not None and wanted.argument not in {a.name for a in plan.arguments}
+
+
 def _follows_default(plan: Plan | None, wanted: WantedNodeParameter, value: Any) -> bool:
     """Whether a value is the default that the launch file gives the argument, which is charged with the arguments."""
     declared = {a.name: a.default for a in plan.arguments} if plan is not None else {}
@@ -500,6 +505,10 @@ class TogetherCommands(Parameters):
     window: str
     least_share: Share = 0.8
     node: str | None = _NODE
+    rate_step: str | None = Field(None, description="Step that read the parameter below in the running node.")
+    rate_parameter: str | None = Field(
+        None, description="Parameter that sets the rate; which value it is given is judged elsewhere."
+    )
 
 
 class TogetherFollows(Parameters):
@@ -588,13 +597,21 @@ def _commands_come(context: Context, p: TogetherCommands) -> tuple[float, str, s
         )
     if alone_timing is None:
         return 1.0, f"commands at {timing.rate_hz:.1f} Hz", ""
-    share = _share_of_rate(timing, alone_timing, p)
+    share = 1.0 if _as_told(context, timing, p) else _share_of_rate(timing, alone_timing, p)
     text = f"commands at {timing.rate_hz:.1f} Hz ({alone_timing.rate_hz:.1f} Hz alone)"
     return (
         share,
         text,
         f"Commands come at {timing.rate_hz:.1f} Hz, while alone they come at {alone_timing.rate_hz:.1f} Hz.",
     )
+
+
+def _as_told(context: Context, timing: Timing, p: TogetherCommands) -> bool:
+    """Whether commands come as often as the launched node's own parameter says."""
+    step = context.session.step(p.rate_step) if p.rate_step is not None else None
+    read = (step.result.get("values", {}) if step is not None else {}).get(p.rate_parameter)
+    wanted_hz = read["value"] if read is not None else None
+    return isinstance(wanted_hz, (int, float)) and 0 < wanted_hz * p.least_share <= timing.rate_hz <= 2 * wanted_hz
 
 
 def _moved_by_launch(context: Context, alone: Recorded | None, p: TogetherCommands) -> str | None:
@@ -633,6 +650,8 @@ def _arm_follows(context: Context, p: TogetherFollows) -> tuple[float, str, str]
     command, state = (context.session.numeric(t, p.field) for t in (p.command, p.topic))
     if command is None or state is None or max(command.values.shape[1], state.values.shape[1]) <= p.index:
         return None
+    if _never_hears(context, p.command):
+        return None  # Another type is charged where it is published.
     if command.values.shape[1] != state.values.shape[1] or float(np.ptp(command.values[:, p.index])) < 1e-3:
         return None  # The arm takes no commands of another length, and cannot follow what does not move.
     measured = np.interp(command.source_ns, state.source_ns, state.values[:, p.index])
@@ -644,6 +663,13 @@ def _arm_follows(context: Context, p: TogetherFollows) -> tuple[float, str, str]
     if error < 0.5 * size + 0.05:
         return 1.0, text, ""
     return None if _charged(context, p.charged_by) else (0.0, text, "The arm does not follow the commands.")
+
+
+def _never_hears(context: Context, topic: str) -> bool:
+    """Whether the reference nodes ask for a topic in another type than that in which it is published."""
+    own = context.session.endpoints_on(topic, "subscription")
+    asked = {e.type for e in own if e.node in context.reference_nodes}
+    return bool(asked) and context.session.stream(topic).topic_type not in asked
 
 
 def _service_answers(context: Context, p: TogetherAnswers) -> tuple[float, str, str] | None:

@@ -608,3 +608,16 @@ def test_a_missing_subscriber_fails(tmp_path: Path) -> None:
     """Without the file the first check fails."""
     finding = judged("topics_subscribed", SUBSCRIBED, Session(tmp_path), submission(it=None))
     assert finding.outcome is Outcome.FAILED
+
+
+@pytest.mark.parametrize(
+    ("matched", "topic_type", "outcome"),
+    [(False, FLOATS, Outcome.INCONCLUSIVE), (True, FLOATS, Outcome.PASSED), (False, "other/msg/Type", Outcome.PASSED)],
+)
+def test_a_node_that_got_nothing_has_not_survived_it(
+    tmp_path: Path, matched: bool, topic_type: str, outcome: Outcome
+) -> None:
+    """Where the discovery was late, nothing tells what the node would have done; another type is charged elsewhere."""
+    session = Session(tmp_path).process().endpoint("subscription", STATE, topic_type=topic_type)
+    session.step("publish", "early", matched=matched, parameters={"topic": STATE, "type": FLOATS})
+    assert judged("survives", {"artifact": "it", "step": "early"}, session).outcome is outcome
