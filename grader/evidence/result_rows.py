@@ -9,7 +9,8 @@ from __future__ import annotations
 import functools
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from grader.recording.session import OutputLine
 
@@ -65,12 +66,25 @@ class ResultRow:
         How many messages.
     mean_s, max_s : float or None
         Their latency; None where none is given.
+    rounding_s : float
+        By how much the mean may have been cut when it was printed: 0.4 ms may stand there as 0.
     """
 
     t_ns: int
     count: int
     mean_s: float | None
     max_s: float | None
+    rounding_s: float = field(default=0.0, compare=False)
+
+
+#: What is printed more coarsely than in ms says nothing.
+_COARSEST_S = 1e-3
+
+
+def rounding_of(number: str, unit_s: float) -> float:
+    """Return by how much a number may have been cut when it was printed, in s; whole ones may have been cut off."""
+    places = len(number.lower().partition("e")[0].partition(".")[2])
+    return min(_COARSEST_S, (0.5 if places else 1.0) * 10.0**-places * unit_s)
 
 
 def result_row(
@@ -90,7 +104,7 @@ def result_row(
     lines = [plain_numbers(_LOG_PREFIX.sub("", line.text[:LINE_LIMIT])) for line in output]
     starts = lines_naming(lines, name, loosely=loosely)
     found = [
-        ResultRow(output[start].t_ns, *row)
+        _row_of(output[start].t_ns, *row)
         for read in (_from_table, _from_block)
         for start in starts
         if (row := read(lines, start, name, others)) is not None
@@ -149,7 +163,23 @@ def _behind(line: str, name: str) -> str:
     return line[match.end() :] if match is not None else ""
 
 
-_Row = tuple[int, float | None, float | None]
+class _Time(NamedTuple):
+    value: float
+    rounding: float
+
+
+_Row = tuple[int, _Time | None, _Time | None]
+
+
+def _row_of(t_ns: int, count: int, mean: _Time | None, most: _Time | None) -> ResultRow:
+    largest_s = most.value if most is not None else None
+    return (
+        ResultRow(t_ns, count, None, largest_s) if mean is None else ResultRow(t_ns, count, mean[0], largest_s, mean[1])
+    )
+
+
+def _time_of(number: str, unit_s: float) -> _Time:
+    return _Time(float(number) * unit_s, rounding_of(number, unit_s))
 
 
 # -- tables ----------------------------------------------------------------------------------------
@@ -161,17 +191,17 @@ def _from_table(lines: Sequence[str], start: int, name: str, others: Sequence[st
     above = reversed(lines[max(0, start - _HEADER_ABOVE) : start])
     header = next((found for line in above if (found := _header(line, len(cells)))), None)
     if header is not None:
-        count, mean_s, max_s = (_cell(cells, header, kind) for kind in ("count", "mean", "max"))
-        if count is None or not count.is_integer():
+        count, mean, largest = (_cell(cells, header, kind) for kind in ("count", "mean", "max"))
+        if count is None or not count.value.is_integer():
             return None
-        return int(count), mean_s, max_s
+        return int(count.value), mean, largest
     behind = _behind(lines[start], name)
     numbers = [c for c in re.split(rf"[\s:\"'`*]+|\s*{_CELL_BORDER}\s*", behind) if c]
     if len(numbers) < 3 or not all(re.fullmatch(rf"{_NUMBER}%?|%|-", c) for c in numbers):
         return None
     if not numbers[0].isdecimal() or not all(re.fullmatch(_NUMBER, c) for c in numbers[1:3]):
         return None
-    return int(numbers[0]), float(numbers[1]) * 1e-3, float(numbers[2]) * 1e-3
+    return int(numbers[0]), _time_of(numbers[1], 1e-3), _time_of(numbers[2], 1e-3)
 
 
 def _cells(line: str) -> list[str]:
@@ -197,12 +227,12 @@ def _header(line: str, width: int) -> dict[str, tuple[int, float]] | None:
     return found if {"mean", "max", "count"} <= set(found) else None
 
 
-def _cell(cells: Sequence[str], header: dict[str, tuple[int, float]], kind: str) -> float | None:
+def _cell(cells: Sequence[str], header: dict[str, tuple[int, float]], kind: str) -> _Time | None:
     place, unit_s = header[kind]
     match = re.match(rf"\W{{0,3}}?({_NUMBER})\s*({_UNIT})?", cells[place]) if len(cells) >= -place else None
     if match is None:
         return None
-    return float(match[1]) * (_UNITS_S[match[2].lower()] if match[2] and kind != "count" else unit_s)
+    return _time_of(match[1], _UNITS_S[match[2].lower()] if match[2] and kind != "count" else unit_s)
 
 
 def _unit_of(text: str) -> float:
@@ -250,7 +280,7 @@ def _count(text: str) -> int | None:
     return None
 
 
-def _time(text: str, label: str) -> float | None:
+def _time(text: str, label: str) -> _Time | None:
     """Return the time behind a label, in s."""
     between = r"((?:[^\d\n+-]|-(?=[A-Za-z ])){0,40}?)"
     behind = rf"\s*({_UNIT})?(\s*(?:milli|micro|nano|second))?"
@@ -259,7 +289,7 @@ def _time(text: str, label: str) -> float | None:
     if match is None:
         return None
     unit_s = _UNITS_S[match[3].lower()] if match[3] else _unit_of(f"{match[4] or ''} {match[1]}")
-    return float(match[2]) * unit_s
+    return _time_of(match[2], unit_s)
 
 
 _BEFORE_LABEL = rf"({_NUMBER})\s*({_UNIT})?(\s*(?:milli|micro|nano|second)[a-z]*)?[\s(]{{0,2}}(?:on )?(?<![A-Za-z])"
@@ -273,10 +303,10 @@ def _labels_follow(text: str) -> bool:
     return all(re.search(_BEFORE_LABEL + "$", text[: match.start()], re.IGNORECASE) for match in labels)
 
 
-def _time_before(text: str, label: str) -> float | None:
+def _time_before(text: str, label: str) -> _Time | None:
     """Return the time directly before a label, in s."""
     match = re.search(_BEFORE_LABEL + label, text, re.IGNORECASE)
     if match is None:
         return None
     unit_s = _UNITS_S[match[2].lower()] if match[2] else _unit_of(match[3] or "")
-    return float(match[1]) * unit_s
+    return _time_of(match[1], unit_s)

@@ -195,3 +195,20 @@ def test_a_block_in_another_spelling_ends_at_the_next_name() -> None:
     text = "Best Effort\n  received: 998\nReliable\n  received: 997\n  average: 0.7 ms"
     row = result_row(output(text), "best_effort", ["reliable"], loosely=True)
     assert row == ResultRow(0, 998, None, None)
+
+
+@pytest.mark.parametrize(
+    ("line", "rounding_s"),
+    [
+        ("fast: 998 msgs, avg latency 0 ms, max 2 ms", 1e-3),
+        ("fast: 998 msgs, avg latency 0.4 ms, max 2.0 ms", 0.05e-3),
+        ("fast: 998 msgs, avg latency 0.000 s, max 0.002 s", 0.5e-3),
+        ("fast | 998 | 0.00 | 2.00", 0.005e-3),
+        ("fast: 998 msgs, avg latency 0 s, max 0 s", 1e-3),
+    ],
+)
+def test_how_far_a_latency_was_rounded_is_known(line: str, rounding_s: float) -> None:
+    """Half of the last place, or all of a whole number, which may have been cut off; at most a millisecond."""
+    row = result_row(output(line), "fast", [])
+    assert row is not None
+    assert row.rounding_s == pytest.approx(rounding_s)
