@@ -210,6 +210,9 @@ def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
         return _nothing_started(context, plan, expected)
     if (contained := _contained(context, plan, p, expected)) is not None:
         return contained
+    if unseen := [wanted.node for wanted in p.nodes if _is_unseen(context, plan, wanted)]:
+        reason = f"{', '.join(unseen)} was made, and goes on, but was not seen in the graph."
+        return inconclusive(expected, _in_the_graph(context, mended_first=False), reason, where=(context.where(),))
     judged = [_judge_node(context, plan, wanted) for wanted in p.nodes]
     share = sum(j.share for j in judged)
     reasons = [j.reason for j in judged if j.reason]
@@ -319,6 +322,15 @@ def _judge_node(context: Context, plan: Plan, wanted: WantedNode) -> _JudgedNode
         reason = f"{wanted.executable} runs under the name {shown}, not {wanted.node}."
         return _JudgedNode(0.5, reason, where=(Where(file=entry.file, line=entry.line),))
     return _why_down(context, entry, wanted.executable)
+
+
+def _is_unseen(context: Context, plan: Plan, wanted: WantedNode) -> bool:
+    """Whether a launched program made the node under its name, as the tap notes, and the graph never showed it."""
+    entry = _entry_for(plan, wanted.node, wanted.executable)
+    run = context.session.process(entry.id) if entry is not None else None
+    if run is None or run.interrupted_ns is None or run.limit is not None or wanted.node in context.session.nodes:
+        return False
+    return any(claim.process == run.name and claim.node == wanted.node for claim in context.session.record.claims)
 
 
 def _died(context: Context, entry: Process | None) -> bool:

@@ -244,6 +244,8 @@ def reported_series(context: Context, p: ReportedSeries) -> Finding:
     where = (spot, context.where(next(iter(p.streams.values()))))
     seen = _Seen.of(heard, spans, p)
     measured = f"right on {seen.right} of {len(spans)} plateaus ({len(heard)} reports)"
+    if seen.right < len(spans) and (unread := _read_late(context, p)):
+        return inconclusive(expected, measured, unread, where=(spot,))
     if seen.right < len(spans) and (other := _other_series(context, p, heard)) is not None:
         example = _first_wrong(context, seen)
         return other.finding(context, expected, measured, seen.right / len(spans), example=example, where=where)
@@ -633,6 +635,20 @@ def _starved(context: Context, p: Streams) -> str:
     return _late(context, p) if delay_s >= _STARVED_SHARE * length_s else ""
 
 
+#: So long the grader may stand still without reading a report at another value than that for which it was printed.
+_READ_LATE_S = 0.3
+
+
+def _read_late(context: Context, p: Streams) -> str:
+    """Say that the grader stood still while messages came, if it did, so that it read the output too late."""
+    span = _stimulus(context, p)
+    run = context.session.processes_of(p.artifact)[-1]
+    stalled_s = context.session.stalled_s(span) if span is not None else 0.0
+    if stalled_s <= _READ_LATE_S or run.limit is not None or run.output_dropped_bytes:
+        return ""
+    return f"The grader stood still for {stalled_s:.2f} s while messages came, and read too late what was printed."
+
+
 def _late(context: Context, p: Streams) -> str:
     delay_s, length_s = _delay_s(context, p)
     late = f"for {delay_s:.2f} s of {length_s:.1f} s"
@@ -641,15 +657,18 @@ def _late(context: Context, p: Streams) -> str:
 
 def _delay_s(context: Context, p: Streams) -> tuple[float, float]:
     """Return for how long the node was ready but had no core while messages came, and how long they came."""
-    streams = context.streams(p.streams, p.field)
-    processes = context.session.processes_of(p.artifact)
-    if not streams or not processes:
+    span, processes = _stimulus(context, p), context.session.processes_of(p.artifact)
+    if span is None or not processes:
         return 0.0, 0.0
-    span = Span(
-        min(int(s.source_ns[0]) for s in streams.values()),
-        max(int(s.source_ns[-1]) for s in streams.values()),
-    )
     return context.session.machine_delay_s(processes[-1], span), span.duration_s
+
+
+def _stimulus(context: Context, p: Streams) -> Span | None:
+    """Return the time in which messages came."""
+    streams = context.streams(p.streams, p.field).values()
+    if not streams:
+        return None
+    return Span(min(int(s.source_ns[0]) for s in streams), max(int(s.source_ns[-1]) for s in streams))
 
 
 def _reports_of_some(context: Context, p: ReportedStatistics) -> list[tuple[int, float]]:

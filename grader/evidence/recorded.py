@@ -255,7 +255,7 @@ class Recorded:
             return 0.0
         idle_s = max(0.0, span.duration_s - self.cpu_s(run, span))
         delay_s = _delay_ns(run, span) / 1e9 + _stolen_s(self.record, span)
-        return min(max(delay_s, _stalled_s(self.record, span)), idle_s)
+        return min(max(delay_s, self.stalled_s(span)), idle_s)
 
     def cpu_s(self, run: ProcessRun, span: Span) -> float:
         """Return the CPU time that a process took within a span, in s, interpolated between samples."""
@@ -295,6 +295,10 @@ class Recorded:
         """Return for how long within a span the machine kept the recorder from its core, in s."""
         ours = [p for p in self.record.processes if p.role == "grader"]
         return sum(self.machine_delay_s(run, span) for run in ours)
+
+    def stalled_s(self, span: Span) -> float:
+        """Return for how long within a span the grader itself stood still, in s, by samples that came late."""
+        return _stalled_s(self.record, span)
 
     def output_of(self, artifact: str) -> list[OutputLine]:
         """Return the output of the last process that ran an artifact, without colours."""

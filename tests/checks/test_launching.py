@@ -12,6 +12,7 @@ import pytest
 
 from grader.checks.finding import failed, passed
 from grader.recording.plan import PLAN_SCHEMA
+from grader.recording.session import Claim
 from grader.result import Finding, Outcome
 from tests.synthetic import FLOATS, Session, at, evenly, judged, submission
 
@@ -550,3 +551,11 @@ def test_an_arm_that_cannot_hear_commands_of_another_type_need_not_follow(
     others = {"alone": alone(tmp_path)}
     finding = judged("launch_together", TOGETHER, session, others=others, reference_nodes=["/arm"])
     assert float(finding.credit) == pytest.approx(credit, abs=0.001)
+
+
+@pytest.mark.parametrize(("made", "outcome"), [("/talker", Outcome.INCONCLUSIVE), ("/talk", Outcome.PARTIAL)])
+def test_a_node_that_was_made_and_never_seen_is_undecided(tmp_path: Path, made: str, outcome: Outcome) -> None:
+    """Its program says that it made the node, so the discovery may have failed; under another name it did not."""
+    session = planned(Session(tmp_path), processes=BOTH).node("/listener").process("talk-1")
+    session.record.claims.append(Claim("talk-1", "publisher", "/commands", node=made, file="it.py"))
+    assert nodes(session).outcome is outcome

@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from grader.recording.session import OutputLine, Qos, Usage
+from grader.evidence.recorded import Recorded
+from grader.recording.bag import Bag
+from grader.recording.session import MachineSample, OutputLine, Qos, Usage
 from grader.result import Finding, Outcome
 from tests.synthetic import BEST_EFFORT, FLOATS, RELIABLE, Session, at, judged, submission
 
@@ -621,3 +623,17 @@ def test_a_node_that_got_nothing_has_not_survived_it(
     session = Session(tmp_path).process().endpoint("subscription", STATE, topic_type=topic_type)
     session.step("publish", "early", matched=matched, parameters={"topic": STATE, "type": FLOATS})
     assert judged("survives", {"artifact": "it", "step": "early"}, session).outcome is outcome
+
+
+def test_reports_that_the_grader_read_too_late_are_undecided(tmp_path: Path) -> None:
+    """A grader that stood still takes what was printed on one plateau for what is printed on the next."""
+    session, times = stimulus(tmp_path)
+    late = [(max(t, 3.7) if 1.9 < t < 3.7 else t) for t in times]
+    lines = [(t + 0.001, f"RMS tracking error: {abs(ERRORS[n // STATES_EACH]):.4f} rad") for n, t in enumerate(late)]
+    session.process("it", lines)
+    session.record.machine = [MachineSample(at(n / 2), 0) for n in range(12)]
+    assert judged("reported_series", SERIES, session.recorded()).outcome is Outcome.PARTIAL
+    session.record.machine = [sample for sample in session.record.machine if not at(1.9) < sample.t_ns < at(3.7)]
+    assert judged("reported_series", SERIES, Recorded(session.record, Bag.open(session.folder))).outcome is (
+        Outcome.INCONCLUSIVE
+    )
