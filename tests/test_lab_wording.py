@@ -87,6 +87,10 @@ def listed(form: str) -> str:
             for name, key in (("Mean", "a"), ("Max", "b"), ("RMS", "c"))
         )
         + "\nSamples: 1000",
+        "\n".join(
+            f"{name}: {{'joint_1': {n}.0e-1, 'joint_2': {n}.1e-1, 'joint_3': {n}.2e-1}}"
+            for n, name in ((1, "Mean"), (2, "Max"), (3, "RMS"))
+        ),
         "Mean: j0=0.10, j1=0.11, j2=0.12\nMax: j0=0.20, j1=0.21, j2=0.22\nRMS: j0=0.30, j1=0.31, j2=0.32",
     ],
 )

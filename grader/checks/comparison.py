@@ -192,6 +192,9 @@ def qos_profiles(context: Context, p: QosProfiles) -> Finding:
     for wanted in p.profiles:
         sides = [_Side.of(context, p.artifact, kind, wanted.topic) for kind in ("publisher", "subscription")]
         lacking = [side.kind for side in sides if not side.seen]
+        if len(lacking) == 1 and _was_made(context, lacking[0], wanted.topic):
+            reason = f"A {lacking[0]} on {wanted.topic} was made, but was not seen in the graph."
+            return inconclusive(wanted.topic, f"no {lacking[0]} in the graph", reason, where=(context.where(),))
         if lacking:
             reasons.append(f"There is no {' and no '.join(lacking)} on {wanted.topic}.")
         told: dict[str, list[str]] = {}
@@ -207,6 +210,12 @@ def qos_profiles(context: Context, p: QosProfiles) -> Finding:
     expected = "; ".join(f"{w.topic}: {w.reliability}, {w.history} {w.depth}, {w.durability}" for w in p.profiles)
     where = (*dict.fromkeys(spots), context.where())
     return graded(sum(parts) / len(parts), expected, "; ".join(texts), " ".join(reasons), where=where)
+
+
+def _was_made(context: Context, kind: str, topic: str) -> bool:
+    """Whether a student's program made an endpoint, as the tap notes."""
+    used = context.session.used(topic).lstrip("/")
+    return any(claim.kind == kind and claim.name.lstrip("/") == used for claim in context.session.record.claims)
 
 
 @dataclass(frozen=True)

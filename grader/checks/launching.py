@@ -567,6 +567,8 @@ def launch_together(context: Context, p: LaunchTogether) -> Finding:
     measured = "; ".join(text for _, text, _ in judged)
     if parts[0] is not None and (late := _late_by_the_machine(context, p.commands, parts[0][0])) is not None:
         return inconclusive(expected, measured, late, where=(context.where(p.commands.topic),))
+    if parts[1] is not None and parts[1][0] < 1 and (late := _held_up(context, p.commands.window)) is not None:
+        return inconclusive(expected, measured, late, where=(context.where(p.follows.topic),))
     reasons = " ".join(reason for share, _, reason in judged if share < 1)
     return graded(
         sum(s for s, _, _ in judged) / len(judged),
@@ -654,6 +656,19 @@ def _late_by_the_machine(context: Context, p: TogetherCommands, share: float) ->
         return None
     delay_s = min(context.session.longest_delay_s(span), 0.5 * span.duration_s)
     if _share_of_rate(timing, alone_timing, p, 1 - delay_s / span.duration_s) == share:
+        return None
+    return f"The machine kept a process from a core for {delay_s:.2f} s of {span.duration_s:.1f} s, which may be why."
+
+
+#: Share of a window for which a process was kept from a core, from which what others do may hang on that.
+_MANY_DELAYS = 0.25
+
+
+def _held_up(context: Context, window: str) -> str | None:
+    """Say that the machine kept a process from a core for much of a window, if it did."""
+    span = context.session.window(window)
+    delay_s = context.session.longest_delay_s(span) if span is not None else 0.0
+    if span is None or delay_s <= _MANY_DELAYS * span.duration_s:
         return None
     return f"The machine kept a process from a core for {delay_s:.2f} s of {span.duration_s:.1f} s, which may be why."
 

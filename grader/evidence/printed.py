@@ -22,6 +22,8 @@ _LABEL_UNIT = r"(?: ?[(\[][A-Za-z°]{1,9}[)\]])?"
 _MAX_VECTOR_TEXT = 4000
 #: Labels from the last on behind which a vector is sought, and lines from the last on that are read for other forms.
 _LAST_LABELS, _LAST_LINES = 200, 500
+#: Nobody prints more statistics than this.
+_LAST_CHARACTERS = 50_000
 
 
 @dataclass(frozen=True)
@@ -110,7 +112,8 @@ def printed_vector(
     """
     output = [replace(line, text=without_colours(line.text)) if "\x1b" in line.text else line for line in output]
     other = re.compile(unless, re.IGNORECASE) if unless is not None else None
-    found = (_labelled(output, re.escape(label), after_ns, other) for label in labels)
+    there = "\n".join(line.text for line in output).lower()
+    found = (_labelled(output, re.escape(label), after_ns, other) for label in labels if label.lower() in there)
     return next((vector for vector in found if vector is not None), None)
 
 
@@ -130,8 +133,9 @@ def _labelled(
             return _numbers_of(found, "vector")
     if after_ns is None:
         return None
-    last = [line for line in output if line.t_ns >= after_ns][-_LAST_LINES:]
-    lines = [line.text[:_MAX_VECTOR_TEXT].rstrip() for line in last]
+    last = [line.text[:_MAX_VECTOR_TEXT].rstrip() for line in output if line.t_ns >= after_ns][-_LAST_LINES:]
+    room = itertools.accumulate(len(line) for line in reversed(last))
+    lines = last[-sum(size <= _LAST_CHARACTERS for size in room) or len(last) :]
     lines = ["" if other is not None and _before_numbers(line, other) else line for line in lines]
     bare = [numbers for line in lines if (numbers := _bare(line, label))]
     if bare and len(bare[-1]) > 1:
@@ -179,7 +183,8 @@ def _rounding(texts: Sequence[str]) -> float:
 #: A letter of any script, and an element's name with its number.
 _LETTER = r"[^\W\d_]"
 _NAMED_NUMBER = re.compile(
-    rf"{_LETTER}{{0,10}}[ _]?\d{{1,2}}\s?[:=]\s?({_NUMBER.pattern})(?:\s?(?:rad|deg|°))?[\s,;|]*", re.IGNORECASE
+    rf"['\"]?{_LETTER}{{0,10}}[ _]?\d{{1,2}}['\"]?\s?[:=]\s?({_NUMBER.pattern})(?:\s?(?:rad|deg|°))?[\s,;|]*",
+    re.IGNORECASE,
 )
 _NAMED_NUMBERS = re.compile(rf"[\s({{]*(?:{_NAMED_NUMBER.pattern}){{2,64}}[)}}]?", re.IGNORECASE)
 

@@ -322,3 +322,10 @@ def test_a_tool_that_had_no_core_may_have_sent_more(tmp_path: Path, delay_s: flo
     session = Session(tmp_path).process("it", started_ns=at(0.0), exited_ns=at(10.0)).delayed("it", delay_s, 10.0)
     session.messages(TOPIC, [[0.0]] * 200, evenly(20, 9.95))
     assert judged("topics_carry_traffic", {"topics": [TOPIC], "least_messages": 400}, session).outcome is outcome
+
+
+def test_a_side_that_was_made_and_never_seen_is_undecided(tmp_path: Path) -> None:
+    """Where the tap notes a subscription of a tool whose publisher was seen, the discovery may have failed."""
+    session = Session(tmp_path).endpoint("publisher", TOPIC).claim("publisher", TOPIC, qos=CLAIM)
+    session.claim("subscription", TOPIC, qos=CLAIM)
+    assert judged("qos_profiles", PROFILES, session).outcome is Outcome.INCONCLUSIVE

@@ -559,3 +559,12 @@ def test_a_node_that_was_made_and_never_seen_is_undecided(tmp_path: Path, made: 
     session = planned(Session(tmp_path), processes=BOTH).node("/listener").process("talk-1")
     session.record.claims.append(Claim("talk-1", "publisher", "/commands", node=made, file="it.py"))
     assert nodes(session).outcome is outcome
+
+
+@pytest.mark.parametrize(("delay_s", "outcome"), [(2.5, Outcome.INCONCLUSIVE), (0.1, Outcome.PARTIAL)])
+def test_an_arm_that_had_no_core_may_not_have_followed_for_that(
+    tmp_path: Path, delay_s: float, outcome: Outcome
+) -> None:
+    """The reference nodes need a core as well."""
+    session = together(tmp_path, follows=False).process("arm", role="reference").delayed("arm", delay_s, 5.0)
+    assert judged("launch_together", TOGETHER, session, others={"alone": alone(tmp_path)}).outcome is outcome

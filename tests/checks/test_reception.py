@@ -637,3 +637,12 @@ def test_reports_that_the_grader_read_too_late_are_undecided(tmp_path: Path) -> 
     assert judged("reported_series", SERIES, Recorded(session.record, Bag.open(session.folder))).outcome is (
         Outcome.INCONCLUSIVE
     )
+
+
+@pytest.mark.parametrize(("asked", "outcome"), [(STATE, Outcome.INCONCLUSIVE), ("/other", Outcome.PARTIAL)])
+def test_one_subscription_that_was_made_and_never_seen_is_undecided(
+    tmp_path: Path, asked: str, outcome: Outcome
+) -> None:
+    """The node asked for it under its name and goes on, so the discovery may have failed."""
+    session = Session(tmp_path).endpoint("subscription", COMMAND).process("it").claim("subscription", asked)
+    assert judged("topics_subscribed", SUBSCRIBED, session).outcome is outcome
