@@ -315,7 +315,7 @@ def waited(record: SessionRecord, delay_s: float, cpu_s: float = 0.2) -> Session
     return dataclasses.replace(record, steps=steps, graph=graph, processes=processes, claims=[], attempt=3)
 
 
-@pytest.mark.parametrize(("delay_s", "cpu_s", "lost_points"), [(5.0, 0.2, 0), (0.4, 0.2, 20), (5.0, 9.0, 20)])
+@pytest.mark.parametrize(("delay_s", "cpu_s", "lost_points"), [(7.0, 0.2, 0), (4.0, 0.2, 20), (7.0, 9.0, 20)])
 def test_what_a_busy_machine_kept_from_coming_costs_nothing(
     copy: Path, rubric: Rubric, delay_s: float, cpu_s: float, lost_points: int
 ) -> None:

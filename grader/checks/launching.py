@@ -24,6 +24,7 @@ from grader.checks.finding import (
     takes_points,
     told,
 )
+from grader.evidence.chance import clock_was_set
 from grader.evidence.diagnosis import explain
 from grader.evidence.elsewhere import is_newer_python, only_elsewhere
 from grader.evidence.launch_source import parameter_line
@@ -594,7 +595,7 @@ def _is_up(context: Context, node: str | None) -> bool:
 def _commands_come(context: Context, p: TogetherCommands) -> tuple[float, str, str] | None:
     timing = timing_of(context.session.stream(p.topic), context.session.window(p.window))
     alone = context.sessions.get(p.alone_session)
-    alone_timing = timing_of(alone.stream(p.topic), alone.window(p.window)) if alone is not None else None
+    alone_timing = _timing_alone(alone, p)
     if timing is None:
         if _charged(context, p.charged_by):
             return None
@@ -618,6 +619,13 @@ def _commands_come(context: Context, p: TogetherCommands) -> tuple[float, str, s
         text,
         f"Commands come at {timing.rate_hz:.1f} Hz, while alone they come at {alone_timing.rate_hz:.1f} Hz.",
     )
+
+
+def _timing_alone(alone: Recorded | None, p: TogetherCommands) -> Timing | None:
+    """Measure the commands of the session in which they come alone; None where its clock was set meanwhile."""
+    if alone is None or clock_was_set(alone, span := alone.window(p.window)):
+        return None
+    return timing_of(alone.stream(p.topic), span)
 
 
 def _as_told(context: Context, timing: Timing, p: TogetherCommands) -> bool:
@@ -651,7 +659,7 @@ def _late_by_the_machine(context: Context, p: TogetherCommands, share: float) ->
     span = context.session.window(p.window)
     timing = timing_of(context.session.stream(p.topic), span)
     alone = context.sessions.get(p.alone_session)
-    alone_timing = timing_of(alone.stream(p.topic), alone.window(p.window)) if alone is not None else None
+    alone_timing = _timing_alone(alone, p)
     if share >= 1 or span is None or timing is None or alone_timing is None or _moved_by_launch(context, alone, p):
         return None
     delay_s = min(context.session.longest_delay_s(span), 0.5 * span.duration_s)

@@ -16,7 +16,7 @@ _NO_MORE_TASKS = ("Resource temporarily unavailable", "can't start new thread")
 _BELIEVED = 2
 #: Share of the time for which something was waited for in vain, from which it may be the machine's doing that it did
 #: not come; and the share for which the student's own programs may have used a core in it.
-_HELD_UP, _OWN_DOING = 0.3, 0.5
+_HELD_UP, _OWN_DOING = 0.5, 0.5
 #: Shorter delays are those of any start.
 _LEAST_HELD_UP_S = 0.6
 

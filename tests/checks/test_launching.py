@@ -568,3 +568,13 @@ def test_an_arm_that_had_no_core_may_not_have_followed_for_that(
     """The reference nodes need a core as well."""
     session = together(tmp_path, follows=False).process("arm", role="reference").delayed("arm", delay_s, 5.0)
     assert judged("launch_together", TOGETHER, session, others={"alone": alone(tmp_path)}).outcome is outcome
+
+
+def test_a_rate_by_a_clock_that_was_set_is_compared_with_none(tmp_path: Path) -> None:
+    """What the publisher has alone is not known where it was timed by such a clock."""
+    times = evenly(100, 3.0)
+    for name, step_s, outcome in (("set", 0.5, Outcome.PASSED), ("even", 0.0, Outcome.PARTIAL)):
+        other = Session(tmp_path / name, "alone").messages("/commands", [[0.0]] * len(times), times).window(0.9, 4.1)
+        others = {"alone": other.clock({1.0: 0.0, 2.0: step_s}).recorded()}
+        session = together(tmp_path / name, rate_hz=60)
+        assert judged("launch_together", TOGETHER, session, others=others).outcome is outcome
