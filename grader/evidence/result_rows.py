@@ -19,16 +19,14 @@ _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _UNITS_S = {"ns": 1e-9, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ms": 1e-3, "msec": 1e-3, "s": 1.0, "sec": 1.0}
 _UNIT = r"(?:ns|us|µs|μs|msec|ms|sec|s)(?![A-Za-z])"
 _LONG_UNITS = (("milli", 1e-3), ("micro", 1e-6), ("nano", 1e-9), ("second", 1.0), ("segundo", 1.0), ("sekunde", 1.0))
-_MEAN = (
-    r"(?:avg|average|mean|media|média|moy|mittel|durchschnitt|schnitt|prom(?:edio)?|ortalama|средн|平均|평균|متوسط|औसत)"
-)
+_MEAN = r"(?:avg|average|mean|media|média|moy|mittel|mittler|durchschnitt|Ø|schnitt|prom(?:edio)?|ortalama|средн|平均|평균|متوسط|औसत)"
 _LATENCY = (
     r"(?:latenc|latenz|latênc|delay|verzögerung|retras|retard|ritard|atras|gecikme|задержк|延迟|時延|遅延|지연|تأخير|विलंब)"
     r"[a-zé]*"
 )
 _MOST = r"(?:max|máx|worst|peak|höchst|largest|en yüksek|макс|最大|最高|최대|أقصى|अधिकतम)"
 _RECEIVED = (
-    r"(?:recei|recv|rcvd|arrived|delivered|empfangen|recibid|reçu|ricevut|recebid|alınan|получ|接收|收到|受信|수신)"
+    r"(?:recei|recv|rcvd|got|arrived|delivered|empfangen|recibid|reçu|ricevut|recebid|alınan|получ|接收|收到|受信|수신)"
     r"[a-zé]*"
 )
 _MESSAGES = (
@@ -47,7 +45,7 @@ _UNGROUPED = re.compile(r"(?<![\d.,:/-])\d{4,6}(?!\d|[.,:/-]\d)")
 #: A comma that parts values: behind a word or a bracket, or with more than two values in a row.
 _COMMAS_PART = re.compile(r"[^\W\d],\d|[\"'\])}],|[\[({][^\[\](){}]*\d,\d|\d,\d+(?:\.\d+)?,\d+\.|,\d+\.\d+,")
 
-LINE_LIMIT = 300
+LINE_LIMIT = 1000
 """Characters of a line that are read."""
 
 #: Lines with a name that are read, from the first and from the last on, and how far above a row its header may be.

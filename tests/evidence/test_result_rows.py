@@ -41,6 +41,11 @@ FAST_AND_SLOW = [
     '  "slow": {\n    "count": 997,\n    "avg_ms": 0.7,\n    "max_ms": 3.0\n  }\n}',
     "[INFO] [1700.25] [qos]: fast: 998 msgs, avg 0.5 ms, max 2.0 ms\n"
     "[INFO] [1700.26] [qos]: slow: 997 msgs, avg 0.7 ms, max 3.0 ms",
+    "fast: got 998 of 1000 messages, Ø 0.5 ms, max 2.0 ms\nslow: got 997 of 1000 messages, Ø 0.7 ms, max 3.0 ms",
+    "fast: 998 Nachrichten, mittlere Latenz 0,50 ms, maximale Latenz 2,00 ms\n"
+    "slow: 997 Nachrichten, mittlere Latenz 0,70 ms, maximale Latenz 3,00 ms",
+    "{'fast': {'settings': '" + 300 * "." + "', 'received': 998, 'avg_ms': 0.5, 'max_ms': 2.0}, "
+    "'slow': {'received': 997, 'avg_ms': 0.7, 'max_ms': 3.0}}",
     # What was said of them before.
     "created fast\ncreated slow\nfast: 998 msgs, avg 0.5 ms, max 2.0 ms\nslow: 997 msgs, avg 0.7 ms, max 3.0 ms",
 ]
