@@ -20,10 +20,10 @@ from grader.checks.affected import is_timed, named, not_measurable, with_checks,
 from grader.checks.finding import no_such_file, not_reached
 from grader.errors import RecordingError
 from grader.evidence.census import census
-from grader.evidence.chance import may_be_chance
+from grader.evidence.chance import clock_was_set, may_be_chance
 from grader.evidence.diagnosis import advisories
 from grader.evidence.limits import hit_limit
-from grader.evidence.recorded import Recorded
+from grader.evidence.recorded import Recorded, Span
 from grader.evidence.unrecorded import limits_hit, missing, sentence_on
 from grader.recording.session import SESSION_FILE
 from grader.recording.submission import SubmissionRecord, read_submission
@@ -155,6 +155,8 @@ def _judge(
         finding = _as_far_as_recorded(finding, spec, recorded)
     if recorded is not None and finding.outcome in (Outcome.FAILED, Outcome.PARTIAL):
         chance = may_be_chance(recorded, context.reference_nodes)
+        if chance is None and REGISTRY[spec.check].by_clock:
+            chance = clock_was_set(recorded, Span(recorded.record.started_ns, recorded.record.ended_ns))
         if chance is not None:
             return dataclasses.replace(finding, outcome=Outcome.INCONCLUSIVE, credit=Decimal(0), reason=chance, hint="")
     if finding.outcome in (Outcome.FAILED, Outcome.PARTIAL) and not finding.hint:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import importlib.metadata
 import importlib.util
-import itertools
+import os
 import platform
 import random
 import shutil
@@ -14,6 +14,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
+from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -315,16 +316,62 @@ def record(
             on_progress = watch.follow(on_progress)
             with watch.stage("sessions"):
                 sessions.record(chosen, on_progress, at_a_time=options.jobs if sessions.isolation.namespaces else None)
-            for attempt in itertools.count(2):
-                with _work(shared, watch)("judging"):
-                    recorded = open_recordings(recordings, rubric)
-                    result = judge(recorded, rubric)
-                undecided = undecided_sessions(result, chosen)
-                if not undecided or attempt > RETRIES + 1:
+            judging = _work(shared, watch)
+            with judging("judging"):
+                judged = _judged(recordings, rubric)
+            for attempt in range(2, RETRIES + 2):
+                if not (undecided := undecided_sessions(judged[1], chosen)):
                     break
+                set_aside(recordings, undecided)
                 with watch.stage(f"sessions again, attempt {attempt}"):
                     replace(sessions, attempt=attempt).record(undecided, on_progress, at_a_time=1)
-    return recorded, result
+                with judging("judging"):
+                    judged = keep_clearer(recordings, rubric, undecided, judged[1])
+    return judged
+
+
+def _judged(recordings: Path, rubric: Rubric) -> tuple[Recordings, Result]:
+    recorded = open_recordings(recordings, rubric)
+    return recorded, judge(recorded, rubric)
+
+
+def _aside(recordings: Path, session: str) -> Path:
+    return recordings / f".{session}.earlier"
+
+
+def set_aside(recordings: Path, sessions: Sequence[str]) -> None:
+    """Keep recordings of sessions that are made again, beside those that take their places."""
+    for session in (name for name in sessions if (recordings / name).is_dir()):
+        shutil.rmtree(_aside(recordings, session), ignore_errors=True)
+        shutil.copytree(recordings / session, _aside(recordings, session), copy_function=os.link)
+
+
+def keep_clearer(
+    recordings: Path, rubric: Rubric, sessions: Sequence[str], before: Result
+) -> tuple[Recordings, Result]:
+    """Judge sessions that were recorded again, and put a recording back that was set aside if it left less undecided.
+
+    On a machine that is busier the second time, what was decided before must not become undecided.
+
+    Parameters
+    ----------
+    before : Result
+        What the recordings were judged to be that were set aside.
+    """
+    judged = _judged(recordings, rubric)
+    kept = [name for name in sessions if _aside(recordings, name).is_dir()]
+    worse = [name for name in kept if _undecided_points(judged[1], name) > _undecided_points(before, name)]
+    for name in worse:
+        shutil.rmtree(recordings / name, ignore_errors=True)
+        _aside(recordings, name).rename(recordings / name)
+    for name in kept:
+        shutil.rmtree(_aside(recordings, name), ignore_errors=True)
+    return _judged(recordings, rubric) if worse else judged
+
+
+def _undecided_points(result: Result, session: str) -> Decimal:
+    checks = (check for criterion in result.criteria for check in criterion.checks)
+    return sum((check.undecided for check in checks if check.session == session), Decimal(0))
 
 
 def _start_afresh(recordings: Path, submission: SubmissionRecord, rubric: Rubric) -> None:

@@ -60,6 +60,9 @@ class StartStep(Strict):
     name: str | None = Field(None, description="Name of the process; the artifact's or node's by default.")
     parameters: dict[str, Any] = Field(default_factory=dict, description="ROS parameters (student only).")
     remappings: dict[str, str] = Field(default_factory=dict, description="Name remappings (student only).")
+    composed: dict[str, str] = Field(
+        default_factory=dict, description="Name remappings besides, where the artifact's file holds others too."
+    )
     if_ended: bool = Field(False, description="Start it again only if it has ended.")
     with_: dict[str, Any] = Field(default_factory=dict, alias="with", description="Settings (reference only).")
 

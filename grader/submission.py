@@ -135,14 +135,27 @@ def _digest_of(files: list[FileFact]) -> str:
 def find_artifacts(
     paths: list[PurePosixPath], texts: dict[str, str], specs: dict[str, ArtifactSpec]
 ) -> list[ArtifactFact]:
-    """Find each artifact: by the rubric's patterns, else by a similar name, else by its contents."""
+    """Find each artifact: by the rubric's patterns, else by a similar name, else by its contents.
+
+    One file may hold several, as nodes that are composed in one process do.
+    """
     facts = {name: _by_pattern(name, spec, paths) for name, spec in specs.items()}
     for name, spec in specs.items():
         if facts[name].path is None:
             taken = {fact.path for fact in facts.values()}
             free = [p for p in paths if str(p) not in taken and p.suffix in (".py", "")]
             facts[name] = _by_similarity(name, spec, free, texts)
+    for name, spec in specs.items():
+        if facts[name].path is None and spec.executable is not None:
+            holding = [path for path in map(str, paths) if path.endswith(".py") and _holds(texts.get(path, ""), spec)]
+            if holding:
+                facts[name] = ArtifactFact(name, spec.file, holding[0], "near miss", holding[1:])
     return list(facts.values())
+
+
+def _holds(text: str, spec: ArtifactSpec) -> bool:
+    """Whether a file holds an artifact by its contents."""
+    return bool(spec.contains) and all(words in text for words in spec.contains)
 
 
 def _by_pattern(name: str, spec: ArtifactSpec, paths: list[PurePosixPath]) -> ArtifactFact:
@@ -182,7 +195,7 @@ def _by_similarity(name: str, spec: ArtifactSpec, free: list[PurePosixPath], tex
 
     near = sorted((p for p in free if ratio(p) >= NEAR_MISS_RATIO), key=lambda p: (-ratio(p), str(p)))
     if not near and spec.contains:
-        near = [p for p in free if all(words in texts.get(str(p), "") for words in spec.contains)]
+        near = [p for p in free if _holds(texts.get(str(p), ""), spec)]
     if not near:
         return ArtifactFact(name, spec.file)
     return ArtifactFact(name, spec.file, str(near[0]), "near miss", [str(p) for p in near[1:]])

@@ -276,6 +276,8 @@ def tracking_statistics(
         `scale` (1): a factor, to recognise another unit.
         `deviation` (false): the standard deviation in place of the RMS, to recognise `numpy.std`.
         `squared` (false): the mean square in place of the RMS, to recognise a forgotten root.
+        `summed` (false): the root of the sum in place of the RMS, to recognise `numpy.linalg.norm`.
+        `magnitude` (false): the mean of |error| in place of the RMS.
         `reports` (none): pairs of time (ns) and RMS error as a subscriber reported them. Then the statistics
         are those over the states that it reported, which are fewer where it lost some.
     seed : int
@@ -307,5 +309,9 @@ def tracking_statistics(
         found["rms"] = _deviation(errors, mixture, found["rms"])
     if parameters.get("squared"):
         found["rms"] = {kind: [x * x for x in row] for kind, row in found["rms"].items()}
+    if parameters.get("summed"):
+        found["rms"] = {kind: [x * len(errors) ** 0.5 for x in row] for kind, row in found["rms"].items()}
+    if parameters.get("magnitude"):
+        found["rms"] = found["mean"]
     scale = float(parameters.get("scale", 1.0))
     return {key: {kind: [scale * x for x in row] for kind, row in rows.items()} for key, rows in found.items()}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import os
 from collections.abc import Iterator
 
@@ -17,6 +18,7 @@ settings.load_profile("any machine")
 def plain_user() -> Iterator[None]:
     """Let the superuser be somebody who may not read everything, for a while."""
     if os.geteuid() == 0:
+        codecs.lookup("utf-8-sig")  # Python's own library may be where nobody else can read it.
         os.seteuid(65534)
         yield
         os.seteuid(0)

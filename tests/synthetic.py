@@ -155,7 +155,8 @@ class Session:
     def delayed(self, name: str, delay_s: float, until_s: float, cpu_s: float = 0.0) -> Session:
         """Let the machine have kept a process from its core for a time, evenly from 0 to `until_s`."""
         run = next(p for p in self.record.processes if p.name == name)
-        run.usage = [Usage(at(0.0), 0, 0), Usage(at(until_s), round(cpu_s * 1e9), round(delay_s * 1e9))]
+        shares = [n / (2 * until_s) for n in range(round(2 * until_s) + 1)]
+        run.usage = [Usage(at(s * until_s), round(s * cpu_s * 1e9), round(s * delay_s * 1e9)) for s in shares]
         return self
 
     def clock(self, ahead_s: Mapping[float, float]) -> Session:

@@ -20,7 +20,7 @@ from grader.cohort.finished import finished
 from grader.errors import RecordingError
 from grader.judging import Recordings, judge, judge_checks, open_recordings
 from grader.pipeline import read_rubric, undecided_sessions
-from grader.recording.session import OutputLine, SessionRecord, read_session, write_session
+from grader.recording.session import OutputLine, SessionRecord, Usage, read_session, write_session
 from grader.recording.submission import SUBMISSION_FILE, read_submission, write_submission
 from grader.report import json as result_json
 from grader.report.json import to_plain
@@ -296,6 +296,51 @@ def test_a_missing_artifact_is_the_students_even_without_a_recording(copy: Path,
     reason = "There is no robot_service.py in the submission. Left out was old/robot_service.py: not readable."
     assert checks["service.offers"].finding.reason == reason
     assert checks["service.enables"].finding.outcome is Outcome.NOT_REACHED
+
+
+def waited(record: SessionRecord, delay_s: float, cpu_s: float = 0.2) -> SessionRecord:
+    """Give the session as if the service had been waited for in vain for 10 s, by a machine that was busy."""
+    student = next(run for run in record.processes if run.role == "student")
+    begin_ns = student.started_ns
+    student.usage = [
+        Usage(begin_ns + n * 500_000_000, round(cpu_s * n * 5e7), round(delay_s * n * 5e7)) for n in range(21)
+    ]
+    steps = [
+        dataclasses.replace(step, outcome="timeout", started_ns=begin_ns, ended_ns=begin_ns + 10_000_000_000, result={})
+        for step in record.steps
+        if step.kind == "wait_for"
+    ]
+    graph = [dataclasses.replace(graph, services=[]) for graph in record.graph]
+    processes = [run for run in record.processes if run.role != "student" or run is student]
+    return dataclasses.replace(record, steps=steps, graph=graph, processes=processes, claims=[], attempt=3)
+
+
+@pytest.mark.parametrize(("delay_s", "cpu_s", "lost_points"), [(7.0, 0.2, 0), (4.0, 0.2, 20), (7.0, 9.0, 20)])
+def test_what_a_busy_machine_kept_from_coming_costs_nothing(
+    copy: Path, rubric: Rubric, delay_s: float, cpu_s: float, lost_points: int
+) -> None:
+    """However often it is tried: a program that had no core cannot have been in time; one that burnt it could."""
+    write_session(copy / "service", waited(read_session(copy / "service"), delay_s, cpu_s))
+    result = judge(open_recordings(copy, rubric), rubric)
+    assert lost(result) == lost_points
+
+
+@pytest.mark.parametrize(("step_s", "costs"), [(0.5, False), (0.0, True)])
+def test_nothing_that_goes_by_the_clock_is_charged_where_that_was_set(
+    copy: Path, rubric: Rubric, step_s: float, costs: bool
+) -> None:
+    """A tool that ended too soon by a clock that was set may have run as long as it was to."""
+    record = read_session(copy / "qos")
+    run = next(run for run in record.processes if run.role == "student")
+    run.started_ns += 5_000_000_000
+    middle = len(record.machine) // 2
+    for sample in record.machine[middle:]:
+        sample.clock_offset_ns += round(step_s * 1e9)
+    write_session(copy / "qos", record)
+    result = judge(open_recordings(copy, rubric), rubric)
+    assert (lost(result) > 0) == costs
+    outcome = checks_of(result)["qos.runs"].finding.outcome
+    assert outcome is (Outcome.PARTIAL if costs else Outcome.INCONCLUSIVE)
 
 
 # -- what cannot be judged at all ------------------------------------------------------------------

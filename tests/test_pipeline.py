@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import shutil
 import subprocess
@@ -13,6 +14,7 @@ import pytest
 from grader import pipeline
 from grader.errors import GraderError, RubricError
 from grader.judging import judge, open_recordings
+from grader.recording.session import read_session, write_session
 from grader.recording.submission import ArtifactFact, SubmissionRecord
 from grader.rubric import Rubric
 
@@ -167,3 +169,22 @@ def test_what_no_other_run_can_decide_is_not_run_again(results: Path, rubric: Ru
 def test_versions_name_what_a_recording_depends_on() -> None:
     """Grader, interpreter, kernel and middleware are named, installed or not."""
     assert {"grader", "python", "kernel", "ros-jazzy-rclpy", "mcap"} <= set(pipeline.versions())
+
+
+@pytest.mark.parametrize(("again", "kept"), [("spoilt", 1), ("sound", 2)])
+def test_a_recording_that_leaves_more_undecided_does_not_take_the_place_of_another(
+    results: Path, rubric: Rubric, again: str, kept: int
+) -> None:
+    """On a machine that is busier the second time, the first recording counts; else the second does."""
+    recordings = results / pipeline.RECORDINGS
+    before = judge(open_recordings(recordings, rubric), rubric)
+    pipeline.set_aside(recordings, ["publisher", "not recorded"])
+    second = dataclasses.replace(read_session(recordings / "publisher"), attempt=2, complete=again == "sound")
+    shutil.copytree(recordings / "publisher", recordings / "new")
+    write_session(recordings / "new", second)
+    shutil.rmtree(recordings / "publisher")
+    (recordings / "new").rename(recordings / "publisher")
+    recorded, result = pipeline.keep_clearer(recordings, rubric, ["publisher", "not recorded"], before)
+    assert result.score == before.score
+    assert recorded.sessions["publisher"].record.attempt == kept
+    assert not list(recordings.glob(".*"))

@@ -263,3 +263,13 @@ def test_what_a_grade_may_rest_on_must_be_readable(rubric: Rubric, closed: str, 
             else:
                 assert found(read_submission(intake, rubric))["publisher"] == "joint_publisher.py"
         (folder / closed).chmod(0o700)
+
+
+def test_nodes_that_are_composed_in_one_file_are_all_found_there(tmp_path: Path, rubric: Rubric) -> None:
+    """A file that holds what gives several artifacts away stands for each; another that only names them does not."""
+    (tmp_path / "ann").mkdir()
+    text = "# joint_command_publisher: create_publisher; joint_state_subscriber: create_subscription\n"
+    (tmp_path / "ann/arm.py").write_text(text)
+    (tmp_path / "ann/robot_launch.py").write_text("'robot_mode_service'")
+    wanted = {"publisher": "arm.py", "subscriber": "arm.py", "service": None, "launch": "robot_launch.py", "qos": None}
+    assert found(read_submission_folder(tmp_path / "ann", rubric)) == wanted

@@ -23,11 +23,14 @@ class Check:
     ----------
     by_endpoints : bool
         Whether it can be passed without all messages of its topics.
+    by_clock : bool
+        Whether what it finds wrong may be so since the system's clock was set at some time in the session.
     """
 
     parameters: type[Parameters]
     judge: Callable[[Context, Any], Finding]
     by_endpoints: bool = False
+    by_clock: bool = False
 
 
 REGISTRY: dict[str, Check] = {
@@ -40,27 +43,29 @@ REGISTRY: dict[str, Check] = {
     "offered_qos": Check(traffic.OfferedQos, traffic.offered_qos, by_endpoints=True),
     # A node that listens.
     "topics_subscribed": Check(reception.TopicsSubscribed, reception.topics_subscribed, by_endpoints=True),
-    "reported_series": Check(reception.ReportedSeries, reception.reported_series),
-    "reported_statistics": Check(reception.ReportedStatistics, reception.reported_statistics),
-    "survives": Check(reception.Survives, reception.survives, by_endpoints=True),
+    "reported_series": Check(reception.ReportedSeries, reception.reported_series, by_clock=True),
+    "reported_statistics": Check(reception.ReportedStatistics, reception.reported_statistics, by_clock=True),
+    "survives": Check(reception.Survives, reception.survives, by_endpoints=True, by_clock=True),
     "report_share": Check(reception.ReportShare, reception.report_share),
     # A node that serves.
     "service_offered": Check(services.ServiceOffered, services.service_offered, by_endpoints=True),
     "call_answered": Check(services.CallAnswered, services.call_answered),
     "call_gated": Check(services.CallGated, services.call_gated),
     "parameters_declared": Check(services.ParametersDeclared, services.parameters_declared, by_endpoints=True),
-    "calls_in_time": Check(services.CallsInTime, services.calls_in_time),
+    "calls_in_time": Check(services.CallsInTime, services.calls_in_time, by_clock=True),
     # A launch file.
     "launch_loads": Check(launching.LaunchLoads, launching.launch_loads, by_endpoints=True),
     "launch_arguments": Check(launching.LaunchArguments, launching.launch_arguments, by_endpoints=True),
     "launch_nodes": Check(launching.LaunchNodes, launching.launch_nodes, by_endpoints=True),
     "launch_parameters": Check(launching.LaunchParameters, launching.launch_parameters, by_endpoints=True),
-    "launch_together": Check(launching.LaunchTogether, launching.launch_together),
+    "launch_together": Check(launching.LaunchTogether, launching.launch_together, by_clock=True),
     # A tool that compares QoS profiles.
-    "ends_by_itself": Check(comparison.EndsByItself, comparison.ends_by_itself, by_endpoints=True),
-    "topics_carry_traffic": Check(comparison.TopicsCarryTraffic, comparison.topics_carry_traffic, by_endpoints=True),
+    "ends_by_itself": Check(comparison.EndsByItself, comparison.ends_by_itself, by_endpoints=True, by_clock=True),
+    "topics_carry_traffic": Check(
+        comparison.TopicsCarryTraffic, comparison.topics_carry_traffic, by_endpoints=True, by_clock=True
+    ),
     "qos_profiles": Check(comparison.QosProfiles, comparison.qos_profiles, by_endpoints=True),
-    "reported_traffic": Check(comparison.ReportedTraffic, comparison.reported_traffic),
+    "reported_traffic": Check(comparison.ReportedTraffic, comparison.reported_traffic, by_clock=True),
     # What is written.
     "readme": Check(documentation.Readme, documentation.readme),
     "docstrings": Check(documentation.Docstrings, documentation.docstrings),

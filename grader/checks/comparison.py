@@ -29,7 +29,14 @@ from grader.checks.traffic import claimed_qos, student_endpoints
 from grader.evidence.calls import rclpy_calls
 from grader.evidence.printed import text_of
 from grader.evidence.recorded import Floats, Span, clock_step_s
-from grader.evidence.result_rows import LINE_LIMIT, ResultRow, lines_naming, plain_numbers, result_row
+from grader.evidence.result_rows import (
+    LINE_LIMIT,
+    ResultRow,
+    lines_naming,
+    plain_numbers,
+    result_row,
+    rounding_of,
+)
 from grader.evidence.timing import timing_of
 from grader.recording.session import OutputLine, Qos
 from grader.result import Finding, Where
@@ -135,7 +142,24 @@ def topics_carry_traffic(context: Context, p: TopicsCarryTraffic) -> Finding:
     reasons = [f"Too little came on {', '.join(few)}."] if few else []
     reasons += [f"{t} is named {context.session.used(t)}; the rest is judged on that." for t in renamed]
     shares = [max(0.0, few.get(t, 1.0) - 0.5 * (t in renamed)) for t in p.topics]
+    if few and (late := _held_up(context)):
+        return inconclusive(expected, measured, late, where=(context.where(),))
     return graded(sum(shares) / len(shares), expected, measured, " ".join(reasons), where=(context.where(),))
+
+
+#: Share of its time for which a program was kept from a core, from which that may be why it sent so little.
+_MANY_DELAYS = 0.25
+
+
+def _held_up(context: Context) -> str:
+    """Say that the machine kept a student's program from a core for much of its time, if it did."""
+    for run in (run for run in context.session.record.processes if run.role == "student"):
+        span = Span(run.started_ns, run.exited_ns or context.session.record.ended_ns)
+        delay_s = context.session.machine_delay_s(run, span)
+        if delay_s > _MANY_DELAYS * span.duration_s:
+            late = f"for {delay_s:.1f} s of {span.duration_s:.1f} s"
+            return f"The machine kept the program from a core {late}, which may be why so little was sent."
+    return ""
 
 
 def _written(context: Context, topic: str, until_ns: int | None = None) -> int:
@@ -168,6 +192,9 @@ def qos_profiles(context: Context, p: QosProfiles) -> Finding:
     for wanted in p.profiles:
         sides = [_Side.of(context, p.artifact, kind, wanted.topic) for kind in ("publisher", "subscription")]
         lacking = [side.kind for side in sides if not side.seen]
+        if len(lacking) == 1 and _was_made(context, lacking[0], wanted.topic):
+            reason = f"A {lacking[0]} on {wanted.topic} was made, but was not seen in the graph."
+            return inconclusive(wanted.topic, f"no {lacking[0]} in the graph", reason, where=(context.where(),))
         if lacking:
             reasons.append(f"There is no {' and no '.join(lacking)} on {wanted.topic}.")
         told: dict[str, list[str]] = {}
@@ -183,6 +210,12 @@ def qos_profiles(context: Context, p: QosProfiles) -> Finding:
     expected = "; ".join(f"{w.topic}: {w.reliability}, {w.history} {w.depth}, {w.durability}" for w in p.profiles)
     where = (*dict.fromkeys(spots), context.where())
     return graded(sum(parts) / len(parts), expected, "; ".join(texts), " ".join(reasons), where=where)
+
+
+def _was_made(context: Context, kind: str, topic: str) -> bool:
+    """Whether a student's program made an endpoint, as the tap notes."""
+    used = context.session.used(topic).lstrip("/")
+    return any(claim.kind == kind and claim.name.lstrip("/") == used for claim in context.session.record.claims)
 
 
 @dataclass(frozen=True)
@@ -322,11 +355,16 @@ def _claimed(context: Context, p: ReportedTraffic, row: Row) -> ResultRow | None
     """Return what is printed about a row: in the pattern's form, or in another that can be read."""
     output = context.session.output_of(p.artifact)
     lines = [plain_numbers(line.text[:LINE_LIMIT]) for line in output]
-    for place in lines_naming(lines, row.name):
-        if match := re.search(p.pattern, lines[place]):
-            mean_s, max_s = (_signed(match, name) / 1e3 for name in ("mean_ms", "max_ms"))
-            return ResultRow(output[place].t_ns, int(match["count"]), mean_s, max_s)
-    return result_row(output, row.name, [other.name for other in p.rows if other is not row])
+    for loosely in (False, True):
+        for place in lines_naming(lines, row.name, loosely=loosely):
+            if match := re.search(p.pattern, lines[place]):
+                mean_s, max_s = (_signed(match, name) / 1e3 for name in ("mean_ms", "max_ms"))
+                rounding_s = rounding_of(match["mean_ms"], 1e-3)
+                return ResultRow(output[place].t_ns, int(match["count"]), mean_s, max_s, rounding_s)
+        others = [other.name for other in p.rows if other is not row]
+        if (found := result_row(output, row.name, others, loosely=loosely)) is not None:
+            return found
+    return None
 
 
 def _signed(match: re.Match[str], name: str) -> float:
@@ -422,7 +460,8 @@ def _latency_problem(context: Context, p: ReportedTraffic, row: Row, got: Result
     truth_s = float(np.mean(latencies))
     least_s = float(np.min(latencies)) / p.latency_factor
     most_s = max(truth_s * p.latency_factor, truth_s + p.latency_slack_s)
-    if least_s <= got.mean_s <= most_s and (got.max_s is None or got.mean_s <= got.max_s + 1e-5):
+    in_order = got.max_s is None or got.mean_s <= got.max_s + 1e-5
+    if least_s - got.rounding_s <= got.mean_s <= most_s + got.rounding_s and got.mean_s >= 0 and in_order:
         return ""
     most = f" (max {got.max_s * 1e3:.2f} ms)" if got.max_s is not None else ""
     reported = f"{row.name} reports a mean latency of {got.mean_s * 1e3:.2f} ms{most}"

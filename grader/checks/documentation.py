@@ -102,22 +102,24 @@ class Readme(Parameters):
 
 def readme(context: Context, p: Readme) -> Finding:
     """Judge commands and descriptions; a bare list of names describes nothing."""
-    expected = f"commands to run it ({p.run_weight:.0%}), and a description of each of {len(p.parts)} parts (the rest)"
+    # What was not handed in is charged where it is missing.
+    parts = [part for part in p.parts if context.path_of(part.artifact) is not None] or list(p.parts)
+    expected = f"commands to run it ({p.run_weight:.0%}), and a description of each of {len(parts)} parts (the rest)"
     documents = readmes(context)
     if not documents and (unread := _not_read(context)):
         return _for_a_person(expected, unread)
     if not documents:
         return failed(expected, "no README", "There is no README.", hint="Write a README.md beside the code.")
     commands = [(path, i) for path, document in documents for i in run_instructions(document, p.commands)]
-    topics = [TopicWords(part.artifact, part.names, part.synonyms) for part in p.parts]
+    topics = [TopicWords(part.artifact, part.names, part.synonyms) for part in parts]
     described = {
         t.id: (path, t)
         for path, d in reversed(documents)
         for t in coverage(d, topics, p.words_each).topics
         if t.state == "described"
     }
-    lacking = [part for part in p.parts if part.artifact not in described]
-    share = p.run_weight * bool(commands) + (1 - p.run_weight) * len(described) / len(p.parts)
+    lacking = [part for part in parts if part.artifact not in described]
+    share = p.run_weight * bool(commands) + (1 - p.run_weight) * len(described) / len(parts)
     first = PurePosixPath(documents[0][0])
     reasons = [] if _README.match(first.stem) else [f"There is no README; {first} was read in its place."]
     if not commands:
@@ -127,7 +129,7 @@ def readme(context: Context, p: Readme) -> Finding:
             f"It does not say what {', '.join(part.names[0] for part in lacking)} "
             + ("does." if len(lacking) == 1 else "do.")
         )
-    measured = f"{len(commands)} commands, {len(described)} of {len(p.parts)} parts described"
+    measured = f"{len(commands)} commands, {len(described)} of {len(parts)} parts described"
     where = [Where(file=path, line=i.line) for path, i in commands[:1]]
     where += [Where(file=path, line=t.lines[0] if t.lines else None) for path, t in described.values()]
     return graded(share, expected, measured, " ".join(reasons), where=where or (Where(file=documents[0][0]),))

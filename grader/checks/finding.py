@@ -49,6 +49,14 @@ def _compiles(value: str) -> str:
 Pattern = Annotated[str, AfterValidator(_compiles)]
 
 
+def _several(value: Any) -> Any:
+    return (value,) if isinstance(value, str) else value
+
+
+#: One or more regular expressions, of which the first counts that finds anything; the number is its last group.
+Patterns = Annotated[tuple[Pattern, ...], BeforeValidator(_several)]
+
+
 @dataclass(frozen=True)
 class Context:
     """All that a check may look at.

@@ -24,6 +24,7 @@ from grader.checks.finding import (
     takes_points,
     told,
 )
+from grader.evidence.chance import clock_was_set
 from grader.evidence.diagnosis import explain
 from grader.evidence.elsewhere import is_newer_python, only_elsewhere
 from grader.evidence.launch_source import parameter_line
@@ -210,6 +211,9 @@ def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
         return _nothing_started(context, plan, expected)
     if (contained := _contained(context, plan, p, expected)) is not None:
         return contained
+    if unseen := [wanted.node for wanted in p.nodes if _is_unseen(context, plan, wanted)]:
+        reason = f"{', '.join(unseen)} was made, and goes on, but was not seen in the graph."
+        return inconclusive(expected, _in_the_graph(context, mended_first=False), reason, where=(context.where(),))
     judged = [_judge_node(context, plan, wanted) for wanted in p.nodes]
     share = sum(j.share for j in judged)
     reasons = [j.reason for j in judged if j.reason]
@@ -319,6 +323,15 @@ def _judge_node(context: Context, plan: Plan, wanted: WantedNode) -> _JudgedNode
         reason = f"{wanted.executable} runs under the name {shown}, not {wanted.node}."
         return _JudgedNode(0.5, reason, where=(Where(file=entry.file, line=entry.line),))
     return _why_down(context, entry, wanted.executable)
+
+
+def _is_unseen(context: Context, plan: Plan, wanted: WantedNode) -> bool:
+    """Whether a launched program made the node under its name, as the tap notes, and the graph never showed it."""
+    entry = _entry_for(plan, wanted.node, wanted.executable)
+    run = context.session.process(entry.id) if entry is not None else None
+    if run is None or run.interrupted_ns is None or run.limit is not None or wanted.node in context.session.nodes:
+        return False
+    return any(claim.process == run.name and claim.node == wanted.node for claim in context.session.record.claims)
 
 
 def _died(context: Context, entry: Process | None) -> bool:
@@ -460,7 +473,7 @@ def _judge_parameter(
         return 0.0, f"The launch file gives {short} no {wanted.name}; {value!r} is the node's own default.", text
     if not _same(value, wanted.value) and not _follows_default(plan, wanted, value):
         return 0.0, f"{wanted.name} of {short} is {value!r}, not {wanted.value!r}.", text
-    if wanted.other is None:
+    if wanted.other is None or _lacks_argument(plan, wanted):
         return 1.0, "", text
     changed = _planned(other, wanted)
     if changed is not _MISSING and _same(changed, wanted.other):
@@ -482,6 +495,11 @@ def _misdirected(plan: Plan, wanted: WantedNodeParameter, all_wanted: Sequence[W
     return f" It gives it to {found} instead." if found is not None else ""
 
 
+def _lacks_argument(plan: Plan | None, wanted: WantedNodeParameter) -> bool:
+    """Whether the launch file declares no argument of this name for the parameter to follow, which is charged there."""
+    return plan is not None and wanted.argument is not None and wanted.argument not in {a.name for a in plan.arguments}
+
+
 def _follows_default(plan: Plan | None, wanted: WantedNodeParameter, value: Any) -> bool:
     """Whether a value is the default that the launch file gives the argument, which is charged with the arguments."""
     declared = {a.name: a.default for a in plan.arguments} if plan is not None else {}
@@ -500,6 +518,10 @@ class TogetherCommands(Parameters):
     window: str
     least_share: Share = 0.8
     node: str | None = _NODE
+    rate_step: str | None = Field(None, description="Step that read the parameter below in the running node.")
+    rate_parameter: str | None = Field(
+        None, description="Parameter that sets the rate; which value it is given is judged elsewhere."
+    )
 
 
 class TogetherFollows(Parameters):
@@ -546,6 +568,8 @@ def launch_together(context: Context, p: LaunchTogether) -> Finding:
     measured = "; ".join(text for _, text, _ in judged)
     if parts[0] is not None and (late := _late_by_the_machine(context, p.commands, parts[0][0])) is not None:
         return inconclusive(expected, measured, late, where=(context.where(p.commands.topic),))
+    if parts[1] is not None and parts[1][0] < 1 and (late := _held_up(context, p.commands.window)) is not None:
+        return inconclusive(expected, measured, late, where=(context.where(p.follows.topic),))
     reasons = " ".join(reason for share, _, reason in judged if share < 1)
     return graded(
         sum(s for s, _, _ in judged) / len(judged),
@@ -571,7 +595,7 @@ def _is_up(context: Context, node: str | None) -> bool:
 def _commands_come(context: Context, p: TogetherCommands) -> tuple[float, str, str] | None:
     timing = timing_of(context.session.stream(p.topic), context.session.window(p.window))
     alone = context.sessions.get(p.alone_session)
-    alone_timing = timing_of(alone.stream(p.topic), alone.window(p.window)) if alone is not None else None
+    alone_timing = _timing_alone(alone, p)
     if timing is None:
         if _charged(context, p.charged_by):
             return None
@@ -588,13 +612,28 @@ def _commands_come(context: Context, p: TogetherCommands) -> tuple[float, str, s
         )
     if alone_timing is None:
         return 1.0, f"commands at {timing.rate_hz:.1f} Hz", ""
-    share = _share_of_rate(timing, alone_timing, p)
+    share = 1.0 if _as_told(context, timing, p) else _share_of_rate(timing, alone_timing, p)
     text = f"commands at {timing.rate_hz:.1f} Hz ({alone_timing.rate_hz:.1f} Hz alone)"
     return (
         share,
         text,
         f"Commands come at {timing.rate_hz:.1f} Hz, while alone they come at {alone_timing.rate_hz:.1f} Hz.",
     )
+
+
+def _timing_alone(alone: Recorded | None, p: TogetherCommands) -> Timing | None:
+    """Measure the commands of the session in which they come alone; None where its clock was set meanwhile."""
+    if alone is None or clock_was_set(alone, span := alone.window(p.window)):
+        return None
+    return timing_of(alone.stream(p.topic), span)
+
+
+def _as_told(context: Context, timing: Timing, p: TogetherCommands) -> bool:
+    """Whether commands come as often as the launched node's own parameter says."""
+    step = context.session.step(p.rate_step) if p.rate_step is not None else None
+    read = (step.result.get("values", {}) if step is not None else {}).get(p.rate_parameter)
+    wanted_hz = read["value"] if read is not None else None
+    return isinstance(wanted_hz, (int, float)) and 0 < wanted_hz * p.least_share <= timing.rate_hz <= 2 * wanted_hz
 
 
 def _moved_by_launch(context: Context, alone: Recorded | None, p: TogetherCommands) -> str | None:
@@ -620,7 +659,7 @@ def _late_by_the_machine(context: Context, p: TogetherCommands, share: float) ->
     span = context.session.window(p.window)
     timing = timing_of(context.session.stream(p.topic), span)
     alone = context.sessions.get(p.alone_session)
-    alone_timing = timing_of(alone.stream(p.topic), alone.window(p.window)) if alone is not None else None
+    alone_timing = _timing_alone(alone, p)
     if share >= 1 or span is None or timing is None or alone_timing is None or _moved_by_launch(context, alone, p):
         return None
     delay_s = min(context.session.longest_delay_s(span), 0.5 * span.duration_s)
@@ -629,10 +668,25 @@ def _late_by_the_machine(context: Context, p: TogetherCommands, share: float) ->
     return f"The machine kept a process from a core for {delay_s:.2f} s of {span.duration_s:.1f} s, which may be why."
 
 
+#: Share of a window for which a process was kept from a core, from which what others do may hang on that.
+_MANY_DELAYS = 0.25
+
+
+def _held_up(context: Context, window: str) -> str | None:
+    """Say that the machine kept a process from a core for much of a window, if it did."""
+    span = context.session.window(window)
+    delay_s = context.session.longest_delay_s(span) if span is not None else 0.0
+    if span is None or delay_s <= _MANY_DELAYS * span.duration_s:
+        return None
+    return f"The machine kept a process from a core for {delay_s:.2f} s of {span.duration_s:.1f} s, which may be why."
+
+
 def _arm_follows(context: Context, p: TogetherFollows) -> tuple[float, str, str] | None:
     command, state = (context.session.numeric(t, p.field) for t in (p.command, p.topic))
     if command is None or state is None or max(command.values.shape[1], state.values.shape[1]) <= p.index:
         return None
+    if _never_hears(context, p.command):
+        return None  # Another type is charged where it is published.
     if command.values.shape[1] != state.values.shape[1] or float(np.ptp(command.values[:, p.index])) < 1e-3:
         return None  # The arm takes no commands of another length, and cannot follow what does not move.
     measured = np.interp(command.source_ns, state.source_ns, state.values[:, p.index])
@@ -644,6 +698,13 @@ def _arm_follows(context: Context, p: TogetherFollows) -> tuple[float, str, str]
     if error < 0.5 * size + 0.05:
         return 1.0, text, ""
     return None if _charged(context, p.charged_by) else (0.0, text, "The arm does not follow the commands.")
+
+
+def _never_hears(context: Context, topic: str) -> bool:
+    """Whether the reference nodes ask for a topic in another type than that in which it is published."""
+    own = context.session.endpoints_on(topic, "subscription")
+    asked = {e.type for e in own if e.node in context.reference_nodes}
+    return bool(asked) and context.session.stream(topic).topic_type not in asked
 
 
 def _service_answers(context: Context, p: TogetherAnswers) -> tuple[float, str, str] | None:

@@ -15,6 +15,7 @@ from grader.checks.finding import (
     Context,
     Parameters,
     Pattern,
+    Patterns,
     Share,
     failed,
     graded,
@@ -32,7 +33,7 @@ from grader.checks.finding import (
 from grader.checks.traffic import claimed_at, claimed_qos, in_namespace, student_endpoints
 from grader.evidence.printed import PrintedVector, Report, printed_vector, reports
 from grader.evidence.recorded import Span
-from grader.recording.session import Endpoint, ProcessRun, StepRun
+from grader.recording.session import Endpoint, OutputLine, ProcessRun, StepRun
 from grader.result import Finding, Outcome, Where
 
 
@@ -98,9 +99,10 @@ def topics_subscribed(context: Context, p: TopicsSubscribed) -> Finding:
         spots += [spot] if spot else []
     if not any(shares) and (elsewhere := runs_elsewhere(context, p.artifact, expected)) is not None:
         return elsewhere
-    if not any(shares) and not nodes:
-        asked = not_seen(context, p.artifact, "subscription", [t.topic for t in p.topics], expected)
-        if asked is not None:
+    for topic in p.topics:
+        if student_endpoints(context, topic.topic, "subscription"):
+            continue
+        if (asked := not_seen(context, p.artifact, "subscription", [topic.topic], expected)) is not None:
             return asked
     if not any(shares):
         fallback = "The node subscribed to none of the topics, nor to any of a similar name."
@@ -195,7 +197,7 @@ class Alternative(Parameters):
 class ReportedSeries(Streams):
     """Numbers that a node reports agree with an oracle's value on each span of time."""
 
-    pattern: Pattern
+    pattern: Patterns
     tolerance: float = Field(gt=0, description="Absolute; 1 % of the value, and what rounding makes, are allowed too.")
     settle_s: float = Field(0.05, description="Reports this close to a span's ends do not count.")
     alternatives: tuple[Alternative, ...] = ()
@@ -243,6 +245,8 @@ def reported_series(context: Context, p: ReportedSeries) -> Finding:
     where = (spot, context.where(next(iter(p.streams.values()))))
     seen = _Seen.of(heard, spans, p)
     measured = f"right on {seen.right} of {len(spans)} plateaus ({len(heard)} reports)"
+    if seen.right < len(spans) and (unread := _read_late(context, p)):
+        return inconclusive(expected, measured, unread, where=(spot,))
     if seen.right < len(spans) and (other := _other_series(context, p, heard)) is not None:
         example = _first_wrong(context, seen)
         return other.finding(context, expected, measured, seen.right / len(spans), example=example, where=where)
@@ -434,13 +438,13 @@ class ReportedStatistics(Streams):
     """A vector printed behind a label agrees with an oracle's bounds."""
 
     label: str
+    synonyms: tuple[str, ...] = Field((), description="Other words for the label, tried in this order after it.")
+    unless: Pattern | None = Field(None, description="Found before the numbers, it tells that they are of another.")
     key: str = Field(description="Key in the oracle's answer.")
     length: int
     tolerance: float = Field(0.001, description="Absolute; 1 % of the value, and what rounding makes, are allowed too.")
     alternatives: tuple[Alternative, ...] = ()
-    report_pattern: Pattern | None = Field(
-        None, description="The node's report on each message, to see whether it lost any."
-    )
+    report_pattern: Patterns = Field((), description="The node's report on each message, to see whether it lost any.")
     shorter: Shorter | None = None
 
 
@@ -456,13 +460,17 @@ def reported_statistics(context: Context, p: ReportedStatistics) -> Finding:
         )
     processes = context.session.processes_of(p.artifact)
     stopped_ns = processes[-1].interrupted_ns if processes else None
-    printed = printed_vector(context.session.output_of(p.artifact), p.label, stopped_ns)
+    printed = _printed(p, context.session.output_of(p.artifact), stopped_ns)
     if printed is None:
         return _nothing_printed(context, p, expected)
     finding = _judge_vector(context, p, streams, printed, expected)
     if finding.outcome is Outcome.PASSED and p.shorter is not None and (reason := _silent_when_shorter(context, p)):
         return graded(p.shorter.credit, expected, finding.measured, reason, where=finding.where, notes=finding.notes)
     return finding
+
+
+def _printed(p: ReportedStatistics, output: Sequence[OutputLine], stopped_ns: int | None) -> PrintedVector | None:
+    return printed_vector(output, (p.label, *p.synonyms), stopped_ns, p.unless)
 
 
 _OTHER_FORMS = {
@@ -509,14 +517,15 @@ def _silent_when_shorter(context: Context, p: ReportedStatistics) -> str:
     """Say that the node printed no numbers after a run with fewer messages, if it ran, and ended as it should."""
     assert p.shorter is not None
     other = context.sessions.get(p.shorter.session)
-    for run in other.record.processes if other is not None and p.report_pattern is not None else ():
-        count = sum(re.search(str(p.report_pattern), line.text[:2000]) is not None for line in run.output)
+    for run in other.record.processes if other is not None else ():
+        each = (sum(re.search(one, line.text[:2000]) is not None for line in run.output) for one in p.report_pattern)
+        count = next(filter(None, each), 0)
         if run.role != "student" or not p.shorter.least <= count <= p.shorter.most:
             continue
         chance = any("KeyboardInterrupt" in o.text or _HIT_IN_A_CALL in o.text for o in run.output)
         if run.ended_by != "interrupt" or run.output_dropped_bytes or chance:
             continue
-        if printed_vector(run.output, p.label, run.interrupted_ns) is None:
+        if _printed(p, run.output, run.interrupted_ns) is None:
             return (
                 f"In the session '{p.shorter.session}' it was stopped after {count} reports, and printed no "
                 f"'{p.label}: [...]'; {p.shorter.least} are enough."
@@ -627,6 +636,20 @@ def _starved(context: Context, p: Streams) -> str:
     return _late(context, p) if delay_s >= _STARVED_SHARE * length_s else ""
 
 
+#: So long the grader may stand still without reading a report at another value than that for which it was printed.
+_READ_LATE_S = 0.3
+
+
+def _read_late(context: Context, p: Streams) -> str:
+    """Say that the grader stood still while messages came, if it did, so that it read the output too late."""
+    span = _stimulus(context, p)
+    run = context.session.processes_of(p.artifact)[-1]
+    stalled_s = context.session.stalled_s(span) if span is not None else 0.0
+    if stalled_s <= _READ_LATE_S or run.limit is not None or run.output_dropped_bytes:
+        return ""
+    return f"The grader stood still for {stalled_s:.2f} s while messages came, and read too late what was printed."
+
+
 def _late(context: Context, p: Streams) -> str:
     delay_s, length_s = _delay_s(context, p)
     late = f"for {delay_s:.2f} s of {length_s:.1f} s"
@@ -635,15 +658,18 @@ def _late(context: Context, p: Streams) -> str:
 
 def _delay_s(context: Context, p: Streams) -> tuple[float, float]:
     """Return for how long the node was ready but had no core while messages came, and how long they came."""
-    streams = context.streams(p.streams, p.field)
-    processes = context.session.processes_of(p.artifact)
-    if not streams or not processes:
+    span, processes = _stimulus(context, p), context.session.processes_of(p.artifact)
+    if span is None or not processes:
         return 0.0, 0.0
-    span = Span(
-        min(int(s.source_ns[0]) for s in streams.values()),
-        max(int(s.source_ns[-1]) for s in streams.values()),
-    )
     return context.session.machine_delay_s(processes[-1], span), span.duration_s
+
+
+def _stimulus(context: Context, p: Streams) -> Span | None:
+    """Return the time in which messages came."""
+    streams = context.streams(p.streams, p.field).values()
+    if not streams:
+        return None
+    return Span(min(int(s.source_ns[0]) for s in streams), max(int(s.source_ns[-1]) for s in streams))
 
 
 def _reports_of_some(context: Context, p: ReportedStatistics) -> list[tuple[int, float]]:
@@ -672,7 +698,7 @@ class Survives(Parameters):
     artifact: str
     step: str
     until: str | None = Field(None, description="A later step; what ends after that one's start has survived.")
-    quiet: Pattern | None = Field(None, description="A report that cannot be made yet, before the later step starts.")
+    quiet: Patterns = Field((), description="A report that cannot be made yet, before the later step starts.")
     quiet_credit: float = Field(0.5, ge=0, le=1, description="Credit of a node that makes it all the same.")
 
 
@@ -689,15 +715,28 @@ def survives(context: Context, p: Survives) -> Finding:
     second_start_ns = processes[1].started_ns if len(processes) > 1 else 2**63
     second_start_ns = min(second_start_ns, later.started_ns) if later is not None else second_start_ns
     if first.exited_ns is None or first.interrupted_ns is not None or first.exited_ns > second_start_ns:
+        if _never_matched(context, step):
+            return inconclusive(expected, "it went on", _UNMATCHED, where=(spot,))
         return _early_report(context, p, step, later) or passed(expected, "it went on", where=(spot,))
     reason, hint, where = why_nothing(context, p.artifact, "The node ended.")
     measured = f"it ended with status {first.exit_status} at {context.session.since_start_s(first.exited_ns):.2f} s"
     return failed(expected, measured, reason, hint=hint, where=where)
 
 
+_UNMATCHED = "The subscription was not matched in time, so that the node may not have got what was sent."
+
+
+def _never_matched(context: Context, step: StepRun) -> bool:
+    """Whether a step published what no subscription was there for, although the student's could have taken it."""
+    topic, sent = str(step.parameters.get("topic", "")), step.parameters.get("type")
+    requests = student_endpoints(context, topic, "subscription") if step.kind == "publish" else ()
+    fitting = [e for e in requests if e.type == sent and clash(e, OfferedProfile(durability="transient_local")) is None]
+    return step.result.get("matched") is False and bool(fitting) and len(fitting) == len(requests)
+
+
 def _early_report(context: Context, p: Survives, step: StepRun, later: StepRun | None) -> Finding | None:
     """State that a node reported on messages with which nothing could be compared yet, None if it did not."""
-    if p.quiet is None or later is None:
+    if later is None:
         return None
     heard = reports(context.session, p.artifact, p.quiet)
     # A line that says why there is no report yet may hold the same word, and a number.
@@ -715,7 +754,7 @@ def _early_report(context: Context, p: Survives, step: StepRun, later: StepRun |
 class ReportShare(Streams):
     """A node reports for a share of the messages for which it could."""
 
-    pattern: Pattern
+    pattern: Patterns
     full_from: Share = 0.9
 
 

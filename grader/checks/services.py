@@ -430,5 +430,7 @@ def calls_in_time(context: Context, p: CallsInTime) -> Finding:
 
 
 def _delay_s(context: Context, call: Mapping[str, Any]) -> float:
-    """Return for how long the machine kept a process from its core during a call."""
-    return context.session.longest_delay_s(Span(int(call["started_ns"]), int(call["ended_ns"])))
+    """Return for how long the machine kept a process from its core during a call, that which makes it included."""
+    span = Span(int(call["started_ns"]), int(call["ended_ns"]))
+    own_s = context.session.recorder_delay_s(span) + int(call.get("held_up_ns", 0)) / 1e9
+    return context.session.longest_delay_s(span) + own_s

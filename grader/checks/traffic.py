@@ -28,8 +28,9 @@ from grader.checks.finding import (
     told,
     why_nothing,
 )
+from grader.evidence.chance import clock_was_set
 from grader.evidence.limits import ended_by_limit, hit_limit
-from grader.evidence.recorded import Floats, NumericStream, Span, clock_step_s
+from grader.evidence.recorded import Floats, NumericStream, Span
 from grader.evidence.timing import Timing, timing_of
 from grader.evidence.waves import Sinusoid, fit_sinusoid
 from grader.recording.session import Endpoint, Qos
@@ -194,12 +195,13 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
     error_hz = timing.burst_error_hz or 2 * timing.deviation_s() * timing.rate_hz / max(length_s, 1e-9)
     measured = f"{timing.rate_hz:.2f} Hz ± {max(error_hz, 0.01):.2f} Hz ({timing.written} messages in {length_s:.1f} s)"
     measured += found.by
-    span_hz = (timing.rate_hz - error_hz, best_hz + error_hz)
+    least_hz = _least_rate_hz(timing, length_s, _delay_before_s(context, p.process, span), p.rate_hz)
+    span_hz = (least_hz - error_hz, best_hz + error_hz)
     off_by = [abs(hz / p.rate_hz - 1) for hz in span_hz]
     least_off = 0.0 if span_hz[0] <= p.rate_hz <= span_hz[1] else min(off_by)
     worst, best = (ramp(off, p.full_within, p.zero_beyond) for off in (max(off_by), least_off))
     reason = f"{_off_rate(timing, p)}{_by_timer(context, timing.rate_hz)}"
-    if (stepped := clock_was_set(context, span)) is not None:
+    if (stepped := clock_was_set(context.session, span)) is not None:
         return inconclusive(expected, measured, stepped, where=where)
     silent_s, of_s = _silence_s(context, p, span)
     if silent_s - delay_s > max(_SILENT_S, _SILENT_INTERVALS * timing.median_s):
@@ -251,10 +253,14 @@ _SILENT_S, _SILENT_INTERVALS = 0.5, 10
 
 def _silence_s(context: Context, p: TopicRate, span: Span | None) -> tuple[float, float]:
     """Return for how long at the end of its window nothing came, and how long the window was to be."""
-    source_ns = context.session.stream(p.topic).source_ns
+    stream = context.session.stream(p.topic)
+    source_ns = stream.source_ns
     if span is not None:
-        last_ns = int(source_ns[source_ns <= span.end_ns].max())
-        return (span.end_ns - last_ns) / 1e9, span.duration_s
+        before, after = source_ns <= span.end_ns, source_ns > span.end_ns
+        last_ns = int(source_ns[before].max())
+        missed = int(stream.sequence[after].min() - stream.sequence[before].max()) if after.any() else 0
+        # What was sent and not recorded is the recorder's loss, of which only the next message tells.
+        return (span.end_ns - last_ns) / 1e9 if missed <= 1 else 0.0, span.duration_s
     step = context.session.step(p.window) if p.window else None
     if step is None or step.outcome != "cancelled":
         return 0.0, 1.0
@@ -282,12 +288,6 @@ def _why_silent(context: Context, process: str) -> tuple[str, str, tuple[Where, 
 _SILENT_HINT = "A node publishes for as long as it runs; see what ends or stops it."
 
 
-def clock_was_set(context: Context, span: Span | None) -> str | None:
-    """Say that the system's clock, from which all times come, was set within a span; None if it was not."""
-    step_s = clock_step_s(context.session.record, span) if span is not None else 0.0
-    return f"The machine's clock was set by {step_s * 1e3:.1f} ms while this was measured." if step_s else None
-
-
 #: Share of a span for which a process was kept from a core, from which that is named as the reason of a doubt.
 _NOTABLE_DELAY = 0.005
 
@@ -312,6 +312,24 @@ def _best_rate_hz(timing: Timing, length_s: float, delay_s: float, wanted_hz: fl
     longer_s = 2 * delay_s / max(len(timing.intervals_s), 1) if delay_s > _MANY_DELAYS * length_s else 0.0
     usual_hz = 1 / (timing.median_s - longer_s) if timing.median_s > longer_s else without_delay_hz
     return max(timing.rate_hz, min(without_delay_hz, usual_hz, wanted_hz))
+
+
+def _least_rate_hz(timing: Timing, length_s: float, delay_before_s: float, wanted_hz: float) -> float:
+    """Return the lowest rate, down to the one wanted, that the node may have had on a machine of its own.
+
+    Within the window it may have made up for what it could not send before, which its usual interval does not show.
+    """
+    usual_hz = 1 / timing.median_s if timing.median_s > 0 else timing.rate_hz
+    without_hz = timing.rate_hz * length_s / (length_s + delay_before_s)
+    return min(timing.rate_hz, max(without_hz, usual_hz, wanted_hz))
+
+
+def _delay_before_s(context: Context, process: str, span: Span | None) -> float:
+    """Return for how long the machine kept a process from a core before a window opened."""
+    run = context.session.process(process)
+    if run is None or span is None:
+        return 0.0
+    return context.session.machine_delay_s(run, Span(min(run.started_ns, span.start_ns), span.start_ns))
 
 
 def _timer_spot(context: Context) -> tuple[Where, ...]:
@@ -367,7 +385,7 @@ def topic_jitter(context: Context, p: TopicJitter) -> Finding:
     largest_s = timing.deviation_s(min(1.0, p.share + spread))
     least_s = timing.deviation_s(max(0.0, p.share - spread), delay_s)
     worst, best = (ramp(d, p.full_within_s, p.zero_beyond_s) for d in (largest_s, least_s))
-    if (stepped := clock_was_set(context, span)) is not None:
+    if (stepped := clock_was_set(context.session, span)) is not None:
         return inconclusive(expected, measured, stepped, where=where)
     off = f"{deviation_s * 1e3:.1f} ms off the usual {timing.median_s * 1e3:.1f} ms"
     reason = f"One interval in {round(1 / (1 - p.share))} is more than {off}."

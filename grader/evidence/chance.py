@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from grader.evidence.limits import ended_by_limit
-from grader.evidence.recorded import Recorded
+from grader.evidence.recorded import Recorded, Span, clock_step_s
 from grader.recording.session import ProcessRun
 
 _KILLED = (-9, 137)
@@ -14,6 +14,11 @@ _KILLED = (-9, 137)
 _NO_MORE_TASKS = ("Resource temporarily unavailable", "can't start new thread")
 #: Recordings in which that is believed; what a program says of itself can be made up.
 _BELIEVED = 2
+#: Share of the time for which something was waited for in vain, from which it may be the machine's doing that it did
+#: not come; and the share for which the student's own programs may have used a core in it.
+_HELD_UP, _OWN_DOING = 0.5, 0.5
+#: Shorter delays are those of any start.
+_LEAST_HELD_UP_S = 0.6
 
 
 def may_be_chance(recorded: Recorded, reference_nodes: Iterable[str]) -> str | None:
@@ -25,6 +30,8 @@ def may_be_chance(recorded: Recorded, reference_nodes: Iterable[str]) -> str | N
         Fully qualified names of the grader's own nodes.
     """
     students = [run for run in recorded.record.processes if run.role == "student"]
+    if (held_up := _held_up(recorded, students)) is not None:
+        return held_up
     if recorded.record.attempt <= _BELIEVED and any(_was_refused_tasks(run) for run in students):
         return "A program could start no thread, and not since it had too many: the machine may have."
     if recorded.record.attempt > 1:
@@ -33,6 +40,27 @@ def may_be_chance(recorded: Recorded, reference_nodes: Iterable[str]) -> str | N
         return "A program was killed, and by nobody of this session; the system does so when its memory is short."
     if _nobody_came(recorded, students, frozenset(reference_nodes)):
         return "The program ran, but no node of it came into the graph in time. Once is no proof."
+    return None
+
+
+def clock_was_set(recorded: Recorded, span: Span | None) -> str | None:
+    """Say that the system's clock, from which all times come, was set within a span; None if it was not."""
+    step_s = clock_step_s(recorded.record, span) if span is not None else 0.0
+    return f"The machine's clock was set by {step_s * 1e3:.1f} ms while this was measured." if step_s else None
+
+
+def _held_up(recorded: Recorded, students: Sequence[ProcessRun]) -> str | None:
+    """Say that something did not come in time while the machine kept a process from its core, if so."""
+    for step in recorded.record.steps:
+        span = Span(step.started_ns, step.ended_ns)
+        if step.outcome != "timeout" or span.duration_s <= 0:
+            continue
+        delay_s = recorded.longest_delay_s(span) + recorded.recorder_delay_s(span)
+        own_s = sum(recorded.cpu_s(run, span) for run in students)
+        enough_s = max(_LEAST_HELD_UP_S, _HELD_UP * span.duration_s)
+        if delay_s > enough_s and own_s < _OWN_DOING * span.duration_s:
+            late = f"for {min(delay_s, span.duration_s):.1f} s of {span.duration_s:.1f} s"
+            return f"Something was waited for in vain while the machine kept a process from a core {late}."
     return None
 
 

@@ -272,7 +272,7 @@ class _Elements(_With):
 
 class _Reported(_With):
     artifact: str
-    pattern: str
+    pattern: str | tuple[str, ...]
     streams: dict[str, str]
     field: str
     oracle: str
@@ -462,7 +462,8 @@ def _plateaus(p: _Reported, recorded: Recorded, lab_folder: Path) -> tuple[Plate
 
 def _reports(spec: FigureSpec, recorded: Recorded, lab_folder: Path) -> Reports | None:
     p = _settings(_Reported, spec)
-    said = [r for r in reports(recorded, p.artifact, p.pattern) if abs(r.value) < _FAR]
+    patterns = (p.pattern,) if isinstance(p.pattern, str) else p.pattern
+    said = [r for r in reports(recorded, p.artifact, patterns) if abs(r.value) < _FAR]
     plateaus = _plateaus(p, recorded, lab_folder)
     if not said and not plateaus:
         return None

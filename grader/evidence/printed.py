@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from grader.evidence.recorded import Recorded
+from grader.evidence.tracebacks import without_colours
 from grader.recording.session import OutputLine
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?\b(?:nan|inf)\b", re.IGNORECASE)
@@ -20,6 +22,8 @@ _LABEL_UNIT = r"(?: ?[(\[][A-Za-z°]{1,9}[)\]])?"
 _MAX_VECTOR_TEXT = 4000
 #: Labels from the last on behind which a vector is sought, and lines from the last on that are read for other forms.
 _LAST_LABELS, _LAST_LINES = 200, 500
+#: Nobody prints more statistics than this.
+_LAST_CHARACTERS = 50_000
 
 
 @dataclass(frozen=True)
@@ -34,12 +38,16 @@ class Report:
     """What stands before the number, as far as the pattern reads it."""
 
 
-def reports(recorded: Recorded, artifact: str, pattern: str) -> list[Report]:
-    """Return the first group of a pattern in each line of an artifact's output, until it was interrupted.
+def reports(recorded: Recorded, artifact: str, patterns: Sequence[str]) -> list[Report]:
+    """Return the number that a pattern finds in each line of an artifact's output, until it was interrupted.
 
-    Where standard output and error show none, the node's log on /rosout is read instead.
+    Where standard output and error show none, the node's log on /rosout is read instead. The first of the patterns
+    counts that finds any.
     """
-    expression = re.compile(pattern)
+    return next((found for pattern in patterns if (found := _reports(recorded, artifact, re.compile(pattern)))), [])
+
+
+def _reports(recorded: Recorded, artifact: str, expression: re.Pattern[str]) -> list[Report]:
     found: list[Report] = []
     for process in recorded.processes_of(artifact):
         until_ns = process.interrupted_ns or process.exited_ns or 2**63
@@ -58,13 +66,14 @@ def reports(recorded: Recorded, artifact: str, pattern: str) -> list[Report]:
 
 
 def _report(expression: re.Pattern[str], t_ns: int, text: str) -> Report | None:
-    match = expression.search(text[:2000])
-    if match is None:
+    text = without_colours(text[:2000])
+    match = expression.search(text)
+    if match is None or match.lastindex is None:
         return None
     try:
-        value, lead_in = match.group(1), text[match.start() : match.start(1)].rstrip()
+        value, lead_in = match[match.lastindex], text[match.start() : match.start(match.lastindex)].rstrip()
         return Report(t_ns, float(value), _rounding([value]), lead_in)
-    except (ValueError, IndexError):
+    except ValueError:
         return None
 
 
@@ -85,31 +94,49 @@ class PrintedVector:
     form: str = "vector"
 
 
-def printed_vector(output: Sequence[OutputLine], label: str, after_ns: int | None = None) -> PrintedVector | None:
+def printed_vector(
+    output: Sequence[OutputLine], labels: Sequence[str], after_ns: int | None = None, unless: str | None = None
+) -> PrintedVector | None:
     """Return the last vector printed behind a label, as ``Mean: [0.1 0.2]``; it may run over several lines.
 
     Parameters
     ----------
-    label : str
-        A word, matched in any case.
+    labels : sequence of str
+        Words, matched in any case; the first of them counts that has numbers.
     after_ns : int, optional
         In what was printed from then on other forms count too: numbers without brackets as in ``Mean: 0.1, 0.2``,
         a table with the label over a column or before a row, or lines that say ``mean = 0.1`` of one element each.
+    unless : str, optional
+        A regular expression; where it is found between the beginning of the line and the numbers, they are of
+        something else.
     """
+    output = [replace(line, text=without_colours(line.text)) if "\x1b" in line.text else line for line in output]
+    other = re.compile(unless, re.IGNORECASE) if unless is not None else None
+    there = "\n".join(line.text for line in output).lower()
+    found = (_labelled(output, re.escape(label), after_ns, other) for label in labels if label.lower() in there)
+    return next((vector for vector in found if vector is not None), None)
+
+
+def _labelled(
+    output: Sequence[OutputLine], label: str, after_ns: int | None, other: re.Pattern[str] | None
+) -> PrintedVector | None:
     head = (
-        rf"\b{re.escape(label)}\w*\b[^\[\n]{{0,60}}(?:\[[A-Za-z°]{{1,9}}\][^\[\n]{{0,20}})?"
+        rf"\b{label}\w*\b[^\[\n]{{0,60}}(?:\[[A-Za-z°]{{1,9}}\][^\[\n]{{0,20}})?"
         r"(?:\n[ \t]*(?:np\.)?(?:array\()?)?\["
     )
     for stream in ("stdout", "stderr"):
         text = "\n".join(line.text for line in output if line.stream == stream)
-        ends = [match.end() for match in re.finditer(head, text, re.IGNORECASE)][-_LAST_LABELS:]
+        heads = list(re.finditer(head, text, re.IGNORECASE))[-_LAST_LABELS:]
+        ends = [match.end() for match in heads if not _is_of(other, text, match)]
         vectors = (_vector(text[end : end + _MAX_VECTOR_TEXT]) for end in reversed(ends))
         if (found := next((vector for vector in vectors if vector is not None), None)) is not None:
             return _numbers_of(found, "vector")
     if after_ns is None:
         return None
-    last = [line for line in output if line.t_ns >= after_ns][-_LAST_LINES:]
-    lines = [line.text[:_MAX_VECTOR_TEXT].rstrip() for line in last]
+    last = [line.text[:_MAX_VECTOR_TEXT].rstrip() for line in output if line.t_ns >= after_ns][-_LAST_LINES:]
+    room = itertools.accumulate(len(line) for line in reversed(last))
+    lines = last[-sum(size <= _LAST_CHARACTERS for size in room) or len(last) :]
+    lines = ["" if other is not None and _before_numbers(line, other) else line for line in lines]
     bare = [numbers for line in lines if (numbers := _bare(line, label))]
     if bare and len(bare[-1]) > 1:
         return _numbers_of(bare[-1], "vector")
@@ -117,10 +144,25 @@ def printed_vector(output: Sequence[OutputLine], label: str, after_ns: int | Non
         (_column(lines, label), "table"),
         (_row(lines, label), "table"),
         (_each(lines, label), "lines"),
+        (_listed(lines, label), "lines"),
     ):
         if len(numbers) > 1:
             return _numbers_of(numbers, form)
     return _numbers_of(bare[-1], "vector") if bare else None
+
+
+def _is_of(other: re.Pattern[str] | None, text: str, head: re.Match[str]) -> bool:
+    """Whether the beginning of a line, up to the end of a match, tells of something else."""
+    begin = text.rfind("\n", 0, head.start()) + 1
+    return (
+        other is not None and other.search(text[max(begin, head.start() - _MAX_VECTOR_TEXT) : head.end()]) is not None
+    )
+
+
+def _before_numbers(line: str, other: re.Pattern[str]) -> bool:
+    """Whether the label with which a line begins tells of something else."""
+    parts = re.split(r"[:=\[]", line, maxsplit=1)
+    return len(parts) > 1 and other.search(parts[0]) is not None
 
 
 def _numbers_of(texts: Sequence[str], form: str) -> PrintedVector:
@@ -138,13 +180,25 @@ def _rounding(texts: Sequence[str]) -> float:
     return unit / 2 if unit and unit / 2 <= _COARSEST else 0.0
 
 
+#: A letter of any script, and an element's name with its number.
+_LETTER = r"[^\W\d_]"
+_NAMED_NUMBER = re.compile(
+    rf"['\"]?{_LETTER}{{0,10}}[ _]?\d{{1,2}}['\"]?\s?[:=]\s?({_NUMBER.pattern})(?:\s?(?:rad|deg|°))?[\s,;|]*",
+    re.IGNORECASE,
+)
+_NAMED_NUMBERS = re.compile(rf"[\s({{]*(?:{_NAMED_NUMBER.pattern}){{2,64}}[)}}]?", re.IGNORECASE)
+
+
 def _bare(line: str, label: str) -> list[str]:
     """Return the numbers that stand behind a label of one or two words, if nothing else does."""
-    head = rf"(?:^|[\W_]){re.escape(label)}[A-Za-z]*(?:[ _-]?[A-Za-z|]{{1,20}})?{_LABEL_UNIT}[^\S\n]*[:=]([^:=]*)$"
-    match = re.search(head, line, re.IGNORECASE)
-    if match is None or not _ONLY_NUMBERS.fullmatch(_NUMBER.sub(" ", _WRAPPING.sub(" ", match[1]))):
-        return []
-    return _NUMBER.findall(match[1])
+    words = rf"(?:^|[\W_]){label}{_LETTER}*(?:[ _-]?(?:{_LETTER}|\|){{1,20}})?{_LABEL_UNIT}[^\S\n]*"
+    match = re.search(rf"{words}[:=：]([^:=]*)$", line, re.IGNORECASE)
+    if match is not None and _ONLY_NUMBERS.fullmatch(_NUMBER.sub(" ", _WRAPPING.sub(" ", match[1]))):
+        return _NUMBER.findall(match[1])
+    # Or each number stands behind the name of its element, as in ``Mean: j1=0.1, j2=0.2``.
+    match = re.search(rf"{words}[:=：](.*)$", line, re.IGNORECASE)
+    named = _NAMED_NUMBERS.fullmatch(match[1]) if match is not None else None
+    return [found[1] for found in _NAMED_NUMBER.finditer(named[0])] if named is not None else []
 
 
 _CELLS = re.compile(r"\s{2,}|\s*[|,;\t│┃║]\s*")
@@ -168,12 +222,12 @@ def _column(lines: Sequence[str], label: str) -> list[str]:
     for at, line in enumerate(lines):
         for apart in (True, False):
             cells = _cells(line, apart=apart)
-            titled = [
-                n for n, cell in enumerate(cells) if re.match(rf"{re.escape(label)}(?![a-z])", cell, re.IGNORECASE)
-            ]
+            titled = [n for n, cell in enumerate(cells) if re.match(rf"{label}(?![a-z])", cell, re.IGNORECASE)]
             if len(titled) == 1 and len(cells) > 1 and not any(_NUMBER.fullmatch(cell) for cell in cells):
                 column = _below(lines[at + 1 :], titled[0] - len(cells), apart=apart)
-                found = column if len(column) > 1 else found
+                if len(column) > 1:
+                    found = column
+                    break
     return found
 
 
@@ -195,15 +249,39 @@ def _below(lines: Sequence[str], place: int, *, apart: bool) -> list[str]:
 def _row(lines: Sequence[str], label: str) -> list[str]:
     """Return the numbers of the last line that begins with a label and holds nothing else."""
     rows = [cells for line in lines if len(cells := _cells(line, apart=False)) > 2]
-    titled = [cells[1:] for cells in rows if re.match(rf"{re.escape(label)}(?![a-z])", cells[0], re.IGNORECASE)]
+    titled = [cells[1:] for cells in rows if re.match(rf"{label}(?![a-z])", cells[0], re.IGNORECASE)]
     return next((row for row in reversed(titled) if all(_NUMBER.fullmatch(cell) for cell in row)), [])
 
 
 def _each(lines: Sequence[str], label: str) -> list[str]:
     """Return the number behind a label in each line that has one, as in ``joint 3: mean = 0.1 rad, max = 0.2 rad``."""
-    words = rf"(?:^|[\W_]){re.escape(label)}[A-Za-z]*(?:[ _-][A-Za-z]{{1,20}})?{_LABEL_UNIT}"
-    head = rf"{words}\s{{0,9}}[:=]\s{{0,9}}({_NUMBER.pattern})(?![\w.])"
+    words = rf"(?:^|[\W_]){label}{_LETTER}*(?:[ _-]{_LETTER}{{1,20}})?{_LABEL_UNIT}"
+    head = rf"{words}(?:\s{{0,9}}[:=：]\s{{0,9}}|\s{{1,9}})({_NUMBER.pattern})(?![\w.])"
     return [match[1] for line in lines if (match := re.search(head, line, re.IGNORECASE)) is not None]
+
+
+_ELEMENT = re.compile(
+    rf"\W{{0,9}}(?:[^\n]{{0,30}}?[:=：\s]\s{{0,9}})?({_NUMBER.pattern})\s?(?:rad|deg|°)?\W{{0,3}}$", re.IGNORECASE
+)
+
+
+def _listed(lines: Sequence[str], label: str) -> list[str]:
+    """Return the numbers of the lines below the last one that is a label alone, one number behind a name in each."""
+    title = rf"(?:^|[\W_]){label}(?:{_LETTER}|[ ()_|°-]){{0,60}}[:：]?\s*$"
+    found: list[str] = []
+    for at, line in enumerate(lines):
+        if not re.search(title, line, re.IGNORECASE):
+            continue
+        below = (_ELEMENT.match(each) for each in lines[at + 1 : at + 1 + _MOST_ELEMENTS])
+        # A whole number is rather a count of something.
+        numbers = [match[1] if match and not match[1].isdecimal() else "" for match in below]
+        numbers = list(itertools.takewhile(bool, numbers))
+        found = numbers if len(numbers) > 1 else found
+    return found
+
+
+#: Lines below a label that are read.
+_MOST_ELEMENTS = 64
 
 
 def _vector(text: str) -> list[str] | None:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grader.evidence.authorship import Authorship, authorship
+from grader.evidence.tracebacks import without_colours
 from grader.recording.bag import Bag, Stream
 from grader.recording.session import (
     PARTICIPANT_DIGITS,
@@ -241,23 +242,27 @@ class Recorded:
         return next((p for p in reversed(self.record.processes) if p.name == name), None)
 
     def machine_delay_s(self, run: ProcessRun, span: Span) -> float:
-        """Return for how long within a span the machine kept a process from its core, in s.
+        """Return for how long within a span the machine may have kept a process from its core, in s.
 
         Notes
         -----
-        Taken from the run-queue delay of its threads, interpolated between samples, and the time that a virtual
-        machine's host took; the part of a span beyond the last sample counts nothing. Threads of one process also
-        wait for each other, and a process that is busy all the time has itself to blame: others can have had the
-        core no longer than it was not in use.
+        Taken from the run-queue delay of its threads and the time that a virtual machine's host took; or where that is
+        more, from the time in which the grader itself stood still, as all stands still that is frozen or suspended.
+        Threads of one process also wait for each other, and a process that is busy all the time has itself to blame:
+        others can have had the core no longer than it was not in use.
         """
         if len(run.usage) < 2:
             return 0.0
-        times = [u.t_ns for u in run.usage]
-        ends = [span.start_ns, span.end_ns]
-        cpu = np.interp(ends, times, [u.cpu_ns for u in run.usage])
-        delay = np.interp(ends, times, [u.run_delay_ns for u in run.usage])
-        idle_s = max(0.0, span.duration_s - float(cpu[1] - cpu[0]) / 1e9)
-        return min(float(delay[1] - delay[0]) / 1e9 + _stolen_s(self.record, span), idle_s)
+        idle_s = max(0.0, span.duration_s - self.cpu_s(run, span))
+        delay_s = _delay_ns(run, span) / 1e9 + _stolen_s(self.record, span)
+        return min(max(delay_s, self.stalled_s(span)), idle_s)
+
+    def cpu_s(self, run: ProcessRun, span: Span) -> float:
+        """Return the CPU time that a process took within a span, in s, interpolated between samples."""
+        if not run.usage:
+            return 0.0
+        used = np.interp([span.start_ns, span.end_ns], [u.t_ns for u in run.usage], [u.cpu_ns for u in run.usage])
+        return float(used[1] - used[0]) / 1e9
 
     def long_delays_s(self, run: ProcessRun, span: Span, harmless_s: float) -> float:
         """Return for how long within a span the machine kept a process from its core, short delays left out, in s.
@@ -291,10 +296,15 @@ class Recorded:
         ours = [p for p in self.record.processes if p.role == "grader"]
         return sum(self.machine_delay_s(run, span) for run in ours)
 
+    def stalled_s(self, span: Span) -> float:
+        """Return for how long within a span the grader itself stood still, in s, by samples that came late."""
+        return _stalled_s(self.record, span)
+
     def output_of(self, artifact: str) -> list[OutputLine]:
-        """Return the output of the last process that ran an artifact."""
+        """Return the output of the last process that ran an artifact, without colours."""
         processes = self.processes_of(artifact)
-        return processes[-1].output if processes else []
+        output = processes[-1].output if processes else []
+        return [replace(o, text=without_colours(o.text)) if "\x1b" in o.text else o for o in output]
 
 
 def clock_step_s(record: SessionRecord, span: Span) -> float:
@@ -306,6 +316,52 @@ def clock_step_s(record: SessionRecord, span: Span) -> float:
         if abs(moved_s) > _STEP_S + _SLEW * passed_s:
             return abs(moved_s)
     return 0.0
+
+
+def _delay_ns(run: ProcessRun, span: Span) -> float:
+    """Return the greatest run-queue delay that a process may have had within a span, in ns.
+
+    Notes
+    -----
+    Between two samples only the sum is known: all of it may lie in the part that belongs to the span, if it is long
+    enough. In what follows the last sample of a process that ended by itself, the delay is taken to have been as
+    usual.
+    """
+    samples = [(u.t_ns, u.run_delay_ns) for u in run.usage]
+    if run.usage[-1].t_ns == run.exited_ns:  # added when it had ended, and could not be asked any more
+        samples.pop()
+    started_ns = min(run.started_ns, samples[0][0]) if run.started_ns else samples[0][0]
+    parts = list(itertools.pairwise([(started_ns, 0), *samples]))
+    total = sum(
+        max(0, min(after - before, _shared_ns(begin_ns, end_ns, span))) for (begin_ns, before), (end_ns, after) in parts
+    )
+    last_ns, delayed_ns = samples[-1]
+    if run.exited_ns is None or run.ended_by != "itself" or last_ns <= started_ns:
+        return total
+    return total + delayed_ns * _shared_ns(last_ns, run.exited_ns, span) // (last_ns - started_ns)
+
+
+def _shared_ns(begin_ns: int, end_ns: int, span: Span) -> int:
+    """Return how long a time lies within a span, in ns."""
+    return max(0, min(end_ns, span.end_ns) - max(begin_ns, span.start_ns))
+
+
+#: The machine is sampled at even times; what comes later than this many of their intervals after the last was held up.
+_LATE_SAMPLE = 1.5
+
+
+def _stalled_s(record: SessionRecord, span: Span) -> float:
+    """Return for how long within a span the grader itself stood still, in s, by its samples that came late."""
+    times = np.array([s.t_ns for s in record.machine], dtype=np.int64)
+    if len(times) < _FEWEST_SAMPLES:
+        return 0.0
+    usual_ns = float(np.median(np.diff(times)))
+    late = [(a, b) for a, b in itertools.pairwise(times.tolist()) if b - a > _LATE_SAMPLE * usual_ns]
+    return float(sum(min(b - a - usual_ns, _shared_ns(a, b, span)) for a, b in late)) / 1e9
+
+
+#: With fewer samples nothing tells how far apart they are to be.
+_FEWEST_SAMPLES = 4
 
 
 def _stolen_s(record: SessionRecord, span: Span) -> float:

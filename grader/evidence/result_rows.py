@@ -6,9 +6,11 @@ What is read here are claims: checks compare them with what was recorded.
 
 from __future__ import annotations
 
+import functools
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from grader.recording.session import OutputLine
 
@@ -17,16 +19,14 @@ _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _UNITS_S = {"ns": 1e-9, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ms": 1e-3, "msec": 1e-3, "s": 1.0, "sec": 1.0}
 _UNIT = r"(?:ns|us|µs|μs|msec|ms|sec|s)(?![A-Za-z])"
 _LONG_UNITS = (("milli", 1e-3), ("micro", 1e-6), ("nano", 1e-9), ("second", 1.0), ("segundo", 1.0), ("sekunde", 1.0))
-_MEAN = (
-    r"(?:avg|average|mean|media|média|moy|mittel|durchschnitt|schnitt|prom(?:edio)?|ortalama|средн|平均|평균|متوسط|औसत)"
-)
+_MEAN = r"(?:avg|average|mean|media|média|moy|mittel|mittler|durchschnitt|Ø|schnitt|prom(?:edio)?|ortalama|средн|平均|평균|متوسط|औसत)"
 _LATENCY = (
     r"(?:latenc|latenz|latênc|delay|verzögerung|retras|retard|ritard|atras|gecikme|задержк|延迟|時延|遅延|지연|تأخير|विलंब)"
     r"[a-zé]*"
 )
 _MOST = r"(?:max|máx|worst|peak|höchst|largest|en yüksek|макс|最大|最高|최대|أقصى|अधिकतम)"
 _RECEIVED = (
-    r"(?:recei|recv|rcvd|arrived|delivered|empfangen|recibid|reçu|ricevut|recebid|alınan|получ|接收|收到|受信|수신)"
+    r"(?:recei|recv|rcvd|got|arrived|delivered|empfangen|recibid|reçu|ricevut|recebid|alınan|получ|接收|收到|受信|수신)"
     r"[a-zé]*"
 )
 _MESSAGES = (
@@ -45,7 +45,7 @@ _UNGROUPED = re.compile(r"(?<![\d.,:/-])\d{4,6}(?!\d|[.,:/-]\d)")
 #: A comma that parts values: behind a word or a bracket, or with more than two values in a row.
 _COMMAS_PART = re.compile(r"[^\W\d],\d|[\"'\])}],|[\[({][^\[\](){}]*\d,\d|\d,\d+(?:\.\d+)?,\d+\.|,\d+\.\d+,")
 
-LINE_LIMIT = 300
+LINE_LIMIT = 1000
 """Characters of a line that are read."""
 
 #: Lines with a name that are read, from the first and from the last on, and how far above a row its header may be.
@@ -64,15 +64,30 @@ class ResultRow:
         How many messages.
     mean_s, max_s : float or None
         Their latency; None where none is given.
+    rounding_s : float
+        By how much the mean may have been cut when it was printed: 0.4 ms may stand there as 0.
     """
 
     t_ns: int
     count: int
     mean_s: float | None
     max_s: float | None
+    rounding_s: float = field(default=0.0, compare=False)
 
 
-def result_row(output: Sequence[OutputLine], name: str, others: Sequence[str]) -> ResultRow | None:
+#: What is printed more coarsely than in ms says nothing.
+_COARSEST_S = 1e-3
+
+
+def rounding_of(number: str, unit_s: float) -> float:
+    """Return by how much a number may have been cut when it was printed, in s; whole ones may have been cut off."""
+    places = len(number.lower().partition("e")[0].partition(".")[2])
+    return min(_COARSEST_S, (0.5 if places else 1.0) * 10.0**-places * unit_s)
+
+
+def result_row(
+    output: Sequence[OutputLine], name: str, others: Sequence[str], *, loosely: bool = False
+) -> ResultRow | None:
     """Return what a program's output says of a thing.
 
     Parameters
@@ -81,11 +96,13 @@ def result_row(output: Sequence[OutputLine], name: str, others: Sequence[str]) -
         How the thing is called; it stands in its line as a word of its own.
     others : sequence of str
         Names of the things that are also told of: a block of lines ends at one of them.
+    loosely : bool
+        Whether the name may be spelt otherwise, as ``Best Effort`` for ``best_effort``.
     """
     lines = [plain_numbers(_LOG_PREFIX.sub("", line.text[:LINE_LIMIT])) for line in output]
-    starts = lines_naming(lines, name)
+    starts = lines_naming(lines, name, loosely=loosely)
     found = [
-        ResultRow(output[start].t_ns, *row)
+        _row_of(output[start].t_ns, *row)
         for read in (_from_table, _from_block)
         for start in starts
         if (row := read(lines, start, name, others)) is not None
@@ -108,9 +125,19 @@ def plain_numbers(line: str) -> str:
     return _GROUPED_BY_COMMAS.sub(lambda match: match[0].replace(",", ""), line)
 
 
-def lines_naming(lines: Sequence[str], name: str) -> list[int]:
-    """Return the places of the lines about a thing: the first and the last of them, where there are too many."""
-    about = [n for n, line in enumerate(lines) if names(line, name)]
+def lines_naming(lines: Sequence[str], name: str, *, loosely: bool = False) -> list[int]:
+    """Return the places of the lines about a thing: the first and the last of them, where there are too many.
+
+    Parameters
+    ----------
+    loosely : bool
+        In any spelling, as ``Best Effort`` for ``best_effort``; where lines begin with it, those alone.
+    """
+    about = [n for n, line in enumerate(lines) if not loosely and names(line, name)]
+    if loosely:
+        places = [(n, match) for n, line in enumerate(lines) if (match := _spelt(name).search(line)) is not None]
+        first = [n for n, match in places if not re.search(r"[^\W_]", lines[n][: match.start()])]
+        about = first or [n for n, _ in places]
     return about if len(about) <= _FIRST_LINES + _LAST_LINES else [*about[:_FIRST_LINES], *about[-_LAST_LINES:]]
 
 
@@ -119,7 +146,38 @@ def names(line: str, name: str) -> bool:
     return re.search(rf"(?<![A-Za-z0-9_]){re.escape(name)}(?![A-Za-z0-9_])", line.replace("test_", "")) is not None
 
 
-_Row = tuple[int, float | None, float | None]
+@functools.lru_cache(maxsize=64)
+def _spelt(name: str) -> re.Pattern[str]:
+    """Return what finds a name in any spelling: in capitals, apart, with hyphens."""
+    parts = r"[\s_-]?".join(map(re.escape, re.split(r"[\W_]+", name)))
+    return re.compile(rf"(?<![^\W_])(?:test_)?{parts}(?![^\W_])", re.IGNORECASE)
+
+
+def _behind(line: str, name: str) -> str:
+    """Return what stands behind a name in a line, however it is spelt."""
+    if names(line, name):
+        return line.replace("test_", "").partition(name)[2]
+    match = _spelt(name).search(line)
+    return line[match.end() :] if match is not None else ""
+
+
+class _Time(NamedTuple):
+    value: float
+    rounding: float
+
+
+_Row = tuple[int, _Time | None, _Time | None]
+
+
+def _row_of(t_ns: int, count: int, mean: _Time | None, most: _Time | None) -> ResultRow:
+    largest_s = most.value if most is not None else None
+    return (
+        ResultRow(t_ns, count, None, largest_s) if mean is None else ResultRow(t_ns, count, mean[0], largest_s, mean[1])
+    )
+
+
+def _time_of(number: str, unit_s: float) -> _Time:
+    return _Time(float(number) * unit_s, rounding_of(number, unit_s))
 
 
 # -- tables ----------------------------------------------------------------------------------------
@@ -131,17 +189,17 @@ def _from_table(lines: Sequence[str], start: int, name: str, others: Sequence[st
     above = reversed(lines[max(0, start - _HEADER_ABOVE) : start])
     header = next((found for line in above if (found := _header(line, len(cells)))), None)
     if header is not None:
-        count, mean_s, max_s = (_cell(cells, header, kind) for kind in ("count", "mean", "max"))
-        if count is None or not count.is_integer():
+        count, mean, largest = (_cell(cells, header, kind) for kind in ("count", "mean", "max"))
+        if count is None or not count.value.is_integer():
             return None
-        return int(count), mean_s, max_s
-    behind = lines[start].replace("test_", "").partition(name)[2]
+        return int(count.value), mean, largest
+    behind = _behind(lines[start], name)
     numbers = [c for c in re.split(rf"[\s:\"'`*]+|\s*{_CELL_BORDER}\s*", behind) if c]
     if len(numbers) < 3 or not all(re.fullmatch(rf"{_NUMBER}%?|%|-", c) for c in numbers):
         return None
     if not numbers[0].isdecimal() or not all(re.fullmatch(_NUMBER, c) for c in numbers[1:3]):
         return None
-    return int(numbers[0]), float(numbers[1]) * 1e-3, float(numbers[2]) * 1e-3
+    return int(numbers[0]), _time_of(numbers[1], 1e-3), _time_of(numbers[2], 1e-3)
 
 
 def _cells(line: str) -> list[str]:
@@ -167,12 +225,12 @@ def _header(line: str, width: int) -> dict[str, tuple[int, float]] | None:
     return found if {"mean", "max", "count"} <= set(found) else None
 
 
-def _cell(cells: Sequence[str], header: dict[str, tuple[int, float]], kind: str) -> float | None:
+def _cell(cells: Sequence[str], header: dict[str, tuple[int, float]], kind: str) -> _Time | None:
     place, unit_s = header[kind]
     match = re.match(rf"\W{{0,3}}?({_NUMBER})\s*({_UNIT})?", cells[place]) if len(cells) >= -place else None
     if match is None:
         return None
-    return float(match[1]) * (_UNITS_S[match[2].lower()] if match[2] and kind != "count" else unit_s)
+    return _time_of(match[1], _UNITS_S[match[2].lower()] if match[2] and kind != "count" else unit_s)
 
 
 def _unit_of(text: str) -> float:
@@ -188,10 +246,11 @@ def _unit_of(text: str) -> float:
 
 def _from_block(lines: Sequence[str], start: int, name: str, others: Sequence[str]) -> _Row | None:
     """Read what stands behind the name, up to the next name: labelled numbers with their units."""
-    first = lines[start].replace("test_", "").partition(name)[2]
+    first = _behind(lines[start], name)
     block = [first]
+    spelt_so = names(lines[start], name)
     for line in lines[start + 1 : start + _MOST_LINES_OF_A_BLOCK]:
-        if any(names(line, other) for other in (name, *others)):
+        if any(names(line, other) if spelt_so else _spelt(other).search(line) for other in (name, *others)):
             break
         block.append(line)
     # What one line tells wholly, the next need not; a block goes on where it does not.
@@ -219,7 +278,7 @@ def _count(text: str) -> int | None:
     return None
 
 
-def _time(text: str, label: str) -> float | None:
+def _time(text: str, label: str) -> _Time | None:
     """Return the time behind a label, in s."""
     between = r"((?:[^\d\n+-]|-(?=[A-Za-z ])){0,40}?)"
     behind = rf"\s*({_UNIT})?(\s*(?:milli|micro|nano|second))?"
@@ -228,7 +287,7 @@ def _time(text: str, label: str) -> float | None:
     if match is None:
         return None
     unit_s = _UNITS_S[match[3].lower()] if match[3] else _unit_of(f"{match[4] or ''} {match[1]}")
-    return float(match[2]) * unit_s
+    return _time_of(match[2], unit_s)
 
 
 _BEFORE_LABEL = rf"({_NUMBER})\s*({_UNIT})?(\s*(?:milli|micro|nano|second)[a-z]*)?[\s(]{{0,2}}(?:on )?(?<![A-Za-z])"
@@ -242,10 +301,10 @@ def _labels_follow(text: str) -> bool:
     return all(re.search(_BEFORE_LABEL + "$", text[: match.start()], re.IGNORECASE) for match in labels)
 
 
-def _time_before(text: str, label: str) -> float | None:
+def _time_before(text: str, label: str) -> _Time | None:
     """Return the time directly before a label, in s."""
     match = re.search(_BEFORE_LABEL + label, text, re.IGNORECASE)
     if match is None:
         return None
     unit_s = _UNITS_S[match[2].lower()] if match[2] else _unit_of(match[3] or "")
-    return float(match[1]) * unit_s
+    return _time_of(match[1], unit_s)

@@ -95,13 +95,18 @@ class _Reading:
     message: list[str] = field(default_factory=list)
 
 
+def without_colours(text: str) -> str:
+    """Return a text without the sequences by which terminals are told of colours."""
+    return _ANSI.sub("", text) if "\x1b" in text else text
+
+
 def plain_lines(output: Sequence[OutputLine], stream: str | None = None) -> list[tuple[int, str]]:
     """Times and texts of one stream's lines, or of all, without colours and the prefixes of a launch."""
     lines = []
     kept = output if len(output) <= HEAD_LINES + TAIL_LINES else [*output[:HEAD_LINES], *output[-TAIL_LINES:]]
     for line in kept:
         if stream is None or line.stream == stream:
-            text = _ANSI.sub("", line.text[:LINE_LIMIT]).rstrip("\r\n")
+            text = without_colours(line.text[:LINE_LIMIT]).rstrip("\r\n")
             lines.append((line.t_ns, _LAUNCH_PREFIX.sub("", text)))
     return lines
 

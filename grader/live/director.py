@@ -33,6 +33,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
 from rclpy.service_introspection import ServiceIntrospectionState
 
+from grader.live.deadline import Deadline
 from grader.live.graph import GraphWatch
 from grader.live.names import Candidate, near_miss
 from grader.live.recorder import DEFAULT_LIMIT_BYTES, Recorder
@@ -61,6 +62,7 @@ _STANDARD_SERVICES = (
     "set_parameters_atomically",
     "get_type_description",
 )
+_STANDARD_PARAMETERS = ("use_sim_time", "start_type_description_service")
 _SPIN_S = 0.01
 #: How long a publisher of ours waits until the subscriptions of the student and the recorder are matched.
 _MATCH_S = 3.0
@@ -206,11 +208,11 @@ class Director:
         self._watch.look()
 
     def _until(self, condition: Callable[[], bool], timeout_s: float, tick: Callable[[], None] | None = None) -> bool:
-        end_s = time.monotonic() + timeout_s
+        deadline = Deadline(timeout_s)
         while not condition():
             if self._cancelled:
                 raise Cancelled
-            if time.monotonic() >= end_s:
+            if deadline.passed():
                 return False
             (tick or self._tick)()
         return True
@@ -417,9 +419,29 @@ class Director:
             suited = {n: in_type_of(v["value"], values[n]) for n, v in held.items()}
             again = self._refused(request, suited) if suited else refused
             refused = again if again is None else {n: r for n, r in refused.items() if n not in suited or n in again}
+        meant = self._set_as_meant(request, refused, values) if refused else {}
         if refused is None:
             return "timeout", {"node": node, "problem": "the node's parameter services do not answer"}
-        return ("failed" if refused else "done"), {"node": node, "refused": refused}
+        refused = {n: reason for n, reason in refused.items() if n not in meant}
+        names = {"names": meant} if meant else {}
+        return ("failed" if refused else "done"), {"node": node, "refused": refused, **names}
+
+    def _set_as_meant(
+        self, request: Mapping[str, Any], refused: Mapping[str, str], values: Mapping[str, Any]
+    ) -> dict[str, str]:
+        """Set parameters under the names that the student misspelt; returns those names by the right ones.
+
+        That a parameter is not declared is charged where it is looked for; here it is seen what it does.
+        """
+        declared = self._get_parameters({**request, "names": list(refused)})[1].get("declared", [])
+        held = self._get_parameters({**request, "names": declared})[1].get("values", {})
+        meant: dict[str, str] = {}
+        for name in (n for n in refused if n not in declared):
+            fitting = [n for n, v in held.items() if type(v["value"]) is type(values[name]) and n not in values]
+            near = near_miss(name, "", [Candidate(n, "") for n in fitting if n not in _STANDARD_PARAMETERS])
+            if near is not None and self._refused(request, {near.name: values[name]}) == {}:
+                meant[name] = near.name
+        return meant
 
     def _refused(self, request: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, str] | None:
         """Set parameters; returns the reasons for which some were refused, None if there was no answer."""
@@ -438,6 +460,7 @@ class _Call:
     def __init__(self, client: Client[Any, Any], message: Any, timeout_s: float) -> None:
         self._client, self._message, self._timeout_s = client, message, timeout_s
         self._future: Any = None
+        self._deadline = Deadline(timeout_s)
         self._started_ns = 0
         self._ended: list[int] = []
 
@@ -446,7 +469,7 @@ class _Call:
         return self._future is None
 
     def start(self) -> None:
-        self._started_ns = time.time_ns()
+        self._started_ns, self._deadline = time.time_ns(), Deadline(self._timeout_s)
         self._future = self._client.call_async(self._message)
         ended: list[int] = []
         self._future.add_done_callback(lambda future: ended.append(time.time_ns()))
@@ -456,7 +479,7 @@ class _Call:
         """Return the record of a call that has ended (answered or too late), else None."""
         if self._future is None:
             return None
-        late = time.time_ns() - self._started_ns > self._timeout_s * 1e9
+        late = self._deadline.passed()
         if not self._future.done() and not late:
             return None
         answer = self._future.result() if self._future.done() else None
@@ -466,7 +489,9 @@ class _Call:
             self._client.remove_pending_request(self._future)
         self._future = None
         response = None if answer is None else {f: getattr(answer, f) for f in answer.get_fields_and_field_types()}
-        return {"started_ns": self._started_ns, "ended_ns": ended_ns, "response": _jsonable(response)}
+        record = {"started_ns": self._started_ns, "ended_ns": ended_ns, "response": _jsonable(response)}
+        held_up_ns = round(self._deadline.stood_still_s * 1e9)
+        return {**record, "held_up_ns": held_up_ns} if held_up_ns else record
 
 
 def _context(domain_id: int) -> rclpy.Context:

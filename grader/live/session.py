@@ -454,7 +454,10 @@ class Session:
         arguments = []
         for parameter, value in parameters["parameters"].items():
             arguments += ["-p", f"{parameter}:={json.dumps(value)}"]
-        for wanted, new in parameters["remappings"].items():
+        # Nodes that a student composed in one file all run; what the session needs for itself is kept from the others.
+        sources = self.plan.sources
+        composed = any(a != artifact and sources[a] == sources.get(artifact) for a in sources)
+        for wanted, new in {**parameters["remappings"], **(parameters["composed"] if composed else {})}.items():
             arguments += ["-r", f"{self.record.names.get(wanted, wanted)}:={new}"]
         command = [self.plan.interpreter, f"{self.seen_workspace}/{wrapper}"]
         command += ["--ros-args", *arguments] if arguments else []

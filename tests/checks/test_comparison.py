@@ -299,3 +299,33 @@ def test_latencies_are_not_compared_with_stamps_of_ones_own(tmp_path: Path, late
     finding = reported(tmp_path, row(mean_ms=1e3 * latency_s, max_ms=1e3 * latency_s + 1), latency_s=latency_s)
     assert finding.credit == Decimal("0.5")
     assert "not those of its sending" in finding.reason
+
+
+@pytest.mark.parametrize(
+    ("line", "credit"),
+    [
+        ("fast: 1000 msgs, avg latency: 0 ms, max: 3 ms", "1"),
+        ("fast: 1000 msgs, avg latency: 0.000 s, max: 0.003 s", "1"),
+        ("FAST: 1000 msgs, avg latency: 0.40ms, max: 3.00ms", "1"),
+        ("fast: 1000 msgs, avg latency: 0.00 ms, max: 0.00 ms", "0.5"),
+        ("fast: 1000 msgs, avg latency: -1 ms, max: 3 ms", "0.5"),
+    ],
+)
+def test_a_latency_is_judged_to_the_places_that_are_printed(tmp_path: Path, line: str, credit: str) -> None:
+    """0.4 ms may be printed as 0 ms, and not as 0.00 ms; no message arrives before it was sent."""
+    assert reported(tmp_path, line, latency_s=0.0004).credit == Decimal(credit)
+
+
+@pytest.mark.parametrize(("delay_s", "outcome"), [(3.0, Outcome.INCONCLUSIVE), (0.1, Outcome.PARTIAL)])
+def test_a_tool_that_had_no_core_may_have_sent_more(tmp_path: Path, delay_s: float, outcome: Outcome) -> None:
+    """Timers leave out the periods for which the program had no core."""
+    session = Session(tmp_path).process("it", started_ns=at(0.0), exited_ns=at(10.0)).delayed("it", delay_s, 10.0)
+    session.messages(TOPIC, [[0.0]] * 200, evenly(20, 9.95))
+    assert judged("topics_carry_traffic", {"topics": [TOPIC], "least_messages": 400}, session).outcome is outcome
+
+
+def test_a_side_that_was_made_and_never_seen_is_undecided(tmp_path: Path) -> None:
+    """Where the tap notes a subscription of a tool whose publisher was seen, the discovery may have failed."""
+    session = Session(tmp_path).endpoint("publisher", TOPIC).claim("publisher", TOPIC, qos=CLAIM)
+    session.claim("subscription", TOPIC, qos=CLAIM)
+    assert judged("qos_profiles", PROFILES, session).outcome is Outcome.INCONCLUSIVE

@@ -218,3 +218,10 @@ def test_of_a_hundred_documents_the_first_are_read() -> None:
     last = {**{f"d{n}/README.md": padding for n in range(100)}, "e/e/e/README.md": said}
     assert static("readme", README, submission(first, talk="talk.py", hear="hear.py")).outcome is Outcome.PASSED
     assert static("readme", README, submission(last, talk="talk.py", hear="hear.py")).outcome is Outcome.FAILED
+
+
+def test_a_part_that_was_not_handed_in_needs_no_description() -> None:
+    """A missing file is charged where it is missed, and not in the README again."""
+    text = FILLED[: FILLED.index("- hear.py")]
+    assert static("readme", README, submission({"README.md": text}, talk="talk.py", hear=None)).credit == 1
+    assert static("readme", README, submission({"README.md": text}, talk="talk.py", hear="hear.py")).credit < 1

@@ -12,8 +12,9 @@ import pytest
 
 from grader.checks.finding import failed, passed
 from grader.recording.plan import PLAN_SCHEMA
+from grader.recording.session import Claim
 from grader.result import Finding, Outcome
-from tests.synthetic import Session, at, evenly, judged, submission
+from tests.synthetic import FLOATS, Session, at, evenly, judged, submission
 
 LOADS = {"artifact": "it", "step": "plan"}
 ARGUMENTS = {"step": "plan", "arguments": [{"name": "sim", "default": "true"}, {"name": "rate", "default": "100.0"}]}
@@ -386,6 +387,17 @@ def test_a_wrong_default_is_charged_with_the_arguments(tmp_path: Path, default: 
     assert judged("launch_parameters", wanted, session).credit == Decimal(credit)
 
 
+@pytest.mark.parametrize(("declared", "credit"), [("rate", "0.5"), ("frequency", "1")])
+def test_a_parameter_cannot_follow_an_argument_of_another_name(tmp_path: Path, declared: str, credit: str) -> None:
+    """An argument that is not declared under its name is charged with the arguments, and not as a loose wire again."""
+    wanted = {**PARAMETERS, "parameters": [{**PARAMETERS["parameters"][0], "argument": "rate"}]}
+    process = entry("talk", "talker", parameters=[{"name": "rate", "value": 100.0}])
+    session = Session(tmp_path)
+    for label in ("plan", "other"):
+        planned(session, label, processes=[process], arguments=[{"name": declared, "default": "100.0"}])
+    assert judged("launch_parameters", wanted, session).credit == Decimal(credit)
+
+
 def test_parameters_of_nodes_that_are_not_started_are_not_reached(tmp_path: Path) -> None:
     """A node without an entry is charged with the nodes."""
     session = planned(planned(Session(tmp_path)), "other")
@@ -515,3 +527,54 @@ def test_a_node_that_died_is_not_charged_for_its_silence(tmp_path: Path) -> None
     finding = judged("launch_together", {**TOGETHER, **with_nodes}, session, others={"alone": alone(tmp_path)})
     assert finding.outcome is Outcome.PASSED
     assert finding.measured == "the service answers"
+
+
+@pytest.mark.parametrize(("publish_rate", "credit"), [(40.0, 1.0), (100.0, 0.833), (None, 0.833)])
+def test_a_rate_that_the_launch_file_gives_the_node_is_kept(
+    tmp_path: Path, publish_rate: float | None, credit: float
+) -> None:
+    """Which rate the launch file gives is charged with its arguments and parameters, and not as a slow node again."""
+    commands = {**TOGETHER["commands"], "rate_step": "read", "rate_parameter": "publish_rate"}
+    values = {} if publish_rate is None else {"publish_rate": {"type": "double", "value": publish_rate}}
+    session = together(tmp_path, rate_hz=40).step("get_parameters", "read", values=values)
+    wanted = {**TOGETHER, "commands": commands}
+    finding = judged("launch_together", wanted, session, others={"alone": alone(tmp_path)})
+    assert float(finding.credit) == pytest.approx(credit, abs=0.001)
+
+
+@pytest.mark.parametrize(("asked", "credit"), [(FLOATS, 0.667), ("std_msgs/msg/Float32MultiArray", 1.0)])
+def test_an_arm_that_cannot_hear_commands_of_another_type_need_not_follow(
+    tmp_path: Path, asked: str, credit: float
+) -> None:
+    """Another type than the lab's is charged where it is published, and not as an arm that stands still again."""
+    session = together(tmp_path, follows=False).endpoint("subscription", "/commands", "/arm", asked)
+    others = {"alone": alone(tmp_path)}
+    finding = judged("launch_together", TOGETHER, session, others=others, reference_nodes=["/arm"])
+    assert float(finding.credit) == pytest.approx(credit, abs=0.001)
+
+
+@pytest.mark.parametrize(("made", "outcome"), [("/talker", Outcome.INCONCLUSIVE), ("/talk", Outcome.PARTIAL)])
+def test_a_node_that_was_made_and_never_seen_is_undecided(tmp_path: Path, made: str, outcome: Outcome) -> None:
+    """Its program says that it made the node, so the discovery may have failed; under another name it did not."""
+    session = planned(Session(tmp_path), processes=BOTH).node("/listener").process("talk-1")
+    session.record.claims.append(Claim("talk-1", "publisher", "/commands", node=made, file="it.py"))
+    assert nodes(session).outcome is outcome
+
+
+@pytest.mark.parametrize(("delay_s", "outcome"), [(2.5, Outcome.INCONCLUSIVE), (0.1, Outcome.PARTIAL)])
+def test_an_arm_that_had_no_core_may_not_have_followed_for_that(
+    tmp_path: Path, delay_s: float, outcome: Outcome
+) -> None:
+    """The reference nodes need a core as well."""
+    session = together(tmp_path, follows=False).process("arm", role="reference").delayed("arm", delay_s, 5.0)
+    assert judged("launch_together", TOGETHER, session, others={"alone": alone(tmp_path)}).outcome is outcome
+
+
+def test_a_rate_by_a_clock_that_was_set_is_compared_with_none(tmp_path: Path) -> None:
+    """What the publisher has alone is not known where it was timed by such a clock."""
+    times = evenly(100, 3.0)
+    for name, step_s, outcome in (("set", 0.5, Outcome.PASSED), ("even", 0.0, Outcome.PARTIAL)):
+        other = Session(tmp_path / name, "alone").messages("/commands", [[0.0]] * len(times), times).window(0.9, 4.1)
+        others = {"alone": other.clock({1.0: 0.0, 2.0: step_s}).recorded()}
+        session = together(tmp_path / name, rate_hz=60)
+        assert judged("launch_together", TOGETHER, session, others=others).outcome is outcome

@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from grader.recording.session import OutputLine, Qos, Usage
+from grader.evidence.recorded import Recorded
+from grader.recording.bag import Bag
+from grader.recording.session import MachineSample, OutputLine, Qos, Usage
 from grader.result import Finding, Outcome
 from tests.synthetic import BEST_EFFORT, FLOATS, RELIABLE, Session, at, judged, submission
 
@@ -608,3 +610,39 @@ def test_a_missing_subscriber_fails(tmp_path: Path) -> None:
     """Without the file the first check fails."""
     finding = judged("topics_subscribed", SUBSCRIBED, Session(tmp_path), submission(it=None))
     assert finding.outcome is Outcome.FAILED
+
+
+@pytest.mark.parametrize(
+    ("matched", "topic_type", "outcome"),
+    [(False, FLOATS, Outcome.INCONCLUSIVE), (True, FLOATS, Outcome.PASSED), (False, "other/msg/Type", Outcome.PASSED)],
+)
+def test_a_node_that_got_nothing_has_not_survived_it(
+    tmp_path: Path, matched: bool, topic_type: str, outcome: Outcome
+) -> None:
+    """Where the discovery was late, nothing tells what the node would have done; another type is charged elsewhere."""
+    session = Session(tmp_path).process().endpoint("subscription", STATE, topic_type=topic_type)
+    session.step("publish", "early", matched=matched, parameters={"topic": STATE, "type": FLOATS})
+    assert judged("survives", {"artifact": "it", "step": "early"}, session).outcome is outcome
+
+
+def test_reports_that_the_grader_read_too_late_are_undecided(tmp_path: Path) -> None:
+    """A grader that stood still takes what was printed on one plateau for what is printed on the next."""
+    session, times = stimulus(tmp_path)
+    late = [(max(t, 3.7) if 1.9 < t < 3.7 else t) for t in times]
+    lines = [(t + 0.001, f"RMS tracking error: {abs(ERRORS[n // STATES_EACH]):.4f} rad") for n, t in enumerate(late)]
+    session.process("it", lines)
+    session.record.machine = [MachineSample(at(n / 2), 0) for n in range(12)]
+    assert judged("reported_series", SERIES, session.recorded()).outcome is Outcome.PARTIAL
+    session.record.machine = [sample for sample in session.record.machine if not at(1.9) < sample.t_ns < at(3.7)]
+    assert judged("reported_series", SERIES, Recorded(session.record, Bag.open(session.folder))).outcome is (
+        Outcome.INCONCLUSIVE
+    )
+
+
+@pytest.mark.parametrize(("asked", "outcome"), [(STATE, Outcome.INCONCLUSIVE), ("/other", Outcome.PARTIAL)])
+def test_one_subscription_that_was_made_and_never_seen_is_undecided(
+    tmp_path: Path, asked: str, outcome: Outcome
+) -> None:
+    """The node asked for it under its name and goes on, so the discovery may have failed."""
+    session = Session(tmp_path).endpoint("subscription", COMMAND).process("it").claim("subscription", asked)
+    assert judged("topics_subscribed", SUBSCRIBED, session).outcome is outcome

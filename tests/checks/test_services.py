@@ -354,3 +354,14 @@ def test_no_calls_after_a_silent_one_are_not_reached(tmp_path: Path) -> None:
     session = called(called(Session(tmp_path), "enable", call(None)), "many", call(None))
     assert judged("calls_in_time", IN_TIME, session).outcome is Outcome.NOT_REACHED
     assert judged("calls_in_time", IN_TIME, Session(tmp_path)).outcome is Outcome.FAILED
+
+
+def test_a_call_that_the_grader_itself_held_up_is_undecided(tmp_path: Path) -> None:
+    """Who makes the calls, and times them, may be kept from a core too, or stand still."""
+    calls = [call(answer(True), latency_s) for latency_s in [0.002] * 9 + [1.4]]
+    late = called(Session(tmp_path / "a").process("director", role="grader"), "many", *calls)
+    late.delayed("director", 2.0, 4.0)
+    assert judged("calls_in_time", IN_TIME, late).outcome is Outcome.INCONCLUSIVE
+    calls[-1]["held_up_ns"] = 1_300_000_000
+    stopped = called(Session(tmp_path / "b").process(), "many", *calls)
+    assert judged("calls_in_time", IN_TIME, stopped).outcome is Outcome.INCONCLUSIVE

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from grader.recording.session import Usage
 from grader.result import Finding, Outcome
-from tests.synthetic import BEST_EFFORT, FLOATS, RELIABLE, Session, evenly, judged, submission
+from tests.synthetic import BEST_EFFORT, FLOATS, RELIABLE, Session, at, evenly, judged, submission
 
 TOPIC = "/commands"
 PUBLISHED = {"artifact": "it", "topic": TOPIC, "type": FLOATS, "node": "/student"}
@@ -574,3 +575,24 @@ def test_stamps_that_do_not_tell_of_the_sending_earn_nothing(tmp_path: Path) -> 
     assert "by their arrival" in finding.measured
     slow = forged(tmp_path / "slow", [1.02 + n / 50 for n in range(600)])
     assert judged("topic_rate", RATE, slow).outcome is Outcome.FAILED
+
+
+def test_messages_that_the_recorder_lost_at_the_end_are_no_silence(tmp_path: Path) -> None:
+    """The next message tells by its number that those before it were sent, whether they were recorded or not."""
+    times = evenly(100, 6.5, 1.0)
+    for name, first, outcome in (("lost", 651, Outcome.PASSED), ("silent", 502, Outcome.PARTIAL)):
+        session = Session(tmp_path / name).endpoint("publisher", TOPIC).process("it").window(1.0, 7.0)
+        kept = [*enumerate(times[:501], 1), (first, times[-1])]
+        session.messages(TOPIC, [[0.0]] * len(kept), [t for _, t in kept], sequence=[n for n, _ in kept])
+        assert judged("topic_rate", RATE, session).outcome is outcome
+
+
+@pytest.mark.parametrize(("delay_s", "outcome"), [(0.3, Outcome.INCONCLUSIVE), (0.0, Outcome.PARTIAL)])
+def test_what_a_node_makes_up_for_in_the_window_may_be_the_machines(
+    tmp_path: Path, delay_s: float, outcome: Outcome
+) -> None:
+    """A node that keeps to a schedule of its own sends at once what it could not send before the window opened."""
+    times = [1.0 + 0.0001 * n for n in range(30)] + evenly(100, 5.99, 1.01)
+    session = published(tmp_path, times).delayed("it", delay_s, 1.0)
+    session.record.processes[0].usage.append(Usage(at(8.0), 0, round(delay_s * 1e9)))
+    assert judged("topic_rate", RATE, session).outcome is outcome

@@ -24,7 +24,7 @@ def said(*lines: str, stream: str = "stdout") -> list[OutputLine]:
 
 def vector_of(output: list[OutputLine], label: str, after_ns: int | None = None) -> list[float] | None:
     """Give the values of the last vector behind a label."""
-    found = printed_vector(output, label, after_ns)
+    found = printed_vector(output, [label], after_ns)
     return list(found.values) if found is not None else None
 
 
@@ -77,11 +77,11 @@ def test_where_there_is_no_vector_none_is_found(lines: list[str]) -> None:
 )
 def test_other_forms_count_after_ctrl_c(lines: list[str], form: str) -> None:
     """Bare numbers, tables and a line for each element are read, but only from what was printed at the end."""
-    found = printed_vector(said(*lines), "Mean", at(0.5))
+    found = printed_vector(said(*lines), ["Mean"], at(0.5))
     assert found is not None
     assert found.values == pytest.approx((0.1, 0.2, 0.3))
     assert found.form == form
-    assert printed_vector(said(*lines), "Mean", at(1.5)) is None
+    assert printed_vector(said(*lines), ["Mean"], at(1.5)) is None
 
 
 def test_one_number_is_no_column() -> None:
@@ -96,7 +96,7 @@ def test_one_number_is_no_column() -> None:
 )
 def test_rounding_is_half_of_the_last_place(numbers: str, rounding: float) -> None:
     """Numpy leaves out trailing zeros, so the number with most places tells; less than two say nothing."""
-    found = printed_vector(said(f"Mean: [{numbers}]"), "Mean")
+    found = printed_vector(said(f"Mean: [{numbers}]"), ["Mean"])
     assert found is not None
     assert found.rounding == pytest.approx(rounding)
 
@@ -144,23 +144,23 @@ def test_reports_are_read_until_the_interrupt(tmp_path: Path) -> None:
     """Each line's first group counts, with its time; statistics after Ctrl-C do not."""
     lines = [(1.0, "RMS tracking error: 0.1234 rad"), (1.5, "other"), (2.0, "RMS: 1e-3"), (21.0, "RMS: 9.0")]
     recorded = Session(tmp_path).process("it", lines).recorded()
-    found = reports(recorded, "it", PATTERN)
+    found = reports(recorded, "it", [PATTERN])
     assert [(r.t_ns, r.value) for r in found] == [(at(1.0), 0.1234), (at(2.0), 0.001)]
 
 
 def test_reports_of_all_starts_count(tmp_path: Path) -> None:
     """A node that was started twice reported in both lives."""
     session = Session(tmp_path).process("it", [(1.0, "RMS: 1")]).process("it", [(2.0, "RMS: 2")])
-    assert [r.value for r in reports(session.recorded(), "it", PATTERN)] == [1.0, 2.0]
+    assert [r.value for r in reports(session.recorded(), "it", [PATTERN])] == [1.0, 2.0]
 
 
 def test_without_reports_there_are_none(tmp_path: Path) -> None:
     """Neither output nor a log gives none, and numbers that are none are left out."""
     session = Session(tmp_path).process("it", ["hello", "value x"])
     recorded = session.recorded()
-    assert reports(recorded, "it", PATTERN) == []
-    assert reports(recorded, "it", r"value (\w)") == []
-    assert reports(recorded, "it", "value") == []
+    assert reports(recorded, "it", [PATTERN]) == []
+    assert reports(recorded, "it", [r"value (\w)"]) == []
+    assert reports(recorded, "it", ["value"]) == []
 
 
 def test_text_of_output() -> None:
@@ -172,7 +172,7 @@ def test_text_of_output() -> None:
 def test_endless_statistics_are_read_in_few_steps(line: str) -> None:
     """Of twenty thousand lines that nearly are statistics only the last are read closely."""
     output = [OutputLine(n, "stdout", line) for n in range(20_000)]
-    assert calls_of(lambda: printed_vector(output, "Mean", 0)) < 500_000
+    assert calls_of(lambda: printed_vector(output, ["Mean"], 0)) < 500_000
 
 
 def test_the_last_of_many_vectors_counts() -> None:

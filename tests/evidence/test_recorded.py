@@ -154,13 +154,43 @@ def machine_delay_s_of(folder: Path, process: ProcessRun, span: Span, stolen_s: 
 
 def test_time_that_the_host_took_counts_as_the_machines(tmp_path: Path) -> None:
     """Half of the span in which a virtual machine's host took 4 s had 2 s of them."""
-    process = run((0, 0, 0), (10, 1, 1))
-    assert machine_delay_s_of(tmp_path, process, Span(at(0), at(5)), stolen_s=4.0) == pytest.approx(2.5)
+    process = run((0, 0, 0), (5, 1, 1), (10, 1, 1))
+    assert machine_delay_s_of(tmp_path, process, Span(at(0), at(5)), stolen_s=4.0) == pytest.approx(3.0)
 
 
-def test_delay_is_interpolated_between_samples(tmp_path: Path) -> None:
-    """Half of a span between two samples has half of their delay."""
-    assert machine_delay_s_of(tmp_path, run((0, 0, 0), (10, 1, 2)), Span(at(2), at(7))) == pytest.approx(1.0)
+def test_delay_between_two_samples_may_all_lie_in_a_part(tmp_path: Path) -> None:
+    """Of two samples only the sum between them is known: a span may have had all of it that it is long enough for."""
+    process = run((0, 0, 0), (1, 0, 0.4), (2, 0, 0.4), (3, 0, 1.4))
+    assert machine_delay_s_of(tmp_path, process, Span(at(0.5), at(2.0))) == pytest.approx(0.4)
+    assert machine_delay_s_of(tmp_path, process, Span(at(0.9), at(2.2))) == pytest.approx(0.1 + 0.2)
+
+
+def test_delay_before_the_first_sample_counts(tmp_path: Path) -> None:
+    """A process that began before it was first looked at was held up since its start."""
+    process = run((1.0, 0.2, 0.5), (2.0, 0.2, 0.5))
+    process.started_ns = at(0.2)
+    assert machine_delay_s_of(tmp_path, process, Span(at(0.8), at(2.0))) == pytest.approx(0.2)
+
+
+def test_what_follows_the_last_sample_of_a_process_was_held_up_as_usual(tmp_path: Path) -> None:
+    """Nobody can ask a process that has ended; its delay is noted then as it was last seen."""
+    process = run((0.0, 0, 0), (1.0, 0, 0.4), (1.5, 0.1, 0.4))
+    process.exited_ns = at(1.5)
+    assert machine_delay_s_of(tmp_path, process, Span(at(0), at(1.5))) == pytest.approx(0.6)
+    process.ended_by = "interrupt"
+    assert machine_delay_s_of(tmp_path, process, Span(at(0), at(1.5))) == pytest.approx(0.4)
+
+
+def test_a_machine_that_stood_still_held_up_all_its_processes(tmp_path: Path) -> None:
+    """What is frozen with all others waits in no queue: that the grader's own samples come late tells of it."""
+    recorded = Session(tmp_path).recorded()
+    process = run((0, 0, 0), (10, 1, 0.0))
+    recorded.record.machine = [MachineSample(at(t), 0) for t in (0.5, 1.0, 1.5, 2.0, 4.0, 4.5, 5.0)]
+    assert recorded.machine_delay_s(process, Span(at(1), at(5))) == pytest.approx(1.5)
+    assert recorded.machine_delay_s(process, Span(at(3.5), at(5))) == pytest.approx(0.5)
+    assert recorded.machine_delay_s(process, Span(at(4), at(5))) == 0.0
+    recorded.record.machine = [MachineSample(at(t / 2), 0) for t in range(10)]
+    assert recorded.machine_delay_s(process, Span(at(1), at(5))) == 0.0
 
 
 def test_delay_is_never_more_than_the_time_in_which_the_process_did_not_run(tmp_path: Path) -> None:

@@ -41,6 +41,11 @@ FAST_AND_SLOW = [
     '  "slow": {\n    "count": 997,\n    "avg_ms": 0.7,\n    "max_ms": 3.0\n  }\n}',
     "[INFO] [1700.25] [qos]: fast: 998 msgs, avg 0.5 ms, max 2.0 ms\n"
     "[INFO] [1700.26] [qos]: slow: 997 msgs, avg 0.7 ms, max 3.0 ms",
+    "fast: got 998 of 1000 messages, Ø 0.5 ms, max 2.0 ms\nslow: got 997 of 1000 messages, Ø 0.7 ms, max 3.0 ms",
+    "fast: 998 Nachrichten, mittlere Latenz 0,50 ms, maximale Latenz 2,00 ms\n"
+    "slow: 997 Nachrichten, mittlere Latenz 0,70 ms, maximale Latenz 3,00 ms",
+    "{'fast': {'settings': '" + 300 * "." + "', 'received': 998, 'avg_ms': 0.5, 'max_ms': 2.0}, "
+    "'slow': {'received': 997, 'avg_ms': 0.7, 'max_ms': 3.0}}",
     # What was said of them before.
     "created fast\ncreated slow\nfast: 998 msgs, avg 0.5 ms, max 2.0 ms\nslow: 997 msgs, avg 0.7 ms, max 3.0 ms",
 ]
@@ -179,3 +184,36 @@ def test_labels_stand_before_their_numbers_or_behind_them(line: str) -> None:
     assert row.count == 998
     assert row.mean_s == pytest.approx(0.00049)
     assert row.max_s == pytest.approx(0.00215)
+
+
+@pytest.mark.parametrize("name", ["BEST_EFFORT", "Best Effort", "best-effort", "BestEffort", "/test_Best_Effort"])
+def test_a_name_may_be_spelt_otherwise(name: str) -> None:
+    """In capitals, apart or with hyphens it is the same name, if that is asked for; rows that begin with it count."""
+    text = f"sensor_data ({name}): 9 msgs, avg 9 ms, max 9 ms\n{name}: 998 msgs, avg 0.5 ms, max 2.0 ms"
+    row = result_row(output(text), "best_effort", ["sensor_data"], loosely=True)
+    assert row == ResultRow(1, 998, 0.5 * 1e-3, 2.0 * 1e-3)
+    assert result_row(output(text), "best_effort", ["sensor_data"]) is None
+
+
+def test_a_block_in_another_spelling_ends_at_the_next_name() -> None:
+    """What is said below the next name is said of that."""
+    text = "Best Effort\n  received: 998\nReliable\n  received: 997\n  average: 0.7 ms"
+    row = result_row(output(text), "best_effort", ["reliable"], loosely=True)
+    assert row == ResultRow(0, 998, None, None)
+
+
+@pytest.mark.parametrize(
+    ("line", "rounding_s"),
+    [
+        ("fast: 998 msgs, avg latency 0 ms, max 2 ms", 1e-3),
+        ("fast: 998 msgs, avg latency 0.4 ms, max 2.0 ms", 0.05e-3),
+        ("fast: 998 msgs, avg latency 0.000 s, max 0.002 s", 0.5e-3),
+        ("fast | 998 | 0.00 | 2.00", 0.005e-3),
+        ("fast: 998 msgs, avg latency 0 s, max 0 s", 1e-3),
+    ],
+)
+def test_how_far_a_latency_was_rounded_is_known(line: str, rounding_s: float) -> None:
+    """Half of the last place, or all of a whole number, which may have been cut off; at most a millisecond."""
+    row = result_row(output(line), "fast", [])
+    assert row is not None
+    assert row.rounding_s == pytest.approx(rounding_s)

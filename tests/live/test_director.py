@@ -249,6 +249,33 @@ def test_parameters_are_read_and_set(tmp_path: Path) -> None:
     assert (refused.outcome, sorted(refused.result["refused"])) == ("failed", ["absent", "fixed"])
 
 
+MISSPELT_PARAMETER = """
+        self.declare_parameter('safety_check', True)
+        self.declare_parameter('verbose', True)
+        self.declare_parameter('speed', 1.0)
+"""
+
+
+def test_a_misspelt_parameter_is_set_as_meant(tmp_path: Path) -> None:
+    """That it is not declared under its name is one mistake; what it does is seen under the one that it has."""
+    recorded = record_one(
+        tmp_path,
+        node(MISSPELT_PARAMETER),
+        [
+            {"wait_for": {"node": "/student", "timeout_s": 20}},
+            {"set_parameters": {"node": "/student", "values": {"safety_enabled": False}}},
+            {"set_parameters": {"node": "/student", "values": {"unlike_all": "x"}}},
+            {"get_parameters": {"node": "/student", "names": ["safety_check", "verbose", "use_sim_time"]}},
+        ],
+    )
+    meant, unlike = steps_of(recorded, "set_parameters")
+    assert (meant.outcome, meant.result["names"]) == ("done", {"safety_enabled": "safety_check"})
+    assert (unlike.outcome, list(unlike.result["refused"])) == ("failed", ["unlike_all"])
+    (read,) = steps_of(recorded, "get_parameters")
+    held = {name: entry["value"] for name, entry in read.result["values"].items()}
+    assert held == {"safety_check": False, "verbose": True, "use_sim_time": False}
+
+
 # -- publishing, and the graph ----------------------------------------------------------------
 
 SUBSCRIPTIONS = """

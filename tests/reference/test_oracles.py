@@ -276,3 +276,19 @@ def test_statistics_in_another_unit_are_recognised() -> None:
     streams = recorded(schedule(0))
     plain, scaled = (tracking_statistics(streams, {"scale": scale}, 0)["rms"] for scale in (1.0, 10.0))
     assert all(np.allclose(10 * np.array(plain[kind]), scaled[kind]) for kind in ("low", "value", "high"))
+
+
+@pytest.mark.parametrize(
+    ("mistake", "wrong"),
+    [("summed", lambda e: np.sqrt((e**2).sum(axis=0))), ("magnitude", lambda e: np.abs(e).mean(axis=0))],
+)
+@pytest.mark.parametrize("seed", SEEDS)
+def test_another_formula_for_the_rms_is_recognised(seed: int, mistake: str, wrong: Callable[[Floats], Floats]) -> None:
+    """The root of the sum, and the mean of |error|, lie within their bounds, and are no right RMS."""
+    events = schedule(seed)
+    value = wrong(np.array(hear_all(events).errors))
+    found = tracking_statistics(recorded(events), {mistake: True}, seed)["rms"]
+    right = tracking_statistics(recorded(events), {}, seed)["rms"]
+    assert found["value"] == pytest.approx(value)
+    outside = (value < np.array(right["low"])) | (value > np.array(right["high"]))
+    assert outside.any()
