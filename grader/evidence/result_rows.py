@@ -19,7 +19,10 @@ _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _UNITS_S = {"ns": 1e-9, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ms": 1e-3, "msec": 1e-3, "s": 1.0, "sec": 1.0}
 _UNIT = r"(?:ns|us|µs|μs|msec|ms|sec|s)(?![A-Za-z])"
 _LONG_UNITS = (("milli", 1e-3), ("micro", 1e-6), ("nano", 1e-9), ("second", 1.0), ("segundo", 1.0), ("sekunde", 1.0))
-_MEAN = r"(?:avg|average|mean|media|média|moy|mittel|mittler|durchschnitt|Ø|schnitt|prom(?:edio)?|ortalama|средн|平均|평균|متوسط|औसत)"
+_MEAN = (
+    r"(?:avg|average|mean|media|média|moy|mittel|mittler|durchschnitt|Ø|schnitt|prom(?:edio)?|ortalama|средн"
+    r"|平均|평균|متوسط|औसत)"
+)
 _LATENCY = (
     r"(?:latenc|latenz|latênc|delay|verzögerung|retras|retard|ritard|atras|gecikme|задержк|延迟|時延|遅延|지연|تأخير|विलंब)"
     r"[a-zé]*"
