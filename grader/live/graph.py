@@ -51,10 +51,10 @@ def is_reserved(name: str) -> bool:
 
 
 def _readable(ask: Callable[[], list[T]], otherwise: list[T]) -> list[T]:
-    """Return what rclpy tells of the graph, or something else where it gives up, as something in it is no text."""
+    """Return what rclpy tells of the graph, or something else where a name in it is no text, or empty: it gives up."""
     try:
         return ask()
-    except UnicodeDecodeError:
+    except (UnicodeDecodeError, RuntimeError):
         return otherwise
 
 
