@@ -265,23 +265,23 @@ class Recorded:
         return float(used[1] - used[0]) / 1e9
 
     def long_delays_s(self, run: ProcessRun, span: Span, harmless_s: float) -> float:
-        """Return for how long within a span the machine kept a process from its core, short delays left out, in s.
+        """Return for how long within a span the machine may have kept a process from its core beyond what is harmless.
 
         Parameters
         ----------
         harmless_s : float
-            A delay of this length does no harm.
+            So much of each delay does no harm, in s.
 
         Notes
         -----
-        Between two samples only the sum of delays is known, and one may reach over a sample: a part of the span
-        counts unless it and each of its neighbours together stay below what is harmless.
+        Between two samples only the sum of delays is known, and one may reach over a sample: of a part of the span
+        that counts by which it and the longer of its neighbours together are more than what is harmless.
         """
         inside = [u.t_ns for u in run.usage if span.start_ns < u.t_ns < span.end_ns]
         parts = itertools.pairwise([span.start_ns, *inside, span.end_ns])
         delays = [0.0, *(self.machine_delay_s(run, Span(*part)) for part in parts), 0.0]
         around = zip(delays, delays[1:], delays[2:], strict=False)
-        return sum(delay for before, delay, after in around if delay + max(before, after) > harmless_s)
+        return sum(max(0.0, min(delay, delay + max(before, after) - harmless_s)) for before, delay, after in around)
 
     def longest_delay_s(self, span: Span) -> float:
         """Return for how long within a span the machine kept that process from its core which it held up most, in s.

@@ -207,14 +207,14 @@ def test_without_samples_the_machine_is_not_blamed(tmp_path: Path) -> None:
 
 
 def test_delays_that_are_too_short_to_matter_are_left_out(tmp_path: Path) -> None:
-    """Between samples only sums are known, so one counts as long if it is so together with its neighbour."""
+    """Between samples only sums are known; of one counts what it and its neighbour together are too long."""
     process = run((0, 0, 0), (1, 0, 0.05), (2, 0, 0.10), (3, 0, 0.10), (4, 0, 0.14), (5, 0, 0.14))
     recorded = Session(tmp_path).recorded()
     span = Span(at(0), at(5))
     assert recorded.long_delays_s(process, span, 0.0) == pytest.approx(0.14)
-    assert recorded.long_delays_s(process, span, 0.08) == pytest.approx(0.10)
+    assert recorded.long_delays_s(process, span, 0.08) == pytest.approx(0.04)
     assert recorded.long_delays_s(process, span, 0.10) == 0.0
-    assert recorded.long_delays_s(process, Span(at(2), at(5)), 0.03) == pytest.approx(0.04)
+    assert recorded.long_delays_s(process, Span(at(2), at(5)), 0.03) == pytest.approx(0.01)
 
 
 def test_the_longest_delay_is_of_a_process_that_is_not_the_recorder(tmp_path: Path) -> None:
