@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import importlib.metadata
 import importlib.util
-import os
 import platform
 import random
 import shutil
@@ -343,7 +342,7 @@ def set_aside(recordings: Path, sessions: Sequence[str]) -> None:
     """Keep recordings of sessions that are made again, beside those that take their places."""
     for session in (name for name in sessions if (recordings / name).is_dir()):
         shutil.rmtree(_aside(recordings, session), ignore_errors=True)
-        shutil.copytree(recordings / session, _aside(recordings, session), copy_function=os.link)
+        shutil.copytree(recordings / session, _aside(recordings, session))
 
 
 def keep_clearer(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import subprocess
 import sys
@@ -113,31 +112,3 @@ def test_gitlab_keeps_what_the_script_writes() -> None:
     assert artifacts["when"] == "always"
     assert artifacts["paths"] == ["grade/"]
     assert artifacts["reports"] == {"junit": "grade/junit.xml", "codequality": "grade/codequality.json"}
-
-
-def test_a_second_lab_of_the_same_job_has_its_own_score(tmp_path: Path) -> None:
-    """Where a job grades two labs, the outputs of the second step are of the second, and never those of the first."""
-    tools = {
-        "grade": '[[ $1 != export ]] || { echo "$@"; exit 0; }\n[[ $1 != none ]] || exit 3\n'
-        'lab=$(basename "$1"); mkdir -p "$4/$lab"\n'
-        'echo "{\\"score\\": {\\"final\\": ${lab#lab}, \\"possible\\": 9, \\"undecided\\": 0}}"'
-        ' > "$4/$lab/result.json"',
-        "sudo": 'shift; exec "$@"',
-        "python": f'exec {sys.executable} "$@"',
-    }
-    for name, script in tools.items():
-        (tmp_path / name).write_text(f"#!/usr/bin/env bash\n{script}\n", encoding="utf-8")
-        (tmp_path / name).chmod(0o755)
-    variables = dict.fromkeys(("RUBRIC", "SESSIONS", "FAIL_UNDER"), "") | {"REQUIRE_ISOLATION": "reduced"}
-    variables |= {"GRADE": str(tmp_path / "grade"), "RESULTS": str(tmp_path / "results")}
-    variables |= {"PATH": f"{tmp_path}:{os.environ['PATH']}", "GITHUB_STEP_SUMMARY": str(tmp_path / "summary")}
-    said = {}
-    for lab, path in (("lab8", "./lab8"), ("lab7", str(tmp_path / "lab7")), ("none", "none")):
-        step = {**variables, "SUBMISSION": path, "GITHUB_OUTPUT": str(tmp_path / f"{lab}.txt")}
-        command = ["bash", str(ROOT / "ci/github/grade.sh")]
-        done = subprocess.run(command, env=step, cwd=tmp_path, capture_output=True, text=True, check=False)
-        outputs = tmp_path / f"{lab}.txt"
-        said[lab] = (done.returncode, outputs.read_text(encoding="utf-8") if outputs.exists() else "")
-    assert said["lab8"] == (0, "score=8\npossible=9\nundecided=0\n")
-    assert said["lab7"] == (0, "score=7\npossible=9\nundecided=0\n")
-    assert said["none"] == (3, "")

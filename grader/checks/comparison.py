@@ -27,6 +27,7 @@ from grader.checks.finding import (
 from grader.checks.reception import OfferedProfile, clash
 from grader.checks.traffic import claimed_qos, student_endpoints
 from grader.evidence.calls import rclpy_calls
+from grader.evidence.chance import is_believed
 from grader.evidence.printed import text_of
 from grader.evidence.recorded import Floats, Span, clock_step_s
 from grader.evidence.result_rows import (
@@ -213,9 +214,10 @@ def qos_profiles(context: Context, p: QosProfiles) -> Finding:
 
 
 def _was_made(context: Context, kind: str, topic: str) -> bool:
-    """Whether a student's program made an endpoint, as the tap notes."""
+    """Whether a student's program made an endpoint, as the tap notes, if that is to be believed."""
     used = context.session.used(topic).lstrip("/")
-    return any(claim.kind == kind and claim.name.lstrip("/") == used for claim in context.session.record.claims)
+    claims = context.session.record.claims if is_believed(context.session) else []
+    return any(claim.kind == kind and claim.name.lstrip("/") == used for claim in claims)
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from grader.checks.finding import (
     takes_points,
     told,
 )
-from grader.evidence.chance import clock_was_set
+from grader.evidence.chance import clock_was_set, is_believed
 from grader.evidence.diagnosis import explain
 from grader.evidence.elsewhere import is_newer_python, only_elsewhere
 from grader.evidence.launch_source import parameter_line
@@ -329,7 +329,9 @@ def _is_unseen(context: Context, plan: Plan, wanted: WantedNode) -> bool:
     """Whether a launched program made the node under its name, as the tap notes, and the graph never showed it."""
     entry = _entry_for(plan, wanted.node, wanted.executable)
     run = context.session.process(entry.id) if entry is not None else None
-    if run is None or run.interrupted_ns is None or run.limit is not None or wanted.node in context.session.nodes:
+    if run is None or run.interrupted_ns is None or run.limit is not None or not is_believed(context.session):
+        return False
+    if wanted.node in context.session.nodes:
         return False
     return any(claim.process == run.name and claim.node == wanted.node for claim in context.session.record.claims)
 

@@ -80,9 +80,8 @@ def run(arguments: Sequence[str], console: Console) -> int:
     for results in options.results:
         try:
             _export(results, targets, options, console)
-        except (
-            GraderError
-        ) as error:  # What is no result, such as a table beside them, does not keep the others from it.
+        # What is no result, such as a table beside them, does not keep the others from it.
+        except GraderError as error:
             print_error(error)
             statuses.append(error.exit_status)
     return max(statuses)

@@ -32,7 +32,7 @@ def may_be_chance(recorded: Recorded, reference_nodes: Iterable[str]) -> str | N
     students = [run for run in recorded.record.processes if run.role == "student"]
     if (held_up := _held_up(recorded, students)) is not None:
         return held_up
-    if recorded.record.attempt <= _BELIEVED and any(_was_refused_tasks(run) for run in students):
+    if is_believed(recorded) and any(_was_refused_tasks(run) for run in students):
         return "A program could start no thread, and not since it had too many: the machine may have."
     if recorded.record.attempt > 1:
         return None
@@ -41,6 +41,11 @@ def may_be_chance(recorded: Recorded, reference_nodes: Iterable[str]) -> str | N
     if _nobody_came(recorded, students, frozenset(reference_nodes)):
         return "The program ran, but no node of it came into the graph in time. Once is no proof."
     return None
+
+
+def is_believed(recorded: Recorded) -> bool:
+    """Whether what a program alone says of itself may leave something undecided: not for ever, as it can be made up."""
+    return recorded.record.attempt <= _BELIEVED
 
 
 def clock_was_set(recorded: Recorded, span: Span | None) -> str | None:

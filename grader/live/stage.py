@@ -164,10 +164,8 @@ def _install_package(
 ) -> None:
     _register(folder, package.name)
     for name, target in package.executables.items():
-        program, text = (
-            folder / "install/lib" / package.name / name,
-            _wrapper_of_entry(package, target, record, interpreter),
-        )
+        program = folder / "install/lib" / package.name / name
+        text = _wrapper_of_entry(package, target, record, interpreter)
         if re.fullmatch(r"[\w.+-]{1,200}", name) and room.take(program, len(text)):
             _write(program, text)
     shared = _all_data(package, record) if package.shared is None else package.shared

@@ -553,11 +553,17 @@ def test_an_arm_that_cannot_hear_commands_of_another_type_need_not_follow(
     assert float(finding.credit) == pytest.approx(credit, abs=0.001)
 
 
-@pytest.mark.parametrize(("made", "outcome"), [("/talker", Outcome.INCONCLUSIVE), ("/talk", Outcome.PARTIAL)])
-def test_a_node_that_was_made_and_never_seen_is_undecided(tmp_path: Path, made: str, outcome: Outcome) -> None:
-    """Its program says that it made the node, so the discovery may have failed; under another name it did not."""
+@pytest.mark.parametrize(
+    ("made", "attempt", "outcome"),
+    [("/talker", 1, Outcome.INCONCLUSIVE), ("/talker", 3, Outcome.PARTIAL), ("/talk", 1, Outcome.PARTIAL)],
+)
+def test_a_node_that_was_made_and_never_seen_is_undecided(
+    tmp_path: Path, made: str, attempt: int, outcome: Outcome
+) -> None:
+    """Its program says that it made the node, so the discovery may have failed; not under another name, nor always."""
     session = planned(Session(tmp_path), processes=BOTH).node("/listener").process("talk-1")
     session.record.claims.append(Claim("talk-1", "publisher", "/commands", node=made, file="it.py"))
+    session.record.attempt = attempt
     assert nodes(session).outcome is outcome
 
 

@@ -58,27 +58,47 @@ def run(checkout: Path, command: list[str | Path], **variables: str | Path) -> s
     return done
 
 
+GITHUB_SCRIPT: list[str | Path] = ["bash", ROOT / "ci/github/grade.sh"]
+
+
+def variables_of_github(summary: Path, outputs: Path, results: Path) -> dict[str, str | Path]:
+    """Return what the action sets, but for the submission and the least score."""
+    told = {"GITHUB_STEP_SUMMARY": summary, "GITHUB_OUTPUT": outputs, "RESULTS": results}
+    return {"RUBRIC": "", "SESSIONS": "service", "REQUIRE_ISOLATION": "reduced", **told}
+
+
+def leave_results_of_another_lab(results: Path) -> None:
+    """Leave what an earlier step of the same job does that graded another lab."""
+    score = {"final": 1, "possible": 2, "undecided": 0}
+    (results / "aaa").mkdir(parents=True)
+    (results / "aaa/result.json").write_text(json.dumps({"score": score}), encoding="utf-8")
+
+
+@by_root
+def test_github_has_no_score_of_another_lab(checkout: Path, tmp_path: Path) -> None:
+    """Where a step can grade nothing, its outputs are not those of the step before it."""
+    summary, outputs, results = tmp_path / "summary.md", tmp_path / "outputs", tmp_path / "results"
+    leave_results_of_another_lab(results)
+    variables = variables_of_github(summary, outputs, results)
+    done = run(checkout, GITHUB_SCRIPT, SUBMISSION="absent", FAIL_UNDER="", **variables)
+    assert done.returncode == 3, done.stdout + done.stderr
+    assert "::error::The submission could not be graded" in done.stdout
+    assert not outputs.exists()
+
+
 @by_root
 @pytest.mark.parametrize(("least", "status"), [("", 0), ("50", 1)])
 def test_github(checkout: Path, tmp_path: Path, least: str, status: int) -> None:
     """Summary, annotations and outputs are written; the log obeys no one but us; only --fail-under fails the job."""
     summary, outputs, results = tmp_path / "summary.md", tmp_path / "outputs", tmp_path / "results"
-    done = run(
-        checkout,
-        ["bash", ROOT / "ci/github/grade.sh"],
-        SUBMISSION=".",
-        RUBRIC="",
-        SESSIONS="service",
-        FAIL_UNDER=least,
-        REQUIRE_ISOLATION="reduced",
-        RESULTS=results,
-        GITHUB_STEP_SUMMARY=summary,
-        GITHUB_OUTPUT=outputs,
-    )
+    leave_results_of_another_lab(results)
+    variables = variables_of_github(summary, outputs, results)
+    done = run(checkout, GITHUB_SCRIPT, SUBMISSION=".", FAIL_UNDER=least, **variables)
     assert done.returncode == status, done.stdout + done.stderr
     assert "# Lab 09-01" in summary.read_text(encoding="utf-8")
     score = json.loads((results / "ann/result.json").read_text(encoding="utf-8"))["score"]
-    assert f"possible={POSSIBLE}\nundecided={score['undecided']:g}\n" in outputs.read_text(encoding="utf-8")
+    told = f"score={score['final']:g}\npossible={POSSIBLE}\nundecided={score['undecided']:g}\n"
+    assert outputs.read_text(encoding="utf-8") == told
     assert (results / "ann/report.html").exists()
     assert (results / "ann/recordings/service").is_dir()
     assert "pwned" in done.stdout
