@@ -318,12 +318,14 @@ def record(
             judging = _work(shared, watch)
             with judging("judging"):
                 judged = _judged(recordings, rubric)
+            disturbed: frozenset[str] = frozenset()
             for attempt in range(2, RETRIES + 2):
+                disturbed |= {violation.session for violation in judged[1].violations if violation.kind.disturbs}
                 if not (undecided := undecided_sessions(judged[1], chosen)):
                     break
                 set_aside(recordings, undecided)
                 with watch.stage(f"sessions again, attempt {attempt}"):
-                    replace(sessions, attempt=attempt).record(undecided, on_progress, at_a_time=1)
+                    replace(sessions, attempt=attempt, disturbed=disturbed).record(undecided, on_progress, at_a_time=1)
                 with judging("judging"):
                     judged = keep_clearer(recordings, rubric, undecided, judged[1])
     return judged

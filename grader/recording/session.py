@@ -284,6 +284,8 @@ class SessionRecord:
         False while it runs, and if the grader was stopped in the midst of it.
     attempt : int
         1 for the first recording, more where an earlier one left something undecided.
+    disturbed_before : bool
+        Whether in an earlier recording of this session something was seen that disturbs the grader's own processes.
     problems : list of str
         The grader's own troubles (a reference node that died, a bag that had to be recovered).
         They make findings inconclusive, never failed.
@@ -303,6 +305,7 @@ class SessionRecord:
     schema: str = SESSION_SCHEMA
     seed: int = 0
     attempt: int = 1
+    disturbed_before: bool = False
     started_ns: int = 0
     ended_ns: int = 0
     complete: bool = False
