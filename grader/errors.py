@@ -73,3 +73,11 @@ class IsolationError(GraderError):
     """The confinement that was asked for cannot be had here."""
 
     exit_status = 7
+
+
+class BoundError(GraderError):
+    """Work on what a student wrote took more time or memory than it may."""
+
+
+class JudgingError(GraderError):
+    """Recordings could not be judged, as they take too much time or memory, or something is broken; they are kept."""
