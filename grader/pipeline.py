@@ -314,7 +314,9 @@ def record(
     tuple
         The last recordings, and what they were judged to be.
     """
+    from grader.evidence.elsewhere import modules_to_look_for
     from grader.live.cells import Progress, Sessions, types_in
+    from grader.live.environment import absent_modules
     from grader.live.fork_server import ForkServer
     from grader.live.isolation import Level
     from grader.live.probing import probe_isolation, require
@@ -334,6 +336,7 @@ def record(
         for name in options.sessions if options.sessions is not None else rubric.sessions:
             if name not in chosen:
                 on_progress(Progress(name, "left out, since its file is missing", ended=True))
+        submission.absent_modules = absent_modules(options.interpreter, modules_to_look_for(submission))
         _start_afresh(recordings, submission, rubric)
         with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as scratch:
             with _work(shared, watch)("staging"):

@@ -230,16 +230,41 @@ def test_why_a_node_is_down_is_told(tmp_path: Path, run: dict[str, Any] | None, 
     assert words in nodes(session).reason
 
 
-def test_a_node_that_lacks_a_library_here_is_noted(tmp_path: Path) -> None:
-    """A node that needs what is not installed is undecided in its own criterion, and no fault of the launch file."""
+ENDED: dict[str, Any] = {"exited_ns": at(2.0), "interrupted_ns": None, "ended_by": "itself", "exit_status": 1}
+MISSING = ["Traceback (most recent call last):", '  File "/ws/src/it.py", line 1, in <module>']
+MISSING.append("ModuleNotFoundError: No module named 'matplotlib'")
+
+
+@pytest.mark.parametrize(
+    ("source", "up", "outcome"),
+    [
+        ("import matplotlib\n", ["/listener"], Outcome.INCONCLUSIVE),
+        ("import matplotlib\n", [], Outcome.INCONCLUSIVE),
+        ("raise SystemExit\n", ["/listener"], Outcome.PARTIAL),
+    ],
+)
+def test_a_node_that_lacks_a_library_here_is_for_a_person(
+    tmp_path: Path, source: str, up: list[str], outcome: Outcome
+) -> None:
+    """A node that needs what is not installed earns nothing before a person has decided; one that says so, nothing."""
     session = planned(Session(tmp_path), processes=[entry("talk", "talker"), entry("listen", "listener")])
-    lines = ["Traceback (most recent call last):", '  File "/ws/src/it.py", line 1, in <module>']
-    lines.append("ModuleNotFoundError: No module named 'matplotlib'")
-    ended: dict[str, Any] = {"exited_ns": at(2.0), "interrupted_ns": None, "ended_by": "itself", "exit_status": 1}
-    session.process("talk-1", lines, artifact=None, **ended)
-    finding = nodes(session.node("/listener"))
-    assert finding.outcome is Outcome.PASSED
-    assert "needs matplotlib" in finding.notes[0]
+    session.process("talk-1", MISSING, artifact=None, **ENDED)
+    for node in up:
+        session.node(node)
+    finding = nodes(session, submission({"it.py": source}))
+    assert finding.outcome is outcome
+    assert ("needs matplotlib" in finding.reason) == (outcome is Outcome.INCONCLUSIVE)
+
+
+@pytest.mark.parametrize(
+    ("source", "outcome"), [("import xacro\n", Outcome.INCONCLUSIVE), ("raise ImportError\n", Outcome.FAILED)]
+)
+def test_a_launch_file_lacks_only_what_it_imports(tmp_path: Path, source: str, outcome: Outcome) -> None:
+    """That a module is missing is believed of a launch file whose source imports it at that line."""
+    problem = {"kind": "missing_module", "message": "m", "file": "it.py", "line": 1, "module": "xacro"}
+    session = planned(Session(tmp_path), outcome="not_assessable", problem=problem)
+    finding = judged("launch_loads", {"artifact": "it", "step": "plan"}, session, submission({"it.py": source}))
+    assert finding.outcome is outcome
 
 
 def died_of(given: str, declared: str, value: str) -> dict[str, Any]:
