@@ -7,6 +7,7 @@ results are judged again but nothing is graded) the work is done here, unbounded
 
 from __future__ import annotations
 
+import errno
 import os
 import pickle
 import select
@@ -33,6 +34,8 @@ class Bound:
 
     Attributes
     ----------
+    what : str
+        The work, as a message names it.
     cpu_s : float
         Of computing, so that a busy machine does not count.
     wall_s : float
@@ -41,6 +44,7 @@ class Bound:
         Of the address space, beyond what this process has.
     """
 
+    what: str
     cpu_s: float
     wall_s: float
     memory_bytes: int
@@ -127,10 +131,15 @@ class _Child:
         if os.waitstatus_to_exitcode(status) == 0:
             return pickle.loads(b"".join(self.received))  # From a copy of this process.
         if os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGXCPU:
-            return BoundError(f"it took more than {self.bound.cpu_s:g} s of computing")
+            return _exceeded(self.bound, f"took more than {self.bound.cpu_s:g} s of computing")
         if not self.is_over:
-            return BoundError(f"it took longer than {self.bound.wall_s:g} s")
-        return BoundError(f"its process ended with status {os.waitstatus_to_exitcode(status)}")
+            return _exceeded(self.bound, f"took longer than {self.bound.wall_s:g} s")
+        return _exceeded(self.bound, f"ended with status {os.waitstatus_to_exitcode(status)}")
+
+
+def _exceeded(bound: Bound, problem: str) -> BoundError:
+    remedy = "Nothing else is concerned. No text of a student's may cause this: report it with the recordings."
+    return BoundError(f"{bound.what} {problem}", remedy=remedy)
 
 
 def _outcome_of(work: Callable[[], T]) -> T | Exception:
@@ -150,10 +159,10 @@ def _be_child(work: Callable[[], object], pipe: int, bound: Bound) -> NoReturn:
         _limit(bound)
         try:
             outcome = work()
-        except MemoryError:
-            outcome = BoundError(f"it took more than {bound.memory_bytes / 2**30:g} GiB of memory")
         except Exception as error:
-            outcome = _sendable(error)
+            lacks_memory = isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM
+            memory = f"took more than {bound.memory_bytes / 2**30:g} GiB of memory"
+            outcome = _exceeded(bound, memory) if lacks_memory else _sendable(error)
         data = memoryview(pickle.dumps(outcome))
         while data:
             data = data[os.write(pipe, data) :]

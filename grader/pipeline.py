@@ -11,19 +11,19 @@ import shutil
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import grader
-from grader.bounded import Bound, in_processes
+from grader.bounded import Bound, in_process
 from grader.checks import PARAMETERS_OF
 from grader.cohort.adjustments import adjust
 from grader.cohort.entries import ClassEntry
 from grader.cohort.overrides import OVERRIDES_FILE, Overrides, load_overrides, moment_of
-from grader.errors import GraderError, JudgingError, PlatformError, RecordingError, RubricError, UsageError
+from grader.errors import PlatformError, RecordingError, RubricError, UsageError, described
 from grader.exporting import ExportTarget
 from grader.intake import Handed, Intake, taken_in
 from grader.judging import Recordings, judge, open_recordings
@@ -45,12 +45,17 @@ RESULT_FILE = "result.json"
 REPORT_FILE = "report.html"
 CLASS_PAGE = "index.html"
 GRADES_FILE = "grades.csv"
+#: What a grading makes, the file that says that it is whole last.
+_PARTS = (RUBRIC_COPY, RECORDINGS, REPORT_FILE, RESULT_FILE)
+#: Among recordings: stands there until all sessions have been recorded.
+_BEGUN = ".begun"
+#: Among recordings: one that is made again, and a copy that is being made or removed.
+_EARLIER, _PARTIAL = ".earlier", ".partial"
 #: How often a session whose checks are undecided is recorded again, alone.
 RETRIES = 2
 #: What judging one submission may take. The solution takes 0.25 s and 0.1 GiB on a core of today; more than a hundred
-#: times that is no fair wait. In a class, reading, staging and judging are given up after 120 s (`batch.supervised`).
-JUDGING_BOUND = Bound(cpu_s=30.0, wall_s=100.0, memory_bytes=2 * 1024**3)
-T = TypeVar("T")
+#: times that is no fair wait. In a class, a piece of work is given up after 120 s in any case (`batch.supervised`).
+JUDGING_BOUND = Bound(what="judging the submission", cpu_s=30.0, wall_s=100.0, memory_bytes=2 * 1024**3)
 
 
 @dataclass(frozen=True)
@@ -219,7 +224,7 @@ def grade(
     handed : Handed, Path or Intake
         The submission: a folder, an archive, what `grader.batch.found` made of more, or what was taken in already.
     results : Path
-        Folder of this submission's results. Those of an earlier grading stay until all of the new ones are there.
+        Folder of this submission's results. Those of an earlier grading stay until all sessions have been recorded.
     shared : Shared, optional
         What other submissions on this machine have to do with it.
     watch : Stopwatch, optional
@@ -228,7 +233,7 @@ def grade(
     Raises
     ------
     GraderError
-        If no fair score exists; nothing is written then.
+        If no fair score exists; no result is written then. Once all is recorded, the recordings are kept.
     """
     from grader.live.scratch import scratch_prefix
     from grader.live_exports import LiveExports
@@ -241,19 +246,48 @@ def grade(
             intake = stack.enter_context(taking)
             submission = read_submission(intake, rubric)
         submission.sessions = list(options.sessions) if options.sessions is not None else None
-        failed = None
         with LiveExports(options.exports, results, options.path_prefix) as exports:
             follow = exports.follow(on_progress)
-            with beside(results, (RUBRIC_COPY, RECORDINGS, REPORT_FILE, RESULT_FILE)) as new:
-                try:
-                    judgement = record(intake.folder, submission, rubric, new, options, follow, shared, watch)
-                    replace_files(_files_of(judgement, new, rubric))
-                except JudgingError as error:  # The recordings take their place nevertheless.
-                    failed = _not_judged(error.__cause__, results)
-            if failed is not None:
-                raise failed
-    exports.write(judgement.result)
+            # The recordings take their place first: no fault in what comes after them throws them away.
+            with beside(results, _PARTS, _keep_recorded) as new, _naming_kept(new, results):
+                judgement = record(intake.folder, submission, rubric, new, options, follow, shared, watch)
+            with _naming_kept(results, results):
+                replace_files(_files_of(judgement, results, rubric))
+    with _naming_kept(results, results):
+        exports.write(judgement.result)
     return judgement.result
+
+
+@contextmanager
+def _naming_kept(folder: Path, results: Path) -> Iterator[None]:
+    """Where a stage fails once all is recorded in a folder, say that this is kept, and what goes on from there."""
+    try:
+        yield
+    except (Exception, KeyboardInterrupt) as error:
+        if not _is_recorded(folder / RECORDINGS):
+            raise
+        kept = f"The recordings are kept; `grade regrade {results}` goes on from there."
+        if isinstance(error, KeyboardInterrupt):
+            raise KeyboardInterrupt(kept) from error
+        told = described(error)
+        told.remedy = f"{told.remedy} {kept}".lstrip()
+        raise told from (error if told is not error else error.__cause__)
+
+
+def _is_recorded(recordings: Path) -> bool:
+    return recordings.is_dir() and not (recordings / _BEGUN).exists()
+
+
+def _keep_recorded(new: Path) -> bool:
+    """Whether all sessions were recorded; one that was being recorded again is as it was recorded before."""
+    recordings = new / RECORDINGS
+    if not _is_recorded(recordings):
+        return False
+    for aside in recordings.glob(f".*{_EARLIER}"):
+        _put_back(recordings, aside.name[1 : -len(_EARLIER)])
+    for partial in recordings.glob(f".*{_PARTIAL}"):
+        shutil.rmtree(partial, ignore_errors=True)
+    return True
 
 
 def _work(shared: Shared | None, watch: Stopwatch) -> Callable[[str], AbstractContextManager[None]]:
@@ -283,11 +317,6 @@ def record(
     -------
     Judgement
         What the last recordings were judged to be.
-
-    Raises
-    ------
-    JudgingError
-        If they cannot be judged; they are whole nevertheless.
     """
     from grader.evidence.elsewhere import modules_to_look_for
     from grader.live.cells import Progress, Sessions, types_in
@@ -333,6 +362,7 @@ def record(
             on_progress = watch.follow(on_progress)
             with watch.stage("sessions"):
                 sessions.record(chosen, on_progress, at_a_time=options.jobs if sessions.isolation.namespaces else None)
+            (recordings / _BEGUN).unlink()
             judging = _work(shared, watch)
             with judging("judging"):
                 judgement = judgement_of(recordings, rubric, options.overrides)
@@ -367,35 +397,6 @@ class Judgement:
     text: str
 
 
-def bounded_judging(works: Mapping[Path, Callable[[], T]], at_a_time: int = 1) -> Iterator[tuple[Path, T | Exception]]:
-    """Judge submissions, by the folders of their results, each in a process of its own with a bound.
-
-    Gives what comes of each as soon as it is there, or why nothing does.
-    """
-    for results, outcome in in_processes(works, JUDGING_BOUND, at_a_time):
-        if isinstance(outcome, Exception) and not isinstance(outcome, RecordingError):
-            outcome = _not_judged(outcome, results)
-        yield results, outcome
-
-
-def _not_judged(cause: BaseException | None, results: Path) -> JudgingError:
-    what = cause.problem if isinstance(cause, GraderError) else f"{type(cause).__name__}: {cause}"
-    remedy = (
-        f"The recordings are kept. `grade regrade {results}` judges them again, with --rubric by another rubric; "
-        "other submissions are not concerned. Report it with the recordings: no text of a student's may cause it."
-    )
-    error = JudgingError(f"the submission was recorded, but not judged: {what}", where=str(results), remedy=remedy)
-    error.__cause__ = cause
-    return error
-
-
-def _bounded(work: Callable[[], T], results: Path) -> T:
-    ((_, outcome),) = bounded_judging({results: work})
-    if isinstance(outcome, Exception):
-        raise outcome
-    return outcome
-
-
 def judgement_of(recordings: Path, rubric: Rubric, overrides: Overrides) -> Judgement:
     """Judge recordings in a process of its own.
 
@@ -403,8 +404,8 @@ def judgement_of(recordings: Path, rubric: Rubric, overrides: Overrides) -> Judg
     ------
     RecordingError
         If there is nothing to judge.
-    JudgingError
-        If judging fails, or takes more time or memory than it may.
+    BoundError
+        If judging takes more time or memory than it may.
     """
 
     def judged() -> Judgement:
@@ -413,18 +414,34 @@ def judgement_of(recordings: Path, rubric: Rubric, overrides: Overrides) -> Judg
         result = by_policy(by_rubric, recorded, rubric, overrides)
         return Judgement(by_rubric, result, report_page(result, recorded, rubric), result_json.render(result))
 
-    return _bounded(judged, recordings.parent)
+    return in_process(judged, JUDGING_BOUND)
 
 
-def _aside(recordings: Path, session: str) -> Path:
-    return recordings / f".{session}.earlier"
+def _aside(recordings: Path, session: str, suffix: str = _EARLIER) -> Path:
+    return recordings / f".{session}{suffix}"
 
 
 def set_aside(recordings: Path, sessions: Sequence[str]) -> None:
     """Keep recordings of sessions that are made again, beside those that take their places."""
     for session in (name for name in sessions if (recordings / name).is_dir()):
-        shutil.rmtree(_aside(recordings, session), ignore_errors=True)
-        shutil.copytree(recordings / session, _aside(recordings, session))
+        _forget(recordings, session)
+        partial = _aside(recordings, session, _PARTIAL)
+        shutil.copytree(recordings / session, partial)
+        partial.rename(_aside(recordings, session))
+
+
+def _put_back(recordings: Path, session: str) -> None:
+    shutil.rmtree(recordings / session, ignore_errors=True)
+    _aside(recordings, session).rename(recordings / session)
+
+
+def _forget(recordings: Path, session: str) -> None:
+    """Remove what was set aside; half of it is never there under its name."""
+    partial = _aside(recordings, session, _PARTIAL)
+    shutil.rmtree(partial, ignore_errors=True)
+    with suppress(FileNotFoundError):
+        _aside(recordings, session).rename(partial)
+    shutil.rmtree(partial, ignore_errors=True)
 
 
 def keep_clearer(
@@ -439,17 +456,14 @@ def keep_clearer(
     before : Judgement
         What the recordings were judged to be that were set aside.
     """
+    judgement = judgement_of(recordings, rubric, overrides)
+    after, earlier = judgement.by_rubric, before.by_rubric
     kept = [name for name in sessions if _aside(recordings, name).is_dir()]
-    try:
-        judgement = judgement_of(recordings, rubric, overrides)
-        after, earlier = judgement.by_rubric, before.by_rubric
-        worse = [name for name in kept if _undecided_points(after, name) > _undecided_points(earlier, name)]
-        for name in worse:
-            shutil.rmtree(recordings / name, ignore_errors=True)
-            _aside(recordings, name).rename(recordings / name)
-    finally:
-        for name in kept:
-            shutil.rmtree(_aside(recordings, name), ignore_errors=True)
+    worse = [name for name in kept if _undecided_points(after, name) > _undecided_points(earlier, name)]
+    for name in worse:
+        _put_back(recordings, name)
+    for name in kept:
+        _forget(recordings, name)
     return judgement_of(recordings, rubric, overrides) if worse else judgement
 
 
@@ -462,6 +476,7 @@ def _start_afresh(recordings: Path, submission: SubmissionRecord, rubric: Rubric
     """Remove what an earlier recording left, and begin with what was handed in."""
     shutil.rmtree(recordings, ignore_errors=True)
     recordings.mkdir(parents=True)
+    (recordings / _BEGUN).touch()
     write_submission(recordings, submission)
     (recordings / RUBRIC_COPY).write_text(rubric.text, encoding="utf-8")
 
@@ -487,8 +502,8 @@ def judge_results(results: Path, rubric: Rubric, overrides: Overrides | None = N
     ------
     RecordingError
         If there is nothing to judge.
-    JudgingError
-        If judging fails, or takes more time or memory than it may.
+    BoundError
+        If judging takes more time or memory than it may.
     """
     result, files = judged_files(results, rubric, overrides)
     replace_files(files)
@@ -541,7 +556,7 @@ def judge_so_far(results: Path) -> Result:
         criteria = [replace(c, checks=tuple(_not_yet_run(k, recordings) for k in c.checks)) for c in result.criteria]
         return replace(result, criteria=tuple(criteria))
 
-    return _bounded(judged, folder)
+    return in_process(judged, JUDGING_BOUND)
 
 
 def _not_yet_run(check: CheckResult, recordings: Recordings) -> CheckResult:

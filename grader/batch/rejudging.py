@@ -14,6 +14,7 @@ from pathlib import Path
 from grader import pipeline
 from grader.batch.audit import Occasion, note_replaced, read_result, text_of
 from grader.batch.order import NotGraded
+from grader.bounded import in_processes
 from grader.cohort.changes import Changes, changes_between
 from grader.cohort.overrides import Overrides
 from grader.errors import GraderError, RecordingError
@@ -178,7 +179,7 @@ def _judged(
 ) -> Iterator[tuple[str, Changes | NotGraded]]:
     """Judge each folder by its rubric, in any order."""
     works = {folder: partial(_judge, folder, measures[key], prepare) for folder, key in chosen.items()}
-    for folder, outcome in pipeline.bounded_judging(works, jobs or _cores()):
+    for folder, outcome in in_processes(works, pipeline.JUDGING_BOUND, jobs or _cores()):
         yield folder.name, NotGraded.from_error(outcome) if isinstance(outcome, Exception) else outcome
 
 

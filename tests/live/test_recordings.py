@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import fcntl
 import os
 import shutil
@@ -24,8 +25,7 @@ ROOT = Path(__file__).parents[2]
 sys.path.append(str(ROOT))
 
 from grader import pipeline  # noqa: E402
-from grader.bounded import Bound  # noqa: E402
-from grader.errors import JudgingError  # noqa: E402
+from grader.errors import BoundError  # noqa: E402
 from grader.evidence.recorded import Recorded  # noqa: E402
 from grader.judging import judge, open_recordings  # noqa: E402
 from grader.result import Outcome  # noqa: E402
@@ -196,8 +196,8 @@ def test_a_grading_whose_judging_fails_keeps_its_recordings(tmp_path: Path, monk
     (lab.results / pipeline.RESULT_FILE).write_text("of an earlier grading")
     options = pipeline.Options(Path(sys.executable))
     with monkeypatch.context() as small:
-        small.setattr(pipeline, "JUDGING_BOUND", Bound(cpu_s=30.0, wall_s=100.0, memory_bytes=4096))
-        with pytest.raises(JudgingError, match="recorded, but not judged") as caught:
+        small.setattr(pipeline, "JUDGING_BOUND", dataclasses.replace(pipeline.JUDGING_BOUND, memory_bytes=4096))
+        with pytest.raises(BoundError, match="judging the submission took more than") as caught:
             pipeline.grade(lab.submission, lab.rubric(), lab.results, options, lambda progress: None)
     assert f"grade regrade {lab.results}" in caught.value.remedy
     assert [path.name for path in lab.results.iterdir()] == [pipeline.RECORDINGS]
