@@ -281,11 +281,27 @@ def told(found: Diagnosis) -> str:
 def runs_elsewhere(context: Context, artifact: str, expected: str) -> Finding | None:
     """State that a program cannot be judged since it needs what is missing here, or None if it does not."""
     found = context.diagnosis(artifact)
-    reason = only_elsewhere(found, context.submission.texts)
+    reason = environment_gap(context, artifact, found)
     if found is None or reason is None:
         return None
     spot = Where(file=found.file, line=found.line) if found.file else context.where()
     return inconclusive(expected, told(found), reason, where=(spot,), retry=False)
+
+
+def environment_gap(context: Context, artifact: str, found: Diagnosis | None) -> str | None:
+    """Say what a program needs that is missing here, by how one of its runs ended; None if all runs do not end so.
+
+    What is missing is missing whenever the program runs, in whatever session.
+    """
+    reason = only_elsewhere(found, context.submission, context.path_of(artifact))
+    if found is None or reason is None:
+        return None
+    paths = [f.path for f in context.submission.files]
+    records = [recorded.record for recorded in context.sessions.values()]
+    runs = [run for record in records for run in record.processes if run.role == "student" and run.artifact == artifact]
+    ends = [explain(run.output, paths, run.interrupted_ns) for run in runs]
+    alike = all(end is not None and (end.kind, end.subject) == (found.kind, found.subject) for end in ends)
+    return reason if alike else None
 
 
 def why_nothing(context: Context, artifact: str, fallback: str) -> tuple[str, str, tuple[Where, ...]]:

@@ -15,6 +15,7 @@ from grader.checks.finding import (
     Parameters,
     Share,
     apart,
+    environment_gap,
     failed,
     graded,
     in_steps,
@@ -27,11 +28,11 @@ from grader.checks.finding import (
 )
 from grader.evidence.chance import clock_was_set, is_believed
 from grader.evidence.diagnosis import explain
-from grader.evidence.elsewhere import is_newer_python, only_elsewhere
+from grader.evidence.elsewhere import is_newer_python, missing_here
 from grader.evidence.launch_source import parameter_line
 from grader.evidence.recorded import Recorded
 from grader.evidence.timing import Timing, timing_of
-from grader.recording.plan import MalformedPlanError, Plan, Process
+from grader.recording.plan import MalformedPlanError, Plan, Problem, Process
 from grader.recording.session import ProcessRun
 from grader.result import Finding, Outcome, Where
 
@@ -73,7 +74,7 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
     where = (
         (Where(file=problem.file, line=problem.line),) if problem is not None and problem.file else (context.where(),)
     )
-    if plan.outcome == "not_assessable" and problem is not None:
+    if plan.outcome == "not_assessable" and problem is not None and not _is_made_up(problem, context):
         reason = "The grader cannot evaluate this launch file."
         return inconclusive(expected, problem.message, reason, where=where, retry=False)
     text = context.submission.texts.get(problem.file or "", "") if problem is not None else ""
@@ -91,6 +92,12 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
         where=where,
         notes=notes,
     )
+
+
+def _is_made_up(problem: Problem, context: Context) -> bool:
+    """Whether a module is said to be missing that the launch file does not import, or that is not missing here."""
+    said = problem.kind == "missing_module"
+    return said and missing_here(problem.module, problem.file or "", problem.line, context.submission) is None
 
 
 def _silent(plan: Plan) -> list[str]:
@@ -237,10 +244,14 @@ def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
         reasons.insert(0, f"{said} `ros2 launch` stops {at} and starts nothing.")
         hints = [str(noted["remedy"]) for noted in stopping] + hints
         spots = [Where(file=noted["file"], line=noted["line"]) for noted in stopping] + spots
+    measured = _in_the_graph(context, plan, mended_first=bool(stopping))
+    undecided = [j.undecided for j in judged if j.undecided]
+    if share + len(undecided) > max(0.0, share):
+        return inconclusive(expected, measured, " ".join(undecided), where=spots or (context.where(),), retry=False)
     return graded(
         max(0.0, share / len(p.nodes)),
         expected,
-        _in_the_graph(context, plan, mended_first=bool(stopping)),
+        measured,
         " ".join(reasons),
         hint=hints[0] if hints else "",
         where=spots or (context.where(),),
@@ -297,13 +308,14 @@ def _nothing_started(context: Context, plan: Plan | None, expected: str) -> Find
 
 @dataclass(frozen=True)
 class _JudgedNode:
-    """The share of one node, the reason for what is lost, and a note where somebody else charges for it."""
+    """The share of one node, why something is lost or undecided, and a note where another check charges for it."""
 
     share: float
     reason: str = ""
     note: str = ""
     hint: str = ""
     where: tuple[Where, ...] = ()
+    undecided: str = ""
 
 
 def _judge_node(context: Context, plan: Plan, wanted: WantedNode) -> _JudgedNode:
@@ -325,8 +337,8 @@ def _judge_node(context: Context, plan: Plan, wanted: WantedNode) -> _JudgedNode
         return _JudgedNode(1.0, note=note)
     if (charged := _charged_alone(context, entry, wanted.artifact)) is not None:
         return _JudgedNode(1.0, note=f"{wanted.node} ended as it does by itself, which is charged in {charged}.")
-    if (elsewhere := _why_only_elsewhere(context, entry)) is not None:
-        return _JudgedNode(1.0, note=f"{wanted.node} did not come up. {elsewhere}")
+    if (gap := _environment_gap(context, wanted, entry)) is not None:
+        return _JudgedNode(0.0, undecided=f"{wanted.node} did not come up. {gap}")
     if wanted.types_charged_by is not None and _declares_another_type(context, entry, wanted.types_charged_by):
         note = (
             f"{wanted.node} takes no value of the type that the lab asks for, as charged in {wanted.types_charged_by}."
@@ -408,10 +420,10 @@ def _why_down(context: Context, entry: Process, executable: str) -> _JudgedNode:
     return _JudgedNode(0.0, f"{executable} ended with status {run.exit_status}: {told(found)}", hint=hint, where=spot)
 
 
-def _why_only_elsewhere(context: Context, entry: Process) -> str | None:
+def _environment_gap(context: Context, wanted: WantedNode, entry: Process) -> str | None:
     run = context.session.process(entry.id)
     found = explain(run.output, [f.path for f in context.submission.files]) if run is not None else None
-    return only_elsewhere(found, context.submission.texts)
+    return environment_gap(context, wanted.artifact, found)
 
 
 def _declares_another_type(context: Context, entry: Process, charged_by: str) -> bool:

@@ -230,16 +230,41 @@ def test_why_a_node_is_down_is_told(tmp_path: Path, run: dict[str, Any] | None, 
     assert words in nodes(session).reason
 
 
-def test_a_node_that_lacks_a_library_here_is_noted(tmp_path: Path) -> None:
-    """A node that needs what is not installed is undecided in its own criterion, and no fault of the launch file."""
+ENDED: dict[str, Any] = {"exited_ns": at(2.0), "interrupted_ns": None, "ended_by": "itself", "exit_status": 1}
+MISSING = ["Traceback (most recent call last):", '  File "/ws/src/it.py", line 1, in <module>']
+MISSING.append("ModuleNotFoundError: No module named 'matplotlib'")
+
+
+@pytest.mark.parametrize(
+    ("source", "up", "outcome"),
+    [
+        ("import matplotlib\n", ["/listener"], Outcome.INCONCLUSIVE),
+        ("import matplotlib\n", [], Outcome.INCONCLUSIVE),
+        ("raise SystemExit\n", ["/listener"], Outcome.PARTIAL),
+    ],
+)
+def test_a_node_that_lacks_a_library_here_is_for_a_person(
+    tmp_path: Path, source: str, up: list[str], outcome: Outcome
+) -> None:
+    """A node that needs what is not installed earns nothing before a person has decided; one that says so, nothing."""
     session = planned(Session(tmp_path), processes=[entry("talk", "talker"), entry("listen", "listener")])
-    lines = ["Traceback (most recent call last):", '  File "/ws/src/it.py", line 1, in <module>']
-    lines.append("ModuleNotFoundError: No module named 'matplotlib'")
-    ended: dict[str, Any] = {"exited_ns": at(2.0), "interrupted_ns": None, "ended_by": "itself", "exit_status": 1}
-    session.process("talk-1", lines, artifact=None, **ended)
-    finding = nodes(session.node("/listener"))
-    assert finding.outcome is Outcome.PASSED
-    assert "needs matplotlib" in finding.notes[0]
+    session.process("talk-1", MISSING, artifact=None, **ENDED)
+    for node in up:
+        session.node(node)
+    finding = nodes(session, submission({"it.py": source}))
+    assert finding.outcome is outcome
+    assert ("needs matplotlib" in finding.reason) == (outcome is Outcome.INCONCLUSIVE)
+
+
+@pytest.mark.parametrize(
+    ("source", "outcome"), [("import xacro\n", Outcome.INCONCLUSIVE), ("raise ImportError\n", Outcome.FAILED)]
+)
+def test_a_launch_file_lacks_only_what_it_imports(tmp_path: Path, source: str, outcome: Outcome) -> None:
+    """That a module is missing is believed of a launch file whose source imports it at that line."""
+    problem = {"kind": "missing_module", "message": "m", "file": "it.py", "line": 1, "module": "xacro"}
+    session = planned(Session(tmp_path), outcome="not_assessable", problem=problem)
+    finding = judged("launch_loads", {"artifact": "it", "step": "plan"}, session, submission({"it.py": source}))
+    assert finding.outcome is outcome
 
 
 def died_of(given: str, declared: str, value: str) -> dict[str, Any]:
@@ -593,7 +618,7 @@ CRASHED = [
     '  File "/ws/src/it.py", line 9, in tick',
     "ZeroDivisionError: by zero",
 ]
-ENDED: dict[str, Any] = {"interrupted_ns": None, "ended_by": "itself", "exit_status": 1}
+FELL: dict[str, Any] = {"interrupted_ns": None, "ended_by": "itself", "exit_status": 1}
 
 
 @pytest.mark.parametrize(
@@ -607,9 +632,9 @@ def test_the_same_end_as_alone_is_charged_once(
     """A node that ends of the same line as in its own session costs nothing more, if a check there charged it."""
     alone = Session(tmp_path, "alone")
     lines = [CRASHED[0], CRASHED[1].replace("9", str(alone_line)), CRASHED[2]] if alone_line else []
-    alone.process("it", lines, **(ENDED if alone_line else {}))
+    alone.process("it", lines, **(FELL if alone_line else {}))
     session = planned(Session(tmp_path), processes=BOTH).node("/talker").node("/listener")
-    session.process("talk-1", CRASHED, artifact=None, **ENDED)
+    session.process("talk-1", CRASHED, artifact=None, **FELL)
     rate = failed("", "", "", where=[Where(file="it.py", line=alone_line)]) if charged else passed("", "")
     findings = {"talk.rate": rate, "talk.publishes": passed("", "")}
     finding = judged("launch_nodes", NODES, session, findings=findings, others={"alone": alone.recorded()})
@@ -620,7 +645,7 @@ def test_the_same_end_as_alone_is_charged_once(
 def test_nodes_that_did_not_stay_are_shown_so(tmp_path: Path) -> None:
     """What was measured is not what was expected: a node that ended is told apart from one that stayed."""
     session = planned(Session(tmp_path), processes=BOTH).node("/talker").node("/listener")
-    finding = nodes(session.process("talk-1", CRASHED, artifact=None, exited_ns=at(1.6), **ENDED))
+    finding = nodes(session.process("talk-1", CRASHED, artifact=None, exited_ns=at(1.6), **FELL))
     assert finding.expected == "/talker, /listener"
     assert finding.measured == "/talker (ended after 1.5 s with status 1), /listener"
 

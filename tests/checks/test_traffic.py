@@ -113,14 +113,41 @@ def test_a_silent_publisher_fails_and_its_exception_is_told(tmp_path: Path) -> N
     assert (finding.where[0].file, finding.where[0].line) == ("it.py", 9)
 
 
-def test_a_library_that_is_missing_here_is_for_a_person_to_decide(tmp_path: Path) -> None:
-    """A node that ended since the grader lacks a library is undecided, and not run again for it."""
+def missing(tmp_path: Path, session: str, module: str) -> Session:
+    """Give a session in which a program ended at an import in its second line."""
     lines = ["Traceback (most recent call last):", '  File "/ws/src/it.py", line 2, in <module>']
-    for name, outcome in (("matplotlib", Outcome.INCONCLUSIVE), ("my_helpers", Outcome.FAILED)):
-        session = Session(tmp_path, name)
-        session.process("it", [*lines, f"ModuleNotFoundError: No module named '{name}'"], interrupted_ns=None)
-        finding = judged("topic_published", PUBLISHED, session)
-        assert finding.outcome is outcome
+    lines.append(f"ModuleNotFoundError: No module named '{module}'")
+    return Session(tmp_path, session).process("it", lines, interrupted_ns=None)
+
+
+@pytest.mark.parametrize(
+    ("source", "module", "outcome"),
+    [
+        ("\nimport matplotlib\n", "matplotlib", Outcome.INCONCLUSIVE),
+        ("\nfrom matplotlib import (\n    pyplot,\n)\n", "matplotlib", Outcome.INCONCLUSIVE),
+        ("\nimport my_helpers\n", "my_helpers", Outcome.FAILED),
+        ("\nprint('Traceback ...')\nimport matplotlib\n", "matplotlib", Outcome.FAILED),
+        ("\nraise ModuleNotFoundError('matplotlib')\n", "matplotlib", Outcome.FAILED),
+        ("\nimport numpy\n", "numpy", Outcome.FAILED),
+    ],
+)
+def test_a_library_that_is_missing_here_is_for_a_person_to_decide(
+    tmp_path: Path, source: str, module: str, outcome: Outcome
+) -> None:
+    """A node that ended at the import of what the grader lacks is undecided; one that only says so has failed."""
+    record = submission({"it.py": source})
+    record.absent_modules = ["matplotlib"]
+    finding = judged("topic_published", PUBLISHED, missing(tmp_path, "a", module), record)
+    assert finding.outcome is outcome
+    assert not finding.retry or outcome is Outcome.FAILED
+
+
+def test_what_is_missing_is_missing_in_every_run(tmp_path: Path) -> None:
+    """A program that ran on in another session did not lack the library there, nor here."""
+    record = submission({"it.py": "\nimport matplotlib\n"})
+    other = Session(tmp_path, "b").process("it", ["all is well"]).recorded()
+    finding = judged("topic_published", PUBLISHED, missing(tmp_path, "a", "matplotlib"), record, others={"b": other})
+    assert finding.outcome is Outcome.FAILED
 
 
 def test_a_timer_that_waits_for_a_clock_is_told(tmp_path: Path) -> None:
