@@ -55,6 +55,7 @@ OWN_ANSWERS = {
     "a command of xacro, which is not here",
     "the path of ros2, which is not here",
     "a launch from inside the file",
+    "XML: an action of which it is not known since when it is there",
     "a module beside the launch file, where Python does not look",
     "a Python package that its ROS package does not install",
     "a function that yields without end",
