@@ -11,7 +11,7 @@ import shutil
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from pathlib import Path
@@ -26,6 +26,7 @@ from grader.errors import PlatformError, RecordingError, RubricError, UsageError
 from grader.exporting import ExportTarget
 from grader.intake import Handed, Intake, taken_in
 from grader.judging import Recordings, judge, open_recordings
+from grader.recording.session import read_session, write_session
 from grader.recording.submission import SubmissionRecord, write_submission
 from grader.replacing import UNFINISHED, beside, replace_file, replace_files
 from grader.report import json as result_json
@@ -364,11 +365,21 @@ def keep_clearer(
     kept = [name for name in sessions if _aside(recordings, name).is_dir()]
     worse = [name for name in kept if _undecided_points(judged[1], name) > _undecided_points(before, name)]
     for name in worse:
+        times = judged[0].sessions[name].record.times_recorded if name in judged[0].sessions else 0
         shutil.rmtree(recordings / name, ignore_errors=True)
         _aside(recordings, name).rename(recordings / name)
+        _note_attempts(recordings / name, times)
     for name in kept:
         shutil.rmtree(_aside(recordings, name), ignore_errors=True)
     return _judged(recordings, rubric) if worse else judged
+
+
+def _note_attempts(folder: Path, times: int) -> None:
+    """Note in a recording how often its session was recorded."""
+    with suppress(OSError, ValueError):
+        record = read_session(folder)
+        record.attempts = max(record.attempts, times)
+        write_session(folder, record)
 
 
 def _undecided_points(result: Result, session: str) -> Decimal:

@@ -187,4 +187,5 @@ def test_a_recording_that_leaves_more_undecided_does_not_take_the_place_of_anoth
     recorded, result = pipeline.keep_clearer(recordings, rubric, ["publisher", "not recorded"], before)
     assert result.score == before.score
     assert recorded.sessions["publisher"].record.attempt == kept
+    assert recorded.sessions["publisher"].record.times_recorded == 2
     assert not list(recordings.glob(".*"))

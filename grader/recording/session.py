@@ -284,6 +284,8 @@ class SessionRecord:
         False while it runs, and if the grader was stopped in the midst of it.
     attempt : int
         1 for the first recording, more where an earlier one left something undecided.
+    attempts : int
+        How often the session was recorded in all, where this recording was kept of several; see `times_recorded`.
     problems : list of str
         The grader's own troubles (a reference node that died, a bag that had to be recovered).
         They make findings inconclusive, never failed.
@@ -303,6 +305,7 @@ class SessionRecord:
     schema: str = SESSION_SCHEMA
     seed: int = 0
     attempt: int = 1
+    attempts: int = 0
     started_ns: int = 0
     ended_ns: int = 0
     complete: bool = False
@@ -319,6 +322,11 @@ class SessionRecord:
     trusted: list[Trusted] = field(default_factory=list)
     published: list[Published] = field(default_factory=list)
     unrecorded: list[Unrecorded] = field(default_factory=list)
+
+    @property
+    def times_recorded(self) -> int:
+        """How often the session was recorded, as far as is known."""
+        return max(self.attempt, self.attempts)
 
 
 def write_session(folder: Path, record: SessionRecord) -> None:
