@@ -22,7 +22,7 @@ from grader.checks import PARAMETERS_OF
 from grader.cohort.adjustments import adjust
 from grader.cohort.entries import ClassEntry
 from grader.cohort.overrides import OVERRIDES_FILE, Overrides, load_overrides, moment_of
-from grader.errors import PlatformError, RecordingError, RubricError, UsageError
+from grader.errors import PlatformError, RecordingError, RubricError, UsageError, described
 from grader.exporting import ExportTarget
 from grader.intake import Handed, Intake, taken_in
 from grader.judging import Recordings, judge, open_recordings
@@ -45,6 +45,12 @@ RESULT_FILE = "result.json"
 REPORT_FILE = "report.html"
 CLASS_PAGE = "index.html"
 GRADES_FILE = "grades.csv"
+#: What a grading makes, the file that says that it is whole last.
+_PARTS = (RUBRIC_COPY, RECORDINGS, REPORT_FILE, RESULT_FILE)
+#: Among recordings: stands there until all sessions have been recorded.
+_BEGUN = ".begun"
+#: Among recordings: one that is made again, and a copy that is being made or removed.
+_EARLIER, _PARTIAL = ".earlier", ".partial"
 #: How often a session whose checks are undecided is recorded again, alone.
 RETRIES = 2
 
@@ -215,7 +221,7 @@ def grade(
     handed : Handed, Path or Intake
         The submission: a folder, an archive, what `grader.batch.found` made of more, or what was taken in already.
     results : Path
-        Folder of this submission's results. Those of an earlier grading stay until all of the new ones are there.
+        Folder of this submission's results. Those of an earlier grading stay until all sessions have been recorded.
     shared : Shared, optional
         What other submissions on this machine have to do with it.
     watch : Stopwatch, optional
@@ -224,7 +230,7 @@ def grade(
     Raises
     ------
     GraderError
-        If no fair score exists; nothing is written then.
+        If no fair score exists; no result is written then. Once all is recorded, the recordings are kept.
     """
     from grader.live.scratch import scratch_prefix
     from grader.live_exports import LiveExports
@@ -239,12 +245,46 @@ def grade(
         submission.sessions = list(options.sessions) if options.sessions is not None else None
         with LiveExports(options.exports, results, options.path_prefix) as exports:
             follow = exports.follow(on_progress)
-            with beside(results, (RUBRIC_COPY, RECORDINGS, REPORT_FILE, RESULT_FILE)) as new:
+            # The recordings take their place first: no fault in what comes after them throws them away.
+            with beside(results, _PARTS, _keep_recorded) as new, _naming_kept(new, results):
                 judged = record(intake.folder, submission, rubric, new, options, follow, shared, watch)
-                with _work(shared, watch)("judging"):
-                    result = judge_results(new, rubric, options.overrides, judged, watch)
-    exports.write(result)
+            with _naming_kept(results, results), _work(shared, watch)("judging"):
+                result = judge_results(results, rubric, options.overrides, judged, watch)
+    with _naming_kept(results, results):
+        exports.write(result)
     return result
+
+
+@contextmanager
+def _naming_kept(folder: Path, results: Path) -> Iterator[None]:
+    """Where a stage fails once all is recorded in a folder, say that this is kept, and what goes on from there."""
+    try:
+        yield
+    except (Exception, KeyboardInterrupt) as error:
+        if not _is_recorded(folder / RECORDINGS):
+            raise
+        kept = f"The recordings are kept; `grade regrade {results}` goes on from there."
+        if isinstance(error, KeyboardInterrupt):
+            raise KeyboardInterrupt(kept) from error
+        told = described(error)
+        told.remedy = f"{told.remedy} {kept}".lstrip()
+        raise told from (error if told is not error else error.__cause__)
+
+
+def _is_recorded(recordings: Path) -> bool:
+    return recordings.is_dir() and not (recordings / _BEGUN).exists()
+
+
+def _keep_recorded(new: Path) -> bool:
+    """Whether all sessions were recorded; one that was being recorded again is as it was recorded before."""
+    recordings = new / RECORDINGS
+    if not _is_recorded(recordings):
+        return False
+    for aside in recordings.glob(f".*{_EARLIER}"):
+        _put_back(recordings, aside.name[1 : -len(_EARLIER)])
+    for partial in recordings.glob(f".*{_PARTIAL}"):
+        shutil.rmtree(partial, ignore_errors=True)
+    return True
 
 
 def _work(shared: Shared | None, watch: Stopwatch) -> Callable[[str], AbstractContextManager[None]]:
@@ -319,6 +359,7 @@ def record(
             on_progress = watch.follow(on_progress)
             with watch.stage("sessions"):
                 sessions.record(chosen, on_progress, at_a_time=options.jobs if sessions.isolation.namespaces else None)
+            (recordings / _BEGUN).unlink()
             judging = _work(shared, watch)
             with judging("judging"):
                 judged = _judged(recordings, rubric)
@@ -338,15 +379,31 @@ def _judged(recordings: Path, rubric: Rubric) -> tuple[Recordings, Result]:
     return recorded, judge(recorded, rubric)
 
 
-def _aside(recordings: Path, session: str) -> Path:
-    return recordings / f".{session}.earlier"
+def _aside(recordings: Path, session: str, suffix: str = _EARLIER) -> Path:
+    return recordings / f".{session}{suffix}"
 
 
 def set_aside(recordings: Path, sessions: Sequence[str]) -> None:
     """Keep recordings of sessions that are made again, beside those that take their places."""
     for session in (name for name in sessions if (recordings / name).is_dir()):
-        shutil.rmtree(_aside(recordings, session), ignore_errors=True)
-        shutil.copytree(recordings / session, _aside(recordings, session))
+        _forget(recordings, session)
+        partial = _aside(recordings, session, _PARTIAL)
+        shutil.copytree(recordings / session, partial)
+        partial.rename(_aside(recordings, session))
+
+
+def _put_back(recordings: Path, session: str) -> None:
+    shutil.rmtree(recordings / session, ignore_errors=True)
+    _aside(recordings, session).rename(recordings / session)
+
+
+def _forget(recordings: Path, session: str) -> None:
+    """Remove what was set aside; half of it is never there under its name."""
+    partial = _aside(recordings, session, _PARTIAL)
+    shutil.rmtree(partial, ignore_errors=True)
+    with suppress(FileNotFoundError):
+        _aside(recordings, session).rename(partial)
+    shutil.rmtree(partial, ignore_errors=True)
 
 
 def keep_clearer(
@@ -366,11 +423,10 @@ def keep_clearer(
     worse = [name for name in kept if _undecided_points(judged[1], name) > _undecided_points(before, name)]
     for name in worse:
         times = judged[0].sessions[name].record.times_recorded if name in judged[0].sessions else 0
-        shutil.rmtree(recordings / name, ignore_errors=True)
-        _aside(recordings, name).rename(recordings / name)
+        _put_back(recordings, name)
         _note_attempts(recordings / name, times)
     for name in kept:
-        shutil.rmtree(_aside(recordings, name), ignore_errors=True)
+        _forget(recordings, name)
     return _judged(recordings, rubric) if worse else judged
 
 
@@ -391,6 +447,7 @@ def _start_afresh(recordings: Path, submission: SubmissionRecord, rubric: Rubric
     """Remove what an earlier recording left, and begin with what was handed in."""
     shutil.rmtree(recordings, ignore_errors=True)
     recordings.mkdir(parents=True)
+    (recordings / _BEGUN).touch()
     write_submission(recordings, submission)
     (recordings / RUBRIC_COPY).write_text(rubric.text, encoding="utf-8")
 
