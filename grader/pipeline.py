@@ -422,19 +422,18 @@ def keep_clearer(
     kept = [name for name in sessions if _aside(recordings, name).is_dir()]
     worse = [name for name in kept if _undecided_points(judged[1], name) > _undecided_points(before, name)]
     for name in worse:
-        times = judged[0].sessions[name].record.times_recorded if name in judged[0].sessions else 0
         _put_back(recordings, name)
-        _note_attempts(recordings / name, times)
+        _note_attempt(recordings / name)
     for name in kept:
         _forget(recordings, name)
     return _judged(recordings, rubric) if worse else judged
 
 
-def _note_attempts(folder: Path, times: int) -> None:
-    """Note in a recording how often its session was recorded."""
+def _note_attempt(folder: Path) -> None:
+    """Note in a recording that is kept that its session was recorded once more."""
     with suppress(OSError, ValueError):
         record = read_session(folder)
-        record.attempts = max(record.attempts, times)
+        record.attempts = record.times_recorded + 1
         write_session(folder, record)
 
 

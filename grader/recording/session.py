@@ -56,12 +56,15 @@ class MachineSample:
         Time that the host of a virtual machine took from its cores since boot, all cores together.
     waiting_us : int or None
         Time since boot in which some process waited for a core (pressure stall information), where it is readable.
+    idle_ns : dict
+        Number of each core -> time since boot in which nothing ran on it.
     """
 
     t_ns: int
     clock_offset_ns: int
     stolen_ns: int = 0
     waiting_us: int | None = None
+    idle_ns: dict[str, int] = field(default_factory=dict)
 
 
 @dataclass
@@ -85,6 +88,8 @@ class ProcessRun:
         (their number) or "output".
     usage : list of Usage
         Samples over time: CPU time used, and time ready to run but without a core, of all threads together.
+    core, held_ns : int or None
+        The core to which it is held, and since when.
     """
 
     name: str
@@ -100,6 +105,8 @@ class ProcessRun:
     output_dropped_bytes: int = 0
     usage: list[Usage] = field(default_factory=list)
     limit: str | None = None
+    core: int | None = None
+    held_ns: int | None = None
 
 
 @dataclass
