@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from grader.checks.finding import apart
 from grader.recording.session import Usage
 from grader.result import Finding, Outcome
 from tests.synthetic import BEST_EFFORT, FLOATS, RELIABLE, Session, at, evenly, judged, submission
@@ -623,3 +624,36 @@ def test_what_a_node_makes_up_for_in_the_window_may_be_the_machines(
     session = published(tmp_path, times).delayed("it", delay_s, 1.0)
     session.record.processes[0].usage.append(Usage(at(8.0), 0, round(delay_s * 1e9)))
     assert judged("topic_rate", RATE, session).outcome is outcome
+
+
+# -- numbers that agree with their verdict ---------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("value", "limits", "places", "text"),
+    [
+        (99.96, (100.0,), 1, "99.96"),
+        (100.0, (100.0,), 1, "100.0"),
+        (2.0004, (2.0,), 2, "2.0004"),
+        (59.7, (60.0, 10.0), 0, "59.7"),
+        (1.0, (2.0,), 0, "1"),
+        (1 / 3, (1 / 3 + 1e-13,), 2, "0.33"),
+    ],
+)
+def test_a_number_reads_on_its_own_side_of_a_limit(
+    value: float, limits: tuple[float, ...], places: int, text: str
+) -> None:
+    """So many decimal places are shown that number and verdict agree; what is equal is shown as short as any."""
+    assert apart(value, *limits, places=places) == text
+
+
+def test_a_rate_that_just_fails_does_not_read_as_the_one_wanted(tmp_path: Path) -> None:
+    """A rubric may be stricter than the digits that are usually shown."""
+    session = Session(tmp_path).messages("/t", [[0.0]] * 601, evenly(99.97, 6.0)[:601])
+    session.window(1.0, 7.0)
+    strict = {"topic": "/t", "process": "it", "window": "window", "rate_hz": 100, "full_within": "0.01%"}
+    finding = judged("topic_rate", {**strict, "zero_beyond": "0.02%"}, session)
+    assert finding.outcome is Outcome.FAILED
+    assert "± 0.01%" in finding.expected
+    assert "100.0 Hz" not in finding.reason
+    assert " 0.0%" not in finding.reason
