@@ -8,13 +8,17 @@ and the result says so in a note for a person: the pattern is as likely to blame
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
+from typing import TypeVar
 
 import regex
+
+T = TypeVar("T")
+Match = regex.Match
 
 #: What the patterns of a check, or of a page's figures, may take of computing. Over the recordings that are kept for
 #: tests, all patterns of a submission take 0.02 s together.
@@ -64,12 +68,21 @@ def compiled(pattern: str, *, ignore_case: bool = False) -> regex.Pattern[str]:
 
 def search(pattern: str, text: str, *, ignore_case: bool = False) -> regex.Match[str] | None:
     """Return where a pattern of the rubric is found first; None where it is not, or no time is left to look."""
+    return _within_budget(compiled(pattern, ignore_case=ignore_case).search, text)
+
+
+def without(pattern: str, text: str) -> tuple[str, int]:
+    """Return a text with a blank for each place where a pattern is found, and how many these are."""
+    return _within_budget(partial(compiled(pattern).subn, " "), text) or (text, 0)
+
+
+def _within_budget(look: Callable[..., T], text: str) -> T | None:
     budget = _CURRENT.get() or Budget()
     if budget.left_s <= 0:
         return None
     began_s = time.process_time()  # Of this process, so that a busy machine changes nothing.
     try:
-        return compiled(pattern, ignore_case=ignore_case).search(text, timeout=budget.left_s)
+        return look(text, timeout=budget.left_s)
     except TimeoutError:
         budget.exceeded = True
         return None
