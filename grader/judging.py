@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -27,7 +26,7 @@ from grader.evidence.recorded import Recorded, Span
 from grader.evidence.unrecorded import limits_hit, missing, sentence_on
 from grader.recording.session import SESSION_FILE
 from grader.recording.submission import SubmissionRecord, read_submission
-from grader.result import CriterionResult, Finding, Outcome, Result, Violation
+from grader.result import CriterionResult, Finding, Outcome, Provenance, Result, SessionProvenance, Violation
 from grader.rubric import CheckSpec, Rubric
 from grader.score import score_criteria, total
 
@@ -278,12 +277,12 @@ def _advisories(recordings: Recordings, criteria: tuple[CriterionResult, ...]) -
             found.append(f"{fact.path} was taken for {fact.expected}.")
     for package in recordings.submission.packages:
         found += [f"Package {package.name}: {p}" for p in package.problems]
-    found += [note for c in criteria for check in c.checks for note in check.finding.notes]
+    found += [note for c in criteria for check in c.checks for note in check.notes]
     return tuple(dict.fromkeys(found))
 
 
-def _provenance(recordings: Recordings, rubric: Rubric) -> dict[str, Any]:
-    sessions = {}
+def _provenance(recordings: Recordings, rubric: Rubric) -> Provenance:
+    sessions: dict[str, SessionProvenance] = {}
     for name, recorded in recordings.sessions.items():
         record = recorded.record
         sessions[name] = {
