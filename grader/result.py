@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from decimal import Decimal
 from enum import Enum
 from functools import cache
@@ -228,7 +228,9 @@ class CheckResult:
     @classmethod
     def of(cls, finding: Finding, **known: Any) -> CheckResult:
         """Return a finding with what it does not say: the check's id, title and session, and its points."""
-        return cls(**vars(finding), **known)
+        judged = {field.name for field in fields(cls)}
+        found = {name: value for name, value in vars(finding).items() if name in judged}
+        return cls(**found, **known)
 
     @property
     def lost(self) -> Decimal:
