@@ -22,6 +22,7 @@ import yaml
 
 import grader
 from grader import kept_lab
+from grader.bounded import Bound, in_process
 from grader.checks import PARAMETERS_OF
 from grader.cohort.adjustments import adjust
 from grader.cohort.entries import ClassEntry
@@ -56,6 +57,9 @@ _BEGUN = ".begun"
 _EARLIER, _PARTIAL = ".earlier", ".partial"
 #: How often a session whose checks are undecided is recorded again, alone.
 RETRIES = 2
+#: What judging one submission may take. The solution takes 0.25 s and 0.1 GiB on a core of today; more than a hundred
+#: times that is no fair wait. In a class, a piece of work is given up after 120 s in any case (`batch.supervised`).
+JUDGING_BOUND = Bound(what="judging the submission", cpu_s=30.0, wall_s=100.0, memory_bytes=2 * 1024**3)
 
 
 @dataclass(frozen=True)
@@ -312,12 +316,12 @@ def grade(
             follow = exports.follow(on_progress)
             # The recordings take their place first: no fault in what comes after them throws them away.
             with beside(results, _PARTS, _keep_recorded) as new, _naming_kept(new, results):
-                judged = record(intake.folder, submission, rubric, new, options, follow, shared, watch)
-            with _naming_kept(results, results), _work(shared, watch)("judging"):
-                result = judge_results(results, rubric, options.overrides, judged, watch)
+                judgement = record(intake.folder, submission, rubric, new, options, follow, shared, watch)
+            with _naming_kept(results, results):
+                replace_files(_files_of(judgement, results, rubric))
     with _naming_kept(results, results):
-        exports.write(result)
-    return result
+        exports.write(judgement.result)
+    return judgement.result
 
 
 @contextmanager
@@ -372,13 +376,13 @@ def record(
     on_progress: Callable[..., None],
     shared: Shared | None = None,
     watch: Stopwatch | None = None,
-) -> tuple[Recordings, Result]:
+) -> Judgement:
     """Run the live half: stage, isolate, run the sessions, and again those whose checks are undecided.
 
     Returns
     -------
-    tuple
-        The last recordings, and what they were judged to be.
+    Judgement
+        What the last recordings were judged to be.
     """
     from grader.evidence.elsewhere import modules_to_look_for
     from grader.live.cells import Progress, Sessions, types_in
@@ -427,21 +431,56 @@ def record(
             (recordings / _BEGUN).unlink()
             judging = _work(shared, watch)
             with judging("judging"):
-                judged = _judged(recordings, rubric)
+                judgement = judgement_of(recordings, rubric, options.overrides)
             for attempt in range(2, RETRIES + 2):
-                if not (undecided := undecided_sessions(judged[1], chosen)):
+                if not (undecided := undecided_sessions(judgement.by_rubric, chosen)):
                     break
                 set_aside(recordings, undecided)
                 with watch.stage(f"sessions again, attempt {attempt}"):
                     replace(sessions, attempt=attempt).record(undecided, on_progress, at_a_time=1)
                 with judging("judging"):
-                    judged = keep_clearer(recordings, rubric, undecided, judged[1])
-    return judged
+                    judgement = keep_clearer(recordings, rubric, undecided, judgement, options.overrides)
+    return judgement
 
 
-def _judged(recordings: Path, rubric: Rubric) -> tuple[Recordings, Result]:
-    recorded = open_recordings(recordings, rubric)
-    return recorded, judge(recorded, rubric)
+@dataclass(frozen=True)
+class Judgement:
+    """What recordings were judged to be.
+
+    Attributes
+    ----------
+    by_rubric : Result
+        By the rubric alone.
+    result : Result
+        With the points that people and the rubric's policy make of it.
+    page, text : str
+        The report and `result.json`.
+    """
+
+    by_rubric: Result
+    result: Result
+    page: str
+    text: str
+
+
+def judgement_of(recordings: Path, rubric: Rubric, overrides: Overrides) -> Judgement:
+    """Judge recordings in a process of its own.
+
+    Raises
+    ------
+    RecordingError
+        If there is nothing to judge.
+    BoundError
+        If judging takes more time or memory than it may.
+    """
+
+    def judged() -> Judgement:
+        recorded = open_recordings(recordings, rubric)
+        by_rubric = judge(recorded, rubric)
+        result = by_policy(by_rubric, recorded, rubric, overrides)
+        return Judgement(by_rubric, result, report_page(result, recorded, rubric), result_json.render(result))
+
+    return in_process(judged, JUDGING_BOUND)
 
 
 def _aside(recordings: Path, session: str, suffix: str = _EARLIER) -> Path:
@@ -472,25 +511,26 @@ def _forget(recordings: Path, session: str) -> None:
 
 
 def keep_clearer(
-    recordings: Path, rubric: Rubric, sessions: Sequence[str], before: Result
-) -> tuple[Recordings, Result]:
+    recordings: Path, rubric: Rubric, sessions: Sequence[str], before: Judgement, overrides: Overrides
+) -> Judgement:
     """Judge sessions that were recorded again, and put a recording back that was set aside if it left less undecided.
 
     On a machine that is busier the second time, what was decided before must not become undecided.
 
     Parameters
     ----------
-    before : Result
+    before : Judgement
         What the recordings were judged to be that were set aside.
     """
-    judged = _judged(recordings, rubric)
+    judgement = judgement_of(recordings, rubric, overrides)
+    after, earlier = judgement.by_rubric, before.by_rubric
     kept = [name for name in sessions if _aside(recordings, name).is_dir()]
-    worse = [name for name in kept if _undecided_points(judged[1], name) > _undecided_points(before, name)]
+    worse = [name for name in kept if _undecided_points(after, name) > _undecided_points(earlier, name)]
     for name in worse:
         _put_back(recordings, name)
     for name in kept:
         _forget(recordings, name)
-    return _judged(recordings, rubric) if worse else judged
+    return judgement_of(recordings, rubric, overrides) if worse else judgement
 
 
 def _undecided_points(result: Result, session: str) -> Decimal:
@@ -517,13 +557,7 @@ def undecided_sessions(result: Result, chosen: Sequence[str]) -> list[str]:
     return [session for session in chosen if session in undecided]
 
 
-def judge_results(
-    results: Path,
-    rubric: Rubric,
-    overrides: Overrides | None = None,
-    judged: tuple[Recordings, Result] | None = None,
-    watch: Stopwatch | None = None,
-) -> Result:
+def judge_results(results: Path, rubric: Rubric, overrides: Overrides | None = None) -> Result:
     """Run the judging half on a results folder and write `result.json` and `report.html`.
 
     The rubric is kept with them, if it is another than the submission was recorded with.
@@ -532,35 +566,30 @@ def judge_results(
     ----------
     overrides : Overrides, optional
         What people decided about single submissions.
-    judged : tuple, optional
-        The folder's recordings and their result, as `record` returns them.
-    watch : Stopwatch, optional
-        Told what takes its time.
 
     Raises
     ------
     RecordingError
         If there is nothing to judge.
+    BoundError
+        If judging takes more time or memory than it may.
     """
-    result, files = judged_files(results, rubric, overrides, judged, watch)
+    result, files = judged_files(results, rubric, overrides)
     replace_files(files)
     return result
 
 
 def judged_files(
-    results: Path,
-    rubric: Rubric,
-    overrides: Overrides | None = None,
-    judged: tuple[Recordings, Result] | None = None,
-    watch: Stopwatch | None = None,
+    results: Path, rubric: Rubric, overrides: Overrides | None = None
 ) -> tuple[Result, dict[Path, str | None]]:
     """Do as `judge_results`, but hand out what is to be written, by its place."""
-    recordings = judged[0] if judged is not None else open_recordings(results / RECORDINGS, rubric)
-    result = judged[1] if judged is not None else judge(recordings, rubric)
-    result = by_policy(result, recordings, rubric, overrides or Overrides())
-    with (watch or Stopwatch()).stage("report"):
-        page, text = report_page(result, recordings, rubric), result_json.render(result)
-    return result, {**_rubric_of_result(results, rubric), results / REPORT_FILE: page, results / RESULT_FILE: text}
+    judgement = judgement_of(results / RECORDINGS, rubric, overrides or Overrides())
+    return judgement.result, _files_of(judgement, results, rubric)
+
+
+def _files_of(judgement: Judgement, results: Path, rubric: Rubric) -> dict[Path, str | None]:
+    page, text = judgement.page, judgement.text
+    return {**_rubric_of_result(results, rubric), results / REPORT_FILE: page, results / RESULT_FILE: text}
 
 
 def judge_with_policy(recordings: Recordings, rubric: Rubric, overrides: Overrides) -> Result:
@@ -588,11 +617,15 @@ def judge_so_far(results: Path) -> Result:
     new = results / UNFINISHED
     folder = new if (new / RECORDINGS).is_dir() else results
     rubric = recorded_rubric(rubric_copy(folder))
-    recordings = open_recordings(folder / RECORDINGS, rubric)
     overrides = read_overrides(None, results.resolve().parent, rubric)
-    result = judge_with_policy(recordings, rubric, overrides)
-    criteria = [replace(c, checks=tuple(_not_yet_run(k, recordings) for k in c.checks)) for c in result.criteria]
-    return replace(result, criteria=tuple(criteria))
+
+    def judged() -> Result:
+        recordings = open_recordings(folder / RECORDINGS, rubric)
+        result = judge_with_policy(recordings, rubric, overrides)
+        criteria = [replace(c, checks=tuple(_not_yet_run(k, recordings) for k in c.checks)) for c in result.criteria]
+        return replace(result, criteria=tuple(criteria))
+
+    return in_process(judged, JUDGING_BOUND)
 
 
 def _not_yet_run(check: CheckResult, recordings: Recordings) -> CheckResult:
