@@ -60,13 +60,13 @@ def test_what_rests_on_a_second_clock_fails(recordings: Path, rubric: Rubric) ->
     result, checks = judged(recordings, rubric)
     (violation,) = result.violations
     assert (violation.kind, violation.checks) == (ViolationKind.SPOOFS_CLOCK, ("launch.together",))
-    finding = checks.pop("launch.together").finding
+    finding = checks.pop("launch.together")
     assert (finding.outcome, finding.credit, finding.measured) == (Outcome.FAILED, Decimal(0), "not measured")
     assert finding.reason == f"{violation.text} So this cannot be measured."
     assert finding.where == (violation.where,)
     assert finding.expected
     assert finding.hint
-    assert {check.finding.outcome for check in checks.values()} == {Outcome.PASSED}
+    assert {check.outcome for check in checks.values()} == {Outcome.PASSED}
     assert result.score.earned == 98
 
 
@@ -93,7 +93,7 @@ def test_a_session_with_a_problem_stays_undecided(recordings: Path, rubric: Rubr
     disown(recordings, "/clock", problems=["the reference node arm ended with status -11"])
     result, checks = judged(recordings, rubric)
     assert result.violations
-    assert checks["launch.together"].finding.outcome is Outcome.INCONCLUSIVE
+    assert checks["launch.together"].outcome is Outcome.INCONCLUSIVE
     assert result.score.earned + result.score.undecided == 100
 
 
@@ -112,9 +112,9 @@ def test_what_needs_messages_that_a_flood_kept_out_fails_and_says_so(recordings:
     cut_short(recordings, "publisher", "/joint_commands", 34)
     result, checks = judged(recordings, rubric)
     failed = {"publisher.rate", "publisher.steady", "publisher.values", "publisher.motion"}
-    assert {name for name, check in checks.items() if check.finding.outcome is not Outcome.PASSED} == failed
+    assert {name for name, check in checks.items() if check.outcome is not Outcome.PASSED} == failed
     for name in failed:
-        finding = checks[name].finding
+        finding = checks[name]
         assert (finding.outcome, finding.credit, finding.measured) == (
             Outcome.FAILED,
             Decimal(0),
@@ -153,7 +153,7 @@ def test_silence_of_a_flood_is_not_called_silence(recordings: Path, rubric: Rubr
     """Where the window goes on after the recorder left off, the reason is the flood and not that messages stopped."""
     keep_first_half(next((recordings / "publisher").glob("*.mcap")))
     cut_short(recordings, "publisher", "/joint_commands", 34)
-    finding = judged(recordings, rubric)[1]["publisher.rate"].finding
+    finding = judged(recordings, rubric)[1]["publisher.rate"]
     assert finding.outcome is Outcome.FAILED
     assert "stop" not in finding.reason + finding.measured
 
