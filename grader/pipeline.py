@@ -432,12 +432,14 @@ def record(
             judging = _work(shared, watch)
             with judging("judging"):
                 judgement = judgement_of(recordings, rubric, options.overrides)
+            disturbed: frozenset[str] = frozenset()
             for attempt in range(2, RETRIES + 2):
+                disturbed |= {v.session for v in judgement.by_rubric.violations if v.kind.disturbs}
                 if not (undecided := undecided_sessions(judgement.by_rubric, chosen)):
                     break
                 set_aside(recordings, undecided)
                 with watch.stage(f"sessions again, attempt {attempt}"):
-                    replace(sessions, attempt=attempt).record(undecided, on_progress, at_a_time=1)
+                    replace(sessions, attempt=attempt, disturbed=disturbed).record(undecided, on_progress, at_a_time=1)
                 with judging("judging"):
                     judgement = keep_clearer(recordings, rubric, undecided, judgement, options.overrides)
     return judgement
