@@ -164,6 +164,12 @@ class ViolationKind(str, Enum):
     FORGES_ROSOUT = "forges_rosout"
     FORGES_PARAMETER_EVENTS = "forges_parameter_events"
     ENDS_REFERENCE = "ends_reference"
+    DISTURBS_RECORDING = "disturbs_recording"
+
+    @property
+    def disturbs(self) -> bool:
+        """Whether it leaves the recording unsound: seen once it may be chance, and the session is recorded again."""
+        return self in (ViolationKind.ENDS_REFERENCE, ViolationKind.DISTURBS_RECORDING)
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from grader.rubric import Rubric
 from tests.synthetic import ROOT
 
 #: Messages of the arm that the tests make another's, by their place.
-SOME = slice(150 * DIGEST_DIGITS, 250 * DIGEST_DIGITS)
+SOME = slice(150 * DIGEST_DIGITS, 160 * DIGEST_DIGITS)
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +76,7 @@ def test_what_can_be_measured_all_the_same_is_judged(recordings: Path, rubric: R
     result, _ = judged(recordings, rubric)
     (violation,) = result.violations
     assert (violation.kind, violation.checks) == (ViolationKind.PUBLISHES_ON_REFERENCE_TOPIC, ())
-    assert violation.evidence[0].startswith("100 messages")
+    assert violation.evidence[0].startswith("10 messages")
     assert result.score.earned == 100
 
 
@@ -95,6 +95,45 @@ def test_a_session_with_a_problem_stays_undecided(recordings: Path, rubric: Rubr
     assert result.violations
     assert checks["launch.together"].outcome is Outcome.INCONCLUSIVE
     assert result.score.earned + result.score.undecided == 100
+
+
+def unheard(folder: Path, *, again: bool) -> None:
+    """Let the stimulus have published four times as many states as were recorded, once or again."""
+    record = read_session(folder / "subscriber")
+    for entry in record.published:
+        if (entry.process, entry.topic) == ("plateaus", "/joint_states"):
+            entry.digests += "0" * 3 * len(entry.digests)
+    write_session(folder / "subscriber", dataclasses.replace(record, attempt=3, disturbed_before=again))
+
+
+@pytest.mark.parametrize(("again", "outcome"), [(False, Outcome.INCONCLUSIVE), (True, Outcome.FAILED)])
+def test_what_rests_on_messages_that_were_not_recorded(
+    recordings: Path, rubric: Rubric, again: bool, outcome: Outcome
+) -> None:
+    """It is undecided where that is seen once, and fails where it is seen again; what else there is, is judged."""
+    unheard(recordings, again=again)
+    result, checks = judged(recordings, rubric)
+    assert [(v.kind, v.certain) for v in result.violations] == [(ViolationKind.DISTURBS_RECORDING, again)]
+    assert checks["subscriber.receives"].outcome is outcome
+    assert checks["publisher.rate"].outcome is Outcome.PASSED
+    assert checks["subscriber.rms"].earned == 0
+
+
+@pytest.mark.parametrize(("again", "undecided"), [(False, 20), (True, 0)])
+def test_a_recorder_that_is_brought_down_does_not_pay(
+    recordings: Path, rubric: Rubric, again: bool, undecided: int
+) -> None:
+    """A session whose recorder crashed is undecided, and not for ever."""
+    record = read_session(recordings / "subscriber")
+    director = next(run for run in record.processes if run.role == "grader")
+    director.exit_status, problems = -6, ["the recorder died: "]
+    write_session(recordings / "subscriber", dataclasses.replace(record, problems=problems, disturbed_before=again))
+    result, checks = judged(recordings, rubric)
+    assert [v.kind for v in result.violations] == [ViolationKind.ENDS_REFERENCE]
+    assert result.score.undecided == undecided
+    assert result.score.earned == 80
+    expected = Outcome.FAILED if again else Outcome.INCONCLUSIVE
+    assert checks["subscriber.receives"].outcome is expected
 
 
 def cut_short(folder: Path, session: str, topic: str, messages: int) -> None:
