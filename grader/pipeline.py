@@ -10,7 +10,7 @@ import random
 import shutil
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
@@ -22,6 +22,7 @@ from grader.checks import PARAMETERS_OF
 from grader.cohort.adjustments import adjust
 from grader.cohort.entries import ClassEntry
 from grader.cohort.overrides import OVERRIDES_FILE, Overrides, load_overrides, moment_of
+from grader.desk import lies_within, made_from
 from grader.errors import PlatformError, RecordingError, RubricError, UsageError
 from grader.exporting import ExportTarget
 from grader.intake import Handed, Intake, taken_in
@@ -104,13 +105,16 @@ def read_rubric(path: Path | None) -> Rubric:
     return load_rubric(path or lab_folder() / "rubric.yaml", PARAMETERS_OF, lab_folder())
 
 
-def read_overrides(path: Path | None, results: Path, rubric: Rubric) -> Overrides:
+def read_overrides(path: Path | None, results: Path, rubric: Rubric, sources: Iterable[str] = ()) -> Overrides:
     """Load the file of overrides that is given, or else the one beside the results, if there is one.
 
     Parameters
     ----------
     results : Path
         Folder with a folder of results for each submission.
+    sources : iterable of str
+        Where the submissions lie. If the results lie in one of them, the file beside them may be a student's, and
+        does not count.
 
     Raises
     ------
@@ -118,6 +122,8 @@ def read_overrides(path: Path | None, results: Path, rubric: Rubric) -> Override
         With all its mistakes.
     """
     beside = results / OVERRIDES_FILE
+    if path is None and lies_within(results, sources):
+        return Overrides()
     if path is None and not beside.is_file():
         misnamed = beside.with_suffix(".yml")
         if misnamed.is_file():
@@ -461,7 +467,7 @@ def judge_so_far(results: Path) -> Result:
     folder = new if (new / RECORDINGS).is_dir() else results
     rubric = read_rubric(rubric_copy(folder))
     recordings = open_recordings(folder / RECORDINGS, rubric)
-    overrides = read_overrides(None, results.resolve().parent, rubric)
+    overrides = read_overrides(None, results.resolve().parent, rubric, [recordings.submission.source])
     result = judge_with_policy(recordings, rubric, overrides)
     criteria = [replace(c, checks=tuple(_not_yet_run(k, recordings) for k in c.checks)) for c in result.criteria]
     return replace(result, criteria=tuple(criteria))
@@ -508,7 +514,7 @@ def judged_by(
         With all mistakes of the rubric, or of the overrides.
     """
     rubric = read_rubric(rubric_path or rubric_copy(results))
-    return rubric, read_overrides(overrides_path, results.resolve().parent, rubric)
+    return rubric, read_overrides(overrides_path, results.resolve().parent, rubric, [made_from(results)])
 
 
 def rubric_copy(results: Path) -> Path:

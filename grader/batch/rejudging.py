@@ -20,6 +20,7 @@ from grader.batch.audit import Occasion, note_replaced, read_result, text_of
 from grader.batch.order import NotGraded
 from grader.cohort.changes import Changes, changes_between
 from grader.cohort.overrides import Overrides
+from grader.desk import made_from, uncounted_overrides
 from grader.errors import GraderError, RecordingError
 from grader.judging import open_recordings
 from grader.replacing import replace_files, uninterrupted
@@ -85,7 +86,9 @@ class Rejudging:
         """Say which overrides do nothing: those of no submission, and those of times where no time matters."""
         names = [changes.submission for changes in self.changes.values()]
         late = any(rubric.policy.late is not None for rubric in self.rubrics.values())
-        return self.overrides.remarks([*names, *self.failed], times_matter=late)
+        ignored = uncounted_overrides(self.results, [made_from(self.results / name) for name in self.rubrics])
+        remarks = self.overrides.remarks([*names, *self.failed], times_matter=late)
+        return [*remarks, *([ignored] if ignored and not self.overrides.sha256 else [])]
 
 
 def rejudge(
@@ -157,12 +160,13 @@ def _measures(
     results: Path, folders: Sequence[Path], rubric: Path | None, overrides: Path | None
 ) -> tuple[dict[str, Measure], dict[Path, str], dict[str, NotGraded]]:
     """Load each rubric once: all of them by their text, which one each folder is judged by, and which cannot be."""
+    sources = [made_from(folder) for folder in folders]
     measures: dict[str, Measure] = {}
     chosen: dict[Path, str] = {}
     failed: dict[str, NotGraded] = {}
     if rubric is not None:
         whole = pipeline.read_rubric(rubric)
-        measures[""] = whole, pipeline.read_overrides(overrides, results, whole)
+        measures[""] = whole, pipeline.read_overrides(overrides, results, whole, sources)
         return measures, dict.fromkeys(folders, ""), failed
     for folder in folders:
         try:
@@ -175,7 +179,7 @@ def _measures(
         except (GraderError, OSError, UnicodeDecodeError) as error:
             failed[folder.name] = NotGraded.from_error(error)
     for text, (own, _) in measures.items():
-        measures[text] = own, pipeline.read_overrides(overrides, results, own)
+        measures[text] = own, pipeline.read_overrides(overrides, results, own, sources)
     return measures, chosen, failed
 
 

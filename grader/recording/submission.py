@@ -83,6 +83,8 @@ class SubmissionRecord:
         When it was handed in, as ISO 8601 with its offset from UTC; None where nobody knows.
     student_id : str or None
         By which a grade book knows the student, where a learning-management system or a class list told it.
+    source : str
+        The path that it was found by; empty where nobody knows.
     """
 
     name: str
@@ -96,6 +98,7 @@ class SubmissionRecord:
     sessions: list[str] | None = None
     submitted_at: str | None = None
     student_id: str | None = None
+    source: str = ""
 
     def artifact(self, name: str) -> ArtifactFact | None:
         """Return the artifact of this name, or None if the rubric has none such."""
