@@ -12,9 +12,10 @@ import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+from grader.beneath import is_regular_beneath
 from grader.cohort.overrides import OVERRIDES_FILE
 from grader.errors import UsageError
-from grader.recording.submission import read_submission
+from grader.recording.submission import SUBMISSION_FILE, read_submission
 
 _RECORDINGS = "recordings"
 
@@ -64,9 +65,12 @@ def uncounted_overrides(results: Path, sources: Iterable[str]) -> str | None:
 
 def made_from(folder: Path) -> str:
     """Return the path that a submission's results were made from; empty where that is not known."""
+    # Where results lie in a submission, this too may be anything.
+    if not is_regular_beneath(folder, f"{_RECORDINGS}/{SUBMISSION_FILE}"):
+        return ""
     try:
-        return read_submission(folder / _RECORDINGS).source
-    except (OSError, ValueError):
+        return str(read_submission(folder / _RECORDINGS).source)
+    except (OSError, ValueError, RecursionError):
         return ""
 
 
