@@ -20,7 +20,7 @@ from grader.checks.affected import is_timed, named, not_measurable, with_checks,
 from grader.checks.finding import no_such_file, not_reached
 from grader.errors import RecordingError
 from grader.evidence.census import census
-from grader.evidence.chance import clock_was_set, may_be_chance
+from grader.evidence.chance import clock_was_set, is_believed, may_be_chance
 from grader.evidence.diagnosis import advisories
 from grader.evidence.limits import hit_limit
 from grader.evidence.recorded import Recorded, Span
@@ -148,6 +148,8 @@ def _judge(
             finding = REGISTRY[spec.check].judge(context, spec.parameters)
     except Exception as problem:  # A broken check never costs points; it must not take the others with it.
         finding = Finding(Outcome.ERROR, Decimal(0), reason=f"The check broke: {type(problem).__name__}: {problem}")
+    if recorded is not None and finding.settled is not None and not is_believed(recorded):
+        finding = _settled(finding.settled, recorded)
     spoilt = next((violation for violation in violations if spec.id in violation.checks), None)
     if spoilt is not None:
         finding = not_measurable(finding, spoilt)
@@ -162,6 +164,12 @@ def _judge(
     if finding.outcome in (Outcome.FAILED, Outcome.PARTIAL) and not finding.hint:
         return dataclasses.replace(finding, hint=spec.hint)
     return finding
+
+
+def _settled(finding: Finding, recorded: Recorded) -> Finding:
+    """Return what became of a finding that stayed undecided in all recordings, by what a program can do itself."""
+    often = f"The session was recorded {recorded.record.times_recorded} times; a program can bring this about itself."
+    return dataclasses.replace(finding, reason=f"{finding.reason} {often}")
 
 
 def _sound(recorded: Recorded) -> bool:

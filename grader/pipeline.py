@@ -28,6 +28,7 @@ from grader.errors import PlatformError, RecordingError, RubricError, UsageError
 from grader.exporting import ExportTarget
 from grader.intake import Handed, Intake, taken_in
 from grader.judging import Recordings, judge, open_recordings
+from grader.recording.session import read_session, write_session
 from grader.recording.submission import SubmissionRecord, write_submission
 from grader.replacing import UNFINISHED, beside, replace_file, replace_files
 from grader.report import json as result_json
@@ -468,9 +469,18 @@ def keep_clearer(
     worse = [name for name in kept if _undecided_points(after, name) > _undecided_points(earlier, name)]
     for name in worse:
         _put_back(recordings, name)
+        _note_attempt(recordings / name)
     for name in kept:
         _forget(recordings, name)
     return judgement_of(recordings, rubric, overrides) if worse else judgement
+
+
+def _note_attempt(folder: Path) -> None:
+    """Note in a recording that is kept that its session was recorded once more."""
+    with suppress(OSError, ValueError):
+        record = read_session(folder)
+        record.attempts = record.times_recorded + 1
+        write_session(folder, record)
 
 
 def _undecided_points(result: Result, session: str) -> Decimal:

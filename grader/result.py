@@ -107,6 +107,9 @@ class Finding:
         Advisories that cost nothing.
     retry : bool
         Whether another run can decide what is undecided.
+    settled : Finding or None
+        What it is if it stays undecided however often the session is recorded, since the student's own processes can
+        bring that about; None where only the machine can, or a person has to decide.
     """
 
     outcome: Outcome
@@ -118,6 +121,7 @@ class Finding:
     where: tuple[Where, ...] = ()
     notes: tuple[str, ...] = ()
     retry: bool = True
+    settled: Finding | None = None
 
 
 class ViolationKind(str, Enum):

@@ -235,6 +235,18 @@ def test_a_program_that_was_refused_a_thread_is_looked_at_twice_again(copy: Path
         assert lost(judge(open_recordings(copy, rubric), rubric)) == points
 
 
+def test_what_a_program_can_bring_about_is_not_undecided_for_ever(copy: Path, rubric: Rubric) -> None:
+    """A subscriber whose node is asked for and never seen has failed in the third recording, whichever is kept."""
+    record = unseen(read_session(copy / "subscriber"))
+    record.claims = read_session(copy / "subscriber").claims
+    for attempt, attempts, decided in ((1, 0, False), (2, 2, False), (3, 0, True), (1, 3, True)):
+        kept = dataclasses.replace(record, attempt=attempt, attempts=attempts)
+        write_session(copy / "subscriber", kept)
+        finding = judge_checks(open_recordings(copy, rubric), rubric)["subscriber.receives"]
+        assert finding.outcome is (Outcome.FAILED if decided else Outcome.INCONCLUSIVE)
+        assert ("The session was recorded 3 times" in finding.reason) == decided
+
+
 @pytest.mark.parametrize("how", [killed, unseen])
 def test_what_may_be_chance_costs_nothing_until_it_is_seen_again(
     copy: Path, rubric: Rubric, how: Callable[[SessionRecord], SessionRecord]

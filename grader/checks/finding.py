@@ -184,9 +184,13 @@ def measured_share(
     doubt: str,
     *,
     steps: int = STEPS,
+    by_machine: bool = True,
     where: Sequence[Where] = (),
 ) -> Finding:
     """State a finding about a share that is known within bounds: decided where both ends earn the same credit.
+
+    Bounds that are further apart than a step, and not for the machine's delays, are the program's unevenness: where
+    they stay so, the lower one counts.
 
     Parameters
     ----------
@@ -194,10 +198,14 @@ def measured_share(
         The least and the largest share that the recording and the machine's delays leave possible.
     doubt : str
         What keeps it from being decided, where it is not.
+    by_machine : bool
+        Whether that is what the machine did.
     """
     low, high = in_steps(worst, steps), in_steps(best, steps)
     if low != high:
-        return inconclusive(expected, measured, doubt, where=where)
+        uneven = not by_machine and high - low > 1.5 / steps
+        settled = graded(low, expected, measured, reason, where=where) if uneven else None
+        return inconclusive(expected, measured, doubt, where=where, settled=settled)
     return graded(high, expected, measured, reason, where=where)
 
 
@@ -207,10 +215,22 @@ def failed(expected: str, measured: str, reason: str, *, hint: str = "", where: 
 
 
 def inconclusive(
-    expected: str, measured: str, reason: str, *, where: Sequence[Where] = (), retry: bool = True
+    expected: str,
+    measured: str,
+    reason: str,
+    *,
+    where: Sequence[Where] = (),
+    retry: bool = True,
+    settled: Finding | None = None,
 ) -> Finding:
-    """State that the recording cannot answer; it never costs points. `retry` tells whether another one might."""
-    return Finding(Outcome.INCONCLUSIVE, Decimal(0), expected, measured, reason, "", tuple(where), retry=retry)
+    """State that the recording cannot answer: the machine's doing, or for a person to decide; it earns nothing."""
+    return Finding(Outcome.INCONCLUSIVE, Decimal(0), expected, measured, reason, "", tuple(where), (), retry, settled)
+
+
+def unclear(expected: str, measured: str, reason: str, *, where: Sequence[Where] = ()) -> Finding:
+    """State that the recording cannot answer, which a program can bring about too: repeated, it has failed."""
+    fails = failed(expected, measured, reason, where=where)
+    return inconclusive(expected, measured, reason, where=where, settled=fails)
 
 
 def not_reached(reason: str, *, expected: str = "") -> Finding:
@@ -372,5 +392,5 @@ def not_seen(context: Context, artifact: str, kind: str, names: Sequence[str], e
         if claim.kind == kind and claim.process == processes[-1].name and claim.name.lstrip("/") in wanted:
             reason = f"The node asked for {claim.name} ({claim.file}:{claim.line}), but was not seen in the graph."
             spot = Where(file=claim.file, line=claim.line)
-            return inconclusive(expected, f"no {kind} in the graph", reason, where=(spot,))
+            return unclear(expected, f"no {kind} in the graph", reason, where=(spot,))
     return None

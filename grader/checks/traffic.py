@@ -217,7 +217,8 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
         share = min(best, ramp(silent_s / of_s, p.full_within, p.zero_beyond))
         where = (*spots, *_spots(context, p.topic, span))
         return graded(in_steps(share), expected, measured, reason, hint=hint, where=where)
-    return measured_share(worst, best, expected, measured, reason, _doubt(delay_s, length_s), where=where)
+    doubt, by_machine = _doubt(delay_s, length_s)
+    return measured_share(worst, best, expected, measured, reason, doubt, by_machine=by_machine, where=where)
 
 
 def _off_rate(timing: Timing, p: TopicRate) -> str:
@@ -305,10 +306,12 @@ _NOTABLE_DELAY = 0.005
 _MANY_DELAYS = 0.25
 
 
-def _doubt(delay_s: float, length_s: float) -> str:
+def _doubt(delay_s: float, length_s: float) -> tuple[str, bool]:
+    """Say what keeps a share from being decided, and whether that is the machine's doing."""
     if delay_s > _NOTABLE_DELAY * length_s:
-        return f"The machine kept the node from a core for {delay_s:.2f} s of {length_s:.1f} s, which may be why."
-    return "The measurement's error reaches over a step of the credit."
+        late = f"for {delay_s:.2f} s of {length_s:.1f} s"
+        return f"The machine kept the node from a core {late}, which may be why.", True
+    return "The measurement's error reaches over a step of the credit.", False
 
 
 def _best_rate_hz(timing: Timing, length_s: float, delay_s: float, wanted_hz: float) -> float:
@@ -406,8 +409,10 @@ def topic_jitter(context: Context, p: TopicJitter) -> Finding:
             f"Messages come in bursts: most follow the one before at once, and then none comes for up to {longest[8:]}."
         )
     length_s = span.duration_s if span else float(timing.intervals_s.sum())
-    doubt = _doubt(delay_s, length_s)
-    return measured_share(worst, best, expected, measured, reason, doubt, steps=_JITTER_STEPS, where=where)
+    doubt, by_machine = _doubt(delay_s, length_s)
+    return measured_share(
+        worst, best, expected, measured, reason, doubt, steps=_JITTER_STEPS, by_machine=by_machine, where=where
+    )
 
 
 class MessageValues(Parameters):

@@ -191,12 +191,14 @@ class _Census:
     def ended(self) -> Iterator[Touched]:
         """Find reference nodes that did not live: once may be chance, and is tried again."""
         for run in self.record.processes:
-            if run.role != "reference" or run.name not in self.running or self.record.attempt < 2:
+            if run.role != "reference" or run.name not in self.running or self.record.times_recorded < 2:
                 continue
             if run.interrupted_ns is None and run.exited_ns is not None:
                 node = self.running[run.name]
                 text = f"The grader's own node {node} ended before its time, in more than one recording."
-                evidence = [f"{_end(run)}, in recording number {self.record.attempt}; what ended it is not known"]
+                evidence = [
+                    f"{_end(run)}, in recording number {self.record.times_recorded}; what ended it is not known"
+                ]
                 span = Span(run.started_ns, run.exited_ns)
                 yield Touched(self.violation(ViolationKind.ENDS_REFERENCE, text, evidence, span, certain=False))
 

@@ -94,7 +94,7 @@ def print_result(console: Console, result: Result) -> None:
     total = Text(f"{points_text(score.earned)} / {points_text(score.possible)}", "bold")
     table.add_row("", Text(f"{terminal_text(result.submission, 80)}: {result.lab}", "bold"), total)
     if result.still_undecided:
-        note = f"{points_text(result.still_undecided)} points are undecided through no fault of the submission."
+        note = f"{points_text(result.still_undecided)} points are undecided, and not earned before they are."
         table.add_row("?", Text(note, "magenta"), "")
     if result.adjustments:
         _add_adjustments(table, result)

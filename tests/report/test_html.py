@@ -143,7 +143,7 @@ def test_score_and_outcomes_are_in_words() -> None:
     """The score has no trailing zeros, and each outcome stands there as a word."""
     words = text_of(page_of())
     assert "10.5 of 25 points" in words
-    assert "5 undecided: neither earned nor lost" in words
+    assert "5 undecided: not earned before somebody has decided" in words
     for word in ("passed", "partial", "failed", "not reached", "undecided"):
         assert word in words
     assert "4.5 / 6" in words

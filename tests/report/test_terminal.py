@@ -78,7 +78,7 @@ def test_what_is_undecided_is_not_shown_as_lost() -> None:
     """Undecided points are asked, not subtracted, and told apart."""
     text = printed(result(finding(Outcome.INCONCLUSIVE), finding(Outcome.ERROR)))
     assert text.count("? / 5") == 2
-    assert "10 points are undecided through no fault of the submission." in text
+    assert "10 points are undecided, and not earned before they are." in text
 
 
 def test_advice_and_problems_are_shown() -> None:

@@ -54,7 +54,7 @@ def _parts(graded: Graded) -> Iterable[str]:
         yield "## What cost points\n"
         yield from (_lost(check) for check in lossy)
     yield from _listed("Not looked at, because of the above", [_missed(c) for c in graded.lossy if c not in lossy])
-    yield from _listed("Undecided, not lost", [_undecided(check) for check in graded.checks if check.open])
+    yield from _listed("Undecided, not earned", [_undecided(check) for check in graded.checks if check.open])
     yield from _listed(
         "Costs nothing, but worth knowing", [markdown_text(text) for text in graded.advisories[:MOST_REMARKS]]
     )
@@ -69,8 +69,8 @@ def _head(graded: Graded) -> str:
     if graded.undecided:
         lines += [
             "",
-            f"> **{points(graded.undecided)} points are undecided** through no fault of the submission. "
-            "They are not lost; the next run may decide them.",
+            f"> **{points(graded.undecided)} points are undecided**, and not earned before they are: "
+            "the next run may decide them, or the instructor.",
         ]
     if any(session.isolation == "none" for session in graded.sessions.values()):
         lines += ["", "> **The submission's code ran unconfined.** The report says what would confine it."]

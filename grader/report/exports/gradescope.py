@@ -53,8 +53,8 @@ def _overall(graded: Graded) -> list[str]:
     lines = [f"{line(graded.lab)}: {points(graded.final)} of {points(graded.possible)} points"]
     if graded.undecided:
         lines.append(
-            f"{points(graded.undecided)} points are undecided through no fault of the submission. They are "
-            "not lost: the instructor can run the autograder again, or decide."
+            f"{points(graded.undecided)} points are undecided, and not earned before they are: "
+            "the instructor can run the autograder again, or decide."
         )
     for title, texts in _remarks(graded):
         if texts:

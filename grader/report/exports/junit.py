@@ -56,7 +56,7 @@ def _case(check: GradedCheck, title: str, class_name: str) -> str:
         message = f"−{points(check.lost)} of {points(check.possible)} points, {outcome_word(check)}"
         return f"{opened}>\n      {_element('failure', message, check)}    </testcase>\n"
     if check.open:
-        return f"{opened}>\n      {_element('skipped', 'undecided, not lost', check)}    </testcase>\n"
+        return f"{opened}>\n      {_element('skipped', 'undecided, not earned', check)}    </testcase>\n"
     return f"{opened}/>\n"
 
 

@@ -54,19 +54,19 @@ def valid(plain: dict[str, Any]) -> dict[str, Any]:
     return data
 
 
-def test_scores_are_whole_and_what_is_undecided_does_not_count() -> None:
-    """The total of what is decided is rounded; undecided checks change neither it nor its maximum, nor do they fail."""
+def test_scores_are_whole_and_what_is_undecided_is_not_earned() -> None:
+    """The total is rounded; undecided checks are in the maximum with all their points, so that they raise no share."""
     data = valid(every_outcome())
-    assert (data["score"], data["max-score"]) == (7, 14)
+    assert (data["score"], data["max-score"]) == (8, 20)
     assert [(t["score"], t["max-score"], t["passed"]) for t in data["tests"]] == [
         (4, 4, True),
         (3, 5, False),
         (0, 3, False),
         (0, 2, False),
-        (0, 0, True),
-        (0, 0, True),
+        (1, 4, False),
+        (0, 2, False),
     ]
-    assert data["tests"][4]["test-name"] == "Title of `b.open` (undecided, not counted)"
+    assert data["tests"][4]["test-name"] == "Title of `b.open` (undecided, not earned)"
     assert data["tests"][1]["output"].startswith("Reason of a.partial.")
     assert data["datetime"] == "2023-11-14T22:13:30Z"
 
@@ -84,7 +84,7 @@ def test_a_full_score_is_full() -> None:
     assert all(test["passed"] and test["score"] == test["max-score"] for test in data["tests"])
 
 
-@pytest.mark.parametrize(("points", "score"), [(3.5, 10), (-2.0, 5), (-50.0, 0), (900.0, 14), (0.0, 7)])
+@pytest.mark.parametrize(("points", "score"), [(3.5, 11), (-2.0, 6), (-50.0, 0), (900.0, 15), (0.0, 8)])
 def test_adjustments_are_spread_over_the_tests(points: float, score: int) -> None:
     """The total is the final score, from nothing to the maximum, and the tests add up to it."""
     plain = every_outcome()
@@ -97,7 +97,7 @@ def test_decisions_about_single_checks_count_there() -> None:
     """An excused check passes with all its points."""
     data = valid(adjusted_and_touched())
     assert data["tests"][1]["passed"]
-    assert (data["score"], data["max-score"]) == (11, 18)
+    assert (data["score"], data["max-score"]) == (11, 20)
 
 
 _POINTS = st.integers(0, 400).map(lambda n: Decimal(n) / 20)

@@ -30,7 +30,7 @@ def test_outcomes_are_kinds_on_lines_of_files() -> None:
     ]
     assert commands[0].properties["title"] == "Title of b.failed (failed, −3 points)"
     assert commands[3].properties["title"] == "Title of b.open (undecided, costs nothing)"
-    assert "Undecided, through no fault of the submission: 3 points are not lost." in commands[3].data
+    assert "Undecided, 3 points are not earned before somebody has decided." in commands[3].data
     assert commands[1].data.splitlines()[:3] == ["Reason of a.partial.", "Expected: 100 Hz", "Measured: 90 Hz"]
 
 

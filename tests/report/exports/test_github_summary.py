@@ -35,8 +35,8 @@ def test_what_was_not_reached_comes_after_its_cause() -> None:
 def test_undecided_points_are_said_on_top_and_not_counted_as_lost() -> None:
     """They are the grader's matter, and the reader sees it at once."""
     text = Page(render_export("github-summary", every_outcome())).text
-    assert "5 points are undecided through no fault of the submission." in text.split("Criterion")[0]
-    assert "b.open (3 points): The machine was busy." in text.split("Undecided, not lost")[1]
+    assert "5 points are undecided, and not earned before they are" in text.split("Criterion")[0]
+    assert "b.open (3 points): The machine was busy." in text.split("Undecided, not earned")[1]
     assert "b.open" not in text.split("What cost points")[1].split("##")[0].split("Undecided")[0]
 
 

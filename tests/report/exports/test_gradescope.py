@@ -90,9 +90,9 @@ def test_points_and_verdicts() -> None:
 def test_what_is_undecided_is_said_and_neither_passed_nor_failed() -> None:
     """The text on top and the test say so; it has no score that could count against anyone."""
     data = valid(every_outcome())
-    assert "5 points are undecided through no fault of the submission." in data["output"]
+    assert "5 points are undecided, and not earned before they are" in data["output"]
     assert data["tests"][4]["name"].endswith("(undecided)")
-    assert data["tests"][4]["output"].startswith("Undecided, through no fault of the submission: 3 points")
+    assert data["tests"][4]["output"].startswith("Undecided, 3 points are not earned")
 
 
 def test_adjustments_are_in_the_total_and_told() -> None:
