@@ -10,7 +10,7 @@ import random
 import shutil
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
@@ -31,8 +31,7 @@ from grader.judging import Recordings, judge, open_recordings
 from grader.recording.session import read_session, write_session
 from grader.recording.submission import SubmissionRecord, write_submission
 from grader.replacing import UNFINISHED, beside, replace_file, replace_files
-from grader.report import json as result_json
-from grader.result import CheckResult, Result
+from grader.result import CheckResult, Result, to_json
 from grader.rubric import Rubric, load_rubric
 from grader.submission import read_submission
 from grader.timings import Stopwatch
@@ -373,12 +372,14 @@ def record(
             judging = _work(shared, watch)
             with judging("judging"):
                 judgement = judgement_of(recordings, rubric, options.overrides)
+            disturbed: frozenset[str] = frozenset()
             for attempt in range(2, RETRIES + 2):
+                disturbed |= {v.session for v in judgement.by_rubric.violations if v.kind.disturbs}
                 if not (undecided := undecided_sessions(judgement.by_rubric, chosen)):
                     break
                 set_aside(recordings, undecided)
                 with watch.stage(f"sessions again, attempt {attempt}"):
-                    replace(sessions, attempt=attempt).record(undecided, on_progress, at_a_time=1)
+                    replace(sessions, attempt=attempt, disturbed=disturbed).record(undecided, on_progress, at_a_time=1)
                 with judging("judging"):
                     judgement = keep_clearer(recordings, rubric, undecided, judgement, options.overrides)
     return judgement
@@ -419,7 +420,7 @@ def judgement_of(recordings: Path, rubric: Rubric, overrides: Overrides) -> Judg
         recorded = open_recordings(recordings, rubric)
         by_rubric = judge(recorded, rubric)
         result = by_policy(by_rubric, recorded, rubric, overrides)
-        return Judgement(by_rubric, result, report_page(result, recorded, rubric), result_json.render(result))
+        return Judgement(by_rubric, result, report_page(result, recorded, rubric), to_json(result))
 
     return in_process(judged, JUDGING_BOUND)
 
@@ -500,7 +501,7 @@ def _start_afresh(recordings: Path, submission: SubmissionRecord, rubric: Rubric
 def undecided_sessions(result: Result, chosen: Sequence[str]) -> list[str]:
     """Return the recorded sessions with a check whose outcome the recording leaves open."""
     checks = [check for criterion in result.criteria for check in criterion.checks]
-    undecided = {check.session for check in checks if not check.finding.outcome.decided and check.finding.retry}
+    undecided = {check.session for check in checks if not check.outcome.decided and check.retry}
     return [session for session in chosen if session in undecided]
 
 
@@ -576,10 +577,10 @@ def judge_so_far(results: Path) -> Result:
 
 
 def _not_yet_run(check: CheckResult, recordings: Recordings) -> CheckResult:
-    if check.session is None or check.session in recordings.sessions or check.finding.outcome.decided:
+    if check.session is None or check.session in recordings.sessions or check.outcome.decided:
         return check
     reason = f"Not yet run: the session '{check.session}' has not ended."
-    return replace(check, finding=replace(check.finding, reason=reason))
+    return replace(check, reason=reason)
 
 
 def report_page(result: Result, recordings: Recordings, rubric: Rubric) -> str:
@@ -678,11 +679,7 @@ def report_class(
 
 def rubric_of_class(results: Path, entries: Sequence[ClassEntry]) -> Path | None:
     """Return the copy of the rubric by which most of a class were judged; None if there is no copy of it."""
-    judged_by = {
-        entry.name: str(provenance.get("rubric_sha256"))
-        for entry in entries
-        if entry.result is not None and isinstance(provenance := entry.result.get("provenance"), Mapping)
-    }
+    judged_by = {entry.name: entry.result.rubric_sha256 for entry in entries if entry.result is not None}
     for sha256, _ in Counter(judged_by.values()).most_common():
         for name in (name for name, by in judged_by.items() if by == sha256):
             for copy in _rubric_copies(results / name):

@@ -5,6 +5,7 @@ No result is touched before all have been judged.
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,7 +13,7 @@ from functools import partial
 from pathlib import Path
 
 from grader import pipeline
-from grader.batch.audit import Occasion, note_replaced, read_result, text_of
+from grader.batch.audit import Occasion, note_replaced, text_of
 from grader.batch.order import NotGraded
 from grader.bounded import in_processes
 from grader.cohort.changes import Changes, changes_between
@@ -21,7 +22,7 @@ from grader.desk import made_from, uncounted_overrides
 from grader.errors import GraderError, RecordingError
 from grader.judging import open_recordings
 from grader.replacing import replace_files, uninterrupted
-from grader.report import json as result_json
+from grader.result import read_result, result_of_text, to_json
 from grader.rubric import Rubric
 
 _NEW = ".new"
@@ -196,8 +197,8 @@ def _judge(folder: Path, measure: Measure, prepare: bool) -> Changes:
     rubric, overrides = measure
     recordings = open_recordings(folder / pipeline.RECORDINGS, rubric)
     result = pipeline.judge_with_policy(recordings, rubric, overrides)
-    text = result_json.render(result)
+    text = to_json(result)
     if prepare:
         page = pipeline.report_page(result, recordings, rubric)
         replace_files({folder / (pipeline.REPORT_FILE + _NEW): page, folder / (pipeline.RESULT_FILE + _NEW): text})
-    return changes_between(read_result(text_of(folder / pipeline.RESULT_FILE)), read_result(text) or {})
+    return changes_between(result_of_text(text_of(folder / pipeline.RESULT_FILE)), read_result(json.loads(text)))

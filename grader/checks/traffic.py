@@ -95,12 +95,26 @@ def topic_published(context: Context, p: TopicPublished) -> Finding:
         wrong.append((0.6, f"The topic is named {used}, not {p.topic}; the rest is judged on {used}.{within}"))
     if found_type != p.type:
         wrong.append((0.6, f"The messages are of type {found_type}, not {p.type}."))
+    wrong += _wrong_definition(context, used, endpoints)
     wrong += _wrong_node(p.node, [e.node for e in endpoints])
     measured = f"{len(stream)} messages of type {found_type} on {used}" + (
         f", from {endpoints[0].node}" if endpoints else ""
     )
     where = (*([spot] if spot else []), context.where(p.topic))
     return graded(1 - sum(w for w, _ in wrong), expected, measured, " ".join(r for _, r in wrong), where=where)
+
+
+def _wrong_definition(context: Context, topic: str, endpoints: Sequence[Endpoint]) -> list[tuple[float, str]]:
+    """Judge the definitions that publishers announce for their types, by the hashes of those that are installed."""
+    hashes = {i.topic_type: i.type_hash for i in context.session.bag.topics if i.topic == topic and i.type_hash}
+    for endpoint in endpoints:
+        announced, known = endpoint.type_hash, hashes.get(endpoint.type)
+        if announced.startswith("RIHS01_") and known is not None and announced != known:
+            short, right = announced[:15], known[:15]
+            return [
+                (0.6, f"{endpoint.type} is announced with another definition ({short}...) than it has ({right}...).")
+            ]
+    return []
 
 
 def _silent_publisher(context: Context, artifact: str, used: str) -> tuple[str, str]:
