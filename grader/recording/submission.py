@@ -88,6 +88,10 @@ class SubmissionRecord:
         By which a grade book knows the student, where a learning-management system or a class list told it.
     source : str
         The path that it was found by; empty where nobody knows.
+    lab_folder : str
+        Where the lab was by which it was recorded.
+    lab_files : dict
+        Files that the rubric names -> their hashes.
     """
 
     name: str
@@ -103,6 +107,8 @@ class SubmissionRecord:
     student_id: str | None = None
     source: str = ""
     absent_modules: list[str] | None = None
+    lab_folder: str = ""
+    lab_files: dict[str, str] = field(default_factory=dict)
 
     def artifact(self, name: str) -> ArtifactFact | None:
         """Return the artifact of this name, or None if the rubric has none such."""
