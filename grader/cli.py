@@ -24,6 +24,7 @@ COMMANDS = {
     "selftest": "grade submissions whose verdict is known, and compare",
     "doctor": "examine this machine: can it grade, how well does it confine, how quiet is it",
     "checks": "list the checks that a rubric can use",
+    "rubric": "check a rubric, or print its JSON Schema for an editor",
 }
 
 _EXIT_STATUS = """\

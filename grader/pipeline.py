@@ -30,7 +30,7 @@ from grader.recording.submission import SubmissionRecord, write_submission
 from grader.replacing import UNFINISHED, beside, replace_file, replace_files
 from grader.report import json as result_json
 from grader.result import CheckResult, Result
-from grader.rubric import Rubric, load_rubric
+from grader.rubric import Kinds, Rubric, load_rubric
 from grader.submission import read_submission
 from grader.timings import Stopwatch
 
@@ -101,7 +101,14 @@ def read_rubric(path: Path | None) -> Rubric:
     RubricError
         With all its mistakes.
     """
-    return load_rubric(path or lab_folder() / "rubric.yaml", PARAMETERS_OF, lab_folder())
+    return load_rubric(path or lab_folder() / "rubric.yaml", rubric_kinds(), lab_folder())
+
+
+def rubric_kinds() -> Kinds:
+    """Return the checks and figures that a rubric can use."""
+    from grader.evidence.figures import FIGURES
+
+    return Kinds(PARAMETERS_OF, {name: kind.parameters for name, kind in FIGURES.items()})
 
 
 def read_overrides(path: Path | None, results: Path, rubric: Rubric) -> Overrides:

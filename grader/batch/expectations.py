@@ -12,9 +12,9 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from grader.cohort.finished import FinishedCheck, FinishedResult
 from grader.errors import SubmissionError
-from grader.lined_yaml import Strict, cannot_be_read, parse_yaml
 from grader.result import Outcome
 from grader.rubric import Rubric
+from grader.yaml_with_lines import Strict, cannot_be_read, parse_yaml
 
 EXPECTED_FILE = "expected.yaml"
 

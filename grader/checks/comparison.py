@@ -9,11 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import Field, field_validator
 
+from grader import references as ref
 from grader.checks.finding import (
     Context,
-    Parameters,
-    Pattern,
-    Share,
     failed,
     graded,
     in_steps,
@@ -40,14 +38,15 @@ from grader.evidence.result_rows import (
 )
 from grader.evidence.timing import timing_of
 from grader.recording.session import OutputLine, Qos
+from grader.references import Parameters, Pattern, Share
 from grader.result import Finding, Where
 
 
 class EndsByItself(Parameters):
     """A process ends by itself in time, without an error, and has said something."""
 
-    artifact: str
-    step: str = Field(description="Label of the wait_exit step.")
+    artifact: ref.Artifact
+    step: ref.ExitLabel = Field(description="Label of the wait_exit step.")
     least_s: float
     most_s: float
     output: Pattern = Field(description="Regular expression that its output matches.")
@@ -126,7 +125,7 @@ def _bad_end(status: int | None) -> str:
 class TopicsCarryTraffic(Parameters):
     """Messages flow on each topic; each is a part."""
 
-    topics: tuple[str, ...]
+    topics: tuple[ref.Topic, ...]
     least_messages: int = 1
 
 
@@ -172,17 +171,17 @@ def _written(context: Context, topic: str, until_ns: int | None = None) -> int:
 class WantedProfile(Parameters):
     """The QoS profile of a topic's publisher and subscription."""
 
-    topic: str
-    reliability: str
-    durability: str
-    history: str
+    topic: ref.Topic
+    reliability: ref.Reliability
+    durability: ref.Durability
+    history: ref.History
     depth: int
 
 
 class QosProfiles(Parameters):
     """Publisher and subscription of each topic have the profile; every policy of every profile is a part."""
 
-    artifact: str
+    artifact: ref.Artifact
     profiles: tuple[WantedProfile, ...]
 
 
@@ -287,13 +286,13 @@ class Row(Parameters):
     """The line that reports on a topic: the one that begins with the name."""
 
     name: str
-    topic: str
+    topic: ref.Topic
 
 
 class ReportedTraffic(Parameters):
     """Reported counts and latencies agree with what was recorded; each row is a part."""
 
-    artifact: str
+    artifact: ref.Artifact
     rows: tuple[Row, ...]
     pattern: Pattern = Field(description="Regular expression with groups count, mean_ms and max_ms.")
     count_tolerance: Share = 0.02

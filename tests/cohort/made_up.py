@@ -8,22 +8,30 @@ from pathlib import Path
 from typing import Any
 
 from grader.cohort.entries import ClassEntry
-from grader.lined_yaml import Strict
 from grader.policy import Policy
 from grader.rubric import CheckSpec, CriterionSpec, LabSpec, Rubric
+from grader.yaml_with_lines import Strict
 
 
 def rubric_of(*checks: tuple[str, int], requires: dict[str, tuple[str, ...]] | None = None) -> Rubric:
     """Give a rubric with checks `criterion.name` of some points."""
     specs = [
-        CheckSpec(name, name.upper(), Decimal(points), "any", Strict(), requires=(requires or {}).get(name, ()))
+        CheckSpec(
+            id=name,
+            title=name.upper(),
+            points=Decimal(points),
+            check="any",
+            **{"with": Strict()},
+            requires=(requires or {}).get(name, ()),
+        )
         for name, points in checks
     ]
     names = list(dict.fromkeys(name.partition(".")[0] for name, _ in checks))
     criteria = []
     for name in names:
         own = tuple(spec for spec in specs if spec.id.startswith(f"{name}."))
-        criteria.append(CriterionSpec(name, name.title(), sum((c.points for c in own), Decimal(0)), "", own))
+        total = sum((c.points for c in own), Decimal(0))
+        criteria.append(CriterionSpec(id=name, title=name.title(), points=total, checks=own))
     total = sum((c.points for c in criteria), Decimal(0))
     lab = LabSpec(id="1", title="Nodes", points=total)
     return Rubric(lab, {}, {}, {}, tuple(criteria), Path(), "text", Policy())
