@@ -14,7 +14,7 @@ from rich.console import Console
 
 from grader.commands import grade
 from grader.commands.arguments import print_error
-from grader.errors import GraderError, SubmissionError
+from grader.errors import GraderError, SubmissionError, described
 
 #: Command -> what it does; each is a module of `grader.commands`. Without one of these words, submissions are graded.
 COMMANDS = {
@@ -55,11 +55,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         _discard_output()
         return GraderError.exit_status
     except OSError as error:
-        remedy = "Check that the disk is not full and that the folder can be written to."
-        print_error(GraderError(error.strerror or str(error), where=str(error.filename or ""), remedy=remedy))
+        print_error(described(error))
         return GraderError.exit_status
-    except KeyboardInterrupt:
-        print("grade: interrupted; there is no result of this submission", file=sys.stderr)
+    except KeyboardInterrupt as interrupt:
+        print(f"grade: interrupted; there is no result of this submission\n  {interrupt}".rstrip(), file=sys.stderr)
         return 130
     except Exception:
         # Not 1, with which Python would end: that is a score below --fail-under.

@@ -73,3 +73,17 @@ class IsolationError(GraderError):
     """The confinement that was asked for cannot be had here."""
 
     exit_status = 7
+
+
+class BoundError(GraderError):
+    """Work on what a student wrote took more time or memory than it may."""
+
+
+def described(error: Exception) -> GraderError:
+    """Return what any exception says as an error of the grader, with what can be done about it."""
+    if isinstance(error, GraderError):
+        return error
+    if isinstance(error, OSError):
+        remedy = "Check that the disk is not full and that the folder can be written to."
+        return GraderError(error.strerror or str(error), where=str(error.filename or ""), remedy=remedy)
+    return GraderError(f"the grader broke: {type(error).__name__}: {error}", remedy="This is a mistake in grade.")

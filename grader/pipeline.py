@@ -11,18 +11,19 @@ import shutil
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import grader
+from grader.bounded import Bound, in_process
 from grader.checks import PARAMETERS_OF
 from grader.cohort.adjustments import adjust
 from grader.cohort.entries import ClassEntry
 from grader.cohort.overrides import OVERRIDES_FILE, Overrides, load_overrides, moment_of
-from grader.errors import PlatformError, RecordingError, RubricError, UsageError
+from grader.errors import PlatformError, RecordingError, RubricError, UsageError, described
 from grader.exporting import ExportTarget
 from grader.intake import Handed, Intake, taken_in
 from grader.judging import Recordings, judge, open_recordings
@@ -44,8 +45,17 @@ RESULT_FILE = "result.json"
 REPORT_FILE = "report.html"
 CLASS_PAGE = "index.html"
 GRADES_FILE = "grades.csv"
+#: What a grading makes, the file that says that it is whole last.
+_PARTS = (RUBRIC_COPY, RECORDINGS, REPORT_FILE, RESULT_FILE)
+#: Among recordings: stands there until all sessions have been recorded.
+_BEGUN = ".begun"
+#: Among recordings: one that is made again, and a copy that is being made or removed.
+_EARLIER, _PARTIAL = ".earlier", ".partial"
 #: How often a session whose checks are undecided is recorded again, alone.
 RETRIES = 2
+#: What judging one submission may take. The solution takes 0.25 s and 0.1 GiB on a core of today; more than a hundred
+#: times that is no fair wait. In a class, a piece of work is given up after 120 s in any case (`batch.supervised`).
+JUDGING_BOUND = Bound(what="judging the submission", cpu_s=30.0, wall_s=100.0, memory_bytes=2 * 1024**3)
 
 
 @dataclass(frozen=True)
@@ -221,7 +231,7 @@ def grade(
     handed : Handed, Path or Intake
         The submission: a folder, an archive, what `grader.batch.found` made of more, or what was taken in already.
     results : Path
-        Folder of this submission's results. Those of an earlier grading stay until all of the new ones are there.
+        Folder of this submission's results. Those of an earlier grading stay until all sessions have been recorded.
     shared : Shared, optional
         What other submissions on this machine have to do with it.
     watch : Stopwatch, optional
@@ -230,7 +240,7 @@ def grade(
     Raises
     ------
     GraderError
-        If no fair score exists; nothing is written then.
+        If no fair score exists; no result is written then. Once all is recorded, the recordings are kept.
     """
     from grader.live.scratch import scratch_prefix
     from grader.live_exports import LiveExports
@@ -245,12 +255,46 @@ def grade(
         submission.sessions = list(options.sessions) if options.sessions is not None else None
         with LiveExports(options.exports, results, options.path_prefix) as exports:
             follow = exports.follow(on_progress)
-            with beside(results, (RUBRIC_COPY, RECORDINGS, REPORT_FILE, RESULT_FILE)) as new:
-                judged = record(intake.folder, submission, rubric, new, options, follow, shared, watch)
-                with _work(shared, watch)("judging"):
-                    result = judge_results(new, rubric, options.overrides, judged, watch)
-    exports.write(result)
-    return result
+            # The recordings take their place first: no fault in what comes after them throws them away.
+            with beside(results, _PARTS, _keep_recorded) as new, _naming_kept(new, results):
+                judgement = record(intake.folder, submission, rubric, new, options, follow, shared, watch)
+            with _naming_kept(results, results):
+                replace_files(_files_of(judgement, results, rubric))
+    with _naming_kept(results, results):
+        exports.write(judgement.result)
+    return judgement.result
+
+
+@contextmanager
+def _naming_kept(folder: Path, results: Path) -> Iterator[None]:
+    """Where a stage fails once all is recorded in a folder, say that this is kept, and what goes on from there."""
+    try:
+        yield
+    except (Exception, KeyboardInterrupt) as error:
+        if not _is_recorded(folder / RECORDINGS):
+            raise
+        kept = f"The recordings are kept; `grade regrade {results}` goes on from there."
+        if isinstance(error, KeyboardInterrupt):
+            raise KeyboardInterrupt(kept) from error
+        told = described(error)
+        told.remedy = f"{told.remedy} {kept}".lstrip()
+        raise told from (error if told is not error else error.__cause__)
+
+
+def _is_recorded(recordings: Path) -> bool:
+    return recordings.is_dir() and not (recordings / _BEGUN).exists()
+
+
+def _keep_recorded(new: Path) -> bool:
+    """Whether all sessions were recorded; one that was being recorded again is as it was recorded before."""
+    recordings = new / RECORDINGS
+    if not _is_recorded(recordings):
+        return False
+    for aside in recordings.glob(f".*{_EARLIER}"):
+        _put_back(recordings, aside.name[1 : -len(_EARLIER)])
+    for partial in recordings.glob(f".*{_PARTIAL}"):
+        shutil.rmtree(partial, ignore_errors=True)
+    return True
 
 
 def _work(shared: Shared | None, watch: Stopwatch) -> Callable[[str], AbstractContextManager[None]]:
@@ -273,15 +317,17 @@ def record(
     on_progress: Callable[..., None],
     shared: Shared | None = None,
     watch: Stopwatch | None = None,
-) -> tuple[Recordings, Result]:
+) -> Judgement:
     """Run the live half: stage, isolate, run the sessions, and again those whose checks are undecided.
 
     Returns
     -------
-    tuple
-        The last recordings, and what they were judged to be.
+    Judgement
+        What the last recordings were judged to be.
     """
+    from grader.evidence.elsewhere import modules_to_look_for
     from grader.live.cells import Progress, Sessions, types_in
+    from grader.live.environment import absent_modules
     from grader.live.fork_server import ForkServer
     from grader.live.isolation import Level
     from grader.live.probing import probe_isolation, require
@@ -301,6 +347,7 @@ def record(
         for name in options.sessions if options.sessions is not None else rubric.sessions:
             if name not in chosen:
                 on_progress(Progress(name, "left out, since its file is missing", ended=True))
+        submission.absent_modules = absent_modules(options.interpreter, modules_to_look_for(submission))
         _start_afresh(recordings, submission, rubric)
         with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as scratch:
             with _work(shared, watch)("staging"):
@@ -322,57 +369,109 @@ def record(
             on_progress = watch.follow(on_progress)
             with watch.stage("sessions"):
                 sessions.record(chosen, on_progress, at_a_time=options.jobs if sessions.isolation.namespaces else None)
+            (recordings / _BEGUN).unlink()
             judging = _work(shared, watch)
             with judging("judging"):
-                judged = _judged(recordings, rubric)
+                judgement = judgement_of(recordings, rubric, options.overrides)
             for attempt in range(2, RETRIES + 2):
-                if not (undecided := undecided_sessions(judged[1], chosen)):
+                if not (undecided := undecided_sessions(judgement.by_rubric, chosen)):
                     break
                 set_aside(recordings, undecided)
                 with watch.stage(f"sessions again, attempt {attempt}"):
                     replace(sessions, attempt=attempt).record(undecided, on_progress, at_a_time=1)
                 with judging("judging"):
-                    judged = keep_clearer(recordings, rubric, undecided, judged[1])
-    return judged
+                    judgement = keep_clearer(recordings, rubric, undecided, judgement, options.overrides)
+    return judgement
 
 
-def _judged(recordings: Path, rubric: Rubric) -> tuple[Recordings, Result]:
-    recorded = open_recordings(recordings, rubric)
-    return recorded, judge(recorded, rubric)
+@dataclass(frozen=True)
+class Judgement:
+    """What recordings were judged to be.
+
+    Attributes
+    ----------
+    by_rubric : Result
+        By the rubric alone.
+    result : Result
+        With the points that people and the rubric's policy make of it.
+    page, text : str
+        The report and `result.json`.
+    """
+
+    by_rubric: Result
+    result: Result
+    page: str
+    text: str
 
 
-def _aside(recordings: Path, session: str) -> Path:
-    return recordings / f".{session}.earlier"
+def judgement_of(recordings: Path, rubric: Rubric, overrides: Overrides) -> Judgement:
+    """Judge recordings in a process of its own.
+
+    Raises
+    ------
+    RecordingError
+        If there is nothing to judge.
+    BoundError
+        If judging takes more time or memory than it may.
+    """
+
+    def judged() -> Judgement:
+        recorded = open_recordings(recordings, rubric)
+        by_rubric = judge(recorded, rubric)
+        result = by_policy(by_rubric, recorded, rubric, overrides)
+        return Judgement(by_rubric, result, report_page(result, recorded, rubric), result_json.render(result))
+
+    return in_process(judged, JUDGING_BOUND)
+
+
+def _aside(recordings: Path, session: str, suffix: str = _EARLIER) -> Path:
+    return recordings / f".{session}{suffix}"
 
 
 def set_aside(recordings: Path, sessions: Sequence[str]) -> None:
     """Keep recordings of sessions that are made again, beside those that take their places."""
     for session in (name for name in sessions if (recordings / name).is_dir()):
-        shutil.rmtree(_aside(recordings, session), ignore_errors=True)
-        shutil.copytree(recordings / session, _aside(recordings, session))
+        _forget(recordings, session)
+        partial = _aside(recordings, session, _PARTIAL)
+        shutil.copytree(recordings / session, partial)
+        partial.rename(_aside(recordings, session))
+
+
+def _put_back(recordings: Path, session: str) -> None:
+    shutil.rmtree(recordings / session, ignore_errors=True)
+    _aside(recordings, session).rename(recordings / session)
+
+
+def _forget(recordings: Path, session: str) -> None:
+    """Remove what was set aside; half of it is never there under its name."""
+    partial = _aside(recordings, session, _PARTIAL)
+    shutil.rmtree(partial, ignore_errors=True)
+    with suppress(FileNotFoundError):
+        _aside(recordings, session).rename(partial)
+    shutil.rmtree(partial, ignore_errors=True)
 
 
 def keep_clearer(
-    recordings: Path, rubric: Rubric, sessions: Sequence[str], before: Result
-) -> tuple[Recordings, Result]:
+    recordings: Path, rubric: Rubric, sessions: Sequence[str], before: Judgement, overrides: Overrides
+) -> Judgement:
     """Judge sessions that were recorded again, and put a recording back that was set aside if it left less undecided.
 
     On a machine that is busier the second time, what was decided before must not become undecided.
 
     Parameters
     ----------
-    before : Result
+    before : Judgement
         What the recordings were judged to be that were set aside.
     """
-    judged = _judged(recordings, rubric)
+    judgement = judgement_of(recordings, rubric, overrides)
+    after, earlier = judgement.by_rubric, before.by_rubric
     kept = [name for name in sessions if _aside(recordings, name).is_dir()]
-    worse = [name for name in kept if _undecided_points(judged[1], name) > _undecided_points(before, name)]
+    worse = [name for name in kept if _undecided_points(after, name) > _undecided_points(earlier, name)]
     for name in worse:
-        shutil.rmtree(recordings / name, ignore_errors=True)
-        _aside(recordings, name).rename(recordings / name)
+        _put_back(recordings, name)
     for name in kept:
-        shutil.rmtree(_aside(recordings, name), ignore_errors=True)
-    return _judged(recordings, rubric) if worse else judged
+        _forget(recordings, name)
+    return judgement_of(recordings, rubric, overrides) if worse else judgement
 
 
 def _undecided_points(result: Result, session: str) -> Decimal:
@@ -384,6 +483,7 @@ def _start_afresh(recordings: Path, submission: SubmissionRecord, rubric: Rubric
     """Remove what an earlier recording left, and begin with what was handed in."""
     shutil.rmtree(recordings, ignore_errors=True)
     recordings.mkdir(parents=True)
+    (recordings / _BEGUN).touch()
     write_submission(recordings, submission)
     (recordings / RUBRIC_COPY).write_text(rubric.text, encoding="utf-8")
 
@@ -395,13 +495,7 @@ def undecided_sessions(result: Result, chosen: Sequence[str]) -> list[str]:
     return [session for session in chosen if session in undecided]
 
 
-def judge_results(
-    results: Path,
-    rubric: Rubric,
-    overrides: Overrides | None = None,
-    judged: tuple[Recordings, Result] | None = None,
-    watch: Stopwatch | None = None,
-) -> Result:
+def judge_results(results: Path, rubric: Rubric, overrides: Overrides | None = None) -> Result:
     """Run the judging half on a results folder and write `result.json` and `report.html`.
 
     The rubric is kept with them, if it is another than the submission was recorded with.
@@ -410,36 +504,30 @@ def judge_results(
     ----------
     overrides : Overrides, optional
         What people decided about single submissions.
-    judged : tuple, optional
-        The folder's recordings and their result, as `record` returns them.
-    watch : Stopwatch, optional
-        Told what takes its time.
 
     Raises
     ------
     RecordingError
         If there is nothing to judge.
+    BoundError
+        If judging takes more time or memory than it may.
     """
-    result, files = judged_files(results, rubric, overrides, judged, watch)
+    result, files = judged_files(results, rubric, overrides)
     replace_files(files)
     return result
 
 
 def judged_files(
-    results: Path,
-    rubric: Rubric,
-    overrides: Overrides | None = None,
-    judged: tuple[Recordings, Result] | None = None,
-    watch: Stopwatch | None = None,
+    results: Path, rubric: Rubric, overrides: Overrides | None = None
 ) -> tuple[Result, dict[Path, str | None]]:
     """Do as `judge_results`, but hand out what is to be written, by its place."""
-    recordings = judged[0] if judged is not None else open_recordings(results / RECORDINGS, rubric)
-    result = judged[1] if judged is not None else judge(recordings, rubric)
-    result = by_policy(result, recordings, rubric, overrides or Overrides())
-    with (watch or Stopwatch()).stage("report"):
-        kept = None if _recorded_with(results) == rubric.text else rubric.text
-        page, text = report_page(result, recordings, rubric), result_json.render(result)
-    return result, {results / RUBRIC_COPY: kept, results / REPORT_FILE: page, results / RESULT_FILE: text}
+    judgement = judgement_of(results / RECORDINGS, rubric, overrides or Overrides())
+    return judgement.result, _files_of(judgement, results, rubric)
+
+
+def _files_of(judgement: Judgement, results: Path, rubric: Rubric) -> dict[Path, str | None]:
+    kept = None if _recorded_with(results) == rubric.text else rubric.text
+    return {results / RUBRIC_COPY: kept, results / REPORT_FILE: judgement.page, results / RESULT_FILE: judgement.text}
 
 
 def judge_with_policy(recordings: Recordings, rubric: Rubric, overrides: Overrides) -> Result:
@@ -467,11 +555,15 @@ def judge_so_far(results: Path) -> Result:
     new = results / UNFINISHED
     folder = new if (new / RECORDINGS).is_dir() else results
     rubric = read_rubric(rubric_copy(folder))
-    recordings = open_recordings(folder / RECORDINGS, rubric)
     overrides = read_overrides(None, results.resolve().parent, rubric)
-    result = judge_with_policy(recordings, rubric, overrides)
-    criteria = [replace(c, checks=tuple(_not_yet_run(k, recordings) for k in c.checks)) for c in result.criteria]
-    return replace(result, criteria=tuple(criteria))
+
+    def judged() -> Result:
+        recordings = open_recordings(folder / RECORDINGS, rubric)
+        result = judge_with_policy(recordings, rubric, overrides)
+        criteria = [replace(c, checks=tuple(_not_yet_run(k, recordings) for k in c.checks)) for c in result.criteria]
+        return replace(result, criteria=tuple(criteria))
+
+    return in_process(judged, JUDGING_BOUND)
 
 
 def _not_yet_run(check: CheckResult, recordings: Recordings) -> CheckResult:

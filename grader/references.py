@@ -6,13 +6,13 @@ made without one, as in Python, is taken at its word.
 
 from __future__ import annotations
 
-import dataclasses
+import ast
 import difflib
-import json
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, reduce
+from operator import or_
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -23,15 +23,14 @@ from pydantic import (
     GetCoreSchemaHandler,
     GetJsonSchemaHandler,
     StringConstraints,
-    TypeAdapter,
     ValidationInfo,
     WithJsonSchema,
+    create_model,
     field_validator,
 )
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
-from grader.oracle import load_oracle
 from grader.recording.definitions import fields_of, packages_with, types_in
 from grader.yaml_with_lines import Loc, Strict, mistakes_at, suggestion
 
@@ -359,25 +358,53 @@ def _file(scope: Scope, value: str, info: ValidationInfo) -> None:
     one_of(value, "file", (path.relative_to(scope.folder).as_posix() for path in near), " beside the rubric")
 
 
+def _definitions(scope: Scope, value: str) -> dict[str, ast.AST]:
+    """Return what a Python file beside the rubric defines, by name; it is not run, for it may do anything."""
+    file = value.partition(":")[0]
+    near = (scope.folder / file).parent.glob("*.py")
+    one_of(file, "Python file", (path.relative_to(scope.folder).as_posix() for path in near), " beside the rubric")
+    try:
+        tree = ast.parse((scope.folder / file).read_bytes())
+    except (SyntaxError, ValueError) as problem:
+        raise ValueError(f"{file} is no Python: {problem}") from problem
+    found: dict[str, ast.AST] = {}
+    for node in tree.body:
+        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
+            found[node.name] = node
+        elif isinstance(node, (ast.Import, ast.ImportFrom)):
+            found.update({alias.asname or alias.name: node for alias in node.names})
+        elif isinstance(node, ast.Assign) and not isinstance(node.value, (ast.Constant, ast.List, ast.Tuple, ast.Dict)):
+            found.update({target.id: node for target in node.targets if isinstance(target, ast.Name)})
+    one_of(value.partition(":")[2], "function or class", found, f" in {file}")
+    return found
+
+
 FileBeside = Annotated[str, Reference("File beside the rubric.", _file)]
 Loadable = Annotated[
-    str, Reference("file.py:name, beside the rubric.", lambda scope, value, info: load_oracle(scope.folder, value))
+    str, Reference("file.py:name, beside the rubric.", lambda scope, value, info: _definitions(scope, value))
 ]
+
+#: Types of settings that are looked at; others are left to the reference node.
+_PLAIN_TYPES: dict[str, Any] = {"float": float, "int": int, "bool": bool, "str": str, "None": type(None)}
 
 
 def _settings(scope: Scope, value: Mapping[str, Any], info: ValidationInfo) -> None:
     """Look settings up in the class that the rubric names for those of the reference node before them."""
     entry = _mapping(_mapping(scope.plain.get("reference")).get(info.data.get("reference") or ""))
+    named = str(entry.get("settings"))
     try:
-        made = load_oracle(scope.folder, str(entry.get("settings")))
+        made = _definitions(scope, named)[named.partition(":")[2]]
     except ValueError:
         return  # None is named, or it is a mistake where it stands.
-    known = [setting.name for setting in dataclasses.fields(made)]
-    unknown = [((key,), f"unknown key{suggestion(key, known)}") for key in value if key not in known]
-    if unknown:
-        raise mistakes_at(unknown)
-    made.__pydantic_config__ = ConfigDict(strict=True)
-    TypeAdapter(made).validate_json(json.dumps(value))
+    if not isinstance(made, ast.ClassDef):
+        return
+    typed: dict[str, Any] = {}
+    for node in made.body:
+        if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+            words = ast.unparse(node.annotation).split(" | ")
+            known = all(word in _PLAIN_TYPES for word in words)
+            typed[node.target.id] = (reduce(or_, (_PLAIN_TYPES[word] for word in words)) if known else Any, None)
+    create_model(made.name, __base__=Parameters, **typed).model_validate(value)
 
 
 Settings = Annotated[dict[str, Any], Reference("Settings of the reference node.", _settings)]

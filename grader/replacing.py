@@ -6,7 +6,7 @@ import os
 import shutil
 import signal
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
@@ -67,8 +67,12 @@ def replace_files(texts: Mapping[Path, str | None]) -> None:
             partial.unlink(missing_ok=True)
 
 
+def _never(new: Path) -> bool:
+    return False
+
+
 @contextmanager
-def beside(results: Path, parts: Sequence[str]) -> Iterator[Path]:
+def beside(results: Path, parts: Sequence[str], keep: Callable[[Path], bool] = _never) -> Iterator[Path]:
     """Give an empty folder within a folder of results to make new ones in; its parts take their places in the end.
 
     If the work is broken off, or a part cannot be put in its place, what was there before stays as it was. Who is
@@ -78,12 +82,20 @@ def beside(results: Path, parts: Sequence[str]) -> Iterator[Path]:
     ----------
     parts : sequence of str
         Files and folders that make up the results, the one that says that they are whole last.
+    keep : callable
+        Asked with the folder when the work is broken off: whether what is in it takes its place nevertheless.
     """
     new = results / UNFINISHED
     shutil.rmtree(new, ignore_errors=True)
     new.mkdir(parents=True)
     try:
-        yield new
+        try:
+            yield new
+        except BaseException:
+            with uninterrupted():
+                if keep(new):
+                    _exchange(new, results, parts)
+            raise
         with uninterrupted():
             _exchange(new, results, parts)
     finally:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from decimal import Decimal
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from pydantic import (
     BaseModel,
@@ -33,6 +33,9 @@ from grader.policy import Policy
 from grader.references import EarlierCheckId, FileBeside, Loadable, Parameters, Scope, SessionId, one_of
 from grader.steps import STEPS, Step
 from grader.yaml_with_lines import Loc, Strict, cannot_be_read, parse_yaml, suggestion
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 
 def _number(value: Any) -> Decimal | None:
@@ -137,7 +140,7 @@ class _OfSession(Parameters):
 
     @model_validator(mode="wrap")
     @classmethod
-    def _within(cls, value: Any, handler: ModelWrapValidatorHandler[_OfSession], info: ValidationInfo) -> _OfSession:
+    def _within(cls, value: Any, handler: ModelWrapValidatorHandler[Self], info: ValidationInfo) -> Self:
         scope: Scope | None = info.context
         if scope is None or not isinstance(value, dict):
             return handler(value)
@@ -358,7 +361,7 @@ def load_rubric(path: Path, kinds: Kinds, folder: Path | None = None) -> Rubric:
 
 def json_schema(kinds: Kinds) -> dict[str, Any]:
     """Return the JSON Schema of rubrics, by which editors complete and check them while they are written."""
-    listed = [RubricFile, *STEPS.values(), *kinds.checks.values(), *kinds.figures.values()]
+    listed: list[type[BaseModel]] = [RubricFile, *STEPS.values(), *kinds.checks.values(), *kinds.figures.values()]
     refs, schema = models_json_schema([(model, "validation") for model in listed])
     defs = schema["$defs"]
 

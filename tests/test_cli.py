@@ -272,3 +272,38 @@ def test_the_installed_command_is_this_one(tmp_path: Path) -> None:
     ended = subprocess.run([script, "regrade", tmp_path], capture_output=True, text=True, check=False)
     assert ended.returncode == 6
     assert "Traceback" not in ended.stderr
+
+
+# -- rubrics ---------------------------------------------------------------------------------------
+
+
+def test_a_rubric_is_checked_without_grading(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The lab's rubric is in order; a mistyped window ends with the exit status of a wrong rubric, and its line."""
+    assert run(capsys, "rubric")[0] == 0
+    text = (lab_folder() / "rubric.yaml").read_text(encoding="utf-8")
+    mine = tmp_path / "mine.yaml"
+    mine.write_text(text.replace("window: window, rate_hz", "window: windw, rate_hz"), encoding="utf-8")
+    status, _, errors = run(capsys, "rubric", mine)
+    line = text[: text.index("window: window, rate_hz")].count("\n") + 1
+    assert (status, errors.count("mine.yaml:")) == (4, 1 + 1)
+    assert f"mine.yaml:{line}: " in errors
+    assert "did you mean 'window'?" in errors
+
+
+def test_the_schema_takes_the_labs_rubric_and_finds_mistakes(capsys: pytest.CaptureFixture[str]) -> None:
+    """It is a JSON Schema that an editor can use, made of the models by which rubrics are read."""
+    schema = json.loads(run(capsys, "rubric", "--schema")[1])
+    jsonschema.Draft202012Validator.check_schema(schema)
+    validator = jsonschema.Draft202012Validator(schema)
+    text = (lab_folder() / "rubric.yaml").read_text(encoding="utf-8")
+    assert list(validator.iter_errors(yaml.safe_load(text))) == []
+    for right, wrong in (
+        ("check: topic_rate", "check: topic_rte"),
+        ("full_within: 2%", "full_within: 2 percent"),
+        ("kind: rate", "kind: rte"),
+        ("- interrupt:", "- interupt:"),
+        ("typical_s: 11", "typical_s: soon"),
+        ("reliability: best_effort", "reliability: besteffort"),
+    ):
+        assert right in text
+        assert list(validator.iter_errors(yaml.safe_load(text.replace(right, wrong, 1)))), wrong

@@ -56,6 +56,21 @@ def test_work_that_is_broken_off_leaves_the_old_results(tmp_path: Path, problem:
     assert contents(tmp_path) == before
 
 
+def test_work_that_is_broken_off_may_keep_what_is_whole(tmp_path: Path) -> None:
+    """Then what is new takes its place, and nothing of the old stays beside it."""
+    make(tmp_path, "old")
+
+    def work() -> None:
+        with beside(tmp_path, PARTS, lambda new: (new / "recordings").is_dir()) as new:
+            (new / "recordings").mkdir()
+            (new / "recordings/submission.json").write_text("new", encoding="utf-8")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        work()
+    assert contents(tmp_path) == {"recordings/submission.json": "new"}
+
+
 def test_a_part_that_cannot_be_put_in_its_place_leaves_the_old_results(tmp_path: Path) -> None:
     """Those that were put there already are taken back, and the recordings are not lost."""
     make(tmp_path, "old")

@@ -335,7 +335,7 @@ MISTYPED: list[tuple[str, str, str]] = [
     ("with: {rate_hz: 50}", "with: {rate_hzz: 50}", "unknown key; did you mean 'rate_hz'?"),
     ("with: {rate_hz: 50}", "with: {enabled: 1}", "true or false is expected"),
     ("file: arm.py", "file: amr.py", "no file 'amr.py' beside the rubric; did you mean 'arm.py'?"),
-    ("arm.py:Settings", "arm.py:Setings", "no function or class 'Setings'; did you mean 'Settings'?"),
+    ("arm.py:Settings", "arm.py:Setings", "no function or class 'Setings' in arm.py; did you mean 'Settings'?"),
     ("output_of: arm", "output_of: army", "no process 'army' in session 'alone'; did you mean 'arm'?"),
     ("interrupt: {process: talk}", "interrupt: {process: tolk}", "no process 'tolk'"),
     ("process: talk\n          window", "process: talker\n          window", "no process 'talker'"),
@@ -363,13 +363,13 @@ MISTYPED: list[tuple[str, str, str]] = [
     ),
     ("step: ended", "step: endet", "did you mean 'ended'?"),
     ("label: order\n      - c", "label: heard\n      - c", "'heard' labels an earlier step"),
-    ("oracles.py:numbers", "oracles.py:number", "no function or class 'number'; did you mean 'numbers'?"),
+    ("oracles.py:numbers", "oracles.py:number", "no function or class 'number' in oracles.py; did you mean 'numbers'?"),
     (
         "oracles.py:numbers",
         "oracle.py:numbers",
-        "no Python file oracle.py beside the rubric; did you mean 'oracles.py'?",
+        "no Python file 'oracle.py' beside the rubric; did you mean 'oracles.py'?",
     ),
-    ("oracles.py:numbers", "oracles.py:LIMIT", "no function or class 'LIMIT'"),
+    ("oracles.py:numbers", "oracles.py:LIMIT", "no function or class 'LIMIT' in oracles.py"),
     ("kind: rate, title", "kind: rte, title", "no kind 'rte'; did you mean 'rate'?"),
     ("topic: /chat, rate_hz: 10}", "topic: /chat, rate: 10}", "unknown key; did you mean 'rate_hz'?"),
     ("full_within: 2%", "full_within: 2 percent", "a share from 0 to 1 is expected, such as 2% or 0.02"),
@@ -457,12 +457,14 @@ def test_fields_are_known_where_ros_is_not_installed(tmp_path: Path, monkeypatch
         "msg/String", "msg/Strng"
     )
     (lab_folder_of(tmp_path) / "lab.yaml").write_text(text, encoding="utf-8")
-    types_in.cache_clear(), fields_of.cache_clear()
+    types_in.cache_clear()
+    fields_of.cache_clear()
     try:
         with pytest.raises(RubricError) as caught:
             load_rubric(tmp_path / "lab.yaml", rubric_kinds())
     finally:
-        types_in.cache_clear(), fields_of.cache_clear()
+        types_in.cache_clear()
+    fields_of.cache_clear()
     assert [message.rpartition("; ")[2] for message in caught.value.mistakes] == [
         "did you mean 'std_msgs/msg/String'?",
         "did you mean 'data'?",

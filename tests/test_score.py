@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grader.checks.finding import credit_of, ramp
-from grader.references import Parameters
 from grader.result import Finding, Outcome
 from grader.rubric import CheckSpec, CriterionSpec, LabSpec, Rubric
 from grader.score import TENTH, score_check, score_criteria, total
@@ -29,7 +28,7 @@ FINDINGS = st.sampled_from(Outcome).flatmap(lambda o: CREDITS[o].map(lambda c: F
 
 def spec(points: Decimal, name: str = "a") -> CheckSpec:
     """Give a check with these points."""
-    return CheckSpec(id=name, points=points, check="any", **{"with": Parameters()})
+    return CheckSpec.model_validate({"id": name, "points": points, "check": "any"})
 
 
 def rubric(points: list[list[Decimal]]) -> Rubric:

@@ -78,7 +78,8 @@ def grade_parcel(parcel: bytes) -> tuple[dict[str, Any], str, bytes]:
         level = isolation.level.value
         if isinstance(ending, Graded):
             return {"ending": "graded", **ending.to_plain()}, level, packed(order.results)
-        return {"ending": "not graded", **ending.to_plain()}, level, b""
+        # Recordings may be there that could not be judged.
+        return {"ending": "not graded", **ending.to_plain()}, level, packed(order.results)
 
 
 def _laid_out(sent: Parcel, scratch: Path) -> Order:
@@ -219,10 +220,11 @@ class _Room:
 
 
 def _taken_over(plain: dict[str, Any], results: bytes, folder: Path) -> Ending:
+    if results:
+        unpack(results, folder)
+        make_durable(folder)
     if plain["ending"] != "graded":
         return NotGraded.from_plain(plain)
-    unpack(results, folder)
-    make_durable(folder)
     return Graded.from_plain(plain)
 
 

@@ -31,6 +31,8 @@ JOURNAL_FILE = "journal.jsonl"
 UNFINISHED = ".unfinished"
 #: Earlier results of submissions whose present state could not be graded.
 OUTDATED = ".outdated"
+#: In place of the hash of a policy: another needs another judgement.
+_UNJUDGED = ""
 _SCHEMA = "ros-lab-grader/journal/v1"
 
 
@@ -147,12 +149,30 @@ class Journal:
         Earlier results of it are put aside, since they are not of what was handed in.
         """
         shutil.rmtree(self._new(name), ignore_errors=True)
+        self._put_outdated(name)
+        self._entries.pop(name, None)
+        self._append({"not graded": name, **why.to_plain()})
+
+    def keep_unjudged(self, name: str, key: str, isolation: str) -> None:
+        """Put recordings in their place that could not be judged; the next run judges them.
+
+        Raises
+        ------
+        OSError
+            If they are not whole, or cannot be put there.
+        """
+        new = self._new(name)
+        entry = Entry(key, _UNJUDGED, isolation, recordings_sha256(new))
+        self._put_outdated(name)
+        new.rename(self.results / name)
+        _sync(self.results)
+        self._note(name, entry)
+
+    def _put_outdated(self, name: str) -> None:
         shutil.rmtree(self.results / OUTDATED / name, ignore_errors=True)
         if (self.results / name).is_dir():
             (self.results / OUTDATED).mkdir(exist_ok=True)
             (self.results / name).rename(self.results / OUTDATED / name)
-        self._entries.pop(name, None)
-        self._append({"not graded": name, **why.to_plain()})
 
     def _note(self, name: str, entry: Entry) -> None:
         self._entries[name] = entry
@@ -210,7 +230,7 @@ def recordings_sha256(folder: Path) -> str:
     """
     recordings = folder / RECORDINGS
     digest = hashlib.sha256(read_submission(recordings).sha256.encode())
-    for path in sorted(recordings.glob("*/*")):
+    for path in sorted(path for path in recordings.glob("*/*") if path.is_file()):
         content = path.read_bytes() if path.name == SESSION_FILE else str(path.stat().st_size).encode()
         digest.update(f"\0{path.relative_to(recordings)}\0".encode() + content)
     return digest.hexdigest()

@@ -9,7 +9,7 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
-from grader.errors import GraderError, RubricError
+from grader.errors import GraderError, RubricError, described
 from grader.intake import Handed, Intake
 from grader.live.isolation import Isolation
 from grader.pipeline import Options
@@ -106,15 +106,9 @@ class NotGraded:
     @classmethod
     def from_error(cls, error: Exception) -> NotGraded:
         """Say what an exception says."""
-        if isinstance(error, RubricError):
-            problem = "; ".join([error.problem, *error.mistakes])
-            return cls(problem, error.where, error.remedy, error.exit_status)
-        if isinstance(error, GraderError):
-            return cls(error.problem, error.where, error.remedy, error.exit_status)
-        if isinstance(error, OSError):
-            remedy = "Check that the disk is not full and that the folder can be written to."
-            return cls(error.strerror or str(error), str(error.filename or ""), remedy)
-        return cls(f"the grader broke: {type(error).__name__}: {error}", remedy="This is a mistake in grade.")
+        told = described(error)
+        problem = "; ".join([told.problem, *told.mistakes]) if isinstance(told, RubricError) else told.problem
+        return cls(problem, told.where, told.remedy, told.exit_status)
 
 
 Ending = Graded | NotGraded

@@ -5,19 +5,16 @@ No result is touched before all have been judged.
 
 from __future__ import annotations
 
-import multiprocessing
 import os
-import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from grader import pipeline
 from grader.batch.audit import Occasion, note_replaced, read_result, text_of
 from grader.batch.order import NotGraded
+from grader.bounded import in_processes
 from grader.cohort.changes import Changes, changes_between
 from grader.cohort.overrides import Overrides
 from grader.errors import GraderError, RecordingError
@@ -26,8 +23,6 @@ from grader.replacing import replace_files, uninterrupted
 from grader.report import json as result_json
 from grader.rubric import Rubric
 
-#: Below so many submissions, starting processes takes longer than judging here.
-_WORTH_PROCESSES = 8
 _NEW = ".new"
 _FILES = (pipeline.REPORT_FILE, pipeline.RESULT_FILE)
 
@@ -183,71 +178,22 @@ def _judged(
     measures: Mapping[str, Measure], chosen: Mapping[Path, str], prepare: bool, jobs: int | None
 ) -> Iterator[tuple[str, Changes | NotGraded]]:
     """Judge each folder by its rubric, in any order."""
-    workers = min(jobs or _cores(), len(chosen))
-    if workers < 2 or len(chosen) < _WORTH_PROCESSES:
-        _begin(measures)
-        for folder, key in chosen.items():
-            yield folder.name, _judge(folder, key, prepare)
-        return
-    # A new interpreter each: a copy of this process would share its threads' locks.
-    context = multiprocessing.get_context("spawn")
-    with _one_thread_each(), ProcessPoolExecutor(workers, context, _begin_worker, (dict(measures),)) as pool:
-        waiting: dict[Future[Changes | NotGraded], str] = {
-            pool.submit(_judge, folder, key, prepare): folder.name for folder, key in chosen.items()
-        }
-        try:
-            for done in as_completed(waiting):
-                yield waiting[done], done.result()
-        except BrokenProcessPool as error:
-            raise GraderError(
-                "a process that judges ended without a word", remedy="Judge again with -j 1, to see which it is."
-            ) from error
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
+    works = {folder: partial(_judge, folder, measures[key], prepare) for folder, key in chosen.items()}
+    for folder, outcome in in_processes(works, pipeline.JUDGING_BOUND, jobs or _cores()):
+        yield folder.name, NotGraded.from_error(outcome) if isinstance(outcome, Exception) else outcome
 
 
 def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-_by: Mapping[str, Measure] = {}
-
-
-def _begin(measures: Mapping[str, Measure]) -> None:
-    global _by
-    _by = measures
-
-
-def _begin_worker(measures: Mapping[str, Measure]) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asked.
-    _begin(measures)
-
-
-def _judge(folder: Path, key: str, prepare: bool) -> Changes | NotGraded:
+def _judge(folder: Path, measure: Measure, prepare: bool) -> Changes:
     """Judge one folder; returns what changes."""
-    rubric, overrides = _by[key]
-    try:
-        recordings = open_recordings(folder / pipeline.RECORDINGS, rubric)
-        result = pipeline.judge_with_policy(recordings, rubric, overrides)
-        text = result_json.render(result)
-        if prepare:
-            page = pipeline.report_page(result, recordings, rubric)
-            replace_files({folder / (pipeline.REPORT_FILE + _NEW): page, folder / (pipeline.RESULT_FILE + _NEW): text})
-        return changes_between(read_result(text_of(folder / pipeline.RESULT_FILE)), read_result(text) or {})
-    except Exception as error:  # One that cannot be judged does not keep the others from it.
-        return NotGraded.from_error(error)
-
-
-@contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """Keep the linear algebra of each new process to one thread; the cores are taken by the processes."""
-    name = "OPENBLAS_NUM_THREADS"
-    before = os.environ.get(name)
-    os.environ[name] = "1"
-    try:
-        yield
-    finally:
-        if before is None:
-            del os.environ[name]
-        else:
-            os.environ[name] = before
+    rubric, overrides = measure
+    recordings = open_recordings(folder / pipeline.RECORDINGS, rubric)
+    result = pipeline.judge_with_policy(recordings, rubric, overrides)
+    text = result_json.render(result)
+    if prepare:
+        page = pipeline.report_page(result, recordings, rubric)
+        replace_files({folder / (pipeline.REPORT_FILE + _NEW): page, folder / (pipeline.RESULT_FILE + _NEW): text})
+    return changes_between(read_result(text_of(folder / pipeline.RESULT_FILE)), read_result(text) or {})

@@ -16,14 +16,16 @@ from grader.batch import audit, fingerprint
 from grader.batch.admission import Admission
 from grader.batch.cluster import cluster
 from grader.batch.journal import JOURNAL_FILE, Entry, Journal
+from grader.batch.one import make_durable
 from grader.batch.order import Ending, Graded, NotGraded, Order
 from grader.batch.supervised import Phase, grade_in_process
 from grader.cohort.overrides import OVERRIDES_FILE
+from grader.errors import RecordingError
 from grader.intake import Handed, taken_in
 from grader.live.cells import run_to_an_end
 from grader.live.isolation import Isolation, Level
 from grader.live.scratch import scratch_prefix
-from grader.pipeline import CLASS_PAGE, GRADES_FILE, REPORT_FILE, RESULT_FILE, Options
+from grader.pipeline import CLASS_PAGE, GRADES_FILE, RECORDINGS, REPORT_FILE, RESULT_FILE, Options
 from grader.report.changes import CHANGES_FILE
 from grader.rubric import Rubric
 
@@ -241,7 +243,7 @@ class ClassRun:
             order = self._order(task, self.journal.unfinished(name))
             ending, isolation = await site.grade(order, task.number, on_phase)
         if isinstance(ending, NotGraded):
-            return ending if kept else self._abandoned(task, ending)
+            return ending if kept else self._not_judged(task, order, isolation, ending)
         after = (order.results / RESULT_FILE).read_text(encoding="utf-8")
         occasion = audit.Occasion(now, "grade", self.options.overrides.sha256)
         audit.note_replaced(self.journal.results, name, before, after, occasion)
@@ -256,6 +258,16 @@ class ClassRun:
         if seed is None:
             seed = fingerprint.seed_for(task.submission, self.journal.run_seed)
         return Order(task.handed, results, self.rubric, replace(self.options, seed=seed))
+
+    def _not_judged(self, task: _Task, order: Order, isolation: Level, why: NotGraded) -> NotGraded:
+        """Keep what was recorded of a submission, unless that itself cannot be read."""
+        if (order.results / RECORDINGS).is_dir() and why.exit_status != RecordingError.exit_status:
+            with suppress(OSError, ValueError):
+                make_durable(order.results)
+                self.journal.keep_unjudged(task.handed.name, task.key, isolation.value)
+                final = self.journal.results / task.handed.name
+                return replace(why, remedy=why.remedy.replace(str(order.results), str(final)))
+        return self._abandoned(task, why)
 
     def _abandoned(self, task: _Task, why: NotGraded) -> NotGraded:
         with suppress(OSError):  # Such as a full disk, which is likely to be the reason itself.

@@ -12,6 +12,7 @@ from pydantic import Field, field_validator
 from grader import references as ref
 from grader.checks.finding import (
     Context,
+    apart,
     failed,
     graded,
     in_steps,
@@ -19,10 +20,11 @@ from grader.checks.finding import (
     missing_artifact,
     not_reached,
     passed,
+    percent,
     runs_elsewhere,
     why_nothing,
 )
-from grader.checks.reception import OfferedProfile, clash
+from grader.checks.reception import clash
 from grader.checks.traffic import claimed_qos, student_endpoints
 from grader.evidence.calls import rclpy_calls
 from grader.evidence.chance import is_believed
@@ -78,7 +80,9 @@ def ends_by_itself(context: Context, p: EndsByItself) -> Finding:
             hint="End rclpy.spin after 10 s: count the time in a timer, or spin_once in a loop.",
             where=(spot,),
         )
-    measured = f"ended after {ran_s:.1f} s with status {run.exit_status}" + ("" if said else ", no results")
+    measured = f"ended after {apart(ran_s, p.least_s, places=1)} s with status {run.exit_status}" + (
+        "" if said else ", no results"
+    )
     if said and ran_s >= p.least_s:
         return passed(
             expected,
@@ -86,14 +90,20 @@ def ends_by_itself(context: Context, p: EndsByItself) -> Finding:
             where=(spot,),
             notes=() if run.exit_status == 0 else (_bad_end(run.exit_status),),
         )
-    reason, hint, where = why_nothing(context, p.artifact, "It ended without results.")
     if said:
         return graded(
-            0.5, expected, measured, f"It ended after {ran_s:.1f} s already, which is too soon.", where=(spot,)
+            0.5,
+            expected,
+            measured,
+            f"It ended after {apart(ran_s, p.least_s, places=1)} s already, which is too soon.",
+            where=(spot,),
         )
     if printed.strip() and run.exit_status == 0 and ran_s >= p.least_s:
         reason = "It ended in time, but nothing that it printed could be read as results."
         return graded(0.5, expected, measured, reason, hint=_RESULTS_HINT, where=(spot,))
+    if run.exit_status == 0 and ran_s >= p.least_s:
+        return failed(expected, measured, "It ended in time, and printed nothing.", hint=_RESULTS_HINT, where=(spot,))
+    reason, hint, where = why_nothing(context, p.artifact, "It ended without results.")
     return failed(expected, measured, reason, hint=hint, where=where)
 
 
@@ -323,7 +333,9 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
     claims = {row.name: _claimed(context, p, row) for row in p.rows}
     # Where nothing was sent, and nothing is said to have come, that is charged with the traffic.
     rows = [r for r in p.rows if _written(context, r.topic) or ((said := claims[r.name]) is not None and said.count)]
-    expected = f"for each profile the messages delivered (± {p.count_tolerance:.0%}) and a latency that is possible"
+    expected = (
+        f"for each profile the messages delivered (± {percent(p.count_tolerance)}) and a latency that is possible"
+    )
     if not rows:
         return not_reached("Nothing was sent on any of the topics, which is charged above.", expected=expected)
     for row in rows:
@@ -420,9 +432,7 @@ def _self_clash(context: Context, topic: str) -> str | None:
     requests = student_endpoints(context, topic, "subscription")
     if not offers or not requests:
         return None
-    return clash(
-        requests[0], OfferedProfile(reliability=offers[0].qos.reliability, durability=offers[0].qos.durability)
-    )
+    return clash(requests[0], offers[0].qos)
 
 
 def _all_together(context: Context, p: ReportedTraffic, count: int) -> str:
@@ -465,7 +475,8 @@ def _latency_problem(context: Context, p: ReportedTraffic, row: Row, got: Result
     if least_s - got.rounding_s <= got.mean_s <= most_s + got.rounding_s and got.mean_s >= 0 and in_order:
         return ""
     most = f" (max {got.max_s * 1e3:.2f} ms)" if got.max_s is not None else ""
-    reported = f"{row.name} reports a mean latency of {got.mean_s * 1e3:.2f} ms{most}"
+    mean_ms = apart(got.mean_s * 1e3, *([] if got.max_s is None else [got.max_s * 1e3]), places=2)
+    reported = f"{row.name} reports a mean latency of {mean_ms} ms{most}"
     slip = " No message arrives before it was sent: subtract the other way round." if got.mean_s < 0 else ""
     if least_s <= 1e3 * got.mean_s <= most_s:
         slip = " It would be right in s: times 1000, it is in ms."

@@ -11,7 +11,7 @@ from pathlib import PurePosixPath
 from pydantic import Field
 
 from grader import references as ref
-from grader.checks.finding import Context, failed, graded, inconclusive
+from grader.checks.finding import Context, apart, failed, graded, inconclusive, percent
 from grader.evidence.markup import Document, read_markdown
 from grader.evidence.prose import (
     TopicWords,
@@ -154,12 +154,13 @@ class Docstrings(_OfFiles):
 def docstrings(context: Context, p: Docstrings) -> Finding:
     """Judge the weighted share of definitions with a docstring; missing files do not count."""
     facts = sources(context, p.artifacts)
-    expected = f"docstrings on at least {p.full_from:.0%} of modules, classes and functions"
-    expected += f"; no credit up to {p.zero_to:.0%}" if p.zero_to else ""
+    expected = f"docstrings on at least {percent(p.full_from)} of modules, classes and functions"
+    expected += f"; no credit up to {percent(p.zero_to)}" if p.zero_to else ""
     if not facts:
         return failed(expected, "no source files", "There is no source to read.")
     share = docstring_share(facts)
-    measured = f"{share.documented} of {share.needed} documented ({float(share.share):.0%} by weight)"
+    weight = apart(100 * float(share.share), 100 * p.full_from, 100 * p.zero_to, places=0)
+    measured = f"{share.documented} of {share.needed} documented ({weight}% by weight)"
     lacking = [f"{u.definition.label} ({u.reason})" for u in share.undocumented[:4]]
     more = f" and {len(share.undocumented) - 4} more" if len(share.undocumented) > 4 else ""
     reason = f"Without a docstring that says something: {', '.join(lacking)}{more}."
@@ -187,7 +188,7 @@ def comments(context: Context, p: Comments) -> Finding:
     explaining = sum(len(f.explaining) for f in facts)
     others = [c for f in facts for c in f.comments if c.kind in ("code", "repeated", "echo")]
     density = 100 * explaining / lines
-    measured = f"{explaining} in {lines} lines of code ({density:.1f} in 100)"
+    measured = f"{explaining} in {lines} lines of code ({apart(density, p.full_per_100_lines, places=1)} in 100)"
     wanted = math.ceil(p.full_per_100_lines * lines / 100)
     said = f"{explaining} comment explains" if explaining == 1 else f"{explaining} comments explain"
     reason = f"{said} something; for {lines} lines of code {wanted} give{'s' * (wanted == 1)} full credit"

@@ -12,8 +12,9 @@ from typing import Any
 from grader.evidence.diagnosis import Diagnosis, explain
 from grader.evidence.elsewhere import only_elsewhere
 from grader.evidence.limits import ended_by_limit, hit_limit
+from grader.evidence.oracle import load_oracle
 from grader.evidence.recorded import NumericStream, Recorded
-from grader.oracle import load_oracle
+from grader.evidence.source import spin_lines
 from grader.recording.submission import SubmissionRecord
 from grader.result import Finding, Outcome, Where
 
@@ -185,6 +186,27 @@ def ramp(value: float, full: float, zero: float) -> float:
     return min(1.0, max(0.0, (zero - value) / (zero - full)))
 
 
+#: Decimal places after which numbers are taken for equal.
+_MOST_PLACES = 9
+
+
+def apart(value: float, *limits: float, places: int) -> str:
+    """Return a number with so many decimal places, or more, that it reads on its own side of each limit.
+
+    A verdict by 99.98 must not read as if it were by 100.0.
+    """
+    for digits in range(places, _MOST_PLACES):
+        shown = [(round(value, digits) > round(n, digits)) - (round(value, digits) < round(n, digits)) for n in limits]
+        if shown == [(value > n) - (value < n) for n in limits]:
+            return f"{value:.{digits}f}"
+    return f"{value:.{places}f}"
+
+
+def percent(share: float) -> str:
+    """Return a share from a rubric as it is written there."""
+    return f"{100 * share:g}%"
+
+
 def takes_points(finding: Finding | None) -> bool:
     """Whether a check has taken points."""
     return finding is not None and finding.outcome in (Outcome.FAILED, Outcome.PARTIAL, Outcome.NOT_REACHED)
@@ -220,11 +242,27 @@ def told(found: Diagnosis) -> str:
 def runs_elsewhere(context: Context, artifact: str, expected: str) -> Finding | None:
     """State that a program cannot be judged since it needs what is missing here, or None if it does not."""
     found = context.diagnosis(artifact)
-    reason = only_elsewhere(found, context.submission.texts)
+    reason = environment_gap(context, artifact, found)
     if found is None or reason is None:
         return None
     spot = Where(file=found.file, line=found.line) if found.file else context.where()
     return inconclusive(expected, told(found), reason, where=(spot,), retry=False)
+
+
+def environment_gap(context: Context, artifact: str, found: Diagnosis | None) -> str | None:
+    """Say what a program needs that is missing here, by how one of its runs ended; None if all runs do not end so.
+
+    What is missing is missing whenever the program runs, in whatever session.
+    """
+    reason = only_elsewhere(found, context.submission, context.path_of(artifact))
+    if found is None or reason is None:
+        return None
+    paths = [f.path for f in context.submission.files]
+    records = [recorded.record for recorded in context.sessions.values()]
+    runs = [run for record in records for run in record.processes if run.role == "student" and run.artifact == artifact]
+    ends = [explain(run.output, paths, run.interrupted_ns) for run in runs]
+    alike = all(end is not None and (end.kind, end.subject) == (found.kind, found.subject) for end in ends)
+    return reason if alike else None
 
 
 def why_nothing(context: Context, artifact: str, fallback: str) -> tuple[str, str, tuple[Where, ...]]:
@@ -240,15 +278,36 @@ def why_nothing(context: Context, artifact: str, fallback: str) -> tuple[str, st
         return told(found), found.remedy, (spot,)
     if hit is not None:
         return *hit, (Where(session=session, process=artifact),)
-    if processes and processes[-1].ended_by == "itself" and processes[-1].exit_status is not None:
-        status = processes[-1].exit_status
-        reason = f"The program ended by itself with exit status {status} before it did anything that can be seen."
-        return (
-            reason,
-            "A node has to spin: rclpy.spin(node) keeps it alive.",
-            (Where(session=session, process=artifact),),
-        )
-    return fallback, "", (Where(session=session, process=artifact),)
+    return ended_already(context, artifact) or (fallback, "", (Where(session=session, process=artifact),))
+
+
+def ended_already(context: Context, artifact: str) -> tuple[str, str, tuple[Where, ...]] | None:
+    """Say of a program that ended by itself without an error what was seen of it: (reason, hint, where).
+
+    That it never spins is said only where its source shows it; None if it went on until it was asked to end.
+    """
+    runs = context.session.processes_of(artifact)
+    run = runs[-1] if runs else None
+    if run is None or run.exited_ns is None or run.interrupted_ns is not None or run.ended_by != "itself":
+        return None
+    output = Where(session=context.session.record.session, process=artifact)
+    after_s = (run.exited_ns - run.started_ns) / 1e9
+    if run.exit_status != 0:
+        reason = f"Your {artifact} node had already ended, with exit status {run.exit_status} after {after_s:.1f} s."
+        return reason, "See in its output what ended it.", (output,)
+    path = context.path_of(artifact) or ""
+    spins = spin_lines(context.submission.texts.get(path, ""), context.submission.texts)
+    ended = f"Your {artifact} node had already ended (exit status 0 after {after_s:.1f} s, no error)"
+    if spins is None or not path:
+        return f"{ended}.", _KEEP_HINT, (output,)
+    if not spins:
+        return f"{ended}: main() never reaches rclpy.spin(node).", _SPIN_HINT, (Where(file=path), output)
+    reason = f"{ended}: what spins in line {spins[0]} was not reached, or came back."
+    return reason, _KEEP_HINT, (Where(file=path, line=spins[0]), output)
+
+
+_SPIN_HINT = "Call rclpy.spin(node) in main() once the node is made: it serves the node's callbacks until Ctrl-C."
+_KEEP_HINT = "See that main() is called, and that it goes on to spin the node until Ctrl-C."
 
 
 def not_seen(context: Context, artifact: str, kind: str, names: Sequence[str], expected: str) -> Finding | None:

@@ -13,6 +13,8 @@ from pydantic import Field
 from grader import references as ref
 from grader.checks.finding import (
     Context,
+    apart,
+    environment_gap,
     failed,
     graded,
     in_steps,
@@ -25,11 +27,12 @@ from grader.checks.finding import (
 )
 from grader.evidence.chance import clock_was_set, is_believed
 from grader.evidence.diagnosis import explain
-from grader.evidence.elsewhere import is_newer_python, only_elsewhere
+from grader.evidence.elsewhere import is_newer_python, missing_here
 from grader.evidence.launch_source import parameter_line
 from grader.evidence.recorded import Recorded
 from grader.evidence.timing import Timing, timing_of
-from grader.recording.plan import MalformedPlanError, Plan, Process
+from grader.recording.plan import MalformedPlanError, Plan, Problem, Process
+from grader.recording.session import ProcessRun
 from grader.references import Parameters, Share
 from grader.result import Finding, Outcome, Where
 
@@ -71,7 +74,7 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
     where = (
         (Where(file=problem.file, line=problem.line),) if problem is not None and problem.file else (context.where(),)
     )
-    if plan.outcome == "not_assessable" and problem is not None:
+    if plan.outcome == "not_assessable" and problem is not None and not _is_made_up(problem, context):
         reason = "The grader cannot evaluate this launch file."
         return inconclusive(expected, problem.message, reason, where=where, retry=False)
     text = context.submission.texts.get(problem.file or "", "") if problem is not None else ""
@@ -89,6 +92,12 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
         where=where,
         notes=notes,
     )
+
+
+def _is_made_up(problem: Problem, context: Context) -> bool:
+    """Whether a module is said to be missing that the launch file does not import, or that is not missing here."""
+    said = problem.kind == "missing_module"
+    return said and missing_here(problem.module, problem.file or "", problem.line, context.submission) is None
 
 
 def _silent(plan: Plan) -> list[str]:
@@ -215,7 +224,7 @@ def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
         return contained
     if unseen := [wanted.node for wanted in p.nodes if _is_unseen(context, plan, wanted)]:
         reason = f"{', '.join(unseen)} was made, and goes on, but was not seen in the graph."
-        return inconclusive(expected, _in_the_graph(context, mended_first=False), reason, where=(context.where(),))
+        return inconclusive(expected, _in_the_graph(context, plan), reason, where=(context.where(),))
     judged = [_judge_node(context, plan, wanted) for wanted in p.nodes]
     share = sum(j.share for j in judged)
     reasons = [j.reason for j in judged if j.reason]
@@ -237,10 +246,14 @@ def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
         reasons.insert(0, f"{said} `ros2 launch` stops {at} and starts nothing.")
         hints = [str(noted["remedy"]) for noted in stopping] + hints
         spots = [Where(file=noted["file"], line=noted["line"]) for noted in stopping] + spots
+    measured = _in_the_graph(context, plan, mended_first=bool(stopping))
+    undecided = [j.undecided for j in judged if j.undecided]
+    if share + len(undecided) > max(0.0, share):
+        return inconclusive(expected, measured, " ".join(undecided), where=spots or (context.where(),), retry=False)
     return graded(
         max(0.0, share / len(p.nodes)),
         expected,
-        _in_the_graph(context, mended_first=bool(stopping)),
+        measured,
         " ".join(reasons),
         hint=hints[0] if hints else "",
         where=spots or (context.where(),),
@@ -248,12 +261,23 @@ def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
     )
 
 
-def _in_the_graph(context: Context, *, mended_first: bool) -> str:
-    """Name the student's nodes that were seen; where the grader put something right for that, say so."""
-    up = ", ".join(n for n in context.session.nodes if n not in context.reference_nodes)
+def _in_the_graph(context: Context, plan: Plan, *, mended_first: bool = False) -> str:
+    """Name the student's nodes that were seen, and how those ended that did not stay.
+
+    Where the grader put something right for them to come up, that is said.
+    """
+    seen = (n for n in context.session.nodes if n not in context.reference_nodes)
+    up = ", ".join(node + _end_shown(context, _entry_for(plan, node, "")) for node in seen)
     if not up:
         return "no node of the student's in the graph"
-    return f"as it is, none; put right by the grader: {up}" if mended_first else up
+    return f"your file starts nothing; with the names corrected by the grader: {up}" if mended_first else up
+
+
+def _end_shown(context: Context, entry: Process | None) -> str:
+    run = context.session.process(entry.id) if entry is not None and _died(context, entry) else None
+    if run is None or run.exited_ns is None:
+        return ""
+    return f" (ended after {(run.exited_ns - run.started_ns) / 1e9:.1f} s with status {run.exit_status})"
 
 
 def _contained(context: Context, plan: Plan, p: LaunchNodes, expected: str) -> Finding | None:
@@ -286,13 +310,14 @@ def _nothing_started(context: Context, plan: Plan | None, expected: str) -> Find
 
 @dataclass(frozen=True)
 class _JudgedNode:
-    """The share of one node, the reason for what is lost, and a note where somebody else charges for it."""
+    """The share of one node, why something is lost or undecided, and a note where another check charges for it."""
 
     share: float
     reason: str = ""
     note: str = ""
     hint: str = ""
     where: tuple[Where, ...] = ()
+    undecided: str = ""
 
 
 def _judge_node(context: Context, plan: Plan, wanted: WantedNode) -> _JudgedNode:
@@ -312,8 +337,10 @@ def _judge_node(context: Context, plan: Plan, wanted: WantedNode) -> _JudgedNode
         how = f"came up as {other}" if other != wanted.node else "did not come up"
         note = f"{wanted.node} {how} by its own fault, which is charged in {wanted.charged_by}."
         return _JudgedNode(1.0, note=note)
-    if (elsewhere := _why_only_elsewhere(context, entry)) is not None:
-        return _JudgedNode(1.0, note=f"{wanted.node} did not come up. {elsewhere}")
+    if (charged := _charged_alone(context, entry, wanted.artifact)) is not None:
+        return _JudgedNode(1.0, note=f"{wanted.node} ended as it does by itself, which is charged in {charged}.")
+    if (gap := _environment_gap(context, wanted, entry)) is not None:
+        return _JudgedNode(0.0, undecided=f"{wanted.node} did not come up. {gap}")
     if wanted.types_charged_by is not None and _declares_another_type(context, entry, wanted.types_charged_by):
         note = (
             f"{wanted.node} takes no value of the type that the lab asks for, as charged in {wanted.types_charged_by}."
@@ -346,6 +373,34 @@ def _died(context: Context, entry: Process | None) -> bool:
     return run is not None and run.exited_ns is not None and run.interrupted_ns is None
 
 
+def _charged_alone(context: Context, entry: Process, artifact: str) -> str | None:
+    """Return the check that charged the end of a launched node, where the node ends the same way in another session."""
+    run = context.session.process(entry.id)
+    end = _end_of(context, run) if run is not None else None
+    if end is None:
+        return None
+    others = [session for session in context.sessions.values() if session is not context.session]
+    alike = {s.record.session for s in others if end in (_end_of(context, r) for r in s.processes_of(artifact))}
+    for check, finding in context.findings.items() if alike else ():
+        spots = {(spot.file, spot.line) for spot in finding.where if spot.line} | {s.session for s in finding.where}
+        if finding.outcome in (Outcome.FAILED, Outcome.PARTIAL) and spots & {end[:2], *alike}:
+            return check
+    return None
+
+
+def _end_of(context: Context, run: ProcessRun) -> tuple[object, ...] | None:
+    """Return what tells one end of a program from another: the line and its exception, else limit and status.
+
+    None for one that went on until it was stopped.
+    """
+    if run.exited_ns is None or run.interrupted_ns is not None:
+        return None
+    found = explain(run.output, [f.path for f in context.submission.files])
+    if found is None:
+        return (None, None, run.limit, run.exit_status)
+    return (found.file, found.line, found.kind, found.exception_type)
+
+
 def _why_down(context: Context, entry: Process, executable: str) -> _JudgedNode:
     spot = (Where(file=entry.file, line=entry.line),)
     run = context.session.process(entry.id)
@@ -367,10 +422,10 @@ def _why_down(context: Context, entry: Process, executable: str) -> _JudgedNode:
     return _JudgedNode(0.0, f"{executable} ended with status {run.exit_status}: {told(found)}", hint=hint, where=spot)
 
 
-def _why_only_elsewhere(context: Context, entry: Process) -> str | None:
+def _environment_gap(context: Context, wanted: WantedNode, entry: Process) -> str | None:
     run = context.session.process(entry.id)
     found = explain(run.output, [f.path for f in context.submission.files]) if run is not None else None
-    return only_elsewhere(found, context.submission.texts)
+    return environment_gap(context, wanted.artifact, found)
 
 
 def _declares_another_type(context: Context, entry: Process, charged_by: str) -> bool:
@@ -472,9 +527,10 @@ def _judge_parameter(
         and step.outcome == "done"
         and wanted.name in step.result.get("declared", [])
     ):
-        return 0.0, f"{wanted.name} of {short} could not be read.", text
+        return 0.0, f"{wanted.name} of {short} could not be read.", f"{short}.{wanted.name} unreadable"
     if planned is _MISSING:
-        return 0.0, f"The launch file gives {short} no {wanted.name}; {value!r} is the node's own default.", text
+        own = f"{value!r} is the node's own default"
+        return 0.0, f"The launch file gives {short} no {wanted.name}; {own}.", f"{text} (its own default)"
     if not _same(value, wanted.value) and not _follows_default(plan, wanted, value):
         return 0.0, f"{wanted.name} of {short} is {value!r}, not {wanted.value!r}.", text
     if wanted.other is None or _lacks_argument(plan, wanted):
@@ -488,7 +544,7 @@ def _judge_parameter(
     reason = f"{subject} is not wired to its launch argument: {instead}"
     if changed is not _MISSING and not _same(changed, planned):
         reason = f"{subject} follows its launch argument, but not as it should: {instead}"
-    return 0.5, reason, text
+    return 0.5, reason, f"{text} ({shown} with another argument)"
 
 
 def _misdirected(plan: Plan, wanted: WantedNodeParameter, all_wanted: Sequence[WantedNodeParameter]) -> str:
@@ -617,12 +673,10 @@ def _commands_come(context: Context, p: TogetherCommands) -> tuple[float, str, s
     if alone_timing is None:
         return 1.0, f"commands at {timing.rate_hz:.1f} Hz", ""
     share = 1.0 if _as_told(context, timing, p) else _share_of_rate(timing, alone_timing, p)
-    text = f"commands at {timing.rate_hz:.1f} Hz ({alone_timing.rate_hz:.1f} Hz alone)"
-    return (
-        share,
-        text,
-        f"Commands come at {timing.rate_hz:.1f} Hz, while alone they come at {alone_timing.rate_hz:.1f} Hz.",
-    )
+    rates = (timing.rate_hz, alone_timing.rate_hz)
+    shown, alone_shown = (apart(hz, *(rates if share < 1 else ()), places=1) for hz in rates)
+    text = f"commands at {shown} Hz ({alone_shown} Hz alone)"
+    return share, text, f"Commands come at {shown} Hz, while alone they come at {alone_shown} Hz."
 
 
 def _timing_alone(alone: Recorded | None, p: TogetherCommands) -> Timing | None:

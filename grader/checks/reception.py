@@ -14,6 +14,7 @@ from pydantic import Field
 from grader import references as ref
 from grader.checks.finding import (
     Context,
+    apart,
     failed,
     graded,
     inconclusive,
@@ -22,6 +23,7 @@ from grader.checks.finding import (
     not_reached,
     not_seen,
     passed,
+    percent,
     runs_elsewhere,
     takes_points,
     told,
@@ -30,7 +32,7 @@ from grader.checks.finding import (
 from grader.checks.traffic import claimed_at, claimed_qos, in_namespace, student_endpoints
 from grader.evidence.printed import PrintedVector, Report, printed_vector, reports
 from grader.evidence.recorded import Span
-from grader.recording.session import Endpoint, OutputLine, ProcessRun, StepRun
+from grader.recording.session import Endpoint, OutputLine, ProcessRun, Qos, StepRun
 from grader.references import Parameters, Pattern, Patterns, Share
 from grader.result import Finding, Outcome, Where
 
@@ -61,7 +63,7 @@ class TopicsSubscribed(Parameters):
     node: ref.RosName | None = None
 
 
-def clash(requested: Endpoint, offered: OfferedProfile) -> str | None:
+def clash(requested: Endpoint, offered: OfferedProfile | Qos) -> str | None:
     """Return the policy on which a subscription's request and an offer are incompatible, in words, or None.
 
     References
@@ -385,7 +387,8 @@ def _first_wrong(context: Context, seen: _Seen) -> str:
     begin_s = context.session.since_start_s(start_ns)
     if value is None:
         return f"From {begin_s:.1f} s on there is no report on a whole plateau."
-    return f"At {begin_s:.1f} s it reports {value:.4f}; right is {right:.4f}."
+    shown, wanted = apart(value, right, places=4), apart(right, value, places=4)
+    return f"At {begin_s:.1f} s it reports {shown}; right is {wanted}."
 
 
 def _other_series(context: Context, p: ReportedSeries, heard: Sequence[Report]) -> Alternative | None:
@@ -448,6 +451,9 @@ class ReportedStatistics(Streams):
     alternatives: tuple[Alternative, ...] = ()
     report_pattern: Patterns = Field((), description="The node's report on each message, to see whether it lost any.")
     shorter: Shorter | None = None
+    full_from: Share = Field(
+        0.5, description="Share of the messages from which numbers over those alone that the node reports earn all."
+    )
 
 
 def reported_statistics(context: Context, p: ReportedStatistics) -> Finding:
@@ -475,6 +481,11 @@ def _printed(p: ReportedStatistics, output: Sequence[OutputLine], stopped_ns: in
     return printed_vector(output, (p.label, *p.synonyms), stopped_ns, p.unless)
 
 
+def _vectors(values: Sequence[float], right: Sequence[float], places: int) -> tuple[str, str]:
+    shown, wanted = (" ".join(f"{x:.{places}f}" for x in numbers) for numbers in (values, right))
+    return f"[{shown}]", f"[{wanted}]"
+
+
 _OTHER_FORMS = {
     "table": "{0} is printed in a table; the lab asks for a line '{0}: [...]'.",
     "lines": "{0} is printed in a line for each element; the lab asks for one line '{0}: [...]'.",
@@ -485,10 +496,11 @@ def _judge_vector(
     context: Context, p: ReportedStatistics, streams: Mapping[str, Any], printed: PrintedVector, expected: str
 ) -> Finding:
     spot = Where(session=context.session.record.session, process=p.artifact)
-    measured = "[" + " ".join(f"{x:.4f}" for x in printed.values[: p.length]) + "]"
     notes = [_OTHER_FORMS[printed.form].format(p.label)] if printed.form in _OTHER_FORMS else []
     right = context.oracle(p.oracle)(streams, p.parameters, context.session.record.seed)[p.key]["value"]
-    right_text = "[" + " ".join(f"{x:.4f}" for x in right) + "]"
+    # Where one number is wrong and the others are right, more digits of these would say nothing.
+    texts = [_vectors(printed.values[: p.length], right, places) for places in range(4, 10)]
+    measured, right_text = next((pair for pair in texts if pair[0] != pair[1]), texts[0])
     expected = f"{right_text} from the recording, behind '{p.label}:' at Ctrl-C"
     share = _agreement(context, p, streams, {}, printed)
     if share >= 1:
@@ -497,13 +509,18 @@ def _judge_vector(
     over_heard = [f"{p.label}: judged over the {len(heard)} messages that the node reported; it lost the others."]
     fits_heard = bool(heard) and _agreement(context, p, streams, {"reports": heard}, printed) >= 1
     # After a loss a right history reaches back further, so that it may look like one that is too long.
-    if fits_heard and _reported_most(context, p, heard):
+    of_all = len(heard) / _comparable(context, p) / p.full_from
+    if fits_heard and of_all >= 1:
         return passed(expected, measured, where=(spot,), notes=[*notes, *over_heard])
     for other in p.alternatives:
         if _agreement(context, p, streams, other.parameters, printed) >= 1:
             return other.finding(context, expected, measured, where=(spot,), notes=notes)
     if fits_heard:
-        return passed(expected, measured, where=(spot,), notes=[*notes, *over_heard])
+        reason = (
+            f"These numbers fit the {len(heard)} messages alone on which the node reported; it left out the others."
+        )
+        best = of_all + _messages_during_delay(context, p) / _comparable(context, p) / p.full_from
+        return measured_share(of_all, best, expected, measured, reason, _late(context, p), where=(spot,))
     if heard and (late := _starved(context, p)):
         return inconclusive(expected, measured, late, where=(spot,))
     reason = f"Right would be {right_text}."
@@ -620,10 +637,15 @@ def _messages_during_delay(context: Context, p: Streams) -> float:
     most = max(streams, key=lambda s: len(s.source_ns))
     span = Span(int(most.source_ns[0]), int(most.source_ns[-1]))
     rate_hz = len(most.source_ns) / max(span.duration_s, 1e-9)
-    asked = [claimed_qos(context, "subscription", context.session.used(t))[0] for t in p.streams.values()]
-    room = max(0, min((qos.depth if qos is not None else 1) for qos in asked) - 1)
+    room = _queue_room(context, p)
     run = context.session.processes_of(p.artifact)[-1]
     return rate_hz * context.session.long_delays_s(run, span, room / rate_hz)
+
+
+def _queue_room(context: Context, p: Streams) -> int:
+    """Return how many messages may wait besides the one that is next, by what the node asked for."""
+    asked = [claimed_qos(context, "subscription", context.session.used(t))[0] for t in p.streams.values()]
+    return max(0, min((qos.depth if qos is not None else 1) for qos in asked) - 1)
 
 
 #: Share of a time for which a process was kept from a core, from which it may have lost messages by that.
@@ -677,14 +699,10 @@ def _stimulus(context: Context, p: Streams) -> Span | None:
 def _reports_of_some(context: Context, p: ReportedStatistics) -> list[tuple[int, float]]:
     """Return the node's reports if they are clearly fewer than the messages: some may never have reached it."""
     heard = reports(context.session, p.artifact, p.report_pattern) if p.report_pattern else []
+    heard = _without_repeats(context, p, heard)
     if len(heard) >= 0.99 * _comparable(context, p):
         return []
     return [(r.t_ns, r.value) for r in heard]
-
-
-def _reported_most(context: Context, p: ReportedStatistics, heard: Sequence[tuple[int, float]]) -> bool:
-    """Whether the reports are so many that the others were lost; a node with fewer may rather leave out reports."""
-    return 2 * len(heard) > _comparable(context, p)
 
 
 def _comparable(context: Context, p: ReportedStatistics) -> int:
@@ -705,7 +723,10 @@ class Survives(Parameters):
 
 
 def survives(context: Context, p: Survives) -> Finding:
-    """Judge whether the artifact's first process outlived the step."""
+    """Judge whether the artifact's first process outlived the step, and the node in it.
+
+    A program that starts its node again has not kept it from ending.
+    """
     expected = "the node goes on"
     step = context.session.step(p.step)
     processes = context.session.processes_of(p.artifact)
@@ -719,12 +740,32 @@ def survives(context: Context, p: Survives) -> Finding:
     if first.exited_ns is None or first.interrupted_ns is not None or first.exited_ns > second_start_ns:
         if _never_matched(context, step):
             return inconclusive(expected, "it went on", _UNMATCHED, where=(spot,))
+        if (replaced_ns := _replaced_ns(context, step, second_start_ns)) is not None:
+            reason, hint, where = why_nothing(context, p.artifact, _REPLACED)
+            measured = f"the program went on; its node ended before {context.session.since_start_s(replaced_ns):.2f} s"
+            return failed(expected, measured, reason, hint=hint, where=where)
         return _early_report(context, p, step, later) or passed(expected, "it went on", where=(spot,))
     reason, hint, where = why_nothing(context, p.artifact, "The node ended.")
     measured = f"it ended with status {first.exit_status} at {context.session.since_start_s(first.exited_ns):.2f} s"
     return failed(expected, measured, reason, hint=hint, where=where)
 
 
+def _replaced_ns(context: Context, step: StepRun, until_ns: int) -> int | None:
+    """Return when what subscribed to a step's topic was first seen gone, or the same node to have subscribed anew."""
+    nodes = {e.gid: e.node for e in student_endpoints(context, str(step.parameters.get("topic")), "subscription")}
+    before: set[str] = set()
+    for graph in context.session.record.graph:
+        there = {endpoint.gid for endpoint in graph.endpoints if endpoint.gid in nodes}
+        if graph.t_ns <= step.started_ns:
+            before = there
+        elif before and graph.t_ns < until_ns:
+            names = {nodes[gid] for gid in before}
+            if not there & before or any(nodes[gid] in names for gid in there - before):
+                return graph.t_ns
+    return None
+
+
+_REPLACED = "The node ended, and the program went on without it or started it again; messages are lost meanwhile."
 _UNMATCHED = "The subscription was not matched in time, so that the node may not have got what was sent."
 
 
@@ -774,7 +815,7 @@ def _kept_until_ns(context: Context, artifact: str) -> int:
 def report_share(context: Context, p: ReportShare) -> Finding:
     """Judge the number of reports against the oracle's count."""
     streams = context.streams(p.streams, p.field)
-    expected = f"a report for at least {p.full_from:.0%} of the messages"
+    expected = f"a report for at least {percent(p.full_from)} of the messages"
     if len(streams) < len(p.streams):
         return inconclusive(
             expected,
@@ -784,12 +825,53 @@ def report_share(context: Context, p: ReportShare) -> Finding:
     until_ns = _kept_until_ns(context, p.artifact)
     streams = {role: stream.until(until_ns) for role, stream in streams.items()}
     possible = int(context.oracle(p.oracle)(streams, p.parameters, context.session.record.seed))
-    heard = len(reports(context.session, p.artifact, p.pattern))
-    if not heard:
+    lines = reports(context.session, p.artifact, p.pattern)
+    if not lines:
         return not_reached("There is no report at all, as said above.", expected=expected)
-    measured = f"{heard} reports for {possible} messages" + (_TOO_MUCH if until_ns < _NEVER_NS else "")
+    heard = len(_without_repeats(context, p, lines))
+    repeats = f", and {len(lines) - heard} that repeat one" if heard < len(lines) else ""
+    measured = f"{heard} reports{repeats} for {possible} messages" + (_TOO_MUCH if until_ns < _NEVER_NS else "")
     spot = Where(session=context.session.record.session, process=p.artifact)
     share, best = (n / max(1, possible) / p.full_from for n in (heard, heard + _messages_during_delay(context, p)))
     reason = f"Only {heard} of {possible} messages led to a report."
     late = _late(context, p)
     return measured_share(share, best, expected, measured, reason, late, where=(spot,))
+
+
+#: After so many intervals without a message, those that follow come with another value.
+_SILENT_INTERVALS = 5
+
+
+def _without_repeats(context: Context, p: Streams, heard: Sequence[Report]) -> list[Report]:
+    """Return the reports without lines that say again what the one before said.
+
+    A node that fell behind reports on several messages at once, and may say the same of each. But of messages that
+    came together after a silence it cannot say more than came until then. Where more is said than the time in which
+    the grader stood still explains, lines are repeated: those that follow each other faster than messages count once.
+    """
+    streams = context.streams(p.streams, p.field).values()
+    begun_ns = max((int(stream.source_ns[0]) for stream in streams), default=0)
+    sent = max((s.source_ns[s.source_ns >= begun_ns] for s in streams), key=len, default=np.array([], dtype=np.int64))
+    if len(sent) < 2:
+        return list(heard)
+    interval_ns = float(np.median(np.diff(sent)))
+    starts = sent[np.concatenate(([True], np.diff(sent) > _SILENT_INTERVALS * interval_ns))]
+    surplus = most = said = first = 0
+    before: Report | None = None
+    kept: list[Report] = []
+    for report in sorted((r for r in heard if r.t_ns >= begun_ns), key=lambda report: report.t_ns):
+        came = int(np.searchsorted(sent, report.t_ns, side="right"))
+        if before is None or not np.isclose(report.value, before.value, rtol=_ALIKE):
+            surplus, most, said = surplus + most, 0, 0
+            first = int(np.searchsorted(sent, starts[starts <= report.t_ns][-1]))
+        said += 1
+        most = max(most, said - (came - first))
+        if not said > 1 or before is None or report.t_ns - before.t_ns > interval_ns / 2:
+            kept.append(report)
+        before = report
+    stalled_s = context.session.stalled_s(Span(int(sent[0]), int(sent[-1])))
+    return kept if surplus + most > stalled_s * 1e9 / interval_ns else list(heard)
+
+
+#: Values that differ by less are taken for one.
+_ALIKE = 0.01

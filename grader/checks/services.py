@@ -14,6 +14,8 @@ from pydantic import Field
 from grader import references as ref
 from grader.checks.finding import (
     Context,
+    apart,
+    ended_already,
     failed,
     graded,
     inconclusive,
@@ -154,9 +156,14 @@ def _earlier_silence(context: Context, step: StepRun | None, expected: str) -> F
     """State that a call could not be judged since an earlier one had no answer either; that is one mistake."""
     steps = context.session.record.steps
     before = steps[: steps.index(step)] if step is not None else steps
-    if any(_silent(earlier) for earlier in before):
-        return not_reached("An earlier call had no answer already, which is charged there.", expected=expected)
-    return None
+    silent = next((earlier for earlier in before if _silent(earlier)), None)
+    if silent is None:
+        return None
+    called = f'the call "{silent.label}"' if silent.label else "an earlier call"
+    return not_reached(f"Not tested, because {called} got no answer. {_THEN_THESE}", expected=expected)
+
+
+_THEN_THESE = "Fix that, and these points can be earned too."
 
 
 _STUCK = "it does not spin, or one of its callbacks never returns."
@@ -172,6 +179,9 @@ def _silence(context: Context, artifact: str, expected: str, problem: str, where
     if found is not None:
         spot = (Where(file=found.file, line=found.line),) if found.file else ()
         return failed(expected, "no answer", f"{problem} {told(found)}", hint=found.remedy, where=(*spot, *where))
+    if (ended := ended_already(context, artifact)) is not None:
+        reason, hint, spots = ended
+        return failed(expected, "no answer", reason, hint=hint, where=(*spots, *where))
     if any(s.kind == "get_parameters" and s.outcome == "timeout" for s in context.session.record.steps):
         reason = f"{problem} The node does not answer questions for its parameters either: {_STUCK}"
         return failed(expected, "no answer", reason, hint=_STUCK_HINT, where=where)
@@ -293,7 +303,9 @@ def call_gated(context: Context, p: CallGated) -> Finding:
     if fails and not (refuses and recovers):
         if _fits(answers[p.refused_step], p.recovered) and _fits(answers[p.recovered_step], p.refused):
             return graded(0.5, expected, measured, _REVERSED, hint=_REVERSED_HINT, where=where)
-        return not_reached("Enabling fails already, so that a refusal says nothing.", expected=expected)
+        return not_reached(
+            "Not tested: the robot cannot be enabled at all, so a refusal proves nothing.", expected=expected
+        )
     if refuses:
         reason = "It refuses, but does not recover when the parameter is true again."
         return graded(0.5 + 0.5 * recovers, expected, measured, reason, where=where)
@@ -365,8 +377,9 @@ def parameters_declared(context: Context, p: ParametersDeclared) -> Finding:
     """Judge the parameters as the running node gives them."""
     expected = ", ".join(f"{w.name} = {w.value!r}" for w in p.parameters)
     step = context.session.step(p.step)
-    if step is not None and step.outcome == "timeout" and any(_silent(s) for s in context.session.record.steps):
-        return not_reached("The node answers nothing at all, which is charged with its calls.", expected=expected)
+    if step is not None and step.outcome != "done" and any(_silent(s) for s in context.session.record.steps):
+        ended = "the node had ended before it could be asked" if step.outcome == "cancelled" else "it answers no call"
+        return not_reached(f"Not tested: {ended}. {_THEN_THESE}", expected=expected)
     if step is None or step.outcome != "done":
         problem = str(step.result.get("problem", "")) if step is not None else ""
         return failed(
@@ -413,7 +426,7 @@ def calls_in_time(context: Context, p: CallsInTime) -> Finding:
         return failed(expected, "no calls", _answer(step)[2], where=where)
     latencies = [(c["ended_ns"] - c["started_ns"]) / 1e9 for c in calls if c["response"] is not None]
     quick = sum(latency <= p.within_s for latency in latencies)
-    slowest = f", slowest {max(latencies) * 1e3:.1f} ms" if latencies else ""
+    slowest = f", slowest {apart(max(latencies) * 1e3, p.within_s * 1e3, places=1)} ms" if latencies else ""
     measured = f"{quick} of {len(calls)} calls made in time{slowest}"
     if quick == len(calls) < wanted and quick >= p.enough:
         note = f"There was time for {quick} of {wanted} calls, as each took {min(latencies):.2f} s or more."
@@ -431,7 +444,7 @@ def calls_in_time(context: Context, p: CallsInTime) -> Finding:
         return inconclusive(expected, measured, late, where=where)
     share = quick / len(calls)
     reason = f"{len(calls) - quick} of {len(calls)} calls took longer than {p.within_s:g} s, or got no answer."
-    reason += f" The quickest took {min(latencies):.2f} s." if latencies and not quick else ""
+    reason += f" The quickest took {apart(min(latencies), p.within_s, places=2)} s." if latencies and not quick else ""
     return graded(share, expected, measured, reason, where=where)
 
 

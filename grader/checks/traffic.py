@@ -14,6 +14,8 @@ from grader import references as ref
 from grader.checks.finding import (
     STEPS,
     Context,
+    apart,
+    ended_already,
     failed,
     graded,
     in_steps,
@@ -22,6 +24,7 @@ from grader.checks.finding import (
     missing_artifact,
     not_seen,
     passed,
+    percent,
     ramp,
     runs_elsewhere,
     told,
@@ -183,7 +186,9 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
     """Judge the rate from source timestamps and sequence numbers."""
     found = _measured(context, p.topic, p.window)
     timing, span = found.timing, found.span
-    expected = f"{p.rate_hz:g} Hz ± {p.full_within:.0%}; credit falls by tenths to none at ± {p.zero_beyond:.0%}"
+    expected = (
+        f"{p.rate_hz:g} Hz ± {percent(p.full_within)}; credit falls by tenths to none at ± {percent(p.zero_beyond)}"
+    )
     where = (*_timer_spot(context), *_spots(context, p.topic, span))
     if timing is None:
         count = len(context.session.stream(p.topic))
@@ -193,7 +198,8 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
     delay_s = min(_delay_s(context, p.process, span) + found.excused_s, 0.5 * length_s)
     best_hz = _best_rate_hz(timing, length_s, delay_s, p.rate_hz)
     error_hz = timing.burst_error_hz or 2 * timing.deviation_s() * timing.rate_hz / max(length_s, 1e-9)
-    measured = f"{timing.rate_hz:.2f} Hz ± {max(error_hz, 0.01):.2f} Hz ({timing.written} messages in {length_s:.1f} s)"
+    shown_hz = apart(timing.rate_hz, *(p.rate_hz * (1 + k * p.full_within) for k in (-1, 1)), places=2)
+    measured = f"{shown_hz} Hz ± {max(error_hz, 0.01):.2f} Hz ({timing.written} messages in {length_s:.1f} s)"
     measured += found.by
     least_hz = _least_rate_hz(timing, length_s, _delay_before_s(context, p.process, span), p.rate_hz)
     span_hz = (least_hz - error_hz, best_hz + error_hz)
@@ -221,11 +227,12 @@ def _off_rate(timing: Timing, p: TopicRate) -> str:
     if timing.rate_hz < p.rate_hz and abs(usual_hz / p.rate_hz - 1) < p.full_within and longest_s > _PAUSE / p.rate_hz:
         return (
             f"Messages come at {usual_hz:.0f} Hz with pauses of up to {longest_s:.2f} s between them: "
-            f"{timing.rate_hz:.1f} Hz on average."
+            f"{apart(timing.rate_hz, p.rate_hz, places=1)} Hz on average."
         )
     times = timing.rate_hz / p.rate_hz
-    off = f"{abs(times - 1):.1%} {'slower' if times < 1 else 'faster'} than" if times < 2 else f"{times:.3g} times"
-    return f"Messages come at {timing.rate_hz:.1f} Hz, {off} {p.rate_hz:g} Hz."
+    off_by = apart(100 * abs(times - 1), 0, 100 * p.full_within, places=1)
+    off = f"{off_by}% {'slower' if times < 1 else 'faster'} than" if times < 2 else f"{times:.3g} times"
+    return f"Messages come at {apart(timing.rate_hz, p.rate_hz, places=1)} Hz, {off} {p.rate_hz:g} Hz."
 
 
 #: Intervals of the rate wanted from which a gap is a pause.
@@ -282,6 +289,8 @@ def _why_silent(context: Context, process: str) -> tuple[str, str, tuple[Where, 
         return *hit, ()
     if found is not None:
         return told(found), found.remedy, spot
+    if run.artifact is not None and (ended := ended_already(context, run.artifact)) is not None:
+        return ended
     return f"The program ended by itself with exit status {run.exit_status}.", _SILENT_HINT, ()
 
 
@@ -370,7 +379,7 @@ def topic_jitter(context: Context, p: TopicJitter) -> Finding:
     found = _measured(context, p.topic, p.window)
     timing, span = found.timing, found.span
     expected = (
-        f"{p.share:.0%} of the intervals within {p.full_within_s * 1e3:g} ms of their median; "
+        f"{percent(p.share)} of the intervals within {p.full_within_s * 1e3:g} ms of their median; "
         f"credit falls by halves to none at {p.zero_beyond_s * 1e3:g} ms"
     )
     where = _spots(context, p.topic, span)
@@ -378,7 +387,9 @@ def topic_jitter(context: Context, p: TopicJitter) -> Finding:
         return failed(expected, "too few messages", "Too few messages came to speak of intervals.", where=where)
     deviation_s = timing.deviation_s(p.share)
     longest = f"longest {timing.intervals_s.max() * 1e3:.1f} ms"
-    measured = f"{p.share:.0%} within {deviation_s * 1e3:.2f} ms of {timing.median_s * 1e3:.2f} ms ({longest})"
+    limits_ms = (p.full_within_s * 1e3, p.zero_beyond_s * 1e3)
+    shown_ms = apart(deviation_s * 1e3, *limits_ms, places=2)
+    measured = f"{percent(p.share)} within {shown_ms} ms of {timing.median_s * 1e3:.2f} ms ({longest})"
     measured += found.by
     delay_s = _delay_s(context, p.process, span) + found.excused_s
     spread = _CONFIDENCE * math.sqrt(p.share * (1 - p.share) / len(timing.intervals_s))
@@ -387,7 +398,7 @@ def topic_jitter(context: Context, p: TopicJitter) -> Finding:
     worst, best = (ramp(d, p.full_within_s, p.zero_beyond_s) for d in (largest_s, least_s))
     if (stepped := clock_was_set(context.session, span)) is not None:
         return inconclusive(expected, measured, stepped, where=where)
-    off = f"{deviation_s * 1e3:.1f} ms off the usual {timing.median_s * 1e3:.1f} ms"
+    off = f"{apart(deviation_s * 1e3, *limits_ms, places=1)} ms off the usual {timing.median_s * 1e3:.1f} ms"
     reason = f"One interval in {round(1 / (1 - p.share))} is more than {off}."
     mean_s = float(timing.intervals_s.mean())
     if timing.median_s < 0.5 * mean_s:
@@ -508,7 +519,11 @@ def _judge_component(series: NumericStream, c: Component, p: Sinusoids) -> tuple
         return 0.0, f"[{c.index}] is not a number", f"Element {c.index} is not a number."
     values = series.values[known, c.index]
     best, fits = _best_fit(series, c, p)
-    text = f"[{c.index}] {best.amplitude:.3f} at {best.frequency_hz:.3f} Hz"
+    amplitude, frequency = (
+        apart(got, *(wanted * (1 + k * p.tolerance) for k in (-1, 1)), places=3)
+        for got, wanted in ((best.amplitude, c.amplitude), (best.frequency_hz, c.frequency_hz))
+    )
+    text = f"[{c.index}] {amplitude} at {frequency} Hz"
     if _badness(best, c) <= p.tolerance:
         early = min((f for f in fits if _badness(f, c) <= p.tolerance), key=lambda fit: abs(fit.phase))
         if abs(early.phase) <= 2 * np.pi * p.phase_tolerance:
@@ -525,7 +540,7 @@ def _judge_component(series: NumericStream, c: Component, p: Sinusoids) -> tuple
     amplitude_right = (
         centred and abs(best.amplitude / c.amplitude - 1) <= p.tolerance and best.residual < 0.2 * c.amplitude
     )
-    reason = f"Element {c.index} has amplitude {best.amplitude:.3f} and frequency {best.frequency_hz:.3f} Hz"
+    reason = f"Element {c.index} has amplitude {amplitude} and frequency {frequency} Hz"
     reason += "" if centred else f" about {best.offset:.3f} instead of 0"
     reason += f" (wanted {c.amplitude:g} and {c.frequency_hz:g} Hz)" + (
         "." if best.residual < 0.2 * c.amplitude else ", and is no clean sine."

@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
+from grader.evidence.known_packages import ros_packages
 from grader.evidence.tracebacks import Raised, student_file
 
 NODE_PROPERTIES = frozenset(
@@ -71,7 +72,10 @@ _KNOWN_MODULES = (
     "launch.substitutions",
     "launch_ros.actions",
 )
-_INTERFACE_PACKAGE = re.compile(r"\w+_(?:msgs|srvs|interfaces|actions)$")
+_INTERFACE_ENDING = re.compile(r"_(?:msgs|srvs|interfaces|actions)$")
+_INTERFACE_PACKAGE = re.compile(rf"\w+{_INTERFACE_ENDING.pattern}")
+#: How alike two names have to be, from 0 to 1, for one to be a slip in the other: "sdt" and "std" are just so.
+_ALIKE = 0.6
 MESSAGE_LENGTH = 300
 """Characters of an exception's message that are kept."""
 
@@ -158,11 +162,11 @@ def _missing_module(case: Case) -> Told | None:
             "setup.py, or put what is shared into the file itself.",
             module,
         )
-    near = _near(module, _KNOWN_MODULES)
-    if near is not None and not _INTERFACE_PACKAGE.match(module):
+    near = _meant(module, root)
+    if near is not None:
         return "misspelt-module", sentence, f"It is spelt {near}.", module
-    if _INTERFACE_PACKAGE.match(root):
-        return _missing_interface(module, root, near, sentence)
+    if _INTERFACE_PACKAGE.match(root) or root in ros_packages():
+        return _missing_package(module, root, sentence)
     near = _near(root, stems | sys.stdlib_module_names)
     hint = f" If {near} is meant, correct the name." if near else ""
     return (
@@ -173,12 +177,26 @@ def _missing_module(case: Case) -> Told | None:
     )
 
 
-def _missing_interface(module: str, root: str, near: str | None, sentence: str) -> Told:
-    if near is not None:
-        return "misspelt-module", sentence, f"It is spelt {near}.", module
+def _meant(module: str, root: str) -> str | None:
+    """Return the module that was meant by a misspelt name; a package that there is means itself."""
+    for near in (_near(module, _KNOWN_MODULES), _near(root, ros_packages())):
+        other = near.split(".")[0] if near is not None else ""
+        if other and (other == root if root in ros_packages() else _alike(root, other)):
+            return near
+    return None
+
+
+def _alike(name: str, other: str) -> bool:
+    """Whether two names of packages are alike beside the ending that many have."""
+    bare, bare_other = (_INTERFACE_ENDING.sub("", each) for each in (name, other))
+    return difflib.SequenceMatcher(None, bare, bare_other).ratio() >= _ALIKE
+
+
+def _missing_package(module: str, root: str, sentence: str) -> Told:
+    what = "package of ROS 2" if root in ros_packages() else "package of ROS interfaces"
     return (
         "missing-interface",
-        f"{sentence} {root} is a package of ROS interfaces that is not there.",
+        f"{sentence} {root} is a {what} that is not there.",
         "Use the interfaces that the lab names; a package of your own must be handed in and built.",
         module,
     )

@@ -1,55 +1,127 @@
 """What would run on a student's machine and does not here: libraries that are missing, and newer syntax.
 
-That is no mistake of the student's as long as the lab does not forbid it, and for a person to decide.
+That is no mistake of the student's as long as the lab does not forbid it, and for a person to decide. What a program
+prints of it can be made up, so that it only points at the place: the evidence is the submitted source, and what the
+grader itself did not find when it recorded.
 """
 
 from __future__ import annotations
 
+import ast
+import functools
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from pathlib import PurePosixPath
 
 from grader.evidence.diagnosis import Diagnosis
+from grader.evidence.known_packages import known_packages
 from grader.evidence.syntax import expression_tree, normalise, tree_of
+from grader.recording.submission import SubmissionRecord
 
-#: Libraries that students know from courses and tutorials, and those of a desktop installation of ROS 2. A name that is
-#: none of these is more likely a file of their own that was not handed in, or a misspelling.
-_LIBRARY_NAMES = (
-    "matplotlib scipy pandas seaborn plotly sklearn sympy numba cv2 PIL skimage imageio torch tensorflow jax casadi",
-    "transforms3d pyquaternion quaternion tabulate prettytable rich colorama termcolor tqdm loguru psutil pydantic",
-    "attr attrs click typer requests serial pynput keyboard pygame h5py openpyxl xlsxwriter yaml toml tomli dotenv",
-    "control roboticstoolbox spatialmath pinocchio ikpy mujoco pybullet gymnasium gym statsmodels networkx uvloop",
-    "message_filters tf2_ros tf2_py tf2_geometry_msgs tf2_msgs tf_transformations cv_bridge image_geometry",
-    "sensor_msgs_py rosbag2_py ros2topic ros2param ros2service ros2node ros2cli ros2run ros2launch launch",
-    "launch_ros launch_testing rqt_gui qt_gui python_qt_binding ament_index_python rcl_interfaces",
-    "example_interfaces action_tutorials_interfaces control_msgs moveit_msgs nav2_msgs visualization_msgs",
-    "urdf_parser_py xacro diagnostic_updater laser_geometry gazebo_msgs ros_gz_interfaces turtlesim pcl_msgs",
-    "map_msgs shape_msgs trajectory_msgs object_recognition_msgs octomap_msgs rmw_dds_common test_msgs",
-    "controller_manager_msgs",
-)
-_LIBRARIES = frozenset(name for line in _LIBRARY_NAMES for name in line.split())
 _LAST_WORD = "A person has to decide."
+_INTERFACES = (".msg", ".srv", ".action")
+_IMPORT_KINDS = ("missing-module", "missing-interface", "missing-sibling")
 
 
-def only_elsewhere(found: Diagnosis | None, texts: Mapping[str, str]) -> str | None:
+def modules_to_look_for(submission: SubmissionRecord) -> list[str]:
+    """Return the modules that a submission may import, and that may be missing through no fault of its own."""
+    named = {word for text in _sources(submission).values() for word in re.findall(r"\w+", text)}
+    return sorted((known_packages() | interface_packages(submission)) & named - _own_modules(submission))
+
+
+def interface_packages(submission: SubmissionRecord) -> set[str]:
+    """Return the packages of a submission that define interfaces, which have to be built before they are imported."""
+    defined = [PurePosixPath(f.path) for f in submission.files if f.path.endswith(_INTERFACES)]
+    folders = {path.parent.parent for path in defined}
+    return {package.name for package in submission.packages if PurePosixPath(package.path) in folders}
+
+
+def only_elsewhere(found: Diagnosis | None, submission: SubmissionRecord, program: str | None) -> str | None:
     """Say why a program that ended with this diagnosis may run elsewhere; None if it would not.
 
     Parameters
     ----------
-    texts : mapping
-        Texts of the submission, by path.
+    program : str or None
+        The program's file in the submission.
     """
-    if found is None:
+    if found is None or found.file is None or found.file not in _reached_from(program, submission):
         return None
-    if found.kind in ("missing-module", "missing-interface") and found.subject.split(".")[0] in _LIBRARIES:
-        library = found.subject.split(".")[0]
-        return f"It needs {library}, which is not installed where it was graded. {_LAST_WORD}"
-    if found.kind != "syntax-error" or not is_newer_python(texts.get(found.file or "", "")):
+    if found.kind in _IMPORT_KINDS and found.exception_type == "ModuleNotFoundError":
+        return missing_here(found.subject, found.file, found.line, submission)
+    if found.kind != "syntax-error" or not is_newer_python(submission.texts.get(found.file, "")):
         return None
     place = f" (line {found.line})" if found.line else ""
     return (
         f"{found.file}{place} is written in Python 3.12 or later, and was run with an older one, which cannot read it. "
         f"{_LAST_WORD}"
     )
+
+
+def missing_here(module: str, file: str, line: int | None, submission: SubmissionRecord) -> str | None:
+    """Say that the import at a line cannot work where it was graded; None unless the grader's own evidence shows it.
+
+    The source imports it there, the grader looked for it and did not find it, and it is a package that others have,
+    or one of the submission's own that has to be built.
+    """
+    name = module.split(".")[0]
+    if name not in _imports_at(submission.texts.get(file, ""), line) or name in _own_modules(submission):
+        return None
+    if submission.absent_modules is not None and name not in submission.absent_modules:
+        return None
+    if name in known_packages():
+        return f"It needs {name}, which is not installed where it was graded. {_LAST_WORD}"
+    if name in interface_packages(submission):
+        return f"It needs the interfaces of its own package {name}, which were not built. {_LAST_WORD}"
+    return None
+
+
+def _sources(submission: SubmissionRecord) -> Mapping[str, str]:
+    return {path: text for path, text in submission.texts.items() if path.endswith(".py")}
+
+
+def _own_modules(submission: SubmissionRecord) -> set[str]:
+    """Return the names of the submission's own Python files."""
+    return {PurePosixPath(file.path).stem for file in submission.files if file.path.endswith(".py")}
+
+
+def _imports_at(text: str, line: int | None) -> set[str]:
+    """Return the top-level modules that the statement at a line imports."""
+    return {name for first, last, name in _imports(text) if line is not None and first <= line <= last}
+
+
+@functools.lru_cache(maxsize=256)
+def _imports(text: str) -> tuple[tuple[int, int, str], ...]:
+    """Return the first and last line of each import with the top-level module that it imports."""
+    tree, _ = tree_of(normalise(text))
+    return tuple(_imports_in(tree)) if tree is not None else ()
+
+
+def _imports_in(tree: ast.Module) -> Iterator[tuple[int, int, str]]:
+    for node in ast.walk(tree):
+        modules: list[str] = []
+        if isinstance(node, ast.Import):
+            modules = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            modules = [node.module]
+        for module in modules:
+            assert isinstance(node, ast.stmt)
+            yield node.lineno, node.end_lineno or node.lineno, module.split(".")[0]
+
+
+_IMPORT_LINE = re.compile(r"^[ \t]*(?:from|import)[ \t](.*)$", re.MULTILINE)
+
+
+def _reached_from(program: str | None, submission: SubmissionRecord) -> set[str]:
+    """Return a program's file, and those of the submission that it imports: others excuse nothing."""
+    texts, found = _sources(submission), {program} if program else set()
+    queue = list(found)
+    while queue:
+        lines = " ".join(_IMPORT_LINE.findall(texts.get(queue.pop(), "")))
+        named = set(re.findall(r"\w+", lines))
+        new = {path for path in texts if PurePosixPath(path).stem in named} - found
+        found |= new
+        queue += new
+    return found
 
 
 _TYPE_ALIAS = re.compile(r"^([ \t]*)type[ \t]+(\w+)[ \t]*(?:\[[^\]\n]*\])?[ \t]*=", re.MULTILINE)

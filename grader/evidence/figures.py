@@ -16,10 +16,10 @@ import numpy as np
 from pydantic import Field
 
 from grader import references as ref
+from grader.evidence.oracle import load_oracle
 from grader.evidence.printed import reports
 from grader.evidence.recorded import Floats, Integers, NumericStream, Recorded
 from grader.evidence.timing import timing_of
-from grader.oracle import load_oracle
 from grader.recording.bag import Stream
 from grader.recording.session import UNKNOWN_NODE, Claim, Endpoint, StepRun
 from grader.references import Parameters, Patterns

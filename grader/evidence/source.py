@@ -12,6 +12,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
+from pathlib import PurePosixPath
 
 from grader.evidence.calls import CallFact, defines_main, has_main_guard, rclpy_calls
 from grader.evidence.comments import Comment, comments_of
@@ -30,6 +31,7 @@ __all__ = [
     "has_main_guard",
     "parse",
     "rclpy_calls",
+    "spin_lines",
 ]
 
 DOCSTRING_WORDS = 3
@@ -267,6 +269,31 @@ def _with_header_comment(definitions: list[Definition], comments: Sequence[Comme
         return definitions
     described = Definition("module", module.name, 1, "\n".join(header), True, module.trivial)
     return [described, *definitions[1:]]
+
+
+def spin_lines(text: str, others: Iterable[str]) -> tuple[int, ...] | None:
+    """Return the lines in which a file names what spins a node; None where the file alone does not tell.
+
+    Parameters
+    ----------
+    others : iterable of str
+        Paths of the submission's files: one that this file imports may spin for it.
+    """
+    tree, _ = tree_of(normalise(text))
+    if tree is None:
+        return None
+    modules = {PurePosixPath(path).stem for path in others if path.endswith(".py")}
+    lines = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            module = node.module or "" if isinstance(node, ast.ImportFrom) else ""
+            parts = {part for alias in node.names for part in f"{module}.{alias.name}".split(".")}
+            if parts & modules or (isinstance(node, ast.ImportFrom) and node.level):
+                return None
+        named = node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""
+        if named.startswith("spin"):
+            lines.add(node.lineno)  # type: ignore[attr-defined]
+    return tuple(sorted(lines))
 
 
 @dataclass(frozen=True)

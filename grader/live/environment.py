@@ -10,6 +10,9 @@ import os
 import subprocess
 import sys
 import sysconfig
+from collections.abc import Sequence
+from contextlib import suppress
+from importlib.machinery import PathFinder
 from pathlib import Path
 
 from grader.errors import PlatformError
@@ -131,6 +134,33 @@ def require_ros(interpreter: Path) -> None:
         remedy="Give --python an environment in which the ROS 2 packages are installed with pip, as the grader's own "
         "constraints.txt has them. What was sourced in the terminal reaches no student's process.",
     )
+
+
+_FIND = "import importlib.util, sys; print(*(n for n in sys.argv[1:] if importlib.util.find_spec(n) is None))"
+
+
+def absent_modules(interpreter: Path, names: Sequence[str]) -> list[str] | None:
+    """Return those of some top-level modules that an interpreter does not find; None where it does not say.
+
+    Nothing of the submission is on its path, and no module is imported for it.
+    """
+    own = [sysconfig.get_path("purelib"), sysconfig.get_path("platlib")] if interpreter == default_interpreter() else []
+    unknown = [name for name in names if not own or PathFinder.find_spec(name, own) is None]
+    if not unknown:
+        return []
+    with suppress(OSError, subprocess.SubprocessError):
+        run = subprocess.run(
+            [str(interpreter), "-I", "-c", _FIND, *unknown],
+            capture_output=True,
+            text=True,
+            timeout=_IMPORT_S,
+            check=True,
+            stdin=subprocess.DEVNULL,
+            env=_ros(interpreter.parent.parent),
+            cwd="/",
+        )
+        return run.stdout.split()
+    return None
 
 
 def interpreter_roots(interpreter: Path) -> list[Path]:

@@ -5,11 +5,12 @@ A plan is data: the live half runs it, the recording keeps it, the report shows 
 
 from __future__ import annotations
 
+import math
 import numbers
 import re
 import types
 import typing
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from itertools import pairwise
 from pathlib import PurePosixPath
@@ -24,6 +25,7 @@ PARAMETERS_PLACEHOLDER = "{parameters}"
 #: More than these no evaluation gives: what it runs may write a plan of its own instead.
 _MOST_PROCESSES, _MOST_FILES, _DEEPEST = 400, 2000, 60
 _LARGEST = 10**9
+_NO_JSON = "!!float"
 #: A node's full name has 255 characters at most, so that it cannot consist of more names.
 _MOST_NAMES = 128
 
@@ -214,28 +216,34 @@ class Process:
 
         Notes
         -----
-        Of a file, the sections that match the node's name count; what is said of a node by its full name
-        overrides what is said by a wildcard, even later. Parameters given in the launch file are by full name
-        if it names the node and its namespace.
+        As `rcl` does it: values are kept by the pattern that they are for, each pattern where it first appears,
+        and those that match the node's name are applied in this order. Parameters given in the launch file are
+        for the full name if it names the node and its namespace, else for any node.
         """
-        values: dict[str, Any] = {}
-        exact: dict[str, Any] = {}
+        full_name = self.full_name or node or "/"
+        named = self.name is not None and self.namespace is not None
+        by_pattern: dict[str, dict[str, Any]] = {}
+        for pattern, values in self._values_on_command_line() if not self.parameters else ():
+            by_pattern.setdefault(pattern, {}).update(values)
         for parameter in self.parameters:
             if parameter.name is not None:
-                own = self.name is not None and self.namespace is not None and not parameter.wildcard
-                (exact if own else values)[parameter.name] = parameter.value
+                pattern = full_name if named and not parameter.wildcard else "/**"
+                by_pattern.setdefault(pattern.strip("/"), {})[parameter.name] = parameter.value
             elif isinstance(parameter.content, Mapping):
                 for section, content in _sections(parameter.content, ""):
-                    kind = _matches(section, self.full_name or node or "/")
-                    target = {0: None, 1: values, 2: exact}[kind]
-                    if target is not None:
-                        target.update(_flat(content, ""))
-        return {**self._parameters_on_command_line(), **values, **exact}
+                    by_pattern.setdefault(section.strip("/"), {}).update(_flat(content, ""))
+        return {
+            name: value
+            for pattern, values in by_pattern.items()
+            if _matches(pattern, full_name)
+            for name, value in values.items()
+        }
 
-    def _parameters_on_command_line(self) -> dict[str, Any]:
-        words = self._words
-        given = [word.partition(":=") for flag, word in pairwise(words) if flag in ("-p", "--param")]
-        return {name: value for name, is_rule, value in given if is_rule}
+    def _values_on_command_line(self) -> Iterator[tuple[str, dict[str, Any]]]:
+        for flag, word in pairwise(self._words):
+            name, is_rule, value = word.partition(":=")
+            if is_rule and flag in ("-p", "--param"):
+                yield "**", {name: value}
 
 
 def _sections(content: Mapping[str, Any], above: str) -> list[tuple[str, Mapping[str, Any]]]:
@@ -250,16 +258,9 @@ def _sections(content: Mapping[str, Any], above: str) -> list[tuple[str, Mapping
     return found
 
 
-def _matches(section: str, full_name: str) -> int:
-    # 0: does not match, 1: matches by a wildcard, 2: is the node's own name.
+def _matches(section: str, full_name: str) -> bool:
+    """Whether a full name fits a pattern of names, `*` and `**`; in steps as many as both have parts, multiplied."""
     wanted, given = section.strip("/").split("/"), full_name.strip("/").split("/")
-    if wanted == given:
-        return 2
-    return 1 if _wildcards_match(wanted, given) else 0
-
-
-def _wildcards_match(wanted: list[str], given: list[str]) -> bool:
-    """Whether names fit a pattern of names, `*` and `**`; in steps as many as both lists are long, multiplied."""
     if max(len(wanted), len(given)) > _MOST_NAMES:
         return False
     reached = _beyond_any(wanted, {0})  # how many parts of the pattern may be used up
@@ -427,14 +428,26 @@ def _is_bounded(plain: Any) -> bool:
     return len(listed) <= _MOST_PROCESSES and count <= _MOST_FILES
 
 
+def _with_doubles(value: Any) -> Any:
+    """A parameter's value, in which the numbers that JSON has not are written `{"!!float": "inf"}`."""
+    if isinstance(value, Mapping):
+        if set(value) == {_NO_JSON} and value[_NO_JSON] in ("inf", "-inf", "nan"):
+            return float(value[_NO_JSON])
+        return {name: _with_doubles(item) for name, item in value.items()}
+    return [_with_doubles(item) for item in value] if isinstance(value, list) else value
+
+
 def _made(cls: type[_T], item: Mapping[str, Any], **converted: Any) -> _T:
     hints = typing.get_type_hints(cls)
     given = {name: value for name, value in item.items() if name in hints and name not in converted}
     for name, value in given.items():
         hint = hints[name]
         kinds = typing.get_args(hint) if isinstance(hint, types.UnionType) else (hint,)
-        fits = isinstance(value, tuple(_PLAIN[kind] for kind in kinds if kind in _PLAIN))
-        if (all(kind in _PLAIN for kind in kinds) and not fits) or (isinstance(value, int) and abs(value) > _LARGEST):
+        if not all(kind in _PLAIN for kind in kinds):
+            continue  # the value of a parameter, which may be any
+        fits = isinstance(value, tuple(_PLAIN[kind] for kind in kinds))
+        is_absurd = isinstance(value, int) and abs(value) > _LARGEST
+        if is_absurd or not fits:
             raise MalformedPlanError(f"'{name}' of a {cls.__name__} in a launch plan cannot be {value!r:.80}")
     return cls(**given, **converted)
 
@@ -469,7 +482,7 @@ def _argument(item: Mapping[str, Any]) -> Argument:
 
 def _common(item: Mapping[str, Any]) -> dict[str, Any]:
     return {
-        "parameters": tuple(_made(Parameter, p) for p in _listed(item, "parameters")),
+        "parameters": tuple(_made(Parameter, _with_doubles(p)) for p in _listed(item, "parameters")),
         "remappings": tuple((str(a), str(b)) for a, b in item.get("remappings") or []),
     }
 
@@ -500,4 +513,4 @@ def _plain(value: Any) -> Any:
         return {str(name): _plain(item) for name, item in value.items()}
     if isinstance(value, (list, tuple)):
         return [_plain(item) for item in value]
-    return value
+    return {_NO_JSON: str(value)} if isinstance(value, float) and not math.isfinite(value) else value

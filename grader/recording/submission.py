@@ -81,6 +81,9 @@ class SubmissionRecord:
         The sessions that were asked for; None for all of the rubric's.
     submitted_at : str or None
         When it was handed in, as ISO 8601 with its offset from UTC; None where nobody knows.
+    absent_modules : list of str or None
+        Modules that the submission may import, and that the grader did not find where its programs run; None where
+        it did not look.
     student_id : str or None
         By which a grade book knows the student, where a learning-management system or a class list told it.
     """
@@ -96,6 +99,7 @@ class SubmissionRecord:
     sessions: list[str] | None = None
     submitted_at: str | None = None
     student_id: str | None = None
+    absent_modules: list[str] | None = None
 
     def artifact(self, name: str) -> ArtifactFact | None:
         """Return the artifact of this name, or None if the rubric has none such."""

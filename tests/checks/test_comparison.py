@@ -52,7 +52,7 @@ def test_a_program_that_ends_with_results_passes(tmp_path: Path) -> None:
     ("after_s", "lines", "facts", "credit", "words"),
     [
         (3.0, ["Results"], {}, "0.5", "after 3.0 s already"),
-        (10.0, [], {}, "0", "ended by itself with exit status 0"),
+        (10.0, [], {}, "0", "in time, and printed nothing"),
         (10.0, ["Ergebnis"], {}, "0.5", "nothing that it printed could be read as results"),
         (1.0, ["Traceback (most recent call last):", "    Results()", "NameError: Results"], {}, "0", "NameError"),
         (22.0, ["Results"], {"interrupted_ns": at(22.1), "ended_by": "interrupt"}, "0.5", "had to be stopped"),

@@ -13,7 +13,7 @@ import pytest
 from grader.checks.finding import failed, passed
 from grader.recording.plan import PLAN_SCHEMA
 from grader.recording.session import Claim
-from grader.result import Finding, Outcome
+from grader.result import Finding, Outcome, Where
 from tests.synthetic import FLOATS, Session, at, evenly, judged, submission
 
 LOADS = {"artifact": "it", "step": "plan"}
@@ -230,16 +230,41 @@ def test_why_a_node_is_down_is_told(tmp_path: Path, run: dict[str, Any] | None, 
     assert words in nodes(session).reason
 
 
-def test_a_node_that_lacks_a_library_here_is_noted(tmp_path: Path) -> None:
-    """A node that needs what is not installed is undecided in its own criterion, and no fault of the launch file."""
+ENDED: dict[str, Any] = {"exited_ns": at(2.0), "interrupted_ns": None, "ended_by": "itself", "exit_status": 1}
+MISSING = ["Traceback (most recent call last):", '  File "/ws/src/it.py", line 1, in <module>']
+MISSING.append("ModuleNotFoundError: No module named 'matplotlib'")
+
+
+@pytest.mark.parametrize(
+    ("source", "up", "outcome"),
+    [
+        ("import matplotlib\n", ["/listener"], Outcome.INCONCLUSIVE),
+        ("import matplotlib\n", [], Outcome.INCONCLUSIVE),
+        ("raise SystemExit\n", ["/listener"], Outcome.PARTIAL),
+    ],
+)
+def test_a_node_that_lacks_a_library_here_is_for_a_person(
+    tmp_path: Path, source: str, up: list[str], outcome: Outcome
+) -> None:
+    """A node that needs what is not installed earns nothing before a person has decided; one that says so, nothing."""
     session = planned(Session(tmp_path), processes=[entry("talk", "talker"), entry("listen", "listener")])
-    lines = ["Traceback (most recent call last):", '  File "/ws/src/it.py", line 1, in <module>']
-    lines.append("ModuleNotFoundError: No module named 'matplotlib'")
-    ended: dict[str, Any] = {"exited_ns": at(2.0), "interrupted_ns": None, "ended_by": "itself", "exit_status": 1}
-    session.process("talk-1", lines, artifact=None, **ended)
-    finding = nodes(session.node("/listener"))
-    assert finding.outcome is Outcome.PASSED
-    assert "needs matplotlib" in finding.notes[0]
+    session.process("talk-1", MISSING, artifact=None, **ENDED)
+    for node in up:
+        session.node(node)
+    finding = nodes(session, submission({"it.py": source}))
+    assert finding.outcome is outcome
+    assert ("needs matplotlib" in finding.reason) == (outcome is Outcome.INCONCLUSIVE)
+
+
+@pytest.mark.parametrize(
+    ("source", "outcome"), [("import xacro\n", Outcome.INCONCLUSIVE), ("raise ImportError\n", Outcome.FAILED)]
+)
+def test_a_launch_file_lacks_only_what_it_imports(tmp_path: Path, source: str, outcome: Outcome) -> None:
+    """That a module is missing is believed of a launch file whose source imports it at that line."""
+    problem = {"kind": "missing_module", "message": "m", "file": "it.py", "line": 1, "module": "xacro"}
+    session = planned(Session(tmp_path), outcome="not_assessable", problem=problem)
+    finding = judged("launch_loads", {"artifact": "it", "step": "plan"}, session, submission({"it.py": source}))
+    assert finding.outcome is outcome
 
 
 def died_of(given: str, declared: str, value: str) -> dict[str, Any]:
@@ -314,7 +339,7 @@ def test_several_misnamed_executables_are_told_in_their_order(tmp_path: Path) ->
         "No executable talk. No executable listen. `ros2 launch` stops at the first of them and starts nothing."
     )
     assert (finding.hint, finding.where[0].line) == ("talk", 1)
-    assert finding.measured == "as it is, none; put right by the grader: /talker, /listener"
+    assert finding.measured == "your file starts nothing; with the names corrected by the grader: /talker, /listener"
 
 
 def test_a_plan_with_a_problem_starts_nothing(tmp_path: Path) -> None:
@@ -584,3 +609,49 @@ def test_a_rate_by_a_clock_that_was_set_is_compared_with_none(tmp_path: Path) ->
         others = {"alone": other.clock({1.0: 0.0, 2.0: step_s}).recorded()}
         session = together(tmp_path / name, rate_hz=60)
         assert judged("launch_together", TOGETHER, session, others=others).outcome is outcome
+
+
+# -- a node that ends by itself --------------------------------------------------------------------
+
+CRASHED = [
+    "Traceback (most recent call last):",
+    '  File "/ws/src/it.py", line 9, in tick',
+    "ZeroDivisionError: by zero",
+]
+FELL: dict[str, Any] = {"interrupted_ns": None, "ended_by": "itself", "exit_status": 1}
+
+
+@pytest.mark.parametrize(
+    ("alone_line", "charged", "credit"),
+    [(9, True, "1"), (12, True, "0.5"), (9, False, "0.5"), (None, True, "0.5")],
+    ids=["the same end, charged", "another end", "charged nowhere", "it went on alone"],
+)
+def test_the_same_end_as_alone_is_charged_once(
+    tmp_path: Path, alone_line: int | None, charged: bool, credit: str
+) -> None:
+    """A node that ends of the same line as in its own session costs nothing more, if a check there charged it."""
+    alone = Session(tmp_path, "alone")
+    lines = [CRASHED[0], CRASHED[1].replace("9", str(alone_line)), CRASHED[2]] if alone_line else []
+    alone.process("it", lines, **(FELL if alone_line else {}))
+    session = planned(Session(tmp_path), processes=BOTH).node("/talker").node("/listener")
+    session.process("talk-1", CRASHED, artifact=None, **FELL)
+    rate = failed("", "", "", where=[Where(file="it.py", line=alone_line)]) if charged else passed("", "")
+    findings = {"talk.rate": rate, "talk.publishes": passed("", "")}
+    finding = judged("launch_nodes", NODES, session, findings=findings, others={"alone": alone.recorded()})
+    assert finding.credit == Decimal(credit)
+    assert any("charged in talk.rate" in note for note in finding.notes) == (credit == "1")
+
+
+def test_nodes_that_did_not_stay_are_shown_so(tmp_path: Path) -> None:
+    """What was measured is not what was expected: a node that ended is told apart from one that stayed."""
+    session = planned(Session(tmp_path), processes=BOTH).node("/talker").node("/listener")
+    finding = nodes(session.process("talk-1", CRASHED, artifact=None, exited_ns=at(1.6), **FELL))
+    assert finding.expected == "/talker, /listener"
+    assert finding.measured == "/talker (ended after 1.5 s with status 1), /listener"
+
+
+def test_a_parameter_that_is_not_wired_is_measured_otherwise_than_expected(tmp_path: Path) -> None:
+    """What loses points never shows the same under Expected and Measured."""
+    finding = parameter(tmp_path, 100.0, 100.0)
+    assert finding.outcome is Outcome.PARTIAL
+    assert finding.measured != finding.expected

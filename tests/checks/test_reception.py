@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from grader.evidence.recorded import Recorded
 from grader.recording.bag import Bag
-from grader.recording.session import MachineSample, OutputLine, Qos, Usage
+from grader.recording.session import Endpoint, GraphSnapshot, MachineSample, OutputLine, Qos, Usage
 from grader.result import Finding, Outcome
 from tests.synthetic import BEST_EFFORT, FLOATS, RELIABLE, Session, at, judged, submission
 
@@ -153,7 +153,7 @@ def test_no_subscription_at_all_fails(tmp_path: Path) -> None:
     session = Session(tmp_path).process("it", interrupted_ns=None, ended_by="itself", exit_status=0)
     finding = judged("topics_subscribed", SUBSCRIBED, session)
     assert finding.outcome is Outcome.FAILED
-    assert "ended by itself with exit status 0" in finding.reason
+    assert "exit status 0 after" in finding.reason
 
 
 def test_a_wrong_node_name_costs_a_fifth(tmp_path: Path) -> None:
@@ -646,3 +646,99 @@ def test_one_subscription_that_was_made_and_never_seen_is_undecided(
     """The node asked for it under its name and goes on, so the discovery may have failed."""
     session = Session(tmp_path).endpoint("subscription", COMMAND).process("it").claim("subscription", asked)
     assert judged("topics_subscribed", SUBSCRIBED, session).outcome is outcome
+
+
+# -- a program that starts its node again ----------------------------------------------------------
+
+
+def listening(folder: Path, *snapshots: tuple[float, tuple[str, ...]]) -> Session:
+    """Make a session in whose graph subscriptions of the same node come and go."""
+    session = Session(folder).process("it", ["Traceback (most recent call last):", "TypeError: None"])
+    session.record.graph.clear()
+    for time_s, gids in snapshots:
+        there = [Endpoint("subscription", STATE, FLOATS, "", "/student", gid * 32, RELIABLE) for gid in gids]
+        session.record.graph.append(GraphSnapshot(at(time_s), ["/student"] if there else [], there))
+    session.step("publish", "early", parameters={"topic": STATE, "type": FLOATS}, matched=True)
+    return session.step("start", "stimulus")
+
+
+@pytest.mark.parametrize(
+    ("later", "survived"),
+    [
+        ([(1.5, "a")], True),
+        ([(1.5, ""), (2.5, "b")], False),
+        ([(1.5, "ab")], False),
+        ([(1.5, "")], False),
+        ([(4.5, "")], True),
+    ],
+    ids=["it stays", "it comes back", "it comes back beside what it left", "it is gone", "it goes later"],
+)
+def test_a_program_outlives_its_node_only_with_it(
+    tmp_path: Path, later: list[tuple[float, str]], survived: bool
+) -> None:
+    """A program that goes on without its node, or starts it again, has not survived; what comes later is no matter."""
+    session = listening(tmp_path, (0.5, ("a",)), *((time_s, tuple(gids)) for time_s, gids in later))
+    session.record.steps[-1].started_ns = at(4.0)
+    finding = judged("survives", {"artifact": "it", "step": "early", "until": "stimulus"}, session)
+    assert finding.outcome is (Outcome.PASSED if survived else Outcome.FAILED)
+    if not survived:
+        assert "its node ended before" in finding.measured
+        assert "TypeError" in finding.reason
+
+
+# -- lines that are repeated -----------------------------------------------------------------------
+
+
+def padded(session: Session, times: list[float], every: int, lines: int, apart_s: float = 0.0001) -> Session:
+    """Let a process report on every n-th state, each time in several lines."""
+    told = [(n, time_s) for n, time_s in enumerate(times) if n % every == 0]
+    said = [
+        (time_s + 0.001 + k * apart_s, f"RMS tracking error: {abs(ERRORS[n // STATES_EACH]):.4f} rad")
+        for n, time_s in told
+        for k in range(lines)
+    ]
+    return session.process("it", said)
+
+
+@pytest.mark.parametrize(("every", "lines", "credit"), [(8, 8, 0.1), (2, 2, 0.5), (1, 2, 1.0), (40, 40, 0.0)])
+def test_a_repeated_line_is_no_further_report(tmp_path: Path, every: int, lines: int, credit: float) -> None:
+    """A report counts once for each state; to say everything twice costs nothing."""
+    finding = judged("report_share", SHARE, padded(*stimulus(tmp_path), every=every, lines=lines))
+    assert float(finding.credit) == pytest.approx(credit, abs=0.005)
+    assert "that repeat one" in finding.measured
+
+
+def test_reports_that_came_together_are_no_repeats(tmp_path: Path) -> None:
+    """A node that fell behind now and then reports on several states at once, each in a line of its own."""
+    session, times = stimulus(tmp_path)
+    with_reports(session, times)
+    output = session.record.processes[0].output
+    session.record.processes[0].output = [replace(o, t_ns=output[n - n % 4 + 3].t_ns) for n, o in enumerate(output)]
+    assert judged("report_share", SHARE, session).outcome is Outcome.PASSED
+
+
+def test_reports_that_the_grader_read_together_are_no_repeats(tmp_path: Path) -> None:
+    """Where the grader stood still, what it read then all came late."""
+    session, times = stimulus(tmp_path)
+    with_reports(session, times)
+    for line in session.record.processes[0].output:
+        line.t_ns = at(2.3) if at(1.3) < line.t_ns < at(2.3) else line.t_ns
+    session.record.machine = [MachineSample(at(t / 10), 0) for t in range(0, 60) if not 13 < t < 23]
+    assert judged("report_share", SHARE, session).outcome is Outcome.PASSED
+
+
+@pytest.mark.parametrize(("every", "lines", "credit"), [(1, 1, 1.0), (3, 1, 0.3), (8, 1, 0.1), (8, 8, 0.1)])
+def test_statistics_earn_the_share_of_the_states_that_they_are_over(
+    tmp_path: Path, every: int, lines: int, credit: float
+) -> None:
+    """Numbers over those states alone on which the node reported are worth their share, also where it repeats lines."""
+    session, times = stimulus(tmp_path)
+    last = times[-STATES_EACH:]
+    padded(session, last, every, lines)
+    for line in session.record.processes[0].output:
+        line.text = f"RMS tracking error: {abs(ERRORS[-1]):.4f} rad"
+    session.record.processes[0].output.append(OutputLine(at(20.0), "stdout", f"Mean: {vector(abs(ERRORS[-1]))}"))
+    wanted = {**STATISTICS, "parameters": {"history": 1000}, "alternatives": [], "full_from": 0.25}
+    finding = judged("reported_statistics", wanted, session)
+    assert float(finding.credit) == pytest.approx(credit, abs=0.005)
+    assert ("left out the others" in finding.reason) == (credit < 1)

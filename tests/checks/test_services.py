@@ -365,3 +365,53 @@ def test_a_call_that_the_grader_itself_held_up_is_undecided(tmp_path: Path) -> N
     calls[-1]["held_up_ns"] = 1_300_000_000
     stopped = called(Session(tmp_path / "b").process(), "many", *calls)
     assert judged("calls_in_time", IN_TIME, stopped).outcome is Outcome.INCONCLUSIVE
+
+
+# -- a node that ended before it was asked ---------------------------------------------------------
+
+QUIET: dict[str, Any] = {"interrupted_ns": None, "ended_by": "itself", "exit_status": 0, "exited_ns": at(0.9)}
+
+
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        (
+            "def main():\n    node = make()\n    # rclpy.spin(node)\n",
+            "no error): main() never reaches rclpy.spin(node).",
+        ),
+        ("def main():\n    rclpy.spin_once(node)\n", "no error): what spins in line 2 was not reached, or came back."),
+        ("from helper import run\nrun()\n", "(exit status 0 after 0.8 s, no error)."),
+        ("def main(:\n", "(exit status 0 after 0.8 s, no error)."),
+    ],
+)
+@pytest.mark.parametrize("check", ["call_answered", "topic_published", "topics_subscribed", "service_offered"])
+def test_a_node_that_ended_without_an_error_is_told_what_its_source_shows(
+    tmp_path: Path, check: str, source: str, words: str
+) -> None:
+    """That main() never spins is said only where the source shows it, and in each check of the node alike."""
+    parameters: dict[str, dict[str, Any]] = {
+        "call_answered": ANSWERED,
+        "service_offered": OFFERED,
+        "topic_published": {"artifact": "it", "topic": "/t", "type": "std_msgs/msg/String"},
+        "topics_subscribed": {"artifact": "it", "topics": [{"topic": "/t", "type": "std_msgs/msg/String"}]},
+    }
+    session = Session(tmp_path).process("it", **QUIET)
+    session.step("call", "enable", "cancelled", problem="the student's process had ended")
+    finding = judged(check, parameters[check], session, submission({"it.py": source, "helper.py": ""}, it="it.py"))
+    assert finding.outcome is Outcome.FAILED
+    assert finding.reason.startswith("Your it node had already ended (exit status 0 after 0.8 s, no error)")
+    assert finding.reason.endswith(words)
+    assert "return" not in finding.hint
+
+
+def test_what_could_not_be_asked_of_a_node_that_ended_is_not_charged_again(tmp_path: Path) -> None:
+    """The parameters of a node that had ended, and its later calls, are not tested, and say why."""
+    session = Session(tmp_path).process("it", **QUIET)
+    session.step("get_parameters", "defaults", "cancelled", problem="the student's process had ended")
+    session.step("call", "enable", "cancelled").step("call", "many", "cancelled")
+    recorded = session.recorded()
+    declared = judged("parameters_declared", DECLARED, recorded)
+    later = judged("calls_in_time", IN_TIME, recorded)
+    assert (declared.outcome, later.outcome) == (Outcome.NOT_REACHED, Outcome.NOT_REACHED)
+    assert "had ended before it could be asked" in declared.reason
+    assert 'the call "enable" got no answer' in later.reason

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from grader.checks.finding import apart
 from grader.recording.session import Usage
 from grader.result import Finding, Outcome
 from tests.synthetic import BEST_EFFORT, FLOATS, RELIABLE, Session, at, evenly, judged, submission
@@ -112,14 +113,41 @@ def test_a_silent_publisher_fails_and_its_exception_is_told(tmp_path: Path) -> N
     assert (finding.where[0].file, finding.where[0].line) == ("it.py", 9)
 
 
-def test_a_library_that_is_missing_here_is_for_a_person_to_decide(tmp_path: Path) -> None:
-    """A node that ended since the grader lacks a library is undecided, and not run again for it."""
+def missing(tmp_path: Path, session: str, module: str) -> Session:
+    """Give a session in which a program ended at an import in its second line."""
     lines = ["Traceback (most recent call last):", '  File "/ws/src/it.py", line 2, in <module>']
-    for name, outcome in (("matplotlib", Outcome.INCONCLUSIVE), ("my_helpers", Outcome.FAILED)):
-        session = Session(tmp_path, name)
-        session.process("it", [*lines, f"ModuleNotFoundError: No module named '{name}'"], interrupted_ns=None)
-        finding = judged("topic_published", PUBLISHED, session)
-        assert finding.outcome is outcome
+    lines.append(f"ModuleNotFoundError: No module named '{module}'")
+    return Session(tmp_path, session).process("it", lines, interrupted_ns=None)
+
+
+@pytest.mark.parametrize(
+    ("source", "module", "outcome"),
+    [
+        ("\nimport matplotlib\n", "matplotlib", Outcome.INCONCLUSIVE),
+        ("\nfrom matplotlib import (\n    pyplot,\n)\n", "matplotlib", Outcome.INCONCLUSIVE),
+        ("\nimport my_helpers\n", "my_helpers", Outcome.FAILED),
+        ("\nprint('Traceback ...')\nimport matplotlib\n", "matplotlib", Outcome.FAILED),
+        ("\nraise ModuleNotFoundError('matplotlib')\n", "matplotlib", Outcome.FAILED),
+        ("\nimport numpy\n", "numpy", Outcome.FAILED),
+    ],
+)
+def test_a_library_that_is_missing_here_is_for_a_person_to_decide(
+    tmp_path: Path, source: str, module: str, outcome: Outcome
+) -> None:
+    """A node that ended at the import of what the grader lacks is undecided; one that only says so has failed."""
+    record = submission({"it.py": source})
+    record.absent_modules = ["matplotlib"]
+    finding = judged("topic_published", PUBLISHED, missing(tmp_path, "a", module), record)
+    assert finding.outcome is outcome
+    assert not finding.retry or outcome is Outcome.FAILED
+
+
+def test_what_is_missing_is_missing_in_every_run(tmp_path: Path) -> None:
+    """A program that ran on in another session did not lack the library there, nor here."""
+    record = submission({"it.py": "\nimport matplotlib\n"})
+    other = Session(tmp_path, "b").process("it", ["all is well"]).recorded()
+    finding = judged("topic_published", PUBLISHED, missing(tmp_path, "a", "matplotlib"), record, others={"b": other})
+    assert finding.outcome is Outcome.FAILED
 
 
 def test_a_timer_that_waits_for_a_clock_is_told(tmp_path: Path) -> None:
@@ -596,3 +624,36 @@ def test_what_a_node_makes_up_for_in_the_window_may_be_the_machines(
     session = published(tmp_path, times).delayed("it", delay_s, 1.0)
     session.record.processes[0].usage.append(Usage(at(8.0), 0, round(delay_s * 1e9)))
     assert judged("topic_rate", RATE, session).outcome is outcome
+
+
+# -- numbers that agree with their verdict ---------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("value", "limits", "places", "text"),
+    [
+        (99.96, (100.0,), 1, "99.96"),
+        (100.0, (100.0,), 1, "100.0"),
+        (2.0004, (2.0,), 2, "2.0004"),
+        (59.7, (60.0, 10.0), 0, "59.7"),
+        (1.0, (2.0,), 0, "1"),
+        (1 / 3, (1 / 3 + 1e-13,), 2, "0.33"),
+    ],
+)
+def test_a_number_reads_on_its_own_side_of_a_limit(
+    value: float, limits: tuple[float, ...], places: int, text: str
+) -> None:
+    """So many decimal places are shown that number and verdict agree; what is equal is shown as short as any."""
+    assert apart(value, *limits, places=places) == text
+
+
+def test_a_rate_that_just_fails_does_not_read_as_the_one_wanted(tmp_path: Path) -> None:
+    """A rubric may be stricter than the digits that are usually shown."""
+    session = Session(tmp_path).messages("/t", [[0.0]] * 601, evenly(99.97, 6.0)[:601])
+    session.window(1.0, 7.0)
+    strict = {"topic": "/t", "process": "it", "window": "window", "rate_hz": 100, "full_within": "0.01%"}
+    finding = judged("topic_rate", {**strict, "zero_beyond": "0.02%"}, session)
+    assert finding.outcome is Outcome.FAILED
+    assert "± 0.01%" in finding.expected
+    assert "100.0 Hz" not in finding.reason
+    assert " 0.0%" not in finding.reason

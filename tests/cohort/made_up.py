@@ -10,19 +10,19 @@ from typing import Any
 from grader.cohort.entries import ClassEntry
 from grader.policy import Policy
 from grader.rubric import CheckSpec, CriterionSpec, LabSpec, Rubric
-from grader.yaml_with_lines import Strict
 
 
 def rubric_of(*checks: tuple[str, int], requires: dict[str, tuple[str, ...]] | None = None) -> Rubric:
     """Give a rubric with checks `criterion.name` of some points."""
     specs = [
-        CheckSpec(
-            id=name,
-            title=name.upper(),
-            points=Decimal(points),
-            check="any",
-            **{"with": Strict()},
-            requires=(requires or {}).get(name, ()),
+        CheckSpec.model_validate(
+            {
+                "id": name,
+                "title": name.upper(),
+                "points": Decimal(points),
+                "check": "any",
+                "requires": (requires or {}).get(name, ()),
+            }
         )
         for name, points in checks
     ]

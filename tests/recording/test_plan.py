@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from typing import Any
 
 import pytest
@@ -106,12 +107,13 @@ def test_a_node_is_found_by_its_full_name() -> None:
         ({"/n": {"t": {"ros__parameters": {"a": 1}}}}, {}),
         ({"/*": {"ros__parameters": {"a": {"b": 1}}}}, {"a.b": 1}),
         ({"u": {"ros__parameters": {"a": 1}}}, {}),
-        ({"t": {"ros__parameters": {"a": 2}}, "/**": {"ros__parameters": {"a": 1}}}, {"a": 2}),
+        ({"t": {"ros__parameters": {"a": 2}}, "/**": {"ros__parameters": {"a": 1}}}, {"a": 1}),
+        ({"/**": {"ros__parameters": {"a": 1}}, "t": {"ros__parameters": {"a": 2}}}, {"a": 2}),
         (None, {}),
     ],
 )
 def test_the_sections_of_a_file_that_match_count(content: Any, expected: dict[str, Any]) -> None:
-    """Wildcards match, the node's own section overrides them, and other nodes' sections do not count."""
+    """Wildcards match, a later section overrides an earlier one, and other nodes' sections do not count."""
     process = Process("a-1", "/a", name="t", parameters=(Parameter(file="f", content=content),))
     assert process.effective_parameters() == expected
 
@@ -150,6 +152,24 @@ def test_wildcards_are_tried_in_few_steps() -> None:
     process = process_with_parameters("/**" * 40 + "/nobody", "/a" * 40)
     assert calls_of(process.effective_parameters) < 100_000
     assert process.effective_parameters() == {}
+
+
+def test_patterns_apply_in_the_order_of_their_first_appearance() -> None:
+    """A pattern that a second file repeats keeps its place, as `rcl` was measured to keep it."""
+    files = [{"/t": {"a": 1, "b": 1}, "/**": {"a": 2}}, {"/*": {"c": 4}, "t": {"b": 9, "c": 5}}, {"/**": {"b": 7}}]
+    given = tuple(
+        Parameter(file=str(n), content={pattern: {"ros__parameters": values} for pattern, values in file.items()})
+        for n, file in enumerate(files)
+    )
+    assert Process("a-1", "/a", name="t", parameters=given).effective_parameters() == {"a": 2, "b": 7, "c": 4}
+
+
+@pytest.mark.parametrize("value", [10**18, -(10**12), math.inf, [1.0, -math.inf]])
+def test_a_parameter_may_have_any_number(value: Any) -> None:
+    """Large integers and infinite doubles survive JSON, which is written without words of its own."""
+    plan = Plan("ok", processes=(Process("a-1", "/a", parameters=(Parameter("x", value, "double"),)),))
+    read = Plan.from_plain(json.loads(json.dumps(plan.to_plain(), allow_nan=False)))
+    assert read.processes[0].effective_parameters() == {"x": value}
 
 
 def nested(depth: int) -> Any:

@@ -783,8 +783,18 @@ GRAMMAR = [
     ),
     xml(
         "XML: an action of which it is not known since when it is there",
-        "<reset_env/>",
+        "<push_env/>",
         expect={"outcome": "not_assessable", "problem.kind": "unsupported", "problem.line": 2},
+    ),
+    xml(
+        "XML: the environment that the launch began with",
+        "<set_env name='A' value='1'/><reset_env/><node pkg='demo' exec='talker'/>",
+        expect={"processes.0.env": {}},
+    ),
+    xml(
+        "XML: an executable of a package",
+        "<executable cmd='$(exec-in-pkg talker demo)'/>",
+        expect={"processes.0.path ends": "/lib/demo/talker"},
     ),
     Case(
         "XML behind a byte order mark",

@@ -19,47 +19,16 @@ ROOT = Path(__file__).parents[3]
 sys.path.append(str(ROOT))
 
 from tests.live.launching import jazzy_cases, launch_cases, student_cases  # noqa: E402
+from tests.live.launching.evaluations import LAUNCHING, environment, make_package, plans_of  # noqa: E402
 from tests.live.launching.launch_cases import Case  # noqa: E402
 
 CASES = [*launch_cases.CASES, *jazzy_cases.CASES, *student_cases.CASES]
 
-LAUNCHING = ROOT / "grader" / "live" / "launching"
-
-# Evaluates many requests, each in a child of its own, so that they share nothing but the imports.
-BATCH = """
-import json, os, sys
-sys.path.insert(0, sys.argv[1])
-import yaml, launch, launch_ros.actions
-from launch._evaluation import evaluate
-sys.dont_write_bytecode = True
-for request in json.load(sys.stdin):
-    if os.fork() == 0:
-        keep = os.dup(1)
-        os.dup2(2, 1)
-        plan = evaluate(request["file"], request["arguments"], request["root"])
-        os.write(keep, json.dumps(plan).encode() + b"\\n")
-        os._exit(0)
-    os.wait()
-"""
-
 
 def make_prefix(folder: Path) -> Path:
     """An ament prefix with the packages that the cases speak of."""
-    prefix = folder / "prefix"
-    for package, executables in {
-        "demo": ["talker", "listener", "talker.py", "not_executable"],
-        "empty": [],
-    }.items():
-        index = prefix / "share" / "ament_index" / "resource_index" / "packages"
-        index.mkdir(parents=True, exist_ok=True)
-        (index / package).touch()
-        (prefix / "share" / package).mkdir(parents=True)
-        for name in executables:
-            path = prefix / "lib" / package / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text("#!/bin/sh\n")
-            path.chmod(0o644 if name == "not_executable" else 0o755)
-    return prefix
+    prefix = make_package(folder / "prefix", "demo", "talker", "listener", "talker.py", "not_executable")
+    return make_package(prefix, "empty")
 
 
 def write(case: Case, folder: Path) -> Path:
@@ -70,12 +39,6 @@ def write(case: Case, folder: Path) -> Path:
     return folder / case.filename
 
 
-def environment(prefix: Path) -> dict[str, str]:
-    """What the evaluation sees of the environment."""
-    kept = ("PATH", "HOME", "LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE")
-    return {**{n: os.environ[n] for n in kept if n in os.environ}, "AMENT_PREFIX_PATH": str(prefix)}
-
-
 @pytest.fixture(scope="session")
 def plans(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """The plan of every case, by its name."""
@@ -84,18 +47,8 @@ def plans(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     for number, case in enumerate(CASES):
         root = folder / f"case_{number}"
         requests.append({"file": str(write(case, root)), "arguments": dict(case.arguments), "root": str(root)})
-    done = subprocess.run(
-        [sys.executable, "-c", BATCH, str(LAUNCHING / "standin")],
-        input=json.dumps(requests),
-        capture_output=True,
-        text=True,
-        env=environment(make_prefix(folder)),
-        timeout=120,
-        check=False,
-    )
-    lines = done.stdout.splitlines()
-    assert len(lines) == len(CASES), done.stderr
-    return {case.name: json.loads(line) for case, line in zip(CASES, lines, strict=True)}
+    found = plans_of(requests, environment(make_prefix(folder)))
+    return {case.name: plan for case, plan in zip(CASES, found, strict=True)}
 
 
 def evaluate(file: Path, prefix: Path, **arguments: str) -> tuple[dict[str, Any], str]:

@@ -22,38 +22,27 @@ ROOT = Path(__file__).parents[3]
 sys.path.append(str(ROOT))
 
 from tests.live.launching import test_conformance as conformance  # noqa: E402
+from tests.live.launching.evaluations import LAUNCHING, environment, make_package, plans_of  # noqa: E402
 from tests.live.launching.launch_cases import Case  # noqa: E402
-
-LAUNCHING = ROOT / "grader" / "live" / "launching"
+from tests.live.launching.outline import outline  # noqa: E402
 
 
 def make_prefix(folder: Path) -> Path:
     """Make an ament prefix with the executables of the solution's launch file."""
-    package = "physical_ai_textbook"
-    index = folder / "share/ament_index/resource_index/packages"
-    index.mkdir(parents=True)
-    (index / package).touch()
-    (folder / "lib" / package).mkdir(parents=True)
-    for name in ("joint_publisher", "joint_subscriber", "robot_service"):
-        path = folder / "lib" / package / name
-        path.write_text("#!/bin/sh\n")
-        path.chmod(0o755)
-    return folder
+    return make_package(folder, "physical_ai_textbook", "joint_publisher", "joint_subscriber", "robot_service")
 
 
 def evaluate(root: Path, file: str, prefix: Path, *, native: bool, **arguments: str) -> Plan:
     """Evaluate a launch file; natively with the stand-in on the path, where the real one would be."""
     read, write_end = os.pipe()
     request = {"file": str(root / file), "arguments": arguments, "root": str(root), "native": native}
-    kept = ("PATH", "HOME", "LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE")
-    environment = {n: os.environ[n] for n in kept if n in os.environ} | {"AMENT_PREFIX_PATH": str(prefix)}
     done = subprocess.run(
         [sys.executable, str(LAUNCHING / "evaluate.py"), "--result-fd", str(write_end)],
         input=json.dumps(request),
         capture_output=True,
         text=True,
         pass_fds=[write_end],
-        env=environment | ({"PYTHONPATH": str(LAUNCHING / "standin")} if native else {}),
+        env=environment(prefix) | ({"PYTHONPATH": str(LAUNCHING / "standin")} if native else {}),
         timeout=30,
         check=False,
     )
@@ -70,28 +59,6 @@ def essence(plan: Plan) -> list[Any]:
     arguments = [(a.name, a.default, a.description) for a in plan.arguments]
     return [plan.outcome, nodes, arguments, dict(plan.configurations)]
 
-
-# Evaluates requests in both ways, each in a child of its own.
-BOTH = """
-import importlib.util, json, os, sys, warnings
-sys.path.insert(0, sys.argv[1])
-sys.dont_write_bytecode = True
-warnings.simplefilter("ignore")
-import yaml, launch, launch_ros.actions
-from launch._evaluation import evaluate
-spec = importlib.util.spec_from_file_location("native", sys.argv[2])
-native = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(native)
-for request in json.load(sys.stdin):
-    for way in (evaluate, native.evaluate):
-        if os.fork() == 0:
-            keep = os.dup(1)
-            os.dup2(2, 1)
-            plan = way(request["file"], request["arguments"], request["root"])
-            os.write(keep, json.dumps(plan).encode() + b"\\n")
-            os._exit(0)
-        os.wait()
-"""
 
 #: Where the stand-in is no stand-in for the real one: its own events, process ids in names, names of files.
 OWN_WAYS = {
@@ -113,31 +80,9 @@ def both_plans(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Any,
         root = folder / f"case_{number}"
         file = str(conformance.write(case, root))
         requests.append({"file": file, "arguments": dict(case.arguments), "root": str(root)})
-    done = subprocess.run(
-        [sys.executable, "-c", BOTH, str(LAUNCHING / "standin"), str(LAUNCHING / "native.py")],
-        input=json.dumps(requests),
-        capture_output=True,
-        text=True,
-        env=conformance.environment(conformance.make_prefix(folder)),
-        timeout=120,
-        check=False,
-    )
-    lines = [json.loads(line) for line in done.stdout.splitlines()]
-    assert len(lines) == 2 * len(AGREEING), done.stderr
-    return {case.name: (lines[2 * i], lines[2 * i + 1]) for i, case in enumerate(AGREEING)}
-
-
-def outline(plan: dict[str, Any], *, lines: bool) -> dict[str, Any]:
-    """What both ways of evaluating must agree on; lines of markup are known to the stand-in alone."""
-    processes = [
-        [p.get(k) for k in ("id", "kind", "package", "name", "namespace", "when", "env", "cwd", "shell", "respawn")]
-        + [p.get("remappings", []), p["line"] if lines else None]
-        for p in plan["processes"]
-    ]
-    kinds = {"logs": ("message", "when"), "includes": ("file", "arguments"), "shutdowns": ("reason", "when")}
-    listed = {kind: [[entry[k] for k in keys] for entry in plan[kind]] for kind, keys in kinds.items()}
-    declared = [(a["name"], a["default"], a["line"] if lines else None) for a in plan["arguments"]]
-    return {"processes": processes, "arguments": declared, "configurations": plan["configurations"], **listed}
+    surroundings = environment(conformance.make_prefix(folder))
+    ours, native = (plans_of(requests, surroundings, native=way) for way in (False, True))
+    return {case.name: pair for case, pair in zip(AGREEING, zip(ours, native, strict=True), strict=True)}
 
 
 @pytest.mark.parametrize("case", AGREEING, ids=lambda case: case.name)

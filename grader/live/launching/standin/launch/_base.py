@@ -249,6 +249,11 @@ def is_a(obj: Any, entity_type: type) -> bool:
     return isinstance(obj, entity_type)
 
 
+def isclassinstance(obj: Any) -> bool:
+    """Whether `obj` is an instance of a class, as anything is."""
+    return hasattr(obj, "__class__")
+
+
 def is_a_subclass(obj: Any, entity_type: type) -> bool:
     """Whether `obj` is an instance of a type, or a class below it."""
     try:

@@ -223,8 +223,14 @@ class PopEnvironment(Action):
         context._pop_environment()
 
 
+@expose_action("reset_env")
 class ResetEnvironment(Action):
     """Returns to the environment that the launch began with."""
+
+    @classmethod
+    def parse(cls, entity: Any, parser: Any) -> Any:
+        """From `<reset_env>`."""
+        return parser.with_substitutions(cls, entity, {})
 
     def execute(self, context: Any) -> None:
         """Return to it."""

@@ -8,7 +8,7 @@ from typing import Any
 
 from .._base import Event, LaunchDescriptionEntity, Located, is_a_subclass, shown
 from .._catalogue import missing_name
-from ..events import ExecutionComplete, Shutdown
+from ..events import ExecutionComplete, IncludeLaunchDescription, Shutdown
 from ..events.process import ProcessExited, ProcessIO, ProcessStarted
 
 __all__ = [
@@ -16,6 +16,7 @@ __all__ = [
     "EventHandler",
     "OnActionEventBase",
     "OnExecutionComplete",
+    "OnIncludeLaunchDescription",
     "OnProcessExit",
     "OnProcessIO",
     "OnProcessStart",
@@ -214,3 +215,25 @@ class OnShutdown(BaseEventHandler):
         """The entities to visit."""
         super().handle(event, context)
         return self.__on_shutdown(event, context)
+
+
+class OnIncludeLaunchDescription(BaseEventHandler):
+    """Visits a launch description that an event asks for."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__(matcher=lambda event: is_a_subclass(event, IncludeLaunchDescription), **kwargs)
+
+    def handle(self, event: Any, context: Any) -> Any:
+        """The launch description."""
+        super().handle(event, context)
+        return event.launch_description
+
+
+def event_named(event_name: str) -> Callable[[Any], bool]:
+    """A matcher of events by their name."""
+    return lambda event: bool(event.name == event_name)
+
+
+def gen_handler(entities: Any) -> Callable[[Any, Any], Any]:
+    """A handler that gives fixed entities."""
+    return lambda event, context: entities

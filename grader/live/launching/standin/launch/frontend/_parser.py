@@ -13,7 +13,7 @@ from .expose import exposed_actions
 from .parse_substitution import parse_if_substitutions, parse_substitution, replace_escaped_characters
 
 #: Actions that later releases read from markup; whether Jazzy's latest patch does is not known here.
-_SINCE_WHEN = frozenset({"unset", "reset_env", "push_env", "pop_env", "rep_env"})
+_SINCE_WHEN = frozenset({"unset", "push_env", "pop_env", "rep_env"})
 
 
 class Entity:

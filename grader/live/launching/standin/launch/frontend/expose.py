@@ -29,3 +29,25 @@ def expose_substitution(name: str) -> Callable[[_T], _T]:
         return exposed
 
     return register
+
+
+def instantiate_action(entity: Any, parser: Any) -> Any:
+    """The action of an element."""
+    return parser.parse_action(entity)
+
+
+def instantiate_substitution(type_name: str, args: Any = None) -> Any:
+    """The substitution of a name with some arguments.
+
+    Raises
+    ------
+    RuntimeError
+        There is no substitution of that name.
+    """
+    import launch_ros.substitutions  # noqa: F401 - makes its names known
+
+    if type_name not in exposed_substitutions:
+        known = ", ".join(sorted(exposed_substitutions))
+        raise RuntimeError(f"there is no substitution '$({type_name} ...)'; there are: {known}")
+    made, kwargs = exposed_substitutions[type_name].parse(args or [])
+    return made(**kwargs)

@@ -6,9 +6,14 @@ import re
 from typing import Any
 
 from .._base import Substitution
-from .expose import exposed_substitutions
+from .._catalogue import missing_name
+from .expose import instantiate_substitution
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
+
+
+def __getattr__(name: str) -> Any:
+    return missing_name(__name__, name)
 
 
 def replace_escaped_characters(data: str) -> str:
@@ -63,7 +68,7 @@ class _Reader:
         if self._here() != ")":
             raise ValueError(f"'{self._text}': '$({name.group()}' is not closed")
         self._at += 1
-        return _instantiate(name.group(), arguments)
+        return instantiate_substitution(name.group(), arguments)
 
     def _argument(self, quote: str, name: str) -> list[Substitution]:
         # Quotes have a meaning only in a substitution that does not itself stand between quotes.
@@ -130,16 +135,6 @@ class _Parts:
             self._parts.append(TextSubstitution(text=replace_escaped_characters(self.text)))
             self.text = ""
         return self._parts
-
-
-def _instantiate(name: str, arguments: list[Any]) -> Any:
-    import launch_ros.substitutions  # noqa: F401 - makes its names known
-
-    if name not in exposed_substitutions:
-        known = ", ".join(sorted(exposed_substitutions))
-        raise RuntimeError(f"there is no substitution '$({name} ...)'; there are: {known}")
-    made, kwargs = exposed_substitutions[name].parse(arguments)
-    return made(**kwargs)
 
 
 def parse_if_substitutions(value: Any) -> Any:

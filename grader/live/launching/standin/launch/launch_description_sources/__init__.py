@@ -16,10 +16,12 @@ from .._sources import (
     get_launch_description_from_python_launch_file,
     load_python_launch_file_as_module,
 )
+from ..frontend import InvalidFrontendLaunchFileError
 
 __all__ = [
     "AnyLaunchDescriptionSource",
     "FrontendLaunchDescriptionSource",
+    "InvalidFrontendLaunchFileError",
     "InvalidLaunchFileError",
     "InvalidPythonLaunchFileError",
     "PythonLaunchDescriptionSource",

@@ -10,14 +10,17 @@ from .._base import (
     ensure_argument_type,
     is_a,
     is_a_subclass,
+    isclassinstance,
     normalize_to_list_of_substitutions,
     perform_substitutions,
 )
+from .._catalogue import missing_name
 
 __all__ = [
     "ensure_argument_type",
     "is_a",
     "is_a_subclass",
+    "isclassinstance",
     "normalize_to_list_of_entities",
     "normalize_to_list_of_substitutions",
     "perform_substitutions",
@@ -32,3 +35,7 @@ def normalize_to_list_of_entities(entities: Any) -> list[Any]:
     for entity in entities:
         flat.extend(normalize_to_list_of_entities(entity))
     return flat
+
+
+def __getattr__(name: str) -> Any:
+    return missing_name(__name__, name)

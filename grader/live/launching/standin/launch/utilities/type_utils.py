@@ -23,6 +23,11 @@ SomeValueType = Any
 StrSomeValueType = Any
 
 
+def is_valid_scalar_type(data_type: Any) -> bool:
+    """Whether a type is one of the four scalar ones."""
+    return data_type in ScalarTypesTuple
+
+
 def is_typing_list(data_type: Any) -> bool:
     """Whether a type is `typing.List`, or a list of something; a plain `list` is not."""
     return data_type is List or get_origin(data_type) is list  # noqa: UP006

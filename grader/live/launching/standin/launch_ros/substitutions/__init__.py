@@ -85,7 +85,7 @@ class FindPackageShare(FindPackage):
         return str(get_package_share_directory(package_name, print_warning=False))
 
 
-@expose_substitution("exec-in-package")
+@expose_substitution("exec-in-pkg")
 class ExecutableInPackage(FindPackagePrefix):
     """Path of an executable of a package."""
 
@@ -95,9 +95,9 @@ class ExecutableInPackage(FindPackagePrefix):
 
     @classmethod
     def parse(cls, data: Any) -> Any:
-        """From `$(exec-in-package executable package)`."""
+        """From `$(exec-in-pkg executable package)`."""
         if len(data) != 2:
-            raise AttributeError("$(exec-in-package ...) takes two arguments: the executable and the package")
+            raise AttributeError("$(exec-in-pkg ...) takes two arguments: the executable and the package")
         return cls, {"executable": data[0], "package": data[1]}
 
     @property

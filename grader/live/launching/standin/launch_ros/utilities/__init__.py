@@ -19,8 +19,10 @@ from launch.substitutions import TextSubstitution
 from ..parameter_descriptions import Parameter, ParameterFile, ParameterValue
 
 __all__ = [
+    "add_node_name",
     "evaluate_parameter_dict",
     "evaluate_parameters",
+    "get_node_name_count",
     "is_namespace_absolute",
     "is_root_namespace",
     "make_namespace_absolute",
@@ -38,6 +40,20 @@ _SCALARS = (bool, int, float, str)
 
 def __getattr__(name: str) -> Any:
     return missing_name(__name__, name)
+
+
+def add_node_name(context: Any, node_name: str) -> None:
+    """Note that a node of a name is there."""
+    context.extend_globals({"unique_ros_node_names": [*_node_names(context), node_name]})
+
+
+def get_node_name_count(context: Any, node_name: str) -> int:
+    """How often a name of a node has been noted."""
+    return _node_names(context).count(node_name)
+
+
+def _node_names(context: Any) -> list[str]:
+    return list(context.get_locals_as_dict().get("unique_ros_node_names", ()))
 
 
 class InvalidNodeNameException(ValueError):

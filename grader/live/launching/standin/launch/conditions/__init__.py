@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from ._base import (
+from .._base import (
     Condition,
     InvalidConditionExpressionError,
     normalize_to_list_of_substitutions,
     perform_substitutions,
 )
+from .._catalogue import missing_name
 
 __all__ = [
     "IfCondition",
@@ -19,6 +20,11 @@ __all__ = [
     "UnlessCondition",
     "evaluate_condition_expression",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    return missing_name(__name__, name)
+
 
 _TRUE = ("true", "1")
 _FALSE = ("false", "0")

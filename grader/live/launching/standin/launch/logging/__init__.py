@@ -6,6 +6,8 @@ import logging
 from logging import DEBUG, ERROR, INFO, WARNING, Logger
 from typing import Any
 
+from .._catalogue import missing_name
+
 __all__ = ["DEBUG", "ERROR", "INFO", "WARNING", "get_logger", "get_output_loggers", "launch_config"]
 
 OUTPUT_WORDS = ("screen", "log", "both", "own_log", "full")
@@ -54,3 +56,7 @@ def get_output_loggers(process_name: str, output_config: Any) -> Any:
             raise ValueError(f"the output of {stream} must be among {', '.join(_STREAM_WORDS)}, but it is {words!r}")
         plain[stream] = chosen
     return plain
+
+
+def __getattr__(name: str) -> Any:
+    return missing_name(__name__, name)

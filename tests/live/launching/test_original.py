@@ -1,0 +1,181 @@
+"""The stand-in beside the original: the real `launch` 3.4.3 and `launch_ros` 0.26.6 of Jazzy, evaluated natively."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).parents[3]
+sys.path.append(str(ROOT))
+
+from tests.live.launching import test_conformance as conformance  # noqa: E402
+from tests.live.launching.evaluations import (  # noqa: E402
+    ORIGINAL,
+    STANDIN,
+    environment,
+    make_package,
+    needs_the_original,
+    original_environment,
+    plans_of,
+)
+from tests.live.launching.launch_cases import Case  # noqa: E402
+from tests.live.launching.outline import outline  # noqa: E402
+
+pytestmark = needs_the_original
+
+#: Cases of what patch releases of Jazzy after 3.4.3 brought, so that the copy gives an error or another plan.
+LATER_PATCHES = {
+    "the folder is restored after an include",
+    "an autostart is at the line of its node",
+    "autostart configures and activates",
+    "a lifecycle node in XML",
+    "a part of a path may be a list",
+    "a slash joins paths",
+    "a slash behind a package's share folder",
+    "a slash behind the folder of the file",
+    "a pathlib path where text can stand",
+    "an include by a pathlib path",
+    "XML: boolean substitutions",
+    "XML: an include with arguments by arg and by let",
+    "LaunchIntrospector and the logging of launch can be imported",
+}
+#: Cases that the grader answers in its own way, so that a student is charged for no other's absence.
+OWN_ANSWERS = {
+    "a node of a package of ROS that is not here",
+    "a container of components is not here",
+    "the tutorial of the turtles",
+    "the tutorial of the substitutions",
+    "a spawner after the end of another, and rviz behind a condition",
+    "a static transform the old and the new way",
+    "a command of xacro, which is not here",
+    "the path of ros2, which is not here",
+    "a launch from inside the file",
+    "XML: an action of which it is not known since when it is there",
+    "a module beside the launch file, where Python does not look",
+    "a Python package that its ROS package does not install",
+    "a function that yields without end",
+    "a composable node's missing file of parameters",
+    "a node that waits for another to be active",
+    "an anonymous name stays the same",
+    "an anonymous name is another one after its scope",
+}
+COMPARED = [case for case in conformance.CASES if case.name not in LATER_PATCHES | OWN_ANSWERS]
+FIXTURES = sorted(
+    path.relative_to(ROOT)
+    for folder in ("fixtures", "submissions", "reference", "labs")
+    for path in (ROOT / folder).rglob("*launch*")
+    if path.suffix in (".py", ".xml", ".yaml", ".yml") and path.is_file() and "rviz" not in str(path)
+)
+
+
+def both(requests: list[dict[str, Any]], prefix: Path) -> list[tuple[dict[str, Any], dict[str, Any]]]:
+    """The plans of the stand-in and of the original."""
+    ours = plans_of(requests, environment(prefix))
+    theirs = plans_of(requests, original_environment(prefix), path=ORIGINAL, native=True)
+    return list(zip(ours, theirs, strict=True))
+
+
+@pytest.fixture(scope="session")
+def case_plans(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[dict[str, Any], dict[str, Any]]]:
+    """Both plans of every case, by its name."""
+    folder = tmp_path_factory.mktemp("original")
+    requests = []
+    for number, case in enumerate(COMPARED):
+        root = folder / f"case_{number}"
+        file = str(conformance.write(case, root))
+        requests.append({"file": file, "arguments": dict(case.arguments), "root": str(root)})
+    return {c.name: p for c, p in zip(COMPARED, both(requests, conformance.make_prefix(folder)), strict=True)}
+
+
+@pytest.fixture(scope="session")
+def fixture_plans(tmp_path_factory: pytest.TempPathFactory) -> dict[Path, tuple[dict[str, Any], dict[str, Any]]]:
+    """Both plans of every launch file of the fixtures, by its path."""
+    names = ("joint_publisher", "joint_subscriber", "robot_service")
+    prefix = make_package(tmp_path_factory.mktemp("fixtures") / "prefix", "physical_ai_textbook", *names)
+    requests = [{"file": str(ROOT / f), "arguments": {}, "root": str((ROOT / f).parent)} for f in FIXTURES]
+    return dict(zip(FIXTURES, both(requests, prefix), strict=True))
+
+
+def agree(ours: dict[str, Any], theirs: dict[str, Any], *, lines: bool) -> None:
+    """The same outcome, and where that is a plan, the same plan."""
+    assert ours["outcome"] == theirs["outcome"], (ours["problem"], theirs["problem"])
+    if ours["outcome"] == "ok":
+        assert outline(ours, lines=lines) == outline(theirs, lines=lines)
+
+
+@pytest.mark.parametrize("case", COMPARED, ids=lambda case: case.name)
+def test_a_case_is_as_in_the_original(case: Case, case_plans: dict[str, Any]) -> None:
+    """Stand-in and original start the same processes with the same parameters, or both refuse the file."""
+    agree(*case_plans[case.name], lines=case.filename.endswith(".py"))
+
+
+@pytest.mark.parametrize("file", FIXTURES, ids=str)
+def test_a_fixture_is_as_in_the_original(file: Path, fixture_plans: dict[Path, Any]) -> None:
+    """The launch file of a fixture has the same plan, or the same kind of outcome."""
+    agree(*fixture_plans[file], lines=file.suffix == ".py")
+
+
+# The names that each module defines, exports, or holds as its sub-modules.
+_NAMES = """
+import importlib, json, pkgutil, types
+found = {}
+for top in ("launch", "launch_ros", "launch_xml", "launch_yaml"):
+    below = pkgutil.walk_packages(importlib.import_module(top).__path__, top + ".")
+    for title in [top, *(info.name for info in below if "conftest" not in info.name)]:
+        module = importlib.import_module(title)
+        found[title] = sorted(
+            name
+            for name, value in vars(module).items()
+            if not name.startswith("_")
+            and (
+                getattr(value, "__module__", None) == title
+                or (isinstance(value, types.ModuleType) and value.__name__ == title + "." + name)
+                or name in getattr(module, "__all__", ())
+            )
+        )
+print(json.dumps(found))
+"""
+# Those of them that an import statement does not find.
+_UNKNOWN = """
+import json, sys
+unknown = []
+for title, names in json.load(sys.stdin).items():
+    for name in names or ["__name__"]:
+        try:
+            exec(f"from {title} import {name}", {})
+        except ImportError:
+            unknown.append(f"{title}.{name}")
+print(json.dumps(unknown))
+"""
+
+
+def _ask(program: str, path: Path, surroundings: dict[str, str], given: str = "") -> Any:
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        input=given,
+        capture_output=True,
+        text=True,
+        env=surroundings | {"PYTHONPATH": str(path)},
+        timeout=60,
+        check=True,
+    )
+    return json.loads(done.stdout)
+
+
+def test_every_public_name_of_the_original_can_be_imported(tmp_path: Path) -> None:
+    """Each name that a module of the original defines or exports is known to the stand-in, in the same module."""
+    names = _ask(_NAMES, ORIGINAL, original_environment(tmp_path))
+    assert sum(map(len, names.values())) > 400
+    assert _ask(_UNKNOWN, STANDIN, environment(tmp_path), json.dumps(names)) == []
+
+
+def test_what_is_no_name_of_the_original_cannot_be_imported(tmp_path: Path) -> None:
+    """An import of a name that no module of the original has fails, in a sub-module too."""
+    wrong = {"launch.actions.timer_action": ["Timer"], "launch.actions": ["ForEach"], "launch.condition": ["When"]}
+    expected = [f"{title}.{name}" for title, names in wrong.items() for name in names]
+    assert _ask(_UNKNOWN, STANDIN, environment(tmp_path), json.dumps(wrong)) == expected
