@@ -353,29 +353,30 @@ def fields_of_type(part: str = "", label: str | None = None) -> Reference:
 # -- files beside the rubric -----------------------------------------------------------------------
 
 
+def _beside(scope: Scope, name: str) -> list[str]:
+    """Return the files in the folder of a file, as a rubric names them; none outside of its own folder."""
+    top = scope.folder.resolve()
+    folder = (top / name).resolve().parent
+    inside = folder.glob("*") if folder.is_relative_to(top) else ()
+    return [path.relative_to(top).as_posix() for path in inside if path.is_file()]
+
+
 def _file(scope: Scope, value: str, info: ValidationInfo) -> None:
-    near = (path for path in (scope.folder / value).parent.glob("*") if path.is_file())
-    one_of(value, "file", (path.relative_to(scope.folder).as_posix() for path in near), " beside the rubric")
+    one_of(value, "file", _beside(scope, value), " beside the rubric")
 
 
 def _definitions(scope: Scope, value: str) -> dict[str, ast.AST]:
-    """Return what a Python file beside the rubric defines, by name; it is not run, for it may do anything."""
-    file = value.partition(":")[0]
-    near = (scope.folder / file).parent.glob("*.py")
-    one_of(file, "Python file", (path.relative_to(scope.folder).as_posix() for path in near), " beside the rubric")
+    """Return the functions and classes of a Python file beside the rubric; it is not run, for it may do anything."""
+    file, _, name = value.partition(":")
+    one_of(file, "Python file", _beside(scope, file), " beside the rubric")
     try:
         tree = ast.parse((scope.folder / file).read_bytes())
     except (SyntaxError, ValueError) as problem:
         raise ValueError(f"{file} is no Python: {problem}") from problem
-    found: dict[str, ast.AST] = {}
-    for node in tree.body:
-        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
-            found[node.name] = node
-        elif isinstance(node, (ast.Import, ast.ImportFrom)):
-            found.update({alias.asname or alias.name: node for alias in node.names})
-        elif isinstance(node, ast.Assign) and not isinstance(node.value, (ast.Constant, ast.List, ast.Tuple, ast.Dict)):
-            found.update({target.id: node for target in node.targets if isinstance(target, ast.Name)})
-    one_of(value.partition(":")[2], "function or class", found, f" in {file}")
+    found: dict[str, ast.AST] = {
+        node.name: node for node in tree.body if isinstance(node, (ast.FunctionDef, ast.ClassDef))
+    }
+    one_of(name, "function or class", found, f" in {file}")
     return found
 
 

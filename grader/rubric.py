@@ -327,7 +327,7 @@ class Kinds:
     figures: Mapping[str, type[Parameters]]
 
 
-def load_rubric(path: Path, kinds: Kinds, folder: Path | None = None) -> Rubric:
+def load_rubric(path: Path, kinds: Kinds, folder: Path | None = None, *, only: bool = False) -> Rubric:
     """Read and validate a rubric.
 
     Parameters
@@ -336,6 +336,8 @@ def load_rubric(path: Path, kinds: Kinds, folder: Path | None = None) -> Rubric:
         The YAML file.
     folder : Path, optional
         Where files beside the rubric are looked up if they are not there.
+    only : bool
+        Whether they are looked up in `folder` alone, since what lies beside the rubric is not to be executed.
 
     Raises
     ------
@@ -348,7 +350,7 @@ def load_rubric(path: Path, kinds: Kinds, folder: Path | None = None) -> Rubric:
         raise cannot_be_read("the rubric", path, problem, "Check --rubric.") from problem
     plain, mistakes = parse_yaml(path, text, "the rubric")
     scope = Scope(plain, path.resolve().parent, kinds.checks, kinds.figures)
-    if folder is not None and scope.missing_in(folder) < scope.missing_in(scope.folder):
+    if folder is not None and (only or scope.missing_in(folder) < scope.missing_in(scope.folder)):
         scope.folder = folder
     try:
         found = RubricFile.model_validate(plain, context=scope)

@@ -10,7 +10,9 @@ import subprocess
 import sys
 from pathlib import Path
 
+import jsonschema
 import pytest
+import yaml
 
 from grader.checks import REGISTRY
 from grader.cli import main
@@ -291,8 +293,9 @@ def test_a_rubric_is_checked_without_grading(tmp_path: Path, capsys: pytest.Capt
 
 
 def test_the_schema_takes_the_labs_rubric_and_finds_mistakes(capsys: pytest.CaptureFixture[str]) -> None:
-    """It is a JSON Schema that an editor can use, made of the models by which rubrics are read."""
+    """It is a JSON Schema that an editor can use, made of the models that read rubrics, and the shipped one is it."""
     schema = json.loads(run(capsys, "rubric", "--schema")[1])
+    assert schema == json.loads((ROOT / "rubric.schema.json").read_text(encoding="utf-8"))
     jsonschema.Draft202012Validator.check_schema(schema)
     validator = jsonschema.Draft202012Validator(schema)
     text = (lab_folder() / "rubric.yaml").read_text(encoding="utf-8")

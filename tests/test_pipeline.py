@@ -188,4 +188,5 @@ def test_a_recording_that_leaves_more_undecided_does_not_take_the_place_of_anoth
     after = pipeline.keep_clearer(recordings, rubric, ["publisher", "not recorded"], before, Overrides())
     assert after.result.score == before.result.score
     assert read_session(recordings / "publisher").attempt == kept
+    assert read_session(recordings / "publisher").times_recorded == 2
     assert not list(recordings.glob(".*"))

@@ -27,6 +27,7 @@ from grader.checks.finding import (
     runs_elsewhere,
     takes_points,
     told,
+    unclear,
     why_nothing,
 )
 from grader.checks.traffic import claimed_at, claimed_qos, in_namespace, student_endpoints
@@ -232,7 +233,7 @@ def reported_series(context: Context, p: ReportedSeries) -> Finding:
     spans = spans_of(context, p)
     expected = f"the right value on each of {len(spans)} plateaus (times of constant messages), ± {p.tolerance:g} or 1%"
     if not spans:
-        return inconclusive(
+        return unclear(
             expected,
             "no stimulus recorded",
             "Commands and states were not recorded, so there is nothing to compare with.",
@@ -461,7 +462,7 @@ def reported_statistics(context: Context, p: ReportedStatistics) -> Finding:
     expected = f"{p.length} numbers behind '{p.label}:' at Ctrl-C, agreeing with the recording"
     streams = context.streams(p.streams, p.field)
     if len(streams) < len(p.streams):
-        return inconclusive(
+        return unclear(
             expected,
             "no stimulus recorded",
             "Commands and states were not recorded, so there is nothing to compare with.",
@@ -561,9 +562,9 @@ def _nothing_printed(context: Context, p: ReportedStatistics, expected: str) -> 
     spot = Where(session=context.session.record.session, process=p.artifact)
     if any(_HIT_IN_A_CALL in line.text for process in processes[-1:] for line in process.output):
         late = "Ctrl-C came in the midst of a call into rclpy, which made another error of it; that is chance."
-        return inconclusive(expected, "nothing", late, where=(spot,))
+        return unclear(expected, "nothing", late, where=(spot,))
     if processes and processes[-1].interrupted_ns and processes[-1].ended_by in ("terminate", "kill"):
-        if context.session.record.attempt == 1:  # Correct nodes were seen to hang once in a while, too.
+        if context.session.record.times_recorded == 1:  # Correct nodes were seen to hang once in a while, too.
             reason = "The node did not end after Ctrl-C. Once is no proof."
             return inconclusive(expected, "nothing", reason, where=(spot,))
         reason = "After Ctrl-C the node did not end in time, and had to be stopped before it printed statistics."
@@ -739,7 +740,7 @@ def survives(context: Context, p: Survives) -> Finding:
     second_start_ns = min(second_start_ns, later.started_ns) if later is not None else second_start_ns
     if first.exited_ns is None or first.interrupted_ns is not None or first.exited_ns > second_start_ns:
         if _never_matched(context, step):
-            return inconclusive(expected, "it went on", _UNMATCHED, where=(spot,))
+            return unclear(expected, "it went on", _UNMATCHED, where=(spot,))
         if (replaced_ns := _replaced_ns(context, step, second_start_ns)) is not None:
             reason, hint, where = why_nothing(context, p.artifact, _REPLACED)
             measured = f"the program went on; its node ended before {context.session.since_start_s(replaced_ns):.2f} s"
@@ -817,7 +818,7 @@ def report_share(context: Context, p: ReportShare) -> Finding:
     streams = context.streams(p.streams, p.field)
     expected = f"a report for at least {percent(p.full_from)} of the messages"
     if len(streams) < len(p.streams):
-        return inconclusive(
+        return unclear(
             expected,
             "no stimulus recorded",
             "Commands and states were not recorded, so there is nothing to compare with.",

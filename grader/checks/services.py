@@ -26,6 +26,7 @@ from grader.checks.finding import (
     runs_elsewhere,
     takes_points,
     told,
+    unclear,
     why_nothing,
 )
 from grader.checks.traffic import claimed_at, in_namespace
@@ -432,7 +433,7 @@ def calls_in_time(context: Context, p: CallsInTime) -> Finding:
         note = f"There was time for {quick} of {wanted} calls, as each took {min(latencies):.2f} s or more."
         return passed(expected, measured, where=where, notes=(note,))
     if quick == len(calls) < wanted:
-        return inconclusive(
+        return unclear(
             expected,
             measured,
             "There was no time for all the calls, but those made were answered in time.",

@@ -14,6 +14,7 @@ import json
 import os
 import re
 import shutil
+import time
 from collections.abc import Coroutine, Mapping
 from contextlib import suppress
 from pathlib import Path, PurePosixPath
@@ -31,6 +32,8 @@ if TYPE_CHECKING:
 
 _MAX_PLAN_BYTES = 4 * 1024 * 1024
 _MAX_MENDS = 6
+#: What a second evaluation gets in any case: the mistake that the first one found is mended to see the rest.
+_LEAST_EVALUATION_S = 1.0
 _MAX_MEMORY_BYTES = 2 * 1024 * 1024 * 1024
 #: A process that is to be started again and again is so at most this often.
 _MAX_RESPAWNS = 3
@@ -66,8 +69,11 @@ class LaunchRunner:
             return "failed", {"problem": "missing artifact", "artifact": parameters["launch"]}
         arguments = dict(parameters["arguments"])
         mended: list[dict[str, Any]] = []
+        end_s = time.monotonic() + parameters["timeout_s"]
         while True:
-            outcome, plan = await self._evaluate(source, arguments, parameters["timeout_s"])
+            # All evaluations share the time of one: a file that sleeps before each mistake gains none.
+            left_s = max(_LEAST_EVALUATION_S, round(end_s - time.monotonic(), 1))
+            outcome, plan = await self._evaluate(source, arguments, left_s)
             problem = plan.problem
             if problem is None or len(mended) >= _MAX_MENDS or not self._mend(problem, parameters["assume"], arguments):
                 break

@@ -80,6 +80,8 @@ _DIRECTOR_START_S = 20.0
 _DIRECTOR_STOP_S = 8.0
 _REFERENCE_START_S = 15.0
 _SAMPLE_PERIOD_S = 0.5
+#: Share of its samples that a session has where the machine went on; one that is busy delays some.
+_SAMPLED_SHARE = 0.7
 #: Rights of a folder to which both the student's user and bubblewrap, root without privileges, can change.
 _OPEN = 0o755
 #: Limits of a session's students together: where one was hit, nothing more may begin.
@@ -126,6 +128,7 @@ class SessionPlan:
     domain_id: int
     timeout_s: float
     attempt: int = 1
+    disturbed_before: bool = False
     versions: dict[str, str] = field(default_factory=dict)
     native: dict[str, Any] | None = None
 
@@ -194,6 +197,7 @@ class Session:
         self.record = SessionRecord(
             plan.session,
             attempt=plan.attempt,
+            disturbed_before=plan.disturbed_before,
             seed=plan.seed,
             isolation=self.isolation.describe(),
             versions=plan.versions,
@@ -248,7 +252,7 @@ class Session:
             try:
                 await asyncio.wait_for(self._run_steps(), self.plan.timeout_s)
             except asyncio.TimeoutError:
-                self.record.problems.append(f"the session took longer than {self.plan.timeout_s:g} s and was stopped")
+                await self._stop_for_time()
             for watcher in watchers:
                 if watcher.done():  # They go on until they are cancelled, unless they broke.
                     watcher.result()
@@ -259,6 +263,17 @@ class Session:
             await self._finish()
         finally:
             self._sweep()
+
+    async def _stop_for_time(self) -> None:
+        """End the student's processes, for which each step waited as long as it may; unless the machine stood still."""
+        step, now_ns = self.record.steps[-1], time.time_ns()
+        step.outcome, step.ended_ns = "timeout", now_ns
+        alive = [process for process in self._students() if process.alive]
+        sampled_s = len(self.record.machine) * _SAMPLE_PERIOD_S
+        if not alive or sampled_s < _SAMPLED_SHARE * (now_ns - self.record.started_ns) / 1e9:
+            self.record.problems.append(f"the session took longer than {self.plan.timeout_s:g} s and was stopped")
+        for process in alive:
+            await process.kill(limit="time")
 
     # -- start and end ------------------------------------------------------------------------
 
@@ -341,6 +356,8 @@ class Session:
                 await process.kill()
             elif process.alive:
                 await process.stop(2.0)
+                if process.run.ended_by != "interrupt":
+                    self.record.problems.append(f"the reference node {name} did not end when it was asked to")
             elif process.run.role == "reference":
                 self.record.problems.append(f"the reference node {name} ended with status {process.run.exit_status}")
         if self.director is not None:
