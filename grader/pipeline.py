@@ -49,6 +49,8 @@ RESULT_FILE = "result.json"
 REPORT_FILE = "report.html"
 CLASS_PAGE = "index.html"
 GRADES_FILE = "grades.csv"
+ANONYMOUS_PAGE = "index-anonymous.html"
+ANONYMOUS_GRADES_FILE = "grades-anonymous.csv"
 #: What a grading makes, the file that says that it is whole last.
 _PARTS = (RUBRIC_COPY, kept_lab.KEPT, RECORDINGS, REPORT_FILE, RESULT_FILE)
 #: Among recordings: stands there until all sessions have been recorded.
@@ -701,8 +703,13 @@ def chosen_rubric(folders: Sequence[Path], path: Path) -> Rubric:
     return read_rubric(path, next(copies, None))
 
 
-def require_lab(results: Path, rubric: Rubric) -> None:
+def require_lab(results: Path, rubric: Rubric, remedy: str = "Name a rubric of that lab, or none.") -> None:
     """Raise if results are of another lab than a rubric.
+
+    Parameters
+    ----------
+    remedy : str
+        What the user can do about it.
 
     Raises
     ------
@@ -712,7 +719,7 @@ def require_lab(results: Path, rubric: Rubric) -> None:
     recorded = next(map(_lab_id, _rubric_copies(results)), "")
     if recorded not in ("", rubric.lab.id):
         problem = f"these are results of Lab {recorded}, and the rubric is of Lab {rubric.lab.id}"
-        raise UsageError(problem, where=str(results), remedy=f"Name a rubric of Lab {recorded}, or none.")
+        raise UsageError(problem, where=str(results), remedy=remedy)
 
 
 def lab_remarks(results: Path, rubric: Rubric) -> list[str]:
@@ -771,7 +778,7 @@ def _rubric_and_files(folder: Path, rubric: Rubric) -> dict[Path, str | None]:
 def report_class(
     results: Path, entries: Sequence[ClassEntry], rubric: Rubric, *, anonymous: bool = False
 ) -> ClassSummary:
-    """Sum up a class and write `index.html` and `grades.csv`.
+    """Sum up a class and write `index.html` and `grades.csv`, or both under pseudonyms and names of their own.
 
     Parameters
     ----------
@@ -780,15 +787,16 @@ def report_class(
     entries : sequence of ClassEntry
         Those of `grader.cohort.entries.entries_in`, and what else is known.
     anonymous : bool
-        Whether both are written under pseudonyms.
+        Whether `index-anonymous.html` and `grades-anonymous.csv` are written instead.
     """
     from grader.cohort.anonymous import anonymous as under_pseudonyms
     from grader.cohort.summary import summarise
     from grader.report import class_page, grades_csv
 
     summary = summarise(under_pseudonyms(entries, rubric) if anonymous else entries, rubric)
-    replace_file(results / CLASS_PAGE, class_page.render(summary, anonymous=anonymous))
-    replace_file(results / GRADES_FILE, grades_csv.render(summary))
+    page, grades = (ANONYMOUS_PAGE, ANONYMOUS_GRADES_FILE) if anonymous else (CLASS_PAGE, GRADES_FILE)
+    replace_file(results / page, class_page.render(summary, anonymous=anonymous))
+    replace_file(results / grades, grades_csv.render(summary))
     return summary
 
 

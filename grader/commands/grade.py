@@ -115,7 +115,9 @@ def _add_class(parser: argparse.ArgumentParser) -> None:
     )
     again.add_argument("--afresh", action="store_true", help="grade all again")
     group.add_argument(
-        "--anonymous", action="store_true", help="pseudonyms instead of names on the class page and in grades.csv"
+        "--anonymous",
+        action="store_true",
+        help="also write index-anonymous.html and grades-anonymous.csv, with pseudonyms instead of names",
     )
     group.add_argument(
         "--scheduler",
@@ -127,12 +129,17 @@ def _add_class(parser: argparse.ArgumentParser) -> None:
 def run(arguments: Sequence[str], console: Console, epilog: str = "") -> int:
     """Grade the submissions; returns the exit status."""
     from grader import pipeline
+    from grader.batch.rejudging import recorded_in
+    from grader.commands.meant import require_submissions
     from grader.live.scratch import remove_leavings
 
     parser = _parser(epilog)
     options = parser.parse_args(arguments)
     rubric = pipeline.read_rubric(options.rubric)
     pipeline.require_sessions(_sessions(options) or (), rubric)
+    require_submissions(options.submissions, rubric)
+    for folder in recorded_in(options.output):
+        pipeline.require_lab(folder, rubric, "Give another folder for these results by -o.")
     found = _found(options, rubric)
     several = len(found.submissions) > 1 or options.scheduler is not None
     if several and options.timings:
@@ -332,6 +339,7 @@ def _report_class(
     from grader.batch.class_entries import entries_of, student_of
     from grader.batch.class_list import read_class_list
     from grader.cohort.roster import with_roster
+    from grader.commands.report import print_class_files
 
     entries = entries_of(options.output, rows, missing)
     known = {*(row.handed.name for row in rows), *missing}
@@ -340,9 +348,11 @@ def _report_class(
         console.print(Text(told, "yellow"), soft_wrap=True)
     if options.class_list is not None:
         entries = with_roster(entries, map(student_of, read_class_list(options.class_list)))
-    pipeline.report_class(options.output, entries, rubric, anonymous=options.anonymous)
-    console.print(f"Class: {options.output / pipeline.CLASS_PAGE}", soft_wrap=True, markup=False)
-    console.print(f"Grades: {options.output / pipeline.GRADES_FILE}", soft_wrap=True, markup=False)
+    pipeline.report_class(options.output, entries, rubric)
+    print_class_files(options.output, console)
+    if options.anonymous:
+        pipeline.report_class(options.output, entries, rubric, anonymous=True)
+        print_class_files(options.output, console, anonymous=True)
 
 
 def _status(row: Row, least: Decimal | None) -> int:
