@@ -11,7 +11,7 @@ import random
 import shutil
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
@@ -27,10 +27,12 @@ from grader.checks import PARAMETERS_OF
 from grader.cohort.adjustments import adjust
 from grader.cohort.entries import ClassEntry
 from grader.cohort.overrides import OVERRIDES_FILE, Overrides, load_overrides, moment_of
+from grader.desk import lies_within, made_from
 from grader.errors import PlatformError, RecordingError, RubricError, UsageError, described
 from grader.exporting import ExportTarget
 from grader.intake import Handed, Intake, taken_in
 from grader.judging import Recordings, judge, open_recordings
+from grader.patterns import patterns_bounded
 from grader.recording.session import read_session, write_session
 from grader.recording.submission import SubmissionRecord, write_submission
 from grader.replacing import UNFINISHED, beside, replace_file, replace_files
@@ -172,7 +174,9 @@ def recorded_rubric(copy: Path, *, trusted: bool = False) -> Rubric:
 @functools.lru_cache(maxsize=16)
 def _lab_id_in(text: str) -> str:
     with suppress(yaml.YAMLError, RecursionError, TypeError, KeyError):
-        return str(yaml.load(text, yaml.CSafeLoader)["lab"]["id"])
+        found = yaml.load(text, yaml.CSafeLoader)["lab"]["id"]
+        # Written out, nested aliases have no end.
+        return str(found) if isinstance(found, (str, int, float)) else ""
     return ""
 
 
@@ -182,13 +186,16 @@ def _lab_id(rubric: Path) -> str:
     return ""
 
 
-def read_overrides(path: Path | None, results: Path, rubric: Rubric) -> Overrides:
+def read_overrides(path: Path | None, results: Path, rubric: Rubric, sources: Iterable[str] = ()) -> Overrides:
     """Load the file of overrides that is given, or else the one beside the results, if there is one.
 
     Parameters
     ----------
     results : Path
         Folder with a folder of results for each submission.
+    sources : iterable of str
+        Where the submissions lie. If the results lie in one of them, the file beside them may be a student's, and
+        does not count.
 
     Raises
     ------
@@ -196,6 +203,8 @@ def read_overrides(path: Path | None, results: Path, rubric: Rubric) -> Override
         With all its mistakes.
     """
     beside = results / OVERRIDES_FILE
+    if path is None and lies_within(results, sources):
+        return Overrides()
     if path is None and not beside.is_file():
         misnamed = beside.with_suffix(".yml")
         if misnamed.is_file():
@@ -630,7 +639,7 @@ def judge_so_far(results: Path) -> Result:
     new = results / UNFINISHED
     folder = new if (new / RECORDINGS).is_dir() else results
     rubric = recorded_rubric(rubric_copy(folder))
-    overrides = read_overrides(None, results.resolve().parent, rubric)
+    overrides = read_overrides(None, results.resolve().parent, rubric, [made_from(folder)])
 
     def judged() -> Result:
         recordings = open_recordings(folder / RECORDINGS, rubric)
@@ -654,10 +663,11 @@ def report_page(result: Result, recordings: Recordings, rubric: Rubric) -> str:
     from grader.report.html import render
 
     figures = {}
-    for criterion in rubric.criteria:
-        there = [s for s in criterion.figures if s.session in recordings.sessions]
-        drawn = [draw(spec, recordings.sessions[spec.session], rubric.folder) for spec in there]
-        figures[criterion.id] = [figure for figure in drawn if figure is not None]
+    with patterns_bounded():
+        for criterion in rubric.criteria:
+            there = [s for s in criterion.figures if s.session in recordings.sessions]
+            drawn = [draw(spec, recordings.sessions[spec.session], rubric.folder) for spec in there]
+            figures[criterion.id] = [figure for figure in drawn if figure is not None]
     records = {name: recorded.record for name, recorded in recordings.sessions.items()}
     return render(result, figures, records, recordings.submission)
 
@@ -694,7 +704,7 @@ def judged_by(
     else:
         rubric = chosen_rubric([results], rubric_path)
         require_lab(results, rubric)
-    return rubric, read_overrides(overrides_path, results.resolve().parent, rubric)
+    return rubric, read_overrides(overrides_path, results.resolve().parent, rubric, [made_from(results)])
 
 
 def chosen_rubric(folders: Sequence[Path], path: Path) -> Rubric:

@@ -22,7 +22,7 @@ from grader.pipeline import read_rubric, undecided_sessions
 from grader.recording.session import OutputLine, SessionRecord, Usage, read_session, write_session
 from grader.recording.submission import SUBMISSION_FILE, read_submission, write_submission
 from grader.result import CheckResult, Outcome, Result, Score, to_json
-from grader.rubric import Rubric
+from grader.rubric import CheckSpec, Rubric
 
 ROOT = Path(__file__).resolve().parents[1]
 KEPT = ROOT / "tests/recordings"
@@ -177,6 +177,24 @@ def test_a_check_that_breaks_costs_nothing(
     reasons = [checks_of(result)[spec.id] for spec in mine]
     assert {f.outcome for f in reasons} <= {Outcome.ERROR, Outcome.INCONCLUSIVE}
     assert "ZeroDivisionError: inside" in reasons[0].reason
+
+
+@pytest.mark.parametrize("field", ["position", "layout", "layout.data_offset", "data.0"])
+@pytest.mark.parametrize("check", ["message_values", "sinusoids", "reported_series", "report_share"])
+def test_a_field_that_holds_no_numbers_is_a_mistake_of_the_rubric(
+    check: str, field: str, solution: Recordings, rubric: Rubric
+) -> None:
+    """A field that a type does not have, or that is no row of numbers, costs nobody points."""
+
+    def mistaken(spec: CheckSpec) -> CheckSpec:
+        other = spec.parameters.model_copy(update={"field": field}) if spec.check == check else spec.parameters
+        return dataclasses.replace(spec, parameters=other)
+
+    criteria = tuple(dataclasses.replace(c, checks=tuple(map(mistaken, c.checks))) for c in rubric.criteria)
+    findings = judge_checks(solution, dataclasses.replace(rubric, criteria=criteria))
+    outcomes = {findings[spec.id].outcome for spec in rubric.checks() if spec.check == check}
+    assert outcomes == {Outcome.ERROR}
+    assert any(f"'{field}'" in finding.reason for finding in findings.values())
 
 
 @pytest.mark.parametrize("session", ["publisher", "subscriber", "service", "launch", "qos"])

@@ -104,7 +104,7 @@ def readme(context: Context, p: Readme) -> Finding:
     """Judge commands and descriptions; a bare list of names describes nothing."""
     # What was not handed in is charged where it is missing.
     parts = [part for part in p.parts if context.path_of(part.artifact) is not None] or list(p.parts)
-    expected = f"commands to run it ({p.run_weight:.0%}), and a description of each of {len(parts)} parts (the rest)"
+    expected = f"commands to run it ({p.run_weight:.0%}), and a description of {_parts(len(parts))} (the rest)"
     documents = readmes(context)
     if not documents and (unread := _not_read(context)):
         return _for_a_person(expected, unread)
@@ -133,6 +133,10 @@ def readme(context: Context, p: Readme) -> Finding:
     where = [Where(file=path, line=i.line) for path, i in commands[:1]]
     where += [Where(file=path, line=t.lines[0] if t.lines else None) for path, t in described.values()]
     return graded(share, expected, measured, " ".join(reasons), where=where or (Where(file=documents[0][0]),))
+
+
+def _parts(count: int) -> str:
+    return "the one part" if count == 1 else f"each of {count} parts"
 
 
 class Docstrings(Parameters):
@@ -184,7 +188,11 @@ def comments(context: Context, p: Comments) -> Finding:
     wanted = math.ceil(p.full_per_100_lines * lines / 100)
     said = f"{explaining} comment explains" if explaining == 1 else f"{explaining} comments explain"
     reason = f"{said} something; for {lines} lines of code {wanted} give{'s' * (wanted == 1)} full credit"
-    reason += f". {len(others)} more are commented-out code, repeats or echoes of the code." if others else "."
+    reason += (
+        f". {len(others)} more {'is' if len(others) == 1 else 'are'} commented-out code, repeats or echoes of the code."
+        if others
+        else "."
+    )
     bare = sorted(facts, key=lambda f: len(f.explaining) / max(1, f.code_lines))[:3]
     share = (density - p.zero_to_per_100_lines) / (p.full_per_100_lines - p.zero_to_per_100_lines)
     return graded(share, expected, measured, reason, where=[Where(file=f.path) for f in bare])
@@ -197,6 +205,9 @@ class ConceptsExplained(Parameters):
     concepts: Mapping[str, tuple[str, ...]] = Field(description="Concept -> word stems in any languages.")
     reasons: tuple[str, ...] = Field((), description="Words of reason and comparison in any languages.")
     anchors: tuple[str, ...] = Field((), description="A passage without any of these is about something else.")
+    connectives: tuple[str, ...] = Field(
+        (), description="Words that hold sentences together; a text almost without them is pointed out to a person."
+    )
     min_words: int = Field(8, description="Words of its own from which a passage discusses.")
     full_concepts: int
     least_concepts: int = Field(1, description="With fewer there is no credit.")
@@ -216,7 +227,7 @@ def concepts_explained(context: Context, p: ConceptsExplained) -> Finding:
         for q in document_passages(document, path)
     ]
     passages += [passage for facts in sources(context, p.artifacts) for passage in source_passages(facts)]
-    found = concepts(passages, p.concepts, p.reasons, p.anchors, p.min_words)
+    found = concepts(passages, p.concepts, p.reasons, p.anchors, p.min_words, p.connectives)
     expected = (
         f"{p.full_concepts} of {len(p.concepts)} concepts discussed (two thirds), and weighed with reasons (one third)"
     )
@@ -231,4 +242,5 @@ def concepts_explained(context: Context, p: ConceptsExplained) -> Finding:
     reasons = [] if found.related else ["They are not set in relation to each other: when which, and at what price?"]
     if len(found.discussed) < p.full_concepts:
         reasons.insert(0, f"Nothing is said about {', '.join(found.missing)}.")
-    return graded(share, expected, measured, " ".join(reasons), where=where)
+    notes = [f"For a person to read: {s.file}, line {s.line}, seems to be words, not sentences." for s in found.strung]
+    return graded(share, expected, measured, " ".join(reasons), where=where, notes=notes)

@@ -440,7 +440,7 @@ class MessageValues(Parameters):
 def message_values(context: Context, p: MessageValues) -> Finding:
     """Judge the length and finiteness of a field; credit in parts."""
     expected = f"{p.length} finite numbers in '{p.field}' of every message"
-    rows = context.session.rows(p.topic, p.field)
+    rows = context.rows(p.topic, p.field)
     where = (context.where(p.topic),)
     if not rows:
         return failed(expected, "no messages", "No message came.", where=where)
@@ -489,7 +489,7 @@ def sinusoids(context: Context, p: Sinusoids) -> Finding:
     """
     wanted = ", ".join(f"{c.amplitude:g}·sin(2π·{c.frequency_hz:g}·t) in [{c.index}]" for c in p.components)
     expected = f"{wanted}, the others 0"
-    series = context.session.numeric(p.topic, p.field, finite=False)
+    series = context.numeric(p.topic, p.field, finite=False)
     where = (context.where(p.topic),)
     if series is None or len(series.values) < 20:
         return failed(expected, "too few numbers", "Too few messages with numbers came to see a motion.", where=where)
