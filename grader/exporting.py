@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 import secrets
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from grader.report.exports import EXPORTS, render_export
+from grader.result import Result
 
 #: Stands for the standard output.
 STANDARD_OUTPUT = "-"
@@ -58,15 +58,11 @@ class ExportTarget:
         return self.name if self.file is None else f"{self.name}={self.file}"
 
 
-def write_exports(
-    targets: Sequence[ExportTarget], plain: Mapping[str, Any], results: Path, path_prefix: str = ""
-) -> list[Path]:
+def write_exports(targets: Sequence[ExportTarget], result: Result, results: Path, path_prefix: str = "") -> list[Path]:
     """Write a result's exports; returns the files.
 
     Parameters
     ----------
-    plain : mapping
-        The plain data of `result.json`.
     results : Path
         Folder of the submission's results.
     path_prefix : str
@@ -79,7 +75,7 @@ def write_exports(
     """
     written = []
     for target in targets:
-        text = render_export(target.name, plain, path_prefix=path_prefix, environment=os.environ)
+        text = render_export(target.name, result, path_prefix=path_prefix, environment=os.environ)
         if target.file == STANDARD_OUTPUT:
             sys.stdout.flush()
             sys.stdout.buffer.write(text.encode("utf-8"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import importlib.metadata
 import importlib.util
@@ -10,14 +11,17 @@ import random
 import shutil
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import yaml
+
 import grader
+from grader import kept_lab
 from grader.bounded import Bound, in_process
 from grader.checks import PARAMETERS_OF
 from grader.cohort.adjustments import adjust
@@ -30,8 +34,7 @@ from grader.judging import Recordings, judge, open_recordings
 from grader.recording.session import read_session, write_session
 from grader.recording.submission import SubmissionRecord, write_submission
 from grader.replacing import UNFINISHED, beside, replace_file, replace_files
-from grader.report import json as result_json
-from grader.result import CheckResult, Result
+from grader.result import CheckResult, Result, to_json
 from grader.rubric import Rubric, load_rubric
 from grader.submission import read_submission
 from grader.timings import Stopwatch
@@ -47,7 +50,7 @@ REPORT_FILE = "report.html"
 CLASS_PAGE = "index.html"
 GRADES_FILE = "grades.csv"
 #: What a grading makes, the file that says that it is whole last.
-_PARTS = (RUBRIC_COPY, RECORDINGS, REPORT_FILE, RESULT_FILE)
+_PARTS = (RUBRIC_COPY, kept_lab.KEPT, RECORDINGS, REPORT_FILE, RESULT_FILE)
 #: Among recordings: stands there until all sessions have been recorded.
 _BEGUN = ".begun"
 #: Among recordings: one that is made again, and a copy that is being made or removed.
@@ -104,15 +107,77 @@ def lab_folder() -> Path:
     return inside if (inside / "rubric.yaml").is_file() else package.parent
 
 
-def read_rubric(path: Path | None) -> Rubric:
-    """Load a rubric, by default that of the lab which travels with the grader.
+def read_rubric(path: Path | None, kept: Path | None = None) -> Rubric:
+    """Load a rubric that the user names, by default that of the lab which travels with the grader.
+
+    A copy that lies elsewhere finds the files that it names in the folder of that lab, if it is of the same lab.
+
+    Parameters
+    ----------
+    kept : Path, optional
+        The copy of a rubric with its own files kept beside it, to be used before those.
 
     Raises
     ------
     RubricError
         With all its mistakes.
     """
-    return load_rubric(path or lab_folder() / "rubric.yaml", PARAMETERS_OF, lab_folder())
+    shipped = lab_folder() / "rubric.yaml"
+    path = path or shipped
+    if (path.parent / kept_lab.KEPT).is_dir():
+        return recorded_rubric(path)
+    own = kept if kept is not None and _lab_id(kept) == _lab_id(path) and kept_lab.kept_files(kept) else None
+    if own is not None:
+        kept_lab.require_known(own, lab_folder())
+    same = path == shipped or _lab_id(path) == _lab_id(shipped)
+    fallback = own.parent / kept_lab.KEPT if own is not None else lab_folder() if same else None
+    rubric = load_rubric(path, PARAMETERS_OF, fallback)
+    kept_lab.trust(kept_lab.files_of(rubric))
+    return rubric
+
+
+def recorded_rubric(copy: Path, *, trusted: bool = False) -> Rubric:
+    """Load the copy of a rubric that lies with results, and the files that it names from beside it.
+
+    Parameters
+    ----------
+    trusted : bool
+        Whether these may be executed though they are not known here; see `grader.kept_lab`.
+
+    Raises
+    ------
+    RecordingError
+        If they may not be executed, or an earlier version of the grader has not kept them.
+    RubricError
+        With all mistakes of the rubric.
+    """
+    files = kept_lab.kept_files(copy)
+    if trusted:
+        kept_lab.trust(files)
+    elif files:
+        kept_lab.require_known(copy, lab_folder())
+    # Before they were kept, those of the grader's own lab were used; for another lab they would be the wrong ones.
+    shipped = not files and _lab_id(copy) == _lab_id(lab_folder() / "rubric.yaml")
+    folder = lab_folder() if shipped else copy.parent / kept_lab.KEPT
+    try:
+        return load_rubric(copy, PARAMETERS_OF, folder, only=True)
+    except RubricError as error:
+        if not files and not shipped:
+            error.remedy = "The recordings are without the files of their lab; give its rubric by --rubric."
+        raise
+
+
+@functools.lru_cache(maxsize=16)
+def _lab_id_in(text: str) -> str:
+    with suppress(yaml.YAMLError, RecursionError, TypeError, KeyError):
+        return str(yaml.load(text, yaml.CSafeLoader)["lab"]["id"])
+    return ""
+
+
+def _lab_id(rubric: Path) -> str:
+    with suppress(OSError, UnicodeDecodeError):
+        return _lab_id_in(rubric.read_text(encoding="utf-8"))
+    return ""
 
 
 def read_overrides(path: Path | None, results: Path, rubric: Rubric) -> Overrides:
@@ -367,12 +432,14 @@ def record(
             judging = _work(shared, watch)
             with judging("judging"):
                 judgement = judgement_of(recordings, rubric, options.overrides)
+            disturbed: frozenset[str] = frozenset()
             for attempt in range(2, RETRIES + 2):
+                disturbed |= {v.session for v in judgement.by_rubric.violations if v.kind.disturbs}
                 if not (undecided := undecided_sessions(judgement.by_rubric, chosen)):
                     break
                 set_aside(recordings, undecided)
                 with watch.stage(f"sessions again, attempt {attempt}"):
-                    replace(sessions, attempt=attempt).record(undecided, on_progress, at_a_time=1)
+                    replace(sessions, attempt=attempt, disturbed=disturbed).record(undecided, on_progress, at_a_time=1)
                 with judging("judging"):
                     judgement = keep_clearer(recordings, rubric, undecided, judgement, options.overrides)
     return judgement
@@ -413,7 +480,7 @@ def judgement_of(recordings: Path, rubric: Rubric, overrides: Overrides) -> Judg
         recorded = open_recordings(recordings, rubric)
         by_rubric = judge(recorded, rubric)
         result = by_policy(by_rubric, recorded, rubric, overrides)
-        return Judgement(by_rubric, result, report_page(result, recorded, rubric), result_json.render(result))
+        return Judgement(by_rubric, result, report_page(result, recorded, rubric), to_json(result))
 
     return in_process(judged, JUDGING_BOUND)
 
@@ -487,14 +554,17 @@ def _start_afresh(recordings: Path, submission: SubmissionRecord, rubric: Rubric
     shutil.rmtree(recordings, ignore_errors=True)
     recordings.mkdir(parents=True)
     (recordings / _BEGUN).touch()
+    files = kept_lab.files_of(rubric)
+    kept_lab.trust(files)
+    submission.lab_folder, submission.lab_files = str(rubric.folder), kept_lab.sha256s(files)
     write_submission(recordings, submission)
-    (recordings / RUBRIC_COPY).write_text(rubric.text, encoding="utf-8")
+    replace_files(_rubric_and_files(recordings, rubric))
 
 
 def undecided_sessions(result: Result, chosen: Sequence[str]) -> list[str]:
     """Return the recorded sessions with a check whose outcome the recording leaves open."""
     checks = [check for criterion in result.criteria for check in criterion.checks]
-    undecided = {check.session for check in checks if not check.finding.outcome.decided and check.finding.retry}
+    undecided = {check.session for check in checks if not check.outcome.decided and check.retry}
     return [session for session in chosen if session in undecided]
 
 
@@ -529,8 +599,8 @@ def judged_files(
 
 
 def _files_of(judgement: Judgement, results: Path, rubric: Rubric) -> dict[Path, str | None]:
-    kept = None if _recorded_with(results) == rubric.text else rubric.text
-    return {results / RUBRIC_COPY: kept, results / REPORT_FILE: judgement.page, results / RESULT_FILE: judgement.text}
+    page, text = judgement.page, judgement.text
+    return {**_rubric_of_result(results, rubric), results / REPORT_FILE: page, results / RESULT_FILE: text}
 
 
 def judge_with_policy(recordings: Recordings, rubric: Rubric, overrides: Overrides) -> Result:
@@ -557,7 +627,7 @@ def judge_so_far(results: Path) -> Result:
     """
     new = results / UNFINISHED
     folder = new if (new / RECORDINGS).is_dir() else results
-    rubric = read_rubric(rubric_copy(folder))
+    rubric = recorded_rubric(rubric_copy(folder))
     overrides = read_overrides(None, results.resolve().parent, rubric)
 
     def judged() -> Result:
@@ -570,10 +640,10 @@ def judge_so_far(results: Path) -> Result:
 
 
 def _not_yet_run(check: CheckResult, recordings: Recordings) -> CheckResult:
-    if check.session is None or check.session in recordings.sessions or check.finding.outcome.decided:
+    if check.session is None or check.session in recordings.sessions or check.outcome.decided:
         return check
     reason = f"Not yet run: the session '{check.session}' has not ended."
-    return replace(check, finding=replace(check.finding, reason=reason))
+    return replace(check, reason=reason)
 
 
 def report_page(result: Result, recordings: Recordings, rubric: Rubric) -> str:
@@ -591,7 +661,11 @@ def report_page(result: Result, recordings: Recordings, rubric: Rubric) -> str:
 
 
 def judged_by(
-    results: Path, rubric_path: Path | None = None, overrides_path: Path | None = None
+    results: Path,
+    rubric_path: Path | None = None,
+    overrides_path: Path | None = None,
+    *,
+    trusted: bool = False,
 ) -> tuple[Rubric, Overrides]:
     """Load what a results folder is judged by again.
 
@@ -601,16 +675,50 @@ def judged_by(
         By default the rubric by which it was judged last.
     overrides_path : Path, optional
         By default `overrides.yaml` beside the results folder, if there is one.
+    trusted : bool
+        Whether files of the lab that came with the recordings may be executed though they are not known here.
 
     Raises
     ------
     RecordingError
-        If it is no results folder.
+        If it is no results folder, or what came with it may not be executed.
     RubricError
         With all mistakes of the rubric, or of the overrides.
+    UsageError
+        If the rubric is of another lab.
     """
-    rubric = read_rubric(rubric_path or rubric_copy(results))
+    if rubric_path is None:
+        rubric = recorded_rubric(rubric_copy(results), trusted=trusted)
+    else:
+        rubric = chosen_rubric([results], rubric_path)
+        require_lab(results, rubric)
     return rubric, read_overrides(overrides_path, results.resolve().parent, rubric)
+
+
+def chosen_rubric(folders: Sequence[Path], path: Path) -> Rubric:
+    """Load a rubric that the user names for results; see `read_rubric`."""
+    copies = (copy for folder in folders for copy in _rubric_copies(folder))
+    return read_rubric(path, next(copies, None))
+
+
+def require_lab(results: Path, rubric: Rubric) -> None:
+    """Raise if results are of another lab than a rubric.
+
+    Raises
+    ------
+    UsageError
+        With both labs.
+    """
+    recorded = next(map(_lab_id, _rubric_copies(results)), "")
+    if recorded not in ("", rubric.lab.id):
+        problem = f"these are results of Lab {recorded}, and the rubric is of Lab {rubric.lab.id}"
+        raise UsageError(problem, where=str(results), remedy=f"Name a rubric of Lab {recorded}, or none.")
+
+
+def lab_remarks(results: Path, rubric: Rubric) -> list[str]:
+    """Say where results are judged by other files of the lab than they were made with, or the lab has others now."""
+    shipped = lab_folder() if rubric.lab.id == _lab_id(lab_folder() / "rubric.yaml") else None
+    return kept_lab.remarks(results / RECORDINGS, rubric, shipped)
 
 
 def rubric_copy(results: Path) -> Path:
@@ -638,12 +746,26 @@ def _rubric_copies(results: Path) -> list[Path]:
 
 def keep_rubric(results: Path, rubric: Rubric) -> None:
     """Keep the rubric of a result beside it, if it is not the one with which the submission was recorded."""
-    replace_files({results / RUBRIC_COPY: None if _recorded_with(results) == rubric.text else rubric.text})
+    replace_files(_rubric_of_result(results, rubric))
 
 
-def _recorded_with(results: Path) -> str | None:
-    copy = results / RECORDINGS / RUBRIC_COPY
-    return copy.read_bytes().decode() if copy.is_file() else None
+def _rubric_of_result(results: Path, rubric: Rubric) -> dict[Path, str | None]:
+    """Return what is to lie beside a result of its rubric, by its place; None for what is not to."""
+    recorded, files = results / RECORDINGS / RUBRIC_COPY, kept_lab.files_of(rubric)
+    before = {results / kept_lab.KEPT / name: None for name in kept_lab.kept_files(results / RUBRIC_COPY)}
+    same = recorded.is_file() and recorded.read_bytes().decode() == rubric.text
+    # Earlier versions kept no files.
+    if same and kept_lab.kept_files(recorded) in (files, {}):
+        return {results / RUBRIC_COPY: None, **before}
+    return {**before, **_rubric_and_files(results, rubric)}
+
+
+def _rubric_and_files(folder: Path, rubric: Rubric) -> dict[Path, str | None]:
+    """Return the texts of a rubric and of what it names, by their places, in folders that are there."""
+    files = {folder / kept_lab.KEPT / name: text for name, text in kept_lab.files_of(rubric).items()}
+    for file in files:
+        file.parent.mkdir(parents=True, exist_ok=True)
+    return {folder / RUBRIC_COPY: rubric.text, **files}
 
 
 def report_class(
@@ -672,11 +794,7 @@ def report_class(
 
 def rubric_of_class(results: Path, entries: Sequence[ClassEntry]) -> Path | None:
     """Return the copy of the rubric by which most of a class were judged; None if there is no copy of it."""
-    judged_by = {
-        entry.name: str(provenance.get("rubric_sha256"))
-        for entry in entries
-        if entry.result is not None and isinstance(provenance := entry.result.get("provenance"), Mapping)
-    }
+    judged_by = {entry.name: entry.result.rubric_sha256 for entry in entries if entry.result is not None}
     for sha256, _ in Counter(judged_by.values()).most_common():
         for name in (name for name, by in judged_by.items() if by == sha256):
             for copy in _rubric_copies(results / name):

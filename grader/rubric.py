@@ -285,7 +285,9 @@ class Rubric:
         return (check for criterion in self.criteria for check in criterion.checks)
 
 
-def load_rubric(path: Path, parameters_of: Mapping[str, type[BaseModel]], folder: Path | None = None) -> Rubric:
+def load_rubric(
+    path: Path, parameters_of: Mapping[str, type[BaseModel]], folder: Path | None = None, *, only: bool = False
+) -> Rubric:
     """Read and validate a rubric.
 
     Parameters
@@ -296,6 +298,8 @@ def load_rubric(path: Path, parameters_of: Mapping[str, type[BaseModel]], folder
         Check name -> model of its parameters.
     folder : Path, optional
         Where `reference` files are looked up if they are not beside the rubric.
+    only : bool
+        Whether they are looked up in `folder` alone, since what lies beside the rubric is not to be executed.
 
     Raises
     ------
@@ -306,14 +310,20 @@ def load_rubric(path: Path, parameters_of: Mapping[str, type[BaseModel]], folder
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as problem:
         raise cannot_be_read("the rubric", path, problem, "Check --rubric.") from problem
-    return _Loader(path, text, parameters_of, folder).load()
+    return _Loader(path, text, parameters_of, folder, only).load()
 
 
 class _Loader:
     def __init__(
-        self, path: Path, text: str, parameters_of: Mapping[str, type[BaseModel]], folder: Path | None
+        self,
+        path: Path,
+        text: str,
+        parameters_of: Mapping[str, type[BaseModel]],
+        folder: Path | None,
+        only: bool,
     ) -> None:
         self.path, self.text, self.parameters_of = path, text, parameters_of
+        self.beside = folder if only and folder is not None else path.resolve().parent
         self.fallback = folder
         self.plain, self.mistakes = parse_yaml(path, text, "the rubric")
 
@@ -336,7 +346,7 @@ class _Loader:
         return Rubric(lab, artifacts, reference, sessions, criteria, folder, self.text, policy)
 
     def _folder(self, reference: Mapping[str, ReferenceSpec]) -> Path:
-        beside = self.path.resolve().parent
+        beside = self.beside
         for folder in (beside, self.fallback):
             if folder is not None and all((folder / spec.file).is_file() for spec in reference.values()):
                 return folder

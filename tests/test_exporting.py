@@ -17,7 +17,7 @@ from grader.live.cells import Progress
 from grader.live_exports import LiveExports
 from grader.pipeline import RECORDINGS, RUBRIC_COPY, judge_results, lab_folder, read_rubric
 from grader.report.exports import EXPORTS
-from tests.report.exports.sample_results import every_outcome
+from tests.report.exports.sample_results import every_outcome, read
 
 SOLUTION = Path(__file__).resolve().parent / "recordings/solution"
 #: By when another process must have written a file; it takes a second.
@@ -104,7 +104,7 @@ def test_what_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
 def test_files_are_told(tmp_path: Path) -> None:
     """Each file that was written is returned."""
     targets = [ExportTarget("junit"), ExportTarget("gradescope", str(tmp_path / "g.json"))]
-    assert write_exports(targets, every_outcome(), tmp_path) == [tmp_path / "junit.xml", tmp_path / "g.json"]
+    assert write_exports(targets, read(every_outcome()), tmp_path) == [tmp_path / "junit.xml", tmp_path / "g.json"]
 
 
 # -- while a submission is being graded ------------------------------------------------------------

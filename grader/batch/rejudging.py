@@ -5,6 +5,7 @@ No result is touched before all have been judged.
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,15 +13,16 @@ from functools import partial
 from pathlib import Path
 
 from grader import pipeline
-from grader.batch.audit import Occasion, note_replaced, read_result, text_of
+from grader.batch.audit import Occasion, note_replaced, text_of
 from grader.batch.order import NotGraded
 from grader.bounded import in_processes
 from grader.cohort.changes import Changes, changes_between
 from grader.cohort.overrides import Overrides
-from grader.errors import GraderError, RecordingError
+from grader.errors import GraderError, RecordingError, UsageError
 from grader.judging import open_recordings
+from grader.kept_lab import kept_files
 from grader.replacing import replace_files, uninterrupted
-from grader.report import json as result_json
+from grader.result import read_result, result_of_text, to_json
 from grader.rubric import Rubric
 
 _NEW = ".new"
@@ -77,10 +79,15 @@ class Rejudging:
                 note_replaced(self.results, name, before, after, occasion)
 
     def remarks(self) -> list[str]:
-        """Say which overrides do nothing: those of no submission, and those of times where no time matters."""
+        """Say which overrides do nothing, and where other files of the lab judge than those it was recorded with."""
         names = [changes.submission for changes in self.changes.values()]
         late = any(rubric.policy.late is not None for rubric in self.rubrics.values())
-        return self.overrides.remarks([*names, *self.failed], times_matter=late)
+        told: dict[str, list[str]] = {}
+        for name in self.changes:
+            for remark in pipeline.lab_remarks(self.results / name, self.rubrics[name]):
+                told.setdefault(remark, []).append(name)
+        overrides = self.overrides.remarks([*names, *self.failed], times_matter=late)
+        return [*overrides, *(f"{', '.join(of)}: {remark}" for remark, of in told.items())]
 
 
 def rejudge(
@@ -89,6 +96,7 @@ def rejudge(
     overrides: Path | None,
     *,
     prepare: bool,
+    trusted: bool = False,
     jobs: int | None = None,
     on_judged: Callable[[str], None] = lambda name: None,
 ) -> Rejudging:
@@ -102,6 +110,8 @@ def rejudge(
         By default `overrides.yaml` in the folder, if there is one.
     prepare : bool
         Whether to write the new results beside the old, for `Rejudging.apply`.
+    trusted : bool
+        Whether files of the lab that came with the recordings may be executed though they are not known here.
     jobs : int, optional
         Processes side by side; as many as there are cores by default.
 
@@ -119,7 +129,7 @@ def rejudge(
             where=str(results),
             remedy="Give a folder of results, e.g. results/ for a class or results/alice for one submission.",
         )
-    measures, chosen, failed = _measures(results, folders, rubric, overrides)
+    measures, chosen, failed = _measures(results, folders, rubric, overrides, trusted=trusted)
     changes: dict[str, Changes] = {}
     try:
         for name, ending in _judged(measures, chosen, prepare, jobs):
@@ -149,28 +159,34 @@ def _discard(folders: Sequence[Path]) -> None:
 
 
 def _measures(
-    results: Path, folders: Sequence[Path], rubric: Path | None, overrides: Path | None
+    results: Path, folders: Sequence[Path], rubric: Path | None, overrides: Path | None, *, trusted: bool
 ) -> tuple[dict[str, Measure], dict[Path, str], dict[str, NotGraded]]:
     """Load each rubric once: all of them by their text, which one each folder is judged by, and which cannot be."""
     measures: dict[str, Measure] = {}
     chosen: dict[Path, str] = {}
     failed: dict[str, NotGraded] = {}
     if rubric is not None:
-        whole = pipeline.read_rubric(rubric)
+        whole = pipeline.chosen_rubric(folders, rubric)
         measures[""] = whole, pipeline.read_overrides(overrides, results, whole)
-        return measures, dict.fromkeys(folders, ""), failed
+        for folder in folders:
+            try:
+                pipeline.require_lab(folder, whole)
+                chosen[folder] = ""
+            except UsageError as error:
+                failed[folder.name] = NotGraded.from_error(error)
+        return measures, chosen, failed
     for folder in folders:
         try:
             copy = pipeline.rubric_copy(folder)
-            text = copy.read_text(encoding="utf-8")
-            if text not in measures:
-                own = pipeline.read_rubric(copy)
-                measures[text] = own, Overrides()
-            chosen[folder] = text
+            # Equal texts are one rubric only with equal files beside them.
+            key = repr((copy.read_text(encoding="utf-8"), kept_files(copy)))
+            if key not in measures:
+                measures[key] = pipeline.recorded_rubric(copy, trusted=trusted), Overrides()
+            chosen[folder] = key
         except (GraderError, OSError, UnicodeDecodeError) as error:
             failed[folder.name] = NotGraded.from_error(error)
-    for text, (own, _) in measures.items():
-        measures[text] = own, pipeline.read_overrides(overrides, results, own)
+    for key, (own, _) in measures.items():
+        measures[key] = own, pipeline.read_overrides(overrides, results, own)
     return measures, chosen, failed
 
 
@@ -192,8 +208,8 @@ def _judge(folder: Path, measure: Measure, prepare: bool) -> Changes:
     rubric, overrides = measure
     recordings = open_recordings(folder / pipeline.RECORDINGS, rubric)
     result = pipeline.judge_with_policy(recordings, rubric, overrides)
-    text = result_json.render(result)
+    text = to_json(result)
     if prepare:
         page = pipeline.report_page(result, recordings, rubric)
         replace_files({folder / (pipeline.REPORT_FILE + _NEW): page, folder / (pipeline.RESULT_FILE + _NEW): text})
-    return changes_between(read_result(text_of(folder / pipeline.RESULT_FILE)), read_result(text) or {})
+    return changes_between(result_of_text(text_of(folder / pipeline.RESULT_FILE)), read_result(json.loads(text)))

@@ -197,6 +197,9 @@ class ConceptsExplained(Parameters):
     concepts: Mapping[str, tuple[str, ...]] = Field(description="Concept -> word stems in any languages.")
     reasons: tuple[str, ...] = Field((), description="Words of reason and comparison in any languages.")
     anchors: tuple[str, ...] = Field((), description="A passage without any of these is about something else.")
+    connectives: tuple[str, ...] = Field(
+        (), description="Words that hold sentences together; a text almost without them is pointed out to a person."
+    )
     min_words: int = Field(8, description="Words of its own from which a passage discusses.")
     full_concepts: int
     least_concepts: int = Field(1, description="With fewer there is no credit.")
@@ -216,7 +219,7 @@ def concepts_explained(context: Context, p: ConceptsExplained) -> Finding:
         for q in document_passages(document, path)
     ]
     passages += [passage for facts in sources(context, p.artifacts) for passage in source_passages(facts)]
-    found = concepts(passages, p.concepts, p.reasons, p.anchors, p.min_words)
+    found = concepts(passages, p.concepts, p.reasons, p.anchors, p.min_words, p.connectives)
     expected = (
         f"{p.full_concepts} of {len(p.concepts)} concepts discussed (two thirds), and weighed with reasons (one third)"
     )
@@ -231,4 +234,5 @@ def concepts_explained(context: Context, p: ConceptsExplained) -> Finding:
     reasons = [] if found.related else ["They are not set in relation to each other: when which, and at what price?"]
     if len(found.discussed) < p.full_concepts:
         reasons.insert(0, f"Nothing is said about {', '.join(found.missing)}.")
-    return graded(share, expected, measured, " ".join(reasons), where=where)
+    notes = [f"For a person to read: {s.file}, line {s.line}, seems to be words, not sentences." for s in found.strung]
+    return graded(share, expected, measured, " ".join(reasons), where=where, notes=notes)

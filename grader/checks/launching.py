@@ -738,7 +738,7 @@ def _held_up(context: Context, window: str) -> str | None:
 
 
 def _arm_follows(context: Context, p: TogetherFollows) -> tuple[float, str, str] | None:
-    command, state = (context.session.numeric(t, p.field) for t in (p.command, p.topic))
+    command, state = (context.numeric(t, p.field) for t in (p.command, p.topic))
     if command is None or state is None or max(command.values.shape[1], state.values.shape[1]) <= p.index:
         return None
     if _never_hears(context, p.command):

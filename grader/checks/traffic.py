@@ -95,12 +95,26 @@ def topic_published(context: Context, p: TopicPublished) -> Finding:
         wrong.append((0.6, f"The topic is named {used}, not {p.topic}; the rest is judged on {used}.{within}"))
     if found_type != p.type:
         wrong.append((0.6, f"The messages are of type {found_type}, not {p.type}."))
+    wrong += _wrong_definition(context, used, endpoints)
     wrong += _wrong_node(p.node, [e.node for e in endpoints])
     measured = f"{len(stream)} messages of type {found_type} on {used}" + (
         f", from {endpoints[0].node}" if endpoints else ""
     )
     where = (*([spot] if spot else []), context.where(p.topic))
     return graded(1 - sum(w for w, _ in wrong), expected, measured, " ".join(r for _, r in wrong), where=where)
+
+
+def _wrong_definition(context: Context, topic: str, endpoints: Sequence[Endpoint]) -> list[tuple[float, str]]:
+    """Judge the definitions that publishers announce for their types, by the hashes of those that are installed."""
+    hashes = {i.topic_type: i.type_hash for i in context.session.bag.topics if i.topic == topic and i.type_hash}
+    for endpoint in endpoints:
+        announced, known = endpoint.type_hash, hashes.get(endpoint.type)
+        if announced.startswith("RIHS01_") and known is not None and announced != known:
+            short, right = announced[:15], known[:15]
+            return [
+                (0.6, f"{endpoint.type} is announced with another definition ({short}...) than it has ({right}...).")
+            ]
+    return []
 
 
 def _silent_publisher(context: Context, artifact: str, used: str) -> tuple[str, str]:
@@ -426,7 +440,7 @@ class MessageValues(Parameters):
 def message_values(context: Context, p: MessageValues) -> Finding:
     """Judge the length and finiteness of a field; credit in parts."""
     expected = f"{p.length} finite numbers in '{p.field}' of every message"
-    rows = context.session.rows(p.topic, p.field)
+    rows = context.rows(p.topic, p.field)
     where = (context.where(p.topic),)
     if not rows:
         return failed(expected, "no messages", "No message came.", where=where)
@@ -475,7 +489,7 @@ def sinusoids(context: Context, p: Sinusoids) -> Finding:
     """
     wanted = ", ".join(f"{c.amplitude:g}·sin(2π·{c.frequency_hz:g}·t) in [{c.index}]" for c in p.components)
     expected = f"{wanted}, the others 0"
-    series = context.session.numeric(p.topic, p.field, finite=False)
+    series = context.numeric(p.topic, p.field, finite=False)
     where = (context.where(p.topic),)
     if series is None or len(series.values) < 20:
         return failed(expected, "too few numbers", "Too few messages with numbers came to see a motion.", where=where)

@@ -54,7 +54,8 @@ def run(arguments: Sequence[str], console: Console) -> int:
             where=str(options.results),
             remedy="Give the folder that holds a folder of results for each submission, e.g. results/.",
         )
-    rubric = pipeline.read_rubric(options.rubric or pipeline.rubric_of_class(options.results, entries))
+    copy = None if options.rubric else pipeline.rubric_of_class(options.results, entries)
+    rubric = pipeline.recorded_rubric(copy) if copy else pipeline.read_rubric(options.rubric)
     if options.class_list is not None:
         entries = with_roster(entries, map(student_of, read_class_list(options.class_list)))
     summary = pipeline.report_class(options.results, entries, rubric, anonymous=options.anonymous)

@@ -405,6 +405,21 @@ def _numbers(value: Any) -> Floats | None:
     return None
 
 
+def can_hold_row(message: object, field: str) -> bool:
+    """Whether a message's type has a field that holds a row of numbers; what lies in an empty row is not known."""
+    value: Any = message
+    for step in field.split("."):
+        if step.isdecimal() and isinstance(value, (list, tuple, np.ndarray)):
+            if int(step) >= len(value):
+                return True
+            value = value[int(step)]
+        elif hasattr(value, step):
+            value = getattr(value, step)
+        else:
+            return False
+    return _numbers(value) is not None
+
+
 def _first_numbers(message: object | None) -> Floats | None:
     for name, value in vars(message).items() if hasattr(message, "__dict__") else ():
         row = None if name.startswith("__") else _numbers(value)

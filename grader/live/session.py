@@ -128,6 +128,7 @@ class SessionPlan:
     domain_id: int
     timeout_s: float
     attempt: int = 1
+    disturbed_before: bool = False
     versions: dict[str, str] = field(default_factory=dict)
     native: dict[str, Any] | None = None
 
@@ -196,6 +197,7 @@ class Session:
         self.record = SessionRecord(
             plan.session,
             attempt=plan.attempt,
+            disturbed_before=plan.disturbed_before,
             seed=plan.seed,
             isolation=self.isolation.describe(),
             versions=plan.versions,
@@ -354,6 +356,8 @@ class Session:
                 await process.kill()
             elif process.alive:
                 await process.stop(2.0)
+                if process.run.ended_by != "interrupt":
+                    self.record.problems.append(f"the reference node {name} did not end when it was asked to")
             elif process.run.role == "reference":
                 self.record.problems.append(f"the reference node {name} ended with status {process.run.exit_status}")
         if self.director is not None:

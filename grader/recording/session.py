@@ -291,6 +291,8 @@ class SessionRecord:
         False while it runs, and if the grader was stopped in the midst of it.
     attempt : int
         1 for the first recording, more where an earlier one left something undecided.
+    disturbed_before : bool
+        Whether in an earlier recording of this session something was seen that disturbs the grader's own processes.
     attempts : int
         How often the session was recorded in all, where this recording was kept of several; see `times_recorded`.
     problems : list of str
@@ -312,6 +314,7 @@ class SessionRecord:
     schema: str = SESSION_SCHEMA
     seed: int = 0
     attempt: int = 1
+    disturbed_before: bool = False
     attempts: int = 0
     started_ns: int = 0
     ended_ns: int = 0

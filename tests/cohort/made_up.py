@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
 from grader.cohort.entries import ClassEntry
+from grader.json_text import json_text
 from grader.lined_yaml import Strict
 from grader.policy import Policy
+from grader.result import RESULT_SCHEMA, read_result
 from grader.rubric import CheckSpec, CriterionSpec, LabSpec, Rubric
 
 
@@ -53,9 +56,21 @@ def result_of(rubric: Rubric, credits: Sequence[float | None], reasons: dict[str
         sums = {key: sum(check[key] for check in checks) for key in ("earned", "possible", "undecided")}
         criteria.append({"id": criterion.id, "title": criterion.title, "checks": checks, **sums})
     score = {key: sum(c[key] for c in criteria) for key in ("earned", "possible", "undecided")}
-    return {"score": score, "criteria": criteria, "provenance": {"rubric_sha256": rubric.sha256}}
+    return {
+        "schema": RESULT_SCHEMA,
+        "submission": "a",
+        "lab": "Lab 1: Nodes",
+        "score": score,
+        "criteria": criteria,
+        "provenance": {"rubric_sha256": rubric.sha256},
+    }
+
+
+def entry_of(name: str, plain: dict[str, Any], *more: Any, **known: Any) -> ClassEntry:
+    """Give a student with the result of which this is the plain data."""
+    return ClassEntry(name, read_result(json.loads(json_text(plain))), *more, **known)
 
 
 def entries_of(rubric: Rubric, *credits: Sequence[float | None]) -> list[ClassEntry]:
     """Give a class of students a, b, c, ... with some credit for each check."""
-    return [ClassEntry(chr(97 + n), result_of(rubric, each)) for n, each in enumerate(credits)]
+    return [entry_of(chr(97 + n), result_of(rubric, each)) for n, each in enumerate(credits)]

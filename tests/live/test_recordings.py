@@ -177,7 +177,7 @@ def test_a_killed_recorder_costs_no_points(tmp_path: Path) -> None:
     with AnyReader([broken / "only"]) as bag:
         assert sum(c.msgcount for c in bag.connections if c.topic == "/chatter") == len(cut.bag.stream("/chatter"))
     result = judge(first, lab.rubric())
-    assert [check.finding.outcome for c in result.criteria for check in c.checks] == [Outcome.INCONCLUSIVE]
+    assert [check.outcome for c in result.criteria for check in c.checks] == [Outcome.INCONCLUSIVE]
     assert result.score.earned == 0
     assert result.score.undecided == 1
     assert not again.record.problems

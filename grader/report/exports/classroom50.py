@@ -20,9 +20,9 @@ from datetime import datetime, timezone
 from decimal import ROUND_FLOOR, ROUND_HALF_UP, Decimal
 from typing import Any
 
+from grader.json_text import json_text
 from grader.report.exports.graded import Graded, GradedCheck
 from grader.report.exports.words import full_text, outcome_word
-from grader.report.json_text import json_text
 from grader.report.markdown import markdown_text
 from grader.report.untrusted import line
 
@@ -123,5 +123,5 @@ def _test(check: GradedCheck, score: int, most: int) -> dict[str, Any]:
 
 def _recorded_at(graded: Graded) -> str:
     """Return when the last session ended; the runner puts the time of submission in its place."""
-    ends = [s.started_ns / 1e9 + s.duration_s for s in graded.sessions.values()]
+    ends = [s["started_ns"] / 1e9 + s["duration_s"] for s in graded.sessions.values()]
     return datetime.fromtimestamp(max(ends, default=0.0), tz=timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")

@@ -10,7 +10,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from grader.report.exports import render_export
 from grader.report.exports.classroom50 import whole_scores
 from tests.report.exports.sample_results import (
     VARIABLES,
@@ -18,6 +17,7 @@ from tests.report.exports.sample_results import (
     check,
     criterion,
     every_outcome,
+    exported,
     hostile_results,
     of_recording,
     result,
@@ -32,7 +32,7 @@ def is_score(value: Any) -> bool:
 
 def valid(plain: dict[str, Any]) -> dict[str, Any]:
     """Export, and return the data if the runner and the collector take them; the runner adds owner and type."""
-    text = render_export("classroom50", plain, environment=VARIABLES)
+    text = exported("classroom50", plain, environment=VARIABLES)
     data: dict[str, Any] = json.loads(text)
     assert len(text) < 10 * 1024 * 1024
     assert data["schema"] == "classroom50/result/v1"
@@ -73,7 +73,7 @@ def test_scores_are_whole_and_what_is_undecided_is_not_earned() -> None:
 
 def test_the_review_is_the_commit_where_there_is_none() -> None:
     """The runner requires one."""
-    data = json.loads(render_export("classroom50", every_outcome(), environment={**VARIABLES, "REVIEW_URL": "r"}))
+    data = json.loads(exported("classroom50", every_outcome(), environment={**VARIABLES, "REVIEW_URL": "r"}))
     assert (data["review"], valid(every_outcome())["review"]) == ("r", VARIABLES["COMMIT_URL"])
 
 
