@@ -11,7 +11,7 @@ import random
 import shutil
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
@@ -27,6 +27,7 @@ from grader.checks import PARAMETERS_OF
 from grader.cohort.adjustments import adjust
 from grader.cohort.entries import ClassEntry
 from grader.cohort.overrides import OVERRIDES_FILE, Overrides, load_overrides, moment_of
+from grader.desk import lies_within, made_from
 from grader.errors import PlatformError, RecordingError, RubricError, UsageError, described
 from grader.exporting import ExportTarget
 from grader.intake import Handed, Intake, taken_in
@@ -180,13 +181,16 @@ def _lab_id(rubric: Path) -> str:
     return ""
 
 
-def read_overrides(path: Path | None, results: Path, rubric: Rubric) -> Overrides:
+def read_overrides(path: Path | None, results: Path, rubric: Rubric, sources: Iterable[str] = ()) -> Overrides:
     """Load the file of overrides that is given, or else the one beside the results, if there is one.
 
     Parameters
     ----------
     results : Path
         Folder with a folder of results for each submission.
+    sources : iterable of str
+        Where the submissions lie. If the results lie in one of them, the file beside them may be a student's, and
+        does not count.
 
     Raises
     ------
@@ -194,6 +198,8 @@ def read_overrides(path: Path | None, results: Path, rubric: Rubric) -> Override
         With all its mistakes.
     """
     beside = results / OVERRIDES_FILE
+    if path is None and lies_within(results, sources):
+        return Overrides()
     if path is None and not beside.is_file():
         misnamed = beside.with_suffix(".yml")
         if misnamed.is_file():
@@ -628,7 +634,7 @@ def judge_so_far(results: Path) -> Result:
     new = results / UNFINISHED
     folder = new if (new / RECORDINGS).is_dir() else results
     rubric = recorded_rubric(rubric_copy(folder))
-    overrides = read_overrides(None, results.resolve().parent, rubric)
+    overrides = read_overrides(None, results.resolve().parent, rubric, [made_from(folder)])
 
     def judged() -> Result:
         recordings = open_recordings(folder / RECORDINGS, rubric)
@@ -692,7 +698,7 @@ def judged_by(
     else:
         rubric = chosen_rubric([results], rubric_path)
         require_lab(results, rubric)
-    return rubric, read_overrides(overrides_path, results.resolve().parent, rubric)
+    return rubric, read_overrides(overrides_path, results.resolve().parent, rubric, [made_from(results)])
 
 
 def chosen_rubric(folders: Sequence[Path], path: Path) -> Rubric:

@@ -497,11 +497,11 @@ def _judge_vector(
     spot = Where(session=context.session.record.session, process=p.artifact)
     notes = [_OTHER_FORMS[printed.form].format(p.label)] if printed.form in _OTHER_FORMS else []
     right = context.oracle(p.oracle)(streams, p.parameters, context.session.record.seed)[p.key]["value"]
-    # Where one number is wrong and the others are right, more digits of these would say nothing.
-    texts = [_vectors(printed.values[: p.length], right, places) for places in range(4, 10)]
-    measured, right_text = next((pair for pair in texts if pair[0] != pair[1]), texts[0])
-    expected = f"{right_text} from the recording, behind '{p.label}:' at Ctrl-C"
+    # Numbers that lose points do not read as the right ones.
     share = _agreement(context, p, streams, {}, printed)
+    texts = [_vectors(printed.values[: p.length], right, places) for places in range(4, 10)]
+    measured, right_text = next((pair for pair in texts if share < 1 and pair[0] != pair[1]), texts[0])
+    expected = f"{right_text} from the recording, behind '{p.label}:' at Ctrl-C"
     if share >= 1:
         return passed(expected, measured, where=(spot,), notes=notes)
     heard = _reports_of_some(context, p) if len(printed.values) == p.length else []

@@ -138,6 +138,8 @@ class Handed:
         The student's name as a learning-management system writes it; empty where none has.
     where : str
         Where it comes from, in words; written by students, so not to be trusted.
+    source : str
+        The path that it was found by, the same however that was typed; empty where nobody knows.
     """
 
     name: str
@@ -147,13 +149,14 @@ class Handed:
     late: bool = False
     student: str = ""
     where: str = ""
+    source: str = ""
 
     @classmethod
     def of(cls, path: Path) -> Handed:
         """Return the submission that a path stands for, called as the folder or archive is."""
         name = Path(os.path.realpath(path)).name or "submission"
         named = name if is_folder(path) else names.without_archive_suffix(name)
-        return cls(named, (Piece(path),), where=str(path))
+        return cls(named, (Piece(path),), where=str(path), source=os.path.realpath(path))
 
 
 @dataclass(frozen=True)
@@ -174,6 +177,8 @@ class Intake:
         Files, and folders with a slash at the end, that are there and may not be read; some of many.
     student_id : str or None
         By which a learning-management system or a class list knows the student.
+    source : str
+        The path that it was found by, see `Handed`.
     """
 
     folder: Path
@@ -183,6 +188,7 @@ class Intake:
     where: str = ""
     unreadable: tuple[str, ...] = ()
     student_id: str | None = None
+    source: str = ""
 
 
 @contextmanager
@@ -220,7 +226,16 @@ def taken_in(handed: Handed | Path, *, prefix: str = "grade-", limits: Limits = 
         taking.require_files()
         submitted_at = handed.submitted_at or taking.newest
         lines, unreadable = taking.notes.lines(), tuple(taking.unreadable)
-        yield Intake(taking.folder, handed.name, lines, submitted_at, handed.where, unreadable, handed.student_id)
+        yield Intake(
+            taking.folder,
+            handed.name,
+            lines,
+            submitted_at,
+            handed.where,
+            unreadable,
+            handed.student_id,
+            handed.source,
+        )
 
 
 @dataclass
