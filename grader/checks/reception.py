@@ -36,6 +36,7 @@ from grader.checks.finding import (
 from grader.checks.traffic import claimed_at, claimed_qos, in_namespace, student_endpoints
 from grader.evidence.printed import PrintedVector, Report, printed_vector, reports
 from grader.evidence.recorded import Span
+from grader.patterns import search
 from grader.recording.session import Endpoint, OutputLine, ProcessRun, StepRun
 from grader.result import Finding, Outcome, Where
 
@@ -536,7 +537,7 @@ def _silent_when_shorter(context: Context, p: ReportedStatistics) -> str:
     assert p.shorter is not None
     other = context.sessions.get(p.shorter.session)
     for run in other.record.processes if other is not None else ():
-        each = (sum(re.search(one, line.text[:2000]) is not None for line in run.output) for one in p.report_pattern)
+        each = (sum(search(one, line.text[:2000]) is not None for line in run.output) for one in p.report_pattern)
         count = next(filter(None, each), 0)
         if run.role != "student" or not p.shorter.least <= count <= p.shorter.most:
             continue
