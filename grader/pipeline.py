@@ -32,6 +32,7 @@ from grader.errors import PlatformError, RecordingError, RubricError, UsageError
 from grader.exporting import ExportTarget
 from grader.intake import Handed, Intake, taken_in
 from grader.judging import Recordings, judge, open_recordings
+from grader.patterns import patterns_bounded
 from grader.recording.session import read_session, write_session
 from grader.recording.submission import SubmissionRecord, write_submission
 from grader.replacing import UNFINISHED, beside, replace_file, replace_files
@@ -658,10 +659,11 @@ def report_page(result: Result, recordings: Recordings, rubric: Rubric) -> str:
     from grader.report.html import render
 
     figures = {}
-    for criterion in rubric.criteria:
-        there = [s for s in criterion.figures if s.session in recordings.sessions]
-        drawn = [draw(spec, recordings.sessions[spec.session], rubric.folder) for spec in there]
-        figures[criterion.id] = [figure for figure in drawn if figure is not None]
+    with patterns_bounded():
+        for criterion in rubric.criteria:
+            there = [s for s in criterion.figures if s.session in recordings.sessions]
+            drawn = [draw(spec, recordings.sessions[spec.session], rubric.folder) for spec in there]
+            figures[criterion.id] = [figure for figure in drawn if figure is not None]
     records = {name: recorded.record for name, recorded in recordings.sessions.items()}
     return render(result, figures, records, recordings.submission)
 

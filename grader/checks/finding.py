@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
@@ -18,6 +17,7 @@ from grader.evidence.limits import ended_by_limit, hit_limit
 from grader.evidence.oracle import load_oracle
 from grader.evidence.recorded import Floats, NumericStream, Recorded, can_hold_row
 from grader.evidence.source import spin_lines
+from grader.patterns import compiled
 from grader.recording.submission import SubmissionRecord
 from grader.result import Finding, Outcome, Where
 
@@ -39,10 +39,7 @@ Share = Annotated[float, BeforeValidator(_share)]
 
 
 def _compiles(value: str) -> str:
-    try:
-        re.compile(value)
-    except re.error as problem:
-        raise ValueError(f"no valid regular expression: {problem}") from problem
+    compiled(value)
     return value
 
 
