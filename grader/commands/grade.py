@@ -145,6 +145,8 @@ def run(arguments: Sequence[str], console: Console, epilog: str = "") -> int:
     several = len(found.submissions) > 1 or options.scheduler is not None
     sources = [handed.source for handed in found.submissions]
     require_no_links(options.output, sources)
+    for target in options.exports:
+        require_no_links(target.path(options.output).parent, sources, inside=False)
     if options.overrides is None and (ignored := uncounted_overrides(options.output, sources)) is not None:
         console.print(Text(f"Note: {terminal_text(ignored)}", "yellow"), soft_wrap=True)
     if several and options.timings:
