@@ -250,7 +250,7 @@ class _Place:
         if self.within is not None:
             members = {self.within + file: file for file in files}
             return {members[m]: text for m, text in texts_in(self.path, members, _MOST_NOTES_BYTES).items()}
-        read = {file: text_of(self.path / file, _MOST_NOTES_BYTES) for file in files}
+        read = {file: text_of(self.path, file, _MOST_NOTES_BYTES) for file in files}
         return {file: text for file, text in read.items() if text is not None}
 
     def piece(self, entry: str = "", *, is_folder: bool = True, name: str = "") -> Piece:

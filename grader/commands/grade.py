@@ -152,6 +152,8 @@ def run(arguments: Sequence[str], console: Console, epilog: str = "") -> int:
     require_no_links(options.output, sources)
     for folder in recorded_in(options.output):
         pipeline.require_lab(folder, rubric, "Give another folder for these results by -o.")
+    for target in options.exports:
+        require_no_links(target.path(options.output).parent, sources, inside=False)
     if options.overrides is None and (ignored := uncounted_overrides(options.output, sources)) is not None:
         console.print(Text(f"Note: {terminal_text(ignored)}", "yellow"), soft_wrap=True)
     if several and options.timings:
