@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import os
-import secrets
 import sys
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from grader.replacing import replace_file
 from grader.report.exports import EXPORTS, render_export
 from grader.result import Result
 
@@ -82,23 +81,5 @@ def write_exports(targets: Sequence[ExportTarget], result: Result, results: Path
             sys.stdout.buffer.flush()
         else:
             written.append(target.path(results))
-            write_anew(written[-1], text)
+            replace_file(written[-1], text)
     return written
-
-
-def write_anew(path: Path, text: str) -> None:
-    """Write a file in one step, in a folder in which a submission may have laid out links.
-
-    Nothing that is there is written through: the text goes to a new file under a name that cannot be guessed,
-    which then takes the place of what has the name.
-    """
-    partial = path.with_name(f".{path.name}.{secrets.token_hex(8)}.partial")
-    file = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0), 0o666)
-    try:
-        with os.fdopen(file, "wb") as stream:
-            stream.write(text.encode("utf-8"))
-        partial.replace(path)
-    except BaseException:
-        with suppress(OSError):
-            partial.unlink()
-        raise

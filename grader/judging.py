@@ -24,6 +24,7 @@ from grader.evidence.diagnosis import advisories
 from grader.evidence.limits import hit_limit
 from grader.evidence.recorded import Recorded, Span
 from grader.evidence.unrecorded import dropped, limits_hit, missing, sentence_on
+from grader.patterns import NOTE, patterns_bounded
 from grader.recording.session import SESSION_FILE
 from grader.recording.submission import SubmissionRecord, read_submission
 from grader.result import CriterionResult, Finding, Outcome, Provenance, Result, SessionProvenance, Violation
@@ -146,8 +147,11 @@ def _judge(
             reason=f"The experiment could not be carried out in order: {reason}",
         )
     try:
-        with np.errstate(over="ignore", invalid="ignore"):  # students may publish the largest numbers that there are
+        # Students may publish the largest numbers that there are.
+        with patterns_bounded() as budget, np.errstate(over="ignore", invalid="ignore"):
             finding = REGISTRY[spec.check].judge(context, spec.parameters)
+        if budget.exceeded:
+            finding = dataclasses.replace(finding, notes=(*finding.notes, f"'{spec.title}': {NOTE}"))
     except Exception as problem:  # A broken check never costs points; it must not take the others with it.
         finding = Finding(Outcome.ERROR, Decimal(0), reason=f"The check broke: {type(problem).__name__}: {problem}")
     if recorded is not None and finding.settled is not None and not is_believed(recorded):

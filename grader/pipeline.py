@@ -11,7 +11,7 @@ import random
 import shutil
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
@@ -27,10 +27,12 @@ from grader.checks import PARAMETERS_OF
 from grader.cohort.adjustments import adjust
 from grader.cohort.entries import ClassEntry
 from grader.cohort.overrides import OVERRIDES_FILE, Overrides, load_overrides, moment_of
+from grader.desk import lies_within, made_from
 from grader.errors import PlatformError, RecordingError, RubricError, UsageError, described
 from grader.exporting import ExportTarget
 from grader.intake import Handed, Intake, taken_in
 from grader.judging import Recordings, judge, open_recordings
+from grader.patterns import patterns_bounded
 from grader.recording.session import read_session, write_session
 from grader.recording.submission import SubmissionRecord, write_submission
 from grader.replacing import UNFINISHED, beside, replace_file, replace_files
@@ -49,6 +51,8 @@ RESULT_FILE = "result.json"
 REPORT_FILE = "report.html"
 CLASS_PAGE = "index.html"
 GRADES_FILE = "grades.csv"
+ANONYMOUS_PAGE = "index-anonymous.html"
+ANONYMOUS_GRADES_FILE = "grades-anonymous.csv"
 #: What a grading makes, the file that says that it is whole last.
 _PARTS = (RUBRIC_COPY, kept_lab.KEPT, RECORDINGS, REPORT_FILE, RESULT_FILE)
 #: Among recordings: stands there until all sessions have been recorded.
@@ -170,7 +174,9 @@ def recorded_rubric(copy: Path, *, trusted: bool = False) -> Rubric:
 @functools.lru_cache(maxsize=16)
 def _lab_id_in(text: str) -> str:
     with suppress(yaml.YAMLError, RecursionError, TypeError, KeyError):
-        return str(yaml.load(text, yaml.CSafeLoader)["lab"]["id"])
+        found = yaml.load(text, yaml.CSafeLoader)["lab"]["id"]
+        # Written out, nested aliases have no end.
+        return str(found) if isinstance(found, (str, int, float)) else ""
     return ""
 
 
@@ -187,13 +193,16 @@ def rubric_kinds() -> Kinds:
     return Kinds(PARAMETERS_OF, {name: kind.parameters for name, kind in FIGURES.items()})
 
 
-def read_overrides(path: Path | None, results: Path, rubric: Rubric) -> Overrides:
+def read_overrides(path: Path | None, results: Path, rubric: Rubric, sources: Iterable[str] = ()) -> Overrides:
     """Load the file of overrides that is given, or else the one beside the results, if there is one.
 
     Parameters
     ----------
     results : Path
         Folder with a folder of results for each submission.
+    sources : iterable of str
+        Where the submissions lie. If the results lie in one of them, the file beside them may be a student's, and
+        does not count.
 
     Raises
     ------
@@ -201,6 +210,8 @@ def read_overrides(path: Path | None, results: Path, rubric: Rubric) -> Override
         With all its mistakes.
     """
     beside = results / OVERRIDES_FILE
+    if path is None and lies_within(results, sources):
+        return Overrides()
     if path is None and not beside.is_file():
         misnamed = beside.with_suffix(".yml")
         if misnamed.is_file():
@@ -635,7 +646,7 @@ def judge_so_far(results: Path) -> Result:
     new = results / UNFINISHED
     folder = new if (new / RECORDINGS).is_dir() else results
     rubric = recorded_rubric(rubric_copy(folder))
-    overrides = read_overrides(None, results.resolve().parent, rubric)
+    overrides = read_overrides(None, results.resolve().parent, rubric, [made_from(folder)])
 
     def judged() -> Result:
         recordings = open_recordings(folder / RECORDINGS, rubric)
@@ -659,10 +670,11 @@ def report_page(result: Result, recordings: Recordings, rubric: Rubric) -> str:
     from grader.report.html import render
 
     figures = {}
-    for criterion in rubric.criteria:
-        there = [s for s in criterion.figures if s.session in recordings.sessions]
-        drawn = [draw(spec, recordings.sessions[spec.session], rubric.folder) for spec in there]
-        figures[criterion.id] = [figure for figure in drawn if figure is not None]
+    with patterns_bounded():
+        for criterion in rubric.criteria:
+            there = [s for s in criterion.figures if s.session in recordings.sessions]
+            drawn = [draw(spec, recordings.sessions[spec.session], rubric.folder) for spec in there]
+            figures[criterion.id] = [figure for figure in drawn if figure is not None]
     records = {name: recorded.record for name, recorded in recordings.sessions.items()}
     return render(result, figures, records, recordings.submission)
 
@@ -699,7 +711,7 @@ def judged_by(
     else:
         rubric = chosen_rubric([results], rubric_path)
         require_lab(results, rubric)
-    return rubric, read_overrides(overrides_path, results.resolve().parent, rubric)
+    return rubric, read_overrides(overrides_path, results.resolve().parent, rubric, [made_from(results)])
 
 
 def chosen_rubric(folders: Sequence[Path], path: Path) -> Rubric:
@@ -708,8 +720,13 @@ def chosen_rubric(folders: Sequence[Path], path: Path) -> Rubric:
     return read_rubric(path, next(copies, None))
 
 
-def require_lab(results: Path, rubric: Rubric) -> None:
+def require_lab(results: Path, rubric: Rubric, remedy: str = "Name a rubric of that lab, or none.") -> None:
     """Raise if results are of another lab than a rubric.
+
+    Parameters
+    ----------
+    remedy : str
+        What the user can do about it.
 
     Raises
     ------
@@ -719,7 +736,7 @@ def require_lab(results: Path, rubric: Rubric) -> None:
     recorded = next(map(_lab_id, _rubric_copies(results)), "")
     if recorded not in ("", rubric.lab.id):
         problem = f"these are results of Lab {recorded}, and the rubric is of Lab {rubric.lab.id}"
-        raise UsageError(problem, where=str(results), remedy=f"Name a rubric of Lab {recorded}, or none.")
+        raise UsageError(problem, where=str(results), remedy=remedy)
 
 
 def lab_remarks(results: Path, rubric: Rubric) -> list[str]:
@@ -778,7 +795,7 @@ def _rubric_and_files(folder: Path, rubric: Rubric) -> dict[Path, str | None]:
 def report_class(
     results: Path, entries: Sequence[ClassEntry], rubric: Rubric, *, anonymous: bool = False
 ) -> ClassSummary:
-    """Sum up a class and write `index.html` and `grades.csv`.
+    """Sum up a class and write `index.html` and `grades.csv`, or both under pseudonyms and names of their own.
 
     Parameters
     ----------
@@ -787,15 +804,16 @@ def report_class(
     entries : sequence of ClassEntry
         Those of `grader.cohort.entries.entries_in`, and what else is known.
     anonymous : bool
-        Whether both are written under pseudonyms.
+        Whether `index-anonymous.html` and `grades-anonymous.csv` are written instead.
     """
     from grader.cohort.anonymous import anonymous as under_pseudonyms
     from grader.cohort.summary import summarise
     from grader.report import class_page, grades_csv
 
     summary = summarise(under_pseudonyms(entries, rubric) if anonymous else entries, rubric)
-    replace_file(results / CLASS_PAGE, class_page.render(summary, anonymous=anonymous))
-    replace_file(results / GRADES_FILE, grades_csv.render(summary))
+    page, grades = (ANONYMOUS_PAGE, ANONYMOUS_GRADES_FILE) if anonymous else (CLASS_PAGE, GRADES_FILE)
+    replace_file(results / page, class_page.render(summary, anonymous=anonymous))
+    replace_file(results / grades, grades_csv.render(summary))
     return summary
 
 

@@ -31,6 +31,7 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
+from grader.patterns import compiled
 from grader.recording.definitions import fields_of, packages_with, types_in
 from grader.yaml_with_lines import Loc, Strict, mistakes_at, suggestion
 
@@ -439,10 +440,7 @@ Share = Annotated[
 
 
 def _compiles(value: str) -> str:
-    try:
-        re.compile(value)
-    except re.error as problem:
-        raise ValueError(f"no valid regular expression: {problem}") from problem
+    compiled(value)
     return value
 
 

@@ -96,12 +96,6 @@ def test_names_of_folders_cannot_steer_the_terminal(tmp_path: Path, capsys: pyte
     assert "\x1b" not in errors
 
 
-def test_a_misspelt_command_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A word that is nearly a command, and no path, is no submission; the command is named."""
-    status, _, errors = run(capsys, "regrad", "-o", tmp_path)
-    assert (status, "grade regrade" in errors) == (3, True)
-
-
 def test_a_defect_of_the_grader_is_no_low_score(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

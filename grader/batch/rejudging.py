@@ -18,6 +18,7 @@ from grader.batch.order import NotGraded
 from grader.bounded import in_processes
 from grader.cohort.changes import Changes, changes_between
 from grader.cohort.overrides import Overrides
+from grader.desk import made_from, uncounted_overrides
 from grader.errors import GraderError, RecordingError, UsageError
 from grader.judging import open_recordings
 from grader.kept_lab import kept_files
@@ -87,6 +88,8 @@ class Rejudging:
             for remark in pipeline.lab_remarks(self.results / name, self.rubrics[name]):
                 told.setdefault(remark, []).append(name)
         overrides = self.overrides.remarks([*names, *self.failed], times_matter=late)
+        ignored = uncounted_overrides(self.results, [made_from(self.results / name) for name in self.rubrics])
+        overrides += [ignored] if ignored is not None and not self.overrides.sha256 else []
         return [*overrides, *(f"{', '.join(of)}: {remark}" for remark, of in told.items())]
 
 
@@ -162,12 +165,13 @@ def _measures(
     results: Path, folders: Sequence[Path], rubric: Path | None, overrides: Path | None, *, trusted: bool
 ) -> tuple[dict[str, Measure], dict[Path, str], dict[str, NotGraded]]:
     """Load each rubric once: all of them by their text, which one each folder is judged by, and which cannot be."""
+    sources = [made_from(folder) for folder in folders]
     measures: dict[str, Measure] = {}
     chosen: dict[Path, str] = {}
     failed: dict[str, NotGraded] = {}
     if rubric is not None:
         whole = pipeline.chosen_rubric(folders, rubric)
-        measures[""] = whole, pipeline.read_overrides(overrides, results, whole)
+        measures[""] = whole, pipeline.read_overrides(overrides, results, whole, sources)
         for folder in folders:
             try:
                 pipeline.require_lab(folder, whole)
@@ -186,7 +190,7 @@ def _measures(
         except (GraderError, OSError, UnicodeDecodeError) as error:
             failed[folder.name] = NotGraded.from_error(error)
     for key, (own, _) in measures.items():
-        measures[key] = own, pipeline.read_overrides(overrides, results, own)
+        measures[key] = own, pipeline.read_overrides(overrides, results, own, sources)
     return measures, chosen, failed
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -39,6 +38,7 @@ from grader.evidence.result_rows import (
     rounding_of,
 )
 from grader.evidence.timing import timing_of
+from grader.patterns import Match, compiled, search
 from grader.recording.session import OutputLine, Qos
 from grader.references import Parameters, Pattern, Share
 from grader.result import Finding, Where
@@ -65,7 +65,7 @@ def ends_by_itself(context: Context, p: EndsByItself) -> Finding:
     run = processes[-1]
     spot = Where(session=context.session.record.session, process=p.artifact)
     printed = _without_tracebacks(run.output)
-    said = re.search(p.output, printed) is not None
+    said = search(p.output, printed) is not None
     if not said and (elsewhere := runs_elsewhere(context, p.artifact, expected)) is not None:
         return elsewhere
     ran_s = ((run.exited_ns or context.session.record.ended_ns) - run.started_ns) / 1e9
@@ -314,7 +314,7 @@ class ReportedTraffic(Parameters):
     @field_validator("pattern")
     @classmethod
     def _has_groups(cls, value: str) -> str:
-        groups = re.compile(value).groupindex
+        groups = compiled(value).groupindex
         if not {"count", "mean_ms", "max_ms"} <= set(groups):
             raise ValueError("the groups count, mean_ms and max_ms are needed")
         return value
@@ -370,7 +370,7 @@ def _claimed(context: Context, p: ReportedTraffic, row: Row) -> ResultRow | None
     lines = [plain_numbers(line.text[:LINE_LIMIT]) for line in output]
     for loosely in (False, True):
         for place in lines_naming(lines, row.name, loosely=loosely):
-            if match := re.search(p.pattern, lines[place]):
+            if match := search(p.pattern, lines[place]):
                 mean_s, max_s = (_signed(match, name) / 1e3 for name in ("mean_ms", "max_ms"))
                 rounding_s = rounding_of(match["mean_ms"], 1e-3)
                 return ResultRow(output[place].t_ns, int(match["count"]), mean_s, max_s, rounding_s)
@@ -380,7 +380,7 @@ def _claimed(context: Context, p: ReportedTraffic, row: Row) -> ResultRow | None
     return None
 
 
-def _signed(match: re.Match[str], name: str) -> float:
+def _signed(match: Match[str], name: str) -> float:
     """Return a group as a number, negative if a minus that the pattern skipped stands right before it."""
     value = float(match[name])
     return -value if value > 0 and match.string[: match.start(name)].endswith("-") else value

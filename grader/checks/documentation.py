@@ -112,7 +112,7 @@ def readme(context: Context, p: Readme) -> Finding:
     """Judge commands and descriptions; a bare list of names describes nothing."""
     # What was not handed in is charged where it is missing.
     parts = [part for part in p.parts if context.path_of(part.artifact) is not None] or list(p.parts)
-    expected = f"commands to run it ({p.run_weight:.0%}), and a description of each of {len(parts)} parts (the rest)"
+    expected = f"commands to run it ({p.run_weight:.0%}), and a description of {_parts(len(parts))} (the rest)"
     documents = readmes(context)
     if not documents and (unread := _not_read(context)):
         return _for_a_person(expected, unread)
@@ -141,6 +141,10 @@ def readme(context: Context, p: Readme) -> Finding:
     where = [Where(file=path, line=i.line) for path, i in commands[:1]]
     where += [Where(file=path, line=t.lines[0] if t.lines else None) for path, t in described.values()]
     return graded(share, expected, measured, " ".join(reasons), where=where or (Where(file=documents[0][0]),))
+
+
+def _parts(count: int) -> str:
+    return "the one part" if count == 1 else f"each of {count} parts"
 
 
 class Docstrings(_OfFiles):
@@ -192,7 +196,11 @@ def comments(context: Context, p: Comments) -> Finding:
     wanted = math.ceil(p.full_per_100_lines * lines / 100)
     said = f"{explaining} comment explains" if explaining == 1 else f"{explaining} comments explain"
     reason = f"{said} something; for {lines} lines of code {wanted} give{'s' * (wanted == 1)} full credit"
-    reason += f". {len(others)} more are commented-out code, repeats or echoes of the code." if others else "."
+    reason += (
+        f". {len(others)} more {'is' if len(others) == 1 else 'are'} commented-out code, repeats or echoes of the code."
+        if others
+        else "."
+    )
     bare = sorted(facts, key=lambda f: len(f.explaining) / max(1, f.code_lines))[:3]
     share = (density - p.zero_to_per_100_lines) / (p.full_per_100_lines - p.zero_to_per_100_lines)
     return graded(share, expected, measured, reason, where=[Where(file=f.path) for f in bare])

@@ -138,7 +138,7 @@ def _same(a: Any, b: Any) -> bool:
         return True
     try:
         return not isinstance(a, bool) and not isinstance(b, bool) and float(a) == float(b)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return False
 
 

@@ -33,6 +33,7 @@ from grader.checks.finding import (
 from grader.checks.traffic import claimed_at, claimed_qos, in_namespace, student_endpoints
 from grader.evidence.printed import PrintedVector, Report, printed_vector, reports
 from grader.evidence.recorded import Span
+from grader.patterns import search
 from grader.recording.session import Endpoint, OutputLine, ProcessRun, Qos, StepRun
 from grader.references import Parameters, Pattern, Patterns, Share
 from grader.result import Finding, Outcome, Where
@@ -499,11 +500,11 @@ def _judge_vector(
     spot = Where(session=context.session.record.session, process=p.artifact)
     notes = [_OTHER_FORMS[printed.form].format(p.label)] if printed.form in _OTHER_FORMS else []
     right = context.oracle(p.oracle)(streams, p.parameters, context.session.record.seed)[p.key]["value"]
-    # Where one number is wrong and the others are right, more digits of these would say nothing.
-    texts = [_vectors(printed.values[: p.length], right, places) for places in range(4, 10)]
-    measured, right_text = next((pair for pair in texts if pair[0] != pair[1]), texts[0])
-    expected = f"{right_text} from the recording, behind '{p.label}:' at Ctrl-C"
+    # Numbers that lose points do not read as the right ones.
     share = _agreement(context, p, streams, {}, printed)
+    texts = [_vectors(printed.values[: p.length], right, places) for places in range(4, 10)]
+    measured, right_text = next((pair for pair in texts if share < 1 and pair[0] != pair[1]), texts[0])
+    expected = f"{right_text} from the recording, behind '{p.label}:' at Ctrl-C"
     if share >= 1:
         return passed(expected, measured, where=(spot,), notes=notes)
     heard = _reports_of_some(context, p) if len(printed.values) == p.length else []
@@ -538,7 +539,7 @@ def _silent_when_shorter(context: Context, p: ReportedStatistics) -> str:
     assert p.shorter is not None
     other = context.sessions.get(p.shorter.session)
     for run in other.record.processes if other is not None else ():
-        each = (sum(re.search(one, line.text[:2000]) is not None for line in run.output) for one in p.report_pattern)
+        each = (sum(search(one, line.text[:2000]) is not None for line in run.output) for one in p.report_pattern)
         count = next(filter(None, each), 0)
         if run.role != "student" or not p.shorter.least <= count <= p.shorter.most:
             continue

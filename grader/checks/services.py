@@ -5,7 +5,6 @@ All answers come from the grader's own client calls.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from typing import Annotated, Any
 
@@ -31,6 +30,7 @@ from grader.checks.finding import (
 )
 from grader.checks.traffic import claimed_at, in_namespace
 from grader.evidence.recorded import Span
+from grader.patterns import search, without
 from grader.recording.session import StepRun
 from grader.references import Parameters, Pattern
 from grader.result import Finding, Outcome, Where
@@ -234,7 +234,7 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
     text = str(response.get(p.message_field, ""))
     if p.message is not None and not text.strip():
         return graded(0.75, expected, measured, "The answer's message is empty.", where=where)
-    if p.message is not None and not re.search(p.message, text):
+    if p.message is not None and not search(p.message, text):
         note = f"The message {text!r} is worded otherwise than the lab's."
         return passed(expected, measured, where=where, notes=(note,))
     return passed(expected, measured, where=where)
@@ -267,8 +267,8 @@ def _contrary(context: Context, p: CallAnswered, first: Mapping[str, Any]) -> Ma
     One that says what is wanted as well says no contrary, as in "Robot enabled (was disabled)".
     """
     for answer in (first, *_later_answers(context, p)) if p.contrary is not None else ():
-        rest, found = re.subn(p.contrary or "", " ", str(answer.get(p.message_field, "")))
-        if found and not (p.message is not None and re.search(p.message, rest)):
+        rest, found = without(p.contrary or "", str(answer.get(p.message_field, "")))
+        if found and not (p.message is not None and search(p.message, rest)):
             return answer
     return None
 
@@ -310,7 +310,7 @@ def call_gated(context: Context, p: CallGated) -> Finding:
     if refuses:
         reason = "It refuses, but does not recover when the parameter is true again."
         return graded(0.5 + 0.5 * recovers, expected, measured, reason, where=where)
-    if recovers and p.refusal is not None and re.search(p.refusal, _message(answers[p.refused_step], p.message_field)):
+    if recovers and p.refusal is not None and search(p.refusal, _message(answers[p.refused_step], p.message_field)):
         return graded(0.5, expected, measured, _ONLY_SAID, hint=_ONLY_SAID_HINT, where=where)
     if answers[p.refused_step] is None:
         started_off = _fits(answers[p.from_start_step], p.refused)

@@ -15,6 +15,7 @@ from rich.progress import Progress
 from rich.text import Text
 
 from grader.commands.arguments import BELOW, add_fail_under, count, each, print_error
+from grader.desk import made_from, uncounted_overrides
 from grader.errors import GraderError
 from grader.replacing import replace_file, replace_files, uninterrupted
 from grader.report.plain import terminal_text
@@ -113,6 +114,9 @@ def _regrade_one(folder: Path, options: argparse.Namespace, console: Console) ->
 
     results, name = folder.resolve().parent, folder.resolve().name
     rubric, overrides = pipeline.judged_by(folder, options.rubric, options.overrides, trusted=options.trust_lab)
+    ignored = uncounted_overrides(results, [made_from(folder)])
+    if ignored is not None and options.overrides is None:
+        console.print(Text(f"Note: {terminal_text(ignored)}", "yellow"), soft_wrap=True)
     before = audit.text_of(folder / pipeline.RESULT_FILE)
     result, files = pipeline.judged_files(folder, rubric, overrides)
     after = files[folder / pipeline.RESULT_FILE] or ""

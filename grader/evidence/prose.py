@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from grader.evidence.markup import Block, Document, Section, code_spans, own_text, plain_text, read_markdown
 from grader.evidence.source import SourceFacts
 from grader.evidence.words import Terms, fold, is_placeholder, measure, normal_form, sentences, words
+from grader.patterns import search
 
 __all__ = [
     "Concept",
@@ -385,12 +386,11 @@ def run_instructions(document: Document, patterns: Sequence[str]) -> tuple[RunIn
     Lines of code, code spans and lines of text are searched, as many a README has its commands unmarked. A
     pattern is a regular expression of the rubric, searched regardless of case.
     """
-    compiled = [(pattern, re.compile(pattern, re.IGNORECASE)) for pattern in patterns]
     found: list[RunInstruction] = []
     for block in document.blocks():
         for offset, line in enumerate(block.text.split("\n")):
             for form, command in _commands(block.kind, line):
-                match = next((p for p, regex in compiled if regex.search(command)), None)
+                match = next((p for p in patterns if search(p, command, ignore_case=True)), None)
                 if match is not None:
                     found.append(RunInstruction(block.line + offset, command, match, form))
                     break

@@ -13,21 +13,20 @@ import fcntl
 import importlib
 import json
 import os
-import shutil
 import signal
 import socket
-import stat
 import struct
 import sys
 import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from grader.beneath import copy_tree, restore_way
 from grader.live.cgroup import CellGroup
 from grader.live.claims import claims_in
 from grader.live.environment import INSIDE_FOLDER, LAUNCHING_FOLDER, student_environment, trusted_environment
@@ -306,12 +305,7 @@ class Session:
                 remove_tree(left)
             else:
                 left.unlink()
-        shutil.copytree(source, target, dirs_exist_ok=True, copy_function=shutil.copy, symlinks=True)
-        uid = student_uid(self.isolation, self.plan.slot)
-        for path in (target, *(p for p in target.rglob("*") if not p.is_symlink())):
-            path.chmod(0o755 if path.is_dir() else path.stat().st_mode & 0o777 | 0o644)
-            if uid is not None:
-                os.chown(path, uid, uid, follow_symlinks=False)
+        copy_tree(source, target, student_uid(self.isolation, self.plan.slot))
 
     async def _start_director(self) -> None:
         settings = {
@@ -525,7 +519,9 @@ class Session:
         """
         self.record.processes.append(run)
         if workspace is None and cwd is not None and PurePosixPath(cwd).is_relative_to(self.seen_workspace):
-            _restore_way(self.workspace, PurePosixPath(cwd).relative_to(self.seen_workspace))
+            # An earlier program may have made of it what it liked; what cannot be restored, bubblewrap names.
+            with suppress(OSError):
+                restore_way(self.workspace, PurePosixPath(cwd).relative_to(self.seen_workspace), _OPEN)
         room = Room(
             {**self.areas, WORKSPACE: workspace or self.workspace},
             {**self.tools, **(folders or {})},
@@ -749,28 +745,6 @@ def _recover_bag(folder: Path) -> None:
     from grader.recording.bag import recover
 
     recover(folder)
-
-
-def _restore_way(top: Path, folder: PurePosixPath) -> None:
-    """See to it that a working folder is there and open, whatever an earlier program made of it.
-
-    No link is followed: what the student's programs put there must not lead anywhere else.
-    """
-    flags = os.O_PATH | os.O_DIRECTORY | os.O_NOFOLLOW
-    with suppress(OSError), ExitStack() as opened:
-        here = os.open(top, flags)
-        opened.callback(os.close, here)
-        for part in (*folder.parts, None):
-            own = f"/proc/self/fd/{here}"
-            mode = stat.S_IMODE(os.stat(own).st_mode)  # noqa: PTH116 - of what is open, wherever its name leads
-            if mode & _OPEN != _OPEN:
-                os.chmod(own, mode | _OPEN)  # noqa: PTH101
-            if part is None:
-                return
-            with suppress(FileExistsError):
-                os.mkdir(part, _OPEN, dir_fd=here)
-            here = os.open(part, flags, dir_fd=here)
-            opened.callback(os.close, here)
 
 
 def run(plan: SessionPlan) -> None:

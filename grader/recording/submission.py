@@ -86,6 +86,8 @@ class SubmissionRecord:
         it did not look.
     student_id : str or None
         By which a grade book knows the student, where a learning-management system or a class list told it.
+    source : str
+        The path that it was found by; empty where nobody knows.
     lab_folder : str
         Where the lab was by which it was recorded.
     lab_files : dict
@@ -103,6 +105,7 @@ class SubmissionRecord:
     sessions: list[str] | None = None
     submitted_at: str | None = None
     student_id: str | None = None
+    source: str = ""
     absent_modules: list[str] | None = None
     lab_folder: str = ""
     lab_files: dict[str, str] = field(default_factory=dict)

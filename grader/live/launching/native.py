@@ -421,7 +421,7 @@ def _noted(notes: _Notes, action: Any, context: Any) -> str:
         "path": command[0],
         "argv": command[1:],
         "env": environment,
-        "cwd": details["cwd"],
+        "cwd": None if details["cwd"] is None else os.path.abspath(details["cwd"]),  # noqa: PTH100
         "shell": bool(action.shell),
         "emulate_tty": bool(action.emulate_tty),
         "respawn": bool(action.__dict__.get("_ExecuteLocal__respawn")),

@@ -403,7 +403,7 @@ class ExecuteLocal(Action):
             "prefix": prefix,
             **self._program(context, command),
             **self._environment(context),
-            "cwd": description.final_cwd,
+            "cwd": None if description.final_cwd is None else os.path.abspath(description.final_cwd),  # noqa: PTH100
             "parameters": [],
             "remappings": [],
             "output": self._output_plan(context, name),
