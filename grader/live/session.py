@@ -431,7 +431,7 @@ class Session:
             _tell(
                 {
                     "event": "step",
-                    "text": _describe(step),
+                    "text": raw["words"],
                     "index": len(self.record.steps),
                     "of": len(self.plan.steps),
                 }
@@ -693,28 +693,6 @@ class Session:
 
 
 _NAMED = ("node", "publisher", "subscription", "service")
-
-
-def _describe(step: StepRun) -> str:
-    """Say in a few words what a step does, for the progress display."""
-    p = step.parameters
-    named = next(
-        (str(p[k]) for k in (*_NAMED, "output_of", "student", "launch", "reference", "process") if p.get(k)),
-        "",
-    )
-    words = {
-        "start": f"starting {named}",
-        "wait_for": f"waiting for {named}",
-        "call": f"calling {named}",
-        "publish": f"publishing on {p.get('topic', '')}",
-        "observe": f"observing for {p.get('duration_s', 0):g} s" if step.kind == "observe" else "",
-        "interrupt": f"interrupting {named}",
-        "wait_exit": f"waiting until {named} ends",
-        "plan": f"evaluating {named}",
-        "get_parameters": f"reading parameters of {named}",
-        "set_parameters": f"setting parameters of {named}",
-    }
-    return words[step.kind]
 
 
 def _tell(event: dict[str, Any]) -> None:
