@@ -75,6 +75,10 @@ class IsolationError(GraderError):
     exit_status = 7
 
 
+class BoundError(GraderError):
+    """Work on what a student wrote took more time or memory than it may."""
+
+
 def described(error: Exception) -> GraderError:
     """Return what any exception says as an error of the grader, with what can be done about it."""
     if isinstance(error, GraderError):

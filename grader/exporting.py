@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import os
-import secrets
 import sys
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+from grader.replacing import replace_file
 from grader.report.exports import EXPORTS, render_export
+from grader.result import Result
 
 #: Stands for the standard output.
 STANDARD_OUTPUT = "-"
@@ -58,15 +57,11 @@ class ExportTarget:
         return self.name if self.file is None else f"{self.name}={self.file}"
 
 
-def write_exports(
-    targets: Sequence[ExportTarget], plain: Mapping[str, Any], results: Path, path_prefix: str = ""
-) -> list[Path]:
+def write_exports(targets: Sequence[ExportTarget], result: Result, results: Path, path_prefix: str = "") -> list[Path]:
     """Write a result's exports; returns the files.
 
     Parameters
     ----------
-    plain : mapping
-        The plain data of `result.json`.
     results : Path
         Folder of the submission's results.
     path_prefix : str
@@ -79,30 +74,12 @@ def write_exports(
     """
     written = []
     for target in targets:
-        text = render_export(target.name, plain, path_prefix=path_prefix, environment=os.environ)
+        text = render_export(target.name, result, path_prefix=path_prefix, environment=os.environ)
         if target.file == STANDARD_OUTPUT:
             sys.stdout.flush()
             sys.stdout.buffer.write(text.encode("utf-8"))
             sys.stdout.buffer.flush()
         else:
             written.append(target.path(results))
-            write_anew(written[-1], text)
+            replace_file(written[-1], text)
     return written
-
-
-def write_anew(path: Path, text: str) -> None:
-    """Write a file in one step, in a folder in which a submission may have laid out links.
-
-    Nothing that is there is written through: the text goes to a new file under a name that cannot be guessed,
-    which then takes the place of what has the name.
-    """
-    partial = path.with_name(f".{path.name}.{secrets.token_hex(8)}.partial")
-    file = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0), 0o666)
-    try:
-        with os.fdopen(file, "wb") as stream:
-            stream.write(text.encode("utf-8"))
-        partial.replace(path)
-    except BaseException:
-        with suppress(OSError):
-            partial.unlink()
-        raise

@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,14 +19,15 @@ from grader.checks.affected import is_timed, named, not_measurable, with_checks,
 from grader.checks.finding import no_such_file, not_reached
 from grader.errors import RecordingError
 from grader.evidence.census import census
-from grader.evidence.chance import clock_was_set, may_be_chance
+from grader.evidence.chance import clock_was_set, is_believed, may_be_chance
 from grader.evidence.diagnosis import advisories
 from grader.evidence.limits import hit_limit
 from grader.evidence.recorded import Recorded, Span
-from grader.evidence.unrecorded import limits_hit, missing, sentence_on
+from grader.evidence.unrecorded import dropped, limits_hit, missing, sentence_on
+from grader.patterns import NOTE, patterns_bounded
 from grader.recording.session import SESSION_FILE
 from grader.recording.submission import SubmissionRecord, read_submission
-from grader.result import CriterionResult, Finding, Outcome, Result, Violation
+from grader.result import CriterionResult, Finding, Outcome, Provenance, Result, SessionProvenance, Violation
 from grader.rubric import CheckSpec, Rubric
 from grader.score import score_criteria, total
 
@@ -135,6 +135,9 @@ def _judge(
     context = _context(spec, recordings, rubric, findings, recorded)
     if spec.session and recorded is None:
         return _without_recording(spec, context, rubric)
+    spoilt = next((violation for violation in violations if spec.id in violation.checks), None)
+    if spoilt is not None and spoilt.kind.disturbs:
+        return not_measurable(Finding(Outcome.FAILED, Decimal(0)), spoilt)
     if recorded is not None and not _sound(recorded):
         cut = _DAMAGED if recorded.record.complete else "The recording was cut off."
         reason = "; ".join(_problems_of(recorded)) or cut
@@ -144,11 +147,15 @@ def _judge(
             reason=f"The experiment could not be carried out in order: {reason}",
         )
     try:
-        with np.errstate(over="ignore", invalid="ignore"):  # students may publish the largest numbers that there are
+        # Students may publish the largest numbers that there are.
+        with patterns_bounded() as budget, np.errstate(over="ignore", invalid="ignore"):
             finding = REGISTRY[spec.check].judge(context, spec.parameters)
+        if budget.exceeded:
+            finding = dataclasses.replace(finding, notes=(*finding.notes, f"'{spec.title}': {NOTE}"))
     except Exception as problem:  # A broken check never costs points; it must not take the others with it.
         finding = Finding(Outcome.ERROR, Decimal(0), reason=f"The check broke: {type(problem).__name__}: {problem}")
-    spoilt = next((violation for violation in violations if spec.id in violation.checks), None)
+    if recorded is not None and finding.settled is not None and not is_believed(recorded):
+        finding = _settled(finding.settled, recorded)
     if spoilt is not None:
         finding = not_measurable(finding, spoilt)
     elif recorded is not None:
@@ -162,6 +169,12 @@ def _judge(
     if finding.outcome in (Outcome.FAILED, Outcome.PARTIAL) and not finding.hint:
         return dataclasses.replace(finding, hint=spec.hint)
     return finding
+
+
+def _settled(finding: Finding, recorded: Recorded) -> Finding:
+    """Return what became of a finding that stayed undecided in all recordings, by what a program can do itself."""
+    often = f"The session was recorded {recorded.record.times_recorded} times; a program can bring this about itself."
+    return dataclasses.replace(finding, reason=f"{finding.reason} {often}")
 
 
 def _sound(recorded: Recorded) -> bool:
@@ -179,6 +192,8 @@ def _as_far_as_recorded(finding: Finding, spec: CheckSpec, recorded: Recorded) -
     It costs points only where messages are missing through the student's own doing; else the recording is not sound.
     """
     check, names = REGISTRY[spec.check], named(spec, recorded)
+    if (gap := next((d for d in dropped(recorded) if d.topic in names), None)) is not None:
+        return dataclasses.replace(finding, outcome=Outcome.INCONCLUSIVE, credit=Decimal(0), reason=gap.text, hint="")
     left_out = next((u for u in missing(recorded).by_student if u.topic in names), None)
     if left_out is None or finding.outcome is Outcome.ERROR or (check.by_endpoints and finding.outcome in _GOES_ON):
         return finding
@@ -270,12 +285,12 @@ def _advisories(recordings: Recordings, criteria: tuple[CriterionResult, ...]) -
             found.append(f"{fact.path} was taken for {fact.expected}.")
     for package in recordings.submission.packages:
         found += [f"Package {package.name}: {p}" for p in package.problems]
-    found += [note for c in criteria for check in c.checks for note in check.finding.notes]
+    found += [note for c in criteria for check in c.checks for note in check.notes]
     return tuple(dict.fromkeys(found))
 
 
-def _provenance(recordings: Recordings, rubric: Rubric) -> dict[str, Any]:
-    sessions = {}
+def _provenance(recordings: Recordings, rubric: Rubric) -> Provenance:
+    sessions: dict[str, SessionProvenance] = {}
     for name, recorded in recordings.sessions.items():
         record = recorded.record
         sessions[name] = {

@@ -7,7 +7,6 @@ from the sessions that are being timed.
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import subprocess
@@ -20,7 +19,6 @@ from typing import Any
 
 from grader.errors import UsageError
 from grader.exporting import STANDARD_OUTPUT, ExportTarget, write_exports
-from grader.report import json as result_json
 from grader.report.exports import EXPORTS
 from grader.result import Result
 
@@ -87,7 +85,7 @@ class LiveExports:
 
     def write(self, result: Result) -> None:
         """Write the exports of the result."""
-        write_exports(self._targets, json.loads(result_json.render(result)), self._results, self._prefix)
+        write_exports(self._targets, result, self._results, self._prefix)
 
     def _catch_up(self) -> None:
         if not self._stale or (self._child is not None and self._child.poll() is None):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import importlib.metadata
 import importlib.util
@@ -10,27 +11,33 @@ import random
 import shutil
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import yaml
+
 import grader
+from grader import kept_lab
+from grader.bounded import Bound, in_process
 from grader.checks import PARAMETERS_OF
 from grader.cohort.adjustments import adjust
 from grader.cohort.entries import ClassEntry
 from grader.cohort.overrides import OVERRIDES_FILE, Overrides, load_overrides, moment_of
+from grader.desk import lies_within, made_from
 from grader.errors import PlatformError, RecordingError, RubricError, UsageError, described
 from grader.exporting import ExportTarget
 from grader.intake import Handed, Intake, taken_in
 from grader.judging import Recordings, judge, open_recordings
+from grader.patterns import patterns_bounded
+from grader.recording.session import read_session, write_session
 from grader.recording.submission import SubmissionRecord, write_submission
 from grader.replacing import UNFINISHED, beside, replace_file, replace_files
-from grader.report import json as result_json
-from grader.result import CheckResult, Result
-from grader.rubric import Rubric, load_rubric
+from grader.result import CheckResult, Result, to_json
+from grader.rubric import Kinds, Rubric, load_rubric
 from grader.submission import read_submission
 from grader.timings import Stopwatch
 
@@ -44,14 +51,19 @@ RESULT_FILE = "result.json"
 REPORT_FILE = "report.html"
 CLASS_PAGE = "index.html"
 GRADES_FILE = "grades.csv"
+ANONYMOUS_PAGE = "index-anonymous.html"
+ANONYMOUS_GRADES_FILE = "grades-anonymous.csv"
 #: What a grading makes, the file that says that it is whole last.
-_PARTS = (RUBRIC_COPY, RECORDINGS, REPORT_FILE, RESULT_FILE)
+_PARTS = (RUBRIC_COPY, kept_lab.KEPT, RECORDINGS, REPORT_FILE, RESULT_FILE)
 #: Among recordings: stands there until all sessions have been recorded.
 _BEGUN = ".begun"
 #: Among recordings: one that is made again, and a copy that is being made or removed.
 _EARLIER, _PARTIAL = ".earlier", ".partial"
 #: How often a session whose checks are undecided is recorded again, alone.
 RETRIES = 2
+#: What judging one submission may take. The solution takes 0.25 s and 0.1 GiB on a core of today; more than a hundred
+#: times that is no fair wait. In a class, a piece of work is given up after 120 s in any case (`batch.supervised`).
+JUDGING_BOUND = Bound(what="judging the submission", cpu_s=30.0, wall_s=100.0, memory_bytes=2 * 1024**3)
 
 
 @dataclass(frozen=True)
@@ -99,24 +111,98 @@ def lab_folder() -> Path:
     return inside if (inside / "rubric.yaml").is_file() else package.parent
 
 
-def read_rubric(path: Path | None) -> Rubric:
-    """Load a rubric, by default that of the lab which travels with the grader.
+def read_rubric(path: Path | None, kept: Path | None = None) -> Rubric:
+    """Load a rubric that the user names, by default that of the lab which travels with the grader.
+
+    A copy that lies elsewhere finds the files that it names in the folder of that lab, if it is of the same lab.
+
+    Parameters
+    ----------
+    kept : Path, optional
+        The copy of a rubric with its own files kept beside it, to be used before those.
 
     Raises
     ------
     RubricError
         With all its mistakes.
     """
-    return load_rubric(path or lab_folder() / "rubric.yaml", PARAMETERS_OF, lab_folder())
+    shipped = lab_folder() / "rubric.yaml"
+    path = path or shipped
+    if (path.parent / kept_lab.KEPT).is_dir():
+        return recorded_rubric(path)
+    own = kept if kept is not None and _lab_id(kept) == _lab_id(path) and kept_lab.kept_files(kept) else None
+    if own is not None:
+        kept_lab.require_known(own, lab_folder())
+    same = path == shipped or _lab_id(path) == _lab_id(shipped)
+    fallback = own.parent / kept_lab.KEPT if own is not None else lab_folder() if same else None
+    rubric = load_rubric(path, rubric_kinds(), fallback)
+    kept_lab.trust(kept_lab.files_of(rubric))
+    return rubric
 
 
-def read_overrides(path: Path | None, results: Path, rubric: Rubric) -> Overrides:
+def recorded_rubric(copy: Path, *, trusted: bool = False) -> Rubric:
+    """Load the copy of a rubric that lies with results, and the files that it names from beside it.
+
+    Parameters
+    ----------
+    trusted : bool
+        Whether these may be executed though they are not known here; see `grader.kept_lab`.
+
+    Raises
+    ------
+    RecordingError
+        If they may not be executed, or an earlier version of the grader has not kept them.
+    RubricError
+        With all mistakes of the rubric.
+    """
+    files = kept_lab.kept_files(copy)
+    if trusted:
+        kept_lab.trust(files)
+    elif files:
+        kept_lab.require_known(copy, lab_folder())
+    # Before they were kept, those of the grader's own lab were used; for another lab they would be the wrong ones.
+    shipped = not files and _lab_id(copy) == _lab_id(lab_folder() / "rubric.yaml")
+    folder = lab_folder() if shipped else copy.parent / kept_lab.KEPT
+    try:
+        return load_rubric(copy, rubric_kinds(), folder, only=True)
+    except RubricError as error:
+        if not files and not shipped:
+            error.remedy = "The recordings are without the files of their lab; give its rubric by --rubric."
+        raise
+
+
+@functools.lru_cache(maxsize=16)
+def _lab_id_in(text: str) -> str:
+    with suppress(yaml.YAMLError, RecursionError, TypeError, KeyError):
+        found = yaml.load(text, yaml.CSafeLoader)["lab"]["id"]
+        # Written out, nested aliases have no end.
+        return str(found) if isinstance(found, (str, int, float)) else ""
+    return ""
+
+
+def _lab_id(rubric: Path) -> str:
+    with suppress(OSError, UnicodeDecodeError):
+        return _lab_id_in(rubric.read_text(encoding="utf-8"))
+    return ""
+
+
+def rubric_kinds() -> Kinds:
+    """Return the checks and figures that a rubric can use."""
+    from grader.evidence.figures import FIGURES
+
+    return Kinds(PARAMETERS_OF, {name: kind.parameters for name, kind in FIGURES.items()})
+
+
+def read_overrides(path: Path | None, results: Path, rubric: Rubric, sources: Iterable[str] = ()) -> Overrides:
     """Load the file of overrides that is given, or else the one beside the results, if there is one.
 
     Parameters
     ----------
     results : Path
         Folder with a folder of results for each submission.
+    sources : iterable of str
+        Where the submissions lie. If the results lie in one of them, the file beside them may be a student's, and
+        does not count.
 
     Raises
     ------
@@ -124,6 +210,8 @@ def read_overrides(path: Path | None, results: Path, rubric: Rubric) -> Override
         With all its mistakes.
     """
     beside = results / OVERRIDES_FILE
+    if path is None and lies_within(results, sources):
+        return Overrides()
     if path is None and not beside.is_file():
         misnamed = beside.with_suffix(".yml")
         if misnamed.is_file():
@@ -246,12 +334,12 @@ def grade(
             follow = exports.follow(on_progress)
             # The recordings take their place first: no fault in what comes after them throws them away.
             with beside(results, _PARTS, _keep_recorded) as new, _naming_kept(new, results):
-                judged = record(intake.folder, submission, rubric, new, options, follow, shared, watch)
-            with _naming_kept(results, results), _work(shared, watch)("judging"):
-                result = judge_results(results, rubric, options.overrides, judged, watch)
+                judgement = record(intake.folder, submission, rubric, new, options, follow, shared, watch)
+            with _naming_kept(results, results):
+                replace_files(_files_of(judgement, results, rubric))
     with _naming_kept(results, results):
-        exports.write(result)
-    return result
+        exports.write(judgement.result)
+    return judgement.result
 
 
 @contextmanager
@@ -306,13 +394,13 @@ def record(
     on_progress: Callable[..., None],
     shared: Shared | None = None,
     watch: Stopwatch | None = None,
-) -> tuple[Recordings, Result]:
+) -> Judgement:
     """Run the live half: stage, isolate, run the sessions, and again those whose checks are undecided.
 
     Returns
     -------
-    tuple
-        The last recordings, and what they were judged to be.
+    Judgement
+        What the last recordings were judged to be.
     """
     from grader.evidence.elsewhere import modules_to_look_for
     from grader.live.cells import Progress, Sessions, types_in
@@ -361,21 +449,58 @@ def record(
             (recordings / _BEGUN).unlink()
             judging = _work(shared, watch)
             with judging("judging"):
-                judged = _judged(recordings, rubric)
+                judgement = judgement_of(recordings, rubric, options.overrides)
+            disturbed: frozenset[str] = frozenset()
             for attempt in range(2, RETRIES + 2):
-                if not (undecided := undecided_sessions(judged[1], chosen)):
+                disturbed |= {v.session for v in judgement.by_rubric.violations if v.kind.disturbs}
+                if not (undecided := undecided_sessions(judgement.by_rubric, chosen)):
                     break
                 set_aside(recordings, undecided)
                 with watch.stage(f"sessions again, attempt {attempt}"):
-                    replace(sessions, attempt=attempt).record(undecided, on_progress, at_a_time=1)
+                    replace(sessions, attempt=attempt, disturbed=disturbed).record(undecided, on_progress, at_a_time=1)
                 with judging("judging"):
-                    judged = keep_clearer(recordings, rubric, undecided, judged[1])
-    return judged
+                    judgement = keep_clearer(recordings, rubric, undecided, judgement, options.overrides)
+    return judgement
 
 
-def _judged(recordings: Path, rubric: Rubric) -> tuple[Recordings, Result]:
-    recorded = open_recordings(recordings, rubric)
-    return recorded, judge(recorded, rubric)
+@dataclass(frozen=True)
+class Judgement:
+    """What recordings were judged to be.
+
+    Attributes
+    ----------
+    by_rubric : Result
+        By the rubric alone.
+    result : Result
+        With the points that people and the rubric's policy make of it.
+    page, text : str
+        The report and `result.json`.
+    """
+
+    by_rubric: Result
+    result: Result
+    page: str
+    text: str
+
+
+def judgement_of(recordings: Path, rubric: Rubric, overrides: Overrides) -> Judgement:
+    """Judge recordings in a process of its own.
+
+    Raises
+    ------
+    RecordingError
+        If there is nothing to judge.
+    BoundError
+        If judging takes more time or memory than it may.
+    """
+
+    def judged() -> Judgement:
+        recorded = open_recordings(recordings, rubric)
+        by_rubric = judge(recorded, rubric)
+        result = by_policy(by_rubric, recorded, rubric, overrides)
+        return Judgement(by_rubric, result, report_page(result, recorded, rubric), to_json(result))
+
+    return in_process(judged, JUDGING_BOUND)
 
 
 def _aside(recordings: Path, session: str, suffix: str = _EARLIER) -> Path:
@@ -406,25 +531,35 @@ def _forget(recordings: Path, session: str) -> None:
 
 
 def keep_clearer(
-    recordings: Path, rubric: Rubric, sessions: Sequence[str], before: Result
-) -> tuple[Recordings, Result]:
+    recordings: Path, rubric: Rubric, sessions: Sequence[str], before: Judgement, overrides: Overrides
+) -> Judgement:
     """Judge sessions that were recorded again, and put a recording back that was set aside if it left less undecided.
 
     On a machine that is busier the second time, what was decided before must not become undecided.
 
     Parameters
     ----------
-    before : Result
+    before : Judgement
         What the recordings were judged to be that were set aside.
     """
-    judged = _judged(recordings, rubric)
+    judgement = judgement_of(recordings, rubric, overrides)
+    after, earlier = judgement.by_rubric, before.by_rubric
     kept = [name for name in sessions if _aside(recordings, name).is_dir()]
-    worse = [name for name in kept if _undecided_points(judged[1], name) > _undecided_points(before, name)]
+    worse = [name for name in kept if _undecided_points(after, name) > _undecided_points(earlier, name)]
     for name in worse:
         _put_back(recordings, name)
+        _note_attempt(recordings / name)
     for name in kept:
         _forget(recordings, name)
-    return _judged(recordings, rubric) if worse else judged
+    return judgement_of(recordings, rubric, overrides) if worse else judgement
+
+
+def _note_attempt(folder: Path) -> None:
+    """Note in a recording that is kept that its session was recorded once more."""
+    with suppress(OSError, ValueError):
+        record = read_session(folder)
+        record.attempts = record.times_recorded + 1
+        write_session(folder, record)
 
 
 def _undecided_points(result: Result, session: str) -> Decimal:
@@ -437,24 +572,21 @@ def _start_afresh(recordings: Path, submission: SubmissionRecord, rubric: Rubric
     shutil.rmtree(recordings, ignore_errors=True)
     recordings.mkdir(parents=True)
     (recordings / _BEGUN).touch()
+    files = kept_lab.files_of(rubric)
+    kept_lab.trust(files)
+    submission.lab_folder, submission.lab_files = str(rubric.folder), kept_lab.sha256s(files)
     write_submission(recordings, submission)
-    (recordings / RUBRIC_COPY).write_text(rubric.text, encoding="utf-8")
+    replace_files(_rubric_and_files(recordings, rubric))
 
 
 def undecided_sessions(result: Result, chosen: Sequence[str]) -> list[str]:
     """Return the recorded sessions with a check whose outcome the recording leaves open."""
     checks = [check for criterion in result.criteria for check in criterion.checks]
-    undecided = {check.session for check in checks if not check.finding.outcome.decided and check.finding.retry}
+    undecided = {check.session for check in checks if not check.outcome.decided and check.retry}
     return [session for session in chosen if session in undecided]
 
 
-def judge_results(
-    results: Path,
-    rubric: Rubric,
-    overrides: Overrides | None = None,
-    judged: tuple[Recordings, Result] | None = None,
-    watch: Stopwatch | None = None,
-) -> Result:
+def judge_results(results: Path, rubric: Rubric, overrides: Overrides | None = None) -> Result:
     """Run the judging half on a results folder and write `result.json` and `report.html`.
 
     The rubric is kept with them, if it is another than the submission was recorded with.
@@ -463,36 +595,30 @@ def judge_results(
     ----------
     overrides : Overrides, optional
         What people decided about single submissions.
-    judged : tuple, optional
-        The folder's recordings and their result, as `record` returns them.
-    watch : Stopwatch, optional
-        Told what takes its time.
 
     Raises
     ------
     RecordingError
         If there is nothing to judge.
+    BoundError
+        If judging takes more time or memory than it may.
     """
-    result, files = judged_files(results, rubric, overrides, judged, watch)
+    result, files = judged_files(results, rubric, overrides)
     replace_files(files)
     return result
 
 
 def judged_files(
-    results: Path,
-    rubric: Rubric,
-    overrides: Overrides | None = None,
-    judged: tuple[Recordings, Result] | None = None,
-    watch: Stopwatch | None = None,
+    results: Path, rubric: Rubric, overrides: Overrides | None = None
 ) -> tuple[Result, dict[Path, str | None]]:
     """Do as `judge_results`, but hand out what is to be written, by its place."""
-    recordings = judged[0] if judged is not None else open_recordings(results / RECORDINGS, rubric)
-    result = judged[1] if judged is not None else judge(recordings, rubric)
-    result = by_policy(result, recordings, rubric, overrides or Overrides())
-    with (watch or Stopwatch()).stage("report"):
-        kept = None if _recorded_with(results) == rubric.text else rubric.text
-        page, text = report_page(result, recordings, rubric), result_json.render(result)
-    return result, {results / RUBRIC_COPY: kept, results / REPORT_FILE: page, results / RESULT_FILE: text}
+    judgement = judgement_of(results / RECORDINGS, rubric, overrides or Overrides())
+    return judgement.result, _files_of(judgement, results, rubric)
+
+
+def _files_of(judgement: Judgement, results: Path, rubric: Rubric) -> dict[Path, str | None]:
+    page, text = judgement.page, judgement.text
+    return {**_rubric_of_result(results, rubric), results / REPORT_FILE: page, results / RESULT_FILE: text}
 
 
 def judge_with_policy(recordings: Recordings, rubric: Rubric, overrides: Overrides) -> Result:
@@ -519,19 +645,23 @@ def judge_so_far(results: Path) -> Result:
     """
     new = results / UNFINISHED
     folder = new if (new / RECORDINGS).is_dir() else results
-    rubric = read_rubric(rubric_copy(folder))
-    recordings = open_recordings(folder / RECORDINGS, rubric)
-    overrides = read_overrides(None, results.resolve().parent, rubric)
-    result = judge_with_policy(recordings, rubric, overrides)
-    criteria = [replace(c, checks=tuple(_not_yet_run(k, recordings) for k in c.checks)) for c in result.criteria]
-    return replace(result, criteria=tuple(criteria))
+    rubric = recorded_rubric(rubric_copy(folder))
+    overrides = read_overrides(None, results.resolve().parent, rubric, [made_from(folder)])
+
+    def judged() -> Result:
+        recordings = open_recordings(folder / RECORDINGS, rubric)
+        result = judge_with_policy(recordings, rubric, overrides)
+        criteria = [replace(c, checks=tuple(_not_yet_run(k, recordings) for k in c.checks)) for c in result.criteria]
+        return replace(result, criteria=tuple(criteria))
+
+    return in_process(judged, JUDGING_BOUND)
 
 
 def _not_yet_run(check: CheckResult, recordings: Recordings) -> CheckResult:
-    if check.session is None or check.session in recordings.sessions or check.finding.outcome.decided:
+    if check.session is None or check.session in recordings.sessions or check.outcome.decided:
         return check
     reason = f"Not yet run: the session '{check.session}' has not ended."
-    return replace(check, finding=replace(check.finding, reason=reason))
+    return replace(check, reason=reason)
 
 
 def report_page(result: Result, recordings: Recordings, rubric: Rubric) -> str:
@@ -540,16 +670,21 @@ def report_page(result: Result, recordings: Recordings, rubric: Rubric) -> str:
     from grader.report.html import render
 
     figures = {}
-    for criterion in rubric.criteria:
-        there = [s for s in criterion.figures if s.session in recordings.sessions]
-        drawn = [draw(spec, recordings.sessions[spec.session], rubric.folder) for spec in there]
-        figures[criterion.id] = [figure for figure in drawn if figure is not None]
+    with patterns_bounded():
+        for criterion in rubric.criteria:
+            there = [s for s in criterion.figures if s.session in recordings.sessions]
+            drawn = [draw(spec, recordings.sessions[spec.session], rubric.folder) for spec in there]
+            figures[criterion.id] = [figure for figure in drawn if figure is not None]
     records = {name: recorded.record for name, recorded in recordings.sessions.items()}
     return render(result, figures, records, recordings.submission)
 
 
 def judged_by(
-    results: Path, rubric_path: Path | None = None, overrides_path: Path | None = None
+    results: Path,
+    rubric_path: Path | None = None,
+    overrides_path: Path | None = None,
+    *,
+    trusted: bool = False,
 ) -> tuple[Rubric, Overrides]:
     """Load what a results folder is judged by again.
 
@@ -559,16 +694,55 @@ def judged_by(
         By default the rubric by which it was judged last.
     overrides_path : Path, optional
         By default `overrides.yaml` beside the results folder, if there is one.
+    trusted : bool
+        Whether files of the lab that came with the recordings may be executed though they are not known here.
 
     Raises
     ------
     RecordingError
-        If it is no results folder.
+        If it is no results folder, or what came with it may not be executed.
     RubricError
         With all mistakes of the rubric, or of the overrides.
+    UsageError
+        If the rubric is of another lab.
     """
-    rubric = read_rubric(rubric_path or rubric_copy(results))
-    return rubric, read_overrides(overrides_path, results.resolve().parent, rubric)
+    if rubric_path is None:
+        rubric = recorded_rubric(rubric_copy(results), trusted=trusted)
+    else:
+        rubric = chosen_rubric([results], rubric_path)
+        require_lab(results, rubric)
+    return rubric, read_overrides(overrides_path, results.resolve().parent, rubric, [made_from(results)])
+
+
+def chosen_rubric(folders: Sequence[Path], path: Path) -> Rubric:
+    """Load a rubric that the user names for results; see `read_rubric`."""
+    copies = (copy for folder in folders for copy in _rubric_copies(folder))
+    return read_rubric(path, next(copies, None))
+
+
+def require_lab(results: Path, rubric: Rubric, remedy: str = "Name a rubric of that lab, or none.") -> None:
+    """Raise if results are of another lab than a rubric.
+
+    Parameters
+    ----------
+    remedy : str
+        What the user can do about it.
+
+    Raises
+    ------
+    UsageError
+        With both labs.
+    """
+    recorded = next(map(_lab_id, _rubric_copies(results)), "")
+    if recorded not in ("", rubric.lab.id):
+        problem = f"these are results of Lab {recorded}, and the rubric is of Lab {rubric.lab.id}"
+        raise UsageError(problem, where=str(results), remedy=remedy)
+
+
+def lab_remarks(results: Path, rubric: Rubric) -> list[str]:
+    """Say where results are judged by other files of the lab than they were made with, or the lab has others now."""
+    shipped = lab_folder() if rubric.lab.id == _lab_id(lab_folder() / "rubric.yaml") else None
+    return kept_lab.remarks(results / RECORDINGS, rubric, shipped)
 
 
 def rubric_copy(results: Path) -> Path:
@@ -596,18 +770,32 @@ def _rubric_copies(results: Path) -> list[Path]:
 
 def keep_rubric(results: Path, rubric: Rubric) -> None:
     """Keep the rubric of a result beside it, if it is not the one with which the submission was recorded."""
-    replace_files({results / RUBRIC_COPY: None if _recorded_with(results) == rubric.text else rubric.text})
+    replace_files(_rubric_of_result(results, rubric))
 
 
-def _recorded_with(results: Path) -> str | None:
-    copy = results / RECORDINGS / RUBRIC_COPY
-    return copy.read_bytes().decode() if copy.is_file() else None
+def _rubric_of_result(results: Path, rubric: Rubric) -> dict[Path, str | None]:
+    """Return what is to lie beside a result of its rubric, by its place; None for what is not to."""
+    recorded, files = results / RECORDINGS / RUBRIC_COPY, kept_lab.files_of(rubric)
+    before = {results / kept_lab.KEPT / name: None for name in kept_lab.kept_files(results / RUBRIC_COPY)}
+    same = recorded.is_file() and recorded.read_bytes().decode() == rubric.text
+    # Earlier versions kept no files.
+    if same and kept_lab.kept_files(recorded) in (files, {}):
+        return {results / RUBRIC_COPY: None, **before}
+    return {**before, **_rubric_and_files(results, rubric)}
+
+
+def _rubric_and_files(folder: Path, rubric: Rubric) -> dict[Path, str | None]:
+    """Return the texts of a rubric and of what it names, by their places, in folders that are there."""
+    files = {folder / kept_lab.KEPT / name: text for name, text in kept_lab.files_of(rubric).items()}
+    for file in files:
+        file.parent.mkdir(parents=True, exist_ok=True)
+    return {folder / RUBRIC_COPY: rubric.text, **files}
 
 
 def report_class(
     results: Path, entries: Sequence[ClassEntry], rubric: Rubric, *, anonymous: bool = False
 ) -> ClassSummary:
-    """Sum up a class and write `index.html` and `grades.csv`.
+    """Sum up a class and write `index.html` and `grades.csv`, or both under pseudonyms and names of their own.
 
     Parameters
     ----------
@@ -616,25 +804,22 @@ def report_class(
     entries : sequence of ClassEntry
         Those of `grader.cohort.entries.entries_in`, and what else is known.
     anonymous : bool
-        Whether both are written under pseudonyms.
+        Whether `index-anonymous.html` and `grades-anonymous.csv` are written instead.
     """
     from grader.cohort.anonymous import anonymous as under_pseudonyms
     from grader.cohort.summary import summarise
     from grader.report import class_page, grades_csv
 
     summary = summarise(under_pseudonyms(entries, rubric) if anonymous else entries, rubric)
-    replace_file(results / CLASS_PAGE, class_page.render(summary, anonymous=anonymous))
-    replace_file(results / GRADES_FILE, grades_csv.render(summary))
+    page, grades = (ANONYMOUS_PAGE, ANONYMOUS_GRADES_FILE) if anonymous else (CLASS_PAGE, GRADES_FILE)
+    replace_file(results / page, class_page.render(summary, anonymous=anonymous))
+    replace_file(results / grades, grades_csv.render(summary))
     return summary
 
 
 def rubric_of_class(results: Path, entries: Sequence[ClassEntry]) -> Path | None:
     """Return the copy of the rubric by which most of a class were judged; None if there is no copy of it."""
-    judged_by = {
-        entry.name: str(provenance.get("rubric_sha256"))
-        for entry in entries
-        if entry.result is not None and isinstance(provenance := entry.result.get("provenance"), Mapping)
-    }
+    judged_by = {entry.name: entry.result.rubric_sha256 for entry in entries if entry.result is not None}
     for sha256, _ in Counter(judged_by.values()).most_common():
         for name in (name for name, by in judged_by.items() if by == sha256):
             for copy in _rubric_copies(results / name):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import secrets
 import shutil
 import signal
 import threading
@@ -49,13 +50,15 @@ def replace_file(path: Path, text: str) -> None:
 def replace_files(texts: Mapping[Path, str | None]) -> None:
     """Write files that belong together: all are written before the first is put in its place, or none is.
 
-    None stands for a file that is to be there no longer.
+    None stands for a file that is to be there no longer. In a folder in which a submission may have laid out links,
+    nothing is written through one: each text goes to a new file under a name that cannot be guessed.
     """
-    partials = {path: path.with_suffix(path.suffix + _PARTIAL) for path in texts}
+    partials = {path: path.with_name(f".{secrets.token_hex(8)}{_PARTIAL}") for path in texts}
     try:
         for path, text in texts.items():
             if text is not None:
-                partials[path].write_text(text, encoding="utf-8", newline="\n")
+                with partials[path].open("x", encoding="utf-8", newline="\n") as file:
+                    file.write(text)
         with uninterrupted():
             for path, partial in partials.items():
                 if texts[path] is None:

@@ -1,4 +1,4 @@
-"""What judging a submission yields: findings, the score, and its JSON form.
+"""What judging a submission yields, and `result.json`: written, described by a schema and read by these classes alone.
 
 Everything here is a frozen value. Points are `Decimal`; a finding carries *credit* (a share of
 a check's points between 0 and 1), because checks know nothing of points.
@@ -6,12 +6,41 @@ a check's points between 0 and 1), because checks know nothing of points.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 from decimal import Decimal
 from enum import Enum
-from typing import Any
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import ConfigDict, Field, PlainSerializer, TypeAdapter, ValidationError, WithJsonSchema, with_config
+from typing_extensions import NotRequired, TypedDict
+
+from grader.errors import RecordingError
+from grader.json_text import json_text
 
 RESULT_SCHEMA = "ros-lab-grader/result/v1"
+
+
+def number(value: Decimal) -> int | float:
+    """Return points as a JSON number: whole where they are whole."""
+    return int(value) if value == value.to_integral_value() else float(value)
+
+
+def _milliseconds(value: float) -> float:
+    return round(value, 3)
+
+
+_NUMBER = PlainSerializer(number)
+#: Points that somebody has, and the change of points by an adjustment.
+Points = Annotated[Decimal, Field(ge=0), _NUMBER, WithJsonSchema({"type": "number", "minimum": 0})]
+Change = Annotated[Decimal, _NUMBER, WithJsonSchema({"type": "number"})]
+#: A share of a check's points, from 0 to 1.
+Credit = Annotated[Decimal, Field(ge=0, le=1), _NUMBER, WithJsonSchema({"type": "number", "minimum": 0, "maximum": 1})]
+#: Seconds since the session's start.
+Seconds = Annotated[float, PlainSerializer(_milliseconds), WithJsonSchema({"type": "number"})]
 
 
 class Outcome(str, Enum):
@@ -65,8 +94,8 @@ class Where:
     session: str | None = None
     topic: str | None = None
     process: str | None = None
-    start_s: float | None = None
-    end_s: float | None = None
+    start_s: Seconds | None = None
+    end_s: Seconds | None = None
 
     def __str__(self) -> str:
         parts = []
@@ -107,6 +136,9 @@ class Finding:
         Advisories that cost nothing.
     retry : bool
         Whether another run can decide what is undecided.
+    settled : Finding or None
+        What it is if it stays undecided however often the session is recorded, since the student's own processes can
+        bring that about; None where only the machine can, or a person has to decide.
     """
 
     outcome: Outcome
@@ -118,6 +150,7 @@ class Finding:
     where: tuple[Where, ...] = ()
     notes: tuple[str, ...] = ()
     retry: bool = True
+    settled: Finding | None = None
 
 
 class ViolationKind(str, Enum):
@@ -131,6 +164,12 @@ class ViolationKind(str, Enum):
     FORGES_ROSOUT = "forges_rosout"
     FORGES_PARAMETER_EVENTS = "forges_parameter_events"
     ENDS_REFERENCE = "ends_reference"
+    DISTURBS_RECORDING = "disturbs_recording"
+
+    @property
+    def disturbs(self) -> bool:
+        """Whether it leaves the recording unsound: seen once it may be chance, and the session is recorded again."""
+        return self in (ViolationKind.ENDS_REFERENCE, ViolationKind.DISTURBS_RECORDING)
 
 
 @dataclass(frozen=True)
@@ -164,15 +203,50 @@ class Violation:
 
 @dataclass(frozen=True)
 class CheckResult:
-    """A finding with the points that the rubric gives it."""
+    """What one check found, with the points that the rubric gives it.
+
+    Attributes
+    ----------
+    earned, possible, undecided : Decimal
+        Points; those that nobody could decide are neither earned nor lost.
+    expected, measured, reason, hint, where, notes, credit, retry
+        As in `Finding`.
+    session : str or None
+        The session that it judges.
+    """
 
     id: str
     title: str
-    session: str | None
-    finding: Finding
-    earned: Decimal
-    possible: Decimal
-    undecided: Decimal
+    outcome: Outcome
+    earned: Points
+    possible: Points
+    undecided: Points
+    expected: str = ""
+    measured: str = ""
+    reason: str = ""
+    hint: str = ""
+    where: tuple[Where, ...] = ()
+    notes: tuple[str, ...] = ()
+    session: str | None = None
+    credit: Credit = Decimal(0)
+    retry: Annotated[bool, Field(exclude=True)] = True
+
+    @classmethod
+    def of(cls, finding: Finding, **known: Any) -> CheckResult:
+        """Return a finding with what it does not say: the check's id, title and session, and its points."""
+        judged = {field.name for field in fields(cls)}
+        found = {name: value for name, value in vars(finding).items() if name in judged}
+        return cls(**found, **known)
+
+    @property
+    def lost(self) -> Decimal:
+        """Points that are neither earned nor undecided."""
+        return self.possible - self.earned - self.undecided
+
+    @property
+    def share(self) -> float | None:
+        """Share of its points, from 0 to 1; None if it is undecided or has none."""
+        return float(self.earned / self.possible) if self.outcome.decided and self.possible else None
 
 
 @dataclass(frozen=True)
@@ -181,11 +255,11 @@ class CriterionResult:
 
     id: str
     title: str
-    description: str
+    earned: Points
+    possible: Points
+    undecided: Points
     checks: tuple[CheckResult, ...]
-    earned: Decimal
-    possible: Decimal
-    undecided: Decimal
+    description: str = ""
 
 
 class AdjustmentKind(str, Enum):
@@ -217,8 +291,8 @@ class Adjustment:
 
     kind: AdjustmentKind
     what: str
-    points: Decimal
-    reason: str
+    points: Change
+    reason: str = ""
     who: str = ""
     when: str = ""
 
@@ -227,9 +301,38 @@ class Adjustment:
 class Score:
     """Points earned, possible, and undecided through no fault of the student's; as judged, before adjustments."""
 
-    earned: Decimal
-    possible: Decimal
-    undecided: Decimal
+    earned: Points
+    possible: Points
+    undecided: Points
+
+
+@with_config(ConfigDict(extra="allow"))
+class SessionProvenance(TypedDict):
+    """When a session was recorded, how it was confined, the CPU time in s by role, and process -> limit that it hit."""
+
+    started_ns: int
+    duration_s: float
+    isolation: str
+    seed: NotRequired[int]
+    cpu_s: NotRequired[dict[Literal["student", "reference", "grader"], float]]
+    limits: NotRequired[dict[str, str]]
+
+
+@with_config(ConfigDict(extra="allow"))
+class Provenance(TypedDict, total=False):
+    """Where a result comes from: versions and hashes, the recorded sessions, and files that were not looked at."""
+
+    grader: str
+    lab: str
+    rubric_sha256: str
+    submission_sha256: str
+    versions: dict[str, str]
+    sessions: dict[str, SessionProvenance]
+    left_out: list[str]
+
+
+#: What a person decides of a check or a criterion, and no rule.
+BY_HAND = (AdjustmentKind.POINTS, AdjustmentKind.EXCUSED)
 
 
 @dataclass(frozen=True)
@@ -262,7 +365,7 @@ class Result:
     criteria: tuple[CriterionResult, ...]
     advisories: tuple[str, ...] = ()
     problems: tuple[str, ...] = ()
-    provenance: dict[str, Any] = field(default_factory=dict)
+    provenance: Provenance = field(default_factory=Provenance)
     adjustments: tuple[Adjustment, ...] = ()
     violations: tuple[Violation, ...] = ()
 
@@ -272,9 +375,108 @@ class Result:
         return self.score.earned + sum((a.points for a in self.adjustments), Decimal(0))
 
     @property
+    def checks(self) -> tuple[CheckResult, ...]:
+        """All checks, in the rubric's order."""
+        return tuple(check for criterion in self.criteria for check in criterion.checks)
+
+    @property
+    def open_checks(self) -> tuple[CheckResult, ...]:
+        """Undecided checks that no person has decided since, by themselves or by their criterion."""
+        decided = {a.what for a in self.adjustments if a.kind in BY_HAND}
+        checks = (check for criterion in self.criteria if criterion.id not in decided for check in criterion.checks)
+        return tuple(check for check in checks if check.undecided and check.id not in decided)
+
+    @property
     def still_undecided(self) -> Decimal:
-        """The undecided points of checks that no person has decided since, by themselves or by their criterion."""
-        by_hand = (AdjustmentKind.POINTS, AdjustmentKind.EXCUSED)
-        decided = {a.what for a in self.adjustments if a.kind in by_hand}
-        checks = (check for c in self.criteria if c.id not in decided for check in c.checks)
-        return sum((check.undecided for check in checks if check.id not in decided), Decimal(0))
+        """The points of the checks that are open."""
+        return sum((check.undecided for check in self.open_checks), Decimal(0))
+
+    @property
+    def rubric_sha256(self) -> str:
+        """Hash of the rubric that it was judged by; empty if that is not known."""
+        return self.provenance.get("rubric_sha256", "")
+
+
+# -- result.json -------------------------------------------------------------------------------
+
+
+@cache
+def _adapter() -> TypeAdapter[Result]:
+    return TypeAdapter(Result)
+
+
+def to_plain(result: Result) -> dict[str, Any]:
+    """Return a result as plain data of the schema `ros-lab-grader/result/v1`."""
+    plain: dict[str, Any] = _adapter().dump_python(result, mode="json", exclude_none=True)
+    plain["score"]["final"] = number(result.final)
+    return {"schema": RESULT_SCHEMA, **plain}
+
+
+def to_json(result: Result) -> str:
+    """Return `result.json`'s text; equal results give equal bytes."""
+    return json_text(to_plain(result))
+
+
+def read_result(plain: Any) -> Result:
+    """Read the plain data of `result.json`.
+
+    Keys that this version does not know are passed over, so that a later `result.json` can be read too.
+
+    Raises
+    ------
+    RecordingError
+        If the data is no result of this version.
+    """
+    try:
+        if not isinstance(plain, Mapping) or plain.get("schema") != RESULT_SCHEMA:
+            raise ValueError(f"its schema is not {RESULT_SCHEMA}")
+        return _adapter().validate_python(plain)
+    except ValidationError as problem:
+        first = problem.errors(include_url=False, include_input=False)[0]
+        words = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+    except ValueError as problem:
+        words = str(problem)
+    raise RecordingError(
+        "this is no result of this version of grade", remedy=f"Run `grade regrade` on the results folder. ({words})"
+    )
+
+
+def load_result(file: Path) -> Result:
+    """Read a file `result.json`.
+
+    Raises
+    ------
+    FileNotFoundError
+        If it is not there.
+    RecordingError
+        If it cannot be read, or is no result of this version.
+    """
+    try:
+        return read_result(json.loads(file.read_text(encoding="utf-8")))
+    except FileNotFoundError:
+        raise
+    except (OSError, ValueError, RecursionError) as problem:
+        raise RecordingError(
+            f"{file.name} cannot be read", where=str(file), remedy="Run `grade regrade` on the results folder."
+        ) from problem
+
+
+def result_of_text(text: str | None) -> Result | None:
+    """Return the result of a `result.json`'s text; None if there is none, or none of this version."""
+    try:
+        return None if text is None else read_result(json.loads(text))
+    except (RecordingError, ValueError, RecursionError):
+        return None
+
+
+def result_schema() -> dict[str, Any]:
+    """Return the JSON Schema of `result.json`, as it is written."""
+    schema = _adapter().json_schema(mode="serialization")
+    schema["properties"] = {"schema": {"const": RESULT_SCHEMA}, **schema["properties"]}
+    final = {"type": "number", "minimum": 0, "description": "Points with all adjustments."}
+    schema["$defs"]["Score"]["properties"]["final"] = final
+    for part in (schema, *schema["$defs"].values()):
+        if "properties" in part:  # What is not known is left out, not written as null; all else is always there.
+            nullable = {name for name, of in part["properties"].items() if {"type": "null"} in of.get("anyOf", ())}
+            part["required"] = [name for name in part["properties"] if name not in nullable]
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": RESULT_SCHEMA, **schema}

@@ -15,7 +15,8 @@ def score_check(spec: CheckSpec, finding: Finding) -> CheckResult:
     """Give a finding its points; what is undecided is neither earned nor lost."""
     undecided = Decimal(0) if finding.outcome.decided else spec.points
     earned = (spec.points * finding.credit).quantize(TENTH, ROUND_HALF_UP) if finding.outcome.decided else Decimal(0)
-    return CheckResult(spec.id, spec.title, spec.session, finding, earned, spec.points, undecided)
+    points = {"earned": earned, "possible": spec.points, "undecided": undecided}
+    return CheckResult.of(finding, id=spec.id, title=spec.title, session=spec.session, **points)
 
 
 def score_criteria(rubric: Rubric, findings: Mapping[str, Finding]) -> tuple[CriterionResult, ...]:
@@ -27,7 +28,7 @@ def score_criteria(rubric: Rubric, findings: Mapping[str, Finding]) -> tuple[Cri
             earned, possible, undecided = _sums(checks)
             criteria.append(
                 CriterionResult(
-                    criterion.id, criterion.title, criterion.description, checks, earned, possible, undecided
+                    criterion.id, criterion.title, earned, possible, undecided, checks, criterion.description
                 )
             )
     return tuple(criteria)

@@ -39,6 +39,7 @@ def read_submission(intake: Intake, rubric: Rubric) -> SubmissionRecord:
     """
     record = SubmissionRecord(name=intake.name, left_out=list(intake.left_out))
     record.student_id = intake.student_id
+    record.source = intake.source
     record.submitted_at = intake.submitted_at.isoformat() if intake.submitted_at is not None else None
     _collect_files(intake.folder, record)
     if not record.files:

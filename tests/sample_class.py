@@ -13,7 +13,7 @@ from typing import Any
 
 from grader.cohort.entries import ClassEntry, report_link
 from grader.judging import judge, open_recordings
-from grader.report.json import to_plain
+from grader.result import read_result, to_plain
 from grader.rubric import Rubric
 
 SOLUTION = Path(__file__).parent / "recordings/solution"
@@ -125,7 +125,9 @@ def sample_class(rubric: Rubric, number: int = 40, base: dict[str, Any] | None =
             text = (
                 "/joint_state_subscriber published 40 messages on /joint_states, which is the reference node's topic."
             )
-            result["violations"] = [{"kind": "publishes_on_reference_topic", "text": text, "certain": True}]
+            result["violations"] = [
+                {"kind": "publishes_on_reference_topic", "session": "subscriber", "text": text, "certain": True}
+            ]
         if n == 5:
             late = {
                 "kind": "late",
@@ -136,7 +138,7 @@ def sample_class(rubric: Rubric, number: int = 40, base: dict[str, Any] | None =
             result["adjustments"] = [late | {"who": "", "when": ""}]
         add_up(result)
         handed_in = DUE - timedelta(minutes=chance.randrange(9000)) + timedelta(days=n == 5 and 7)
-        entries.append(ClassEntry(name, result, "", report_link(name), handed_in, f"{4100000 + 37 * n}"))
+        entries.append(ClassEntry(name, read_result(result), "", report_link(name), handed_in, f"{4100000 + 37 * n}"))
     if number > 33:
         there_is_none = "There is nothing in it that the lab asks for: no joint_publisher.py, no joint_subscriber.py."
         entries[33] = ClassEntry(entries[33].name, None, there_is_none, "", entries[33].submitted_at, "4101221")

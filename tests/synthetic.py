@@ -96,9 +96,10 @@ class Session:
         *,
         sequence: Iterable[int] | None = None,
         latency_s: float = 0.0002,
+        type_hash: str = "",
     ) -> Session:
         """Record messages of numbers, published at the times given."""
-        channel = self._writer.add_channel(topic, FLOATS, "", DEFINITIONS[FLOATS], [RELIABLE])
+        channel = self._writer.add_channel(topic, FLOATS, type_hash, DEFINITIONS[FLOATS], [RELIABLE])
         numbers = sequence if sequence is not None else range(1, len(rows) + 1)
         for row, time_s, number in zip(rows, times_s, numbers, strict=True):
             self._writer.write(

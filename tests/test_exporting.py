@@ -12,12 +12,13 @@ from pathlib import Path
 import pytest
 
 from grader.errors import GraderError
-from grader.exporting import ExportTarget, write_anew, write_exports
+from grader.exporting import ExportTarget, write_exports
 from grader.live.cells import Progress
 from grader.live_exports import LiveExports
 from grader.pipeline import RECORDINGS, RUBRIC_COPY, judge_results, lab_folder, read_rubric
+from grader.replacing import replace_file
 from grader.report.exports import EXPORTS
-from tests.report.exports.sample_results import every_outcome
+from tests.report.exports.sample_results import every_outcome, read
 
 SOLUTION = Path(__file__).resolve().parent / "recordings/solution"
 #: By when another process must have written a file; it takes a second.
@@ -70,7 +71,7 @@ def test_links_are_replaced_and_not_followed(tmp_path: Path) -> None:
     (tmp_path / "out.json").symlink_to(victim)
     (tmp_path / "pipe.json").symlink_to(tmp_path / "nowhere")
     for name in ("out.json", "pipe.json"):
-        write_anew(tmp_path / name, "new ü")
+        replace_file(tmp_path / name, "new ü")
         assert not (tmp_path / name).is_symlink()
         assert (tmp_path / name).read_text(encoding="utf-8") == "new ü"
     assert victim.read_text(encoding="utf-8") == "mine"
@@ -79,7 +80,7 @@ def test_links_are_replaced_and_not_followed(tmp_path: Path) -> None:
 def test_a_pipe_is_replaced_and_not_waited_for(tmp_path: Path) -> None:
     """A named pipe under the file's name does not block the grader."""
     os.mkfifo(tmp_path / "out.json")
-    write_anew(tmp_path / "out.json", "x")
+    replace_file(tmp_path / "out.json", "x")
     assert (tmp_path / "out.json").is_file()
 
 
@@ -87,7 +88,7 @@ def test_a_file_has_the_usual_rights(tmp_path: Path) -> None:
     """Other users may read it where the user's mask says so, since another step of the job reads it."""
     before = os.umask(0o022)
     try:
-        write_anew(tmp_path / "out.json", "x")
+        replace_file(tmp_path / "out.json", "x")
     finally:
         os.umask(before)
     assert (tmp_path / "out.json").stat().st_mode & 0o777 == 0o644
@@ -97,14 +98,14 @@ def test_what_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
     """If a folder has the name, it stays, and so does no half of a file."""
     (tmp_path / "out.json" / "x").mkdir(parents=True)
     with pytest.raises(OSError):
-        write_anew(tmp_path / "out.json", "x")
+        replace_file(tmp_path / "out.json", "x")
     assert [path.name for path in tmp_path.iterdir()] == ["out.json"]
 
 
 def test_files_are_told(tmp_path: Path) -> None:
     """Each file that was written is returned."""
     targets = [ExportTarget("junit"), ExportTarget("gradescope", str(tmp_path / "g.json"))]
-    assert write_exports(targets, every_outcome(), tmp_path) == [tmp_path / "junit.xml", tmp_path / "g.json"]
+    assert write_exports(targets, read(every_outcome()), tmp_path) == [tmp_path / "junit.xml", tmp_path / "g.json"]
 
 
 # -- while a submission is being graded ------------------------------------------------------------

@@ -89,7 +89,7 @@ def test_judging_any_text(text: str, solution: Recordings, rubric: Rubric) -> No
     texts = dict.fromkeys(submission.texts, TEXTS[text])
     changed = dataclasses.replace(solution, submission=dataclasses.replace(submission, texts=texts))
     result = judge(changed, rubric)
-    findings = {check.id: check.finding for criterion in result.criteria for check in criterion.checks}
+    findings = {check.id: check for criterion in result.criteria for check in criterion.checks}
     assert not [name for name, finding in findings.items() if finding.outcome is Outcome.ERROR]
     assert findings["publisher.rate"].outcome is Outcome.PASSED
     report_page(result, changed, rubric).encode()

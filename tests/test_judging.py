@@ -16,16 +16,13 @@ import pytest
 
 from grader.batch.expectations import Verdict, compare, load_fixture
 from grader.checks import REGISTRY, Check
-from grader.cohort.finished import finished
 from grader.errors import RecordingError
 from grader.judging import Recordings, judge, judge_checks, open_recordings
 from grader.pipeline import read_rubric, undecided_sessions
 from grader.recording.session import OutputLine, SessionRecord, Usage, read_session, write_session
 from grader.recording.submission import SUBMISSION_FILE, read_submission, write_submission
-from grader.report import json as result_json
-from grader.report.json import to_plain
-from grader.result import CheckResult, Outcome, Result, Score
-from grader.rubric import Rubric
+from grader.result import CheckResult, Outcome, Result, Score, to_json
+from grader.rubric import CheckSpec, Rubric
 
 ROOT = Path(__file__).resolve().parents[1]
 KEPT = ROOT / "tests/recordings"
@@ -70,13 +67,13 @@ def test_the_solution_has_all_points(solution: Recordings, rubric: Rubric) -> No
     result = judge(solution, rubric)
     assert result.score == Score(Decimal(100), Decimal(100), Decimal(0))
     assert result.problems == ()
-    assert {check.finding.outcome for check in checks_of(result).values()} == {Outcome.PASSED}
+    assert {check.outcome for check in checks_of(result).values()} == {Outcome.PASSED}
 
 
 @pytest.mark.parametrize("name", FIXTURES)
 def test_a_kept_fixture_gets_its_verdict(name: str, rubric: Rubric) -> None:
     """A fixture loses points where its expected.yaml says, and nowhere else."""
-    result = finished(to_plain(judge(open_recordings(KEPT / name, rubric), rubric)))
+    result = judge(open_recordings(KEPT / name, rubric), rubric)
     assert result is not None
     assert compare(load_fixture(ROOT / "fixtures" / name).expectation, result, rubric) == Verdict((), undecided=False)
 
@@ -86,8 +83,8 @@ def test_each_lost_point_shows_its_proof(name: str, rubric: Rubric) -> None:
     """What loses points says what was expected, what was measured, why, and how to mend it."""
     result = judge(open_recordings(KEPT / name, rubric), rubric)
     for check in checks_of(result).values():
-        if check.finding.outcome in (Outcome.FAILED, Outcome.PARTIAL):
-            finding = check.finding
+        if check.outcome in (Outcome.FAILED, Outcome.PARTIAL):
+            finding = check
             assert finding.expected, check.id
             assert finding.measured, check.id
             assert finding.reason, check.id
@@ -98,7 +95,7 @@ def test_a_typo_in_a_topic_is_charged_once(rubric: Rubric) -> None:
     """All but the name is judged on the topic that the student used."""
     result = judge(open_recordings(KEPT / "wrong_topic", rubric), rubric)
     publisher = result.criteria[0]
-    outcomes = {check.id: check.finding.outcome for check in publisher.checks}
+    outcomes = {check.id: check.outcome for check in publisher.checks}
     assert outcomes.pop("publisher.publishes") is Outcome.PARTIAL
     assert set(outcomes.values()) == {Outcome.PASSED}
 
@@ -107,9 +104,9 @@ def test_a_missing_file_is_charged_at_its_first_check(rubric: Rubric) -> None:
     """The first check says which file, and all others that they could not be reached."""
     checks = checks_of(judge(open_recordings(KEPT / "missing_service_file", rubric), rubric))
     service = [check for name, check in checks.items() if name.startswith("service.")]
-    assert "no robot_service.py" in service[0].finding.reason
-    assert {check.finding.outcome for check in service[1:]} == {Outcome.NOT_REACHED}
-    assert all("Offers the service" in check.finding.reason for check in service[1:])
+    assert "no robot_service.py" in service[0].reason
+    assert {check.outcome for check in service[1:]} == {Outcome.NOT_REACHED}
+    assert all("Offers the service" in check.reason for check in service[1:])
 
 
 def test_only_sessions_that_were_asked_for_are_judged(rubric: Rubric) -> None:
@@ -123,7 +120,7 @@ def test_only_sessions_that_were_asked_for_are_judged(rubric: Rubric) -> None:
 
 def rendered(folder: Path, rubric: Rubric) -> str:
     """Give the result of a folder of recordings as its file holds it."""
-    return result_json.render(judge(open_recordings(folder, rubric), rubric))
+    return to_json(judge(open_recordings(folder, rubric), rubric))
 
 
 @pytest.mark.parametrize("name", [SOLUTION.name, "wrong_topic", "qos_invented_numbers"])
@@ -137,10 +134,10 @@ import sys
 from pathlib import Path
 from grader.judging import judge, open_recordings
 from grader.pipeline import read_rubric
-from grader.report import json as result_json
+from grader.result import to_json
 rubric = read_rubric(None)
 for name in sys.argv[2:]:
-    sys.stdout.write(result_json.render(judge(open_recordings(Path(sys.argv[1], name), rubric), rubric)))
+    sys.stdout.write(to_json(judge(open_recordings(Path(sys.argv[1], name), rubric), rubric)))
 """
 
 
@@ -177,9 +174,27 @@ def test_a_check_that_breaks_costs_nothing(
     mine = [spec for spec in rubric.checks() if spec.check == check]
     assert lost(result) == 0
     assert result.score.undecided >= sum(spec.points for spec in mine)
-    reasons = [checks_of(result)[spec.id].finding for spec in mine]
+    reasons = [checks_of(result)[spec.id] for spec in mine]
     assert {f.outcome for f in reasons} <= {Outcome.ERROR, Outcome.INCONCLUSIVE}
     assert "ZeroDivisionError: inside" in reasons[0].reason
+
+
+@pytest.mark.parametrize("field", ["position", "layout", "layout.data_offset", "data.0"])
+@pytest.mark.parametrize("check", ["message_values", "sinusoids", "reported_series", "report_share"])
+def test_a_field_that_holds_no_numbers_is_a_mistake_of_the_rubric(
+    check: str, field: str, solution: Recordings, rubric: Rubric
+) -> None:
+    """A field that a type does not have, or that is no row of numbers, costs nobody points."""
+
+    def mistaken(spec: CheckSpec) -> CheckSpec:
+        other = spec.parameters.model_copy(update={"field": field}) if spec.check == check else spec.parameters
+        return spec.model_copy(update={"parameters": other})
+
+    criteria = tuple(c.model_copy(update={"checks": tuple(map(mistaken, c.checks))}) for c in rubric.criteria)
+    findings = judge_checks(solution, dataclasses.replace(rubric, criteria=criteria))
+    outcomes = {findings[spec.id].outcome for spec in rubric.checks() if spec.check == check}
+    assert outcomes == {Outcome.ERROR}
+    assert any(f"'{field}'" in finding.reason for finding in findings.values())
 
 
 @pytest.mark.parametrize("session", ["publisher", "subscriber", "service", "launch", "qos"])
@@ -235,6 +250,18 @@ def test_a_program_that_was_refused_a_thread_is_looked_at_twice_again(copy: Path
         assert lost(judge(open_recordings(copy, rubric), rubric)) == points
 
 
+def test_what_a_program_can_bring_about_is_not_undecided_for_ever(copy: Path, rubric: Rubric) -> None:
+    """A subscriber whose node is asked for and never seen has failed in the third recording, whichever is kept."""
+    record = unseen(read_session(copy / "subscriber"))
+    record.claims = read_session(copy / "subscriber").claims
+    for attempt, attempts, decided in ((1, 0, False), (2, 2, False), (3, 0, True), (1, 3, True)):
+        kept = dataclasses.replace(record, attempt=attempt, attempts=attempts)
+        write_session(copy / "subscriber", kept)
+        finding = judge_checks(open_recordings(copy, rubric), rubric)["subscriber.receives"]
+        assert finding.outcome is (Outcome.FAILED if decided else Outcome.INCONCLUSIVE)
+        assert ("The session was recorded 3 times" in finding.reason) == decided
+
+
 @pytest.mark.parametrize("how", [killed, unseen])
 def test_what_may_be_chance_costs_nothing_until_it_is_seen_again(
     copy: Path, rubric: Rubric, how: Callable[[SessionRecord], SessionRecord]
@@ -256,7 +283,7 @@ def test_a_node_that_a_limit_kept_from_the_graph_is_not_waited_for_again(copy: P
     write_session(copy / "subscriber", record)
     recordings = open_recordings(copy, rubric)
     assert undecided_sessions(judge(recordings, rubric), list(rubric.sessions)) == []
-    finding = checks_of(judge(recordings, rubric))["subscriber.receives"].finding
+    finding = checks_of(judge(recordings, rubric))["subscriber.receives"]
     assert finding.outcome is Outcome.FAILED
     assert "(limit: processes)" in finding.reason
 
@@ -271,8 +298,8 @@ def test_what_hangs_on_an_undecided_check_is_undecided(
 
     monkeypatch.setitem(REGISTRY, "topic_published", Check(REGISTRY["topic_published"].parameters, broken))
     checks = checks_of(judge(solution, rubric))
-    assert checks["publisher.rate"].finding.outcome is Outcome.INCONCLUSIVE
-    assert "Publishes joint commands" in checks["publisher.rate"].finding.reason
+    assert checks["publisher.rate"].outcome is Outcome.INCONCLUSIVE
+    assert "Publishes joint commands" in checks["publisher.rate"].reason
 
 
 def test_a_check_that_fails_lets_those_that_require_it_rest(rubric: Rubric) -> None:
@@ -292,10 +319,10 @@ def test_a_missing_artifact_is_the_students_even_without_a_recording(copy: Path,
     record.left_out = ["old/notes.txt: not readable", "old/robot_service.py: not readable"]
     write_submission(copy, record)
     checks = checks_of(judge(open_recordings(copy, rubric), rubric))
-    assert checks["service.offers"].finding.outcome is Outcome.FAILED
+    assert checks["service.offers"].outcome is Outcome.FAILED
     reason = "There is no robot_service.py in the submission. Left out was old/robot_service.py: not readable."
-    assert checks["service.offers"].finding.reason == reason
-    assert checks["service.enables"].finding.outcome is Outcome.NOT_REACHED
+    assert checks["service.offers"].reason == reason
+    assert checks["service.enables"].outcome is Outcome.NOT_REACHED
 
 
 def waited(record: SessionRecord, delay_s: float, cpu_s: float = 0.2) -> SessionRecord:
@@ -339,7 +366,7 @@ def test_nothing_that_goes_by_the_clock_is_charged_where_that_was_set(
     write_session(copy / "qos", record)
     result = judge(open_recordings(copy, rubric), rubric)
     assert (lost(result) > 0) == costs
-    outcome = checks_of(result)["qos.runs"].finding.outcome
+    outcome = checks_of(result)["qos.runs"].outcome
     assert outcome is (Outcome.PARTIAL if costs else Outcome.INCONCLUSIVE)
 
 
@@ -376,12 +403,12 @@ def test_judging_and_reporting_load_neither_ros_nor_processes() -> None:
         "from pathlib import Path\n"
         "from grader.judging import judge, open_recordings\n"
         "from grader.pipeline import read_rubric, report_page\n"
-        "from grader.report import html, json\n"
+        "from grader.report import html\nfrom grader.result import to_json\n"
         "rubric = read_rubric(None)\n"
         "recordings = open_recordings(Path(sys.argv[1]), rubric)\n"
         "result = judge(recordings, rubric)\n"
         "assert result.score.earned == 100\n"
-        "report_page(result, recordings, rubric), json.render(result)\n"
+        "report_page(result, recordings, rubric), to_json(result)\n"
         "print(*sorted(set(sys.modules) - before))\n"
     )
     command = [sys.executable, "-c", code, str(SOLUTION)]

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from grader import pipeline
+from grader.cohort.overrides import Overrides
 from grader.errors import GraderError, RubricError
 from grader.judging import judge, open_recordings
 from grader.recording.session import read_session, write_session
@@ -177,14 +178,15 @@ def test_a_recording_that_leaves_more_undecided_does_not_take_the_place_of_anoth
 ) -> None:
     """On a machine that is busier the second time, the first recording counts; else the second does."""
     recordings = results / pipeline.RECORDINGS
-    before = judge(open_recordings(recordings, rubric), rubric)
+    before = pipeline.judgement_of(recordings, rubric, Overrides())
     pipeline.set_aside(recordings, ["publisher", "not recorded"])
     second = dataclasses.replace(read_session(recordings / "publisher"), attempt=2, complete=again == "sound")
     shutil.copytree(recordings / "publisher", recordings / "new")
     write_session(recordings / "new", second)
     shutil.rmtree(recordings / "publisher")
     (recordings / "new").rename(recordings / "publisher")
-    recorded, result = pipeline.keep_clearer(recordings, rubric, ["publisher", "not recorded"], before)
-    assert result.score == before.score
-    assert recorded.sessions["publisher"].record.attempt == kept
+    after = pipeline.keep_clearer(recordings, rubric, ["publisher", "not recorded"], before, Overrides())
+    assert after.result.score == before.result.score
+    assert read_session(recordings / "publisher").attempt == kept
+    assert read_session(recordings / "publisher").times_recorded == 2
     assert not list(recordings.glob(".*"))

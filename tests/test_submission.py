@@ -174,7 +174,8 @@ def test_an_archive_is_read_as_its_folder(folder: Path, rubric: Rubric) -> None:
     assert packed.submitted_at is not None
     newest = max(path.stat().st_mtime for path in folder.iterdir())
     assert abs(datetime.fromisoformat(packed.submitted_at).timestamp() - newest) <= 2  # the resolution of zip
-    packed.submitted_at = None
+    assert (packed.source, direct.source) == (str(folder.with_suffix(".zip")), "")
+    packed.submitted_at, packed.source = None, ""
     assert packed == direct
 
 

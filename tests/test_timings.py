@@ -47,13 +47,13 @@ def test_a_stage_that_fails_is_measured_too() -> None:
 
 def _watch() -> Stopwatch:
     watch = Stopwatch()
-    watch.stages[:] = [Stage("judging", 1.0, 3.0, 1.5), Stage("report", 2.0, 3.0, 0.5)]
+    watch.stages[:] = [Stage("staging", 1.0, 3.0, 1.0), Stage("judging", 3.0, 4.0, 0.5)]
     watch.cells = [CellRun("publisher", 0.0, 7.0), CellRun("publisher", 0.5, 8.0)]
     return watch
 
 
-def test_what_lies_within_another_stage_counts_once() -> None:
-    """The report is a part of judging; the student's CPU time is not the grader's."""
+def test_the_students_cpu_time_is_not_the_graders() -> None:
+    """The stages and the processes that were waited for make up the grader's time, but for the student's own."""
     sessions = {"publisher": {"cpu_s": {"student": 2.0, "reference": 0.25, "grader": 0.5}}}
     assert own_cpu_s(_watch()) == 1.5
     assert "the student's processes 2.00 s, the grader's 3.50 s (with" in cpu_sentence(_watch(), sessions, 4.0)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import Any
 
 import grader
 from grader.cohort.changes import Changes, changes_between, plain_changes
+from grader.result import Result, read_result, result_of_text
 
 AUDIT_FILE = "audit.jsonl"
 HISTORY = "history"
@@ -36,17 +36,6 @@ class Occasion:
     at: datetime
     command: str
     overrides_sha256: str = ""
-
-
-def read_result(text: str | None) -> dict[str, Any] | None:
-    """Return the plain data of a `result.json`'s text; None if it is none."""
-    if text is None:
-        return None
-    try:
-        plain = json.loads(text)
-    except (ValueError, RecursionError):
-        return None
-    return plain if isinstance(plain, dict) else None
 
 
 def text_of(path: Path) -> str | None:
@@ -71,15 +60,15 @@ def note_replaced(results: Path, name: str, before: str | None, after: str, occa
 
     Raises
     ------
-    ValueError
+    RecordingError
         If `after` is no result.
     """
-    old, new = read_result(before), read_result(after) or {}
+    old, new = result_of_text(before), read_result(json.loads(after))
     changes = changes_between(old, new)
-    adjusted = changes.before is None and new.get("adjustments")
+    adjusted = changes.before is None and new.adjustments
     if (changes.before is not None and before != after) or adjusted:
         kept = _keep(results, name, before) if before is not None and changes.before is not None else None
-        line = _line(name, (before, after), (old or {}, new), changes, kept, occasion)
+        line = _line(name, (before, after), (old, new), changes, kept, occasion)
         with (results / AUDIT_FILE).open("a", encoding="utf-8", newline="\n") as trail:
             trail.write(json.dumps(line, ensure_ascii=True) + "\n")
     return changes
@@ -98,7 +87,7 @@ def _keep(results: Path, name: str, text: str) -> str:
 def _line(
     name: str,
     texts: tuple[str | None, str],
-    results: tuple[Mapping[str, Any], Mapping[str, Any]],
+    results: tuple[Result | None, Result],
     changes: Changes,
     kept: str | None,
     occasion: Occasion,
@@ -110,16 +99,11 @@ def _line(
         "grader": grader.__version__,
         "submission": name,
         "overrides_sha256": occasion.overrides_sha256 or None,
-        "rubric_sha256": [_rubric(result) for result in results],
+        "rubric_sha256": [result.rubric_sha256 if result is not None else None for result in results],
         "result_sha256": [_sha256(text) if text is not None else None for text in texts],
         "kept": kept,
         **plain_changes(changes),
     }
-
-
-def _rubric(result: Mapping[str, Any]) -> str | None:
-    provenance = result.get("provenance")
-    return str(provenance.get("rubric_sha256")) if isinstance(provenance, Mapping) else None
 
 
 def _sha256(text: str) -> str:

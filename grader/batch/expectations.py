@@ -10,11 +10,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
-from grader.cohort.finished import FinishedCheck, FinishedResult
 from grader.errors import SubmissionError
-from grader.lined_yaml import Strict, cannot_be_read, parse_yaml
-from grader.result import Outcome
+from grader.result import CheckResult, Outcome, Result
 from grader.rubric import Rubric
+from grader.yaml_with_lines import Strict, cannot_be_read, parse_yaml
 
 EXPECTED_FILE = "expected.yaml"
 
@@ -211,7 +210,7 @@ class Verdict:
     undecided: bool
 
 
-def compare(expectation: Expectation, result: FinishedResult, rubric: Rubric) -> Verdict:
+def compare(expectation: Expectation, result: Result, rubric: Rubric) -> Verdict:
     """Say in which points a result differs from what is expected."""
     differences: list[str] = []
     undecided = False
@@ -236,8 +235,8 @@ def compare(expectation: Expectation, result: FinishedResult, rubric: Rubric) ->
 
 
 def _asserted(
-    criterion: str, expected: ExpectedCriterion, checks: tuple[FinishedCheck, ...], rubric: Rubric
-) -> list[tuple[FinishedCheck, ExpectedCheck]]:
+    criterion: str, expected: ExpectedCriterion, checks: tuple[CheckResult, ...], rubric: Rubric
+) -> list[tuple[CheckResult, ExpectedCheck]]:
     """Pair each check that the fixture speaks of with what it expects."""
     by_files = {check.id for check in rubric.checks() if check.session is None}
     whole = all(check.session is None for c in rubric.criteria if c.id == criterion for check in c.checks)
@@ -249,7 +248,7 @@ def _asserted(
     ]
 
 
-def _differences(check: FinishedCheck, wanted: ExpectedCheck) -> list[str]:
+def _differences(check: CheckResult, wanted: ExpectedCheck) -> list[str]:
     found = []
     if check.outcome.value != wanted.outcome:
         found.append(f"{check.id} is {_word(check.outcome.value)}, not {_word(wanted.outcome)}: {_said(check)}")
@@ -263,7 +262,7 @@ def _differences(check: FinishedCheck, wanted: ExpectedCheck) -> list[str]:
     return found
 
 
-def _said(check: FinishedCheck) -> str:
+def _said(check: CheckResult) -> str:
     return " | ".join(part for part in (check.measured, check.reason) if part)
 
 

@@ -5,17 +5,15 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import grader
 from grader.intake import Intake
+from grader.kept_lab import named_files
 from grader.pipeline import Options, versions
 from grader.rubric import Rubric
-
-_ORACLE = re.compile(r"(.+\.py):\w+")
 
 
 def engine_sha256() -> str:
@@ -26,16 +24,19 @@ def engine_sha256() -> str:
     return _sha256_of(stated, sorted(ours.items()))
 
 
-def lab_files(rubric: Rubric) -> dict[str, Path]:
+def lab_files(rubric: Rubric, *, figures: bool = True) -> dict[str, Path]:
     """Return the files beside a rubric that a grading by it may use, by their path relative to the rubric's folder.
 
     These are the reference programs and oracles, with all else in their folders.
+
+    Parameters
+    ----------
+    figures : bool
+        Whether those count that only figures name.
     """
-    named = [spec.file for spec in rubric.reference.values()]
-    for check in rubric.checks():
-        named += [found[1] for text in _texts_in(check.parameters.model_dump()) if (found := _ORACLE.fullmatch(text))]
     files = {}
-    for folder in {(rubric.folder / name).parent for name in named if (rubric.folder / name).is_file()}:
+    named = (rubric.folder / name for name in named_files(rubric, figures=figures))
+    for folder in {path.parent for path in named if path.is_file()}:
         for name, path in _files_below(folder):
             # Of the rubric's own folder, which may be anybody's home, only what lies in it.
             if folder != rubric.folder or "/" not in name:
@@ -44,8 +45,8 @@ def lab_files(rubric: Rubric) -> dict[str, Path]:
 
 
 def lab_sha256(rubric: Rubric) -> str:
-    """Return the hash of a rubric with its reference programs and oracles."""
-    return _sha256_of(rubric.sha256, list(lab_files(rubric).items()))
+    """Return the hash of a rubric with its reference programs and oracles; no points depend on figures."""
+    return _sha256_of(rubric.sha256, list(lab_files(rubric, figures=False).items()))
 
 
 def submission_sha256(intake: Intake) -> str:
@@ -96,12 +97,3 @@ def _files_below(folder: Path) -> Iterator[tuple[str, Path]]:
             path = Path(root) / name
             if path.is_file() and not path.is_symlink():
                 yield path.relative_to(folder).as_posix(), path
-
-
-def _texts_in(value: Any) -> Iterator[str]:
-    if isinstance(value, str):
-        yield value
-    elif isinstance(value, dict):
-        yield from (text for part in value.values() for text in _texts_in(part))
-    elif isinstance(value, (list, tuple)):
-        yield from (text for part in value for text in _texts_in(part))

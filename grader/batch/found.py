@@ -21,7 +21,7 @@ workspace are (`src`, `launch`, `old`), or one of several that are numbered (`ta
 8. One submission.
 
 Where this is wrong, `Shape.ONE` and `Shape.EACH` say what is meant. Hidden files and folders, those of tools, tables
-and earlier results are passed over; files that belong to nobody are told.
+are passed over; earlier results (without any of the lab's files), and files that belong to nobody, are told.
 """
 
 from __future__ import annotations
@@ -40,6 +40,7 @@ from functools import cached_property
 from itertools import chain, islice
 from pathlib import Path, PurePosixPath
 
+from grader.batch.audit import AUDIT_FILE, HISTORY
 from grader.batch.class_list import Listed, read_class_list
 from grader.batch.downloads import (
     GRADESCOPE_FILE,
@@ -52,11 +53,25 @@ from grader.batch.downloads import (
     read_sakai_time,
     recognised,
 )
+from grader.batch.journal import JOURNAL_FILE
 from grader.batch.last_commit import last_commit_time
+from grader.cohort.overrides import OVERRIDES_FILE
 from grader.errors import SubmissionError
 from grader.intake import Handed, Piece, names_in, text_of, texts_in
 from grader.intake.members import is_folder
 from grader.intake.names import TOOL_FOLDERS, displayed, is_archive, is_litter, is_packed, without_archive_suffix
+from grader.kept_lab import KEPT
+from grader.pipeline import (
+    ANONYMOUS_GRADES_FILE,
+    ANONYMOUS_PAGE,
+    CLASS_PAGE,
+    GRADES_FILE,
+    RECORDINGS,
+    REPORT_FILE,
+    RESULT_FILE,
+    RUBRIC_COPY,
+)
+from grader.report.changes import CHANGES_FILE
 from grader.rubric import Rubric
 
 #: Names in one submission that are looked at to tell what it is.
@@ -67,6 +82,11 @@ _MOST_ENTRIES = 1_000_000
 #: Folders within each other that hold nothing else.
 _MOST_WRAPPERS = 4
 _MOST_NAME_BYTES = 120
+#: What lies among results, or in those of one submission, and is no submission's folder.
+TAKEN_NAMES = frozenset(
+    {JOURNAL_FILE, CLASS_PAGE, GRADES_FILE, OVERRIDES_FILE, "overrides.yml", CHANGES_FILE, AUDIT_FILE, HISTORY}
+    | {RECORDINGS, RUBRIC_COPY, KEPT, RESULT_FILE, REPORT_FILE, ANONYMOUS_PAGE, ANONYMOUS_GRADES_FILE}
+)
 
 _PART = re.compile(
     r"src|sources?|code|launch|config|params?|scripts?|nodes?|packages?|include|resource|msg|srv"
@@ -191,6 +211,12 @@ class _Place:
         return f"{self.path}: {displayed(self.within)}" if self.within else str(self.path)
 
     @property
+    def source(self) -> str:
+        """Where it lies, the same however the path was typed."""
+        path = os.path.realpath(self.path)
+        return f"{path}: {self.within}" if self.within else path
+
+    @property
     def is_repository(self) -> bool:
         return any(file.startswith(".git/") for file in self.files)
 
@@ -224,7 +250,7 @@ class _Place:
         if self.within is not None:
             members = {self.within + file: file for file in files}
             return {members[m]: text for m, text in texts_in(self.path, members, _MOST_NOTES_BYTES).items()}
-        read = {file: text_of(self.path / file, _MOST_NOTES_BYTES) for file in files}
+        read = {file: text_of(self.path, file, _MOST_NOTES_BYTES) for file in files}
         return {file: text for file, text in read.items() if text is not None}
 
     def piece(self, entry: str = "", *, is_folder: bool = True, name: str = "") -> Piece:
@@ -293,7 +319,7 @@ class _Finding:
                 self._refuse_packed_class(place)
             self._add(_handed(place, place.piece()), place.name)
             self.understood.append(f"{place.where}: one submission")
-        elif (download := recognised(students.entries)) is not None:
+        elif not students.is_repository and (download := recognised(students.entries)) is not None:
             self._add_download(students, download)
         else:
             self._add_each(students)
@@ -335,7 +361,10 @@ class _Finding:
 
     def _is_collection(self, place: _Place, entries: Mapping[str, bool]) -> bool | None:
         """Apply the rules that are stated above; None if none applies."""
-        if recognised(entries) is not None:
+        own = self._artifacts(name for name, folder in entries.items() if not folder)
+        # What a system writes beside submissions lies in no repository, and beside no student's files.
+        download = recognised(entries)
+        if download is not None and not place.is_repository and not (own and download.own):
             return True
         folders = [name for name, folder in entries.items() if folder]
         held = {name: self._artifacts(place.below(name).files) for name in folders}
@@ -345,7 +374,6 @@ class _Finding:
         archives = [name for name, folder in entries.items() if not folder and is_packed(name)]
         sealed = [name for name in folders if name not in parts and _holds_archives_only(place.below(name).files)]
         named_so = _COLLECTION.search(place.name) is not None
-        own = self._artifacts(name for name, folder in entries.items() if not folder)
         alike = any(count > 1 for count in Counter(chain.from_iterable(students)).values())
         if (place.is_repository or own) and not (named_so and alike):
             return False
@@ -371,17 +399,24 @@ class _Finding:
     def _add_each(self, place: _Place) -> None:
         before = len(self.submissions)
         for name, folder in place.entries.items():
-            if folder and not any(file.endswith(_RESULT) for file in place.below(name).files):
+            if folder and self._is_earlier_result(place.below(name)):
+                self.not_understood.append(f"{place.where}: {displayed(name)}: results of an earlier grading")
+            elif folder:
                 folder_of = self._last_version(place.below(name))
                 self._add(_handed(folder_of, folder_of.piece()), name)
                 self._name_clone(place, name)
             elif not folder and is_packed(name):
-                handed = Handed("", (place.piece(name, is_folder=False),), where=f"{place.where}: {displayed(name)}")
-                self._add(handed, without_archive_suffix(name))
+                piece = place.piece(name, is_folder=False)
+                where, source = f"{place.where}: {displayed(name)}", f"{place.source}/{name}"
+                self._add(Handed("", (piece,), where=where, source=source), without_archive_suffix(name))
             elif not folder and not is_table(name):
                 self.not_understood.append(f"{place.where}: {displayed(name)}: neither a folder nor an archive")
         count = len(self.submissions) - before
         self.understood.append(f"{place.where}: {count:,} submission{'' if count == 1 else 's'}")
+
+    def _is_earlier_result(self, place: _Place) -> bool:
+        """Whether a folder holds results, and none of the lab's files, which a student may keep beside such."""
+        return any(file.endswith(_RESULT) for file in place.files) and not self._artifacts(place.files)
 
     def _last_version(self, place: _Place) -> _Place:
         """Return the last of the folders `Version 1`, `Version 2`, ... that Microsoft Teams makes, if it holds such."""
@@ -417,7 +452,8 @@ class _Finding:
             handed = self._delivered(place, entries)
             named = student if student == student_id or not student_id else f"{student}_{student_id}"
             told = f"{place.where}: {displayed(named)}"
-            self._add(replace(handed, student=student, student_id=student_id or None, where=told), named)
+            handed = replace(handed, student=student, student_id=student_id or None, where=told, source=place.source)
+            self._add(handed, named)
         count = len(students)
         amount = f"{count:,} submission{'' if count == 1 else 's'}"
         self.understood.append(f"{place.where}: {download.system}'s download of {amount}")
@@ -494,7 +530,7 @@ def _handed(place: _Place, piece: Piece) -> Handed:
         inner = [place.path / folders[0]] if len(folders) == 1 else []
         time = next((found for folder in (place.path, *inner) if (found := last_commit_time(folder))), None)
         time = None if time is not None and time > datetime.now(timezone.utc) else time
-    return Handed("", (piece,), submitted_at=time, where=place.where)
+    return Handed("", (piece,), submitted_at=time, where=place.where, source=place.source)
 
 
 # -- names -----------------------------------------------------------------------------------------
@@ -521,11 +557,12 @@ def _origin(handed: Handed) -> str:
 
 
 def _uniquely_named(submissions: Sequence[Handed]) -> list[Handed]:
-    """Drop what was given twice, and tell those of the same name apart."""
+    """Drop what was given twice, and tell those of the same name apart, and from what else lies among results."""
     distinct = list({(_origin(handed), handed.name): handed for handed in reversed(submissions)}.values())[::-1]
     names = Counter(handed.name.casefold() for handed in distinct)
+    unfit = {name for name, count in names.items() if count > 1} | TAKEN_NAMES
     return [
-        replace(handed, name=f"{handed.name}-{_mark(_origin(handed))}") if names[handed.name.casefold()] > 1 else handed
+        replace(handed, name=f"{handed.name}-{_mark(_origin(handed))}") if handed.name.casefold() in unfit else handed
         for handed in distinct
     ]
 
@@ -535,6 +572,7 @@ def _marked(before: Sequence[Handed], after: Sequence[Handed]) -> list[str]:
     plain = {_origin(handed): handed.name for handed in before}
     return [
         f"{handed.where}: called {handed.name}, since there is another {plain[_origin(handed)]}"
+        f"{' among results' if plain[_origin(handed)].casefold() in TAKEN_NAMES else ''}"
         for handed in after
         if plain[_origin(handed)] != handed.name
     ]

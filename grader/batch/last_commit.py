@@ -14,7 +14,7 @@ from contextlib import suppress
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
-from grader.intake.members import open_regular
+from grader.beneath import open_regular_beneath
 
 _MOST_BYTES = 1024 * 1024
 _MOST_PACKS = 100
@@ -58,8 +58,12 @@ def last_commit_time(folder: Path) -> datetime | None:
     return None
 
 
-def _content(path: Path) -> bytes:
-    with os.fdopen(open_regular(path), "rb") as file:
+def _opened(repository: Path, name: str) -> int:
+    return open_regular_beneath(repository.parent, f"{repository.name}/{name}")
+
+
+def _content(repository: Path, name: str) -> bytes:
+    with os.fdopen(_opened(repository, name), "rb") as file:
         content = file.read(_MOST_BYTES + 1)
     if len(content) > _MOST_BYTES:
         raise _UnreadableError
@@ -68,15 +72,15 @@ def _content(path: Path) -> bytes:
 
 def _head(repository: Path) -> str:
     """Return the object that HEAD means."""
-    head = _content(repository / "HEAD").decode("ascii", "replace").strip()
+    head = _content(repository, "HEAD").decode("ascii", "replace").strip()
     if not head.startswith("ref:"):
         return _object_name(head)
     branch = head.removeprefix("ref:").strip()
     if not _BRANCH.fullmatch(branch) or ".." in branch:
         raise _UnreadableError
     with suppress(OSError):
-        return _object_name(_content(repository / branch).decode("ascii", "replace").strip())
-    for line in _content(repository / "packed-refs").decode("utf-8", "replace").splitlines():
+        return _object_name(_content(repository, branch).decode("ascii", "replace").strip())
+    for line in _content(repository, "packed-refs").decode("utf-8", "replace").splitlines():
         if line.endswith(f" {branch}"):
             return _object_name(line.split(" ", 1)[0])
     raise _UnreadableError
@@ -90,14 +94,14 @@ def _object_name(text: str) -> str:
 
 def _commit(repository: Path, name: str) -> bytes:
     with suppress(FileNotFoundError):
-        header, _, content = _inflated(_content(repository / "objects" / name[:2] / name[2:])).partition(b"\0")
+        header, _, content = _inflated(_content(repository, f"objects/{name[:2]}/{name[2:]}")).partition(b"\0")
         if not header.startswith(b"commit "):
             raise _UnreadableError
         return content
-    packs = sorted((repository / "objects" / "pack").glob("*.idx"))[:_MOST_PACKS]
-    for index in packs:
-        if (offset := _offset_in_pack(index, bytes.fromhex(name))) is not None:
-            return _packed(index, offset, len(name) // 2)
+    packs = sorted(path.stem for path in (repository / "objects" / "pack").glob("*.idx"))[:_MOST_PACKS]
+    for pack in (f"objects/pack/{stem}" for stem in packs):
+        if (offset := _offset_in_pack(repository, pack, bytes.fromhex(name))) is not None:
+            return _packed(repository, pack, offset, len(name) // 2)
     raise _UnreadableError
 
 
@@ -115,9 +119,9 @@ def _read_at(file: int, offset: int, size: int) -> bytes:
     return content
 
 
-def _offset_in_pack(path: Path, name: bytes) -> int | None:
+def _offset_in_pack(repository: Path, pack: str, name: bytes) -> int | None:
     """Look an object up in a pack's index (version 2): a table by first byte, then names in order, then offsets."""
-    file = open_regular(path)
+    file = _opened(repository, f"{pack}.idx")
     try:
         if _read_at(file, 0, 8) != b"\xfftOc\0\0\0\2":
             raise _UnreadableError
@@ -142,9 +146,9 @@ def _offset(file: int, offsets: int, number: int, total: int) -> int:
     return offset
 
 
-def _packed(index: Path, offset: int, width: int) -> bytes:
+def _packed(repository: Path, pack: str, offset: int, width: int) -> bytes:
     """Read a commit out of a pack, resolving differences."""
-    file = open_regular(index.with_suffix(".pack"))
+    file = _opened(repository, f"{pack}.pack")
     try:
         deltas: list[bytes] = []
         while len(deltas) <= _MOST_DELTAS:
@@ -157,7 +161,7 @@ def _packed(index: Path, offset: int, width: int) -> bytes:
                 back, position = _backwards(head, position)
                 base = offset - back
             elif kind == _REFERENCE_DELTA:
-                base = _offset_in_pack(index, head[position : position + width]) or offset
+                base = _offset_in_pack(repository, pack, head[position : position + width]) or offset
                 position += width
             content = _inflated(head[position:])
             if kind == _COMMIT:

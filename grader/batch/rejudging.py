@@ -5,29 +5,27 @@ No result is touched before all have been judged.
 
 from __future__ import annotations
 
-import multiprocessing
+import json
 import os
-import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from grader import pipeline
-from grader.batch.audit import Occasion, note_replaced, read_result, text_of
+from grader.batch.audit import Occasion, note_replaced, text_of
 from grader.batch.order import NotGraded
+from grader.bounded import in_processes
 from grader.cohort.changes import Changes, changes_between
 from grader.cohort.overrides import Overrides
-from grader.errors import GraderError, RecordingError
+from grader.desk import made_from, uncounted_overrides
+from grader.errors import GraderError, RecordingError, UsageError
 from grader.judging import open_recordings
+from grader.kept_lab import kept_files
 from grader.replacing import replace_files, uninterrupted
-from grader.report import json as result_json
+from grader.result import read_result, result_of_text, to_json
 from grader.rubric import Rubric
 
-#: Below so many submissions, starting processes takes longer than judging here.
-_WORTH_PROCESSES = 8
 _NEW = ".new"
 _FILES = (pipeline.REPORT_FILE, pipeline.RESULT_FILE)
 
@@ -82,10 +80,17 @@ class Rejudging:
                 note_replaced(self.results, name, before, after, occasion)
 
     def remarks(self) -> list[str]:
-        """Say which overrides do nothing: those of no submission, and those of times where no time matters."""
+        """Say which overrides do nothing, and where other files of the lab judge than those it was recorded with."""
         names = [changes.submission for changes in self.changes.values()]
         late = any(rubric.policy.late is not None for rubric in self.rubrics.values())
-        return self.overrides.remarks([*names, *self.failed], times_matter=late)
+        told: dict[str, list[str]] = {}
+        for name in self.changes:
+            for remark in pipeline.lab_remarks(self.results / name, self.rubrics[name]):
+                told.setdefault(remark, []).append(name)
+        overrides = self.overrides.remarks([*names, *self.failed], times_matter=late)
+        ignored = uncounted_overrides(self.results, [made_from(self.results / name) for name in self.rubrics])
+        overrides += [ignored] if ignored is not None and not self.overrides.sha256 else []
+        return [*overrides, *(f"{', '.join(of)}: {remark}" for remark, of in told.items())]
 
 
 def rejudge(
@@ -94,6 +99,7 @@ def rejudge(
     overrides: Path | None,
     *,
     prepare: bool,
+    trusted: bool = False,
     jobs: int | None = None,
     on_judged: Callable[[str], None] = lambda name: None,
 ) -> Rejudging:
@@ -107,6 +113,8 @@ def rejudge(
         By default `overrides.yaml` in the folder, if there is one.
     prepare : bool
         Whether to write the new results beside the old, for `Rejudging.apply`.
+    trusted : bool
+        Whether files of the lab that came with the recordings may be executed though they are not known here.
     jobs : int, optional
         Processes side by side; as many as there are cores by default.
 
@@ -124,7 +132,7 @@ def rejudge(
             where=str(results),
             remedy="Give a folder of results, e.g. results/ for a class or results/alice for one submission.",
         )
-    measures, chosen, failed = _measures(results, folders, rubric, overrides)
+    measures, chosen, failed = _measures(results, folders, rubric, overrides, trusted=trusted)
     changes: dict[str, Changes] = {}
     try:
         for name, ending in _judged(measures, chosen, prepare, jobs):
@@ -154,28 +162,35 @@ def _discard(folders: Sequence[Path]) -> None:
 
 
 def _measures(
-    results: Path, folders: Sequence[Path], rubric: Path | None, overrides: Path | None
+    results: Path, folders: Sequence[Path], rubric: Path | None, overrides: Path | None, *, trusted: bool
 ) -> tuple[dict[str, Measure], dict[Path, str], dict[str, NotGraded]]:
     """Load each rubric once: all of them by their text, which one each folder is judged by, and which cannot be."""
+    sources = [made_from(folder) for folder in folders]
     measures: dict[str, Measure] = {}
     chosen: dict[Path, str] = {}
     failed: dict[str, NotGraded] = {}
     if rubric is not None:
-        whole = pipeline.read_rubric(rubric)
-        measures[""] = whole, pipeline.read_overrides(overrides, results, whole)
-        return measures, dict.fromkeys(folders, ""), failed
+        whole = pipeline.chosen_rubric(folders, rubric)
+        measures[""] = whole, pipeline.read_overrides(overrides, results, whole, sources)
+        for folder in folders:
+            try:
+                pipeline.require_lab(folder, whole)
+                chosen[folder] = ""
+            except UsageError as error:
+                failed[folder.name] = NotGraded.from_error(error)
+        return measures, chosen, failed
     for folder in folders:
         try:
             copy = pipeline.rubric_copy(folder)
-            text = copy.read_text(encoding="utf-8")
-            if text not in measures:
-                own = pipeline.read_rubric(copy)
-                measures[text] = own, Overrides()
-            chosen[folder] = text
+            # Equal texts are one rubric only with equal files beside them.
+            key = repr((copy.read_text(encoding="utf-8"), kept_files(copy)))
+            if key not in measures:
+                measures[key] = pipeline.recorded_rubric(copy, trusted=trusted), Overrides()
+            chosen[folder] = key
         except (GraderError, OSError, UnicodeDecodeError) as error:
             failed[folder.name] = NotGraded.from_error(error)
-    for text, (own, _) in measures.items():
-        measures[text] = own, pipeline.read_overrides(overrides, results, own)
+    for key, (own, _) in measures.items():
+        measures[key] = own, pipeline.read_overrides(overrides, results, own, sources)
     return measures, chosen, failed
 
 
@@ -183,71 +198,22 @@ def _judged(
     measures: Mapping[str, Measure], chosen: Mapping[Path, str], prepare: bool, jobs: int | None
 ) -> Iterator[tuple[str, Changes | NotGraded]]:
     """Judge each folder by its rubric, in any order."""
-    workers = min(jobs or _cores(), len(chosen))
-    if workers < 2 or len(chosen) < _WORTH_PROCESSES:
-        _begin(measures)
-        for folder, key in chosen.items():
-            yield folder.name, _judge(folder, key, prepare)
-        return
-    # A new interpreter each: a copy of this process would share its threads' locks.
-    context = multiprocessing.get_context("spawn")
-    with _one_thread_each(), ProcessPoolExecutor(workers, context, _begin_worker, (dict(measures),)) as pool:
-        waiting: dict[Future[Changes | NotGraded], str] = {
-            pool.submit(_judge, folder, key, prepare): folder.name for folder, key in chosen.items()
-        }
-        try:
-            for done in as_completed(waiting):
-                yield waiting[done], done.result()
-        except BrokenProcessPool as error:
-            raise GraderError(
-                "a process that judges ended without a word", remedy="Judge again with -j 1, to see which it is."
-            ) from error
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
+    works = {folder: partial(_judge, folder, measures[key], prepare) for folder, key in chosen.items()}
+    for folder, outcome in in_processes(works, pipeline.JUDGING_BOUND, jobs or _cores()):
+        yield folder.name, NotGraded.from_error(outcome) if isinstance(outcome, Exception) else outcome
 
 
 def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-_by: Mapping[str, Measure] = {}
-
-
-def _begin(measures: Mapping[str, Measure]) -> None:
-    global _by
-    _by = measures
-
-
-def _begin_worker(measures: Mapping[str, Measure]) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asked.
-    _begin(measures)
-
-
-def _judge(folder: Path, key: str, prepare: bool) -> Changes | NotGraded:
+def _judge(folder: Path, measure: Measure, prepare: bool) -> Changes:
     """Judge one folder; returns what changes."""
-    rubric, overrides = _by[key]
-    try:
-        recordings = open_recordings(folder / pipeline.RECORDINGS, rubric)
-        result = pipeline.judge_with_policy(recordings, rubric, overrides)
-        text = result_json.render(result)
-        if prepare:
-            page = pipeline.report_page(result, recordings, rubric)
-            replace_files({folder / (pipeline.REPORT_FILE + _NEW): page, folder / (pipeline.RESULT_FILE + _NEW): text})
-        return changes_between(read_result(text_of(folder / pipeline.RESULT_FILE)), read_result(text) or {})
-    except Exception as error:  # One that cannot be judged does not keep the others from it.
-        return NotGraded.from_error(error)
-
-
-@contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """Keep the linear algebra of each new process to one thread; the cores are taken by the processes."""
-    name = "OPENBLAS_NUM_THREADS"
-    before = os.environ.get(name)
-    os.environ[name] = "1"
-    try:
-        yield
-    finally:
-        if before is None:
-            del os.environ[name]
-        else:
-            os.environ[name] = before
+    rubric, overrides = measure
+    recordings = open_recordings(folder / pipeline.RECORDINGS, rubric)
+    result = pipeline.judge_with_policy(recordings, rubric, overrides)
+    text = to_json(result)
+    if prepare:
+        page = pipeline.report_page(result, recordings, rubric)
+        replace_files({folder / (pipeline.REPORT_FILE + _NEW): page, folder / (pipeline.RESULT_FILE + _NEW): text})
+    return changes_between(result_of_text(text_of(folder / pipeline.RESULT_FILE)), read_result(json.loads(text)))

@@ -15,24 +15,17 @@ from typing import Protocol
 from grader.batch import audit, fingerprint
 from grader.batch.admission import Admission
 from grader.batch.cluster import cluster
-from grader.batch.journal import JOURNAL_FILE, Entry, Journal
+from grader.batch.journal import Entry, Journal
 from grader.batch.one import make_durable
 from grader.batch.order import Ending, Graded, NotGraded, Order
 from grader.batch.supervised import Phase, grade_in_process
-from grader.cohort.overrides import OVERRIDES_FILE
 from grader.errors import RecordingError
 from grader.intake import Handed, taken_in
 from grader.live.cells import run_to_an_end
 from grader.live.isolation import Isolation, Level
 from grader.live.scratch import scratch_prefix
-from grader.pipeline import CLASS_PAGE, GRADES_FILE, RECORDINGS, REPORT_FILE, RESULT_FILE, Options
-from grader.report.changes import CHANGES_FILE
+from grader.pipeline import RECORDINGS, REPORT_FILE, RESULT_FILE, Options
 from grader.rubric import Rubric
-
-#: What else lies in a results folder, after which no submission can be called.
-_TAKEN_NAMES = frozenset(
-    {JOURNAL_FILE, CLASS_PAGE, GRADES_FILE, OVERRIDES_FILE, CHANGES_FILE, audit.AUDIT_FILE, audit.HISTORY}
-)
 
 
 @dataclass(frozen=True)
@@ -231,8 +224,6 @@ class ClassRun:
 
     async def _grade(self, task: _Task, site: Site, on_phase: Callable[[Phase], None]) -> Ending:
         name, now = task.handed.name, datetime.now(timezone.utc)
-        if name in _TAKEN_NAMES:
-            return NotGraded("no submission can have this name", name, "Rename it.")
         folder = self.journal.results / name
         before = audit.text_of(folder / RESULT_FILE)
         kept = self._entry(task, site) is not None

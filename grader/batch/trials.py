@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import time
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
@@ -15,10 +13,11 @@ from grader.batch.admission import Admission
 from grader.batch.expectations import Fixture, Verdict, compare
 from grader.batch.order import Graded, NotGraded, Order
 from grader.batch.supervised import Phase, grade_in_process
-from grader.cohort.finished import finished
+from grader.errors import RecordingError
 from grader.intake import Handed
 from grader.live.isolation import Isolation
 from grader.pipeline import RESULT_FILE, Options
+from grader.result import load_result
 from grader.rubric import Rubric
 
 
@@ -111,10 +110,9 @@ class Trials:
         return self._compared(fixture, results, ending)
 
     def _compared(self, fixture: Fixture, results: Path, graded: Graded) -> Trial:
-        result = None
-        with suppress(OSError, ValueError):
-            result = finished(json.loads((results / RESULT_FILE).read_text(encoding="utf-8")))
-        if result is None:
+        try:
+            result = load_result(results / RESULT_FILE)
+        except (OSError, RecordingError):
             return Trial(fixture, None, NotGraded("its result cannot be read", where=str(results)))
         verdict = compare(fixture.expectation, result, self.rubric)
         return Trial(fixture, verdict, None, graded.earned, graded.possible)

@@ -24,7 +24,7 @@ def with_checks(touched: Touched, recorded: Recorded, rubric: Rubric) -> Violati
     if not violation.certain:
         return violation
     specs = [spec for spec in rubric.checks() if spec.session == violation.session]
-    spoilt = tuple(spec.id for spec in specs if not touched.spoilt.isdisjoint(named(spec, recorded)))
+    spoilt = tuple(s.id for s in specs if touched.whole or not touched.spoilt.isdisjoint(named(s, recorded)))
     return replace(violation, checks=spoilt)
 
 

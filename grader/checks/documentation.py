@@ -10,7 +10,8 @@ from pathlib import PurePosixPath
 
 from pydantic import Field
 
-from grader.checks.finding import Context, Parameters, Pattern, Share, apart, failed, graded, inconclusive, percent
+from grader import references as ref
+from grader.checks.finding import Context, apart, failed, graded, inconclusive, percent
 from grader.evidence.markup import Document, read_markdown
 from grader.evidence.prose import (
     TopicWords,
@@ -21,6 +22,7 @@ from grader.evidence.prose import (
     source_passages,
 )
 from grader.evidence.source import SourceFacts, docstring_share, parse
+from grader.references import Parameters, Pattern, Share
 from grader.result import Finding, Where
 
 #: What a README is called in other languages.
@@ -83,15 +85,21 @@ def sources(context: Context, artifacts: tuple[str, ...]) -> list[SourceFacts]:
     return [_facts(path, texts[path]) for path in paths if path is not None and path in texts]
 
 
+class _OfFiles(Parameters):
+    """What is judged by files alone, without a recording."""
+
+    of_session = False
+
+
 class Part(Parameters):
     """What a README may call one part of the submission."""
 
-    artifact: str
+    artifact: ref.Artifact
     names: tuple[str, ...]
     synonyms: tuple[str, ...] = ()
 
 
-class Readme(Parameters):
+class Readme(_OfFiles):
     """The README says how to run the work (a part) and what each part of it does (a part each)."""
 
     parts: tuple[Part, ...]
@@ -104,7 +112,7 @@ def readme(context: Context, p: Readme) -> Finding:
     """Judge commands and descriptions; a bare list of names describes nothing."""
     # What was not handed in is charged where it is missing.
     parts = [part for part in p.parts if context.path_of(part.artifact) is not None] or list(p.parts)
-    expected = f"commands to run it ({p.run_weight:.0%}), and a description of each of {len(parts)} parts (the rest)"
+    expected = f"commands to run it ({p.run_weight:.0%}), and a description of {_parts(len(parts))} (the rest)"
     documents = readmes(context)
     if not documents and (unread := _not_read(context)):
         return _for_a_person(expected, unread)
@@ -135,10 +143,14 @@ def readme(context: Context, p: Readme) -> Finding:
     return graded(share, expected, measured, " ".join(reasons), where=where or (Where(file=documents[0][0]),))
 
 
-class Docstrings(Parameters):
+def _parts(count: int) -> str:
+    return "the one part" if count == 1 else f"each of {count} parts"
+
+
+class Docstrings(_OfFiles):
     """Modules, classes and functions have docstrings that say something."""
 
-    artifacts: tuple[str, ...]
+    artifacts: tuple[ref.Artifact, ...]
     full_from: Share
     zero_to: Share = 0.0
 
@@ -161,10 +173,10 @@ def docstrings(context: Context, p: Docstrings) -> Finding:
     return graded(credit, expected, measured, reason, where=where)
 
 
-class Comments(Parameters):
+class Comments(_OfFiles):
     """Comments explain the code; commented-out code, banners and repeats do not."""
 
-    artifacts: tuple[str, ...]
+    artifacts: tuple[ref.Artifact, ...]
     full_per_100_lines: float = Field(gt=0)
     zero_to_per_100_lines: float = Field(0, ge=0, description="Up to this there is no credit.")
 
@@ -184,19 +196,26 @@ def comments(context: Context, p: Comments) -> Finding:
     wanted = math.ceil(p.full_per_100_lines * lines / 100)
     said = f"{explaining} comment explains" if explaining == 1 else f"{explaining} comments explain"
     reason = f"{said} something; for {lines} lines of code {wanted} give{'s' * (wanted == 1)} full credit"
-    reason += f". {len(others)} more are commented-out code, repeats or echoes of the code." if others else "."
+    reason += (
+        f". {len(others)} more {'is' if len(others) == 1 else 'are'} commented-out code, repeats or echoes of the code."
+        if others
+        else "."
+    )
     bare = sorted(facts, key=lambda f: len(f.explaining) / max(1, f.code_lines))[:3]
     share = (density - p.zero_to_per_100_lines) / (p.full_per_100_lines - p.zero_to_per_100_lines)
     return graded(share, expected, measured, reason, where=[Where(file=f.path) for f in bare])
 
 
-class ConceptsExplained(Parameters):
+class ConceptsExplained(_OfFiles):
     """Concepts are discussed in writing, in the README or in the source, and weighed against each other."""
 
-    artifacts: tuple[str, ...] = Field((), description="Sources whose docstrings and comments count too.")
+    artifacts: tuple[ref.Artifact, ...] = Field((), description="Sources whose docstrings and comments count too.")
     concepts: Mapping[str, tuple[str, ...]] = Field(description="Concept -> word stems in any languages.")
     reasons: tuple[str, ...] = Field((), description="Words of reason and comparison in any languages.")
     anchors: tuple[str, ...] = Field((), description="A passage without any of these is about something else.")
+    connectives: tuple[str, ...] = Field(
+        (), description="Words that hold sentences together; a text almost without them is pointed out to a person."
+    )
     min_words: int = Field(8, description="Words of its own from which a passage discusses.")
     full_concepts: int
     least_concepts: int = Field(1, description="With fewer there is no credit.")
@@ -216,7 +235,7 @@ def concepts_explained(context: Context, p: ConceptsExplained) -> Finding:
         for q in document_passages(document, path)
     ]
     passages += [passage for facts in sources(context, p.artifacts) for passage in source_passages(facts)]
-    found = concepts(passages, p.concepts, p.reasons, p.anchors, p.min_words)
+    found = concepts(passages, p.concepts, p.reasons, p.anchors, p.min_words, p.connectives)
     expected = (
         f"{p.full_concepts} of {len(p.concepts)} concepts discussed (two thirds), and weighed with reasons (one third)"
     )
@@ -231,4 +250,5 @@ def concepts_explained(context: Context, p: ConceptsExplained) -> Finding:
     reasons = [] if found.related else ["They are not set in relation to each other: when which, and at what price?"]
     if len(found.discussed) < p.full_concepts:
         reasons.insert(0, f"Nothing is said about {', '.join(found.missing)}.")
-    return graded(share, expected, measured, " ".join(reasons), where=where)
+    notes = [f"For a person to read: {s.file}, line {s.line}, seems to be words, not sentences." for s in found.strung]
+    return graded(share, expected, measured, " ".join(reasons), where=where, notes=notes)

@@ -3,59 +3,20 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path, PurePosixPath
-from typing import Annotated, Any
-
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict
+from typing import Any
 
 from grader.evidence.diagnosis import Diagnosis, explain
 from grader.evidence.elsewhere import only_elsewhere
 from grader.evidence.limits import ended_by_limit, hit_limit
 from grader.evidence.oracle import load_oracle
-from grader.evidence.recorded import NumericStream, Recorded
+from grader.evidence.recorded import Floats, NumericStream, Recorded, can_hold_row
 from grader.evidence.source import spin_lines
 from grader.recording.submission import SubmissionRecord
 from grader.result import Finding, Outcome, Where
-
-
-class Parameters(BaseModel):
-    """Base of each check's parameters: unknown keys are mistakes in the rubric."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-def _share(value: Any) -> Any:
-    if isinstance(value, str) and value.strip().endswith("%"):
-        return float(value.strip()[:-1]) / 100
-    return value
-
-
-#: A share, written as 0.02 or as 2%.
-Share = Annotated[float, BeforeValidator(_share)]
-
-
-def _compiles(value: str) -> str:
-    try:
-        re.compile(value)
-    except re.error as problem:
-        raise ValueError(f"no valid regular expression: {problem}") from problem
-    return value
-
-
-#: A regular expression.
-Pattern = Annotated[str, AfterValidator(_compiles)]
-
-
-def _several(value: Any) -> Any:
-    return (value,) if isinstance(value, str) else value
-
-
-#: One or more regular expressions, of which the first counts that finds anything; the number is its last group.
-Patterns = Annotated[tuple[Pattern, ...], BeforeValidator(_several)]
 
 
 @dataclass(frozen=True)
@@ -120,8 +81,36 @@ class Context:
 
     def streams(self, roles: Mapping[str, str], fieldname: str) -> dict[str, NumericStream]:
         """Return the numeric streams for an oracle, by role; roles without numbers are left out."""
-        found = {role: self.session.numeric(topic, fieldname) for role, topic in roles.items()}
+        found = {role: self.numeric(topic, fieldname) for role, topic in roles.items()}
         return {role: stream for role, stream in found.items() if stream is not None}
+
+    def numeric(self, topic: str, fieldname: str, *, finite: bool = True) -> NumericStream | None:
+        """Return the messages on a topic that carry rows of numbers in a field, see `Recorded.numeric`."""
+        self._require_row(topic, fieldname)
+        return self.session.numeric(topic, fieldname, finite=finite)
+
+    def rows(self, topic: str, fieldname: str) -> tuple[Floats | None, ...]:
+        """Return the row of numbers in a field of each message on a topic, see `Recorded.rows`."""
+        self._require_row(topic, fieldname)
+        return self.session.rows(topic, fieldname)
+
+    def _require_row(self, topic: str, fieldname: str) -> None:
+        """See that a field of the type that the rubric gives a topic can hold a row of numbers.
+
+        Raises
+        ------
+        LookupError
+            If it cannot, which no student can help: a mistake in the rubric.
+        """
+        stream = self.session.stream(topic)
+        given = (step.parameters for step in self.session.record.steps if topic in step.parameters.values())
+        types = {str(parameters["type"]) for parameters in given if parameters.get("type")}
+        if types and stream.topic_type not in types:
+            return  # Another type is the student's, and charged where it is published.
+        first = next((message for message in stream.messages() if message is not None), None)
+        if first is not None and not can_hold_row(first, fieldname):
+            problem = f"the field '{fieldname}' of {stream.topic_type} on {topic} holds no row of numbers"
+            raise LookupError(f"{problem}: name another in the rubric")
 
     def oracle(self, reference: str) -> Callable[..., Any]:
         """Load an oracle by ``file.py:function``, relative to the rubric's folder."""
@@ -184,9 +173,13 @@ def measured_share(
     doubt: str,
     *,
     steps: int = STEPS,
+    by_machine: bool = True,
     where: Sequence[Where] = (),
 ) -> Finding:
     """State a finding about a share that is known within bounds: decided where both ends earn the same credit.
+
+    Bounds that are further apart than a step, and not for the machine's delays, are the program's unevenness: where
+    they stay so, the lower one counts.
 
     Parameters
     ----------
@@ -194,10 +187,14 @@ def measured_share(
         The least and the largest share that the recording and the machine's delays leave possible.
     doubt : str
         What keeps it from being decided, where it is not.
+    by_machine : bool
+        Whether that is what the machine did.
     """
     low, high = in_steps(worst, steps), in_steps(best, steps)
     if low != high:
-        return inconclusive(expected, measured, doubt, where=where)
+        uneven = not by_machine and high - low > 1.5 / steps
+        settled = graded(low, expected, measured, reason, where=where) if uneven else None
+        return inconclusive(expected, measured, doubt, where=where, settled=settled)
     return graded(high, expected, measured, reason, where=where)
 
 
@@ -207,10 +204,22 @@ def failed(expected: str, measured: str, reason: str, *, hint: str = "", where: 
 
 
 def inconclusive(
-    expected: str, measured: str, reason: str, *, where: Sequence[Where] = (), retry: bool = True
+    expected: str,
+    measured: str,
+    reason: str,
+    *,
+    where: Sequence[Where] = (),
+    retry: bool = True,
+    settled: Finding | None = None,
 ) -> Finding:
-    """State that the recording cannot answer; it never costs points. `retry` tells whether another one might."""
-    return Finding(Outcome.INCONCLUSIVE, Decimal(0), expected, measured, reason, "", tuple(where), retry=retry)
+    """State that the recording cannot answer: the machine's doing, or for a person to decide; it earns nothing."""
+    return Finding(Outcome.INCONCLUSIVE, Decimal(0), expected, measured, reason, "", tuple(where), (), retry, settled)
+
+
+def unclear(expected: str, measured: str, reason: str, *, where: Sequence[Where] = ()) -> Finding:
+    """State that the recording cannot answer, which a program can bring about too: repeated, it has failed."""
+    fails = failed(expected, measured, reason, where=where)
+    return inconclusive(expected, measured, reason, where=where, settled=fails)
 
 
 def not_reached(reason: str, *, expected: str = "") -> Finding:
@@ -372,5 +381,5 @@ def not_seen(context: Context, artifact: str, kind: str, names: Sequence[str], e
         if claim.kind == kind and claim.process == processes[-1].name and claim.name.lstrip("/") in wanted:
             reason = f"The node asked for {claim.name} ({claim.file}:{claim.line}), but was not seen in the graph."
             spot = Where(file=claim.file, line=claim.line)
-            return inconclusive(expected, f"no {kind} in the graph", reason, where=(spot,))
+            return unclear(expected, f"no {kind} in the graph", reason, where=(spot,))
     return None

@@ -11,12 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from grader import references as ref
 from grader.checks.finding import (
     Context,
-    Parameters,
-    Pattern,
-    Patterns,
-    Share,
     apart,
     failed,
     graded,
@@ -30,40 +27,45 @@ from grader.checks.finding import (
     runs_elsewhere,
     takes_points,
     told,
+    unclear,
     why_nothing,
 )
 from grader.checks.traffic import claimed_at, claimed_qos, in_namespace, student_endpoints
 from grader.evidence.printed import PrintedVector, Report, printed_vector, reports
 from grader.evidence.recorded import Span
-from grader.recording.session import Endpoint, OutputLine, ProcessRun, StepRun
+from grader.patterns import search
+from grader.recording.session import Endpoint, OutputLine, ProcessRun, Qos, StepRun
+from grader.references import Parameters, Pattern, Patterns, Share
 from grader.result import Finding, Outcome, Where
 
 
 class WantedTopic(Parameters):
     """A topic to which the node subscribes."""
 
-    topic: str
-    type: str
+    topic: ref.RosName
+    type: ref.MessageType
 
 
 class OfferedProfile(Parameters):
     """The QoS with which the other side publishes in the lab's words."""
 
-    reliability: str = "reliable"
-    durability: str = "volatile"
+    reliability: ref.Reliability = "reliable"
+    durability: ref.Durability = "volatile"
 
 
 class TopicsSubscribed(Parameters):
     """A node subscribes to topics, with types and QoS that fit; each topic is a part."""
 
-    artifact: str
+    artifact: ref.Artifact
     topics: tuple[WantedTopic, ...]
     offered: OfferedProfile = OfferedProfile()
-    reliability: str | None = Field(None, description="What the lab lets them request; another one is only noted.")
-    node: str | None = None
+    reliability: ref.Reliability | None = Field(
+        None, description="What the lab lets them request; another one is only noted."
+    )
+    node: ref.RosName | None = None
 
 
-def clash(requested: Endpoint, offered: OfferedProfile) -> str | None:
+def clash(requested: Endpoint, offered: OfferedProfile | Qos) -> str | None:
     """Return the policy on which a subscription's request and an offer are incompatible, in words, or None.
 
     References
@@ -158,10 +160,10 @@ def _judge_subscription(
 class Streams(Parameters):
     """Base of checks that compare an artifact's reports with an oracle over recorded topics."""
 
-    artifact: str
-    streams: Mapping[str, str] = Field(description="Role that the oracle knows -> topic.")
-    field: str
-    oracle: str = Field(description="file.py:function beside the rubric.")
+    artifact: ref.Artifact
+    streams: Mapping[str, ref.Topic] = Field(description="Role that the oracle knows -> topic.")
+    field: ref.FieldPath
+    oracle: ref.Loadable = Field(description="file.py:function beside the rubric.")
     parameters: Mapping[str, Any] = Field(default_factory=dict, description="Passed on to the oracle.")
 
 
@@ -171,7 +173,9 @@ class Alternative(Parameters):
     parameters: Mapping[str, Any]
     meaning: str
     credit: float = Field(0.0, ge=0, le=1)
-    charged_by: tuple[str, ...] = Field((), description="Where one of these checks took points, none are lost here.")
+    charged_by: tuple[ref.EarlierCheckId, ...] = Field(
+        (), description="Where one of these checks took points, none are lost here."
+    )
 
     def finding(
         self,
@@ -204,7 +208,7 @@ class ReportedSeries(Streams):
     settle_s: float = Field(0.05, description="Reports this close to a span's ends do not count.")
     alternatives: tuple[Alternative, ...] = ()
     smoothed_credit: float = Field(0.5, ge=0, le=1, description="Credit of reports that reach each value slowly.")
-    end_charged_by: str | None = Field(
+    end_charged_by: ref.CheckId | None = Field(
         None, description="Check that charges a node that ends early; then only half of the spans must be reached."
     )
 
@@ -230,7 +234,7 @@ def reported_series(context: Context, p: ReportedSeries) -> Finding:
     spans = spans_of(context, p)
     expected = f"the right value on each of {len(spans)} plateaus (times of constant messages), ± {p.tolerance:g} or 1%"
     if not spans:
-        return inconclusive(
+        return unclear(
             expected,
             "no stimulus recorded",
             "Commands and states were not recorded, so there is nothing to compare with.",
@@ -431,7 +435,7 @@ def _formula(ratios: Sequence[float], spans: int, context: Context, p: Streams) 
 class Shorter(Parameters):
     """Another session, in which a node that also needs fewer messages prints its numbers too."""
 
-    session: str
+    session: ref.SessionId
     least: int = Field(description="Messages from which there must be numbers.")
     most: int = Field(description="With so many messages it would be no shorter run.")
     credit: float = Field(0.5, ge=0, le=1, description="Credit of a node that prints nothing there.")
@@ -459,7 +463,7 @@ def reported_statistics(context: Context, p: ReportedStatistics) -> Finding:
     expected = f"{p.length} numbers behind '{p.label}:' at Ctrl-C, agreeing with the recording"
     streams = context.streams(p.streams, p.field)
     if len(streams) < len(p.streams):
-        return inconclusive(
+        return unclear(
             expected,
             "no stimulus recorded",
             "Commands and states were not recorded, so there is nothing to compare with.",
@@ -496,11 +500,11 @@ def _judge_vector(
     spot = Where(session=context.session.record.session, process=p.artifact)
     notes = [_OTHER_FORMS[printed.form].format(p.label)] if printed.form in _OTHER_FORMS else []
     right = context.oracle(p.oracle)(streams, p.parameters, context.session.record.seed)[p.key]["value"]
-    # Where one number is wrong and the others are right, more digits of these would say nothing.
-    texts = [_vectors(printed.values[: p.length], right, places) for places in range(4, 10)]
-    measured, right_text = next((pair for pair in texts if pair[0] != pair[1]), texts[0])
-    expected = f"{right_text} from the recording, behind '{p.label}:' at Ctrl-C"
+    # Numbers that lose points do not read as the right ones.
     share = _agreement(context, p, streams, {}, printed)
+    texts = [_vectors(printed.values[: p.length], right, places) for places in range(4, 10)]
+    measured, right_text = next((pair for pair in texts if share < 1 and pair[0] != pair[1]), texts[0])
+    expected = f"{right_text} from the recording, behind '{p.label}:' at Ctrl-C"
     if share >= 1:
         return passed(expected, measured, where=(spot,), notes=notes)
     heard = _reports_of_some(context, p) if len(printed.values) == p.length else []
@@ -535,7 +539,7 @@ def _silent_when_shorter(context: Context, p: ReportedStatistics) -> str:
     assert p.shorter is not None
     other = context.sessions.get(p.shorter.session)
     for run in other.record.processes if other is not None else ():
-        each = (sum(re.search(one, line.text[:2000]) is not None for line in run.output) for one in p.report_pattern)
+        each = (sum(search(one, line.text[:2000]) is not None for line in run.output) for one in p.report_pattern)
         count = next(filter(None, each), 0)
         if run.role != "student" or not p.shorter.least <= count <= p.shorter.most:
             continue
@@ -559,9 +563,9 @@ def _nothing_printed(context: Context, p: ReportedStatistics, expected: str) -> 
     spot = Where(session=context.session.record.session, process=p.artifact)
     if any(_HIT_IN_A_CALL in line.text for process in processes[-1:] for line in process.output):
         late = "Ctrl-C came in the midst of a call into rclpy, which made another error of it; that is chance."
-        return inconclusive(expected, "nothing", late, where=(spot,))
+        return unclear(expected, "nothing", late, where=(spot,))
     if processes and processes[-1].interrupted_ns and processes[-1].ended_by in ("terminate", "kill"):
-        if context.session.record.attempt == 1:  # Correct nodes were seen to hang once in a while, too.
+        if context.session.record.times_recorded == 1:  # Correct nodes were seen to hang once in a while, too.
             reason = "The node did not end after Ctrl-C. Once is no proof."
             return inconclusive(expected, "nothing", reason, where=(spot,))
         reason = "After Ctrl-C the node did not end in time, and had to be stopped before it printed statistics."
@@ -713,9 +717,9 @@ def _comparable(context: Context, p: ReportedStatistics) -> int:
 class Survives(Parameters):
     """A process is still alive after a step that tests its nerves."""
 
-    artifact: str
-    step: str
-    until: str | None = Field(None, description="A later step; what ends after that one's start has survived.")
+    artifact: ref.Artifact
+    step: ref.AnyStep
+    until: ref.AnyStep | None = Field(None, description="A later step; what ends after that one's start has survived.")
     quiet: Patterns = Field((), description="A report that cannot be made yet, before the later step starts.")
     quiet_credit: float = Field(0.5, ge=0, le=1, description="Credit of a node that makes it all the same.")
 
@@ -737,7 +741,7 @@ def survives(context: Context, p: Survives) -> Finding:
     second_start_ns = min(second_start_ns, later.started_ns) if later is not None else second_start_ns
     if first.exited_ns is None or first.interrupted_ns is not None or first.exited_ns > second_start_ns:
         if _never_matched(context, step):
-            return inconclusive(expected, "it went on", _UNMATCHED, where=(spot,))
+            return unclear(expected, "it went on", _UNMATCHED, where=(spot,))
         if (replaced_ns := _replaced_ns(context, step, second_start_ns)) is not None:
             reason, hint, where = why_nothing(context, p.artifact, _REPLACED)
             measured = f"the program went on; its node ended before {context.session.since_start_s(replaced_ns):.2f} s"
@@ -815,7 +819,7 @@ def report_share(context: Context, p: ReportShare) -> Finding:
     streams = context.streams(p.streams, p.field)
     expected = f"a report for at least {percent(p.full_from)} of the messages"
     if len(streams) < len(p.streams):
-        return inconclusive(
+        return unclear(
             expected,
             "no stimulus recorded",
             "Commands and states were not recorded, so there is nothing to compare with.",

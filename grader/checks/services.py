@@ -5,16 +5,14 @@ All answers come from the grader's own client calls.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any
 
 from pydantic import Field
 
+from grader import references as ref
 from grader.checks.finding import (
     Context,
-    Parameters,
-    Pattern,
     apart,
     ended_already,
     failed,
@@ -27,21 +25,24 @@ from grader.checks.finding import (
     runs_elsewhere,
     takes_points,
     told,
+    unclear,
     why_nothing,
 )
 from grader.checks.traffic import claimed_at, in_namespace
 from grader.evidence.recorded import Span
+from grader.patterns import search, without
 from grader.recording.session import StepRun
+from grader.references import Parameters, Pattern
 from grader.result import Finding, Outcome, Where
 
 
 class ServiceOffered(Parameters):
     """A node offers a service of a type under a name."""
 
-    artifact: str
-    service: str
-    type: str
-    node: str | None = None
+    artifact: ref.Artifact
+    service: ref.RosName
+    type: ref.ServiceType
+    node: ref.RosName | None = None
 
 
 def service_offered(context: Context, p: ServiceOffered) -> Finding:
@@ -83,26 +84,30 @@ def service_offered(context: Context, p: ServiceOffered) -> Finding:
 class Given(Parameters):
     """A parameter with the value under which an answer is asked for; its own default is judged elsewhere."""
 
-    step: str = Field(description="The step that read the parameter.")
+    step: ref.GetLabel = Field(description="The step that read the parameter.")
     name: str
     value: Any
-    instead: str = Field(description="The call that counts where the node began with another value.")
+    instead: ref.CallLabel = Field(description="The call that counts where the node began with another value.")
 
 
 class CallAnswered(Parameters):
     """A call is answered with the right values; an empty message, or another answer later, costs a quarter."""
 
-    artifact: str
-    step: str
-    response: Mapping[str, Any] = Field(description="Fields that must have these values.")
-    message_field: str = "message"
+    artifact: ref.Artifact
+    step: ref.CallLabel
+    response: Annotated[Mapping[str, Any], ref.fields_of_type("_Response", "step")] = Field(
+        description="Fields that must have these values."
+    )
+    message_field: Annotated[str, ref.fields_of_type("_Response", "step")] = "message"
     message: Pattern | None = Field(None, description="Regular expression for the message field.")
     contrary: Pattern | None = Field(None, description="A message that matches says the contrary: no credit.")
-    again: str | None = Field(None, description="A later step with the same request, to be answered alike.")
-    again_charged_by: str | None = Field(
+    again: ref.CallLabel | None = Field(None, description="A later step with the same request, to be answered alike.")
+    again_charged_by: ref.EarlierCheckId | None = Field(
         None, description="Where this check took points, neither a later answer nor a contrary message takes any."
     )
-    opposite: str | None = Field(None, description="A step at which this answer would be wrong, to see a mix-up.")
+    opposite: ref.CallLabel | None = Field(
+        None, description="A step at which this answer would be wrong, to see a mix-up."
+    )
     given: Given | None = Field(None, description="A parameter on which the answer depends.")
 
 
@@ -229,7 +234,7 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
     text = str(response.get(p.message_field, ""))
     if p.message is not None and not text.strip():
         return graded(0.75, expected, measured, "The answer's message is empty.", where=where)
-    if p.message is not None and not re.search(p.message, text):
+    if p.message is not None and not search(p.message, text):
         note = f"The message {text!r} is worded otherwise than the lab's."
         return passed(expected, measured, where=where, notes=(note,))
     return passed(expected, measured, where=where)
@@ -262,8 +267,8 @@ def _contrary(context: Context, p: CallAnswered, first: Mapping[str, Any]) -> Ma
     One that says what is wanted as well says no contrary, as in "Robot enabled (was disabled)".
     """
     for answer in (first, *_later_answers(context, p)) if p.contrary is not None else ():
-        rest, found = re.subn(p.contrary or "", " ", str(answer.get(p.message_field, "")))
-        if found and not (p.message is not None and re.search(p.message, rest)):
+        rest, found = without(p.contrary or "", str(answer.get(p.message_field, "")))
+        if found and not (p.message is not None and search(p.message, rest)):
             return answer
     return None
 
@@ -271,14 +276,16 @@ def _contrary(context: Context, p: CallAnswered, first: Mapping[str, Any]) -> Ma
 class CallGated(Parameters):
     """A parameter decides over the answer, and may be changed while the node runs."""
 
-    set_step: str = Field(description="The step that sets the parameter.")
-    refused_step: str
-    recovered_step: str
-    from_start_step: str = Field(description="The call to a node that had the parameter from its start.")
-    enables: str | None = Field(None, description="Check of the answer while all is well; without it nothing is said.")
-    refused: Mapping[str, Any]
-    recovered: Mapping[str, Any]
-    message_field: str = "message"
+    set_step: ref.SetLabel = Field(description="The step that sets the parameter.")
+    refused_step: ref.CallLabel
+    recovered_step: ref.CallLabel
+    from_start_step: ref.CallLabel = Field(description="The call to a node that had the parameter from its start.")
+    enables: ref.EarlierCheckId | None = Field(
+        None, description="Check of the answer while all is well; without it nothing is said."
+    )
+    refused: Annotated[Mapping[str, Any], ref.fields_of_type("_Response", "refused_step")]
+    recovered: Annotated[Mapping[str, Any], ref.fields_of_type("_Response", "recovered_step")]
+    message_field: Annotated[str, ref.fields_of_type("_Response", "refused_step")] = "message"
     refusal: Pattern | None = Field(None, description="A message that refuses, whatever the other fields say: half.")
 
 
@@ -303,7 +310,7 @@ def call_gated(context: Context, p: CallGated) -> Finding:
     if refuses:
         reason = "It refuses, but does not recover when the parameter is true again."
         return graded(0.5 + 0.5 * recovers, expected, measured, reason, where=where)
-    if recovers and p.refusal is not None and re.search(p.refusal, _message(answers[p.refused_step], p.message_field)):
+    if recovers and p.refusal is not None and search(p.refusal, _message(answers[p.refused_step], p.message_field)):
         return graded(0.5, expected, measured, _ONLY_SAID, hint=_ONLY_SAID_HINT, where=where)
     if answers[p.refused_step] is None:
         started_off = _fits(answers[p.from_start_step], p.refused)
@@ -356,14 +363,14 @@ class WantedParameter(Parameters):
     """A parameter with its type and default."""
 
     name: str
-    type: str
+    type: ref.ParameterType
     value: Any
 
 
 class ParametersDeclared(Parameters):
     """A node declares parameters with defaults; each is a part, half for being declared."""
 
-    step: str
+    step: ref.GetLabel
     parameters: tuple[WantedParameter, ...]
 
 
@@ -401,7 +408,7 @@ def parameters_declared(context: Context, p: ParametersDeclared) -> Finding:
 class CallsInTime(Parameters):
     """Calls back to back are each answered in time."""
 
-    step: str
+    step: ref.CallLabel
     within_s: float = Field(gt=0)
     enough: int = Field(10, description="Where all were in time, so many will do if there was no time for more.")
 
@@ -426,7 +433,7 @@ def calls_in_time(context: Context, p: CallsInTime) -> Finding:
         note = f"There was time for {quick} of {wanted} calls, as each took {min(latencies):.2f} s or more."
         return passed(expected, measured, where=where, notes=(note,))
     if quick == len(calls) < wanted:
-        return inconclusive(
+        return unclear(
             expected,
             measured,
             "There was no time for all the calls, but those made were answered in time.",

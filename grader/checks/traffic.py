@@ -10,11 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import Field
 
+from grader import references as ref
 from grader.checks.finding import (
     STEPS,
     Context,
-    Parameters,
-    Share,
     apart,
     ended_already,
     failed,
@@ -37,6 +36,7 @@ from grader.evidence.recorded import Floats, NumericStream, Span
 from grader.evidence.timing import Timing, timing_of
 from grader.evidence.waves import Sinusoid, fit_sinusoid
 from grader.recording.session import Endpoint, Qos
+from grader.references import Parameters, Share
 from grader.result import Finding, Where
 
 _NUMBER = re.compile(r"\d+(?:\.\d*)?(?:[eE][+-]?\d+)?")
@@ -45,10 +45,10 @@ _NUMBER = re.compile(r"\d+(?:\.\d*)?(?:[eE][+-]?\d+)?")
 class TopicPublished(Parameters):
     """A node publishes a type on a topic. Name, type and node name count in parts."""
 
-    artifact: str
-    topic: str
-    type: str
-    node: str | None = Field(None, description="Fully qualified name that the node should have.")
+    artifact: ref.Artifact
+    topic: ref.RosName
+    type: ref.MessageType
+    node: ref.RosName | None = Field(None, description="Fully qualified name that the node should have.")
 
 
 def student_endpoints(context: Context, topic: str, kind: str) -> tuple[Endpoint, ...]:
@@ -95,12 +95,26 @@ def topic_published(context: Context, p: TopicPublished) -> Finding:
         wrong.append((0.6, f"The topic is named {used}, not {p.topic}; the rest is judged on {used}.{within}"))
     if found_type != p.type:
         wrong.append((0.6, f"The messages are of type {found_type}, not {p.type}."))
+    wrong += _wrong_definition(context, used, endpoints)
     wrong += _wrong_node(p.node, [e.node for e in endpoints])
     measured = f"{len(stream)} messages of type {found_type} on {used}" + (
         f", from {endpoints[0].node}" if endpoints else ""
     )
     where = (*([spot] if spot else []), context.where(p.topic))
     return graded(1 - sum(w for w, _ in wrong), expected, measured, " ".join(r for _, r in wrong), where=where)
+
+
+def _wrong_definition(context: Context, topic: str, endpoints: Sequence[Endpoint]) -> list[tuple[float, str]]:
+    """Judge the definitions that publishers announce for their types, by the hashes of those that are installed."""
+    hashes = {i.topic_type: i.type_hash for i in context.session.bag.topics if i.topic == topic and i.type_hash}
+    for endpoint in endpoints:
+        announced, known = endpoint.type_hash, hashes.get(endpoint.type)
+        if announced.startswith("RIHS01_") and known is not None and announced != known:
+            short, right = announced[:15], known[:15]
+            return [
+                (0.6, f"{endpoint.type} is announced with another definition ({short}...) than it has ({right}...).")
+            ]
+    return []
 
 
 def _silent_publisher(context: Context, artifact: str, used: str) -> tuple[str, str]:
@@ -141,12 +155,12 @@ def _wrong_node(wanted: str | None, nodes: Sequence[str]) -> list[tuple[float, s
 class TopicRate(Parameters):
     """A topic is published at a rate; credit falls in even steps between two deviations."""
 
-    topic: str
-    process: str
+    topic: ref.Topic
+    process: ref.Process
     rate_hz: float = Field(gt=0)
     full_within: Share = Field(description="Relative deviation up to which credit is full, e.g. 2%.")
     zero_beyond: Share = Field(description="Relative deviation from which there is none.")
-    window: str | None = Field(None, description="Label of the observe step; else the whole session.")
+    window: ref.Window | None = Field(None, description="Label of the observe step; else the whole session.")
 
 
 @dataclass(frozen=True)
@@ -217,7 +231,8 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
         share = min(best, ramp(silent_s / of_s, p.full_within, p.zero_beyond))
         where = (*spots, *_spots(context, p.topic, span))
         return graded(in_steps(share), expected, measured, reason, hint=hint, where=where)
-    return measured_share(worst, best, expected, measured, reason, _doubt(delay_s, length_s), where=where)
+    doubt, by_machine = _doubt(delay_s, length_s)
+    return measured_share(worst, best, expected, measured, reason, doubt, by_machine=by_machine, where=where)
 
 
 def _off_rate(timing: Timing, p: TopicRate) -> str:
@@ -305,10 +320,12 @@ _NOTABLE_DELAY = 0.005
 _MANY_DELAYS = 0.25
 
 
-def _doubt(delay_s: float, length_s: float) -> str:
+def _doubt(delay_s: float, length_s: float) -> tuple[str, bool]:
+    """Say what keeps a share from being decided, and whether that is the machine's doing."""
     if delay_s > _NOTABLE_DELAY * length_s:
-        return f"The machine kept the node from a core for {delay_s:.2f} s of {length_s:.1f} s, which may be why."
-    return "The measurement's error reaches over a step of the credit."
+        late = f"for {delay_s:.2f} s of {length_s:.1f} s"
+        return f"The machine kept the node from a core {late}, which may be why.", True
+    return "The measurement's error reaches over a step of the credit.", False
 
 
 def _best_rate_hz(timing: Timing, length_s: float, delay_s: float, wanted_hz: float) -> float:
@@ -366,12 +383,12 @@ _CONFIDENCE = 3.0
 class TopicJitter(Parameters):
     """Messages are evenly spaced: a quantile of the intervals' distances from their median."""
 
-    topic: str
-    process: str
+    topic: ref.Topic
+    process: ref.Process
     full_within_s: float = Field(gt=0)
     zero_beyond_s: float = Field(gt=0)
     share: Share = Field(0.95, description="The quantile.")
-    window: str | None = None
+    window: ref.Window | None = None
 
 
 def topic_jitter(context: Context, p: TopicJitter) -> Finding:
@@ -406,22 +423,24 @@ def topic_jitter(context: Context, p: TopicJitter) -> Finding:
             f"Messages come in bursts: most follow the one before at once, and then none comes for up to {longest[8:]}."
         )
     length_s = span.duration_s if span else float(timing.intervals_s.sum())
-    doubt = _doubt(delay_s, length_s)
-    return measured_share(worst, best, expected, measured, reason, doubt, steps=_JITTER_STEPS, where=where)
+    doubt, by_machine = _doubt(delay_s, length_s)
+    return measured_share(
+        worst, best, expected, measured, reason, doubt, steps=_JITTER_STEPS, by_machine=by_machine, where=where
+    )
 
 
 class MessageValues(Parameters):
     """Every message holds a number of finite values in a field."""
 
-    topic: str
-    field: str
+    topic: ref.Topic
+    field: ref.FieldPath
     length: int
 
 
 def message_values(context: Context, p: MessageValues) -> Finding:
     """Judge the length and finiteness of a field; credit in parts."""
     expected = f"{p.length} finite numbers in '{p.field}' of every message"
-    rows = context.session.rows(p.topic, p.field)
+    rows = context.rows(p.topic, p.field)
     where = (context.where(p.topic),)
     if not rows:
         return failed(expected, "no messages", "No message came.", where=where)
@@ -454,8 +473,8 @@ class Component(Parameters):
 class Sinusoids(Parameters):
     """Elements of a message follow sinusoids, the others stay at zero."""
 
-    topic: str
-    field: str
+    topic: ref.Topic
+    field: ref.FieldPath
     components: tuple[Component, ...]
     tick_s: float = Field(gt=0, description="Time per message in the node's own reckoning.")
     others_still: int = Field(0, description="The elements up to this one that have no component stay at 0.")
@@ -470,7 +489,7 @@ def sinusoids(context: Context, p: Sinusoids) -> Finding:
     """
     wanted = ", ".join(f"{c.amplitude:g}·sin(2π·{c.frequency_hz:g}·t) in [{c.index}]" for c in p.components)
     expected = f"{wanted}, the others 0"
-    series = context.session.numeric(p.topic, p.field, finite=False)
+    series = context.numeric(p.topic, p.field, finite=False)
     where = (context.where(p.topic),)
     if series is None or len(series.values) < 20:
         return failed(expected, "too few numbers", "Too few messages with numbers came to see a motion.", where=where)
@@ -599,10 +618,10 @@ def _badness(fit: Sinusoid, c: Component) -> float:
 class OfferedQos(Parameters):
     """A publisher offers a QoS profile; what discovery does not carry is taken from the source, as advice only."""
 
-    topic: str
-    reliability: str | None = None
-    durability: str | None = None
-    history: str | None = None
+    topic: ref.Topic
+    reliability: ref.Reliability | None = None
+    durability: ref.Durability | None = None
+    history: ref.History | None = None
     depth: int | None = None
 
 

@@ -6,11 +6,11 @@ import hashlib
 import hmac
 import re
 import unicodedata
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 from grader.cohort.entries import ClassEntry
-from grader.cohort.finished import NOT_READABLE, finished
-from grader.result import Adjustment, AdjustmentKind
+from grader.result import BY_HAND, Adjustment, CriterionResult, Result, Violation
 from grader.rubric import Rubric
 
 HIDDEN = "‹name›"
@@ -47,8 +47,7 @@ def anonymous(entries: Sequence[ClassEntry], rubric: Rubric) -> list[ClassEntry]
 
 
 def _fingerprint(entry: ClassEntry) -> str:
-    provenance = entry.result.get("provenance") if entry.result is not None else None
-    return str(provenance.get("submission_sha256", "")) if isinstance(provenance, Mapping) else ""
+    return entry.result.provenance.get("submission_sha256", "") if entry.result is not None else ""
 
 
 def _keyed(key: bytes, name: str) -> bytes:
@@ -56,24 +55,35 @@ def _keyed(key: bytes, name: str) -> bytes:
 
 
 def _hidden(entry: ClassEntry, pseudonym: str, hide: _Hider) -> ClassEntry:
-    result = finished(entry.result) if entry.result is not None else None
+    result = entry.result
     if result is None:
-        problem = NOT_READABLE if entry.result is not None else hide(entry.problem)
-        return ClassEntry(pseudonym, None, problem)
-    said = result.model_dump(include={"score", "criteria", "problems", "violations", "adjustments"})
-    for check in (check for criterion in said["criteria"] for check in criterion["checks"]):
-        check |= {"reason": hide(check["reason"]), "hint": hide(check["hint"])}
-    said["problems"] = [hide(problem) for problem in said["problems"]]
-    said["violations"] = [{**v, "text": hide(v["text"])} for v in said["violations"]]
-    said["adjustments"] = [_nameless(adjustment) for adjustment in result.adjustments]
-    said["provenance"] = {"rubric_sha256": result.rubric_sha256}
+        return ClassEntry(pseudonym, None, hide(entry.problem))
+    said = Result(
+        submission=pseudonym,
+        lab=result.lab,
+        score=result.score,
+        criteria=tuple(_without_proof(criterion, hide) for criterion in result.criteria),
+        problems=tuple(hide(problem) for problem in result.problems),
+        violations=tuple(Violation(v.kind, v.session, hide(v.text), certain=v.certain) for v in result.violations),
+        adjustments=tuple(_nameless(adjustment) for adjustment in result.adjustments),
+        provenance={"rubric_sha256": result.rubric_sha256},
+    )
     return ClassEntry(pseudonym, said)
+
+
+def _without_proof(criterion: CriterionResult, hide: _Hider) -> CriterionResult:
+    """Return a criterion without what its checks quote of the submission."""
+    checks = tuple(
+        replace(check, reason=hide(check.reason), hint=hide(check.hint), expected="", measured="", where=(), notes=())
+        for check in criterion.checks
+    )
+    return replace(criterion, checks=checks)
 
 
 def _nameless(adjustment: Adjustment) -> Adjustment:
     """Return an adjustment without words and times, which might tell whose it is."""
-    by_check = adjustment.kind in (AdjustmentKind.POINTS, AdjustmentKind.EXCUSED)
-    return Adjustment(adjustment.kind, adjustment.what if by_check else "", adjustment.points, "")
+    what = adjustment.what if adjustment.kind in BY_HAND else ""
+    return Adjustment(adjustment.kind, what, adjustment.points)
 
 
 class _Hider:

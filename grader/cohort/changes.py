@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from typing import Any
 
-from grader.cohort.finished import FinishedCheck, FinishedCriterion, FinishedResult, finished
-from grader.result import Outcome
+from grader.result import Adjustment, CheckResult, CriterionResult, Outcome, Result, number
 
 
 @dataclass(frozen=True)
@@ -119,47 +118,28 @@ class Changes:
         )
 
 
-def changes_between(before: Mapping[str, Any] | None, after: Mapping[str, Any]) -> Changes:
-    """Compare two results of one submission, each as the plain data of `result.json`.
-
-    Parameters
-    ----------
-    before : mapping or None
-        None, or something else than a result, where there was none.
-
-    Raises
-    ------
-    ValueError
-        If `after` is no result.
-    """
-    old = finished(before) if before is not None else None
-    new = finished(after)
-    if new is None:
-        raise ValueError("this is no result")
+def changes_between(before: Result | None, after: Result) -> Changes:
+    """Compare two results of one submission; there may have been none before."""
     return Changes(
-        str(after.get("submission", "")),
-        _final(old) if old is not None else None,
-        _final(new),
-        old.score.undecided if old is not None else Decimal(0),
-        new.score.undecided,
-        tuple(_criteria(old.criteria if old is not None else (), new.criteria)) if old is not None else (),
-        tuple(_adjustments(before or {}, after)),
+        after.submission,
+        before.final if before is not None else None,
+        after.final,
+        before.score.undecided if before is not None else Decimal(0),
+        after.score.undecided,
+        tuple(_criteria(before.criteria, after.criteria)) if before is not None else (),
+        tuple(_adjustments(before, after)),
         before is not None and _of_substance(before) != _of_substance(after),
-        (old or new).score.possible,
-        new.score.possible,
+        (before or after).score.possible,
+        after.score.possible,
     )
 
 
-def _of_substance(result: Mapping[str, Any]) -> dict[str, Any]:
+def _of_substance(result: Result) -> Result:
     """Return a result without its provenance, which says by what it was judged and not how it is."""
-    return {key: value for key, value in result.items() if key != "provenance"}
+    return replace(result, provenance={})
 
 
-def _final(result: FinishedResult) -> Decimal:
-    return result.score.final if result.score.final is not None else result.score.earned
-
-
-def _criteria(before: Sequence[FinishedCriterion], after: Sequence[FinishedCriterion]) -> Iterable[CriterionChange]:
+def _criteria(before: Sequence[CriterionResult], after: Sequence[CriterionResult]) -> Iterable[CriterionChange]:
     old, new = {c.id: c for c in before}, {c.id: c for c in after}
     for identity in dict.fromkeys([*new, *old]):
         was, is_ = old.get(identity), new.get(identity)
@@ -173,7 +153,7 @@ def _criteria(before: Sequence[FinishedCriterion], after: Sequence[FinishedCrite
             yield change
 
 
-def _checks(criterion: str, before: Sequence[FinishedCheck], after: Sequence[FinishedCheck]) -> Iterable[CheckChange]:
+def _checks(criterion: str, before: Sequence[CheckResult], after: Sequence[CheckResult]) -> Iterable[CheckChange]:
     old, new = {c.id: c for c in before}, {c.id: c for c in after}
     for identity in dict.fromkeys([*new, *old]):
         was, is_ = old.get(identity), new.get(identity)
@@ -192,22 +172,20 @@ def _checks(criterion: str, before: Sequence[FinishedCheck], after: Sequence[Fin
             yield change
 
 
-def _adjustments(before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterable[AdjustmentChange]:
-    old, new = _adjusted(before), _adjusted(after)
+def _adjustments(before: Result | None, after: Result) -> Iterable[AdjustmentChange]:
+    old, new = _adjusted(before.adjustments if before is not None else ()), _adjusted(after.adjustments)
     for kind, what in dict.fromkeys([*new, *old]):
         was, is_ = old.get((kind, what), Decimal(0)), new.get((kind, what), Decimal(0))
         if was != is_:
             yield AdjustmentChange(kind, what, was, is_)
 
 
-def _adjusted(result: Mapping[str, Any]) -> dict[tuple[str, str], Decimal]:
-    """Return the points of a result's adjustments, added up by kind and what they concern."""
+def _adjusted(adjustments: Iterable[Adjustment]) -> dict[tuple[str, str], Decimal]:
+    """Return the points of adjustments, added up by kind and what they concern."""
     sums: dict[tuple[str, str], Decimal] = {}
-    listed = result.get("adjustments")
-    for each in listed if isinstance(listed, list) else []:
-        if isinstance(each, dict) and isinstance(each.get("points"), (int, float)):
-            key = (str(each.get("kind")), str(each.get("what")))
-            sums[key] = sums.get(key, Decimal(0)) + Decimal(str(each["points"]))
+    for each in adjustments:
+        key = (each.kind.value, each.what)
+        sums[key] = sums.get(key, Decimal(0)) + each.points
     return sums
 
 
@@ -235,9 +213,7 @@ def plain_changes(changes: Changes) -> dict[str, Any]:
 
 
 def _number(points: Decimal | None) -> int | float | None:
-    if points is None:
-        return None
-    return int(points) if points == points.to_integral_value() else float(points)
+    return None if points is None else number(points)
 
 
 @dataclass(frozen=True)

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 from urllib.parse import quote
 
 from grader.cohort.overrides import moment_of
+from grader.errors import RecordingError
 from grader.recording.submission import read_submission
+from grader.result import Result, load_result
 
 RECORDINGS = "recordings"
 RESULT_FILE = "result.json"
@@ -26,8 +25,8 @@ class ClassEntry:
     ----------
     name : str
         Name of the submission; written by students, so not to be trusted.
-    result : mapping or None
-        The plain data of `result.json`; None if the submission was not graded.
+    result : Result or None
+        None if the submission was not graded, or its result is not of this version.
     problem : str
         Why it was not graded.
     report : str
@@ -39,7 +38,7 @@ class ClassEntry:
     """
 
     name: str
-    result: Mapping[str, Any] | None
+    result: Result | None
     problem: str = ""
     report: str = ""
     submitted_at: datetime | None = None
@@ -69,17 +68,14 @@ def report_link(name: str) -> str:
 def _entry(folder: Path) -> ClassEntry:
     report = report_link(folder.name) if (folder / REPORT_FILE).is_file() else ""
     try:
-        plain = json.loads((folder / RESULT_FILE).read_text(encoding="utf-8"))
+        result = load_result(folder / RESULT_FILE)
     except FileNotFoundError:
         return ClassEntry(folder.name, None, "There is no result; the grading was broken off.", report)
-    except (OSError, ValueError, RecursionError):
-        plain = None
-    if not isinstance(plain, dict):
-        return ClassEntry(
-            folder.name, None, f"Its {RESULT_FILE} cannot be read; `grade regrade` makes it anew.", report
-        )
+    except RecordingError:
+        problem = f"Its {RESULT_FILE} cannot be read, or is of another version; `grade regrade` makes it anew."
+        return ClassEntry(folder.name, None, problem, report)
     try:
         record = read_submission(folder / RECORDINGS)
     except (OSError, ValueError):
-        return ClassEntry(folder.name, plain, "", report)
-    return ClassEntry(folder.name, plain, "", report, moment_of(record.submitted_at), record.student_id)
+        return ClassEntry(folder.name, result, "", report)
+    return ClassEntry(folder.name, result, "", report, moment_of(record.submitted_at), record.student_id)

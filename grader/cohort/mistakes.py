@@ -13,8 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 
-from grader.cohort.finished import FinishedCheck, FinishedResult
-from grader.result import Outcome
+from grader.result import CheckResult, Outcome, Result
 from grader.rubric import Rubric
 
 MOST_VALUES = 3
@@ -71,7 +70,7 @@ class Mistake:
         return self.lost + self.following
 
 
-def mistakes_of(results: Mapping[int, FinishedResult], rubric: Rubric) -> tuple[Mistake, ...]:
+def mistakes_of(results: Mapping[int, Result], rubric: Rubric) -> tuple[Mistake, ...]:
     """Group what was lost, the dearest mistake first.
 
     Parameters
@@ -79,7 +78,7 @@ def mistakes_of(results: Mapping[int, FinishedResult], rubric: Rubric) -> tuple[
     results : mapping
         Place in the class -> result, for those that were graded.
     """
-    groups: dict[tuple[str, str, str], list[tuple[Made, FinishedCheck]]] = {}
+    groups: dict[tuple[str, str, str], list[tuple[Made, CheckResult]]] = {}
     for row, result in results.items():
         following = _following(result, rubric)
         for check in result.checks:
@@ -92,7 +91,7 @@ def mistakes_of(results: Mapping[int, FinishedResult], rubric: Rubric) -> tuple[
     return tuple(sorted(found, key=lambda m: (-m.cost, -len(m.made_by), order.get(m.check_id, len(order)), m.pattern)))
 
 
-def _mistake(members: Sequence[tuple[Made, FinishedCheck]]) -> Mistake:
+def _mistake(members: Sequence[tuple[Made, CheckResult]]) -> Mistake:
     made = sorted((m for m, _ in members), key=lambda m: (-m.lost - m.following, m.row))
     return Mistake(
         members[0][1].id,
@@ -107,7 +106,7 @@ def _mistake(members: Sequence[tuple[Made, FinishedCheck]]) -> Mistake:
 # -- what follows from what --------------------------------------------------------------------
 
 
-def _following(result: FinishedResult, rubric: Rubric) -> dict[str, Decimal]:
+def _following(result: Result, rubric: Rubric) -> dict[str, Decimal]:
     """Return, for each check that cost points by itself, the points that were out of reach because of it."""
     checks = {check.id: check for check in result.checks}
     requires = {spec.id: spec.requires for spec in rubric.checks()}
@@ -120,10 +119,10 @@ def _following(result: FinishedResult, rubric: Rubric) -> dict[str, Decimal]:
 
 
 def _cause(
-    check: FinishedCheck,
-    checks: Mapping[str, FinishedCheck],
+    check: CheckResult,
+    checks: Mapping[str, CheckResult],
     requires: Mapping[str, Sequence[str]],
-    result: FinishedResult,
+    result: Result,
 ) -> str:
     """Return the check that a loss goes back to: itself, one that it requires, or an earlier one of its criterion."""
     seen = {check.id}
@@ -137,7 +136,7 @@ def _cause(
     return check.id
 
 
-def _failed_before(check: FinishedCheck, result: FinishedResult) -> str:
+def _failed_before(check: CheckResult, result: Result) -> str:
     """Return the first failed check before one in its criterion; itself if there is none."""
     for criterion in result.criteria:
         names = [c.id for c in criterion.checks]

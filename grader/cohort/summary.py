@@ -13,9 +13,8 @@ from decimal import Decimal
 from enum import Enum
 
 from grader.cohort.entries import ClassEntry
-from grader.cohort.finished import NOT_READABLE, FinishedCriterion, FinishedResult, finished
 from grader.cohort.mistakes import Mistake, mistakes_of
-from grader.result import Adjustment, Outcome, outcome_of_points
+from grader.result import Adjustment, CriterionResult, Outcome, Result, outcome_of_points
 from grader.rubric import Rubric
 
 #: Submissions below which a correlation says next to nothing.
@@ -46,7 +45,7 @@ class Row:
     ----------
     entry : ClassEntry
         Whose it is.
-    result : FinishedResult or None
+    result : Result or None
         None if the submission was not graded.
     problem : str
         Why it was not graded; empty if it was.
@@ -57,7 +56,7 @@ class Row:
     """
 
     entry: ClassEntry
-    result: FinishedResult | None
+    result: Result | None
     problem: str
     cells: tuple[Cell | None, ...]
     outcomes: Mapping[str, Outcome]
@@ -75,8 +74,7 @@ class Row:
     @property
     def undecided(self) -> Decimal:
         """Points that are neither earned nor lost, and that no person has decided since."""
-        checks = self.result.open_checks if self.result else ()
-        return sum((check.undecided for check in checks), Decimal(0))
+        return self.result.still_undecided if self.result else Decimal(0)
 
     @property
     def adjustments(self) -> tuple[Adjustment, ...]:
@@ -261,16 +259,15 @@ def summarise(entries: Sequence[ClassEntry], rubric: Rubric) -> ClassSummary:
 
 
 def _row(entry: ClassEntry, rubric: Rubric) -> Row:
-    result = finished(entry.result) if entry.result is not None else None
+    result = entry.result
     if result is None:
-        problem = NOT_READABLE if entry.result is not None else entry.problem or "It was not graded."
-        return Row(entry, None, problem, (None,) * len(rubric.criteria), {})
+        return Row(entry, None, entry.problem or "It was not graded.", (None,) * len(rubric.criteria), {})
     judged = {criterion.id: _cell(criterion) for criterion in result.criteria}
     cells = tuple(judged.get(criterion.id) for criterion in rubric.criteria)
     return Row(entry, result, "", cells, {check.id: check.outcome for check in result.checks})
 
 
-def _cell(criterion: FinishedCriterion) -> Cell:
+def _cell(criterion: CriterionResult) -> Cell:
     return Cell(criterion.earned, criterion.possible, criterion.undecided)
 
 
@@ -319,16 +316,16 @@ def _bars(totals: Sequence[Decimal], possible: Decimal) -> tuple[Bar, ...]:
 # -- what each check tells ---------------------------------------------------------------------
 
 
-def _check_statistics(results: Sequence[FinishedResult], rubric: Rubric) -> tuple[CheckStatistics, ...]:
+def _check_statistics(results: Sequence[Result], rubric: Rubric) -> tuple[CheckStatistics, ...]:
     pairs: dict[str, list[tuple[float, float]]] = {check.id: [] for check in rubric.checks()}
     passed = dict.fromkeys(pairs, 0)
     for result in results:
         earned = sum((c.earned for c in result.checks), Decimal(0))
         decided = sum((c.possible - c.undecided for c in result.checks), Decimal(0))
         for check in result.checks:
-            if check.credit is not None and check.id in pairs:
+            if check.share is not None and check.id in pairs:
                 rest = decided - check.possible
-                pairs[check.id].append((check.credit, float((earned - check.earned) / rest) if rest else math.nan))
+                pairs[check.id].append((check.share, float((earned - check.earned) / rest) if rest else math.nan))
                 passed[check.id] += check.outcome is Outcome.PASSED
     return tuple(
         CheckStatistics(
@@ -374,7 +371,7 @@ def _todos(rows: Sequence[Row], rubric: Rubric) -> list[Todo]:
             continue
         violations = row.result.violations
         if violations:
-            kinds = tuple(dict.fromkeys(v.kind.replace("_", " ") for v in violations if v.kind))
+            kinds = tuple(dict.fromkeys(v.kind.value.replace("_", " ") for v in violations))
             said = (v.text if v.certain else f"{v.text} {UNCERTAIN}" for v in violations if v.text)
             texts = tuple(dict.fromkeys(said))
             found.append(Todo(n, Need.VIOLATION, row.possible, kinds, texts))

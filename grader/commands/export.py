@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 
@@ -16,6 +14,7 @@ from grader.errors import GraderError, RecordingError
 from grader.exporting import STANDARD_OUTPUT, ExportTarget, write_exports
 from grader.report.exports import EXPORTS
 from grader.report.plain import terminal_text
+from grader.result import load_result
 
 
 def add_exports(parser: argparse.ArgumentParser, option: str) -> None:
@@ -88,8 +87,17 @@ def run(arguments: Sequence[str], console: Console) -> int:
 
 
 def _export(results: Path, targets: Sequence[ExportTarget], options: argparse.Namespace, console: Console) -> None:
-    plain = _judged_so_far(results) if options.so_far else read_result(results)
-    written = write_exports(targets, plain, results, options.path_prefix)
+    from grader.pipeline import RESULT_FILE, judge_so_far
+
+    try:
+        result = judge_so_far(results) if options.so_far else load_result(results / RESULT_FILE)
+    except FileNotFoundError as problem:
+        raise RecordingError(
+            f"there is no {RESULT_FILE} to export",
+            where=str(results),
+            remedy="Give the folder of one submission's results, e.g. results/alice.",
+        ) from problem
+    written = write_exports(targets, result, results, options.path_prefix)
     if not any(target.file == STANDARD_OUTPUT for target in targets):
         for path in written:
             console.print(terminal_text(str(path)), soft_wrap=True, markup=False)
@@ -109,34 +117,3 @@ def _targets(parser: argparse.ArgumentParser, options: argparse.Namespace) -> li
     if len(options.results) > 1 and any(t.file not in (None, STANDARD_OUTPUT) for t in targets):
         parser.error("of several results, each is written into its own folder; leave out the file")
     return targets
-
-
-def read_result(results: Path) -> Mapping[str, Any]:
-    """Read `result.json` of a results folder.
-
-    Raises
-    ------
-    RecordingError
-        If there is none, or it cannot be read.
-    """
-    from grader.pipeline import RESULT_FILE
-
-    try:
-        plain = json.loads((results / RESULT_FILE).read_text(encoding="utf-8"))
-    except (OSError, ValueError) as problem:
-        raise RecordingError(
-            f"there is no {RESULT_FILE} to export",
-            where=str(results),
-            remedy="Give the folder of one submission's results, e.g. results/alice.",
-        ) from problem
-    if not isinstance(plain, dict):
-        raise RecordingError(f"{RESULT_FILE} is not a result", where=str(results), remedy="Run `grade regrade` on it.")
-    return plain
-
-
-def _judged_so_far(results: Path) -> Mapping[str, Any]:
-    from grader import pipeline
-    from grader.report.json import render
-
-    plain: Mapping[str, Any] = json.loads(render(pipeline.judge_so_far(results)))
-    return plain

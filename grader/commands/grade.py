@@ -7,6 +7,7 @@ import resource
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,8 +16,10 @@ from rich.console import Console
 from rich.text import Text
 
 from grader import __version__
-from grader.commands.arguments import BELOW, add_fail_under, add_isolation, count, each, least_isolation
+from grader.commands.arguments import BELOW, add_fail_under, add_isolation, count, each, least_isolation, print_error
 from grader.commands.export import add_exports
+from grader.desk import require_no_links, require_same_source, uncounted_overrides
+from grader.errors import UsageError
 from grader.report.plain import terminal_text
 
 if TYPE_CHECKING:
@@ -115,7 +118,14 @@ def _add_class(parser: argparse.ArgumentParser) -> None:
     )
     again.add_argument("--afresh", action="store_true", help="grade all again")
     group.add_argument(
-        "--anonymous", action="store_true", help="pseudonyms instead of names on the class page and in grades.csv"
+        "--replace",
+        action="store_true",
+        help="let results take the place of those that were made from another path under the same name",
+    )
+    group.add_argument(
+        "--anonymous",
+        action="store_true",
+        help="also write index-anonymous.html and grades-anonymous.csv, with pseudonyms instead of names",
     )
     group.add_argument(
         "--scheduler",
@@ -127,28 +137,56 @@ def _add_class(parser: argparse.ArgumentParser) -> None:
 def run(arguments: Sequence[str], console: Console, epilog: str = "") -> int:
     """Grade the submissions; returns the exit status."""
     from grader import pipeline
+    from grader.batch.rejudging import recorded_in
+    from grader.commands.meant import require_submissions
     from grader.live.scratch import remove_leavings
 
     parser = _parser(epilog)
     options = parser.parse_args(arguments)
     rubric = pipeline.read_rubric(options.rubric)
     pipeline.require_sessions(_sessions(options) or (), rubric)
+    require_submissions(options.submissions, rubric)
     found = _found(options, rubric)
     several = len(found.submissions) > 1 or options.scheduler is not None
+    sources = [handed.source for handed in found.submissions]
+    require_no_links(options.output, sources)
+    for folder in recorded_in(options.output):
+        pipeline.require_lab(folder, rubric, "Give another folder for these results by -o.")
+    for target in options.exports:
+        require_no_links(target.path(options.output).parent, sources, inside=False)
+    if options.overrides is None and (ignored := uncounted_overrides(options.output, sources)) is not None:
+        console.print(Text(f"Note: {terminal_text(ignored)}", "yellow"), soft_wrap=True)
     if several and options.timings:
         parser.error("--timings is for one submission")
     if several and options.exports:
         parser.error("--export is for one submission; for several use `grade export` on their results")
-    live = _live_options(options, rubric, several=several)
+    live = _live_options(options, rubric, sources, several=several)
     _tell_of_single_files(options.submissions, rubric, console)
     remove_leavings()
-    if several:
-        return _grade_class(found, rubric, live, options, console)
-    if found.not_understood or found.missing or any(handed.late for handed in found.submissions):
-        _tell_found(found, console)
-    return each(
-        found.submissions, lambda handed: _grade_one(handed, rubric, live, options, console), options.fail_under
-    )
+    if not several:
+        if found.not_understood or found.missing or any(h.late or h.student for h in found.submissions):
+            _tell_found(found, console)
+        return each(
+            found.submissions, lambda handed: _grade_one(handed, rubric, live, options, console), options.fail_under
+        )
+    allowed, status = _of_same_source(found.submissions, options)
+    if not allowed:
+        return status
+    return max(status, _grade_class(replace(found, submissions=allowed), rubric, live, options, console))
+
+
+def _of_same_source(handed: Sequence[Handed], options: argparse.Namespace) -> tuple[tuple[Handed, ...], int]:
+    """Return the submissions that replace no results of another path; the others are named, and give the status."""
+    allowed, status = [], 0
+    for one in handed:
+        try:
+            if not options.replace:
+                require_same_source(options.output / one.name, one.source)
+            allowed.append(one)
+        except UsageError as error:
+            print_error(error)
+            status = error.exit_status
+    return tuple(allowed), status
 
 
 def _found(options: argparse.Namespace, rubric: Rubric) -> Found:
@@ -175,7 +213,7 @@ def _tell_of_single_files(paths: Sequence[Path], rubric: Rubric, console: Consol
             console.print(Text(terminal_text(told), "yellow"), soft_wrap=True)
 
 
-def _live_options(options: argparse.Namespace, rubric: Rubric, *, several: bool) -> Options:
+def _live_options(options: argparse.Namespace, rubric: Rubric, sources: Sequence[str], *, several: bool) -> Options:
     from grader import pipeline
 
     return pipeline.Options(
@@ -185,7 +223,7 @@ def _live_options(options: argparse.Namespace, rubric: Rubric, *, several: bool)
         options.jobs,
         options.launch,
         least_isolation(options, several=several),
-        pipeline.read_overrides(options.overrides, options.output, rubric),
+        pipeline.read_overrides(options.overrides, options.output, rubric, sources),
         options.exports,
         options.path_prefix,
     )
@@ -218,6 +256,8 @@ def _grade_one(handed: Handed, rubric: Rubric, live: Options, options: argparse.
 
     output, watch = options.output, Stopwatch()
     results, now = output / handed.name, datetime.now(timezone.utc)
+    if not options.replace:
+        require_same_source(results, handed.source)
     before = audit.text_of(results / pipeline.RESULT_FILE)
     with ProgressDisplay(console, handed.name, live.sessions or list(rubric.sessions)) as display:
         result = pipeline.grade(
@@ -332,6 +372,7 @@ def _report_class(
     from grader.batch.class_entries import entries_of, student_of
     from grader.batch.class_list import read_class_list
     from grader.cohort.roster import with_roster
+    from grader.commands.report import print_class_files
 
     entries = entries_of(options.output, rows, missing)
     known = {*(row.handed.name for row in rows), *missing}
@@ -340,9 +381,11 @@ def _report_class(
         console.print(Text(told, "yellow"), soft_wrap=True)
     if options.class_list is not None:
         entries = with_roster(entries, map(student_of, read_class_list(options.class_list)))
-    pipeline.report_class(options.output, entries, rubric, anonymous=options.anonymous)
-    console.print(f"Class: {options.output / pipeline.CLASS_PAGE}", soft_wrap=True, markup=False)
-    console.print(f"Grades: {options.output / pipeline.GRADES_FILE}", soft_wrap=True, markup=False)
+    pipeline.report_class(options.output, entries, rubric)
+    print_class_files(options.output, console)
+    if options.anonymous:
+        pipeline.report_class(options.output, entries, rubric, anonymous=True)
+        print_class_files(options.output, console, anonymous=True)
 
 
 def _status(row: Row, least: Decimal | None) -> int:

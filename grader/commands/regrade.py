@@ -15,6 +15,7 @@ from rich.progress import Progress
 from rich.text import Text
 
 from grader.commands.arguments import BELOW, add_fail_under, count, each, print_error
+from grader.desk import made_from, uncounted_overrides
 from grader.errors import GraderError
 from grader.replacing import replace_file, replace_files, uninterrupted
 from grader.report.plain import terminal_text
@@ -75,6 +76,12 @@ def _parser() -> argparse.ArgumentParser:
         metavar="FILE",
         help="decisions of people (default: overrides.yaml beside the results)",
     )
+    parser.add_argument(
+        "--trust-lab",
+        action="store_true",
+        help="execute the lab's files that came with the recordings though this machine does not know them: I know "
+        "where they come from",
+    )
     parser.add_argument("--apply", action="store_true", help="write the new results of a class")
     parser.add_argument(
         "-j", "--jobs", type=count, metavar="N", help="processes side by side for a class (default: one a core)"
@@ -106,7 +113,10 @@ def _regrade_one(folder: Path, options: argparse.Namespace, console: Console) ->
     from grader.report.terminal import print_result
 
     results, name = folder.resolve().parent, folder.resolve().name
-    rubric, overrides = pipeline.judged_by(folder, options.rubric, options.overrides)
+    rubric, overrides = pipeline.judged_by(folder, options.rubric, options.overrides, trusted=options.trust_lab)
+    ignored = uncounted_overrides(results, [made_from(folder)])
+    if ignored is not None and options.overrides is None:
+        console.print(Text(f"Note: {terminal_text(ignored)}", "yellow"), soft_wrap=True)
     before = audit.text_of(folder / pipeline.RESULT_FILE)
     result, files = pipeline.judged_files(folder, rubric, overrides)
     after = files[folder / pipeline.RESULT_FILE] or ""
@@ -115,6 +125,8 @@ def _regrade_one(folder: Path, options: argparse.Namespace, console: Console) ->
         replace_files(files)
         changes = audit.note_replaced(results, name, before, after, occasion)
     print_result(console, result)
+    for remark in pipeline.lab_remarks(folder, rubric):
+        console.print(Text(f"Note: {terminal_text(remark)}", "yellow"), soft_wrap=True)
     if changes.before is not None and changes.matters:
         console.print()
         console.print(changes_table({name: changes}))
@@ -135,6 +147,7 @@ def _regrade_class(folder: Path, options: argparse.Namespace, console: Console) 
             options.rubric,
             options.overrides,
             prepare=options.apply,
+            trusted=options.trust_lab,
             jobs=options.jobs,
             on_judged=lambda name: progress.advance(task),
         )

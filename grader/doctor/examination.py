@@ -226,8 +226,8 @@ def calibrate(interpreter: Path, rubric: Rubric) -> Iterator[Sign]:
     for recorded in sessions.values():
         yield _steadiness(recorded)
     for check in (c for criterion in result.criteria for c in criterion.checks):
-        if check.finding.outcome is not Outcome.PASSED:
-            said = f"{check.finding.outcome.value}: {check.finding.measured}. {check.finding.reason}"
+        if check.outcome is not Outcome.PASSED:
+            said = f"{check.outcome.value}: {check.measured}. {check.reason}"
             yield Sign(Verdict.CAUTION, check.id, said, "This check cannot be trusted on this machine as it is now.")
 
 

@@ -11,6 +11,7 @@ wherever that suffices to measure all the same.
 from __future__ import annotations
 
 import itertools
+import signal
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,6 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from grader.evidence.recorded import Recorded, Span
+from grader.evidence.unrecorded import dropped
 from grader.recording.bag import Stream
 from grader.recording.session import (
     GRADER_NAMESPACE,
@@ -37,6 +39,14 @@ _CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
 #: Services of a node by which others change it.
 _CHANGING = ("set_parameters", "set_parameters_atomically")
 _MOST_NAMED = 5
+#: Share of a time for which the recorder, all its threads together, waits for a core where the machine is busy; beside
+#: other sessions of the same grading it is a tenth.
+_LATE = 0.2
+#: Share of a time in which the student's own programs may have used a core, if the machine is to blame for a delay.
+_OWN_DOING = 0.5
+#: Signals by which the system's administrators and its shortage of memory end a process: no program's doing.
+_SENT_BY_OTHERS = (-signal.SIGKILL, -signal.SIGTERM, -signal.SIGINT)
+_OUT_OF_MEMORY = ("MemoryError", "bad_alloc")
 
 
 @dataclass(frozen=True)
@@ -47,10 +57,13 @@ class Touched:
     ----------
     spoilt : frozenset of str
         Topics, services and nodes in the graph of which nothing can be measured any more in this session.
+    whole : bool
+        Whether that goes for all of the session.
     """
 
     violation: Violation
     spoilt: frozenset[str] = frozenset()
+    whole: bool = False
 
 
 @dataclass(frozen=True)
@@ -188,17 +201,52 @@ class _Census:
         span = Span(min(times_ns), max(times_ns))
         return self.violation(ViolationKind.SECOND_SERVER, text, evidence, span, service)
 
-    def ended(self) -> Iterator[Touched]:
-        """Find reference nodes that did not live: once may be chance, and is tried again."""
+    # -- disturbances ------------------------------------------------------------------------
+
+    def brought_down(self) -> Iterator[Touched]:
+        """Find the grader's own processes that died in their native code, or no longer heeded anybody.
+
+        In a session's network only its own processes speak, so that whatever does this comes from one of them. Once it
+        may be chance; where it is so in two recordings, what the submission's programs sent is what did it.
+        """
         for run in self.record.processes:
-            if run.role != "reference" or run.name not in self.running or self.record.attempt < 2:
+            span = Span(run.started_ns, run.exited_ns or self.record.ended_ns)
+            if run.role == "student" or not _brought_down(run) or self._machine_was_late(span):
                 continue
-            if run.interrupted_ns is None and run.exited_ns is not None:
-                node = self.running[run.name]
-                text = f"The grader's own node {node} ended before its time, in more than one recording."
-                evidence = [f"{_end(run)}, in recording number {self.record.attempt}; what ended it is not known"]
-                span = Span(run.started_ns, run.exited_ns)
-                yield Touched(self.violation(ViolationKind.ENDS_REFERENCE, text, evidence, span, certain=False))
+            what = f"node {self.running[run.name]}" if run.name in self.running else f"process {run.name}"
+            text = f"The grader's own {what} {_end(run)} while programs of the submission were running."
+            yield self._disturbed(ViolationKind.ENDS_REFERENCE, text, [], span, whole=True)
+
+    def kept_from_recorder(self) -> Iterator[Touched]:
+        """Find messages of the grader's that never reached its recorder, though the machine did not hold it up."""
+        span = Span(self.record.started_ns, self.record.ended_ns)
+        for missing in dropped(self.recorded) if not self._machine_was_late(span) else ():
+            text = f"{missing.text} Packets in the grader's name can do that, and the machine was not busy."
+            spoilt = frozenset({missing.topic})
+            if any(i.topic == missing.topic and i.topic_type == _CLOCK_TYPE for i in self.recorded.bag.topics):
+                spoilt = frozenset(info.topic for info in self.recorded.bag.topics)
+            yield self._disturbed(ViolationKind.DISTURBS_RECORDING, text, spoilt, span, missing.topic)
+
+    def _disturbed(
+        self,
+        kind: ViolationKind,
+        text: str,
+        spoilt: Iterable[str],
+        span: Span,
+        topic: str | None = None,
+        *,
+        whole: bool = False,
+    ) -> Touched:
+        repeated = self.record.disturbed_before
+        evidence = [f"so in recording number {self.record.attempt}" + " and in one before" * repeated]
+        violation = self.violation(kind, text, evidence, span, topic, certain=repeated)
+        return Touched(violation, frozenset(spoilt), whole)
+
+    def _machine_was_late(self, span: Span) -> bool:
+        """Whether it may be the machine's doing, and not that of programs that are busy themselves."""
+        students = [run for run in self.record.processes if run.role == "student"]
+        own_s = sum(self.recorded.cpu_s(run, span) for run in students)
+        return self.recorded.recorder_delay_s(span) > _LATE * span.duration_s and own_s < _OWN_DOING * span.duration_s
 
     # -- topics -------------------------------------------------------------------------------
 
@@ -290,16 +338,17 @@ def census(recorded: Recorded, reference_nodes: Mapping[str, str]) -> tuple[Touc
     reference_nodes : mapping
         Name of each reference process -> fully qualified name of its node.
     """
-    if not recorded.record.trusted or recorded.silent_references:
-        return ()
     taken = _Census(recorded, reference_nodes)
+    if not recorded.record.trusted or recorded.silent_references:
+        return tuple(taken.brought_down())
     return (
         *taken.impersonated(),
         *taken.published(),
         *taken.second_servers(),
         *taken.asked_to_change(),
         *taken.forged(),
-        *taken.ended(),
+        *taken.brought_down(),
+        *taken.kept_from_recorder(),
     )
 
 
@@ -349,9 +398,18 @@ def _naming(stream: Stream, field: str, names: Mapping[str, str]) -> dict[int, s
     return {row: names[value] for row, value in zip(rows, values, strict=True) if value in names}
 
 
+def _brought_down(run: ProcessRun) -> bool:
+    """Whether a process of the grader's was ended by something in its native code, or had to be killed."""
+    if run.ended_by in ("terminate", "kill"):
+        return True
+    memory = any(word in line.text for line in run.output[-5:] for word in _OUT_OF_MEMORY)
+    crashed = (run.exit_status or 0) < 0 and run.exit_status not in _SENT_BY_OTHERS
+    return run.ended_by == "itself" and (crashed or memory)
+
+
 def _end(run: ProcessRun) -> str:
-    if run.exit_status is None:
-        return f"{run.name} ended"
-    if run.exit_status < 0:
-        return f"{run.name} ended by signal {-run.exit_status}"
-    return f"{run.name} ended with exit status {run.exit_status}"
+    if run.ended_by in ("terminate", "kill"):
+        return "no longer heeded anybody and had to be killed"
+    if (run.exit_status or 0) < 0:
+        return f"ended by signal {-(run.exit_status or 0)}"
+    return f"ended with exit status {run.exit_status}"

@@ -34,7 +34,7 @@ def may_be_chance(recorded: Recorded, reference_nodes: Iterable[str]) -> str | N
         return held_up
     if is_believed(recorded) and any(_was_refused_tasks(run) for run in students):
         return "A program could start no thread, and not since it had too many: the machine may have."
-    if recorded.record.attempt > 1:
+    if recorded.record.times_recorded > 1:
         return None
     if any(_killed_by_nobody(run) for run in students):
         return "A program was killed, and by nobody of this session; the system does so when its memory is short."
@@ -45,7 +45,7 @@ def may_be_chance(recorded: Recorded, reference_nodes: Iterable[str]) -> str | N
 
 def is_believed(recorded: Recorded) -> bool:
     """Whether what a program alone says of itself may leave something undecided: not for ever, as it can be made up."""
-    return recorded.record.attempt <= _BELIEVED
+    return recorded.record.times_recorded <= _BELIEVED
 
 
 def clock_was_set(recorded: Recorded, span: Span | None) -> str | None:

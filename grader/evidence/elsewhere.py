@@ -201,10 +201,9 @@ def _is_expression(field: str) -> bool:
     """Whether the contents of a field are an expression, with what says how to show it or without."""
     if len(field) > _LONGEST_FIELD:
         return False
-    for text in dict.fromkeys((field, _CONVERSION.sub("", field), field.rpartition(":")[0])):
-        if text.strip() and expression_tree(f"({_without_inner_quotes(text)})") is not None:
-            return True
-    return False
+    older = _without_inner_quotes(field)  # once for all readings: what is nested would else be read three times a level
+    readings = dict.fromkeys((older, _CONVERSION.sub("", older), older.rpartition(":")[0]))
+    return any(text.strip() and expression_tree(f"({text})") is not None for text in readings)
 
 
 _LONGEST_FIELD = 500

@@ -16,6 +16,10 @@ _HIT = {
         "published more than a session's recording holds",
         "Send messages no larger and no more often than is asked for.",
     ),
+    "time": (
+        "kept what it was asked waiting until the session's time was over",
+        "Answer at once, and return from each callback quickly.",
+    ),
     "output": ("printed more than a session allows", "Print less, and not in a loop that never waits."),
 }
 _KILLED = (-9, 137)

@@ -9,9 +9,24 @@ from dataclasses import dataclass, replace
 
 from grader.evidence.recorded import Recorded
 from grader.evidence.tracebacks import without_colours
+from grader.patterns import search
 from grader.recording.session import OutputLine
 
-_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?\b(?:nan|inf)\b", re.IGNORECASE)
+#: A decimal number. Behind a digit it does not begin anew, and it ends in one way only: who looks for it is done after
+#: one look at each character, also where what must follow is not there.
+NUMBER = r"[+-]?(?:(?<!\d)\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
+_NUMBER = re.compile(rf"{NUMBER}|[+-]?\b(?:nan|inf)\b", re.IGNORECASE)
+_LONG_RUN = re.compile(r"(\d{40})\d+|([^\S\n]{20})[^\S\n]+|([.=_*~+#-]{100})[.=_*~+#-]+")
+
+
+def with_short_runs(text: str) -> str:
+    """Return a text whose numbers, blanks and rules have the length that people print, at most.
+
+    So what is looked for in it is found, or not, in a time that grows with its length and not with the square of it.
+    """
+    return _LONG_RUN.sub(r"\1\2\3", text)
+
+
 _WRAPPING = re.compile(r"np\.float\d*\(|array\(|dtype=\w+|[()]")
 _ONLY_NUMBERS = re.compile(r"(?:[\s,;|'\"\[\]]|\b(?:rad|deg|m|mm|s|ms)\b|°)*")
 """What may stand between numbers and behind them."""
@@ -44,15 +59,15 @@ def reports(recorded: Recorded, artifact: str, patterns: Sequence[str]) -> list[
     Where standard output and error show none, the node's log on /rosout is read instead. The first of the patterns
     counts that finds any.
     """
-    return next((found for pattern in patterns if (found := _reports(recorded, artifact, re.compile(pattern)))), [])
+    return next((found for pattern in patterns if (found := _reports(recorded, artifact, pattern))), [])
 
 
-def _reports(recorded: Recorded, artifact: str, expression: re.Pattern[str]) -> list[Report]:
+def _reports(recorded: Recorded, artifact: str, pattern: str) -> list[Report]:
     found: list[Report] = []
     for process in recorded.processes_of(artifact):
         until_ns = process.interrupted_ns or process.exited_ns or 2**63
         found += [
-            r for line in process.output if line.t_ns < until_ns and (r := _report(expression, line.t_ns, line.text))
+            r for line in process.output if line.t_ns < until_ns and (r := _report(pattern, line.t_ns, line.text))
         ]
     if found:
         return found
@@ -61,13 +76,13 @@ def _reports(recorded: Recorded, artifact: str, expression: re.Pattern[str]) -> 
     return [
         r
         for t_ns, text in zip(log.received_ns.tolist(), texts, strict=True)
-        if text and (r := _report(expression, t_ns, text))
+        if text and (r := _report(pattern, t_ns, text))
     ]
 
 
-def _report(expression: re.Pattern[str], t_ns: int, text: str) -> Report | None:
+def _report(pattern: str, t_ns: int, text: str) -> Report | None:
     text = without_colours(text[:2000])
-    match = expression.search(text)
+    match = search(pattern, text)
     if match is None or match.lastindex is None:
         return None
     try:
@@ -110,15 +125,14 @@ def printed_vector(
         A regular expression; where it is found between the beginning of the line and the numbers, they are of
         something else.
     """
-    output = [replace(line, text=without_colours(line.text)) if "\x1b" in line.text else line for line in output]
-    other = re.compile(unless, re.IGNORECASE) if unless is not None else None
+    output = [replace(line, text=with_short_runs(without_colours(line.text))) for line in output]
     there = "\n".join(line.text for line in output).lower()
-    found = (_labelled(output, re.escape(label), after_ns, other) for label in labels if label.lower() in there)
+    found = (_labelled(output, re.escape(label), after_ns, unless) for label in labels if label.lower() in there)
     return next((vector for vector in found if vector is not None), None)
 
 
 def _labelled(
-    output: Sequence[OutputLine], label: str, after_ns: int | None, other: re.Pattern[str] | None
+    output: Sequence[OutputLine], label: str, after_ns: int | None, other: str | None
 ) -> PrintedVector | None:
     head = (
         rf"\b{label}\w*\b[^\[\n]{{0,60}}(?:\[[A-Za-z°]{{1,9}}\][^\[\n]{{0,20}})?"
@@ -151,18 +165,18 @@ def _labelled(
     return _numbers_of(bare[-1], "vector") if bare else None
 
 
-def _is_of(other: re.Pattern[str] | None, text: str, head: re.Match[str]) -> bool:
+def _is_of(other: str | None, text: str, head: re.Match[str]) -> bool:
     """Whether the beginning of a line, up to the end of a match, tells of something else."""
-    begin = text.rfind("\n", 0, head.start()) + 1
-    return (
-        other is not None and other.search(text[max(begin, head.start() - _MAX_VECTOR_TEXT) : head.end()]) is not None
-    )
+    if other is None:
+        return False
+    begin = max(text.rfind("\n", 0, head.start()) + 1, head.start() - _MAX_VECTOR_TEXT)
+    return search(other, text[begin : head.end()], ignore_case=True) is not None
 
 
-def _before_numbers(line: str, other: re.Pattern[str]) -> bool:
+def _before_numbers(line: str, other: str) -> bool:
     """Whether the label with which a line begins tells of something else."""
     parts = re.split(r"[:=\[]", line, maxsplit=1)
-    return len(parts) > 1 and other.search(parts[0]) is not None
+    return len(parts) > 1 and search(other, parts[0], ignore_case=True) is not None
 
 
 def _numbers_of(texts: Sequence[str], form: str) -> PrintedVector:

@@ -8,13 +8,15 @@ languages as it likes.
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from grader.evidence.markup import Block, Document, Section, code_spans, own_text, plain_text, read_markdown
 from grader.evidence.source import SourceFacts
 from grader.evidence.words import Terms, fold, is_placeholder, measure, normal_form, sentences, words
+from grader.patterns import search
 
 __all__ = [
     "Concept",
@@ -180,6 +182,8 @@ class Discussion:
         Passages that set two or more concepts in relation: with a word of reason or comparison, or at length.
     reasoned : tuple of Place
         Those of `related` that have a word of reason or comparison.
+    strung : tuple of Place
+        Passages whose words are strung together without sentences, see `lacks_sentences`.
     words : int
         Distinct own words of all passages that discuss, besides the concepts' names.
     """
@@ -187,6 +191,7 @@ class Discussion:
     concepts: tuple[Concept, ...]
     related: tuple[Place, ...]
     reasoned: tuple[Place, ...]
+    strung: tuple[Place, ...]
     words: int
 
     @property
@@ -381,12 +386,11 @@ def run_instructions(document: Document, patterns: Sequence[str]) -> tuple[RunIn
     Lines of code, code spans and lines of text are searched, as many a README has its commands unmarked. A
     pattern is a regular expression of the rubric, searched regardless of case.
     """
-    compiled = [(pattern, re.compile(pattern, re.IGNORECASE)) for pattern in patterns]
     found: list[RunInstruction] = []
     for block in document.blocks():
         for offset, line in enumerate(block.text.split("\n")):
             for form, command in _commands(block.kind, line):
-                match = next((p for p, regex in compiled if regex.search(command)), None)
+                match = next((p for p in patterns if search(p, command, ignore_case=True)), None)
                 if match is not None:
                     found.append(RunInstruction(block.line + offset, command, match, form))
                     break
@@ -450,6 +454,7 @@ def concepts(
     reasons: Sequence[str] = (),
     anchors: Sequence[str] = (),
     min_words: int = DISCUSSION_WORDS,
+    connectives: Sequence[str] = (),
 ) -> Discussion:
     """Which concepts of `lexicon` the passages discuss.
 
@@ -470,11 +475,35 @@ def concepts(
         matter at all.
     min_words : int
         Own words from which a passage discusses.
+    connectives : sequence of str
+        Words that hold a sentence together, in any languages.
     """
     anchor = Terms.of(anchors)
     on_topic = (p for p in passages if not anchors or anchor.found(plain_text(f"{p.heading}\n{p.text}")))
     every = Terms.of(stem for stems in lexicon.values() for stem in stems)
-    return _discussion(list(_discussing(on_topic, every, min_words)), lexicon, Terms.of(reasons), min_words)
+    discussing = list(_discussing(on_topic, every, min_words))
+    strung = tuple(_place_of(passage) for passage, _, _ in discussing if lacks_sentences(passage.text, connectives))
+    return replace(_discussion(discussing, lexicon, Terms.of(reasons), min_words), strung=strung)
+
+
+#: Words that stand between two marks, on average, and how few of them connect others, where they are only strung.
+_LONG_STRETCH, _FEW_CONNECTIVES = 8, 0.1
+_MARKS = re.compile(r"[.,;:!?()|/\"“”„«»—–\n]+")
+
+
+def lacks_sentences(text: str, connectives: Sequence[str]) -> bool:
+    """Whether a text is words in long rows, of which next to none connects others; unknown scripts never are."""
+    spoken = words(plain_text(text))
+    known = [word for word in spoken if unicodedata.name(word[0], "").startswith(("LATIN", "CYRILLIC"))]
+    rows = [row for row in _MARKS.split(plain_text(text)) if row.strip()]
+    if not connectives or len(known) < len(spoken) or len(spoken) < _LONG_STRETCH * max(1, len(rows)):
+        return False
+    connecting = {fold(word) for word in connectives}
+    return sum(word in connecting for word in known) < _FEW_CONNECTIVES * len(known)
+
+
+def _place_of(passage: Passage) -> Place:
+    return Place(passage.file, passage.line, _excerpt(plain_text(passage.text)))
 
 
 def _discussion(
@@ -488,7 +517,7 @@ def _discussion(
     related: list[Place] = []
     reasoned: list[Place] = []
     for passage, text, own in discussing:
-        place = Place(passage.file, passage.line, _excerpt(plain_text(passage.text)))
+        place = _place_of(passage)
         named = [name for name in lexicon if terms[name].found(text)]
         for name in named:
             places[name].append(place)
@@ -499,7 +528,7 @@ def _discussion(
             related.append(place)
     found = tuple(Concept(name, tuple(places[name])) for name in lexicon)
     amount = measure(word for _, _, own in discussing for word in own)
-    return Discussion(found, tuple(related), tuple(reasoned), amount)
+    return Discussion(found, tuple(related), tuple(reasoned), (), amount)
 
 
 def _discussing(passages: Iterable[Passage], every: Terms, min_words: int) -> Iterator[tuple[Passage, str, list[str]]]:

@@ -34,6 +34,12 @@ from grader.recording.session import (
 #: How far the clock may move against the monotonic one; what is more than slewing means that it was set.
 _STEP_S, _SLEW = 0.002, 0.001
 
+#: The kernel tells a core's idle time in hundredths of a second; both ends of a span may be off by one.
+_IDLE_ERROR_S = 0.02
+#: A thread by itself waits for no longer than its program does not compute; what is more than that by this share of a
+#: span, which is more than what samples leave open, are waits of several at once.
+_AT_ONCE = 0.25
+
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
@@ -248,14 +254,37 @@ class Recorded:
         -----
         Taken from the run-queue delay of its threads and the time that a virtual machine's host took; or where that is
         more, from the time in which the grader itself stood still, as all stands still that is frozen or suspended.
-        Threads of one process also wait for each other, and a process that is busy all the time has itself to blame:
+        Threads of one process also wait for each other, and for other programs of the student's; so it is at most the
+        time for which somebody else was on the core. A process that is busy all the time has itself to blame:
         others can have had the core no longer than it was not in use.
         """
         if len(run.usage) < 2:
             return 0.0
         idle_s = max(0.0, span.duration_s - self.cpu_s(run, span))
-        delay_s = _delay_ns(run, span) / 1e9 + _stolen_s(self.record, span)
+        delay_s, others_s = _delay_ns(run, span) / 1e9, self._others_s(run, span)
+        if delay_s > idle_s + _AT_ONCE * span.duration_s and others_s < float("inf"):
+            # Several waited at once, for each other too: of that others have the share in which they had the core.
+            others_s *= others_s / max(span.duration_s, others_s)
+        delay_s = min(delay_s, others_s) + _stolen_s(self.record, span)
         return min(max(delay_s, self.stalled_s(span)), idle_s)
+
+    def _others_s(self, run: ProcessRun, span: Span) -> float:
+        """Return for how long within a span neither nothing nor a student's program was on a process's core, in s.
+
+        Before it is held to one, that is the sum over all cores. Where that is not known, there is no bound.
+        """
+        samples = [sample for sample in self.record.machine if sample.idle_ns]
+        held = run.core is not None and run.held_ns is not None and run.held_ns <= span.start_ns
+        cores = [str(run.core)] if held else list(samples[0].idle_ns) if samples else []
+        if len(samples) < 2 or any(core not in sample.idle_ns for core in cores for sample in samples):
+            return float("inf")
+        times, ends = [s.t_ns for s in samples], [span.start_ns, span.end_ns]
+        idle = [np.interp(ends, times, [s.idle_ns[core] for s in samples]) for core in cores]
+        idle_s = sum(float(after - before) for before, after in idle) / 1e9
+        students = [r for r in self.record.processes if r.role == "student" or r is run]
+        there = [r for r in students if not held or r.core in (None, run.core)]
+        own_s = sum(self.cpu_s(r, span) for r in there)
+        return max(0.0, len(cores) * span.duration_s - idle_s - own_s) + _IDLE_ERROR_S
 
     def cpu_s(self, run: ProcessRun, span: Span) -> float:
         """Return the CPU time that a process took within a span, in s, interpolated between samples."""
@@ -381,6 +410,21 @@ def _numbers(value: Any) -> Floats | None:
             return None
         return row if row.ndim == 1 else None
     return None
+
+
+def can_hold_row(message: object, field: str) -> bool:
+    """Whether a message's type has a field that holds a row of numbers; what lies in an empty row is not known."""
+    value: Any = message
+    for step in field.split("."):
+        if step.isdecimal() and isinstance(value, (list, tuple, np.ndarray)):
+            if int(step) >= len(value):
+                return True
+            value = value[int(step)]
+        elif hasattr(value, step):
+            value = getattr(value, step)
+        else:
+            return False
+    return _numbers(value) is not None
 
 
 def _first_numbers(message: object | None) -> Floats | None:

@@ -12,10 +12,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from grader.evidence.printed import NUMBER, with_short_runs
 from grader.recording.session import OutputLine
 
 _LOG_PREFIX = re.compile(r"^\[[A-Z]+\] \[[\d.]+\] \[[^\]]{1,200}\]: ")
-_NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _UNITS_S = {"ns": 1e-9, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ms": 1e-3, "msec": 1e-3, "s": 1.0, "sec": 1.0}
 _UNIT = r"(?:ns|us|µs|μs|msec|ms|sec|s)(?![A-Za-z])"
 _LONG_UNITS = (("milli", 1e-3), ("micro", 1e-6), ("nano", 1e-9), ("second", 1.0), ("segundo", 1.0), ("sekunde", 1.0))
@@ -25,12 +25,12 @@ _MEAN = (
 )
 _LATENCY = (
     r"(?:latenc|latenz|latênc|delay|verzögerung|retras|retard|ritard|atras|gecikme|задержк|延迟|時延|遅延|지연|تأخير|विलंब)"
-    r"[a-zé]*"
+    r"[a-zé]{0,20}"
 )
 _MOST = r"(?:max|máx|worst|peak|höchst|largest|en yüksek|макс|最大|最高|최대|أقصى|अधिकतम)"
 _RECEIVED = (
     r"(?:recei|recv|rcvd|got|arrived|delivered|empfangen|recibid|reçu|ricevut|recebid|alınan|получ|接收|收到|受信|수신)"
-    r"[a-zé]*"
+    r"[a-zé]{0,20}"
 )
 _MESSAGES = (
     r"(?:msgs?|messages?|samples?|counts?|mensajes|nachrichten|messaggi|mensagens|mesaj|сообщ|消息|条|件|개|رسائل|संदेश)"
@@ -118,6 +118,7 @@ def plain_numbers(line: str) -> str:
 
     In a line whose commas part values nothing is changed.
     """
+    line = with_short_runs(line)
     if not re.search(r"\d[.,]\d", line) or _COMMAS_PART.search(line):
         return line
     fractions = [match[0] for match in _DECIMAL_COMMA.finditer(_GROUPED_BY_DOTS.sub("1", line))]
@@ -198,9 +199,9 @@ def _from_table(lines: Sequence[str], start: int, name: str, others: Sequence[st
         return int(count.value), mean, largest
     behind = _behind(lines[start], name)
     numbers = [c for c in re.split(rf"[\s:\"'`*]+|\s*{_CELL_BORDER}\s*", behind) if c]
-    if len(numbers) < 3 or not all(re.fullmatch(rf"{_NUMBER}%?|%|-", c) for c in numbers):
+    if len(numbers) < 3 or not all(re.fullmatch(rf"{NUMBER}%?|%|-", c) for c in numbers):
         return None
-    if not numbers[0].isdecimal() or not all(re.fullmatch(_NUMBER, c) for c in numbers[1:3]):
+    if not numbers[0].isdecimal() or not all(re.fullmatch(NUMBER, c) for c in numbers[1:3]):
         return None
     return int(numbers[0]), _time_of(numbers[1], 1e-3), _time_of(numbers[2], 1e-3)
 
@@ -230,7 +231,7 @@ def _header(line: str, width: int) -> dict[str, tuple[int, float]] | None:
 
 def _cell(cells: Sequence[str], header: dict[str, tuple[int, float]], kind: str) -> _Time | None:
     place, unit_s = header[kind]
-    match = re.match(rf"\W{{0,3}}?({_NUMBER})\s*({_UNIT})?", cells[place]) if len(cells) >= -place else None
+    match = re.match(rf"\W{{0,3}}?({NUMBER})\s*({_UNIT})?", cells[place]) if len(cells) >= -place else None
     if match is None:
         return None
     return _time_of(match[1], _UNITS_S[match[2].lower()] if match[2] and kind != "count" else unit_s)
@@ -271,7 +272,7 @@ def _count(text: str) -> int | None:
     behind = r"[^\d\n]{0,20}?"
     for pattern in (
         rf"{_RECEIVED}{behind}(\d+)(?!\.?\d)(?!\s*{_UNIT})",
-        rf"(\d+)\s*{_MESSAGES}",
+        rf"(?<!\d)(\d+)\s*{_MESSAGES}",
         rf"(?<![A-Za-z]){_MESSAGES}{behind}(\d+)(?!\.?\d)(?!\s*{_UNIT})",
         rf"^\W{{0,5}}(\d+)(?![\d.]|\s*{_UNIT})",
         r"(?<!\w)n\s?[=:]\s?(\d+)(?!\.?\d)",
@@ -285,7 +286,7 @@ def _time(text: str, label: str) -> _Time | None:
     """Return the time behind a label, in s."""
     between = r"((?:[^\d\n+-]|-(?=[A-Za-z ])){0,40}?)"
     behind = rf"\s*({_UNIT})?(\s*(?:milli|micro|nano|second))?"
-    pattern = rf"(?<![A-Za-z]){label}{between}({_NUMBER}){behind}"
+    pattern = rf"(?<![A-Za-z]){label}{between}({NUMBER}){behind}"
     match = re.search(pattern, text, re.IGNORECASE)
     if match is None:
         return None
@@ -293,13 +294,13 @@ def _time(text: str, label: str) -> _Time | None:
     return _time_of(match[2], unit_s)
 
 
-_BEFORE_LABEL = rf"({_NUMBER})\s*({_UNIT})?(\s*(?:milli|micro|nano|second)[a-z]*)?[\s(]{{0,2}}(?:on )?(?<![A-Za-z])"
+_BEFORE_LABEL = rf"({NUMBER})\s*({_UNIT})?(\s*(?:milli|micro|nano|second)[a-z]*)?[\s(]{{0,2}}(?:on )?(?<![A-Za-z])"
 
 
 def _labels_follow(text: str) -> bool:
     """Whether labels stand behind their numbers, as in ``0.49 ms avg, 2.15 ms max``."""
     labels = [match for label in (_MEAN, _MOST) if (match := re.search(rf"(?<![A-Za-z]){label}", text, re.IGNORECASE))]
-    if not labels or re.match(rf"\w*[\s:=]*{_NUMBER}", text[max(match.end() for match in labels) :]):
+    if not labels or re.match(rf"\w*[\s:=]*{NUMBER}", text[max(match.end() for match in labels) :]):
         return False
     return all(re.search(_BEFORE_LABEL + "$", text[: match.start()], re.IGNORECASE) for match in labels)
 

@@ -1,4 +1,4 @@
-"""What the recorder left out, and whose doing that is, by the bytes that each writer put into the recording."""
+"""What is missing in a recording: what the recorder left out, and what never reached it; and whose doing that is."""
 
 from __future__ import annotations
 
@@ -6,7 +6,11 @@ import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from grader.evidence.authorship import authorship
 from grader.evidence.recorded import Recorded
+from grader.recording.bag import Stream
 from grader.recording.session import Claim, ProcessRun, Published, Unrecorded
 from grader.recording.told import DIGEST_DIGITS, digest
 
@@ -70,6 +74,64 @@ def limits_hit(recorded: Recorded) -> dict[str, str]:
         if left_out.limit and (run := _publisher_of(recorded, left_out)) is not None:
             found.setdefault(run.name, RECORDING)
     return found
+
+
+@dataclass(frozen=True)
+class Dropped:
+    """Messages that the grader's own processes published on a topic, and that are not in the recording."""
+
+    topic: str
+    published: int
+    recorded: int
+
+    @property
+    def text(self) -> str:
+        """Say how many there are."""
+        return (
+            f"Of the {self.published} messages that the grader published on {self.topic} {self.recorded} are recorded."
+        )
+
+
+#: So many may be missing: more than a reliable connection on loopback loses, and too few to change a verdict.
+_HARMLESS = 0.05
+#: Who keeps nothing for those who come later may publish for so long before the recorder's subscription is matched.
+_MATCHED_WITHIN_S = 5.0
+
+
+@functools.lru_cache(maxsize=_MOST_KEPT)
+def dropped(recorded: Recorded) -> tuple[Dropped, ...]:
+    """Compare what the grader's own processes told that they published with what is recorded of it.
+
+    Notes
+    -----
+    Whoever can send packets in the network of a session can send them in another's name, and make a reader believe
+    that messages are gone, or that others stand in their place. What was told came through pipes.
+    """
+    limited = {u.topic for u in recorded.record.unrecorded}
+    told: dict[tuple[str, str], list[Published]] = {}
+    for entry in recorded.record.published:
+        if entry.topic not in limited:
+            told.setdefault((entry.topic, entry.type), []).append(entry)
+    found = []
+    for (topic, _), entries in told.items():
+        published = sum(len(entry.digests) for entry in entries) // DIGEST_DIGITS
+        apart = recorded.authorship(topic) if recorded.published_on(topic) == tuple(entries) else None
+        apart = apart or authorship(recorded.bag, topic, entries)
+        there = len(apart.own) if apart is not None else 0
+        early = _before_match(recorded, topic, apart.own) if apart is not None else 0
+        if published - early - there > _HARMLESS * published:
+            found.append(Dropped(topic, published, there))
+    return tuple(found)
+
+
+def _before_match(recorded: Recorded, topic: str, own: Stream) -> int:
+    """Return how many messages may have been published before the recorder was there, by one who keeps none."""
+    publishers = [e for e in recorded.endpoints if e.topic == topic and recorded.is_trusted(e.gid)]
+    steps = np.diff(own.source_ns) / np.maximum(1, np.diff(own.sequence))
+    if not len(steps) or not any(e.qos.durability == "volatile" for e in publishers):
+        return 0
+    first = int(own.sequence.min())
+    return first - 1 if (first - 1) * float(np.median(steps)) / 1e9 <= _MATCHED_WITHIN_S else 0
 
 
 def _is_students(recorded: Recorded, left_out: Unrecorded) -> bool:

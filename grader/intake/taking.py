@@ -18,6 +18,7 @@ from itertools import islice
 from pathlib import Path, PurePosixPath
 from typing import BinaryIO, NoReturn
 
+from grader.beneath import open_regular_beneath
 from grader.errors import SubmissionError
 from grader.intake import names
 from grader.intake.archives import (
@@ -138,6 +139,8 @@ class Handed:
         The student's name as a learning-management system writes it; empty where none has.
     where : str
         Where it comes from, in words; written by students, so not to be trusted.
+    source : str
+        The path that it was found by, the same however that was typed; empty where nobody knows.
     """
 
     name: str
@@ -147,13 +150,14 @@ class Handed:
     late: bool = False
     student: str = ""
     where: str = ""
+    source: str = ""
 
     @classmethod
     def of(cls, path: Path) -> Handed:
         """Return the submission that a path stands for, called as the folder or archive is."""
         name = Path(os.path.realpath(path)).name or "submission"
         named = name if is_folder(path) else names.without_archive_suffix(name)
-        return cls(named, (Piece(path),), where=str(path))
+        return cls(named, (Piece(path),), where=str(path), source=os.path.realpath(path))
 
 
 @dataclass(frozen=True)
@@ -174,6 +178,8 @@ class Intake:
         Files, and folders with a slash at the end, that are there and may not be read; some of many.
     student_id : str or None
         By which a learning-management system or a class list knows the student.
+    source : str
+        The path that it was found by, see `Handed`.
     """
 
     folder: Path
@@ -183,6 +189,7 @@ class Intake:
     where: str = ""
     unreadable: tuple[str, ...] = ()
     student_id: str | None = None
+    source: str = ""
 
 
 @contextmanager
@@ -220,7 +227,16 @@ def taken_in(handed: Handed | Path, *, prefix: str = "grade-", limits: Limits = 
         taking.require_files()
         submitted_at = handed.submitted_at or taking.newest
         lines, unreadable = taking.notes.lines(), tuple(taking.unreadable)
-        yield Intake(taking.folder, handed.name, lines, submitted_at, handed.where, unreadable, handed.student_id)
+        yield Intake(
+            taking.folder,
+            handed.name,
+            lines,
+            submitted_at,
+            handed.where,
+            unreadable,
+            handed.student_id,
+            handed.source,
+        )
 
 
 @dataclass
@@ -518,10 +534,10 @@ def _names_of(file: BinaryIO) -> list[str] | None:
     return found if len(found) <= _MOST_LISTED else None
 
 
-def text_of(path: Path, most_bytes: int) -> str | None:
-    """Return the text of a file that a system wrote beside submissions; None if it cannot be read."""
+def text_of(folder: Path, name: str, most_bytes: int) -> str | None:
+    """Return the text of a file that a system wrote beside submissions; None if it cannot be read or lies elsewhere."""
     try:
-        with os.fdopen(open_regular(path), "rb") as file:
+        with os.fdopen(open_regular_beneath(folder, name), "rb") as file:
             return file.read(most_bytes).decode("utf-8", "replace")
     except OSError:
         return None

@@ -80,6 +80,8 @@ class Sessions:
         Starts the cells.
     attempt : int
         1, or more where an earlier recording left something undecided.
+    disturbed : frozenset of str
+        Sessions in an earlier recording of which the grader's own processes were disturbed.
     turns : Turns or None
         When each may run, where other submissions are recorded at the same time.
     """
@@ -96,6 +98,7 @@ class Sessions:
     forks: ForkServer
     native: NativeLaunch | None = None
     attempt: int = 1
+    disturbed: frozenset[str] = frozenset()
     turns: Turns | None = None
 
     def record(
@@ -153,7 +156,10 @@ class Sessions:
     def _plan(self, spec: SessionSpec, folder: Path, scratch: Path, number: int) -> SessionPlan:
         return SessionPlan(
             session=spec.id,
-            steps=[{"kind": s.kind, "parameters": s.parameters, "label": s.label} for s in spec.steps],
+            steps=[
+                {"kind": s.kind, "parameters": s.parameters, "label": s.label, "words": s.step.describe()}
+                for s in spec.steps
+            ],
             seed=self.seed,
             folder=str(folder.resolve()),
             scratch=str(scratch),
@@ -171,6 +177,7 @@ class Sessions:
             domain_id=0 if self.isolation.namespaces else number,
             timeout_s=spec.timeout_s,
             attempt=self.attempt,
+            disturbed_before=spec.id in self.disturbed,
             versions=self.versions,
             native=self.native.to_plain() if self.native is not None else None,
         )

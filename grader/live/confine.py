@@ -54,13 +54,16 @@ class Confinement:
 def main() -> None:
     """Confine this process as argv[1] says, and become the command."""
     plan = Confinement(**json.loads(sys.argv[1]))
-    os.chdir(plan.cwd)
     for name, value in plan.limits.items():
         resource.setrlimit(getattr(resource, f"RLIMIT_{name.upper()}"), (value, value))
     _prctl(_SET_NO_NEW_PRIVS, 1)
     restrict([Path(p) for p in plan.read], [Path(p) for p in plan.write])
     if os.geteuid() == 0:
         _give_up_privileges(plan.uid)
+    try:
+        os.chdir(plan.cwd)  # as the student's user, who named it
+    except OSError as error:
+        sys.exit(f"this cannot be started: its working folder {plan.cwd} cannot be entered: {error.strerror}")
     _prctl(_SET_PDEATHSIG, signal.SIGKILL)
     _filter_system_calls(own_user=plan.uid is not None)
     os.execvpe(plan.command[0], plan.command, plan.environment)

@@ -14,11 +14,13 @@ import json
 import os
 import re
 import shutil
+import time
 from collections.abc import Coroutine, Mapping
 from contextlib import suppress
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
+from grader.beneath import copy_tree, is_regular_beneath
 from grader.live.isolation import LAUNCHING, PARAMETERS
 from grader.live.names import LEAST_RATIO, likeness
 from grader.live.process import PipeReader, RunningProcess
@@ -31,6 +33,8 @@ if TYPE_CHECKING:
 
 _MAX_PLAN_BYTES = 4 * 1024 * 1024
 _MAX_MENDS = 6
+#: What a second evaluation gets in any case: the mistake that the first one found is mended to see the rest.
+_LEAST_EVALUATION_S = 1.0
 _MAX_MEMORY_BYTES = 2 * 1024 * 1024 * 1024
 #: A process that is to be started again and again is so at most this often.
 _MAX_RESPAWNS = 3
@@ -66,8 +70,11 @@ class LaunchRunner:
             return "failed", {"problem": "missing artifact", "artifact": parameters["launch"]}
         arguments = dict(parameters["arguments"])
         mended: list[dict[str, Any]] = []
+        end_s = time.monotonic() + parameters["timeout_s"]
         while True:
-            outcome, plan = await self._evaluate(source, arguments, parameters["timeout_s"])
+            # All evaluations share the time of one: a file that sleeps before each mistake gains none.
+            left_s = max(_LEAST_EVALUATION_S, round(end_s - time.monotonic(), 1))
+            outcome, plan = await self._evaluate(source, arguments, left_s, parameters["timeout_s"])
             problem = plan.problem
             if problem is None or len(mended) >= _MAX_MENDS or not self._mend(problem, parameters["assume"], arguments):
                 break
@@ -110,8 +117,16 @@ class LaunchRunner:
         shutil.copy(Path(plan.staged) / plan.executables[meant[0]], folder / wanted)
         return True
 
-    async def _evaluate(self, source: str, arguments: dict[str, str], timeout_s: float) -> tuple[str, Plan]:
-        """Execute the launch file, confined, and read its plan from a pipe of its own."""
+    async def _evaluate(
+        self, source: str, arguments: dict[str, str], left_s: float, timeout_s: float
+    ) -> tuple[str, Plan]:
+        """Execute the launch file, confined, and read its plan from a pipe of its own.
+
+        Parameters
+        ----------
+        left_s : float
+            What is left to it of the time that is allowed, which is `timeout_s`.
+        """
         session = self._session
         if source in self._given_up:
             return "failed", self._given_up[source]
@@ -150,7 +165,7 @@ class LaunchRunner:
         request = {"file": f"{root}/{source}", "arguments": arguments, "root": root, "native": native is not None}
         running.write(json.dumps(request).encode())
         running.close_input()
-        in_time = await running.wait_exit(timeout_s)
+        in_time = await running.wait_exit(left_s)
         await running.kill()
         reader.close()
         text = received[0] if received else ""
@@ -182,9 +197,7 @@ class LaunchRunner:
         given = dict(plan.parameter_files)
         for process in plan.processes:
             given.update(process.parameter_files)
-        self._files = {
-            bare: text for name, text in given.items() if (bare := PurePosixPath(name).name) not in ("", "..")
-        }
+        self._files = given
         for name, text in self._files.items():
             path = self._session.tools[PARAMETERS] / name
             with suppress(OSError, ValueError):  # a name that no file can have
@@ -237,8 +250,8 @@ class LaunchRunner:
             return [*command[:program], session.plan.interpreter, *rest]
         if named == "ros2" and (run := ros2_run(rest)) is not None:
             package, executable, arguments = run
-            installed = Path("install/lib") / package / executable
-            if not (session.workspace / installed).is_file():
+            installed = PurePosixPath("install/lib", package, executable)
+            if not is_regular_beneath(session.workspace, installed):
                 return ["sh", "-c", "echo No executable found >&2; exit 1"]
             return [*command[:program], f"{session.seen_workspace}/{installed}", *arguments]
         return command
@@ -296,7 +309,8 @@ def _mend_package(workspace: Path, wanted: str) -> bool:
     if any(folder is None or os.path.lexists(folder.with_name(wanted)) for folder in folders):
         return False
     for folder in (folder for folder in folders if folder is not None):
-        shutil.copytree(folder, folder.with_name(wanted), symlinks=True)
+        folder.with_name(wanted).mkdir()
+        copy_tree(folder, folder.with_name(wanted))
     (index / wanted).touch()
     return True
 
@@ -311,8 +325,13 @@ def _read_json(text: str) -> Any:
 
 def _read_plan(text: str, in_time: bool, timeout_s: float, run: ProcessRun, source: str) -> Plan:
     """Make a plan out of what the evaluation wrote, or of its silence."""
-    with suppress(ValueError, RecursionError, MalformedPlanError):
+    why = ""
+    try:
         return Plan.from_plain(_read_json(text))
+    except MalformedPlanError as malformed:
+        why = f": {malformed}"
+    except (ValueError, RecursionError):
+        pass
     if not in_time:
         message = (
             f"the launch file was still busy after {timeout_s:g} s; it should describe processes and return at once"
@@ -320,7 +339,7 @@ def _read_plan(text: str, in_time: bool, timeout_s: float, run: ProcessRun, sour
         remedy = "Take out what waits or loops: `ros2 launch` reads the whole file before it starts anything."
         return Plan("error", Problem("too_slow", message, source, None, remedy))
     if text.strip():
-        message = "evaluating the launch file gave no description that can be read"
+        message = f"evaluating the launch file gave no description that can be read{why}"
         remedy = "Return a LaunchDescription of a few entities, and write to no file descriptor but your own."
         return Plan("error", Problem("no_plan", message, source, None, remedy))
     if run.limit is not None:

@@ -14,7 +14,7 @@ from grader.recording.session import MachineSample
 def sample_machine() -> MachineSample:
     """Read the machine's clock, and what it says of time taken and time waited."""
     now_ns, offset_ns = read_clocks()
-    return MachineSample(now_ns, offset_ns, stolen_ns(), _waiting_us())
+    return MachineSample(now_ns, offset_ns, stolen_ns(), _waiting_us(), _idle_ns())
 
 
 #: Readings of both clocks that are tried, and how far apart they may be at best.
@@ -45,6 +45,15 @@ def stolen_ns() -> int:
         words = Path("/proc/stat").read_text().split("\n", 1)[0].split()
         return int(words[8]) * (1_000_000_000 // os.sysconf("SC_CLK_TCK"))
     return 0
+
+
+def _idle_ns() -> dict[str, int]:
+    """Return for each core the time since boot in which nothing ran on it, in ns."""
+    tick_ns = 1_000_000_000 // os.sysconf("SC_CLK_TCK")
+    with suppress(OSError, ValueError, IndexError):
+        lines = [line.split() for line in Path("/proc/stat").read_text().splitlines() if line.startswith("cpu")]
+        return {words[0][3:]: (int(words[4]) + int(words[5])) * tick_ns for words in lines if words[0] != "cpu"}
+    return {}
 
 
 def _waiting_us() -> int | None:

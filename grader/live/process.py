@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from grader.live.forked import ForkedProcess, Program, start_forked
 from grader.live.priority import Priority, put_standing, put_starting, weigh_session
-from grader.live.process_table import children_of, descendants_of, read_bytes_of, tasks_of
+from grader.live.process_table import children_of, cpu_with_children_ns, descendants_of, read_bytes_of, tasks_of
 from grader.recording.session import OutputLine, ProcessRun, Usage
 
 #: Output kept of one process, in bytes and in lines; what comes after is counted and dropped.
@@ -308,17 +308,24 @@ class RunningProcess:
         for pid in self.descendants():
             if not _hold(pid, core) and user is not None:
                 _hold_as_user(pid, core, user)
+        root = self.root_pid()
+        with suppress(OSError):
+            if root is not None and self.run.core != core and os.sched_getaffinity(self._pid() or root) == {core}:
+                self.run.core, self.run.held_ns = core, time.time_ns()
 
     def sample_usage(self) -> None:
         """Read CPU time and run-queue delay of all its processes and threads, while they exist."""
         root = self.root_pid()
         if root is None or not self.alive:
             return
-        for pid in descendants_of(root):
+        pids = descendants_of(root)
+        for pid in pids:
             self._usage.update(_scheduling_of(pid))
         if not self._usage:  # It ended before it was ever looked at.
             return
         cpu_ns, delay_ns = (sum(values) for values in zip(*self._usage.values(), strict=True))
+        # Children that came and went between two looks are in the times of those that waited for them.
+        cpu_ns = max(cpu_ns, sum(map(cpu_with_children_ns, pids)), self.run.usage[-1].cpu_ns if self.run.usage else 0)
         self.run.usage.append(Usage(time.time_ns(), cpu_ns, delay_ns))
 
     def _note_last_usage(self) -> None:

@@ -251,7 +251,8 @@ class Recorder:
         message_type = _message_type(topic_type)
         node = self._node(sum(known == topic for known, _ in self._lines))
         tap = _Tap(node, message_type, topic, request)
-        type_hash = self._type_hash(topic, topic_type, publishers)
+        # The hash of the definition in the bag, whatever publishers announce: with another one, readers refuse the bag.
+        type_hash = type_hash_of(topic_type) or publishers[0].type_hash
         with self._lock:
             offered = [publisher.qos for publisher in publishers]
             channel = self._writer.add_channel(topic, topic_type, type_hash, definition, offered)
@@ -275,17 +276,6 @@ class Recorder:
             )
             self._nodes.append(node)
         return self._nodes[level]
-
-    def _type_hash(self, topic: str, topic_type: str, publishers: list[Endpoint]) -> str:
-        """The hash of the definition in the bag: with another one, readers refuse the bag."""
-        known = type_hash_of(topic_type)
-        for publisher in publishers:
-            if known and publisher.type_hash.startswith("RIHS01_") and publisher.type_hash != known:
-                self._report(
-                    f"{publisher.node} publishes {topic} with another definition of {topic_type} than "
-                    "the grader has; its messages may not decode"
-                )
-        return known or publishers[0].type_hash
 
     def _weaken(self, line: _Line, request: _Request) -> None:
         """Take over with a weaker request, so that a publisher that offers less is received too."""

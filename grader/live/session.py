@@ -13,21 +13,20 @@ import fcntl
 import importlib
 import json
 import os
-import shutil
 import signal
 import socket
-import stat
 import struct
 import sys
 import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from grader.beneath import copy_tree, restore_way
 from grader.live.cgroup import CellGroup
 from grader.live.claims import claims_in
 from grader.live.environment import INSIDE_FOLDER, LAUNCHING_FOLDER, student_environment, trusted_environment
@@ -48,6 +47,7 @@ from grader.live.isolation import (
 )
 from grader.live.launched import LaunchRunner
 from grader.live.machine import sample_machine
+from grader.live.packet_filter import PacketFilter
 from grader.live.priority import put_self_first
 from grader.live.process import OutputRoom, PipeReader, RunningProcess
 from grader.live.process_table import descendants_of
@@ -64,7 +64,7 @@ from grader.recording.session import (
     Unrecorded,
     write_session,
 )
-from grader.recording.told import take_told
+from grader.recording.told import participants_told, take_told
 
 _WORKSPACE_BYTES = 256 * 1024 * 1024
 _SMALL_BYTES = 64 * 1024 * 1024
@@ -80,6 +80,8 @@ _DIRECTOR_START_S = 20.0
 _DIRECTOR_STOP_S = 8.0
 _REFERENCE_START_S = 15.0
 _SAMPLE_PERIOD_S = 0.5
+#: Share of its samples that a session has where the machine went on; one that is busy delays some.
+_SAMPLED_SHARE = 0.7
 #: Rights of a folder to which both the student's user and bubblewrap, root without privileges, can change.
 _OPEN = 0o755
 #: Limits of a session's students together: where one was hit, nothing more may begin.
@@ -126,6 +128,7 @@ class SessionPlan:
     domain_id: int
     timeout_s: float
     attempt: int = 1
+    disturbed_before: bool = False
     versions: dict[str, str] = field(default_factory=dict)
     native: dict[str, Any] | None = None
 
@@ -194,6 +197,7 @@ class Session:
         self.record = SessionRecord(
             plan.session,
             attempt=plan.attempt,
+            disturbed_before=plan.disturbed_before,
             seed=plan.seed,
             isolation=self.isolation.describe(),
             versions=plan.versions,
@@ -224,6 +228,7 @@ class Session:
         self._unstarted: list[tuple[ProcessRun, str]] = []
         self._room = OutputRoom()
         self._launch = LaunchRunner(self)
+        self._filter = PacketFilter()
         places = self.isolation.groups
         user = student_uid(self.isolation, plan.slot)
         self._group = CellGroup(places, f"cell-{user or plan.slot}") if places is not None else None
@@ -248,7 +253,7 @@ class Session:
             try:
                 await asyncio.wait_for(self._run_steps(), self.plan.timeout_s)
             except asyncio.TimeoutError:
-                self.record.problems.append(f"the session took longer than {self.plan.timeout_s:g} s and was stopped")
+                await self._stop_for_time()
             for watcher in watchers:
                 if watcher.done():  # They go on until they are cancelled, unless they broke.
                     watcher.result()
@@ -259,6 +264,17 @@ class Session:
             await self._finish()
         finally:
             self._sweep()
+
+    async def _stop_for_time(self) -> None:
+        """End the student's processes, for which each step waited as long as it may; unless the machine stood still."""
+        step, now_ns = self.record.steps[-1], time.time_ns()
+        step.outcome, step.ended_ns = "timeout", now_ns
+        alive = [process for process in self._students() if process.alive]
+        sampled_s = len(self.record.machine) * _SAMPLE_PERIOD_S
+        if not alive or sampled_s < _SAMPLED_SHARE * (now_ns - self.record.started_ns) / 1e9:
+            self.record.problems.append(f"the session took longer than {self.plan.timeout_s:g} s and was stopped")
+        for process in alive:
+            await process.kill(limit="time")
 
     # -- start and end ------------------------------------------------------------------------
 
@@ -291,12 +307,7 @@ class Session:
                 remove_tree(left)
             else:
                 left.unlink()
-        shutil.copytree(source, target, dirs_exist_ok=True, copy_function=shutil.copy, symlinks=True)
-        uid = student_uid(self.isolation, self.plan.slot)
-        for path in (target, *(p for p in target.rglob("*") if not p.is_symlink())):
-            path.chmod(0o755 if path.is_dir() else path.stat().st_mode & 0o777 | 0o644)
-            if uid is not None:
-                os.chown(path, uid, uid, follow_symlinks=False)
+        copy_tree(source, target, student_uid(self.isolation, self.plan.slot))
 
     async def _start_director(self) -> None:
         settings = {
@@ -319,6 +330,7 @@ class Session:
             said = "; ".join(line.text for line in run.output[-5:])
             raise RuntimeError(f"the director did not start: {said}")
         director.running.put_standing()
+        self._filter.protect(director.running.root_pid() or 0)
 
     async def _start_trusted(
         self,
@@ -341,6 +353,8 @@ class Session:
                 await process.kill()
             elif process.alive:
                 await process.stop(2.0)
+                if process.run.ended_by != "interrupt":
+                    self.record.problems.append(f"the reference node {name} did not end when it was asked to")
             elif process.run.role == "reference":
                 self.record.problems.append(f"the reference node {name} ended with status {process.run.exit_status}")
         if self.director is not None:
@@ -402,8 +416,11 @@ class Session:
             self.record.machine.append(sample_machine())
             for process in self.processes.values():
                 process.sample_usage()
+                if process.run.role == "reference" and process.alive:
+                    self._filter.protect(process.root_pid() or 0)  # it may have new sockets
             if self.director is not None:
                 self.director.running.sample_usage()
+                self._filter.protect(self.director.running.root_pid() or 0)
 
     # -- steps --------------------------------------------------------------------------------
 
@@ -414,7 +431,7 @@ class Session:
             _tell(
                 {
                     "event": "step",
-                    "text": _describe(step),
+                    "text": raw["words"],
                     "index": len(self.record.steps),
                     "of": len(self.plan.steps),
                 }
@@ -508,7 +525,9 @@ class Session:
         """
         self.record.processes.append(run)
         if workspace is None and cwd is not None and PurePosixPath(cwd).is_relative_to(self.seen_workspace):
-            _restore_way(self.workspace, PurePosixPath(cwd).relative_to(self.seen_workspace))
+            # An earlier program may have made of it what it liked; what cannot be restored, bubblewrap names.
+            with suppress(OSError):
+                restore_way(self.workspace, PurePosixPath(cwd).relative_to(self.seen_workspace), _OPEN)
         room = Room(
             {**self.areas, WORKSPACE: workspace or self.workspace},
             {**self.tools, **(folders or {})},
@@ -571,7 +590,8 @@ class Session:
         outcome, result = await self._wait_output(name, "ready", _REFERENCE_START_S)
         if outcome != "done":
             self.record.problems.append(f"the reference node {name} did not get ready")
-        self.processes[name].put_standing()
+        running.put_standing()
+        self._filter.protect(running.root_pid() or 0, next(participants_told(run), ""))
         return outcome, result
 
     def _types(self) -> dict[str, str]:
@@ -675,28 +695,6 @@ class Session:
 _NAMED = ("node", "publisher", "subscription", "service")
 
 
-def _describe(step: StepRun) -> str:
-    """Say in a few words what a step does, for the progress display."""
-    p = step.parameters
-    named = next(
-        (str(p[k]) for k in (*_NAMED, "output_of", "student", "launch", "reference", "process") if p.get(k)),
-        "",
-    )
-    words = {
-        "start": f"starting {named}",
-        "wait_for": f"waiting for {named}",
-        "call": f"calling {named}",
-        "publish": f"publishing on {p.get('topic', '')}",
-        "observe": f"observing for {p.get('duration_s', 0):g} s" if step.kind == "observe" else "",
-        "interrupt": f"interrupting {named}",
-        "wait_exit": f"waiting until {named} ends",
-        "plan": f"evaluating {named}",
-        "get_parameters": f"reading parameters of {named}",
-        "set_parameters": f"setting parameters of {named}",
-    }
-    return words[step.kind]
-
-
 def _tell(event: dict[str, Any]) -> None:
     with suppress(BrokenPipeError):
         sys.stdout.write(json.dumps(event) + "\n")
@@ -754,28 +752,6 @@ def _recover_bag(folder: Path) -> None:
     from grader.recording.bag import recover
 
     recover(folder)
-
-
-def _restore_way(top: Path, folder: PurePosixPath) -> None:
-    """See to it that a working folder is there and open, whatever an earlier program made of it.
-
-    No link is followed: what the student's programs put there must not lead anywhere else.
-    """
-    flags = os.O_PATH | os.O_DIRECTORY | os.O_NOFOLLOW
-    with suppress(OSError), ExitStack() as opened:
-        here = os.open(top, flags)
-        opened.callback(os.close, here)
-        for part in (*folder.parts, None):
-            own = f"/proc/self/fd/{here}"
-            mode = stat.S_IMODE(os.stat(own).st_mode)  # noqa: PTH116 - of what is open, wherever its name leads
-            if mode & _OPEN != _OPEN:
-                os.chmod(own, mode | _OPEN)  # noqa: PTH101
-            if part is None:
-                return
-            with suppress(FileExistsError):
-                os.mkdir(part, _OPEN, dir_fd=here)
-            here = os.open(part, flags, dir_fd=here)
-            opened.callback(os.close, here)
 
 
 def run(plan: SessionPlan) -> None:

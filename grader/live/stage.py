@@ -166,7 +166,7 @@ def _install_package(
     for name, target in package.executables.items():
         program = folder / "install/lib" / package.name / name
         text = _wrapper_of_entry(package, target, record, interpreter)
-        if re.fullmatch(r"[\w.+-]{1,200}", name) and room.take(program, len(text)):
+        if re.fullmatch(r"(?!\.{1,2}$)[\w.+-]{1,200}", name) and room.take(program, len(text)):
             _write(program, text)
     shared = _all_data(package, record) if package.shared is None else package.shared
     for target, file_path in sorted(shared.items(), key=lambda pair: pair[1] not in record.texts):

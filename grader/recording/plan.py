@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import numbers
+import os
 import re
 import types
 import typing
@@ -28,6 +29,8 @@ _LARGEST = 10**9
 _NO_JSON = "!!float"
 #: A node's full name has 255 characters at most, so that it cannot consist of more names.
 _MOST_NAMES = 128
+#: Linux takes no longer path, and no longer name of a file, in bytes.
+_LONGEST_NAME, _LONGEST_FILE_NAME = 4096, 255
 
 _T = TypeVar("_T")
 
@@ -398,9 +401,11 @@ class Plan:
                 transitions=tuple(_listed(plain, "transitions")),
                 loaded_components=tuple(_listed(plain, "loaded_components")),
                 not_started=tuple(_listed(plain, "not_started")),
-                parameter_files=_texts(plain.get("parameter_files")),
+                parameter_files=_files(plain.get("parameter_files")),
             )
-        except (TypeError, KeyError, AttributeError) as error:
+        except MalformedPlanError:
+            raise
+        except (TypeError, ValueError, KeyError, AttributeError, OverflowError) as error:
             raise MalformedPlanError(f"this is no launch plan: {error}") from error
 
     def to_plain(self) -> dict[str, Any]:
@@ -446,10 +451,14 @@ def _made(cls: type[_T], item: Mapping[str, Any], **converted: Any) -> _T:
         if not all(kind in _PLAIN for kind in kinds):
             continue  # the value of a parameter, which may be any
         fits = isinstance(value, tuple(_PLAIN[kind] for kind in kinds))
-        is_absurd = isinstance(value, int) and abs(value) > _LARGEST
-        if is_absurd or not fits:
+        if not fits or not _is_moderate(value):
             raise MalformedPlanError(f"'{name}' of a {cls.__name__} in a launch plan cannot be {value!r:.80}")
     return cls(**given, **converted)
+
+
+def _is_moderate(value: Any) -> bool:
+    """Whether a value, if it is a number, is one that can be waited for and shown."""
+    return not isinstance(value, (int, float)) or abs(value) <= _LARGEST  # NaN is not
 
 
 #: What a field of a kind may hold; a field of another kind may hold anything.
@@ -472,7 +481,18 @@ def _listed(plain: Mapping[str, Any], name: str) -> list[Any]:
 
 
 def _texts(given: Any) -> dict[str, str]:
-    return {str(name): str(value) for name, value in dict(given or {}).items()}
+    texts = {str(name): value for name, value in dict(given or {}).items()}
+    for name, value in texts.items():
+        if isinstance(value, (Mapping, list)):
+            raise MalformedPlanError(f"'{name:.80}' in a launch plan must be a text")
+    return {name: str(value) for name, value in texts.items()}
+
+
+def _words(item: Mapping[str, Any], name: str) -> tuple[str, ...]:
+    words = item.get(name) or []
+    if not isinstance(words, list) or not all(isinstance(word, str) for word in words):
+        raise MalformedPlanError(f"'{name}' of a Process in a launch plan must be a list of texts")
+    return tuple(words)
 
 
 def _argument(item: Mapping[str, Any]) -> Argument:
@@ -488,18 +508,47 @@ def _common(item: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _process(item: Mapping[str, Any]) -> Process:
-    words = {name: tuple(map(str, item.get(name) or ())) for name in ("prefix", "argv", "env_unset")}
-    return _made(
+    process = _made(
         Process,
         item,
-        id=str(item["id"]),
-        path=str(item["path"]),
         env=_texts(item.get("env")),
-        parameter_files=_texts(item.get("parameter_files")),
+        parameter_files=_files(item.get("parameter_files")),
         components=tuple(_made(Component, c, **_common(c)) for c in _listed(item, "components")),
-        **words,
+        **{name: _words(item, name) for name in ("prefix", "argv", "env_unset")},
         **_common(item),
     )
+    _require_startable(process)
+    return process
+
+
+def _require_startable(process: Process) -> None:
+    """Raise if no system could start a process so, or if its working folder has a step upwards.
+
+    An evaluation resolves such steps; what still has one was written by others, to lead elsewhere.
+    """
+    cwd = process.cwd if process.cwd is not None else "/"
+    if not cwd.startswith("/") or ".." in PurePosixPath(cwd).parts:
+        raise MalformedPlanError(f"the working folder of {process.id:.80} leads elsewhere: {cwd:.200}")
+    named = (process.id, process.path, cwd, process.name or "", process.namespace or "")
+    if max(map(len, named)) > _LONGEST_NAME:
+        raise MalformedPlanError(f"a name or path of the process {process.id:.80} is longer than any that exists")
+    words = (*named, *process.prefix, *process.argv, *process.env, *process.env.values(), *process.env_unset)
+    if any("\0" in word for word in words):
+        raise MalformedPlanError(f"the command of {process.id:.80} holds a NUL character, which none can")
+    moments = dict(process.when or {})
+    after_s = moments.pop("after_s", 0)
+    awaited = all(isinstance(moments[key], str) for key in moments if key.endswith("_of"))
+    if not awaited or not isinstance(after_s, (int, float)) or not _is_moderate(after_s):
+        raise MalformedPlanError(f"what {process.id:.80} waits for is no moment")
+
+
+def _files(given: Any) -> dict[str, str]:
+    """Read texts by the names of their files, which lie beside each other in one folder."""
+    texts = _texts(given)
+    for name in texts:
+        if name in ("", ".", "..") or "/" in name or "\0" in name or len(os.fsencode(name)) > _LONGEST_FILE_NAME:
+            raise MalformedPlanError(f"a launch plan's file cannot be called {name!r:.80}")
+    return texts
 
 
 def _plain(value: Any) -> Any:

@@ -56,12 +56,15 @@ class MachineSample:
         Time that the host of a virtual machine took from its cores since boot, all cores together.
     waiting_us : int or None
         Time since boot in which some process waited for a core (pressure stall information), where it is readable.
+    idle_ns : dict
+        Number of each core -> time since boot in which nothing ran on it.
     """
 
     t_ns: int
     clock_offset_ns: int
     stolen_ns: int = 0
     waiting_us: int | None = None
+    idle_ns: dict[str, int] = field(default_factory=dict)
 
 
 @dataclass
@@ -85,6 +88,8 @@ class ProcessRun:
         (their number) or "output".
     usage : list of Usage
         Samples over time: CPU time used, and time ready to run but without a core, of all threads together.
+    core, held_ns : int or None
+        The core to which it is held, and since when.
     """
 
     name: str
@@ -100,6 +105,8 @@ class ProcessRun:
     output_dropped_bytes: int = 0
     usage: list[Usage] = field(default_factory=list)
     limit: str | None = None
+    core: int | None = None
+    held_ns: int | None = None
 
 
 @dataclass
@@ -284,6 +291,10 @@ class SessionRecord:
         False while it runs, and if the grader was stopped in the midst of it.
     attempt : int
         1 for the first recording, more where an earlier one left something undecided.
+    disturbed_before : bool
+        Whether in an earlier recording of this session something was seen that disturbs the grader's own processes.
+    attempts : int
+        How often the session was recorded in all, where this recording was kept of several; see `times_recorded`.
     problems : list of str
         The grader's own troubles (a reference node that died, a bag that had to be recovered).
         They make findings inconclusive, never failed.
@@ -303,6 +314,8 @@ class SessionRecord:
     schema: str = SESSION_SCHEMA
     seed: int = 0
     attempt: int = 1
+    disturbed_before: bool = False
+    attempts: int = 0
     started_ns: int = 0
     ended_ns: int = 0
     complete: bool = False
@@ -319,6 +332,11 @@ class SessionRecord:
     trusted: list[Trusted] = field(default_factory=list)
     published: list[Published] = field(default_factory=list)
     unrecorded: list[Unrecorded] = field(default_factory=list)
+
+    @property
+    def times_recorded(self) -> int:
+        """How often the session was recorded, as far as is known."""
+        return max(self.attempt, self.attempts)
 
 
 def write_session(folder: Path, record: SessionRecord) -> None:

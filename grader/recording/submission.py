@@ -86,6 +86,12 @@ class SubmissionRecord:
         it did not look.
     student_id : str or None
         By which a grade book knows the student, where a learning-management system or a class list told it.
+    source : str
+        The path that it was found by; empty where nobody knows.
+    lab_folder : str
+        Where the lab was by which it was recorded.
+    lab_files : dict
+        Files that the rubric names -> their hashes.
     """
 
     name: str
@@ -99,7 +105,10 @@ class SubmissionRecord:
     sessions: list[str] | None = None
     submitted_at: str | None = None
     student_id: str | None = None
+    source: str = ""
     absent_modules: list[str] | None = None
+    lab_folder: str = ""
+    lab_files: dict[str, str] = field(default_factory=dict)
 
     def artifact(self, name: str) -> ArtifactFact | None:
         """Return the artifact of this name, or None if the rubric has none such."""

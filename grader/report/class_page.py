@@ -152,7 +152,7 @@ _TASKS: Mapping[Need, tuple[str, str, Badge]] = {
     ),
     Need.UNDECIDED: (
         "Undecided",
-        "The recording cannot answer, through no fault of the student’s. These points are neither earned nor lost: "
+        "The recording cannot answer. These points are not earned before somebody has decided: "
         "grade again, or decide by hand.",
         Badge("undecided", "?", "undecided"),
     ),

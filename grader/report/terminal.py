@@ -94,7 +94,7 @@ def print_result(console: Console, result: Result) -> None:
     total = Text(f"{points_text(score.earned)} / {points_text(score.possible)}", "bold")
     table.add_row("", Text(f"{terminal_text(result.submission, 80)}: {result.lab}", "bold"), total)
     if result.still_undecided:
-        note = f"{points_text(result.still_undecided)} points are undecided through no fault of the submission."
+        note = f"{points_text(result.still_undecided)} points are undecided, and not earned before they are."
         table.add_row("?", Text(note, "magenta"), "")
     if result.adjustments:
         _add_adjustments(table, result)
@@ -147,12 +147,12 @@ def _add_criterion(table: Table, criterion: CriterionResult) -> None:
     )
     unreached: dict[str, list[CheckResult]] = {}
     for check in criterion.checks:
-        if check.finding.outcome is Outcome.NOT_REACHED:
-            unreached.setdefault(check.finding.reason, []).append(check)
+        if check.outcome is Outcome.NOT_REACHED:
+            unreached.setdefault(check.reason, []).append(check)
     for check in criterion.checks:
-        if check.finding.outcome is Outcome.NOT_REACHED:
-            _add_unreached(table, unreached.pop(check.finding.reason, []))
-        elif check.finding.outcome is not Outcome.PASSED:
+        if check.outcome is Outcome.NOT_REACHED:
+            _add_unreached(table, unreached.pop(check.reason, []))
+        elif check.outcome is not Outcome.PASSED:
             _add_check(table, check)
 
 
@@ -162,23 +162,23 @@ def _add_unreached(table: Table, checks: Sequence[CheckResult]) -> None:
         return
     sign, colour = _SIGNS[Outcome.NOT_REACHED]
     body = Text(", ".join(check.title for check in checks))
-    body.append(f"\n{terminal_text(checks[0].finding.reason)}", "default")
+    body.append(f"\n{terminal_text(checks[0].reason)}", "default")
     zero = Decimal(0)
     earned, possible = sum((c.earned for c in checks), zero), sum((c.possible for c in checks), zero)
     table.add_row(Text(sign, colour), body, Text(f"{points_text(earned)} / {points_text(possible)}", colour))
 
 
 def _add_check(table: Table, check: CheckResult) -> None:
-    sign, colour = _SIGNS[check.finding.outcome]
+    sign, colour = _SIGNS[check.outcome]
     points = f"{points_text(check.earned)} / {points_text(check.possible)}"
-    if not check.finding.outcome.decided:
+    if not check.outcome.decided:
         points = f"? / {points_text(check.possible)}"
     body = Text(check.title)
-    if check.finding.reason:
-        body.append(f"\n{terminal_text(check.finding.reason)}", "default")
-    if check.finding.hint:
-        body.append(f"\n→ {terminal_text(check.finding.hint)}", "cyan")
-    spots = [str(w) for w in check.finding.where if w.file]
+    if check.reason:
+        body.append(f"\n{terminal_text(check.reason)}", "default")
+    if check.hint:
+        body.append(f"\n→ {terminal_text(check.hint)}", "cyan")
+    spots = [str(w) for w in check.where if w.file]
     if spots:
         body.append(f"\n  {terminal_text(', '.join(spots[:3]))}", "dim")
     table.add_row(Text(sign, colour), body, Text(points, colour))

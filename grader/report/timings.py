@@ -15,9 +15,6 @@ from grader.report.plain import terminal_text
 if TYPE_CHECKING:
     from grader.timings import CellRun, Stopwatch
 
-#: Stages that lie within another.
-_WITHIN = {"report": "of which the report"}
-
 
 def print_timings(console: Console, watch: Stopwatch, provenance: Mapping[str, Any], children_cpu_s: float) -> None:
     """Print where the time went.
@@ -44,9 +41,8 @@ def _table(title: str, *columns: str) -> Table:
 def _stages(watch: Stopwatch) -> Table:
     table = _table("Where the time went", "stage", "from", "wall", "CPU of grade itself")
     for stage in sorted(watch.stages, key=lambda stage: stage.began_s):
-        what = f"  {_WITHIN[stage.what]}" if stage.what in _WITHIN else stage.what
         since_s = stage.began_s - watch.started_s
-        table.add_row(Text(what), f"{since_s:.2f} s", f"{stage.took_s:.2f} s", f"{stage.cpu_s:.2f} s")
+        table.add_row(Text(stage.what), f"{since_s:.2f} s", f"{stage.took_s:.2f} s", f"{stage.cpu_s:.2f} s")
     all_s = max(stage.ended_s for stage in watch.stages) - watch.started_s
     table.add_row("all", "", f"{all_s:.2f} s", f"{own_cpu_s(watch):.2f} s", style="bold")
     return table
@@ -54,7 +50,7 @@ def _stages(watch: Stopwatch) -> Table:
 
 def own_cpu_s(watch: Stopwatch) -> float:
     """Return the CPU time of the grading process itself in all stages."""
-    return sum(stage.cpu_s for stage in watch.stages if stage.what not in _WITHIN)
+    return sum(stage.cpu_s for stage in watch.stages)
 
 
 def _cells(watch: Stopwatch, sessions: Mapping[str, Any]) -> Table:

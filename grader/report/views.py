@@ -115,27 +115,23 @@ class Mend:
     badge: Badge
 
 
-def _lost(check: CheckResult) -> Decimal:
-    return check.possible - check.earned - check.undecided
-
-
 def mends_of(result: Result, outcomes: Sequence[Outcome]) -> list[Mend]:
     """Return what cost points with one of some outcomes, the dearest first."""
     found = [
         (check, criterion)
         for criterion in result.criteria
         for check in criterion.checks
-        if check.finding.outcome in outcomes and _lost(check) > 0
+        if check.outcome in outcomes and check.lost > 0
     ]
-    found.sort(key=lambda pair: -_lost(pair[0]))
+    found.sort(key=lambda pair: -pair[0].lost)
     return [
         Mend(
-            points(_lost(check)),
+            points(check.lost),
             check.title,
             criterion.title,
             "#" + anchor("check", check.id),
-            line(check.finding.reason or check.finding.hint, 220),
-            badge_of(check.finding.outcome),
+            line(check.reason or check.hint, 220),
+            badge_of(check.outcome),
         )
         for check, criterion in found
     ]
@@ -290,10 +286,9 @@ class CheckView:
 
 def check_view(check: CheckResult, texts: Mapping[str, str], anchors: Mapping[tuple[str, str], str]) -> CheckView:
     """Describe a check with its proof."""
-    finding = check.finding
-    lost = _lost(check)
-    partial = finding.outcome is Outcome.PARTIAL
-    wheres = dict.fromkeys(finding.where)
+    lost = check.lost
+    partial = check.outcome is Outcome.PARTIAL
+    wheres = dict.fromkeys(check.where)
     places = tuple(place_of(w, texts, anchors) for w in list(wheres)[:MOST_WHERES])
     return CheckView(
         anchor("check", check.id),
@@ -301,13 +296,13 @@ def check_view(check: CheckResult, texts: Mapping[str, str], anchors: Mapping[tu
         points(check.earned) if check.undecided < check.possible or not check.possible else "?",
         points(check.possible),
         points(lost) if lost > 0 else "",
-        badge_of(finding.outcome),
-        finding.outcome is Outcome.PASSED,
-        f"{finding.credit:.1%} of {points(check.possible)} points".replace(".0%", "%") if partial else "",
-        finding.expected,
-        finding.measured,
-        finding.reason,
-        finding.hint,
+        badge_of(check.outcome),
+        check.outcome is Outcome.PASSED,
+        f"{check.credit:.1%} of {points(check.possible)} points".replace(".0%", "%") if partial else "",
+        check.expected,
+        check.measured,
+        check.reason,
+        check.hint,
         tuple(p for p in places if p.text),
         max(0, len(wheres) - MOST_WHERES),
     )
@@ -569,22 +564,20 @@ def _words(items: Any) -> tuple[str, ...]:
 
 def recorded_at(result: Result, sessions: Mapping[str, SessionRecord]) -> str:
     """Return when the first of the recordings began, by the provenance."""
-    noted = result.provenance.get("sessions")
-    entries = noted.values() if isinstance(noted, Mapping) else ()
-    times = [e.get("started_ns") for e in entries if isinstance(e, Mapping)]
-    known = [t for t in times if isinstance(t, int) and t > 0] or [r.started_ns for r in sessions.values()]
+    known = [session["started_ns"] for session in result.provenance.get("sessions", {}).values()]
+    known = [t for t in known if t > 0] or [r.started_ns for r in sessions.values()]
     return utc(min(known)) if known else ""
 
 
 def versions_of(result: Result) -> list[tuple[str, str]]:
     """Return names and values of what the result depends on: versions and hashes."""
     provenance = result.provenance
-    versions = provenance.get("versions")
-    rows = [(str(k), str(v)) for k, v in versions.items()] if isinstance(versions, Mapping) else []
-    if provenance.get("grader") and not any(name == "grader" for name, _ in rows):
-        rows.insert(0, ("grader", str(provenance["grader"])))
-    hashes = (("submission, SHA-256", "submission_sha256"), ("rubric, SHA-256", "rubric_sha256"))
-    return rows + [(label, str(provenance[key])) for label, key in hashes if provenance.get(key)]
+    versions = {"grader": provenance.get("grader", ""), **provenance.get("versions", {})}
+    hashes = {
+        "submission, SHA-256": provenance.get("submission_sha256", ""),
+        "rubric, SHA-256": provenance.get("rubric_sha256", ""),
+    }
+    return [(name, value) for name, value in (*versions.items(), *hashes.items()) if value]
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from grader.cohort.roster import NOTHING_HANDED_IN
 from grader.intake import Handed, Piece
 from grader.pipeline import RECORDINGS
 from grader.recording.submission import read_submission, write_submission
+from grader.result import Result, Score, to_json
 
 KEPT = Path(__file__).resolve().parents[1] / "recordings/wrong_topic"
 NOON = datetime(2026, 11, 21, 12, tzinfo=timezone.utc)
@@ -25,10 +26,15 @@ def handed(name: str) -> Handed:
     return Handed(name, (Piece(Path(name)),), f"id of {name}", NOON)
 
 
+def result_named(name: str) -> Result:
+    """Give the least result that there is."""
+    return Result(name, "Lab 1", Score(Decimal(0), Decimal(0), Decimal(0)), ())
+
+
 def result(folder: Path, name: str) -> None:
     """Write a result that tells its name."""
     (folder / name).mkdir()
-    (folder / name / "result.json").write_text(f'{{"submission": "{name}"}}', encoding="utf-8")
+    (folder / name / "result.json").write_text(to_json(result_named(name)), encoding="utf-8")
 
 
 def test_all_who_are_known_are_told_once(tmp_path: Path) -> None:
@@ -44,19 +50,19 @@ def test_all_who_are_known_are_told_once(tmp_path: Path) -> None:
     entries = entries_of(tmp_path, rows, ["dan", "old"])
     assert [entry.name for entry in entries] == ["ann", "bob", "cem", "dan", "old"]
     ann, bob, cem, dan, old = entries
-    assert (ann.result, ann.problem) == ({"submission": "ann"}, "")
+    assert (ann.result, ann.problem) == (result_named("ann"), "")
     assert (ann.student_id, ann.submitted_at) == ("id of ann", NOON)
     assert (bob.result, bob.problem, bob.student_id) == (None, "the submission is empty", "id of bob")
     assert (cem.result, cem.problem) == (None, "the disk is full"), "an earlier result is not this submission's"
     assert (dan.result, dan.problem) == (None, NOTHING_HANDED_IN)
-    assert (old.result, old.problem) == ({"submission": "old"}, ""), "whoever has a result has handed in"
+    assert (old.result, old.problem) == (result_named("old"), ""), "whoever has a result has handed in"
 
 
 def test_the_time_that_an_archive_tells_is_kept(tmp_path: Path) -> None:
     """What was found when a submission was taken in stands in its record, and on the page."""
     results = tmp_path / "results"
     shutil.copytree(KEPT, results / "ann" / RECORDINGS)
-    (results / "ann" / "result.json").write_text("{}", encoding="utf-8")
+    (results / "ann" / "result.json").write_text(to_json(result_named("ann")), encoding="utf-8")
     record = read_submission(results / "ann" / RECORDINGS)
     record.submitted_at, record.student_id = NOON.isoformat(), "7"
     write_submission(results / "ann" / RECORDINGS, record)

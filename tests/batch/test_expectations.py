@@ -11,11 +11,10 @@ import pytest
 
 from grader.batch.expectations import Expectation, compare, fixtures_in, load_fixture, solution
 from grader.batch.trials import quick
-from grader.cohort.finished import FinishedResult, finished
 from grader.errors import RubricError, SubmissionError
 from grader.judging import judge, open_recordings
 from grader.pipeline import lab_folder, read_rubric
-from grader.report.json import to_plain
+from grader.result import Result, read_result, to_plain
 from grader.rubric import Rubric
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -39,15 +38,13 @@ def expecting(**parts: Any) -> Expectation:
     return Expectation.model_validate({"about": "It is so.", "sessions": ["publisher"], "criteria": {}, **parts})
 
 
-def read(result: dict[str, Any], identity: str = "", **change: Any) -> FinishedResult:
+def read(result: dict[str, Any], identity: str = "", **change: Any) -> Result:
     """Give a result, in which a check is otherwise."""
     changed = copy.deepcopy(result)
     for check in (check for criterion in changed["criteria"] for check in criterion["checks"]):
         if check["id"] == identity:
             check |= change
-    found = finished(changed)
-    assert found is not None
-    return found
+    return read_result(changed)
 
 
 # -- reading ---------------------------------------------------------------------------------------
@@ -134,7 +131,7 @@ def test_the_solution_is_a_fixture_too(tmp_path: Path, rubric: Rubric, judged: d
 # -- comparing -------------------------------------------------------------------------------------
 
 
-def differences(expectation: Expectation, result: FinishedResult, rubric: Rubric) -> list[str]:
+def differences(expectation: Expectation, result: Result, rubric: Rubric) -> list[str]:
     """Give the differences, each without what was measured."""
     return [line.split(":")[0] for line in compare(expectation, result, rubric).differences]
 

@@ -20,7 +20,7 @@ from grader.rubric import Rubric
 from tests.synthetic import ROOT
 
 #: Messages of the arm that the tests make another's, by their place.
-SOME = slice(150 * DIGEST_DIGITS, 250 * DIGEST_DIGITS)
+SOME = slice(150 * DIGEST_DIGITS, 160 * DIGEST_DIGITS)
 
 
 @pytest.fixture(scope="module")
@@ -60,13 +60,13 @@ def test_what_rests_on_a_second_clock_fails(recordings: Path, rubric: Rubric) ->
     result, checks = judged(recordings, rubric)
     (violation,) = result.violations
     assert (violation.kind, violation.checks) == (ViolationKind.SPOOFS_CLOCK, ("launch.together",))
-    finding = checks.pop("launch.together").finding
+    finding = checks.pop("launch.together")
     assert (finding.outcome, finding.credit, finding.measured) == (Outcome.FAILED, Decimal(0), "not measured")
     assert finding.reason == f"{violation.text} So this cannot be measured."
     assert finding.where == (violation.where,)
     assert finding.expected
     assert finding.hint
-    assert {check.finding.outcome for check in checks.values()} == {Outcome.PASSED}
+    assert {check.outcome for check in checks.values()} == {Outcome.PASSED}
     assert result.score.earned == 98
 
 
@@ -76,7 +76,7 @@ def test_what_can_be_measured_all_the_same_is_judged(recordings: Path, rubric: R
     result, _ = judged(recordings, rubric)
     (violation,) = result.violations
     assert (violation.kind, violation.checks) == (ViolationKind.PUBLISHES_ON_REFERENCE_TOPIC, ())
-    assert violation.evidence[0].startswith("100 messages")
+    assert violation.evidence[0].startswith("10 messages")
     assert result.score.earned == 100
 
 
@@ -93,8 +93,47 @@ def test_a_session_with_a_problem_stays_undecided(recordings: Path, rubric: Rubr
     disown(recordings, "/clock", problems=["the reference node arm ended with status -11"])
     result, checks = judged(recordings, rubric)
     assert result.violations
-    assert checks["launch.together"].finding.outcome is Outcome.INCONCLUSIVE
+    assert checks["launch.together"].outcome is Outcome.INCONCLUSIVE
     assert result.score.earned + result.score.undecided == 100
+
+
+def unheard(folder: Path, *, again: bool) -> None:
+    """Let the stimulus have published four times as many states as were recorded, once or again."""
+    record = read_session(folder / "subscriber")
+    for entry in record.published:
+        if (entry.process, entry.topic) == ("plateaus", "/joint_states"):
+            entry.digests += "0" * 3 * len(entry.digests)
+    write_session(folder / "subscriber", dataclasses.replace(record, attempt=3, disturbed_before=again))
+
+
+@pytest.mark.parametrize(("again", "outcome"), [(False, Outcome.INCONCLUSIVE), (True, Outcome.FAILED)])
+def test_what_rests_on_messages_that_were_not_recorded(
+    recordings: Path, rubric: Rubric, again: bool, outcome: Outcome
+) -> None:
+    """It is undecided where that is seen once, and fails where it is seen again; what else there is, is judged."""
+    unheard(recordings, again=again)
+    result, checks = judged(recordings, rubric)
+    assert [(v.kind, v.certain) for v in result.violations] == [(ViolationKind.DISTURBS_RECORDING, again)]
+    assert checks["subscriber.receives"].outcome is outcome
+    assert checks["publisher.rate"].outcome is Outcome.PASSED
+    assert checks["subscriber.rms"].earned == 0
+
+
+@pytest.mark.parametrize(("again", "undecided"), [(False, 20), (True, 0)])
+def test_a_recorder_that_is_brought_down_does_not_pay(
+    recordings: Path, rubric: Rubric, again: bool, undecided: int
+) -> None:
+    """A session whose recorder crashed is undecided, and not for ever."""
+    record = read_session(recordings / "subscriber")
+    director = next(run for run in record.processes if run.role == "grader")
+    director.exit_status, problems = -6, ["the recorder died: "]
+    write_session(recordings / "subscriber", dataclasses.replace(record, problems=problems, disturbed_before=again))
+    result, checks = judged(recordings, rubric)
+    assert [v.kind for v in result.violations] == [ViolationKind.ENDS_REFERENCE]
+    assert result.score.undecided == undecided
+    assert result.score.earned == 80
+    expected = Outcome.FAILED if again else Outcome.INCONCLUSIVE
+    assert checks["subscriber.receives"].outcome is expected
 
 
 def cut_short(folder: Path, session: str, topic: str, messages: int) -> None:
@@ -112,9 +151,9 @@ def test_what_needs_messages_that_a_flood_kept_out_fails_and_says_so(recordings:
     cut_short(recordings, "publisher", "/joint_commands", 34)
     result, checks = judged(recordings, rubric)
     failed = {"publisher.rate", "publisher.steady", "publisher.values", "publisher.motion"}
-    assert {name for name, check in checks.items() if check.finding.outcome is not Outcome.PASSED} == failed
+    assert {name for name, check in checks.items() if check.outcome is not Outcome.PASSED} == failed
     for name in failed:
-        finding = checks[name].finding
+        finding = checks[name]
         assert (finding.outcome, finding.credit, finding.measured) == (
             Outcome.FAILED,
             Decimal(0),
@@ -153,7 +192,7 @@ def test_silence_of_a_flood_is_not_called_silence(recordings: Path, rubric: Rubr
     """Where the window goes on after the recorder left off, the reason is the flood and not that messages stopped."""
     keep_first_half(next((recordings / "publisher").glob("*.mcap")))
     cut_short(recordings, "publisher", "/joint_commands", 34)
-    finding = judged(recordings, rubric)[1]["publisher.rate"].finding
+    finding = judged(recordings, rubric)[1]["publisher.rate"]
     assert finding.outcome is Outcome.FAILED
     assert "stop" not in finding.reason + finding.measured
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from decimal import Decimal
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from grader.pipeline import read_rubric
 from grader.recording.submission import FileFact, SubmissionRecord
 from grader.result import Finding, Outcome
 from tests.synthetic import judged, submission
@@ -225,3 +227,36 @@ def test_a_part_that_was_not_handed_in_needs_no_description() -> None:
     text = FILLED[: FILLED.index("- hear.py")]
     assert static("readme", README, submission({"README.md": text}, talk="talk.py", hear=None)).credit == 1
     assert static("readme", README, submission({"README.md": text}, talk="talk.py", hear="hear.py")).credit < 1
+
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def notes_on(text: str) -> tuple[str, ...]:
+    """Give the notes on what a README says of QoS, by the lab's own rubric."""
+    spec = next(spec for spec in read_rubric(None).checks() if spec.id == "qos.explains")
+    record = submission({"README.md": text, "it.py": ""}, qos="it.py")
+    return judged(spec.check, spec.parameters.model_dump(), None, record).notes
+
+
+def test_words_without_sentences_are_for_a_person_to_read() -> None:
+    """What only strings the words of the matter together keeps its points, and a note points at it."""
+    salad = (ROOT / "fixtures/qos_word_salad/submission/README.md").read_text(encoding="utf-8")
+    assert notes_on(salad) == ("For a person to read: README.md, line 8, seems to be words, not sentences.",)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "## QoS\n- RELIABLE: resends lost messages, higher latency\n- BEST_EFFORT: newest sensor data, may drop",
+        "Mit RELIABLE wird jede verlorene Nachricht erneut gesendet und das kostet Zeit die ein Sensor nicht hat denn "
+        "alte Werte nutzen dort nichts während ein Befehl ankommen muss",
+        "Надёжная доставка повторяет потерянные сообщения и это даёт задержку поэтому для датчиков лучше best effort "
+        "а для команд надёжность важнее",
+        "可靠的QoS会重传丢失的消息因此延迟更高传感器数据用尽力而为因为最新的数据比完整的历史更重要命令需要可靠",
+        "विश्वसनीय QoS खोए संदेश फिर भेजता है इसलिए विलंब बढ़ता है जबकि सेंसर के लिए नवीनतम मान बेहतर है",
+    ],
+)
+def test_no_sentence_of_any_language_is_taken_for_words_alone(text: str) -> None:
+    """Lists with marks, other languages and other scripts are not pointed out."""
+    assert notes_on(text) == ()

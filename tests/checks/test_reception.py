@@ -742,3 +742,10 @@ def test_statistics_earn_the_share_of_the_states_that_they_are_over(
     finding = judged("reported_statistics", wanted, session)
     assert float(finding.credit) == pytest.approx(credit, abs=0.005)
     assert ("left out the others" in finding.reason) == (credit < 1)
+
+
+def test_right_statistics_are_shown_with_the_usual_digits(tmp_path: Path) -> None:
+    """More digits are for numbers that lose points and would read as the right ones."""
+    finding = printed(tmp_path, float(np.abs(history(100)).mean()))
+    assert (finding.outcome, finding.reason) == (Outcome.PASSED, "")
+    assert len(finding.measured) == len(vector(0.0)) - 7 * 2

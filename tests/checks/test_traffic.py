@@ -84,6 +84,22 @@ def test_each_wrong_name_costs_its_part(tmp_path: Path, wrong: dict[str, str], c
     assert words in finding.reason
 
 
+@pytest.mark.parametrize(
+    ("announced", "outcome"), [("ab", Outcome.PARTIAL), ("cd", Outcome.PASSED), ("", Outcome.PASSED)]
+)
+def test_a_type_announced_with_another_definition_costs_a_part(
+    tmp_path: Path, announced: str, outcome: Outcome
+) -> None:
+    """What a program announces is its own: that is charged where the type is, and said; all else is judged."""
+    times = evenly(10, 1.0)
+    session = Session(tmp_path).endpoint("publisher", TOPIC).process("it")
+    session.messages(TOPIC, [[0.0] * 7] * len(times), times, type_hash="RIHS01_" + "cd" * 32)
+    session.graph.endpoints[0].type_hash = f"RIHS01_{announced * 32}" if announced else ""
+    finding = judged("topic_published", PUBLISHED, session)
+    assert finding.outcome is outcome
+    assert ("another definition (RIHS01_abababab" in finding.reason) == (outcome is Outcome.PARTIAL)
+
+
 def test_a_namespace_before_the_node_costs_nothing(tmp_path: Path) -> None:
     """A node of the right name in a namespace is the right node."""
     session = Session(tmp_path).endpoint("publisher", TOPIC, "/arm/student").process()

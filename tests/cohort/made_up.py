@@ -2,28 +2,39 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
 from grader.cohort.entries import ClassEntry
-from grader.lined_yaml import Strict
+from grader.json_text import json_text
 from grader.policy import Policy
+from grader.result import RESULT_SCHEMA, read_result
 from grader.rubric import CheckSpec, CriterionSpec, LabSpec, Rubric
 
 
 def rubric_of(*checks: tuple[str, int], requires: dict[str, tuple[str, ...]] | None = None) -> Rubric:
     """Give a rubric with checks `criterion.name` of some points."""
     specs = [
-        CheckSpec(name, name.upper(), Decimal(points), "any", Strict(), requires=(requires or {}).get(name, ()))
+        CheckSpec.model_validate(
+            {
+                "id": name,
+                "title": name.upper(),
+                "points": Decimal(points),
+                "check": "any",
+                "requires": (requires or {}).get(name, ()),
+            }
+        )
         for name, points in checks
     ]
     names = list(dict.fromkeys(name.partition(".")[0] for name, _ in checks))
     criteria = []
     for name in names:
         own = tuple(spec for spec in specs if spec.id.startswith(f"{name}."))
-        criteria.append(CriterionSpec(name, name.title(), sum((c.points for c in own), Decimal(0)), "", own))
+        total = sum((c.points for c in own), Decimal(0))
+        criteria.append(CriterionSpec(id=name, title=name.title(), points=total, checks=own))
     total = sum((c.points for c in criteria), Decimal(0))
     lab = LabSpec(id="1", title="Nodes", points=total)
     return Rubric(lab, {}, {}, {}, tuple(criteria), Path(), "text", Policy())
@@ -53,9 +64,21 @@ def result_of(rubric: Rubric, credits: Sequence[float | None], reasons: dict[str
         sums = {key: sum(check[key] for check in checks) for key in ("earned", "possible", "undecided")}
         criteria.append({"id": criterion.id, "title": criterion.title, "checks": checks, **sums})
     score = {key: sum(c[key] for c in criteria) for key in ("earned", "possible", "undecided")}
-    return {"score": score, "criteria": criteria, "provenance": {"rubric_sha256": rubric.sha256}}
+    return {
+        "schema": RESULT_SCHEMA,
+        "submission": "a",
+        "lab": "Lab 1: Nodes",
+        "score": score,
+        "criteria": criteria,
+        "provenance": {"rubric_sha256": rubric.sha256},
+    }
+
+
+def entry_of(name: str, plain: dict[str, Any], *more: Any, **known: Any) -> ClassEntry:
+    """Give a student with the result of which this is the plain data."""
+    return ClassEntry(name, read_result(json.loads(json_text(plain))), *more, **known)
 
 
 def entries_of(rubric: Rubric, *credits: Sequence[float | None]) -> list[ClassEntry]:
     """Give a class of students a, b, c, ... with some credit for each check."""
-    return [ClassEntry(chr(97 + n), result_of(rubric, each)) for n, each in enumerate(credits)]
+    return [entry_of(chr(97 + n), result_of(rubric, each)) for n, each in enumerate(credits)]

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from grader.cohort.adjustments import adjust
 from grader.cohort.overrides import Override
 from grader.policy import LatePolicy
-from grader.result import AdjustmentKind, CheckResult, CriterionResult, Finding, Outcome, Result, Score
+from grader.result import AdjustmentKind, CheckResult, CriterionResult, Outcome, Result, Score
 
 DUE = datetime.fromisoformat("2026-11-20T23:59:00+01:00")
 LATE = LatePolicy.model_validate({"due": DUE, "per_day": "10 %", "grace": "10 min", "never_after": "7 days"})
@@ -27,12 +27,12 @@ def result(*criteria: list[tuple[str, str]], undecided: bool = False) -> Result:
         for place, (earned, possible) in enumerate(row):
             is_open = undecided and number == place == 0
             outcome = Outcome.INCONCLUSIVE if is_open else Outcome.PARTIAL
-            points = (Decimal(0) if is_open else Decimal(earned), Decimal(possible))
+            points = Decimal(0) if is_open else Decimal(earned)
             missing = Decimal(possible) if is_open else Decimal(0)
             identity = f"{'abcdefgh'[number]}.{place}"
-            checks.append(CheckResult(identity, "", None, Finding(outcome, Decimal(0)), *points, missing))
+            checks.append(CheckResult(identity, "", outcome, points, Decimal(possible), missing))
         sums = [sum((getattr(c, key) for c in checks), Decimal(0)) for key in ("earned", "possible", "undecided")]
-        built.append(CriterionResult("abcdefgh"[number], "", "", tuple(checks), *sums))
+        built.append(CriterionResult("abcdefgh"[number], "", sums[0], sums[1], sums[2], tuple(checks)))
     whole = [sum((getattr(c, key) for c in built), Decimal(0)) for key in ("earned", "possible", "undecided")]
     return Result("alice", "Lab", Score(*whole), tuple(built))
 

@@ -15,7 +15,7 @@ from grader.cohort.anonymous import HIDDEN, anonymous
 from grader.cohort.entries import ClassEntry, report_link
 from grader.cohort.summary import summarise
 from grader.report import class_page, grades_csv
-from tests.cohort.made_up import result_of, rubric_of
+from tests.cohort.made_up import entry_of, result_of, rubric_of
 
 LAB = rubric_of(("a.topic", 60), ("b.rate", 40))
 
@@ -24,7 +24,13 @@ def entry(name: str, reason: str = "", **more: Any) -> ClassEntry:
     """Give a student with a reason at the first check and a submission of their own."""
     plain = result_of(LAB, [0.5, 1], {"a.topic": reason})
     plain["provenance"]["submission_sha256"] = f"hash of {name}"
-    return ClassEntry(name, plain | {"submission": name} | more, "", report_link(name))
+    return entry_of(name, plain | {"submission": name} | more, "", report_link(name))
+
+
+def changed(entry: ClassEntry, **change: Any) -> ClassEntry:
+    """Give a student whose result is otherwise."""
+    assert entry.result is not None
+    return dataclasses.replace(entry, result=dataclasses.replace(entry.result, **change))
 
 
 def said(*entries: ClassEntry) -> str:
@@ -58,14 +64,14 @@ def test_short_names_are_hidden_as_words_only() -> None:
     """A student called Ann does not tear holes into planning."""
     hidden = anonymous([entry("ann", "Ann planned AnnNode.")], LAB)
     assert hidden[0].result is not None
-    assert hidden[0].result["criteria"][0]["checks"][0]["reason"] == f"{HIDDEN} planned {HIDDEN}Node."
+    assert hidden[0].result.checks[0].reason == f"{HIDDEN} planned {HIDDEN}Node."
 
 
 def test_a_korean_name_hides_no_word_that_sounds_alike_at_first() -> None:
     """Syllables are compared whole, not by their first letters."""
     hidden = anonymous([entry("\ucca0\uc218", "\ucca0\uc218, \ucd08\uc18d.")], LAB)
     assert hidden[0].result is not None
-    assert hidden[0].result["criteria"][0]["checks"][0]["reason"] == f"{HIDDEN}, \ucd08\uc18d."
+    assert hidden[0].result.checks[0].reason == f"{HIDDEN}, \ucd08\uc18d."
 
 
 def test_words_of_the_rubric_are_no_names() -> None:
@@ -73,7 +79,7 @@ def test_words_of_the_rubric_are_no_names() -> None:
     lab = dataclasses.replace(LAB, text="title: the topic has its rate")
     hidden = anonymous([entry("wrong_topic", "The topic of wrong_topic.")], lab)
     assert hidden[0].result is not None
-    assert hidden[0].result["criteria"][0]["checks"][0]["reason"] == f"The topic of {HIDDEN}."
+    assert hidden[0].result.checks[0].reason == f"The topic of {HIDDEN}."
 
 
 def test_links_ids_times_and_words_of_adjustments_go() -> None:
@@ -88,7 +94,11 @@ def test_links_ids_times_and_words_of_adjustments_go() -> None:
     }
     bonus = {"kind": "bonus", "what": "score", "points": 3, "reason": "helped Bob", "who": "Dr Who", "when": "y"}
     known = dataclasses.replace(
-        entry("alice", adjustments=[made, bonus], violations=[{"kind": "escape", "text": "alice went out"}]),
+        entry(
+            "alice",
+            adjustments=[made, bonus],
+            violations=[{"kind": "spoofs_clock", "session": "s", "text": "alice went out"}],
+        ),
         student_id="990017",
         submitted_at=datetime(2026, 11, 20, 21, 7, tzinfo=timezone.utc),
     )
@@ -110,17 +120,12 @@ def test_pseudonyms_do_not_follow_the_names_and_need_the_submissions() -> None:
     entries = [entry(name) for name in names]
 
     def order(listed: list[ClassEntry]) -> list[int]:
-        marked = [
-            dataclasses.replace(e, result={**(e.result or {}), "problems": [str(n)]}) for n, e in enumerate(listed)
-        ]
-        return [int((e.result or {})["problems"][0]) for e in anonymous(marked, LAB)]
+        marked = [changed(e, problems=(str(n),)) for n, e in enumerate(listed)]
+        return [int(e.result.problems[0]) for e in anonymous(marked, LAB) if e.result is not None]
 
     assert order(entries) == order(entries)
     assert order(entries) != sorted(order(entries))
-    other = [
-        dataclasses.replace(e, result={**(e.result or {}), "provenance": {"submission_sha256": f"new {e.name}"}})
-        for e in entries
-    ]
+    other = [changed(e, provenance={"submission_sha256": f"new {e.name}"}) for e in entries]
     assert order(entries) != order(other)
     assert [e.name for e in anonymous(entries, LAB)] == [f"Student {n:02d}" for n in range(1, 41)]
 
@@ -139,4 +144,4 @@ def test_a_name_of_four_letters_or_more_never_stays(name: str, before: str, afte
     whole = "".join(c for c in name if c.isascii() and c.isalpha()).ljust(4, "q")
     hidden = anonymous([entry(whole, f"{before}{whole}{after}")], LAB)
     assert hidden[0].result is not None
-    assert whole.lower() not in hidden[0].result["criteria"][0]["checks"][0]["reason"].lower().replace(HIDDEN, "\0")
+    assert whole.lower() not in hidden[0].result.checks[0].reason.lower().replace(HIDDEN, "\0")

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from datetime import datetime, timedelta, timezone
+from decimal import Decimal
 from pathlib import Path
 
 import pytest
@@ -11,13 +11,19 @@ import pytest
 from grader.cohort.entries import ClassEntry, entries_in, report_link
 from grader.cohort.roster import NOTHING_HANDED_IN, Student, with_roster
 from grader.recording.submission import SubmissionRecord, write_submission
+from grader.result import Result, Score, to_json
 
 
-def finished(results: Path, name: str, text: str = '{"score": {}}') -> Path:
+def result_named(name: str) -> Result:
+    """Give the least result that there is."""
+    return Result(name, "Lab 1", Score(Decimal(0), Decimal(0), Decimal(0)), ())
+
+
+def finished(results: Path, name: str, text: str | None = None) -> Path:
     """Lay down a finished result."""
     folder = results / name
     folder.mkdir(parents=True)
-    (folder / "result.json").write_text(text, encoding="utf-8")
+    (folder / "result.json").write_text(to_json(result_named(name)) if text is None else text, encoding="utf-8")
     (folder / "report.html").write_text("<!DOCTYPE html>", encoding="utf-8")
     return folder
 
@@ -25,17 +31,17 @@ def finished(results: Path, name: str, text: str = '{"score": {}}') -> Path:
 def test_results_are_read_by_name_with_their_links(tmp_path: Path) -> None:
     """Each folder is an entry; files beside them and folders that are no results are none."""
     for name in ("bob", "alice"):
-        finished(tmp_path, name, json.dumps({"submission": name}))
+        finished(tmp_path, name)
     (tmp_path / "index.html").write_text("old", encoding="utf-8")
     (tmp_path / "history").mkdir()
     finished(tmp_path, ".unfinished")
     assert entries_in(tmp_path) == [
-        ClassEntry(name, {"submission": name}, "", f"{name}/report.html") for name in ("alice", "bob")
+        ClassEntry(name, result_named(name), "", f"{name}/report.html") for name in ("alice", "bob")
     ]
     assert entries_in(tmp_path / "missing") == []
 
 
-@pytest.mark.parametrize("text", ["", "{", "[1]", '"x"', "[" * 100_000, "\x00"])
+@pytest.mark.parametrize("text", ["", "{", "[1]", '"x"', "{}", '{"score": {"earned": "x"}}', "[" * 100_000, "\x00"])
 def test_a_damaged_result_is_told_and_hurts_no_other(text: str, tmp_path: Path) -> None:
     """A file that was cut off, or holds something else, leaves that submission ungraded."""
     finished(tmp_path, "alice", text)
@@ -43,7 +49,7 @@ def test_a_damaged_result_is_told_and_hurts_no_other(text: str, tmp_path: Path) 
     alice, bob = entries_in(tmp_path)
     assert alice.result is None
     assert "result.json" in alice.problem
-    assert bob.result == {"score": {}}
+    assert bob.result == result_named("bob")
 
 
 def test_recordings_without_a_result_are_not_graded(tmp_path: Path) -> None:
@@ -82,7 +88,7 @@ def test_a_class_list_gives_ids_times_and_who_is_missing() -> None:
     moment = datetime(2026, 11, 20, 10, tzinfo=timezone.utc)
     listed = [Student("Alice", "0012", moment), Student("", "4711"), Student("zoe", "77")]
     earlier = datetime(2026, 11, 19, tzinfo=timezone.utc)
-    there = [ClassEntry("bob", {}), ClassEntry("alice", {}, submitted_at=earlier), ClassEntry("4711", {})]
+    there = [ClassEntry("bob", None), ClassEntry("alice", None, submitted_at=earlier), ClassEntry("4711", None)]
     entries = with_roster(there, listed)
     assert [(e.name, e.student_id, e.submitted_at, e.problem) for e in entries] == [
         ("4711", "4711", None, ""),
@@ -95,14 +101,14 @@ def test_a_class_list_gives_ids_times_and_who_is_missing() -> None:
 def test_a_class_list_that_knows_less_takes_nothing_away() -> None:
     """What an entry has already stays where the list says nothing, and two lines of one name are one student."""
     moment = datetime(2026, 11, 19, tzinfo=timezone.utc)
-    known = ClassEntry("alice", {}, submitted_at=moment, student_id="1")
+    known = ClassEntry("alice", None, submitted_at=moment, student_id="1")
     assert with_roster([known], [Student("alice"), Student("zoe"), Student("zoe")])[0] == known
     assert len(with_roster([known], [Student("alice"), Student("zoe"), Student("zoe")])) == 2
 
 
 def test_a_class_list_finds_who_came_in_a_download() -> None:
     """Folders that are called after name and id are found by either; two of one name are told apart by the id."""
-    there = [ClassEntry("Zoë_O_Neil_17", {}), ClassEntry("Ann_Bee_18", {}), ClassEntry("Ann_Bee_19", {})]
+    there = [ClassEntry("Zoë_O_Neil_17", None), ClassEntry("Ann_Bee_18", None), ClassEntry("Ann_Bee_19", None)]
     listed = [Student("Zoë O'Neil", "17"), Student("Ann Bee", "19"), Student("ann bee", "18"), Student("Carl", "20")]
     found = {entry.name: entry.student_id for entry in with_roster(there, listed)}
     assert found == {"Zoë_O_Neil_17": "17", "Ann_Bee_18": "18", "Ann_Bee_19": "19", "Carl": "20"}
@@ -110,7 +116,7 @@ def test_a_class_list_finds_who_came_in_a_download() -> None:
 
 def test_nobody_gets_the_result_of_another_whose_name_is_written_alike() -> None:
     """Marks of vowels tell names apart, and names that differ by a stroke are taken as they are written, or not."""
-    there = [ClassEntry(name, {}) for name in ("ann_lee", "ann-lee", "काव", "bo_xu", "bo-xu")]
+    there = [ClassEntry(name, None) for name in ("ann_lee", "ann-lee", "काव", "bo_xu", "bo-xu")]
     listed = [Student("कीव", "1"), Student("Ann-Lee", "2"), Student("Bo Xu", "3")]
     found = {entry.name: entry.student_id for entry in with_roster(there, listed) if entry.student_id}
     assert found == {"कीव": "1", "ann-lee": "2", "Bo Xu": "3"}

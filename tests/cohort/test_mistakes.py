@@ -11,7 +11,7 @@ from grader.cohort.entries import ClassEntry
 from grader.cohort.mistakes import Mistake, gist, pattern_of
 from grader.cohort.summary import summarise
 from grader.rubric import Rubric
-from tests.cohort.made_up import result_of, rubric_of
+from tests.cohort.made_up import entry_of, result_of, rubric_of
 
 RATE = "Messages come at {} Hz, {}% slower than 100 Hz."
 
@@ -92,7 +92,7 @@ def student(name: str, credits: list[float], reasons: dict[str, str], hint: str 
     for check in (check for criterion in plain["criteria"] for check in criterion["checks"]):
         check["outcome"] = outcomes.get(check["id"].partition(".")[2], check["outcome"])
         check["hint"] = hint
-    return ClassEntry(name, plain)
+    return entry_of(name, plain)
 
 
 def mistakes(*entries: ClassEntry, rubric: Rubric = LAB) -> tuple[Mistake, ...]:
@@ -157,6 +157,6 @@ def test_all_lost_points_are_told_once() -> None:
     entries = [
         student("a", [0, 0, 0, 1], {}, calls="not_reached", more="not_reached"),
         student("b", [1, 0.5, 0, 0.25], {}, more="not_reached"),
-        ClassEntry("c", result_of(LAB, [None, 0, 1, 1])),
+        entry_of("c", result_of(LAB, [None, 0, 1, 1])),
     ]
     assert sum((m.cost for m in mistakes(*entries)), Decimal(0)) == 12 + 11 + 6

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from decimal import Decimal
-from typing import Any
 
 import pytest
 
 from grader.cohort.entries import ClassEntry
 from grader.cohort.summary import Need, Silent, discrimination, quantile, summarise
 from grader.result import Outcome
-from tests.cohort.made_up import entries_of, result_of, rubric_of
+from tests.cohort.made_up import entries_of, entry_of, result_of, rubric_of
 
 ONE = rubric_of(("a.only", 100))
 TWO = rubric_of(("a.first", 4), ("b.second", 6))
@@ -50,10 +49,9 @@ def test_quartiles_between_two_values_lie_in_proportion() -> None:
 
 def test_bars_hold_their_lower_bound_and_the_last_one_the_top() -> None:
     """5 points lie in the second of twenty bars, 4.9 in the first, 100 and what a bonus makes of it in the last."""
-    entries = entries_of(ONE, [0.05], [0.049], [1.0], [1.0])
-    assert entries[3].result is not None
-    entries[3] = ClassEntry("d", {**entries[3].result, "score": {**entries[3].result["score"], "final": 103}})
-    spread = summarise(entries, ONE).spread
+    bonus = {"kind": "bonus", "what": "score", "points": 3}
+    best = entry_of("d", result_of(ONE, [1.0]) | {"adjustments": [bonus]})
+    spread = summarise([*entries_of(ONE, [0.05], [0.049], [1.0]), best], ONE).spread
     assert spread is not None
     counts = [bar.count for bar in spread.bars]
     assert (counts[0], counts[1], counts[-1], sum(counts)) == (1, 1, 2, 4)
@@ -63,9 +61,8 @@ def test_bars_hold_their_lower_bound_and_the_last_one_the_top() -> None:
 def test_adjustments_count_in_points_but_not_in_criteria() -> None:
     """A late submission has what is left of its points, and its criterion as it was judged."""
     plain = result_of(ONE, [0.8])
-    plain["score"]["final"] = 70
     plain["adjustments"] = [{"kind": "late", "what": "score", "points": -10, "reason": "late", "who": "", "when": ""}]
-    row = summarise([ClassEntry("a", plain)], ONE).rows[0]
+    row = summarise([entry_of("a", plain)], ONE).rows[0]
     assert row.total == 70
     assert row.cells[0] is not None
     assert row.cells[0].earned == 80
@@ -99,7 +96,7 @@ def test_a_criterion_that_was_not_judged_has_no_cell() -> None:
     """Where only one session was asked for, the others' criteria stay empty, and nothing is made of them."""
     plain = result_of(TWO, [1.0, 1.0])
     plain["criteria"] = plain["criteria"][:1]
-    summary = summarise([ClassEntry("a", plain)], TWO)
+    summary = summarise([entry_of("a", plain)], TWO)
     assert [cell is None for cell in summary.rows[0].cells] == [False, True]
     assert summary.columns[1].mean is None
     assert [check.decided for check in summary.checks] == [1, 0]
@@ -131,7 +128,7 @@ def test_discrimination_is_the_correlation_worked_out_by_hand() -> None:
 def test_the_check_itself_is_left_out_of_the_total() -> None:
     """A check that is exactly what the others are not has -1, although it is most of the points."""
     heavy = rubric_of(("a.heavy", 90), ("b.light", 10))
-    entries = [ClassEntry(str(n), result_of(heavy, [n % 2, 1 - n % 2])) for n in range(10)]
+    entries = [entry_of(str(n), result_of(heavy, [n % 2, 1 - n % 2])) for n in range(10)]
     told = summarise(entries, heavy).checks[0].discrimination
     assert not isinstance(told, Silent)
     assert told == pytest.approx(-1)
@@ -140,8 +137,8 @@ def test_the_check_itself_is_left_out_of_the_total() -> None:
 def test_undecided_checks_are_left_out_of_the_rest_too() -> None:
     """The rest is a share of what is decided: an undecided check neither lifts nor lowers it."""
     three = rubric_of(("a.x", 2), ("a.y", 2), ("a.z", 6))
-    decided = [ClassEntry(str(n), result_of(three, [n / 9, n / 9, n / 9])) for n in range(10)]
-    opened = [ClassEntry(str(n), result_of(three, [n / 9, n / 9, None if n == 9 else n / 9])) for n in range(10)]
+    decided = [entry_of(str(n), result_of(three, [n / 9, n / 9, n / 9])) for n in range(10)]
+    opened = [entry_of(str(n), result_of(three, [n / 9, n / 9, None if n == 9 else n / 9])) for n in range(10)]
     for entries in (decided, opened):
         told = summarise(entries, three).checks[0].discrimination
         assert not isinstance(told, Silent)
@@ -166,14 +163,13 @@ def test_where_nothing_can_be_said_it_is_said_why() -> None:
 
 def test_what_needs_a_person_stands_in_the_order_of_its_weight() -> None:
     """Not graded, then violations, then undecided, then judged by another rubric; each with what is known."""
-    entries = entries_of(TWO, [1, 1], [1, None], [1, 1])
-    plain = [dict(entry.result or {}) for entry in entries]
+    plain = [result_of(TWO, credits) for credits in ([1, 1], [1, None], [1, 1])]
     plain[0]["provenance"] = {"rubric_sha256": "another"}
     plain[2]["violations"] = [
-        {"kind": "spoofs_clock", "text": "It published on /clock.", "certain": True},
-        {"kind": "spoofs_clock", "text": "It did so twice.", "certain": False},
+        {"kind": "spoofs_clock", "session": "s", "text": "It published on /clock.", "certain": True},
+        {"kind": "spoofs_clock", "session": "s", "text": "It did so twice.", "certain": False},
     ]
-    known = [ClassEntry(entry.name, each) for entry, each in zip(entries, plain, strict=True)]
+    known = [entry_of(name, each) for name, each in zip("abc", plain, strict=True)]
     todos = summarise([*known, ClassEntry("d", None, "An empty archive.")], TWO).todos
     assert [(todo.row, todo.need) for todo in todos] == [
         (3, Need.NOT_GRADED),
@@ -195,18 +191,9 @@ def test_what_a_person_has_decided_is_not_to_do_again(what: str) -> None:
     """Points given by hand for an undecided check, or for its criterion, settle it."""
     plain = result_of(TWO, [1, None])
     decided = {"kind": "points", "what": what, "points": 6, "reason": "seen", "who": "JS", "when": "2026-11-21"}
-    summary = summarise([ClassEntry("a", plain | {"adjustments": [decided]})], TWO)
+    summary = summarise([entry_of("a", plain | {"adjustments": [decided]})], TWO)
     assert summary.todos == ()
     assert summary.rows[0].undecided == 0
-
-
-@pytest.mark.parametrize("broken", [{}, {"score": 1}, {"score": {"earned": "x"}, "criteria": []}])
-def test_a_result_of_another_form_is_one_that_was_not_graded(broken: dict[str, Any]) -> None:
-    """What cannot be read is not counted as zero points, and stands among the things to do."""
-    summary = summarise([ClassEntry("a", broken), *entries_of(ONE, [0.5])], ONE)
-    assert summary.spread is not None
-    assert summary.spread.count == 1
-    assert [todo.need for todo in summary.todos] == [Need.NOT_GRADED]
 
 
 def test_equal_entries_give_an_equal_summary() -> None:

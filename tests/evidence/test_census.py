@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -16,8 +18,10 @@ from grader.recording.session import (
     UNKNOWN_NODE,
     Endpoint,
     GraphSnapshot,
+    OutputLine,
     ProcessRun,
     Published,
+    Qos,
     ServiceClient,
     ServiceOffer,
     Trusted,
@@ -251,14 +255,85 @@ def test_a_program_that_runs_twice_touches_nothing(tmp_path: Path) -> None:
     assert taken(rivals(session(tmp_path), ["service", "service"], ["0d" * 12, "0e" * 12])) == ()
 
 
-def test_a_reference_node_that_ends_once_may_be_chance(tmp_path: Path) -> None:
-    """The first time it is tried again; if it ends again that is stated, with no certainty of who did it."""
-    assert taken(session(tmp_path / "first", arm_status=-11)) == ()
-    (touched,) = taken(session(tmp_path / "again", attempt=2, arm_status=-11))
-    assert touched.violation.kind is ViolationKind.ENDS_REFERENCE
-    assert not touched.violation.certain
-    assert "signal 11" in touched.violation.evidence[0]
+@pytest.mark.parametrize(("repeated", "certain"), [(False, False), (True, True)])
+def test_a_process_of_the_graders_that_is_brought_down(tmp_path: Path, repeated: bool, certain: bool) -> None:
+    """Once may be chance; where it happens again it is what the submission's programs sent, and nothing is measured."""
+    made = session(tmp_path, attempt=2, arm_status=-11)
+    made.record.disturbed_before = repeated
+    (touched,) = taken(made)
+    assert (touched.violation.kind, touched.violation.certain) == (ViolationKind.ENDS_REFERENCE, certain)
+    assert "/simulated_arm ended by signal 11" in touched.violation.text
     assert "recording number 2" in touched.violation.evidence[0]
+    assert touched.whole
+
+
+@pytest.mark.parametrize(
+    ("facts", "found"),
+    [
+        ({"exit_status": -6}, 1),
+        ({"exit_status": 1, "output": [OutputLine(at(4.0), "stderr", "std::bad_alloc")]}, 1),
+        ({"exit_status": -9, "ended_by": "kill"}, 1),
+        ({"exit_status": -9}, 0),
+        ({"exit_status": 1, "output": [OutputLine(at(4.0), "stderr", "KeyError: 'seed'")]}, 0),
+    ],
+)
+def test_whose_doing_the_end_of_the_recorder_is(tmp_path: Path, facts: dict[str, Any], found: int) -> None:
+    """Crashes of native code and hangs come by packets; a kill by the system and a mistake of our own do not."""
+    made = session(tmp_path)
+    made.record.processes[0] = ProcessRun("director", "grader", [], started_ns=at(0.1), exited_ns=at(4.0), **facts)
+    assert kinds(made) == [ViolationKind.ENDS_REFERENCE] * found
+
+
+# -- what was published and not recorded -----------------------------------------------------------
+
+
+def published(made: Session, count: int, recorded: Iterable[int], durability: str = "transient_local") -> Session:
+    """Let the plateaus have published so many messages on a topic of their own at 100 Hz, and some be recorded."""
+    rows = [[0.25 * n] for n in range(count)]
+    made.record.published.append(Published("arm", "/plan", FLOATS, "".join(digest(floats(row)) for row in rows)))
+    offered = replace(endpoint("/simulated_arm", ARM, "/plan", number=7), qos=Qos("reliable", durability))
+    add(made, offered)
+    kept = sorted(recorded)
+    made.messages("/plan", [rows[n] for n in kept], [1 + n / 100 for n in kept], sequence=[n + 1 for n in kept])
+    return made
+
+
+@pytest.mark.parametrize("repeated", [False, True])
+@pytest.mark.parametrize("recorded", [range(150), range(950, 1100), [*range(400), *range(800, 1100)], []])
+def test_messages_that_never_reached_the_recorder(tmp_path: Path, recorded: Sequence[int], repeated: bool) -> None:
+    """By whatever part is missing: the first, the last, some between, or all."""
+    made = published(session(tmp_path), 1100, recorded)
+    made.record.disturbed_before = repeated
+    (touched,) = taken(made)
+    assert touched.violation.kind is ViolationKind.DISTURBS_RECORDING
+    assert f"Of the 1100 messages that the grader published on /plan {len(recorded)} are" in touched.violation.text
+    assert (touched.violation.certain, touched.spoilt) == (repeated, frozenset({"/plan"}))
+
+
+def test_messages_in_the_place_of_the_graders(tmp_path: Path) -> None:
+    """Others of the same numbers, for which the recorder took the grader's own to be repeats, are none of them."""
+    made = published(session(tmp_path), 300, range(100))
+    made.messages("/plan", [[7.0]] * 200, [2 + n / 100 for n in range(200)], sequence=range(101, 301))
+    assert kinds(made) == [ViolationKind.DISTURBS_RECORDING]
+
+
+def test_a_few_messages_may_be_missing(tmp_path: Path) -> None:
+    """What a match that comes late, or the end of all, leaves out changes no verdict."""
+    assert taken(published(session(tmp_path), 300, range(4, 290))) == ()
+
+
+def test_who_keeps_no_message_may_begin_before_the_recorder_is_there(tmp_path: Path) -> None:
+    """The first seconds of a volatile publisher are excused; of one that keeps messages and waits, they are not."""
+    assert taken(published(session(tmp_path / "volatile"), 600, range(300, 600), "volatile")) == ()
+    kept = published(session(tmp_path / "kept"), 600, range(300, 600))
+    assert kinds(kept) == [ViolationKind.DISTURBS_RECORDING]
+
+
+def test_what_a_late_machine_loses_is_nobodys_doing(tmp_path: Path) -> None:
+    """The recorder had no core for seconds: that is tried again, and nobody is named."""
+    made = published(session(tmp_path), 1100, range(150)).delayed("director", delay_s=9.0, until_s=20.0)
+    made.record.disturbed_before = True
+    assert taken(made) == ()
 
 
 # -- topics ----------------------------------------------------------------------------------------
@@ -301,7 +376,8 @@ def test_a_flood_that_leaves_none_of_the_reference_nodes_messages_spoils_the_top
     """Where not one message of the arm was recorded, and others were, nothing of the topic can be measured."""
     made = session(tmp_path)
     made.record.published[0].digests = digest(floats([7.0]))
-    (touched,) = taken(add(made, endpoint("/student", STUDENT, STATES, number=9)))
+    touched, disturbed = taken(add(made, endpoint("/student", STUDENT, STATES, number=9)))
+    assert disturbed.violation.kind is ViolationKind.DISTURBS_RECORDING
     assert touched.violation.evidence[0] == "none of 5 messages recorded there is one of the grader's"
     assert touched.spoilt == {STATES}
 

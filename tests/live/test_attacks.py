@@ -37,6 +37,7 @@ sys.path.append(str(ROOT))
 from grader import pipeline  # noqa: E402
 from grader.intake import Handed  # noqa: E402
 from grader.live.isolation import STUDENT_UIDS  # noqa: E402
+from grader.result import result_schema  # noqa: E402
 from tests.live.attacks import ESCAPED, SOLUTION, Attack, lay_out, read_corpus  # noqa: E402
 from tests.live.surroundings import Leavings, Surroundings  # noqa: E402
 from tests.report.taken_apart import Page  # noqa: E402
@@ -44,7 +45,7 @@ from tests.report.taken_apart import Page  # noqa: E402
 pytestmark = pytest.mark.live
 
 GRADE = Path(sys.executable).parent / "grade"
-SCHEMA = json.loads((ROOT / "grader/report/result.schema.json").read_text(encoding="utf-8"))
+SCHEMA = result_schema()
 HONEST = "honest"
 #: The whole corpus in all environments takes a quarter of an hour: `make attacks`.
 WHOLE_CORPUS = os.environ.get("ATTACKS") == "all"

@@ -71,7 +71,7 @@ def test_all_files_are_written(alice: Graded) -> None:
     assert sorted(p.name for p in alice.folder.iterdir()) == ["recordings", "report.html", "result.json"]
     recordings = alice.folder / "recordings"
     sessions = {"publisher", "subscriber", "service", "launch", "qos"}
-    assert {p.name for p in recordings.iterdir()} == {*sessions, "submission.json", "rubric.yaml"}
+    assert {p.name for p in recordings.iterdir()} == {*sessions, "submission.json", "rubric.yaml", "rubric.files"}
     for session in sessions:
         names = {p.name for p in (recordings / session).iterdir()}
         assert names == {"metadata.yaml", f"{session}.mcap", "session.json"}

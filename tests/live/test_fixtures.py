@@ -13,9 +13,7 @@ import pytest
 
 from grader import pipeline
 from grader.batch.expectations import Verdict, compare, load_fixture
-from grader.cohort.finished import finished
 from grader.judging import judge, open_recordings
-from grader.report.json import to_plain
 from grader.rubric import Rubric
 from grader.submission import read_submission_folder
 
@@ -52,7 +50,7 @@ def test_fixture_gets_its_verdict(folder: Path, tmp_path: Path, rubric: Rubric) 
         record.sessions = list(fixture.expectation.sessions)
         options = pipeline.Options(Path(sys.executable), record.sessions, jobs=1)
         pipeline.record(submission, record, rubric, results, options, lambda progress: None)
-        result = finished(to_plain(judge(open_recordings(results / pipeline.RECORDINGS, rubric), rubric)))
+        result = judge(open_recordings(results / pipeline.RECORDINGS, rubric), rubric)
         assert result is not None
         return compare(fixture.expectation, result, rubric)
 

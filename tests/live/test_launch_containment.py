@@ -166,16 +166,16 @@ def test_a_launch_file_that_misbehaves_is_contained(misdeed: Misdeed, tmp_path: 
     result = record_and_judge(submission, tmp_path / "results", watch.look)
     took_s = time.monotonic() - began
     judged = checks_of(result)[misdeed.check]
-    said = f"{judged.finding.reason} | {judged.finding.measured} | {result.problems}"
+    said = f"{judged.reason} | {judged.measured} | {result.problems}"
     assert took_s < BOUND_S
-    assert judged.finding.outcome is misdeed.outcome, said
-    assert misdeed.reason_has in judged.finding.reason, said
+    assert judged.outcome is misdeed.outcome, said
+    assert misdeed.reason_has in judged.reason, said
     if misdeed.outcome is Outcome.FAILED:
-        assert judged.finding.hint
+        assert judged.hint
         assert result.score.undecided == 0, said
     else:
         # What a busy machine leaves undecided costs nothing.
-        assert {c.finding.outcome for c in checks_of(result).values()} <= {Outcome.PASSED, Outcome.INCONCLUSIVE}, said
+        assert {c.outcome for c in checks_of(result).values()} <= {Outcome.PASSED, Outcome.INCONCLUSIVE}, said
     watch.until_all_ended()
     until(lambda: not processes_with(MARK))
     assert [state_of(folder) for folder in watched] == before
@@ -201,7 +201,7 @@ def test_a_node_in_a_container_is_left_undecided(tmp_path: Path) -> None:
         "    ])\n"
     )
     judged = checks_of(record_and_judge(submission, tmp_path / "results"))
-    nodes = judged["launch.nodes"].finding
-    assert judged["launch.loads"].finding.outcome is Outcome.PASSED
+    nodes = judged["launch.nodes"]
+    assert judged["launch.loads"].outcome is Outcome.PASSED
     assert nodes.outcome is Outcome.INCONCLUSIVE
     assert "container" in nodes.reason

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import fcntl
 import os
 import shutil
@@ -24,6 +25,7 @@ ROOT = Path(__file__).parents[2]
 sys.path.append(str(ROOT))
 
 from grader import pipeline  # noqa: E402
+from grader.errors import BoundError  # noqa: E402
 from grader.evidence.recorded import Recorded  # noqa: E402
 from grader.judging import judge, open_recordings  # noqa: E402
 from grader.result import Outcome  # noqa: E402
@@ -175,8 +177,28 @@ def test_a_killed_recorder_costs_no_points(tmp_path: Path) -> None:
     with AnyReader([broken / "only"]) as bag:
         assert sum(c.msgcount for c in bag.connections if c.topic == "/chatter") == len(cut.bag.stream("/chatter"))
     result = judge(first, lab.rubric())
-    assert [check.finding.outcome for c in result.criteria for check in c.checks] == [Outcome.INCONCLUSIVE]
+    assert [check.outcome for c in result.criteria for check in c.checks] == [Outcome.INCONCLUSIVE]
     assert result.score.earned == 0
     assert result.score.undecided == 1
     assert not again.record.problems
     assert judge(open_recordings(lab.recordings, lab.rubric()), lab.rubric()).score.earned == 1
+
+
+def test_a_grading_whose_judging_fails_keeps_its_recordings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without memory for judging there is an error with a remedy, no older result, and recordings to judge again."""
+    steps: list[dict[str, Any]] = [
+        {"start": {"student": "talker"}},
+        {"observe": {"duration_s": 1}},
+        {"interrupt": {"process": "talker"}},
+    ]
+    lab = make_lab(tmp_path, {"talker": TALKER}, {"only": steps}, checks=[published("/chatter")])
+    lab.results.mkdir()
+    (lab.results / pipeline.RESULT_FILE).write_text("of an earlier grading")
+    options = pipeline.Options(Path(sys.executable))
+    with monkeypatch.context() as small:
+        small.setattr(pipeline, "JUDGING_BOUND", dataclasses.replace(pipeline.JUDGING_BOUND, memory_bytes=4096))
+        with pytest.raises(BoundError, match="judging the submission took more than") as caught:
+            pipeline.grade(lab.submission, lab.rubric(), lab.results, options, lambda progress: None)
+    assert f"grade regrade {lab.results}" in caught.value.remedy
+    assert [path.name for path in lab.results.iterdir()] == [pipeline.RECORDINGS]
+    assert pipeline.judge_results(lab.results, *pipeline.judged_by(lab.results)).score.earned == 1

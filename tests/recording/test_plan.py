@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import fields
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from grader.recording.plan import PLAN_SCHEMA, MalformedPlanError, Parameter, Plan, Process
 from tests.counted import calls_of
+
+WORDS = ["id", "path", "name", "value", "type", "file", "content", "after_s", "on_exit_of", "package", "parameters"]
 
 
 def plain(**more: Any) -> dict[str, Any]:
@@ -195,3 +200,78 @@ def test_what_no_evaluation_gives_is_no_plan(data: dict[str, Any]) -> None:
     """More processes or files than an evaluation notes, deep nesting and absurd numbers were written by others."""
     with pytest.raises(MalformedPlanError):
         Plan.from_plain(data)
+
+
+def process(**more: Any) -> dict[str, Any]:
+    """Give a plan of one process, with some fields of it."""
+    return plain(processes=[{"id": "arm-1", "path": "/ws/arm", **more}])
+
+
+MALFORMED = {
+    "a working folder that climbs": process(cwd="/ws/src/../../etc"),
+    "a working folder that climbs in the end": process(cwd="/ws/.."),
+    "a working folder that is relative": process(cwd="../etc"),
+    "a working folder that is empty": process(cwd=""),
+    "a working folder of no text": process(cwd=["/ws"]),
+    "a working folder with a NUL": process(cwd="/ws\0/etc"),
+    "an endless working folder": process(cwd="/ws" * 5000),
+    "a program with a NUL": process(path="/ws/a\0b"),
+    "a word with a NUL": process(argv=["a\0b"]),
+    "a variable with a NUL": process(env={"A": "a\0b"}),
+    "a variable's name with a NUL": process(env={"A\0": "a"}),
+    "variables within each other": process(env={"A": {"B": "c"}}),
+    "words of no list": process(argv="abc"),
+    "words that are none": process(argv=[1]),
+    "words within each other": process(prefix=[["a"]]),
+    "an endless name": process(name="n" * 5000),
+    "an id of no text": process(id=7),
+    "a file above": process(parameter_files={"..": "a"}),
+    "a file elsewhere": process(parameter_files={"../../x": "a"}),
+    "a file somewhere": process(parameter_files={"/etc/x": "a"}),
+    "a file with a NUL": plain(parameter_files={"x\0y": "a"}),
+    "a file of an endless name": plain(parameter_files={"ä" * 200: "a"}),
+    "a file without a name": plain(parameter_files={"": "a"}),
+    "a moment that never comes": process(when={"after_s": float("nan")}),
+    "a moment beyond all": process(when={"after_s": 1e300}),
+    "a moment of no number": process(when={"after_s": "soon"}),
+    "a process of no name": process(when={"on_exit_of": ["arm-1"]}),
+    "a delay that is no number": process(respawn_delay_s=float("nan")),
+    "a delay without end": process(respawn_delay_s=float("inf")),
+}
+
+
+@pytest.mark.parametrize("what", MALFORMED)
+def test_what_could_not_be_started_is_no_plan(what: str) -> None:
+    """Paths that lead elsewhere, names that no system takes and moments that are none were written by others."""
+    with pytest.raises(MalformedPlanError):
+        Plan.from_plain(MALFORMED[what])
+
+
+@pytest.mark.parametrize("cwd", [None, "/", "/ws/src", "/ws/a..b/..c", "/tmp/x y"])
+def test_an_honest_working_folder_is_kept(cwd: str | None) -> None:
+    """Any whole path without steps upwards may be one; so may large parameters be."""
+    plan = Plan.from_plain(process(cwd=cwd, parameters=[{"name": "stamp", "value": 1_700_000_000_000_000_000}]))
+    assert plan.processes[0].cwd == cwd
+
+
+json_values = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers(-(2**70), 2**70)
+    | st.floats()
+    | st.text(max_size=12)
+    | st.just("../../etc"),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.sampled_from(WORDS) | st.text(max_size=4), inner),
+    max_leaves=12,
+)
+
+
+@given(st.dictionaries(st.sampled_from([f.name for f in fields(Process)]), json_values), json_values)
+def test_what_is_read_can_be_kept_and_read_again(some: dict[str, Any], when: Any) -> None:
+    """Whatever stands in a plan, it is refused in one way, or is the same plan after it was kept as JSON."""
+    try:
+        plan = Plan.from_plain(process(**{**some, "when": when}))
+    except MalformedPlanError:
+        return
+    kept = json.dumps(plan.to_plain())
+    assert json.dumps(Plan.from_plain(json.loads(kept)).to_plain()) == kept

@@ -14,19 +14,17 @@ import jsonschema
 import pytest
 from rich.console import Console
 
-import grader.report
 from grader.judging import judge, open_recordings
 from grader.pipeline import read_rubric
 from grader.recording.submission import SubmissionRecord
 from grader.report import html
-from grader.report.json import render, to_plain
 from grader.report.terminal import print_result
 from grader.report.views import adjustments_of, final_share
-from grader.result import Adjustment, AdjustmentKind, Result
+from grader.result import Adjustment, AdjustmentKind, Result, result_schema, to_json, to_plain
 from tests.report.untrusted_texts import FRAGMENTS
 
 KEPT = Path(__file__).resolve().parents[1] / "recordings"
-SCHEMA = json.loads((Path(grader.report.__file__).parent / "result.schema.json").read_text(encoding="utf-8"))
+SCHEMA = result_schema()
 
 
 def adjustment(
@@ -157,7 +155,7 @@ def test_the_terminal_shows_them_below_the_sum(judged: Result, adjusted: Result)
 def test_the_schema_describes_results(judged: Result, adjusted: Result) -> None:
     """Results with and without adjustments are valid; the points agree."""
     for result in (judged, adjusted):
-        plain = json.loads(render(result))
+        plain = json.loads(to_json(result))
         jsonschema.Draft202012Validator(SCHEMA).validate(plain)
         assert plain["score"]["final"] == float(result.final)
     assert to_plain(judged)["adjustments"] == []
@@ -175,7 +173,7 @@ def test_the_schema_describes_results(judged: Result, adjusted: Result) -> None:
 @pytest.mark.parametrize("key", ["score.final", "adjustments"])
 def test_the_schema_asks_for_what_is_always_there(judged: Result, key: str) -> None:
     """A result without final points, or without adjustments, is no result of this version."""
-    plain = json.loads(render(judged))
+    plain = json.loads(to_json(judged))
     if key == "adjustments":
         del plain[key]
     else:

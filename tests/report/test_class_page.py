@@ -17,7 +17,7 @@ from grader.cohort.summary import ClassSummary, summarise
 from grader.pipeline import read_rubric
 from grader.report.class_page import render
 from grader.rubric import Rubric
-from tests.cohort.made_up import result_of, rubric_of
+from tests.cohort.made_up import entry_of, result_of, rubric_of
 from tests.report.taken_apart import Page
 from tests.sample_class import sample_class
 
@@ -45,7 +45,7 @@ def summary(rubric: Rubric, entries: list[ClassEntry]) -> ClassSummary:
 
 def entry(name: str, credits: list[float | None], reasons: dict[str, str] | None = None, **more: Any) -> ClassEntry:
     """Give a student with a report."""
-    return ClassEntry(name, result_of(LAB, credits, reasons) | more, report=report_link(name.replace("\ud800", "")))
+    return entry_of(name, result_of(LAB, credits, reasons) | more, report=report_link(name.replace("\ud800", "")))
 
 
 def page_of(*entries: ClassEntry) -> Page:
@@ -125,10 +125,9 @@ def test_a_mistake_names_its_students_and_what_to_say() -> None:
     hint = "A timer of 0.01 s gives 100 Hz."
     students = []
     for name, rate in (("alice", 90), ("bob", 80)):
-        student = entry(name, [1, 0.5, 1], {"pub.rate": reason.format(rate)})
-        assert student.result is not None
-        student.result["criteria"][0]["checks"][1]["hint"] = hint
-        students.append(student)
+        plain = result_of(LAB, [1, 0.5, 1], {"pub.rate": reason.format(rate)})
+        plain["criteria"][0]["checks"][1]["hint"] = hint
+        students.append(entry_of(name, plain, report=report_link(name)))
     page = page_of(*students, entry("carol", [1, 1, 1]))
     words = " ".join(page.words.split())
     assert "−8 PUB.RATE Pub Messages come at 80 to 90 Hz, too slow." in words
@@ -178,8 +177,6 @@ def test_adjustments_are_explained() -> None:
     """The points say that they were adjusted, and by whom and why."""
     change = {"kind": "points", "what": "pub.rate", "points": 4, "reason": "Seen.", "who": "JS", "when": "2026-11-21"}
     student = entry("alice", [1, 0.5, 1], adjustments=[change])
-    assert student.result is not None
-    student.result["score"]["final"] = 30
     words = " ".join(page_of(student).words.split())
     assert "30 +4 by adjustments" in words
     assert "+4 PUB.RATE: Seen. (JS, 2026-11-21)" in words
@@ -237,7 +234,7 @@ def hostile(text: str) -> list[ClassEntry]:
     """Give a class with a text wherever students' text can come to stand."""
     reasons = {"pub.topic": text, "pub.rate": text, "doc.readme": text}
     change = {"kind": "points", "what": text, "points": 1, "reason": text, "who": text, "when": text}
-    violation = {"kind": text, "text": text}
+    violation = {"kind": "spoofs_clock", "session": text, "text": text}
     more = {"adjustments": [change], "violations": [violation], "problems": [text]}
     return [
         entry(text, [0, 0.5, None], reasons, **more),

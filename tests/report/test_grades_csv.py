@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from grader.cohort.entries import ClassEntry
 from grader.cohort.summary import summarise
 from grader.report.grades_csv import BYTE_ORDER_MARK, csv_cell, render
-from tests.cohort.made_up import result_of, rubric_of
+from tests.cohort.made_up import entry_of, result_of, rubric_of
 
 LAB = rubric_of(("pub.topic", 12), ("pub.rate", 8), ("doc.readme", 10))
 FORMULA = "=+-@＝＋－＠"
@@ -79,7 +79,7 @@ def test_no_cell_is_a_formula_whatever_separates_them(text: str) -> None:
 def test_a_class_comes_back_as_it_was_written(name: str, student_id: str, problem: str) -> None:
     """A line a student and a cell a column, whatever students call themselves."""
     entries = [
-        ClassEntry(name, result_of(LAB, [0.5, 1, 0]), student_id=student_id),
+        entry_of(name, result_of(LAB, [0.5, 1, 0]), student_id=student_id),
         ClassEntry(name, None, problem),
     ]
     table = rows_of(render(summarise(entries, LAB)))
@@ -94,9 +94,8 @@ def test_a_class_comes_back_as_it_was_written(name: str, student_id: str, proble
 def test_the_columns_are_those_of_a_grade_book() -> None:
     """Points as judged and with adjustments, each criterion with its outcome, times with their offset."""
     plain = result_of(LAB, [0.5, 1, None])
-    plain["score"]["final"] = 11.5
     late = {"kind": "late", "what": "score", "points": -2.5, "reason": "A day late.", "who": "", "when": ""}
-    entry = ClassEntry(
+    entry = entry_of(
         "alice",
         plain | {"adjustments": [late]},
         submitted_at=datetime(2026, 11, 20, 23, 59, tzinfo=timezone.utc),
@@ -124,7 +123,7 @@ def test_the_columns_are_those_of_a_grade_book() -> None:
 
 def test_the_file_opens_in_spreadsheets() -> None:
     """A byte order mark tells Excel that it is UTF-8; lines end as RFC 4180 has it; Python reads it back."""
-    data = render(summarise([ClassEntry("zoë", result_of(LAB, [1, 1, 1]))], LAB)).encode("utf-8")
+    data = render(summarise([entry_of("zoë", result_of(LAB, [1, 1, 1]))], LAB)).encode("utf-8")
     assert data.startswith(b"\xef\xbb\xbfsubmission,")
     assert data.count(b"\r\n") == data.count(b"\n") == 2
     assert data.decode("utf-8-sig").splitlines()[1].startswith("zoë,")

@@ -11,8 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grader.report import json as module
-from grader.report.json import points, render, to_plain
+import grader.report
 from grader.result import (
     CheckResult,
     CriterionResult,
@@ -23,6 +22,10 @@ from grader.result import (
     Violation,
     ViolationKind,
     Where,
+    number,
+    result_schema,
+    to_json,
+    to_plain,
 )
 
 FINDING = Finding(
@@ -39,15 +42,23 @@ FINDING = Finding(
 
 def result(finding: Finding = FINDING) -> Result:
     """Give a result with one check."""
-    check = CheckResult("a.rate", "Rate", "s", finding, Decimal("2.5"), Decimal(5), Decimal(0))
-    criterion = CriterionResult("a", "A", "", (check,), Decimal("2.5"), Decimal(5), Decimal(0))
+    check = CheckResult.of(
+        finding,
+        id="a.rate",
+        title="Rate",
+        session="s",
+        earned=Decimal("2.5"),
+        possible=Decimal(5),
+        undecided=Decimal(0),
+    )
+    criterion = CriterionResult("a", "A", Decimal("2.5"), Decimal(5), Decimal(0), (check,))
     score = Score(Decimal("2.5"), Decimal("5.0"), Decimal(0))
     return Result("ann", "Lab 1: One", score, (criterion,), ("advice",), ("problem",), {"grader": "0"})
 
 
 def test_the_contract() -> None:
     """Each key is where scripts look for it."""
-    plain = json.loads(render(result()))
+    plain = json.loads(to_json(result()))
     assert plain["schema"] == "ros-lab-grader/result/v1"
     assert plain["score"] == {"earned": 2.5, "possible": 5, "undecided": 0, "final": 2.5}
     assert plain["adjustments"] == []
@@ -63,7 +74,7 @@ def test_the_contract() -> None:
         "problems",
         "provenance",
     }
-    assert set(plain["criteria"][0]) == {"id", "title", "earned", "possible", "undecided", "checks"}
+    assert set(plain["criteria"][0]) == {"id", "title", "earned", "possible", "undecided", "checks", "description"}
     check = plain["criteria"][0]["checks"][0]
     assert set(check) == {
         "id",
@@ -78,6 +89,8 @@ def test_the_contract() -> None:
         "hint",
         "where",
         "notes",
+        "session",
+        "credit",
     }
     assert check["outcome"] == "partial"
     assert check["where"] == [
@@ -91,7 +104,7 @@ def test_a_violation_is_told_with_its_evidence() -> None:
     violation = Violation(
         ViolationKind.SPOOFS_CLOCK, "s", "A second clock.", ("9 messages",), Where(session="s"), True, ("a.rate",)
     )
-    plain = json.loads(render(dataclasses.replace(result(), violations=(violation,))))
+    plain = json.loads(to_json(dataclasses.replace(result(), violations=(violation,))))
     assert plain["violations"] == [
         {
             "kind": "spoofs_clock",
@@ -105,15 +118,20 @@ def test_a_violation_is_told_with_its_evidence() -> None:
     ]
 
 
+def test_the_schema_that_is_shipped_is_the_current_one() -> None:
+    """Whoever reads the file reads what the classes say; `tools/write-schemas` writes it."""
+    shipped = json.loads((Path(grader.report.__file__).parent / "result.schema.json").read_text(encoding="utf-8"))
+    assert shipped == result_schema()
+
+
 def test_the_schema_knows_every_kind_of_violation() -> None:
     """Scripts that go by the schema meet no kind that it does not name."""
-    schema = json.loads((Path(module.__file__).parent / "result.schema.json").read_text(encoding="utf-8"))
-    assert schema["$defs"]["violation"]["properties"]["kind"]["enum"] == [kind.value for kind in ViolationKind]
+    assert result_schema()["$defs"]["ViolationKind"]["enum"] == [kind.value for kind in ViolationKind]
 
 
 def test_text_of_students_comes_back_as_it_was() -> None:
     """Control characters are escaped in the file, and are themselves again when it is read."""
-    text = render(result())
+    text = to_json(result())
     assert text.isascii()
     assert "\x1b" not in text
     assert json.loads(text) == to_plain(result())
@@ -122,17 +140,17 @@ def test_text_of_students_comes_back_as_it_was() -> None:
 @given(st.text(max_size=50))
 def test_any_text_is_valid_json(text: str) -> None:
     """Whatever a student wrote, the file can be read."""
-    plain = json.loads(render(result(Finding(Outcome.FAILED, Decimal(0), text, text, text, text))))
+    plain = json.loads(to_json(result(Finding(Outcome.FAILED, Decimal(0), text, text, text, text))))
     assert plain["criteria"][0]["checks"][0]["reason"] == text
 
 
 @pytest.mark.parametrize(("value", "shown"), [("5", "5"), ("5.0", "5"), ("2.5", "2.5"), ("0", "0"), ("1E+1", "10")])
 def test_whole_points_are_whole_numbers(value: str, shown: str) -> None:
     """Points have no needless digits."""
-    assert json.dumps(points(Decimal(value))) == shown
+    assert json.dumps(number(Decimal(value))) == shown
 
 
 def test_equal_results_give_equal_bytes() -> None:
     """The order of keys is fixed, and the text ends with a line end."""
-    assert render(result()) == render(result())
-    assert render(result()).endswith("}\n")
+    assert to_json(result()) == to_json(result())
+    assert to_json(result()).endswith("}\n")

@@ -30,9 +30,10 @@ def result(*findings: Finding, name: str = "ann", advice: str = "", problem: str
     for number, each in enumerate(findings):
         earned = Decimal(5) if each.outcome is Outcome.PASSED else Decimal(0)
         undecided = Decimal(0) if each.outcome.decided else Decimal(5)
-        checks.append(CheckResult(f"a.{number}", f"Check {number}", "s", each, earned, Decimal(5), undecided))
+        points = {"earned": earned, "possible": Decimal(5), "undecided": undecided}
+        checks.append(CheckResult.of(each, id=f"a.{number}", title=f"Check {number}", session="s", **points))
     sums = [sum((getattr(c, key) for c in checks), Decimal(0)) for key in ("earned", "possible", "undecided")]
-    criterion = CriterionResult("a", "Criterion", "", tuple(checks), *sums)
+    criterion = CriterionResult("a", "Criterion", sums[0], sums[1], sums[2], tuple(checks))
     return Result(name, "Lab 1", Score(*sums), (criterion,), (advice,) if advice else (), (problem,) if problem else ())
 
 
@@ -78,7 +79,7 @@ def test_what_is_undecided_is_not_shown_as_lost() -> None:
     """Undecided points are asked, not subtracted, and told apart."""
     text = printed(result(finding(Outcome.INCONCLUSIVE), finding(Outcome.ERROR)))
     assert text.count("? / 5") == 2
-    assert "10 points are undecided through no fault of the submission." in text
+    assert "10 points are undecided, and not earned before they are." in text
 
 
 def test_advice_and_problems_are_shown() -> None:

@@ -41,9 +41,12 @@ ENDED = Violation(ViolationKind.ENDS_REFERENCE, "launch", "The arm ended.", (EVI
 
 def result(*violations: Violation) -> Result:
     """Give a result with one check."""
-    finding = Finding(Outcome.FAILED, Decimal(0), reason="not measured")
-    check = CheckResult("a.together", "Together", "launch", finding, Decimal(0), Decimal(2), Decimal(0))
-    criterion = CriterionResult("a", "A", "", (check,), Decimal(0), Decimal(2), Decimal(0))
+    zero = Decimal(0)
+    finding = Finding(Outcome.FAILED, zero, reason="not measured")
+    check = CheckResult.of(
+        finding, id="a.together", title="Together", session="launch", earned=zero, possible=Decimal(2), undecided=zero
+    )
+    criterion = CriterionResult("a", "A", zero, Decimal(2), zero, (check,))
     return Result("ann", "Lab 1", Score(Decimal(0), Decimal(2), Decimal(0)), (criterion,), violations=violations)
 
 

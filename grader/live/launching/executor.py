@@ -496,7 +496,7 @@ class Executor:
             "env": {name: value for name, value in after.items() if replaces or before.get(name) != value},
             "env_unset": [] if replaces else sorted(set(before) - set(after)),
             "env_replaces": replaces,
-            "cwd": details["cwd"],
+            "cwd": None if details["cwd"] is None else os.path.abspath(details["cwd"]),  # noqa: PTH100
             "parameters": [],
             "remappings": [],
             "output": self._output(action, context),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from grader.errors import GraderError
 from grader.report.exports import (
@@ -15,7 +14,8 @@ from grader.report.exports import (
     gradescope,
     junit,
 )
-from grader.report.exports.graded import Graded, read_graded
+from grader.report.exports.graded import Graded, graded
+from grader.result import Result
 
 __all__ = ["EXPORTS", "Export", "render_export"]
 
@@ -81,7 +81,7 @@ EXPORTS: Mapping[str, Export] = {
 
 
 def render_export(
-    name: str, plain: Mapping[str, Any], *, path_prefix: str = "", environment: Mapping[str, str] | None = None
+    name: str, result: Result, *, path_prefix: str = "", environment: Mapping[str, str] | None = None
 ) -> str:
     """Return a result in another system's form.
 
@@ -89,8 +89,6 @@ def render_export(
     ----------
     name : str
         A key of `EXPORTS`.
-    plain : mapping
-        The plain data of `result.json`.
     path_prefix : str
         Folder of the submission in its repository.
     environment : mapping
@@ -98,11 +96,9 @@ def render_export(
 
     Raises
     ------
-    RecordingError
-        If the data is no result of this version.
     GraderError
         If the form needs a variable that is not set.
     """
     export, variables = EXPORTS[name], environment or {}
     export.require_variables(variables)
-    return export.render(read_graded(plain, path_prefix), variables)
+    return export.render(graded(result, path_prefix), variables)

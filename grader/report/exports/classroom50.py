@@ -2,8 +2,8 @@
 
 Scores there are whole numbers, and the total is the sum of the tests' scores. So the total is rounded, half
 a point up, and the tests' scores are rounded such that they add up to it: each loses less than one point of
-its own by that, and none exceeds its maximum. An undecided check has the score 0 of 0 and does not fail, so
-it changes neither the sum nor the share; its name says so. Adjustments are spread over the tests.
+its own by that, and none exceeds its maximum. An undecided check has the score 0 of all its points, as what it is
+worth is not earned before somebody has decided; its name says so. Adjustments are spread over the other tests.
 
 The runner of Classroom 50 writes `owner`, `assignment_type` and the time of submission itself. It compares
 `classroom` and `assignment` with its own, and prints a test's name into a table of Markdown.
@@ -20,9 +20,9 @@ from datetime import datetime, timezone
 from decimal import ROUND_FLOOR, ROUND_HALF_UP, Decimal
 from typing import Any
 
+from grader.json_text import json_text
 from grader.report.exports.graded import Graded, GradedCheck
 from grader.report.exports.words import full_text, outcome_word
-from grader.report.json_text import json_text
 from grader.report.markdown import markdown_text
 from grader.report.untrusted import line
 
@@ -56,14 +56,15 @@ def render(graded: Graded, environment: Mapping[str, str]) -> str:
 
 
 def _scores(graded: Graded) -> list[tuple[int, int]]:
-    """Return each check's score and maximum; what is open has none."""
-    decided = [check for check in graded.checks if not check.open]
-    most = whole_scores([check.possible for check in decided], sum((c.possible for c in decided), _ZERO))
-    exact = [max(_ZERO, min(check.possible, check.earned + check.given)) for check in decided]
-    aside = sum((check.earned for check in graded.checks if check.open), _ZERO)
-    wanted = max(_ZERO, min(graded.final - aside, Decimal(sum(most))))
-    scores = iter(zip(whole_scores(_spread(exact, most, wanted), wanted, most), most, strict=True))
-    return [(0, 0) if check.open else next(scores) for check in graded.checks]
+    """Return each check's score and maximum; what is open has earned no more than is known."""
+    most = whole_scores([check.possible for check in graded.checks], sum((c.possible for c in graded.checks), _ZERO))
+    within = [int(check.earned) if check.open else limit for check, limit in zip(graded.checks, most, strict=True)]
+    exact = [
+        max(_ZERO, min(Decimal(limit), check.possible, check.earned + check.given))
+        for check, limit in zip(graded.checks, within, strict=True)
+    ]
+    wanted = max(_ZERO, min(graded.final, Decimal(sum(within))))
+    return list(zip(whole_scores(_spread(exact, within, wanted), wanted, within), most, strict=True))
 
 
 def _spread(exact: Sequence[Decimal], most: Sequence[int], wanted: Decimal) -> list[Decimal]:
@@ -109,10 +110,10 @@ def whole_scores(exact: Sequence[Decimal], total: Decimal, most: Sequence[int] |
 def _test(check: GradedCheck, score: int, most: int) -> dict[str, Any]:
     name = markdown_text(check.title, 200) or markdown_text(check.id)
     if check.open:
-        name += " (undecided, not counted)"
+        name += " (undecided, not earned)"
     return {
         "test-name": name,
-        "passed": check.open or not check.lost,
+        "passed": not check.open and not check.lost,
         "score": score,
         "max-score": most,
         "outcome": outcome_word(check),
@@ -122,5 +123,5 @@ def _test(check: GradedCheck, score: int, most: int) -> dict[str, Any]:
 
 def _recorded_at(graded: Graded) -> str:
     """Return when the last session ended; the runner puts the time of submission in its place."""
-    ends = [s.started_ns / 1e9 + s.duration_s for s in graded.sessions.values()]
+    ends = [s["started_ns"] / 1e9 + s["duration_s"] for s in graded.sessions.values()]
     return datetime.fromtimestamp(max(ends, default=0.0), tz=timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")

@@ -35,8 +35,8 @@ def render(graded: Graded, environment: Mapping[str, str]) -> str:
 
 def _command(kind: str, check: GradedCheck) -> str:
     properties = {"title": _title(check)}
-    if check.spot is not None:
-        properties = {"file": check.spot.path, "line": str(check.spot.line), **properties}
+    if check.location is not None:
+        properties = {"file": check.location.path, "line": str(check.location.line), **properties}
     written = ",".join(f"{key}={command_property(value, 1000)}" for key, value in properties.items())
     return f"::{kind} {written}::{command_data(full_text(check) or outcome_word(check))}"
 

@@ -54,7 +54,7 @@ def _parts(graded: Graded) -> Iterable[str]:
         yield "## What cost points\n"
         yield from (_lost(check) for check in lossy)
     yield from _listed("Not looked at, because of the above", [_missed(c) for c in graded.lossy if c not in lossy])
-    yield from _listed("Undecided, not lost", [_undecided(check) for check in graded.checks if check.open])
+    yield from _listed("Undecided, not earned", [_undecided(check) for check in graded.checks if check.open])
     yield from _listed(
         "Costs nothing, but worth knowing", [markdown_text(text) for text in graded.advisories[:MOST_REMARKS]]
     )
@@ -64,15 +64,15 @@ def _parts(graded: Graded) -> Iterable[str]:
 
 
 def _head(graded: Graded) -> str:
-    total = f"{points(graded.final)} of {points(graded.possible)} points"
+    total = f"{points(graded.final)} of {points(graded.score.possible)} points"
     lines = [f"# {markdown_text(graded.lab, 200)}: {total}", "", f"Submission {markdown_text(graded.submission, 200)}"]
     if graded.undecided:
         lines += [
             "",
-            f"> **{points(graded.undecided)} points are undecided** through no fault of the submission. "
-            "They are not lost; the next run may decide them.",
+            f"> **{points(graded.undecided)} points are undecided**, and not earned before they are: "
+            "the next run may decide them, or the instructor.",
         ]
-    if any(session.isolation == "none" for session in graded.sessions.values()):
+    if any(session["isolation"] == "none" for session in graded.sessions.values()):
         lines += ["", "> **The submission's code ran unconfined.** The report says what would confine it."]
     return "\n".join(lines) + "\n"
 
@@ -97,7 +97,7 @@ def _share(criterion: GradedCriterion) -> str:
 def _adjustments(graded: Graded) -> Iterable[str]:
     if graded.adjustments:
         lines = [markdown_text(text) for text in adjustment_texts(graded)]
-        judged = f"As judged: {points(graded.earned)}. With all adjustments: **{points(graded.final)}**."
+        judged = f"As judged: {points(graded.score.earned)}. With all adjustments: **{points(graded.final)}**."
         yield from _listed("Adjustments", [*lines, judged])
 
 
@@ -142,7 +142,7 @@ def _all_checks(graded: Graded) -> str:
 
 
 def _foot(graded: Graded) -> str:
-    levels = dict.fromkeys(session.isolation for session in graded.sessions.values())
+    levels = dict.fromkeys(session["isolation"] for session in graded.sessions.values())
     facts = [f"isolation: {markdown_text(', '.join(levels))}"] if levels else []
     if graded.rubric_sha256:
         facts.append(f"rubric {markdown_text(graded.rubric_sha256[:12])}")

@@ -15,8 +15,8 @@ import hashlib
 from collections.abc import Mapping
 from typing import Any
 
+from grader.json_text import json_text
 from grader.report.exports.graded import Graded, GradedCheck
-from grader.report.json_text import json_text
 from grader.report.untrusted import line
 from grader.report.views import points
 from grader.result import Outcome
@@ -26,17 +26,17 @@ _SEVERITIES = {Outcome.FAILED: "major", Outcome.PARTIAL: "minor"}
 
 def render(graded: Graded, environment: Mapping[str, str]) -> str:
     """Return the report."""
-    return json_text([_finding(check) for check in graded.lossy if check.spot is not None])
+    return json_text([_finding(check) for check in graded.lossy if check.location is not None])
 
 
 def _finding(check: GradedCheck) -> dict[str, Any]:
-    assert check.spot is not None
+    assert check.location is not None
     said = [f"{check.title} (−{points(check.lost)} points):", check.reason, check.hint]
-    key = f"{check.id}\0{check.spot.path}"
+    key = f"{check.id}\0{check.location.path}"
     return {
         "description": line(" ".join(said), 1000),
         "check_name": line(check.id),
         "fingerprint": hashlib.sha256(key.encode("utf-8", "backslashreplace")).hexdigest(),
         "severity": _SEVERITIES.get(check.outcome, "info"),
-        "location": {"path": check.spot.path, "lines": {"begin": check.spot.line}},
+        "location": {"path": check.location.path, "lines": {"begin": check.location.line}},
     }

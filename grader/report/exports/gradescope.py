@@ -16,9 +16,9 @@ from collections.abc import Mapping, Sequence
 from decimal import Decimal
 from typing import Any
 
+from grader.json_text import json_text
 from grader.report.exports.graded import Graded, GradedCheck, GradedCriterion
 from grader.report.exports.words import MOST_REMARKS, adjustment_texts, full_text, violation_texts
-from grader.report.json_text import json_text
 from grader.report.untrusted import line
 from grader.report.views import points
 from grader.report.violations import HEADING
@@ -40,8 +40,8 @@ def render(graded: Graded, environment: Mapping[str, str]) -> str:
             for m, check in enumerate(criterion.checks, 1)
         ],
         "extra_data": {
-            "earned": _number(graded.earned),
-            "possible": _number(graded.possible),
+            "earned": _number(graded.score.earned),
+            "possible": _number(graded.score.possible),
             "undecided": _number(graded.undecided),
         },
     }
@@ -50,11 +50,11 @@ def render(graded: Graded, environment: Mapping[str, str]) -> str:
 
 
 def _overall(graded: Graded) -> list[str]:
-    lines = [f"{line(graded.lab)}: {points(graded.final)} of {points(graded.possible)} points"]
+    lines = [f"{line(graded.lab)}: {points(graded.final)} of {points(graded.score.possible)} points"]
     if graded.undecided:
         lines.append(
-            f"{points(graded.undecided)} points are undecided through no fault of the submission. They are "
-            "not lost: the instructor can run the autograder again, or decide."
+            f"{points(graded.undecided)} points are undecided, and not earned before they are: "
+            "the instructor can run the autograder again, or decide."
         )
     for title, texts in _remarks(graded):
         if texts:
@@ -96,5 +96,5 @@ def _duration_s(graded: Graded) -> float | None:
     sessions = graded.sessions.values()
     if not sessions:
         return None
-    first_ns = min(session.started_ns for session in sessions)
-    return round(max((s.started_ns - first_ns) / 1e9 + s.duration_s for s in sessions), 1)
+    first_ns = min(session["started_ns"] for session in sessions)
+    return round(max((s["started_ns"] - first_ns) / 1e9 + s["duration_s"] for s in sessions), 1)

@@ -40,7 +40,7 @@ def render(graded: Graded, environment: Mapping[str, str]) -> str:
 def _suite(criterion: GradedCriterion, title: str, class_name: str, graded: Graded) -> str:
     counts = _counts(criterion.checks)
     sessions = dict.fromkeys(s for check in criterion.checks for s in check.sessions if s in graded.sessions)
-    time_s = sum(graded.sessions[s].duration_s for s in sessions)
+    time_s = sum(graded.sessions[s]["duration_s"] for s in sessions)
     time = f' time="{time_s:.3f}"' if sessions and 0 <= time_s < 1e6 else ""
     titles = _unique([(check.id, check.title) for check in criterion.checks])
     cases = "".join(_case(*each, class_name) for each in zip(criterion.checks, titles, strict=True))
@@ -56,7 +56,7 @@ def _case(check: GradedCheck, title: str, class_name: str) -> str:
         message = f"−{points(check.lost)} of {points(check.possible)} points, {outcome_word(check)}"
         return f"{opened}>\n      {_element('failure', message, check)}    </testcase>\n"
     if check.open:
-        return f"{opened}>\n      {_element('skipped', 'undecided, not lost', check)}    </testcase>\n"
+        return f"{opened}>\n      {_element('skipped', 'undecided, not earned', check)}    </testcase>\n"
     return f"{opened}/>\n"
 
 

@@ -49,11 +49,9 @@ def violation_texts(graded: Graded) -> list[str]:
 
 
 def undecided_text(check: GradedCheck) -> str:
-    """Say that a check is open, and that this is not the submission's fault."""
-    return (
-        f"Undecided, through no fault of the submission: {points(check.undecided)} points are not lost. "
-        f"{line(check.reason, 600)}"
-    ).strip()
+    """Say that a check is open, and what that means for its points."""
+    open_points = f"{points(check.undecided)} points are not earned before somebody has decided"
+    return f"Undecided, {open_points}. {line(check.reason, 600)}".strip()
 
 
 def proof_lines(check: GradedCheck) -> list[tuple[str, str]]:

@@ -476,6 +476,7 @@ NODES = [
         expect={"processes.0.env": {}},
     ),
     body("the working folder", "talker(cwd='/tmp')", expect={"processes.0.cwd": "/tmp"}),
+    body("a working folder with a step upwards", "talker(cwd='/tmp/a/..')", expect={"processes.0.cwd": "/tmp"}),
     body(
         "a node may have a dotted executable name",
         "Node(package='demo', executable='talker.py')",

@@ -11,9 +11,11 @@ from typing import Any
 
 from hypothesis import strategies as st
 
+from grader.json_text import json_text
 from grader.judging import judge, open_recordings
 from grader.pipeline import read_rubric
-from grader.report import json as result_json
+from grader.report.exports import render_export
+from grader.result import Result, read_result, to_json
 from tests.report.untrusted_texts import MEGABYTE, hostile
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -81,6 +83,16 @@ def result(*criteria: dict[str, Any], **more: Any) -> dict[str, Any]:
     return plain | more
 
 
+def read(plain: Mapping[str, Any]) -> Result:
+    """Give the result that the file with this plain data is read as."""
+    return read_result(plain)
+
+
+def exported(name: str, plain: Mapping[str, Any], **options: Any) -> str:
+    """Give the export of the result with this plain data."""
+    return render_export(name, read(plain), **options)
+
+
 def every_outcome() -> dict[str, Any]:
     """Give a result in which every outcome occurs; it earned 7.5 of 20, and 5 are undecided."""
     return result(
@@ -104,7 +116,7 @@ def of_recording(name: str) -> dict[str, Any]:
 def _judged(name: str) -> dict[str, Any]:
     rubric = read_rubric(None)
     recordings = open_recordings(ROOT / "tests/recordings" / name, rubric)
-    plain: dict[str, Any] = json.loads(result_json.render(judge(recordings, rubric)))
+    plain: dict[str, Any] = json.loads(to_json(judge(recordings, rubric)))
     return plain
 
 
@@ -152,8 +164,9 @@ def hostile_results(draw: st.DrawFn) -> dict[str, Any]:
     def text_of(key: str, text: str) -> str:
         return f"{texts[0]}{text}" if key in _IDS else texts[next(count) % len(texts)]
 
-    plain: dict[str, Any] = with_texts(adjusted_and_touched(), text_of)
-    return plain
+    plain = with_texts(adjusted_and_touched(), text_of)
+    written: dict[str, Any] = json.loads(json_text(plain))
+    return written
 
 
 def megabyte_result() -> dict[str, Any]:

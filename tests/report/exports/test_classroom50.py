@@ -10,7 +10,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from grader.report.exports import render_export
 from grader.report.exports.classroom50 import whole_scores
 from tests.report.exports.sample_results import (
     VARIABLES,
@@ -18,6 +17,7 @@ from tests.report.exports.sample_results import (
     check,
     criterion,
     every_outcome,
+    exported,
     hostile_results,
     of_recording,
     result,
@@ -32,7 +32,7 @@ def is_score(value: Any) -> bool:
 
 def valid(plain: dict[str, Any]) -> dict[str, Any]:
     """Export, and return the data if the runner and the collector take them; the runner adds owner and type."""
-    text = render_export("classroom50", plain, environment=VARIABLES)
+    text = exported("classroom50", plain, environment=VARIABLES)
     data: dict[str, Any] = json.loads(text)
     assert len(text) < 10 * 1024 * 1024
     assert data["schema"] == "classroom50/result/v1"
@@ -54,26 +54,26 @@ def valid(plain: dict[str, Any]) -> dict[str, Any]:
     return data
 
 
-def test_scores_are_whole_and_what_is_undecided_does_not_count() -> None:
-    """The total of what is decided is rounded; undecided checks change neither it nor its maximum, nor do they fail."""
+def test_scores_are_whole_and_what_is_undecided_is_not_earned() -> None:
+    """The total is rounded; undecided checks are in the maximum with all their points, so that they raise no share."""
     data = valid(every_outcome())
-    assert (data["score"], data["max-score"]) == (7, 14)
+    assert (data["score"], data["max-score"]) == (8, 20)
     assert [(t["score"], t["max-score"], t["passed"]) for t in data["tests"]] == [
         (4, 4, True),
         (3, 5, False),
         (0, 3, False),
         (0, 2, False),
-        (0, 0, True),
-        (0, 0, True),
+        (1, 4, False),
+        (0, 2, False),
     ]
-    assert data["tests"][4]["test-name"] == "Title of `b.open` (undecided, not counted)"
+    assert data["tests"][4]["test-name"] == "Title of `b.open` (undecided, not earned)"
     assert data["tests"][1]["output"].startswith("Reason of a.partial.")
     assert data["datetime"] == "2023-11-14T22:13:30Z"
 
 
 def test_the_review_is_the_commit_where_there_is_none() -> None:
     """The runner requires one."""
-    data = json.loads(render_export("classroom50", every_outcome(), environment={**VARIABLES, "REVIEW_URL": "r"}))
+    data = json.loads(exported("classroom50", every_outcome(), environment={**VARIABLES, "REVIEW_URL": "r"}))
     assert (data["review"], valid(every_outcome())["review"]) == ("r", VARIABLES["COMMIT_URL"])
 
 
@@ -84,7 +84,7 @@ def test_a_full_score_is_full() -> None:
     assert all(test["passed"] and test["score"] == test["max-score"] for test in data["tests"])
 
 
-@pytest.mark.parametrize(("points", "score"), [(3.5, 10), (-2.0, 5), (-50.0, 0), (900.0, 14), (0.0, 7)])
+@pytest.mark.parametrize(("points", "score"), [(3.5, 11), (-2.0, 6), (-50.0, 0), (900.0, 15), (0.0, 8)])
 def test_adjustments_are_spread_over_the_tests(points: float, score: int) -> None:
     """The total is the final score, from nothing to the maximum, and the tests add up to it."""
     plain = every_outcome()
@@ -97,7 +97,7 @@ def test_decisions_about_single_checks_count_there() -> None:
     """An excused check passes with all its points."""
     data = valid(adjusted_and_touched())
     assert data["tests"][1]["passed"]
-    assert (data["score"], data["max-score"]) == (11, 18)
+    assert (data["score"], data["max-score"]) == (11, 20)
 
 
 _POINTS = st.integers(0, 400).map(lambda n: Decimal(n) / 20)

@@ -6,8 +6,7 @@ import re
 
 from hypothesis import HealthCheck, given, settings
 
-from grader.report.exports import render_export
-from tests.report.exports.sample_results import check, criterion, every_outcome, hostile_results, result
+from tests.report.exports.sample_results import check, criterion, every_outcome, exported, hostile_results, result
 from tests.report.runner_commands import Command, bracket_command, colon_command
 
 
@@ -20,7 +19,7 @@ def commands_of(text: str) -> list[Command]:
 
 def test_outcomes_are_kinds_on_lines_of_files() -> None:
     """Failed is an error, partial a warning, the rest notices; what passed is not marked."""
-    commands = commands_of(render_export("github-annotations", every_outcome(), path_prefix="ann"))
+    commands = commands_of(exported("github-annotations", every_outcome(), path_prefix="ann"))
     assert [(c.name, c.properties.get("file"), c.properties.get("line")) for c in commands] == [
         ("error", None, None),
         ("warning", "ann/a.partial.py", "3"),
@@ -30,7 +29,7 @@ def test_outcomes_are_kinds_on_lines_of_files() -> None:
     ]
     assert commands[0].properties["title"] == "Title of b.failed (failed, −3 points)"
     assert commands[3].properties["title"] == "Title of b.open (undecided, costs nothing)"
-    assert "Undecided, through no fault of the submission: 3 points are not lost." in commands[3].data
+    assert "Undecided, 3 points are not earned before somebody has decided." in commands[3].data
     assert commands[1].data.splitlines()[:3] == ["Reason of a.partial.", "Expected: 100 Hz", "Measured: 90 Hz"]
 
 
@@ -38,7 +37,7 @@ def test_ten_of_a_kind_the_costliest_first() -> None:
     """GitHub drops what is beyond ten of a kind, so those that cost most come first, and the rest is counted."""
     checks = [check(f"a.{n}", "failed", 0, n + 1) for n in range(13)]
     checks += [check(f"b.{n}", "partial", 1, n + 2) for n in range(11)]
-    lines = render_export("github-annotations", result(criterion("a", *checks))).splitlines()
+    lines = exported("github-annotations", result(criterion("a", *checks))).splitlines()
     errors = [line for line in lines if line.startswith("::error ")]
     assert len(errors) == 10
     assert [re.findall(r"−(\d+) points", line)[0] for line in errors] == [str(n) for n in range(13, 3, -1)]
@@ -54,7 +53,7 @@ def test_ten_of_a_kind_the_costliest_first() -> None:
 @given(hostile_results())
 def test_hostile_texts_issue_no_command(plain: dict[str, object]) -> None:
     """The same commands as with harmless texts come out, with our properties alone, within GitHub's limits."""
-    text = render_export("github-annotations", plain)
+    text = exported("github-annotations", plain)
     commands = commands_of(text)
     assert len(commands) == len(text.splitlines()) == 4
     assert [command.name for command in commands] == ["error", "notice", "notice", "notice"]

@@ -6,9 +6,14 @@ import re
 
 from hypothesis import HealthCheck, given, settings
 
-from grader.report.exports import render_export
 from grader.report.exports.github_summary import LONGEST_BYTES, fitting
-from tests.report.exports.sample_results import adjusted_and_touched, every_outcome, hostile_results, megabyte_result
+from tests.report.exports.sample_results import (
+    adjusted_and_touched,
+    every_outcome,
+    exported,
+    hostile_results,
+    megabyte_result,
+)
 from tests.report.rendered_markdown import MADE_ACTIVE, Page
 
 #: What the summary itself is made of.
@@ -18,7 +23,7 @@ _OWN |= {"table", "thead", "tbody", "tr", "th", "td"}
 
 def test_each_lost_point_has_its_reason_and_proof() -> None:
     """The costliest comes first, with what was expected, measured, where, and what to do."""
-    page = Page(render_export("github-summary", every_outcome()))
+    page = Page(exported("github-summary", every_outcome()))
     assert "Lab 1: One: 7.5 of 20 points" in page.text
     parts = page.text.split("What cost points")[1]
     assert re.findall(r"[✕◐] Title of (\S+): −(\S+) points", parts) == [("b.failed", "3"), ("a.partial", "2.5")]
@@ -28,21 +33,21 @@ def test_each_lost_point_has_its_reason_and_proof() -> None:
 
 def test_what_was_not_reached_comes_after_its_cause() -> None:
     """It costs points too, but is not the mistake itself."""
-    text = Page(render_export("github-summary", every_outcome())).text
+    text = Page(exported("github-summary", every_outcome())).text
     assert "b.missed (−2 points): Reason of b.missed." in text.split("Not looked at, because of the above")[1]
 
 
 def test_undecided_points_are_said_on_top_and_not_counted_as_lost() -> None:
     """They are the grader's matter, and the reader sees it at once."""
-    text = Page(render_export("github-summary", every_outcome())).text
-    assert "5 points are undecided through no fault of the submission." in text.split("Criterion")[0]
-    assert "b.open (3 points): The machine was busy." in text.split("Undecided, not lost")[1]
+    text = Page(exported("github-summary", every_outcome())).text
+    assert "5 points are undecided, and not earned before they are" in text.split("Criterion")[0]
+    assert "b.open (3 points): The machine was busy." in text.split("Undecided, not earned")[1]
     assert "b.open" not in text.split("What cost points")[1].split("##")[0].split("Undecided")[0]
 
 
 def test_adjustments_and_violations_are_told() -> None:
     """What people decided is listed with its reason, and what was touched with its evidence."""
-    text = Page(render_export("github-summary", adjusted_and_touched())).text
+    text = Page(exported("github-summary", adjusted_and_touched())).text
     assert "11 of 20 points" in text
     assert "+2.5, Title of a.partial: excused: The handout was wrong. (decided by prof@lab.example)" in text
     assert "−1, Late: A day late." in text
@@ -52,16 +57,16 @@ def test_adjustments_and_violations_are_told() -> None:
 def test_unconfined_code_is_said() -> None:
     """A reader sees it when the code ran unconfined."""
     plain = every_outcome()
-    assert "unconfined" not in render_export("github-summary", plain)
+    assert "unconfined" not in exported("github-summary", plain)
     plain["provenance"]["sessions"]["one"]["isolation"] = "none"
-    assert "ran unconfined" in render_export("github-summary", plain)
+    assert "ran unconfined" in exported("github-summary", plain)
 
 
 @settings(suppress_health_check=[HealthCheck.too_slow])
 @given(hostile_results())
 def test_hostile_texts_are_only_text(plain: dict[str, object]) -> None:
     """The page has the summary's own elements, each as often as with harmless texts, and nothing active."""
-    page, harmless = (Page(render_export("github-summary", each)) for each in (plain, adjusted_and_touched()))
+    page, harmless = (Page(exported("github-summary", each)) for each in (plain, adjusted_and_touched()))
     assert {tag for tag, _ in page.elements} <= _OWN
     for tag in ("h1", "table", "tr", "td", "th", "details", "summary", "blockquote"):
         assert [t for t, _ in page.elements].count(tag) == [t for t, _ in harmless.elements].count(tag)
@@ -83,7 +88,7 @@ def test_a_summary_of_many_long_checks_fits() -> None:
     """GitHub shows nothing of a summary above its limit."""
     plain = megabyte_result()
     plain["criteria"] = plain["criteria"] * 300
-    text = render_export("github-summary", plain)
+    text = exported("github-summary", plain)
     assert len(text.encode()) <= LONGEST_BYTES
     assert text.endswith("*More did not fit here; the report has all.*\n")
     assert Page(text).elements[0][0] == "h1"

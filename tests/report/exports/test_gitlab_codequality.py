@@ -8,8 +8,15 @@ from typing import Any
 import jsonschema
 from hypothesis import HealthCheck, given, settings
 
-from grader.report.exports import render_export
-from tests.report.exports.sample_results import check, criterion, every_outcome, hostile_results, of_recording, result
+from tests.report.exports.sample_results import (
+    check,
+    criterion,
+    every_outcome,
+    exported,
+    hostile_results,
+    of_recording,
+    result,
+)
 
 #: GitLab's documentation of the format; its parser stops at the first finding that is not so.
 _SCHEMA = {
@@ -42,7 +49,7 @@ _SCHEMA = {
 
 def findings_of(plain: dict[str, Any], path_prefix: str = "") -> list[dict[str, Any]]:
     """Export, and return the findings if they are valid."""
-    findings: list[dict[str, Any]] = json.loads(render_export("gitlab-codequality", plain, path_prefix=path_prefix))
+    findings: list[dict[str, Any]] = json.loads(exported("gitlab-codequality", plain, path_prefix=path_prefix))
     jsonschema.validate(findings, _SCHEMA)
     prints = [finding["fingerprint"] for finding in findings]
     assert len(set(prints)) == len(prints)

@@ -8,21 +8,23 @@ from typing import Any
 import pytest
 
 from grader.errors import RecordingError
-from grader.report.exports.graded import Spot, read_graded
+from grader.report.exports.graded import SourceLocation
+from grader.report.exports.graded import graded as graded_of
 from tests.report.exports.sample_results import (
     adjusted_and_touched,
     check,
     criterion,
     every_outcome,
     of_recording,
+    read,
     result,
 )
 
 
 def test_points_are_read_as_they_are_written() -> None:
     """Sums stay exact, and what is undecided is not lost."""
-    graded = read_graded(every_outcome())
-    assert [graded.earned, graded.possible, graded.undecided, graded.final] == [
+    graded = graded_of(read(every_outcome()))
+    assert [graded.score.earned, graded.score.possible, graded.undecided, graded.final] == [
         Decimal(n) for n in ("7.5", "20", "5", "7.5")
     ]
     assert [each.id for each in graded.lossy] == ["b.failed", "a.partial", "b.missed"]
@@ -32,15 +34,15 @@ def test_points_are_read_as_they_are_written() -> None:
 
 def test_a_real_result_is_read() -> None:
     """The result of a recording has the same points in each of its parts."""
-    graded = read_graded(of_recording("wrong_topic"))
-    assert graded.earned == sum(each.earned for each in graded.checks)
+    graded = graded_of(read(of_recording("wrong_topic")))
+    assert graded.score.earned == sum(each.earned for each in graded.checks)
     assert graded.lossy
-    assert all(session.duration_s > 0 for session in graded.sessions.values())
+    assert all(session["duration_s"] > 0 for session in graded.sessions.values())
 
 
 def test_what_a_person_decided_is_neither_lost_nor_open() -> None:
     """An excused check loses nothing, and one that was given points is not undecided any more."""
-    graded = read_graded(adjusted_and_touched())
+    graded = graded_of(read(adjusted_and_touched()))
     found = {each.id: each for each in graded.checks}
     assert found["a.partial"].lost == 0
     assert not found["b.open"].open
@@ -54,7 +56,7 @@ def test_a_criterion_that_a_person_decided_is_not_open(kind: str, lost: int) -> 
     """If all of it is excused, none of its checks loses points; else what each got is not known."""
     plain = result(criterion("a", check("a.f", "failed", 0, 3), check("a.o", "inconclusive", 0, 2)))
     plain["adjustments"] = [{"kind": kind, "what": "a", "points": 5}]
-    graded = read_graded(plain)
+    graded = graded_of(read(plain))
     assert [each.open for each in graded.checks] == [False, False]
     assert sum(each.lost for each in graded.checks) == lost
 
@@ -66,7 +68,7 @@ def test_unknown_keys_are_passed_over() -> None:
     plain["criteria"][0]["later"] = plain["criteria"][0]["checks"][0]["later"] = "x"
     plain["criteria"][0]["checks"][0]["where"][0]["later"] = "x"
     del plain["adjustments"], plain["violations"], plain["score"]["final"]
-    assert read_graded(plain) == read_graded(every_outcome())
+    assert graded_of(read(plain)) == graded_of(read(every_outcome()))
 
 
 @pytest.mark.parametrize(
@@ -85,26 +87,28 @@ def test_what_is_no_result_is_refused(broken: dict[str, Any]) -> None:
     """Anything else ends with a message, not with a traceback."""
     plain = every_outcome() | broken if broken else {}
     with pytest.raises(RecordingError) as told:
-        read_graded(plain)
+        graded_of(read(plain))
     assert "grade regrade" in told.value.remedy
 
 
 @pytest.mark.parametrize(
     ("file", "line", "prefix", "expected"),
     [
-        ("a.py", 3, "", Spot("a.py", 3)),
-        ("src/a.py", None, "labs/09", Spot("labs/09/src/a.py", 1)),
-        ("./a.py", 0, "./x/", Spot("x/a.py", 1)),
+        ("a.py", 3, "", SourceLocation("a.py", 3)),
+        ("src/a.py", None, "labs/09", SourceLocation("labs/09/src/a.py", 1)),
+        ("./a.py", 0, "./x/", SourceLocation("x/a.py", 1)),
         ("../a.py", 3, "x", None),
         ("/etc/passwd", 3, "x", None),
         ("", 3, "x", None),
         ("\x1b[2Ja.py", 3, "", None),
         ("a\nb.py", 3, "", None),
         ("\udcff.py", 3, "", None),
-        ("my  Größe.py", 3, "", Spot("my  Größe.py", 3)),
+        ("my  Größe.py", 3, "", SourceLocation("my  Größe.py", 3)),
     ],
 )
-def test_a_file_is_in_the_repository_or_not_named(file: str, line: int, prefix: str, expected: Spot | None) -> None:
+def test_a_file_is_in_the_repository_or_not_named(
+    file: str, line: int, prefix: str, expected: SourceLocation | None
+) -> None:
     """Paths are those of the repository, never lead out of it, and can be shown as they are."""
     plain = result(criterion("a", check("a.f", "failed", 0, 3, where=[{"file": file, "line": line}])))
-    assert read_graded(plain, prefix).checks[0].spot == expected
+    assert graded_of(read(plain), prefix).checks[0].location == expected

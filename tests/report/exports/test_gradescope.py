@@ -9,8 +9,13 @@ from typing import Any
 import jsonschema
 from hypothesis import HealthCheck, given, settings
 
-from grader.report.exports import render_export
-from tests.report.exports.sample_results import adjusted_and_touched, every_outcome, hostile_results, of_recording
+from tests.report.exports.sample_results import (
+    adjusted_and_touched,
+    every_outcome,
+    exported,
+    hostile_results,
+    of_recording,
+)
 
 _FORMAT = {"enum": ["text", "simple_format", "html", "md", "ansi"]}
 _VISIBILITY = {"enum": ["hidden", "after_due_date", "after_published", "visible"]}
@@ -56,7 +61,7 @@ _SCHEMA = {
 
 def valid(plain: dict[str, Any]) -> dict[str, Any]:
     """Export, and return the data if they are valid."""
-    data: dict[str, Any] = json.loads(render_export("gradescope", plain))
+    data: dict[str, Any] = json.loads(exported("gradescope", plain))
     jsonschema.validate(data, _SCHEMA)
     # Where one test is not visible, Gradescope hides the total; and what is not plain text it would render.
     assert {test["visibility"] for test in data["tests"]} | {data["visibility"]} == {"visible"}
@@ -90,9 +95,9 @@ def test_points_and_verdicts() -> None:
 def test_what_is_undecided_is_said_and_neither_passed_nor_failed() -> None:
     """The text on top and the test say so; it has no score that could count against anyone."""
     data = valid(every_outcome())
-    assert "5 points are undecided through no fault of the submission." in data["output"]
+    assert "5 points are undecided, and not earned before they are" in data["output"]
     assert data["tests"][4]["name"].endswith("(undecided)")
-    assert data["tests"][4]["output"].startswith("Undecided, through no fault of the submission: 3 points")
+    assert data["tests"][4]["output"].startswith("Undecided, 3 points are not earned")
 
 
 def test_adjustments_are_in_the_total_and_told() -> None:
@@ -107,7 +112,7 @@ def test_adjustments_are_in_the_total_and_told() -> None:
 def test_the_scores_of_real_results_add_up() -> None:
     """Of a recording in which all is decided, the tests' points are the total, exactly."""
     for name in ("solution", "wrong_topic", "signed_mean_statistics"):
-        data = json.loads(render_export("gradescope", of_recording(name)), parse_float=Decimal)
+        data = json.loads(exported("gradescope", of_recording(name)), parse_float=Decimal)
         decided = [test for test in data["tests"] if "score" in test]
         assert sum(Decimal(str(test["score"])) for test in decided) == data["score"]
 

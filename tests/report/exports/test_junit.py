@@ -7,12 +7,12 @@ import xml.etree.ElementTree as ElementTree
 
 from hypothesis import HealthCheck, given, settings
 
-from grader.report.exports import render_export
 from tests.report.exports.sample_results import (
     adjusted_and_touched,
     check,
     criterion,
     every_outcome,
+    exported,
     hostile_results,
     of_recording,
     result,
@@ -67,7 +67,7 @@ def assert_valid(text: str) -> ElementTree.Element:
 
 def test_checks_are_cases_and_criteria_suites() -> None:
     """Lost points are failures with their proof, what is undecided is skipped, the rest passes."""
-    root = assert_valid(render_export("junit", every_outcome()))
+    root = assert_valid(exported("junit", every_outcome()))
     assert [suite.get("name") for suite in root] == ["Criterion a", "Criterion b"]
     verdicts = {case.get("name"): [told.tag for told in case] for case in root.iter("testcase")}
     assert verdicts == {
@@ -94,16 +94,16 @@ def test_checks_are_cases_and_criteria_suites() -> None:
 def test_the_graders_faults_are_never_failures() -> None:
     """A result of which nothing could be decided has no failure and no error."""
     checks = [check(f"a.{n}", outcome, 0, 3) for n, outcome in enumerate(("inconclusive", "error"))]
-    root = assert_valid(render_export("junit", result(criterion("a", *checks))))
+    root = assert_valid(exported("junit", result(criterion("a", *checks))))
     assert (root.get("failures"), root.get("errors")) == ("0", "0")
     skipped = root.find("testsuite/testcase/skipped")
     assert skipped is not None
-    assert "Undecided, through no fault of the submission: 3 points are not lost." in (skipped.text or "")
+    assert "Undecided, 3 points are not earned before somebody has decided." in (skipped.text or "")
 
 
 def test_what_a_person_excused_does_not_fail() -> None:
     """A decision by hand counts."""
-    root = assert_valid(render_export("junit", adjusted_and_touched()))
+    root = assert_valid(exported("junit", adjusted_and_touched()))
     failed = [case.get("name") for case in root.iter("testcase") if case.find("failure") is not None]
     assert failed == ["Title of b.failed", "Title of b.missed", "Title of b.open"]
 
@@ -111,17 +111,17 @@ def test_what_a_person_excused_does_not_fail() -> None:
 def test_a_suite_takes_the_time_of_its_sessions() -> None:
     """With three decimals; without sessions there is no time."""
     plain = every_outcome()
-    root = assert_valid(render_export("junit", plain))
+    root = assert_valid(exported("junit", plain))
     assert [suite.get("time") for suite in root] == ["7.294", "16.794"]
     plain["provenance"]["sessions"] = {}
-    assert [suite.get("time") for suite in assert_valid(render_export("junit", plain))] == [None, None]
+    assert [suite.get("time") for suite in assert_valid(exported("junit", plain))] == [None, None]
 
 
 def test_equal_titles_are_told_apart() -> None:
     """Checks and criteria of one title keep names of their own."""
     twins = [check(name, "passed", 1, 1, title="Same") for name in ("a.x", "a.y")]
     root = assert_valid(
-        render_export("junit", result(criterion("a", *twins), criterion("b", *twins) | {"title": "Criterion a"}))
+        exported("junit", result(criterion("a", *twins), criterion("b", *twins) | {"title": "Criterion a"}))
     )
     assert [suite.get("name") for suite in root] == ["Criterion a (a)", "Criterion a (b)"]
     assert [case.get("name") for case in root[0]] == ["Same (a.x)", "Same (a.y)"]
@@ -130,14 +130,14 @@ def test_equal_titles_are_told_apart() -> None:
 def test_a_real_result_is_valid() -> None:
     """The results of kept recordings satisfy the consumers."""
     for name in ("solution", "wrong_topic", "service_never_answers"):
-        assert_valid(render_export("junit", of_recording(name)))
+        assert_valid(exported("junit", of_recording(name)))
 
 
 @settings(suppress_health_check=[HealthCheck.too_slow])
 @given(hostile_results())
 def test_hostile_texts_are_only_text(plain: dict[str, object]) -> None:
     """The document is valid, has the same elements, and nothing in which a system looks for references to files."""
-    root = assert_valid(render_export("junit", plain))
-    harmless = assert_valid(render_export("junit", adjusted_and_touched()))
+    root = assert_valid(exported("junit", plain))
+    harmless = assert_valid(exported("junit", adjusted_and_touched()))
     assert [element.tag for element in root.iter()] == [element.tag for element in harmless.iter()]
     assert not list(root.iter("system-out"))

@@ -7,11 +7,12 @@ from hypothesis import HealthCheck, given, settings
 
 from grader.errors import GraderError
 from grader.pipeline import REPORT_FILE, RESULT_FILE
-from grader.report.exports import EXPORTS, render_export
+from grader.report.exports import EXPORTS
 from tests.report.exports.sample_results import (
     VARIABLES,
     adjusted_and_touched,
     every_outcome,
+    exported,
     hostile_results,
     megabyte_result,
     of_recording,
@@ -31,8 +32,8 @@ def test_no_export_takes_the_place_of_a_result() -> None:
 @pytest.mark.parametrize("recording", ["solution", "wrong_topic", "missing_service_file"])
 def test_equal_results_give_equal_bytes(name: str, recording: str) -> None:
     """Results of real recordings are exported, twice the same."""
-    first = render_export(name, of_recording(recording), environment=VARIABLES)
-    assert first == render_export(name, of_recording(recording), environment=VARIABLES)
+    first = exported(name, of_recording(recording), environment=VARIABLES)
+    assert first == exported(name, of_recording(recording), environment=VARIABLES)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -40,7 +41,7 @@ def test_equal_results_give_equal_bytes(name: str, recording: str) -> None:
 @given(plain=hostile_results())
 def test_every_export_can_be_encoded(name: str, plain: dict[str, object]) -> None:
     """No lone surrogate, no control character but line ends is left in any of them."""
-    text = render_export(name, plain, environment=VARIABLES)
+    text = exported(name, plain, environment=VARIABLES)
     text.encode("utf-8")
     assert not {c for c in text if ord(c) < 32 or 127 <= ord(c) < 160} - {"\n"}
 
@@ -48,22 +49,22 @@ def test_every_export_can_be_encoded(name: str, plain: dict[str, object]) -> Non
 @pytest.mark.parametrize("name", NAMES)
 def test_megabytes_are_cut(name: str) -> None:
     """The size of an export does not depend on how much a student wrote."""
-    assert len(render_export(name, megabyte_result(), environment=VARIABLES).encode()) < 1024 * 1024
+    assert len(exported(name, megabyte_result(), environment=VARIABLES).encode()) < 1024 * 1024
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_path_prefix_leads_to_the_file(name: str) -> None:
     """Forms that point at files name them from the repository's root, the others are the same with a prefix."""
     plain, at = every_outcome(), "labs/nine"
-    with_prefix = render_export(name, plain, path_prefix=at, environment=VARIABLES)
+    with_prefix = exported(name, plain, path_prefix=at, environment=VARIABLES)
     points = name in ("github-annotations", "gitlab-codequality")
     assert (f"{at}/a.partial.py" in with_prefix) == points
-    assert points or with_prefix == render_export(name, plain, environment=VARIABLES)
+    assert points or with_prefix == exported(name, plain, environment=VARIABLES)
 
 
 def test_a_missing_variable_is_named() -> None:
     """The form that needs variables says which are not set; the others need none."""
     with pytest.raises(GraderError, match="SUBMISSION_TAG, COMMIT_URL"):
-        render_export("classroom50", every_outcome(), environment={**VARIABLES, "SUBMISSION_TAG": "", "COMMIT_URL": ""})
+        exported("classroom50", every_outcome(), environment={**VARIABLES, "SUBMISSION_TAG": "", "COMMIT_URL": ""})
     for name in set(EXPORTS) - {"classroom50"}:
-        assert render_export(name, adjusted_and_touched())
+        assert exported(name, adjusted_and_touched())

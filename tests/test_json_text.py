@@ -8,7 +8,7 @@ import re
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from grader.report.json_text import json_text
+from grader.json_text import json_text
 from tests.report.untrusted_texts import MEGABYTE, hostile
 
 

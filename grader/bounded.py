@@ -1,0 +1,199 @@
+"""Runs work on what students wrote in processes of its own, each with a bound on its time and memory.
+
+A process is a copy of this one (`fork`), so that nothing is imported anew and work may be any function; what it
+returns, or raises, comes back through a pipe. Where there is no safe `fork` (on other systems than Linux, where
+results are judged again but nothing is graded) the work is done here, unbounded.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import pickle
+import select
+import signal
+import sys
+import time
+import traceback
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NoReturn, TypeVar
+
+from grader.errors import BoundError
+
+T = TypeVar("T")
+K = TypeVar("K")
+
+_PIECE_BYTES = 1 << 16
+
+
+@dataclass(frozen=True)
+class Bound:
+    """What a process may take.
+
+    Attributes
+    ----------
+    what : str
+        The work, as a message names it.
+    cpu_s : float
+        Of computing, so that a busy machine does not count.
+    wall_s : float
+        In all, for work that waits for ever.
+    memory_bytes : int
+        Of the address space, beyond what this process has.
+    """
+
+    what: str
+    cpu_s: float
+    wall_s: float
+    memory_bytes: int
+
+
+def in_process(work: Callable[[], T], bound: Bound) -> T:
+    """Return what work returns in a process of its own, or raise what it raises.
+
+    Raises
+    ------
+    BoundError
+        If it takes more than the bound.
+    """
+    for _, outcome in in_processes({None: work}, bound):
+        if isinstance(outcome, BaseException):
+            raise outcome
+        return outcome
+    raise AssertionError("there was no outcome")
+
+
+def in_processes(
+    works: Mapping[K, Callable[[], T]], bound: Bound, at_a_time: int = 1
+) -> Iterator[tuple[K, T | Exception]]:
+    """Do pieces of work, so many at a time, and give what came of each as soon as it is there.
+
+    An exception stands for itself; `BoundError` for what took more than the bound.
+    """
+    if sys.platform != "linux":
+        for key, work in works.items():
+            yield key, _outcome_of(work)
+        return
+    waiting = list(works.items())[::-1]
+    running: dict[int, tuple[K, _Child]] = {}
+    try:
+        while waiting or running:
+            while waiting and len(running) < at_a_time:
+                key, work = waiting.pop()
+                child = _Child.start(work, bound)
+                running[child.pipe] = key, child
+            left_s = min(child.ends_s for _, child in running.values()) - time.monotonic()
+            ready, _, _ = select.select(list(running), [], [], max(0.0, left_s))
+            late = [pipe for pipe, (_, child) in running.items() if child.ends_s <= time.monotonic()]
+            for pipe in {*ready, *late}:
+                key, child = running[pipe]
+                if pipe not in ready or not child.read():
+                    del running[pipe]
+                    yield key, child.end()
+    finally:
+        for _, child in running.values():
+            child.end()
+
+
+@dataclass
+class _Child:
+    process: int
+    pipe: int
+    bound: Bound
+    ends_s: float
+    received: list[bytes] = field(default_factory=list)
+    is_over: bool = False
+
+    @classmethod
+    def start(cls, work: Callable[[], object], bound: Bound) -> _Child:
+        reading, writing = os.pipe()
+        process = os.fork()
+        if process == 0:
+            _be_child(work, writing, bound)
+        os.close(writing)
+        return cls(process, reading, bound, time.monotonic() + bound.wall_s)
+
+    def read(self) -> bool:
+        """Take what has come; returns whether more may follow."""
+        piece = os.read(self.pipe, _PIECE_BYTES)
+        self.received.append(piece)
+        self.is_over = not piece
+        return bool(piece)
+
+    def end(self) -> Any:
+        """End it, if it has not ended; returns its outcome."""
+        if not self.is_over:
+            os.kill(self.process, signal.SIGKILL)
+        os.close(self.pipe)
+        _, status = os.waitpid(self.process, 0)
+        if os.waitstatus_to_exitcode(status) == 0:
+            return pickle.loads(b"".join(self.received))  # From a copy of this process.
+        if os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGXCPU:
+            return _exceeded(self.bound, f"took more than {self.bound.cpu_s:g} s of computing")
+        if not self.is_over:
+            return _exceeded(self.bound, f"took longer than {self.bound.wall_s:g} s")
+        return _exceeded(self.bound, f"ended with status {os.waitstatus_to_exitcode(status)}")
+
+
+def _exceeded(bound: Bound, problem: str) -> BoundError:
+    remedy = "Nothing else is concerned. No text of a student's may cause this: report it with the recordings."
+    return BoundError(f"{bound.what} {problem}", remedy=remedy)
+
+
+def _outcome_of(work: Callable[[], T]) -> T | Exception:
+    try:
+        return work()
+    except Exception as error:
+        return error
+
+
+def _be_child(work: Callable[[], object], pipe: int, bound: Bound) -> NoReturn:
+    """Work, send what comes of it, and end without a word to what this process shares with the one it came from."""
+    status = 1
+    try:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asked, which ends this one.
+        for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGXCPU):
+            signal.signal(number, signal.SIG_DFL)
+        _limit(bound)
+        try:
+            outcome = work()
+        except Exception as error:
+            lacks_memory = isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM
+            memory = f"took more than {bound.memory_bytes / 2**30:g} GiB of memory"
+            outcome = _exceeded(bound, memory) if lacks_memory else _sendable(error)
+        data = memoryview(pickle.dumps(outcome))
+        while data:
+            data = data[os.write(pipe, data) :]
+        status = 0
+    except BaseException:
+        os.write(2, traceback.format_exc().encode(errors="replace"))
+    finally:
+        os._exit(status)
+
+
+def _sendable(error: Exception) -> Exception:
+    """Return an exception as it can be sent, with its trace for those who look for its cause."""
+    error.__cause__ = _InProcess("".join(traceback.format_exception(error)))
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:
+        return RuntimeError(f"{type(error).__name__}: {error}")
+    return error
+
+
+class _InProcess(Exception):
+    """Where an exception came up in the other process."""
+
+
+def _limit(bound: Bound) -> None:
+    import resource  # There is none on Windows.
+
+    seconds = max(1, round(bound.cpu_s))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
+    taken = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    most = [limit for limit in (taken + bound.memory_bytes, soft, hard) if limit != resource.RLIM_INFINITY]
+    resource.setrlimit(resource.RLIMIT_AS, (min(most), hard))

@@ -1,0 +1,116 @@
+"""Work in processes of its own: what comes back, what ends it, and what stays behind."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import shutil
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from grader import pipeline
+from grader.batch.rejudging import rejudge
+from grader.bounded import Bound, in_process, in_processes
+from grader.errors import BoundError, RecordingError
+from grader.rubric import Rubric, load_rubric
+
+ROOT = Path(__file__).resolve().parents[1]
+SMALL = Bound(what="work", cpu_s=1.0, wall_s=3.0, memory_bytes=256 * 1024**2)
+
+
+def _spin() -> None:
+    while True:
+        pass
+
+
+def _end_itself() -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def _fail() -> None:
+    raise RecordingError("it is damaged", where="here", remedy="Mend it.")
+
+
+def test_what_work_returns_comes_back() -> None:
+    """The value is the same, however large; the process was another."""
+    assert in_process(lambda: ("x" * 10**6, os.getpid() != os.getppid()), SMALL) == ("x" * 10**6, True)
+    assert in_process(os.getpid, SMALL) != os.getpid()
+
+
+def test_what_work_raises_is_raised() -> None:
+    """An error arrives with where it came up and its remedy, and with a trace as its cause."""
+    with pytest.raises(RecordingError) as caught:
+        in_process(_fail, SMALL)
+    assert (caught.value.problem, caught.value.where, caught.value.remedy) == ("it is damaged", "here", "Mend it.")
+
+
+@pytest.mark.parametrize(
+    ("work", "words"),
+    [
+        (_spin, "more than 1 s of computing"),
+        (lambda: time.sleep(60), "longer than 3 s"),
+        (lambda: len(bytearray(2**30)), "more than 0.25 GiB of memory"),
+        (_end_itself, "status -9"),
+    ],
+)
+def test_work_beyond_its_bound_is_ended(work: Callable[[], object], words: str) -> None:
+    """Computing, waiting and memory are bounded, each with its words, and no process stays behind."""
+    with pytest.raises(BoundError, match=words):
+        in_process(work, SMALL)
+    with pytest.raises(ChildProcessError):
+        os.waitpid(-1, os.WNOHANG)
+
+
+def test_one_that_does_not_end_does_not_keep_the_others() -> None:
+    """Of several pieces of work each has its own bound; nothing of what is given up half-way stays behind."""
+    works: dict[str, Callable[[], object]] = {"spins": _spin, "first": lambda: 1, "second": lambda: 2}
+    outcomes = list(in_processes(works, SMALL, at_a_time=2))
+    assert outcomes[:2] == [("first", 1), ("second", 2)]
+    assert isinstance(outcomes[2][1], BoundError)
+    for outcome in in_processes({"first": lambda: 1, "spins": _spin}, SMALL, at_a_time=2):
+        assert outcome == ("first", 1)
+        break
+    with pytest.raises(ChildProcessError):
+        os.waitpid(-1, os.WNOHANG)
+
+
+@pytest.fixture
+def endless(tmp_path: Path) -> Rubric:
+    """Give the lab's rubric, with an oracle that never ends."""
+    shutil.copytree(ROOT / "reference", tmp_path / "lab/reference")
+    oracles = tmp_path / "lab/reference/oracles.py"
+    oracles.write_text(oracles.read_text(encoding="utf-8") + "while True:\n    pass\n", encoding="utf-8")
+    shutil.copy(ROOT / "rubric.yaml", tmp_path / "lab")
+    return load_rubric(tmp_path / "lab/rubric.yaml", pipeline.rubric_kinds())
+
+
+def test_judging_without_end_keeps_the_recordings(
+    endless: Rubric, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Judging is given up in time; recordings and the earlier result stay, and the error says what to do."""
+    monkeypatch.setattr(pipeline, "JUDGING_BOUND", dataclasses.replace(pipeline.JUDGING_BOUND, cpu_s=2.0))
+    results = tmp_path / "results/ann"
+    shutil.copytree(ROOT / "tests/recordings/solution", results / pipeline.RECORDINGS)
+    shutil.copy(ROOT / "rubric.yaml", results / pipeline.RECORDINGS / pipeline.RUBRIC_COPY)
+    before = pipeline.judge_results(results, pipeline.read_rubric(None))
+    with pytest.raises(BoundError, match="judging the submission took more than 2 s"):
+        pipeline.judge_results(results, endless)
+    assert pipeline.judge_results(results, *pipeline.judged_by(results)).score == before.score
+
+
+def test_a_class_is_judged_but_for_the_one_that_breaks(tmp_path: Path) -> None:
+    """Of a class, only the submission whose judging breaks is named as not judged."""
+    for name in ("ann", "bob"):
+        folder = tmp_path / name / pipeline.RECORDINGS
+        shutil.copytree(ROOT / "tests/recordings/solution", folder)
+        shutil.copy(ROOT / "rubric.yaml", folder / pipeline.RUBRIC_COPY)
+    shutil.rmtree(tmp_path / "bob/recordings/publisher")
+    (tmp_path / "bob/recordings/publisher").mkdir()
+    (tmp_path / "bob/recordings/publisher/session.json").write_text("{", encoding="utf-8")
+    found = rejudge(tmp_path, None, None, prepare=False)
+    assert list(found.changes) == ["ann"]
+    assert list(found.failed) == ["bob"]
