@@ -2,29 +2,17 @@
 
 from __future__ import annotations
 
-import difflib
 import importlib
 import os
 import sys
 import traceback
 from collections.abc import Sequence
-from pathlib import Path
 
 from rich.console import Console
 
-from grader.commands import grade
+from grader.commands import COMMANDS, grade
 from grader.commands.arguments import print_error
-from grader.errors import GraderError, SubmissionError, described
-
-#: Command -> what it does; each is a module of `grader.commands`. Without one of these words, submissions are graded.
-COMMANDS = {
-    "regrade": "judge recordings again, without ROS",
-    "report": "the page over a class and its grades.csv, from results that are there",
-    "export": "write results in the forms of CI systems and learning platforms",
-    "selftest": "grade submissions whose verdict is known, and compare",
-    "doctor": "examine this machine: can it grade, how well does it confine, how quiet is it",
-    "checks": "list the checks that a rubric can use",
-}
+from grader.errors import GraderError, described
 
 _EXIT_STATUS = """\
 exit status:
@@ -43,10 +31,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if arguments and arguments[0] in COMMANDS:
             command = importlib.import_module(f"grader.commands.{arguments[0]}")
             return int(command.run(arguments[1:], console))
-        status = grade.run(arguments, console, epilog=_epilog())
-        if status == SubmissionError.exit_status and (meant := _command_meant(arguments[0])):
-            print(f"  If the command was meant: grade {meant}", file=sys.stderr)
-        return status
+        return grade.run(arguments, console, epilog=_epilog())
     except GraderError as error:
         print_error(error)
         return error.exit_status
@@ -80,11 +65,6 @@ def _discard_output() -> None:
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)
     os.close(nowhere)
-
-
-def _command_meant(word: str) -> str:
-    near = difflib.get_close_matches(word, COMMANDS, n=1, cutoff=0.75)
-    return near[0] if near and not Path(word).exists() else ""
 
 
 def _epilog() -> str:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator
+from itertools import chain
 from pathlib import Path
 
 from grader.beneath import is_regular_beneath
@@ -33,8 +34,13 @@ def _way_to(folder: Path) -> Iterator[Path]:
         yield Path(os.path.realpath(path.parent)) / path.name
 
 
-def require_no_links(results: Path, sources: Iterable[str]) -> None:
+def require_no_links(results: Path, sources: Iterable[str], *, inside: bool = True) -> None:
     """Raise if a submission brought a link along where results go, or anywhere in there.
+
+    Parameters
+    ----------
+    inside : bool
+        Whether what lies in the folder matters too; else only the way to it does.
 
     Raises
     ------
@@ -46,7 +52,7 @@ def require_no_links(results: Path, sources: Iterable[str]) -> None:
         return
     way = [place for place in _way_to(results) if any(place.is_relative_to(source) for source in known)]
     below = (Path(above, name) for above, folders, files in os.walk(results) for name in (*folders, *files))
-    link = next((str(path) for path in (*way, *below) if path.is_symlink()), None)
+    link = next((str(path) for path in (chain(way, below) if inside else way) if path.is_symlink()), None)
     if link is not None:
         raise UsageError(
             "the submission brought a link along where its results go",

@@ -37,7 +37,7 @@ from grader.recording.session import read_session, write_session
 from grader.recording.submission import SubmissionRecord, write_submission
 from grader.replacing import UNFINISHED, beside, replace_file, replace_files
 from grader.result import CheckResult, Result, to_json
-from grader.rubric import Rubric, load_rubric
+from grader.rubric import Kinds, Rubric, load_rubric
 from grader.submission import read_submission
 from grader.timings import Stopwatch
 
@@ -51,6 +51,8 @@ RESULT_FILE = "result.json"
 REPORT_FILE = "report.html"
 CLASS_PAGE = "index.html"
 GRADES_FILE = "grades.csv"
+ANONYMOUS_PAGE = "index-anonymous.html"
+ANONYMOUS_GRADES_FILE = "grades-anonymous.csv"
 #: What a grading makes, the file that says that it is whole last.
 _PARTS = (RUBRIC_COPY, kept_lab.KEPT, RECORDINGS, REPORT_FILE, RESULT_FILE)
 #: Among recordings: stands there until all sessions have been recorded.
@@ -133,7 +135,7 @@ def read_rubric(path: Path | None, kept: Path | None = None) -> Rubric:
         kept_lab.require_known(own, lab_folder())
     same = path == shipped or _lab_id(path) == _lab_id(shipped)
     fallback = own.parent / kept_lab.KEPT if own is not None else lab_folder() if same else None
-    rubric = load_rubric(path, PARAMETERS_OF, fallback)
+    rubric = load_rubric(path, rubric_kinds(), fallback)
     kept_lab.trust(kept_lab.files_of(rubric))
     return rubric
 
@@ -162,7 +164,7 @@ def recorded_rubric(copy: Path, *, trusted: bool = False) -> Rubric:
     shipped = not files and _lab_id(copy) == _lab_id(lab_folder() / "rubric.yaml")
     folder = lab_folder() if shipped else copy.parent / kept_lab.KEPT
     try:
-        return load_rubric(copy, PARAMETERS_OF, folder, only=True)
+        return load_rubric(copy, rubric_kinds(), folder, only=True)
     except RubricError as error:
         if not files and not shipped:
             error.remedy = "The recordings are without the files of their lab; give its rubric by --rubric."
@@ -172,7 +174,9 @@ def recorded_rubric(copy: Path, *, trusted: bool = False) -> Rubric:
 @functools.lru_cache(maxsize=16)
 def _lab_id_in(text: str) -> str:
     with suppress(yaml.YAMLError, RecursionError, TypeError, KeyError):
-        return str(yaml.load(text, yaml.CSafeLoader)["lab"]["id"])
+        found = yaml.load(text, yaml.CSafeLoader)["lab"]["id"]
+        # Written out, nested aliases have no end.
+        return str(found) if isinstance(found, (str, int, float)) else ""
     return ""
 
 
@@ -180,6 +184,13 @@ def _lab_id(rubric: Path) -> str:
     with suppress(OSError, UnicodeDecodeError):
         return _lab_id_in(rubric.read_text(encoding="utf-8"))
     return ""
+
+
+def rubric_kinds() -> Kinds:
+    """Return the checks and figures that a rubric can use."""
+    from grader.evidence.figures import FIGURES
+
+    return Kinds(PARAMETERS_OF, {name: kind.parameters for name, kind in FIGURES.items()})
 
 
 def read_overrides(path: Path | None, results: Path, rubric: Rubric, sources: Iterable[str] = ()) -> Overrides:
@@ -709,8 +720,13 @@ def chosen_rubric(folders: Sequence[Path], path: Path) -> Rubric:
     return read_rubric(path, next(copies, None))
 
 
-def require_lab(results: Path, rubric: Rubric) -> None:
+def require_lab(results: Path, rubric: Rubric, remedy: str = "Name a rubric of that lab, or none.") -> None:
     """Raise if results are of another lab than a rubric.
+
+    Parameters
+    ----------
+    remedy : str
+        What the user can do about it.
 
     Raises
     ------
@@ -720,7 +736,7 @@ def require_lab(results: Path, rubric: Rubric) -> None:
     recorded = next(map(_lab_id, _rubric_copies(results)), "")
     if recorded not in ("", rubric.lab.id):
         problem = f"these are results of Lab {recorded}, and the rubric is of Lab {rubric.lab.id}"
-        raise UsageError(problem, where=str(results), remedy=f"Name a rubric of Lab {recorded}, or none.")
+        raise UsageError(problem, where=str(results), remedy=remedy)
 
 
 def lab_remarks(results: Path, rubric: Rubric) -> list[str]:
@@ -779,7 +795,7 @@ def _rubric_and_files(folder: Path, rubric: Rubric) -> dict[Path, str | None]:
 def report_class(
     results: Path, entries: Sequence[ClassEntry], rubric: Rubric, *, anonymous: bool = False
 ) -> ClassSummary:
-    """Sum up a class and write `index.html` and `grades.csv`.
+    """Sum up a class and write `index.html` and `grades.csv`, or both under pseudonyms and names of their own.
 
     Parameters
     ----------
@@ -788,15 +804,16 @@ def report_class(
     entries : sequence of ClassEntry
         Those of `grader.cohort.entries.entries_in`, and what else is known.
     anonymous : bool
-        Whether both are written under pseudonyms.
+        Whether `index-anonymous.html` and `grades-anonymous.csv` are written instead.
     """
     from grader.cohort.anonymous import anonymous as under_pseudonyms
     from grader.cohort.summary import summarise
     from grader.report import class_page, grades_csv
 
     summary = summarise(under_pseudonyms(entries, rubric) if anonymous else entries, rubric)
-    replace_file(results / CLASS_PAGE, class_page.render(summary, anonymous=anonymous))
-    replace_file(results / GRADES_FILE, grades_csv.render(summary))
+    page, grades = (ANONYMOUS_PAGE, ANONYMOUS_GRADES_FILE) if anonymous else (CLASS_PAGE, GRADES_FILE)
+    replace_file(results / page, class_page.render(summary, anonymous=anonymous))
+    replace_file(results / grades, grades_csv.render(summary))
     return summary
 
 

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, model_validator
 
-from grader.lined_yaml import Strict
+from grader.yaml_with_lines import Strict
 
 _TENTH = Decimal("0.1")
 _DAY = timedelta(days=1)

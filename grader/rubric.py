@@ -1,4 +1,4 @@
-"""`rubric.yaml` → `Rubric`: typed, and with all its mistakes reported at once, by line.
+"""`rubric.yaml` → `Rubric`: one typed model, whose mistakes are reported all at once, each with its line.
 
 The rubric knows the lab: its names, rates, steps and points. Nothing of a lab stands in Python here.
 """
@@ -6,250 +6,284 @@ The rubric knows the lab: its names, rates, steps and points. Nothing of a lab s
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
-from pydantic import BaseModel, Field, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    Field,
+    ModelWrapValidatorHandler,
+    PlainValidator,
+    SerializeAsAny,
+    ValidationError,
+    ValidationInfo,
+    WithJsonSchema,
+    create_model,
+    field_validator,
+    model_validator,
+)
+from pydantic.json_schema import models_json_schema
 
-from grader.lined_yaml import Loc, Strict, cannot_be_read, parse_yaml
 from grader.policy import Policy
+from grader.references import EarlierCheckId, FileBeside, Loadable, Parameters, Scope, SessionId, one_of
+from grader.steps import STEPS, Step
+from grader.yaml_with_lines import Loc, Strict, cannot_be_read, parse_yaml, suggestion
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 
-class LabSpec(Strict):
+def _number(value: Any) -> Decimal | None:
+    known = isinstance(value, (int, float, Decimal)) and not isinstance(value, bool)
+    return Decimal(str(value)) if known and 0 <= value < float("inf") else None
+
+
+def _points(value: Any) -> Decimal:
+    points = _number(value)
+    if points is None:
+        raise ValueError("a number of points is expected")
+    return points
+
+
+Points = Annotated[Decimal, BeforeValidator(_points), WithJsonSchema({"type": "number", "minimum": 0})]
+
+
+def _list(value: Any) -> Sequence[Any]:
+    return value if isinstance(value, (list, tuple)) else ()
+
+
+def _key(part: Any, key: str) -> Any:
+    return part.get(key) if isinstance(part, Mapping) else getattr(part, key, None)
+
+
+def _total(parts: Any) -> Decimal | None:
+    """Return the points of parts together; None where one has none, which is a mistake of its own."""
+    points = [_number(_key(part, "points")) for part in _list(parts)]
+    known = [number for number in points if number is not None]
+    return sum(known, Decimal(0)) if len(known) == len(points) else None
+
+
+class LabSpec(Parameters):
     """What the lab is called, how many points it has, and the package name of bare files."""
 
     id: str
     title: str
-    points: Decimal
+    points: Points
     package: str = Field("student_lab", description="Package under which bare files are installed.")
     solution: str | None = Field(None, description="Folder of a submission that earns all points.")
 
 
-class ArtifactSpec(Strict):
+class ArtifactSpec(Parameters):
     """A file that students hand in."""
 
     file: str = Field(description="The name that the lab asks for.")
-    find: tuple[str, ...] = Field((), description="Patterns, best first; '**/x' matches x in any folder.")
+    find: tuple[str, ...] = Field(
+        default_factory=lambda data: (data.get("file"), f"**/{data.get('file')}"),
+        description="Patterns, best first; '**/x' matches x in any folder.",
+    )
     executable: str | None = Field(None, description="Name under which it is installed as an executable.")
     contains: tuple[str, ...] = Field((), description="Words that give the file away when its name is another.")
 
-    @model_validator(mode="before")
-    @classmethod
-    def _default_patterns(cls, data: Any) -> Any:
-        if isinstance(data, dict) and "find" not in data and isinstance(data.get("file"), str):
-            return {**data, "find": (data["file"], f"**/{data['file']}")}
-        return data
 
-
-class ReferenceSpec(Strict):
+class ReferenceSpec(Parameters):
     """A reference node: a program beside the rubric, started with a JSON configuration as its argument."""
 
-    file: str
+    file: FileBeside
     node: str = Field(description="Fully qualified name of its node; all other nodes are the student's.")
-
-
-class StartStep(Strict):
-    """Start a student's artifact, the processes of a launch plan, or a reference node."""
-
-    student: str | None = None
-    launch: str | None = None
-    reference: str | None = None
-    name: str | None = Field(None, description="Name of the process; the artifact's or node's by default.")
-    parameters: dict[str, Any] = Field(default_factory=dict, description="ROS parameters (student only).")
-    remappings: dict[str, str] = Field(default_factory=dict, description="Name remappings (student only).")
-    composed: dict[str, str] = Field(
-        default_factory=dict, description="Name remappings besides, where the artifact's file holds others too."
+    settings: Loadable | None = Field(
+        None, description="file.py:Class, the dataclass of what a start step may give it; without, all is passed on."
     )
-    if_ended: bool = Field(False, description="Start it again only if it has ended.")
-    with_: dict[str, Any] = Field(default_factory=dict, alias="with", description="Settings (reference only).")
-
-    @model_validator(mode="after")
-    def _one_of_three(self) -> StartStep:
-        if sum(x is not None for x in (self.student, self.launch, self.reference)) != 1:
-            raise ValueError("exactly one of student, launch, reference is needed")
-        return self
 
 
-class WaitForStep(Strict):
-    """Wait for a node, an endpoint, a service or a line of output; near misses of a name are found."""
-
-    node: str | None = None
-    publisher: str | None = None
-    subscription: str | None = None
-    service: str | None = None
-    output_of: str | None = Field(None, description="Process whose output is watched.")
-    text: str | None = Field(None, description="Text that the line holds (with output_of).")
-    type: str | None = None
-    timeout_s: float = Field(10.0, gt=0, le=300)
-
-    @model_validator(mode="after")
-    def _one_target(self) -> WaitForStep:
-        targets = (self.node, self.publisher, self.subscription, self.service, self.output_of)
-        if sum(x is not None for x in targets) != 1:
-            raise ValueError("exactly one of node, publisher, subscription, service, output_of is needed")
-        return self
+# -- sessions --------------------------------------------------------------------------------------
 
 
-class ObserveStep(Strict):
-    """Let the system run for a time; the window opens with the first message on `first_message_on`."""
+@dataclass(frozen=True)
+class StepSpec:
+    """One step of a session, and the label by which checks refer to it."""
 
-    duration_s: float = Field(gt=0, le=300)
-    first_message_on: str | None = None
-    timeout_s: float = Field(5.0, gt=0, le=300, description="How long the first message may take.")
+    kind: str
+    step: Step
+    label: str | None = None
 
-
-class PublishStep(Strict):
-    """Publish one message some times, offered so that every subscription is compatible."""
-
-    topic: str
-    type: str
-    message: dict[str, Any]
-    count: int = Field(10, ge=1, le=10_000)
-    rate_hz: float = Field(100.0, gt=0, le=1000)
+    @cached_property
+    def parameters(self) -> dict[str, Any]:
+        """What it is given, as plain data with its defaults."""
+        return self.step.model_dump(mode="json", by_alias=True)
 
 
-class CallStep(Strict):
-    """Call a service; keeps each request, response and latency."""
-
-    service: str
-    type: str
-    request: dict[str, Any] = Field(default_factory=dict)
-    repeat: int = Field(1, ge=1, le=10_000)
-    clients: int = Field(1, ge=1, le=16)
-    timeout_s: float = Field(5.0, gt=0, le=60, description="For each call.")
-    at_most_s: float = Field(30.0, gt=0, le=300, description="For all of them; what is not called by then is left.")
-
-
-class GetParametersStep(Strict):
-    """Read parameters of a student's node through its parameter services."""
-
-    node: str
-    names: tuple[str, ...]
-    timeout_s: float = Field(5.0, gt=0, le=60)
-
-
-class SetParametersStep(Strict):
-    """Set parameters of a student's node through its parameter services."""
-
-    node: str
-    values: dict[str, Any]
-    timeout_s: float = Field(5.0, gt=0, le=60)
-
-
-class InterruptStep(Strict):
-    """Send SIGINT, as Ctrl-C would, and wait for the exit; '*' means all of the student's processes."""
-
-    process: str
-    timeout_s: float = Field(4.0, gt=0, le=60)
-
-
-class WaitExitStep(Strict):
-    """Wait for a process to end by itself."""
-
-    process: str
-    timeout_s: float = Field(20.0, gt=0, le=600)
-
-
-class PlanStep(Strict):
-    """Evaluate a launch file with arguments, without starting what it describes."""
-
-    launch: str
-    arguments: dict[str, str] = Field(default_factory=dict)
-    assume: dict[str, str] = Field(
-        default_factory=dict, description="Values for arguments that the file uses without declaring them."
-    )
-    timeout_s: float = Field(10.0, gt=0, le=60)
-
-
-STEP_KINDS: dict[str, type[Strict]] = {
-    "start": StartStep,
-    "wait_for": WaitForStep,
-    "observe": ObserveStep,
-    "publish": PublishStep,
-    "call": CallStep,
-    "get_parameters": GetParametersStep,
-    "set_parameters": SetParametersStep,
-    "interrupt": InterruptStep,
-    "wait_exit": WaitExitStep,
-    "plan": PlanStep,
+#: Kind of a step -> model of its mapping in the list of steps.
+_ENTRIES: dict[str, type[Strict]] = {
+    kind: create_model(model.__name__, __base__=Parameters, **{kind: (model, ...), "label": (str | None, None)})  # type: ignore[call-overload]
+    for kind, model in STEPS.items()
 }
 
 
-@dataclass(frozen=True)
-class Step:
-    """One step of a session.
-
-    Attributes
-    ----------
-    parameters : dict
-        The validated value of the step's key, as plain data with its defaults.
-    label : str or None
-        By which checks refer to the step.
-    """
-
-    kind: str
-    parameters: dict[str, Any]
-    label: str | None = None
+def _step(value: Any, info: ValidationInfo) -> Any:
+    if isinstance(value, StepSpec):
+        return value
+    kinds = [str(key) for key in value if key != "label"] if isinstance(value, dict) else []
+    if len(kinds) != 1 or kinds[0] not in STEPS:
+        near = suggestion(kinds[0], STEPS) if len(kinds) == 1 else ""
+        raise ValueError(f"a step has one key of {', '.join(STEPS)}, and a label where checks refer to it{near}")
+    entry = _ENTRIES[kinds[0]].model_validate(value, context=info.context)
+    return StepSpec(kinds[0], getattr(entry, kinds[0]), getattr(entry, "label"))  # noqa: B009
 
 
-@dataclass(frozen=True)
-class SessionSpec:
-    """One experiment on a part of the submission.
+class _OfSession(Parameters):
+    """What refers to names of one session: that is known to the scope before the names are looked up."""
 
-    Attributes
-    ----------
-    needs : tuple of str
-        Artifacts that its steps start.
-    typical_s : float
-        How long it takes with a correct submission; the longest session is started first.
-    timeout_s : float
-        When it is given up.
-    """
+    @model_validator(mode="wrap")
+    @classmethod
+    def _within(cls, value: Any, handler: ModelWrapValidatorHandler[Self], info: ValidationInfo) -> Self:
+        scope: Scope | None = info.context
+        if scope is None or not isinstance(value, dict):
+            return handler(value)
+        session = value.get("id" if cls is SessionSpec else "session")
+        scope.session = session if isinstance(session, str) else None
+        try:
+            return handler(value)
+        finally:
+            scope.earlier += [str(value.get("id"))] if cls is CheckSpec else []
+
+
+class SessionSpec(_OfSession):
+    """One experiment on a part of the submission."""
 
     id: str
-    title: str
-    steps: tuple[Step, ...]
-    needs: tuple[str, ...] = ()
-    typical_s: float = 10.0
-    timeout_s: float = 90.0
+    title: str = Field(default_factory=lambda data: data.get("id"))
+    steps: tuple[Annotated[StepSpec, PlainValidator(_step), WithJsonSchema({"$ref": "#/$defs/Step"})], ...]
+    typical_s: float = Field(
+        10.0, gt=0, description="How long it takes with a correct submission; the longest session is started first."
+    )
+    timeout_s: float = Field(90.0, gt=0, description="When it is given up.")
+
+    @classmethod
+    def wrong_in(cls, plain: Mapping[str, Any]) -> Iterable[tuple[Loc, str]]:
+        """Give the labels that are used twice."""
+        labels = [_key(step, "label") for step in _list(plain.get("steps"))]
+        for n, label in enumerate(labels):
+            if label is not None and label in labels[:n]:
+                yield ("steps", n, "label"), f"{label!r} labels an earlier step"
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """Artifacts that its steps start."""
+        given = [spec.parameters for spec in self.steps if spec.kind in ("start", "plan")]
+        return tuple(dict.fromkeys(name for p in given if (name := p.get("student") or p.get("launch"))))
 
 
-@dataclass(frozen=True)
-class CheckSpec:
+# -- criteria --------------------------------------------------------------------------------------
+
+
+class _OfKind(_OfSession):
+    """A check or a figure: its kind says what stands behind `with`."""
+
+    #: The key that names the kind, and where the scope has the models of parameters.
+    key: ClassVar[str]
+    models: ClassVar[str]
+
+    @field_validator("check", "kind", check_fields=False)
+    @classmethod
+    def _is_known(cls, value: str, info: ValidationInfo) -> str:
+        return value if info.context is None else one_of(value, cls.key, getattr(info.context, cls.models))
+
+    @field_validator("parameters", mode="before", check_fields=False)
+    @classmethod
+    def _of_kind(cls, value: Any, info: ValidationInfo) -> Any:
+        kind = info.data.get(cls.key)
+        if isinstance(value, BaseModel) or kind is None or info.context is None:
+            return value if isinstance(value, BaseModel) else Parameters()
+        model: type[Parameters] = getattr(info.context, cls.models)[kind]
+        if model.of_session and info.data.get("session", "") is None:
+            raise ValueError(f"{kind} looks at a recording; say which by the key session")
+        return model.model_validate({} if value is None else value, context=info.context)
+
+
+class CheckSpec(_OfKind):
     """One check with its points; `parameters` is of the model that the check declares."""
 
-    id: str
-    title: str
-    points: Decimal
-    check: str
-    parameters: BaseModel
-    session: str | None = None
-    requires: tuple[str, ...] = ()
+    key, models = "check", "checks"
+
+    id: str = Field(min_length=1)
+    title: str = Field(default_factory=lambda data: data.get("id"))
+    points: Points
+    session: SessionId | None = None
+    check: str = Field(description="`grade checks` lists them.")
+    parameters: SerializeAsAny[BaseModel] = Field(alias="with", default_factory=dict, validate_default=True)
+    requires: tuple[EarlierCheckId, ...] = ()
     hint: str = ""
 
+    @field_validator("id")
+    @classmethod
+    def _is_new(cls, value: str, info: ValidationInfo) -> str:
+        if info.context is not None and value in info.context.earlier:
+            raise ValueError(f"{value!r} is used twice")
+        return value
 
-class FigureSpec(Strict):
+
+class FigureSpec(_OfKind):
     """A picture in the report, drawn from a session's recording."""
+
+    key, models = "kind", "figures"
 
     kind: str
     title: str
-    session: str
-    with_: dict[str, Any] = Field(default_factory=dict, alias="with")
+    session: SessionId
+    parameters: SerializeAsAny[BaseModel] = Field(alias="with", default_factory=dict, validate_default=True)
 
 
-@dataclass(frozen=True)
-class CriterionSpec:
+class CriterionSpec(Parameters):
     """A row of the lab's point table."""
 
-    id: str
-    title: str
-    points: Decimal
-    description: str
+    id: str = Field(min_length=1)
+    title: str = Field(min_length=1)
+    points: Points
+    description: str = ""
     checks: tuple[CheckSpec, ...]
     figures: tuple[FigureSpec, ...] = ()
+
+    @classmethod
+    def wrong_in(cls, plain: Mapping[str, Any]) -> Iterable[tuple[Loc, str]]:
+        """Give the points unless they are those of the checks together."""
+        total = _total(plain.get("checks"))
+        if total is not None and total != _number(plain.get("points")):
+            yield ("points",), f"the checks' points add up to {total}, not to {plain.get('points')}"
+
+
+def _with_ids(value: Any) -> Any:
+    """Have each session know its name."""
+    if not isinstance(value, dict):
+        return value
+    return {str(name): {**spec, "id": str(name)} if isinstance(spec, dict) else spec for name, spec in value.items()}
+
+
+class RubricFile(Parameters):
+    """All that stands in a rubric."""
+
+    lab: LabSpec
+    artifacts: dict[str, ArtifactSpec] = Field(default_factory=dict, description="What students hand in.")
+    reference: dict[str, ReferenceSpec] = Field(default_factory=dict, description="Nodes of our own.")
+    sessions: Annotated[dict[str, SessionSpec], BeforeValidator(_with_ids)] = Field(default_factory=dict)
+    criteria: tuple[CriterionSpec, ...]
+    policy: Policy = Policy()
+
+    @classmethod
+    def wrong_in(cls, plain: Mapping[str, Any]) -> Iterable[tuple[Loc, str]]:
+        """Give the points unless they are those of the criteria together, and criteria that are there twice."""
+        lab, total = plain.get("lab"), _total(plain.get("criteria"))
+        points = lab.get("points") if isinstance(lab, dict) else None
+        if total is not None and points is not None and total != _number(points):
+            yield ("lab", "points"), f"the criteria's points add up to {total}, not to {points}"
+        names = [_key(criterion, "id") for criterion in _list(plain.get("criteria"))]
+        for n, name in enumerate(names):
+            if name is not None and name in names[:n]:
+                yield ("criteria", n, "id"), f"the criterion {name!r} stands here twice"
 
 
 @dataclass(frozen=True)
@@ -259,7 +293,7 @@ class Rubric:
     Attributes
     ----------
     folder : Path
-        Folder from which `reference` paths are resolved.
+        Folder from which files beside the rubric are resolved.
     text : str
         The YAML text, a copy of which travels with each recording.
     policy : Policy
@@ -285,19 +319,23 @@ class Rubric:
         return (check for criterion in self.criteria for check in criterion.checks)
 
 
-def load_rubric(
-    path: Path, parameters_of: Mapping[str, type[BaseModel]], folder: Path | None = None, *, only: bool = False
-) -> Rubric:
+@dataclass(frozen=True)
+class Kinds:
+    """What a rubric can use: name of a check, and kind of a figure -> model of its parameters."""
+
+    checks: Mapping[str, type[Parameters]]
+    figures: Mapping[str, type[Parameters]]
+
+
+def load_rubric(path: Path, kinds: Kinds, folder: Path | None = None, *, only: bool = False) -> Rubric:
     """Read and validate a rubric.
 
     Parameters
     ----------
     path : Path
         The YAML file.
-    parameters_of : mapping
-        Check name -> model of its parameters.
     folder : Path, optional
-        Where `reference` files are looked up if they are not beside the rubric.
+        Where files beside the rubric are looked up if they are not there.
     only : bool
         Whether they are looked up in `folder` alone, since what lies beside the rubric is not to be executed.
 
@@ -310,213 +348,42 @@ def load_rubric(
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as problem:
         raise cannot_be_read("the rubric", path, problem, "Check --rubric.") from problem
-    return _Loader(path, text, parameters_of, folder, only).load()
+    plain, mistakes = parse_yaml(path, text, "the rubric")
+    scope = Scope(plain, path.resolve().parent, kinds.checks, kinds.figures)
+    if folder is not None and (only or scope.missing_in(folder) < scope.missing_in(scope.folder)):
+        scope.folder = folder
+    try:
+        found = RubricFile.model_validate(plain, context=scope)
+    except ValidationError as error:
+        mistakes.add_validation((), error)
+    mistakes.raise_any("`grade checks` lists every check with its parameters.")
+    parts = (found.lab, found.artifacts, found.reference, found.sessions, found.criteria)
+    return Rubric(*parts, scope.folder, text, found.policy)
 
 
-class _Loader:
-    def __init__(
-        self,
-        path: Path,
-        text: str,
-        parameters_of: Mapping[str, type[BaseModel]],
-        folder: Path | None,
-        only: bool,
-    ) -> None:
-        self.path, self.text, self.parameters_of = path, text, parameters_of
-        self.beside = folder if only and folder is not None else path.resolve().parent
-        self.fallback = folder
-        self.plain, self.mistakes = parse_yaml(path, text, "the rubric")
+def json_schema(kinds: Kinds) -> dict[str, Any]:
+    """Return the JSON Schema of rubrics, by which editors complete and check them while they are written."""
+    listed: list[type[BaseModel]] = [RubricFile, *STEPS.values(), *kinds.checks.values(), *kinds.figures.values()]
+    refs, schema = models_json_schema([(model, "validation") for model in listed])
+    defs = schema["$defs"]
 
-    def load(self) -> Rubric:
-        allowed = {"lab", "artifacts", "reference", "sessions", "criteria", "policy"}
-        for key in self.plain:
-            if key not in allowed:
-                self.mistakes.add((key,), f"unknown key; known are {', '.join(sorted(allowed))}")
-        lab = self._model(LabSpec, ("lab",), self.plain.get("lab"))
-        artifacts = self._models(ArtifactSpec, "artifacts")
-        reference = self._models(ReferenceSpec, "reference")
-        sessions = {
-            str(k): self._session(str(k), v, artifacts, reference) for k, v in self._mapping("sessions").items()
-        }
-        criteria = tuple(self._criteria(sessions))
-        policy = self._model(Policy, ("policy",), self.plain.get("policy"))
-        self._check_whole(lab, criteria)
-        folder = self._folder(reference)
-        self.mistakes.raise_any("`grade checks` lists every check with its parameters.")
-        return Rubric(lab, artifacts, reference, sessions, criteria, folder, self.text, policy)
+    def ref(model: type[BaseModel]) -> dict[str, Any]:
+        return refs[model, "validation"]
 
-    def _folder(self, reference: Mapping[str, ReferenceSpec]) -> Path:
-        beside = self.beside
-        for folder in (beside, self.fallback):
-            if folder is not None and all((folder / spec.file).is_file() for spec in reference.values()):
-                return folder
-        for name, spec in reference.items():
-            if not (beside / spec.file).is_file():
-                self.mistakes.add(("reference", name, "file"), f"there is no file {spec.file} beside the rubric")
-        return beside
-
-    def _mapping(self, key: str) -> dict[Any, Any]:
-        value = self.plain.get(key, {})
-        if isinstance(value, dict):
-            return value
-        self.mistakes.add((key,), "a mapping is expected")
-        return {}
-
-    def _list(self, loc: Loc, value: Any) -> list[Any]:
-        if isinstance(value, list):
-            return value
-        self.mistakes.add(loc, "a list is expected")
-        return []
-
-    def _model(self, model: type[Any], loc: Loc, value: Any) -> Any:
-        try:
-            return model.model_validate(value if value is not None else {})
-        except ValidationError as error:
-            self.mistakes.add_validation(loc, error)
-            return None
-
-    def _models(self, model: type[Any], key: str) -> dict[str, Any]:
-        parsed = {str(k): self._model(model, (key, k), v) for k, v in self._mapping(key).items()}
-        return {k: v for k, v in parsed.items() if v is not None}
-
-    def _session(
-        self, name: str, value: Any, artifacts: Mapping[str, Any], reference: Mapping[str, Any]
-    ) -> SessionSpec:
-        loc: Loc = ("sessions", name)
-        if not isinstance(value, dict):
-            self.mistakes.add(loc, "a mapping is expected")
-            return SessionSpec(name, name, ())
-        for key in set(value) - {"title", "steps", "typical_s", "timeout_s"}:
-            self.mistakes.add((*loc, key), "unknown key; known are title, steps, typical_s, timeout_s")
-        steps = tuple(
-            step
-            for index, raw in enumerate(self._list((*loc, "steps"), value.get("steps")))
-            if (step := self._step((*loc, "steps", index), raw, artifacts, reference)) is not None
-        )
-        needs = [s.parameters["student"] or s.parameters["launch"] for s in steps if s.kind == "start"]
-        needs += [s.parameters["launch"] for s in steps if s.kind == "plan"]
-        times = {key: value[key] for key in ("typical_s", "timeout_s") if key in value}
-        for key, time_s in times.items():
-            if isinstance(time_s, bool) or not isinstance(time_s, (int, float)) or time_s <= 0:
-                self.mistakes.add((*loc, key), "a time in seconds is expected")
-                times[key] = 1.0
-        return SessionSpec(
-            name, str(value.get("title", name)), steps, tuple(dict.fromkeys(n for n in needs if n)), **times
-        )
-
-    def _step(self, loc: Loc, raw: Any, artifacts: Mapping[str, Any], reference: Mapping[str, Any]) -> Step | None:
-        kinds = [k for k in raw if k != "label"] if isinstance(raw, dict) else []
-        if len(kinds) != 1 or kinds[0] not in STEP_KINDS:
-            self.mistakes.add(
-                loc, f"a step has one key of {', '.join(STEP_KINDS)}, and a label where checks refer to it"
-            )
-            return None
-        kind = kinds[0]
-        model = self._model(STEP_KINDS[kind], (*loc, kind), raw[kind])
-        if model is None:
-            return None
-        parameters = model.model_dump(mode="json", by_alias=True)
-        for key, known in (("student", artifacts), ("launch", artifacts), ("reference", reference)):
-            if parameters.get(key) is not None and parameters[key] not in known:
-                self.mistakes.add((*loc, kind, key), f"{parameters[key]!r} is not defined above")
-        label = raw.get("label")
-        if label is not None and not isinstance(label, str):
-            self.mistakes.add((*loc, "label"), "a name is expected")
-        return Step(kind, parameters, label)
-
-    def _criteria(self, sessions: Mapping[str, SessionSpec]) -> Iterable[CriterionSpec]:
-        earlier: set[str] = set()
-        for index, raw in enumerate(self._list(("criteria",), self.plain.get("criteria"))):
-            loc: Loc = ("criteria", index)
-            if not isinstance(raw, dict):
-                self.mistakes.add(loc, "a mapping is expected")
-                continue
-            for key in set(raw) - {"id", "title", "points", "description", "checks", "figures"}:
-                self.mistakes.add((*loc, key), "unknown key")
-            for key in ("id", "title"):
-                if not raw.get(key):
-                    self.mistakes.add((*loc, key), "it is missing")
-            checks = [
-                self._check((*loc, "checks", n), check, sessions, earlier)
-                for n, check in enumerate(self._list((*loc, "checks"), raw.get("checks")))
-            ]
-            found = tuple(check for check in checks if check is not None)
-            points = self._points((*loc, "points"), raw.get("points"))
-            total = sum((check.points for check in found), Decimal(0))
-            if len(found) == len(checks) and total != points:
-                self.mistakes.add((*loc, "points"), f"the checks' points add up to {total}, not to {points}")
-            figures = tuple(
-                figure
-                for n, item in enumerate(self._list((*loc, "figures"), raw.get("figures", [])))
-                if (figure := self._figure((*loc, "figures", n), item, sessions)) is not None
-            )
-            yield CriterionSpec(
-                str(raw.get("id")),
-                str(raw.get("title")),
-                points,
-                str(raw.get("description", "")),
-                found,
-                figures,
-            )
-
-    def _figure(self, loc: Loc, raw: Any, sessions: Mapping[str, SessionSpec]) -> FigureSpec | None:
-        figure: FigureSpec | None = self._model(FigureSpec, loc, raw)
-        if figure is not None and figure.session not in sessions:
-            self.mistakes.add((*loc, "session"), f"there is no session {figure.session!r}")
-        return figure
-
-    def _points(self, loc: Loc, value: Any) -> Decimal:
-        if isinstance(value, (int, float)) and not isinstance(value, bool) and 0 <= value < float("inf"):
-            return Decimal(str(value))
-        self.mistakes.add(loc, "a number of points is expected")
-        return Decimal(0)
-
-    def _check(self, loc: Loc, raw: Any, sessions: Mapping[str, SessionSpec], earlier: set[str]) -> CheckSpec | None:
-        if not isinstance(raw, dict):
-            self.mistakes.add(loc, "a mapping is expected")
-            return None
-        for key in set(raw) - {"id", "title", "points", "session", "check", "with", "requires", "hint"}:
-            self.mistakes.add((*loc, key), "unknown key")
-        identity = str(raw.get("id"))
-        if not raw.get("id") or identity in earlier:
-            self.mistakes.add((*loc, "id"), f"{identity!r} is missing or used twice")
-        requires = tuple(str(r) for r in self._list((*loc, "requires"), raw.get("requires") or []))
-        for required in requires:
-            if required not in earlier:
-                self.mistakes.add((*loc, "requires"), f"{required!r} is no earlier check")
-        earlier.add(identity)
-        session = raw.get("session")
-        if session is not None and not (isinstance(session, str) and session in sessions):
-            self.mistakes.add((*loc, "session"), f"there is no session {session!r}")
-        points = self._points((*loc, "points"), raw.get("points"))
-        parameters = self._parameters(loc, raw)
-        if parameters is None:
-            return None
-        return CheckSpec(
-            identity,
-            str(raw.get("title", identity)),
-            points,
-            str(raw["check"]),
-            parameters,
-            session,
-            requires,
-            str(raw.get("hint", "")),
-        )
-
-    def _parameters(self, loc: Loc, raw: dict[str, Any]) -> BaseModel | None:
-        name = raw.get("check")
-        model = self.parameters_of.get(name) if isinstance(name, str) else None
-        if model is None:
-            known = ", ".join(sorted(self.parameters_of))
-            self.mistakes.add((*loc, "check"), f"there is no check {name!r}; known are {known}")
-            return None
-        parsed: BaseModel | None = self._model(model, (*loc, "with"), raw.get("with", {}))
-        return parsed
-
-    def _check_whole(self, lab: LabSpec | None, criteria: tuple[CriterionSpec, ...]) -> None:
-        total = sum((criterion.points for criterion in criteria), Decimal(0))
-        if lab is not None and total != lab.points:
-            self.mistakes.add(("lab", "points"), f"the criteria's points add up to {total}, not to {lab.points}")
-        names = [criterion.id for criterion in criteria]
-        for name in {n for n in names if names.count(n) > 1}:
-            self.mistakes.add(("criteria",), f"the criterion {name!r} stands here twice")
+    defs["Step"] = {
+        "type": "object",
+        "properties": {**{kind: ref(model) for kind, model in STEPS.items()}, "label": {"type": "string"}},
+        "additionalProperties": False,
+        "oneOf": [{"required": [kind]} for kind in STEPS],
+    }
+    for spec, models in ((CheckSpec, kinds.checks), (FigureSpec, kinds.figures)):
+        part = defs[spec.__name__]
+        part["properties"][spec.key]["enum"] = list(models)
+        part["allOf"] = [
+            {"if": {"properties": {spec.key: {"const": name}}}, "then": {"properties": {"with": ref(model)}}}
+            for name, model in models.items()
+        ]
+    defs["SessionSpec"]["properties"].pop("id")
+    defs["SessionSpec"]["required"].remove("id")
+    head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "Rubric"}
+    return {**head, **ref(RubricFile), "$defs": defs}

@@ -15,7 +15,6 @@ import pytest
 from grader import pipeline
 from grader.batch.rejudging import rejudge
 from grader.bounded import Bound, in_process, in_processes
-from grader.checks import PARAMETERS_OF
 from grader.errors import BoundError, RecordingError
 from grader.rubric import Rubric, load_rubric
 
@@ -86,7 +85,7 @@ def endless(tmp_path: Path) -> Rubric:
     oracles = tmp_path / "lab/reference/oracles.py"
     oracles.write_text(oracles.read_text(encoding="utf-8") + "while True:\n    pass\n", encoding="utf-8")
     shutil.copy(ROOT / "rubric.yaml", tmp_path / "lab")
-    return load_rubric(tmp_path / "lab/rubric.yaml", PARAMETERS_OF)
+    return load_rubric(tmp_path / "lab/rubric.yaml", pipeline.rubric_kinds())
 
 
 def test_judging_without_end_keeps_the_recordings(

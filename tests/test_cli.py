@@ -10,7 +10,9 @@ import subprocess
 import sys
 from pathlib import Path
 
+import jsonschema
 import pytest
+import yaml
 
 from grader.checks import REGISTRY
 from grader.cli import main
@@ -92,12 +94,6 @@ def test_names_of_folders_cannot_steer_the_terminal(tmp_path: Path, capsys: pyte
     status, _, errors = run(capsys, tmp_path / "\x1b[2Jann", "-o", tmp_path / "results")
     assert status == 3
     assert "\x1b" not in errors
-
-
-def test_a_misspelt_command_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A word that is nearly a command, and no path, is no submission; the command is named."""
-    status, _, errors = run(capsys, "regrad", "-o", tmp_path)
-    assert (status, "grade regrade" in errors) == (3, True)
 
 
 def test_a_defect_of_the_grader_is_no_low_score(
@@ -272,3 +268,39 @@ def test_the_installed_command_is_this_one(tmp_path: Path) -> None:
     ended = subprocess.run([script, "regrade", tmp_path], capture_output=True, text=True, check=False)
     assert ended.returncode == 6
     assert "Traceback" not in ended.stderr
+
+
+# -- rubrics ---------------------------------------------------------------------------------------
+
+
+def test_a_rubric_is_checked_without_grading(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The lab's rubric is in order; a mistyped window ends with the exit status of a wrong rubric, and its line."""
+    assert run(capsys, "rubric")[0] == 0
+    text = (lab_folder() / "rubric.yaml").read_text(encoding="utf-8")
+    mine = tmp_path / "mine.yaml"
+    mine.write_text(text.replace("window: window, rate_hz", "window: windw, rate_hz"), encoding="utf-8")
+    status, _, errors = run(capsys, "rubric", mine)
+    line = text[: text.index("window: window, rate_hz")].count("\n") + 1
+    assert (status, errors.count("mine.yaml:")) == (4, 1 + 1)
+    assert f"mine.yaml:{line}: " in errors
+    assert "did you mean 'window'?" in errors
+
+
+def test_the_schema_takes_the_labs_rubric_and_finds_mistakes(capsys: pytest.CaptureFixture[str]) -> None:
+    """It is a JSON Schema that an editor can use, made of the models that read rubrics, and the shipped one is it."""
+    schema = json.loads(run(capsys, "rubric", "--schema")[1])
+    assert schema == json.loads((ROOT / "rubric.schema.json").read_text(encoding="utf-8"))
+    jsonschema.Draft202012Validator.check_schema(schema)
+    validator = jsonschema.Draft202012Validator(schema)
+    text = (lab_folder() / "rubric.yaml").read_text(encoding="utf-8")
+    assert list(validator.iter_errors(yaml.safe_load(text))) == []
+    for right, wrong in (
+        ("check: topic_rate", "check: topic_rte"),
+        ("full_within: 2%", "full_within: 2 percent"),
+        ("kind: rate", "kind: rte"),
+        ("- interrupt:", "- interupt:"),
+        ("typical_s: 11", "typical_s: soon"),
+        ("reliability: best_effort", "reliability: besteffort"),
+    ):
+        assert right in text
+        assert list(validator.iter_errors(yaml.safe_load(text.replace(right, wrong, 1)))), wrong

@@ -88,6 +88,15 @@ def test_links_that_a_submission_brought_are_no_place_to_write(repository: Path,
     require_no_links(repository / "results", [str(repository.parent / "bob")])
 
 
+def test_an_export_may_lie_beside_links_but_not_behind_one(repository: Path) -> None:
+    """A form for another system goes into the submission's own folder, and through none of its links."""
+    (repository / "out").symlink_to("../outside")
+    require_no_links(repository, [str(repository)], inside=False)
+    for way in ("out", "out/deeper"):
+        with pytest.raises(UsageError, match="brought a link"):
+            require_no_links(repository / way, [str(repository)], inside=False)
+
+
 def test_links_of_the_instructors_are_followed(repository: Path) -> None:
     """Where nothing is the submission's, a link on the way is the instructor's own; so is one above the repository."""
     (repository.parent / "desk").symlink_to("outside")

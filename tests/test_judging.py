@@ -188,9 +188,9 @@ def test_a_field_that_holds_no_numbers_is_a_mistake_of_the_rubric(
 
     def mistaken(spec: CheckSpec) -> CheckSpec:
         other = spec.parameters.model_copy(update={"field": field}) if spec.check == check else spec.parameters
-        return dataclasses.replace(spec, parameters=other)
+        return spec.model_copy(update={"parameters": other})
 
-    criteria = tuple(dataclasses.replace(c, checks=tuple(map(mistaken, c.checks))) for c in rubric.criteria)
+    criteria = tuple(c.model_copy(update={"checks": tuple(map(mistaken, c.checks))}) for c in rubric.criteria)
     findings = judge_checks(solution, dataclasses.replace(rubric, criteria=criteria))
     outcomes = {findings[spec.id].outcome for spec in rubric.checks() if spec.check == check}
     assert outcomes == {Outcome.ERROR}

@@ -204,7 +204,7 @@ def test_an_edited_copy_of_a_rubric_finds_the_oracles_of_the_recording(
     shutil.rmtree(lab)
     (tmp_path / "edited.yaml").write_text(text + "\n# Edited.\n", encoding="utf-8")
     status, _, errors = run(capsys, "selftest", "--rubric", tmp_path / "edited.yaml")
-    assert (status, "there is no file reference/arm.py beside the rubric" in errors) == (4, True)
+    assert (status, "there is no file 'reference/arm.py' beside the rubric" in errors) == (4, True)
     assert run(capsys, "regrade", results, "--rubric", tmp_path / "edited.yaml")[0] == 0
     assert checks(results) == before
 

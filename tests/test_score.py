@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grader.checks.finding import Parameters, credit_of, ramp
+from grader.checks.finding import credit_of, ramp
 from grader.result import Finding, Outcome
 from grader.rubric import CheckSpec, CriterionSpec, LabSpec, Rubric
 from grader.score import TENTH, score_check, score_criteria, total
@@ -28,14 +28,17 @@ FINDINGS = st.sampled_from(Outcome).flatmap(lambda o: CREDITS[o].map(lambda c: F
 
 def spec(points: Decimal, name: str = "a") -> CheckSpec:
     """Give a check with these points."""
-    return CheckSpec(name, name, points, "any", Parameters())
+    return CheckSpec.model_validate({"id": name, "points": points, "check": "any"})
 
 
 def rubric(points: list[list[Decimal]]) -> Rubric:
     """Give a rubric by the points of each criterion's checks."""
     criteria = tuple(
         CriterionSpec(
-            str(n), str(n), sum(row, Decimal(0)), "", tuple(spec(value, f"{n}.{m}") for m, value in enumerate(row))
+            id=str(n),
+            title=str(n),
+            points=sum(row, Decimal(0)),
+            checks=tuple(spec(value, f"{n}.{m}") for m, value in enumerate(row)),
         )
         for n, row in enumerate(points)
     )

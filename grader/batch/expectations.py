@@ -11,9 +11,9 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from grader.errors import SubmissionError
-from grader.lined_yaml import Strict, cannot_be_read, parse_yaml
 from grader.result import CheckResult, Outcome, Result
 from grader.rubric import Rubric
+from grader.yaml_with_lines import Strict, cannot_be_read, parse_yaml
 
 EXPECTED_FILE = "expected.yaml"
 

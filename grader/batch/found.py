@@ -60,7 +60,17 @@ from grader.errors import SubmissionError
 from grader.intake import Handed, Piece, names_in, text_of, texts_in
 from grader.intake.members import is_folder
 from grader.intake.names import TOOL_FOLDERS, displayed, is_archive, is_litter, is_packed, without_archive_suffix
-from grader.pipeline import CLASS_PAGE, GRADES_FILE, RECORDINGS, REPORT_FILE, RESULT_FILE, RUBRIC_COPY
+from grader.kept_lab import KEPT
+from grader.pipeline import (
+    ANONYMOUS_GRADES_FILE,
+    ANONYMOUS_PAGE,
+    CLASS_PAGE,
+    GRADES_FILE,
+    RECORDINGS,
+    REPORT_FILE,
+    RESULT_FILE,
+    RUBRIC_COPY,
+)
 from grader.report.changes import CHANGES_FILE
 from grader.rubric import Rubric
 
@@ -75,7 +85,7 @@ _MOST_NAME_BYTES = 120
 #: What lies among results, or in those of one submission, and is no submission's folder.
 TAKEN_NAMES = frozenset(
     {JOURNAL_FILE, CLASS_PAGE, GRADES_FILE, OVERRIDES_FILE, "overrides.yml", CHANGES_FILE, AUDIT_FILE, HISTORY}
-    | {RECORDINGS, RUBRIC_COPY, RESULT_FILE, REPORT_FILE}
+    | {RECORDINGS, RUBRIC_COPY, KEPT, RESULT_FILE, REPORT_FILE, ANONYMOUS_PAGE, ANONYMOUS_GRADES_FILE}
 )
 
 _PART = re.compile(
@@ -240,7 +250,7 @@ class _Place:
         if self.within is not None:
             members = {self.within + file: file for file in files}
             return {members[m]: text for m, text in texts_in(self.path, members, _MOST_NOTES_BYTES).items()}
-        read = {file: text_of(self.path / file, _MOST_NOTES_BYTES) for file in files}
+        read = {file: text_of(self.path, file, _MOST_NOTES_BYTES) for file in files}
         return {file: text for file, text in read.items() if text is not None}
 
     def piece(self, entry: str = "", *, is_folder: bool = True, name: str = "") -> Piece:

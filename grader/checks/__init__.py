@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from grader.checks import comparison, documentation, launching, reception, services, traffic
-from grader.checks.finding import Context, Parameters
+from grader.checks.finding import Context
+from grader.references import Parameters
 from grader.result import Finding
 
 

@@ -8,11 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import Field, field_validator
 
+from grader import references as ref
 from grader.checks.finding import (
     Context,
-    Parameters,
-    Pattern,
-    Share,
     apart,
     failed,
     graded,
@@ -25,7 +23,7 @@ from grader.checks.finding import (
     runs_elsewhere,
     why_nothing,
 )
-from grader.checks.reception import OfferedProfile, clash
+from grader.checks.reception import clash
 from grader.checks.traffic import claimed_qos, student_endpoints
 from grader.evidence.calls import rclpy_calls
 from grader.evidence.chance import is_believed
@@ -42,14 +40,15 @@ from grader.evidence.result_rows import (
 from grader.evidence.timing import timing_of
 from grader.patterns import Match, compiled, search
 from grader.recording.session import OutputLine, Qos
+from grader.references import Parameters, Pattern, Share
 from grader.result import Finding, Where
 
 
 class EndsByItself(Parameters):
     """A process ends by itself in time, without an error, and has said something."""
 
-    artifact: str
-    step: str = Field(description="Label of the wait_exit step.")
+    artifact: ref.Artifact
+    step: ref.ExitLabel = Field(description="Label of the wait_exit step.")
     least_s: float
     most_s: float
     output: Pattern = Field(description="Regular expression that its output matches.")
@@ -136,7 +135,7 @@ def _bad_end(status: int | None) -> str:
 class TopicsCarryTraffic(Parameters):
     """Messages flow on each topic; each is a part."""
 
-    topics: tuple[str, ...]
+    topics: tuple[ref.Topic, ...]
     least_messages: int = 1
 
 
@@ -182,17 +181,17 @@ def _written(context: Context, topic: str, until_ns: int | None = None) -> int:
 class WantedProfile(Parameters):
     """The QoS profile of a topic's publisher and subscription."""
 
-    topic: str
-    reliability: str
-    durability: str
-    history: str
+    topic: ref.Topic
+    reliability: ref.Reliability
+    durability: ref.Durability
+    history: ref.History
     depth: int
 
 
 class QosProfiles(Parameters):
     """Publisher and subscription of each topic have the profile; every policy of every profile is a part."""
 
-    artifact: str
+    artifact: ref.Artifact
     profiles: tuple[WantedProfile, ...]
 
 
@@ -297,13 +296,13 @@ class Row(Parameters):
     """The line that reports on a topic: the one that begins with the name."""
 
     name: str
-    topic: str
+    topic: ref.Topic
 
 
 class ReportedTraffic(Parameters):
     """Reported counts and latencies agree with what was recorded; each row is a part."""
 
-    artifact: str
+    artifact: ref.Artifact
     rows: tuple[Row, ...]
     pattern: Pattern = Field(description="Regular expression with groups count, mean_ms and max_ms.")
     count_tolerance: Share = 0.02
@@ -433,9 +432,7 @@ def _self_clash(context: Context, topic: str) -> str | None:
     requests = student_endpoints(context, topic, "subscription")
     if not offers or not requests:
         return None
-    return clash(
-        requests[0], OfferedProfile(reliability=offers[0].qos.reliability, durability=offers[0].qos.durability)
-    )
+    return clash(requests[0], offers[0].qos)
 
 
 def _all_together(context: Context, p: ReportedTraffic, count: int) -> str:

@@ -10,7 +10,8 @@ from pathlib import PurePosixPath
 
 from pydantic import Field
 
-from grader.checks.finding import Context, Parameters, Pattern, Share, apart, failed, graded, inconclusive, percent
+from grader import references as ref
+from grader.checks.finding import Context, apart, failed, graded, inconclusive, percent
 from grader.evidence.markup import Document, read_markdown
 from grader.evidence.prose import (
     TopicWords,
@@ -21,6 +22,7 @@ from grader.evidence.prose import (
     source_passages,
 )
 from grader.evidence.source import SourceFacts, docstring_share, parse
+from grader.references import Parameters, Pattern, Share
 from grader.result import Finding, Where
 
 #: What a README is called in other languages.
@@ -83,15 +85,21 @@ def sources(context: Context, artifacts: tuple[str, ...]) -> list[SourceFacts]:
     return [_facts(path, texts[path]) for path in paths if path is not None and path in texts]
 
 
+class _OfFiles(Parameters):
+    """What is judged by files alone, without a recording."""
+
+    of_session = False
+
+
 class Part(Parameters):
     """What a README may call one part of the submission."""
 
-    artifact: str
+    artifact: ref.Artifact
     names: tuple[str, ...]
     synonyms: tuple[str, ...] = ()
 
 
-class Readme(Parameters):
+class Readme(_OfFiles):
     """The README says how to run the work (a part) and what each part of it does (a part each)."""
 
     parts: tuple[Part, ...]
@@ -139,10 +147,10 @@ def _parts(count: int) -> str:
     return "the one part" if count == 1 else f"each of {count} parts"
 
 
-class Docstrings(Parameters):
+class Docstrings(_OfFiles):
     """Modules, classes and functions have docstrings that say something."""
 
-    artifacts: tuple[str, ...]
+    artifacts: tuple[ref.Artifact, ...]
     full_from: Share
     zero_to: Share = 0.0
 
@@ -165,10 +173,10 @@ def docstrings(context: Context, p: Docstrings) -> Finding:
     return graded(credit, expected, measured, reason, where=where)
 
 
-class Comments(Parameters):
+class Comments(_OfFiles):
     """Comments explain the code; commented-out code, banners and repeats do not."""
 
-    artifacts: tuple[str, ...]
+    artifacts: tuple[ref.Artifact, ...]
     full_per_100_lines: float = Field(gt=0)
     zero_to_per_100_lines: float = Field(0, ge=0, description="Up to this there is no credit.")
 
@@ -198,10 +206,10 @@ def comments(context: Context, p: Comments) -> Finding:
     return graded(share, expected, measured, reason, where=[Where(file=f.path) for f in bare])
 
 
-class ConceptsExplained(Parameters):
+class ConceptsExplained(_OfFiles):
     """Concepts are discussed in writing, in the README or in the source, and weighed against each other."""
 
-    artifacts: tuple[str, ...] = Field((), description="Sources whose docstrings and comments count too.")
+    artifacts: tuple[ref.Artifact, ...] = Field((), description="Sources whose docstrings and comments count too.")
     concepts: Mapping[str, tuple[str, ...]] = Field(description="Concept -> word stems in any languages.")
     reasons: tuple[str, ...] = Field((), description="Words of reason and comparison in any languages.")
     anchors: tuple[str, ...] = Field((), description="A passage without any of these is about something else.")

@@ -7,9 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path, PurePosixPath
-from typing import Annotated, Any
-
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict
+from typing import Any
 
 from grader.evidence.diagnosis import Diagnosis, explain
 from grader.evidence.elsewhere import only_elsewhere
@@ -17,42 +15,8 @@ from grader.evidence.limits import ended_by_limit, hit_limit
 from grader.evidence.oracle import load_oracle
 from grader.evidence.recorded import Floats, NumericStream, Recorded, can_hold_row
 from grader.evidence.source import spin_lines
-from grader.patterns import compiled
 from grader.recording.submission import SubmissionRecord
 from grader.result import Finding, Outcome, Where
-
-
-class Parameters(BaseModel):
-    """Base of each check's parameters: unknown keys are mistakes in the rubric."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-def _share(value: Any) -> Any:
-    if isinstance(value, str) and value.strip().endswith("%"):
-        return float(value.strip()[:-1]) / 100
-    return value
-
-
-#: A share, written as 0.02 or as 2%.
-Share = Annotated[float, BeforeValidator(_share)]
-
-
-def _compiles(value: str) -> str:
-    compiled(value)
-    return value
-
-
-#: A regular expression.
-Pattern = Annotated[str, AfterValidator(_compiles)]
-
-
-def _several(value: Any) -> Any:
-    return (value,) if isinstance(value, str) else value
-
-
-#: One or more regular expressions, of which the first counts that finds anything; the number is its last group.
-Patterns = Annotated[tuple[Pattern, ...], BeforeValidator(_several)]
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
+from grader import references as ref
 from grader.checks.finding import (
     Context,
-    Parameters,
-    Share,
     apart,
     environment_gap,
     failed,
@@ -34,6 +33,7 @@ from grader.evidence.recorded import Recorded
 from grader.evidence.timing import Timing, timing_of
 from grader.recording.plan import MalformedPlanError, Plan, Problem, Process
 from grader.recording.session import ProcessRun
+from grader.references import Parameters, Share
 from grader.result import Finding, Outcome, Where
 
 
@@ -55,8 +55,8 @@ def mended(context: Context, step: str, *kinds: str) -> list[Mapping[str, Any]]:
 class LaunchLoads(Parameters):
     """The launch file can be evaluated as `ros2 launch` would."""
 
-    artifact: str
-    step: str
+    artifact: ref.Artifact
+    step: ref.PlanLabel
 
 
 def launch_loads(context: Context, p: LaunchLoads) -> Finding:
@@ -128,7 +128,7 @@ class WantedArgument(Parameters):
 class LaunchArguments(Parameters):
     """The launch file declares arguments with defaults; each is a part, half for being declared."""
 
-    step: str
+    step: ref.PlanLabel
     arguments: tuple[WantedArgument, ...]
 
 
@@ -174,17 +174,19 @@ def launch_arguments(context: Context, p: LaunchArguments) -> Finding:
 class WantedNode(Parameters):
     """A node that the launch file starts."""
 
-    node: str
-    artifact: str
+    node: ref.RosName
+    artifact: ref.Artifact
     executable: str
-    charged_by: str
-    types_charged_by: str | None = Field(None, description="Check that charges parameters declared with a wrong type.")
+    charged_by: ref.EarlierCheckId
+    types_charged_by: ref.EarlierCheckId | None = Field(
+        None, description="Check that charges parameters declared with a wrong type."
+    )
 
 
 class LaunchNodes(Parameters):
     """The launch file starts nodes under their names; each is a part."""
 
-    step: str
+    step: ref.PlanLabel
     nodes: tuple[WantedNode, ...]
 
 
@@ -458,9 +460,9 @@ def _type_hint(sentence: str, name: str) -> tuple[str, bool]:
 class WantedNodeParameter(Parameters):
     """A parameter of a launched node, with the value for the default arguments and for others."""
 
-    node: str
+    node: ref.RosName
     executable: str
-    step: str
+    step: ref.GetLabel
     name: str
     value: Any
     other: Any = None
@@ -470,9 +472,9 @@ class WantedNodeParameter(Parameters):
 class LaunchParameters(Parameters):
     """Parameters reach the running nodes, and follow the launch arguments; each is a part."""
 
-    step: str
+    step: ref.PlanLabel
     parameters: tuple[WantedNodeParameter, ...]
-    other_step: str = Field(description="Step that evaluated the file with other arguments.")
+    other_step: ref.PlanLabel = Field(description="Step that evaluated the file with other arguments.")
 
 
 def launch_parameters(context: Context, p: LaunchParameters) -> Finding:
@@ -570,13 +572,13 @@ _NODE: Any = Field(None, description="The node that does it; if it is not up, th
 class TogetherCommands(Parameters):
     """Commands arrive as they do alone."""
 
-    topic: str
-    alone_session: str
-    charged_by: str
-    window: str
+    topic: ref.Topic
+    alone_session: ref.SessionId
+    charged_by: ref.EarlierCheckId
+    window: ref.Window
     least_share: Share = 0.8
-    node: str | None = _NODE
-    rate_step: str | None = Field(None, description="Step that read the parameter below in the running node.")
+    node: ref.RosName | None = _NODE
+    rate_step: ref.GetLabel | None = Field(None, description="Step that read the parameter below in the running node.")
     rate_parameter: str | None = Field(
         None, description="Parameter that sets the rate; which value it is given is judged elsewhere."
     )
@@ -585,20 +587,20 @@ class TogetherCommands(Parameters):
 class TogetherFollows(Parameters):
     """The arm moves as it is commanded."""
 
-    topic: str
-    command: str
-    field: str
+    topic: ref.Topic
+    command: ref.Topic
+    field: ref.FieldPath
     index: int
-    charged_by: str
-    node: str | None = _NODE
+    charged_by: ref.EarlierCheckId
+    node: ref.RosName | None = _NODE
 
 
 class TogetherAnswers(Parameters):
     """The service answers."""
 
-    step: str
-    charged_by: str
-    node: str | None = _NODE
+    step: ref.CallLabel
+    charged_by: ref.EarlierCheckId
+    node: ref.RosName | None = _NODE
 
 
 class LaunchTogether(Parameters):

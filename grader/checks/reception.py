@@ -11,12 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from grader import references as ref
 from grader.checks.finding import (
     Context,
-    Parameters,
-    Pattern,
-    Patterns,
-    Share,
     apart,
     failed,
     graded,
@@ -37,35 +34,38 @@ from grader.checks.traffic import claimed_at, claimed_qos, in_namespace, student
 from grader.evidence.printed import PrintedVector, Report, printed_vector, reports
 from grader.evidence.recorded import Span
 from grader.patterns import search
-from grader.recording.session import Endpoint, OutputLine, ProcessRun, StepRun
+from grader.recording.session import Endpoint, OutputLine, ProcessRun, Qos, StepRun
+from grader.references import Parameters, Pattern, Patterns, Share
 from grader.result import Finding, Outcome, Where
 
 
 class WantedTopic(Parameters):
     """A topic to which the node subscribes."""
 
-    topic: str
-    type: str
+    topic: ref.RosName
+    type: ref.MessageType
 
 
 class OfferedProfile(Parameters):
     """The QoS with which the other side publishes in the lab's words."""
 
-    reliability: str = "reliable"
-    durability: str = "volatile"
+    reliability: ref.Reliability = "reliable"
+    durability: ref.Durability = "volatile"
 
 
 class TopicsSubscribed(Parameters):
     """A node subscribes to topics, with types and QoS that fit; each topic is a part."""
 
-    artifact: str
+    artifact: ref.Artifact
     topics: tuple[WantedTopic, ...]
     offered: OfferedProfile = OfferedProfile()
-    reliability: str | None = Field(None, description="What the lab lets them request; another one is only noted.")
-    node: str | None = None
+    reliability: ref.Reliability | None = Field(
+        None, description="What the lab lets them request; another one is only noted."
+    )
+    node: ref.RosName | None = None
 
 
-def clash(requested: Endpoint, offered: OfferedProfile) -> str | None:
+def clash(requested: Endpoint, offered: OfferedProfile | Qos) -> str | None:
     """Return the policy on which a subscription's request and an offer are incompatible, in words, or None.
 
     References
@@ -160,10 +160,10 @@ def _judge_subscription(
 class Streams(Parameters):
     """Base of checks that compare an artifact's reports with an oracle over recorded topics."""
 
-    artifact: str
-    streams: Mapping[str, str] = Field(description="Role that the oracle knows -> topic.")
-    field: str
-    oracle: str = Field(description="file.py:function beside the rubric.")
+    artifact: ref.Artifact
+    streams: Mapping[str, ref.Topic] = Field(description="Role that the oracle knows -> topic.")
+    field: ref.FieldPath
+    oracle: ref.Loadable = Field(description="file.py:function beside the rubric.")
     parameters: Mapping[str, Any] = Field(default_factory=dict, description="Passed on to the oracle.")
 
 
@@ -173,7 +173,9 @@ class Alternative(Parameters):
     parameters: Mapping[str, Any]
     meaning: str
     credit: float = Field(0.0, ge=0, le=1)
-    charged_by: tuple[str, ...] = Field((), description="Where one of these checks took points, none are lost here.")
+    charged_by: tuple[ref.EarlierCheckId, ...] = Field(
+        (), description="Where one of these checks took points, none are lost here."
+    )
 
     def finding(
         self,
@@ -206,7 +208,7 @@ class ReportedSeries(Streams):
     settle_s: float = Field(0.05, description="Reports this close to a span's ends do not count.")
     alternatives: tuple[Alternative, ...] = ()
     smoothed_credit: float = Field(0.5, ge=0, le=1, description="Credit of reports that reach each value slowly.")
-    end_charged_by: str | None = Field(
+    end_charged_by: ref.CheckId | None = Field(
         None, description="Check that charges a node that ends early; then only half of the spans must be reached."
     )
 
@@ -433,7 +435,7 @@ def _formula(ratios: Sequence[float], spans: int, context: Context, p: Streams) 
 class Shorter(Parameters):
     """Another session, in which a node that also needs fewer messages prints its numbers too."""
 
-    session: str
+    session: ref.SessionId
     least: int = Field(description="Messages from which there must be numbers.")
     most: int = Field(description="With so many messages it would be no shorter run.")
     credit: float = Field(0.5, ge=0, le=1, description="Credit of a node that prints nothing there.")
@@ -715,9 +717,9 @@ def _comparable(context: Context, p: ReportedStatistics) -> int:
 class Survives(Parameters):
     """A process is still alive after a step that tests its nerves."""
 
-    artifact: str
-    step: str
-    until: str | None = Field(None, description="A later step; what ends after that one's start has survived.")
+    artifact: ref.Artifact
+    step: ref.AnyStep
+    until: ref.AnyStep | None = Field(None, description="A later step; what ends after that one's start has survived.")
     quiet: Patterns = Field((), description="A report that cannot be made yet, before the later step starts.")
     quiet_credit: float = Field(0.5, ge=0, le=1, description="Credit of a node that makes it all the same.")
 

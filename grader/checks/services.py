@@ -6,14 +6,13 @@ All answers come from the grader's own client calls.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any
 
 from pydantic import Field
 
+from grader import references as ref
 from grader.checks.finding import (
     Context,
-    Parameters,
-    Pattern,
     apart,
     ended_already,
     failed,
@@ -33,16 +32,17 @@ from grader.checks.traffic import claimed_at, in_namespace
 from grader.evidence.recorded import Span
 from grader.patterns import search, without
 from grader.recording.session import StepRun
+from grader.references import Parameters, Pattern
 from grader.result import Finding, Outcome, Where
 
 
 class ServiceOffered(Parameters):
     """A node offers a service of a type under a name."""
 
-    artifact: str
-    service: str
-    type: str
-    node: str | None = None
+    artifact: ref.Artifact
+    service: ref.RosName
+    type: ref.ServiceType
+    node: ref.RosName | None = None
 
 
 def service_offered(context: Context, p: ServiceOffered) -> Finding:
@@ -84,26 +84,30 @@ def service_offered(context: Context, p: ServiceOffered) -> Finding:
 class Given(Parameters):
     """A parameter with the value under which an answer is asked for; its own default is judged elsewhere."""
 
-    step: str = Field(description="The step that read the parameter.")
+    step: ref.GetLabel = Field(description="The step that read the parameter.")
     name: str
     value: Any
-    instead: str = Field(description="The call that counts where the node began with another value.")
+    instead: ref.CallLabel = Field(description="The call that counts where the node began with another value.")
 
 
 class CallAnswered(Parameters):
     """A call is answered with the right values; an empty message, or another answer later, costs a quarter."""
 
-    artifact: str
-    step: str
-    response: Mapping[str, Any] = Field(description="Fields that must have these values.")
-    message_field: str = "message"
+    artifact: ref.Artifact
+    step: ref.CallLabel
+    response: Annotated[Mapping[str, Any], ref.fields_of_type("_Response", "step")] = Field(
+        description="Fields that must have these values."
+    )
+    message_field: Annotated[str, ref.fields_of_type("_Response", "step")] = "message"
     message: Pattern | None = Field(None, description="Regular expression for the message field.")
     contrary: Pattern | None = Field(None, description="A message that matches says the contrary: no credit.")
-    again: str | None = Field(None, description="A later step with the same request, to be answered alike.")
-    again_charged_by: str | None = Field(
+    again: ref.CallLabel | None = Field(None, description="A later step with the same request, to be answered alike.")
+    again_charged_by: ref.EarlierCheckId | None = Field(
         None, description="Where this check took points, neither a later answer nor a contrary message takes any."
     )
-    opposite: str | None = Field(None, description="A step at which this answer would be wrong, to see a mix-up.")
+    opposite: ref.CallLabel | None = Field(
+        None, description="A step at which this answer would be wrong, to see a mix-up."
+    )
     given: Given | None = Field(None, description="A parameter on which the answer depends.")
 
 
@@ -272,14 +276,16 @@ def _contrary(context: Context, p: CallAnswered, first: Mapping[str, Any]) -> Ma
 class CallGated(Parameters):
     """A parameter decides over the answer, and may be changed while the node runs."""
 
-    set_step: str = Field(description="The step that sets the parameter.")
-    refused_step: str
-    recovered_step: str
-    from_start_step: str = Field(description="The call to a node that had the parameter from its start.")
-    enables: str | None = Field(None, description="Check of the answer while all is well; without it nothing is said.")
-    refused: Mapping[str, Any]
-    recovered: Mapping[str, Any]
-    message_field: str = "message"
+    set_step: ref.SetLabel = Field(description="The step that sets the parameter.")
+    refused_step: ref.CallLabel
+    recovered_step: ref.CallLabel
+    from_start_step: ref.CallLabel = Field(description="The call to a node that had the parameter from its start.")
+    enables: ref.EarlierCheckId | None = Field(
+        None, description="Check of the answer while all is well; without it nothing is said."
+    )
+    refused: Annotated[Mapping[str, Any], ref.fields_of_type("_Response", "refused_step")]
+    recovered: Annotated[Mapping[str, Any], ref.fields_of_type("_Response", "recovered_step")]
+    message_field: Annotated[str, ref.fields_of_type("_Response", "refused_step")] = "message"
     refusal: Pattern | None = Field(None, description="A message that refuses, whatever the other fields say: half.")
 
 
@@ -357,14 +363,14 @@ class WantedParameter(Parameters):
     """A parameter with its type and default."""
 
     name: str
-    type: str
+    type: ref.ParameterType
     value: Any
 
 
 class ParametersDeclared(Parameters):
     """A node declares parameters with defaults; each is a part, half for being declared."""
 
-    step: str
+    step: ref.GetLabel
     parameters: tuple[WantedParameter, ...]
 
 
@@ -402,7 +408,7 @@ def parameters_declared(context: Context, p: ParametersDeclared) -> Finding:
 class CallsInTime(Parameters):
     """Calls back to back are each answered in time."""
 
-    step: str
+    step: ref.CallLabel
     within_s: float = Field(gt=0)
     enough: int = Field(10, description="Where all were in time, so many will do if there was no time for more.")
 

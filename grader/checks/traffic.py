@@ -10,11 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import Field
 
+from grader import references as ref
 from grader.checks.finding import (
     STEPS,
     Context,
-    Parameters,
-    Share,
     apart,
     ended_already,
     failed,
@@ -37,6 +36,7 @@ from grader.evidence.recorded import Floats, NumericStream, Span
 from grader.evidence.timing import Timing, timing_of
 from grader.evidence.waves import Sinusoid, fit_sinusoid
 from grader.recording.session import Endpoint, Qos
+from grader.references import Parameters, Share
 from grader.result import Finding, Where
 
 _NUMBER = re.compile(r"\d+(?:\.\d*)?(?:[eE][+-]?\d+)?")
@@ -45,10 +45,10 @@ _NUMBER = re.compile(r"\d+(?:\.\d*)?(?:[eE][+-]?\d+)?")
 class TopicPublished(Parameters):
     """A node publishes a type on a topic. Name, type and node name count in parts."""
 
-    artifact: str
-    topic: str
-    type: str
-    node: str | None = Field(None, description="Fully qualified name that the node should have.")
+    artifact: ref.Artifact
+    topic: ref.RosName
+    type: ref.MessageType
+    node: ref.RosName | None = Field(None, description="Fully qualified name that the node should have.")
 
 
 def student_endpoints(context: Context, topic: str, kind: str) -> tuple[Endpoint, ...]:
@@ -155,12 +155,12 @@ def _wrong_node(wanted: str | None, nodes: Sequence[str]) -> list[tuple[float, s
 class TopicRate(Parameters):
     """A topic is published at a rate; credit falls in even steps between two deviations."""
 
-    topic: str
-    process: str
+    topic: ref.Topic
+    process: ref.Process
     rate_hz: float = Field(gt=0)
     full_within: Share = Field(description="Relative deviation up to which credit is full, e.g. 2%.")
     zero_beyond: Share = Field(description="Relative deviation from which there is none.")
-    window: str | None = Field(None, description="Label of the observe step; else the whole session.")
+    window: ref.Window | None = Field(None, description="Label of the observe step; else the whole session.")
 
 
 @dataclass(frozen=True)
@@ -383,12 +383,12 @@ _CONFIDENCE = 3.0
 class TopicJitter(Parameters):
     """Messages are evenly spaced: a quantile of the intervals' distances from their median."""
 
-    topic: str
-    process: str
+    topic: ref.Topic
+    process: ref.Process
     full_within_s: float = Field(gt=0)
     zero_beyond_s: float = Field(gt=0)
     share: Share = Field(0.95, description="The quantile.")
-    window: str | None = None
+    window: ref.Window | None = None
 
 
 def topic_jitter(context: Context, p: TopicJitter) -> Finding:
@@ -432,8 +432,8 @@ def topic_jitter(context: Context, p: TopicJitter) -> Finding:
 class MessageValues(Parameters):
     """Every message holds a number of finite values in a field."""
 
-    topic: str
-    field: str
+    topic: ref.Topic
+    field: ref.FieldPath
     length: int
 
 
@@ -473,8 +473,8 @@ class Component(Parameters):
 class Sinusoids(Parameters):
     """Elements of a message follow sinusoids, the others stay at zero."""
 
-    topic: str
-    field: str
+    topic: ref.Topic
+    field: ref.FieldPath
     components: tuple[Component, ...]
     tick_s: float = Field(gt=0, description="Time per message in the node's own reckoning.")
     others_still: int = Field(0, description="The elements up to this one that have no component stay at 0.")
@@ -618,10 +618,10 @@ def _badness(fit: Sinusoid, c: Component) -> float:
 class OfferedQos(Parameters):
     """A publisher offers a QoS profile; what discovery does not carry is taken from the source, as advice only."""
 
-    topic: str
-    reliability: str | None = None
-    durability: str | None = None
-    history: str | None = None
+    topic: ref.Topic
+    reliability: ref.Reliability | None = None
+    durability: ref.Durability | None = None
+    history: ref.History | None = None
     depth: int | None = None
 
 

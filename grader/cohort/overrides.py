@@ -18,9 +18,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
-from grader.lined_yaml import Loc, Mistakes, Strict, cannot_be_read, parse_yaml
 from grader.policy import Moment, TimeSpan, parse_time
 from grader.rubric import Rubric
+from grader.yaml_with_lines import Loc, Mistakes, Strict, cannot_be_read, parse_yaml
 
 OVERRIDES_FILE = "overrides.yaml"
 #: Stands for all submissions.

@@ -1,1 +1,12 @@
 """The commands of `grade`, a module each: `run(arguments, console)` parses, calls, prints, returns the exit status."""
+
+#: Command -> what it does; each is a module of `grader.commands`. Without one of these words, submissions are graded.
+COMMANDS = {
+    "regrade": "judge recordings again, without ROS",
+    "report": "the page over a class and its grades.csv, from results that are there",
+    "export": "write results in the forms of CI systems and learning platforms",
+    "selftest": "grade submissions whose verdict is known, and compare",
+    "doctor": "examine this machine: can it grade, how well does it confine, how quiet is it",
+    "checks": "list the checks that a rubric can use",
+    "rubric": "check a rubric, or print its JSON Schema for an editor",
+}

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import types
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Literal, Union, get_args, get_origin
+from typing import Any
 
-from pydantic import BaseModel
-from pydantic.fields import FieldInfo
 from rich.console import Console
 from rich.padding import Padding
 from rich.text import Text
 
-_KINDS = {str: "text", float: "number", int: "whole number", bool: "true or false"}
+_KINDS = {"string": "text", "number": "number", "integer": "whole number", "boolean": "true or false"}
 
 
 def run(arguments: Sequence[str], console: Console) -> int:
@@ -24,37 +21,32 @@ def run(arguments: Sequence[str], console: Console) -> int:
         arguments
     )
     for name, check in REGISTRY.items():
-        console.print(f"[bold]{name}[/]: {' '.join((check.parameters.__doc__ or '').split())}")
-        for key, field in check.parameters.model_fields.items():
-            said = f"{key}: {_kind(field.annotation)}, {_need(field)}. {field.description or ''}".rstrip()
-            console.print(Padding(Text(said), (0, 0, 0, 4), expand=False))
+        schema = check.parameters.model_json_schema()
+        console.print(f"[bold]{name}[/]: {' '.join(schema['description'].split())}")
+        for key, part in schema.get("properties", {}).items():
+            words = f"{key}: {_kind(part, schema)}, {_need(key, part, schema)}. {part.get('description', '')}".rstrip()
+            console.print(Padding(Text(words), (0, 0, 0, 4), expand=False))
     return 0
 
 
-def _need(field: FieldInfo) -> str:
-    if field.is_required():
+def _need(key: str, part: Mapping[str, Any], schema: Mapping[str, Any]) -> str:
+    if key in schema.get("required", ()):
         return "required"
-    default = field.get_default(call_default_factory=True)
-    if default is None or default in ((), {}):
-        return "optional"
-    if isinstance(default, BaseModel):
-        default = default.model_dump()
-    return f"default {default!r}"
+    default = part.get("default")
+    return "optional" if default is None or default in ([], {}) else f"default {default!r}"
 
 
-def _kind(annotation: Any) -> str:
-    """Say what stands in YAML for a type."""
-    origin, inner = get_origin(annotation), get_args(annotation)
-    if origin is Annotated:
-        return _kind(inner[0])
-    if origin in (Union, types.UnionType):
-        return " or ".join(_kind(each) for each in inner if each is not type(None))
-    if origin is Literal:
-        return " or ".join(map(repr, inner))
-    if origin is tuple:
-        return f"list ({_kind(inner[0])} each)"
-    if origin is not None and issubclass(origin, Mapping):
+def _kind(part: Mapping[str, Any], schema: Mapping[str, Any]) -> str:
+    """Say what stands in YAML for a part of a JSON Schema."""
+    if "$ref" in part:
+        model = schema["$defs"][part["$ref"].rpartition("/")[2]]
+        return f"mapping ({', '.join(model['properties'])})"
+    if "anyOf" in part:
+        return " or ".join(_kind(each, schema) for each in part["anyOf"] if each.get("type") != "null")
+    if "enum" in part or "const" in part:
+        return " or ".join(map(repr, part.get("enum", [part.get("const")])))
+    if part.get("type") == "array":
+        return f"list ({_kind(part['items'], schema)} each)"
+    if part.get("type") == "object":
         return "mapping"
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return f"mapping ({', '.join(annotation.model_fields)})"
-    return _KINDS.get(annotation, "any value")
+    return _KINDS.get(part.get("type", ""), "any value")

@@ -123,7 +123,9 @@ def _add_class(parser: argparse.ArgumentParser) -> None:
         help="let results take the place of those that were made from another path under the same name",
     )
     group.add_argument(
-        "--anonymous", action="store_true", help="pseudonyms instead of names on the class page and in grades.csv"
+        "--anonymous",
+        action="store_true",
+        help="also write index-anonymous.html and grades-anonymous.csv, with pseudonyms instead of names",
     )
     group.add_argument(
         "--scheduler",
@@ -135,16 +137,23 @@ def _add_class(parser: argparse.ArgumentParser) -> None:
 def run(arguments: Sequence[str], console: Console, epilog: str = "") -> int:
     """Grade the submissions; returns the exit status."""
     from grader import pipeline
+    from grader.batch.rejudging import recorded_in
+    from grader.commands.meant import require_submissions
     from grader.live.scratch import remove_leavings
 
     parser = _parser(epilog)
     options = parser.parse_args(arguments)
     rubric = pipeline.read_rubric(options.rubric)
     pipeline.require_sessions(_sessions(options) or (), rubric)
+    require_submissions(options.submissions, rubric)
     found = _found(options, rubric)
     several = len(found.submissions) > 1 or options.scheduler is not None
     sources = [handed.source for handed in found.submissions]
     require_no_links(options.output, sources)
+    for folder in recorded_in(options.output):
+        pipeline.require_lab(folder, rubric, "Give another folder for these results by -o.")
+    for target in options.exports:
+        require_no_links(target.path(options.output).parent, sources, inside=False)
     if options.overrides is None and (ignored := uncounted_overrides(options.output, sources)) is not None:
         console.print(Text(f"Note: {terminal_text(ignored)}", "yellow"), soft_wrap=True)
     if several and options.timings:
@@ -363,6 +372,7 @@ def _report_class(
     from grader.batch.class_entries import entries_of, student_of
     from grader.batch.class_list import read_class_list
     from grader.cohort.roster import with_roster
+    from grader.commands.report import print_class_files
 
     entries = entries_of(options.output, rows, missing)
     known = {*(row.handed.name for row in rows), *missing}
@@ -371,9 +381,11 @@ def _report_class(
         console.print(Text(told, "yellow"), soft_wrap=True)
     if options.class_list is not None:
         entries = with_roster(entries, map(student_of, read_class_list(options.class_list)))
-    pipeline.report_class(options.output, entries, rubric, anonymous=options.anonymous)
-    console.print(f"Class: {options.output / pipeline.CLASS_PAGE}", soft_wrap=True, markup=False)
-    console.print(f"Grades: {options.output / pipeline.GRADES_FILE}", soft_wrap=True, markup=False)
+    pipeline.report_class(options.output, entries, rubric)
+    print_class_files(options.output, console)
+    if options.anonymous:
+        pipeline.report_class(options.output, entries, rubric, anonymous=True)
+        print_class_files(options.output, console, anonymous=True)
 
 
 def _status(row: Row, least: Decimal | None) -> int:

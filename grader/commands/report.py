@@ -22,7 +22,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("results", type=Path, metavar="RESULTS_DIR", help="results of a class, e.g. results/")
     parser.add_argument(
-        "--anonymous", action="store_true", help="pseudonyms instead of names; no links, student ids or times"
+        "--anonymous",
+        action="store_true",
+        help="write index-anonymous.html and grades-anonymous.csv instead: pseudonyms, no links, student ids or times",
     )
     parser.add_argument(
         "--class-list",
@@ -49,13 +51,18 @@ def run(arguments: Sequence[str], console: Console) -> int:
     options = _parser().parse_args(arguments)
     entries = entries_in(options.results)
     if not entries:
+        remedy = "Give the folder that holds a folder of results for each submission, e.g. results/."
+        if (options.results / pipeline.RECORDINGS).is_dir():
+            remedy = f"These are the results of one submission, whose page is {pipeline.REPORT_FILE}. {remedy}"
         raise SubmissionError(
             "there are no results of submissions in it" if options.results.is_dir() else "there is no such folder",
             where=str(options.results),
-            remedy="Give the folder that holds a folder of results for each submission, e.g. results/.",
+            remedy=remedy,
         )
     copy = None if options.rubric else pipeline.rubric_of_class(options.results, entries)
     rubric = pipeline.recorded_rubric(copy) if copy else pipeline.read_rubric(options.rubric)
+    for entry in entries:
+        pipeline.require_lab(options.results / entry.name, rubric, "Part the results of the labs into two folders.")
     if options.class_list is not None:
         entries = with_roster(entries, map(student_of, read_class_list(options.class_list)))
     summary = pipeline.report_class(options.results, entries, rubric, anonymous=options.anonymous)
@@ -64,6 +71,15 @@ def run(arguments: Sequence[str], console: Console) -> int:
     median = f", median {tenths(summary.spread.median)} of {tenths(summary.spread.possible)}" if summary.spread else ""
     attention = f"{needy} need{'s' * (needy == 1)} attention"
     console.print(f"{len(entries)} submission{'s' * (len(entries) != 1)}, {graded} graded{median}; {attention}.")
-    console.print(f"Class: {options.results / pipeline.CLASS_PAGE}", soft_wrap=True, markup=False)
-    console.print(f"Grades: {options.results / pipeline.GRADES_FILE}", soft_wrap=True, markup=False)
+    print_class_files(options.results, console, anonymous=options.anonymous)
     return 0
+
+
+def print_class_files(results: Path, console: Console, *, anonymous: bool = False) -> None:
+    """Print where the page over a class and the table of grades lie."""
+    from grader import pipeline
+
+    page = pipeline.ANONYMOUS_PAGE if anonymous else pipeline.CLASS_PAGE
+    grades = pipeline.ANONYMOUS_GRADES_FILE if anonymous else pipeline.GRADES_FILE
+    console.print(f"Class: {results / page}", soft_wrap=True, markup=False)
+    console.print(f"Grades: {results / grades}", soft_wrap=True, markup=False)

@@ -48,7 +48,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("names", nargs="*", metavar="NAME", help="only these fixtures; 'solution' is the lab's own")
     parser.add_argument("--rubric", type=Path, metavar="FILE", help="rubric (default: that of the lab)")
     parser.add_argument(
-        "--fixtures", type=Path, metavar="DIR", help="folder of fixtures (default: that of the checkout)"
+        "--fixtures", type=Path, metavar="DIR", help="folder of fixtures (default: fixtures/ beside the rubric)"
     )
     parser.add_argument("--quick", action="store_true", help="only a few, in about a minute")
     parser.add_argument("-j", "--jobs", type=count, metavar="N", help="sessions side by side (default: as cores allow)")
@@ -81,18 +81,18 @@ def _fixtures(options: argparse.Namespace, rubric: Rubric, console: Console) -> 
     """Return what is to be graded: the lab's solution, and the fixtures where there are any."""
     from grader.batch.expectations import fixtures_in, solution
     from grader.batch.trials import quick
-    from grader.pipeline import lab_folder
 
     found = []
     if rubric.lab.solution is not None and (rubric.folder / rubric.lab.solution).is_dir():
         found.append(solution(rubric.folder / rubric.lab.solution, rubric))
     else:
         console.print("The rubric names no solution that is here (lab.solution).")
-    folder: Path = options.fixtures or lab_folder() / "fixtures"
+    folder: Path = options.fixtures or rubric.folder / "fixtures"
     if options.fixtures is not None or folder.is_dir():
         found += fixtures_in(folder)
     else:
-        console.print("Fixtures come with a checkout only; --fixtures names another folder of them.")
+        told = f"Lab {rubric.lab.id} has no fixtures here; --fixtures names a folder of them."
+        console.print(Text(terminal_text(told)), soft_wrap=True)
     if not found:
         raise SubmissionError(
             "there is nothing to grade", remedy="Name a folder of fixtures, or a solution in the rubric."

@@ -10,17 +10,19 @@ import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from grader import references as ref
 from grader.evidence.oracle import load_oracle
 from grader.evidence.printed import reports
 from grader.evidence.recorded import Floats, Integers, NumericStream, Recorded
 from grader.evidence.timing import timing_of
 from grader.recording.bag import Stream
 from grader.recording.session import UNKNOWN_NODE, Claim, Endpoint, StepRun
+from grader.references import Parameters, Patterns
 from grader.rubric import FigureSpec
 
 MOST_POINTS = 400
@@ -254,45 +256,56 @@ Figure = Intervals | Rate | Series | Reports | Calls | PlanTree | QosTable | Lat
 # -- parameters --------------------------------------------------------------------------------
 
 
-class _With(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+class ExpectedRate(Parameters):
+    """A topic, and at which rate messages are expected on it."""
 
-
-class _TopicRate(_With):
-    topic: str
+    topic: ref.Topic
     rate_hz: float = Field(gt=0)
 
 
-class _Elements(_With):
-    topics: dict[str, str] = Field(description="Role -> topic.")
-    field: str
+class Elements(Parameters):
+    """Elements of an array in the messages of some topics."""
+
+    topics: dict[str, ref.Topic] = Field(description="Role -> topic.")
+    field: ref.FieldPath
     indices: tuple[int, ...] | None = None
     unit: str = ""
 
 
-class _Reported(_With):
-    artifact: str
-    pattern: str | tuple[str, ...]
-    streams: dict[str, str]
-    field: str
-    oracle: str
+class Reported(Parameters):
+    """What a process reports, and the oracle that knows what is right."""
+
+    artifact: ref.Artifact
+    pattern: Patterns
+    streams: dict[str, ref.Topic]
+    field: ref.FieldPath
+    oracle: ref.Loadable
     parameters: dict[str, Any] = Field(default_factory=dict)
     unit: str = ""
 
 
-class _Service(_With):
-    service: str
+class OfService(Parameters):
+    """A service."""
+
+    service: ref.Topic
 
 
-class _Nothing(_With):
-    pass
+class Nothing(Parameters):
+    """No settings."""
 
 
-class _Topics(_With):
-    topics: tuple[str, ...]
+class Topics(Parameters):
+    """Some topics."""
+
+    topics: tuple[ref.Topic, ...]
 
 
-_P = TypeVar("_P", bound=_With)
+@dataclass(frozen=True)
+class FigureKind:
+    """A kind of figure: its parameters' model, and what takes its data out of a recording."""
+
+    parameters: type[Parameters]
+    data: Callable[[FigureSpec, Any, Recorded, Path], Figure | None]
 
 
 def draw(spec: FigureSpec, recorded: Recorded, lab_folder: Path) -> Figure | None:
@@ -311,20 +324,8 @@ def draw(spec: FigureSpec, recorded: Recorded, lab_folder: Path) -> Figure | Non
     -------
     Figure or None
         None where nothing was recorded that could be shown.
-
-    Raises
-    ------
-    ValueError
-        If there is no such kind, or its settings are wrong: mistakes in the rubric.
     """
-    maker = _KINDS.get(spec.kind)
-    if maker is None:
-        raise ValueError(f"there is no figure of kind {spec.kind!r}; known are {', '.join(sorted(_KINDS))}")
-    return maker(spec, recorded, lab_folder)
-
-
-def _settings(model: type[_P], spec: FigureSpec) -> _P:
-    return model.model_validate(spec.with_)
+    return FIGURES[spec.kind].data(spec, spec.parameters, recorded, lab_folder)
 
 
 # -- times -------------------------------------------------------------------------------------
@@ -355,8 +356,7 @@ def _plausible(stream: Stream) -> Stream:
     )
 
 
-def _intervals(spec: FigureSpec, recorded: Recorded, lab_folder: Path) -> Intervals | None:
-    p = _settings(_TopicRate, spec)
+def _intervals(spec: FigureSpec, p: ExpectedRate, recorded: Recorded, lab_folder: Path) -> Intervals | None:
     timing = timing_of(_plausible(recorded.stream(p.topic)), None)
     if timing is None or not len(timing.intervals_s):
         return None
@@ -381,8 +381,7 @@ def _intervals(spec: FigureSpec, recorded: Recorded, lab_folder: Path) -> Interv
     )
 
 
-def _rate(spec: FigureSpec, recorded: Recorded, lab_folder: Path) -> Rate | None:
-    p = _settings(_TopicRate, spec)
+def _rate(spec: FigureSpec, p: ExpectedRate, recorded: Recorded, lab_folder: Path) -> Rate | None:
     stream = _plausible(recorded.stream(p.topic))
     if len(stream) < 3:
         return None
@@ -421,8 +420,7 @@ def _near(stream: NumericStream) -> NumericStream:
     return NumericStream(stream.source_ns[kept], stream.received_ns[kept], stream.sequence[kept], stream.values[kept])
 
 
-def _series(spec: FigureSpec, recorded: Recorded, lab_folder: Path) -> Series | None:
-    p = _settings(_Elements, spec)
+def _series(spec: FigureSpec, p: Elements, recorded: Recorded, lab_folder: Path) -> Series | None:
     lines: list[Line] = []
     left_out = 0
     for role, topic in p.topics.items():
@@ -444,7 +442,7 @@ def _series(spec: FigureSpec, recorded: Recorded, lab_folder: Path) -> Series | 
     return Series(spec.title, spec.session, p.field, p.unit, tuple(lines), left_out)
 
 
-def _plateaus(p: _Reported, recorded: Recorded, lab_folder: Path) -> tuple[Plateau, ...]:
+def _plateaus(p: Reported, recorded: Recorded, lab_folder: Path) -> tuple[Plateau, ...]:
     oracle = load_oracle(lab_folder, p.oracle)
     found = {role: recorded.numeric(topic, p.field) for role, topic in p.streams.items()}
     streams = {role: stream for role, stream in found.items() if stream is not None}
@@ -460,10 +458,8 @@ def _plateaus(p: _Reported, recorded: Recorded, lab_folder: Path) -> tuple[Plate
     )
 
 
-def _reports(spec: FigureSpec, recorded: Recorded, lab_folder: Path) -> Reports | None:
-    p = _settings(_Reported, spec)
-    patterns = (p.pattern,) if isinstance(p.pattern, str) else p.pattern
-    said = [r for r in reports(recorded, p.artifact, patterns) if abs(r.value) < _FAR]
+def _reports(spec: FigureSpec, p: Reported, recorded: Recorded, lab_folder: Path) -> Reports | None:
+    said = [r for r in reports(recorded, p.artifact, p.pattern) if abs(r.value) < _FAR]
     plateaus = _plateaus(p, recorded, lab_folder)
     if not said and not plateaus:
         return None
@@ -476,8 +472,8 @@ def _reports(spec: FigureSpec, recorded: Recorded, lab_folder: Path) -> Reports 
 # -- services ----------------------------------------------------------------------------------
 
 
-def _calls(spec: FigureSpec, recorded: Recorded, lab_folder: Path) -> Calls | None:
-    service = recorded.used(_settings(_Service, spec).service)
+def _calls(spec: FigureSpec, p: OfService, recorded: Recorded, lab_folder: Path) -> Calls | None:
+    service = recorded.used(p.service)
     groups = tuple(
         _call_group(step, recorded)
         for step in recorded.record.steps
@@ -535,8 +531,7 @@ def _fields(values: Any) -> str:
 # -- launch files ------------------------------------------------------------------------------
 
 
-def _plan(spec: FigureSpec, recorded: Recorded, lab_folder: Path) -> PlanTree | None:
-    _settings(_Nothing, spec)
+def _plan(spec: FigureSpec, p: Nothing, recorded: Recorded, lab_folder: Path) -> PlanTree | None:
     plan = recorded.record.plan
     if not isinstance(plan, Mapping) or not plan:
         return None
@@ -712,11 +707,10 @@ def _dotted(prefix: str, values: Mapping[str, Any]) -> Iterable[tuple[str, Any]]
 # -- QoS ---------------------------------------------------------------------------------------
 
 
-def _qos_table(spec: FigureSpec, recorded: Recorded, lab_folder: Path) -> QosTable | None:
-    topics = _settings(_Topics, spec).topics
+def _qos_table(spec: FigureSpec, p: Topics, recorded: Recorded, lab_folder: Path) -> QosTable | None:
     rows = [
         _qos_row(endpoint, recorded)
-        for topic in topics
+        for topic in p.topics
         for kind in ("publisher", "subscription")
         for endpoint in _named(recorded.endpoints_on(topic, kind))[:MOST_ELEMENTS]
     ]
@@ -756,8 +750,8 @@ def _claim(endpoint: Endpoint, claims: Sequence[Claim]) -> Claim | None:
     return next(iter(of_node or fitting), None)
 
 
-def _latency(spec: FigureSpec, recorded: Recorded, lab_folder: Path) -> Latency | None:
-    found = [_distribution(recorded, topic) for topic in _settings(_Topics, spec).topics]
+def _latency(spec: FigureSpec, p: Topics, recorded: Recorded, lab_folder: Path) -> Latency | None:
+    found = [_distribution(recorded, topic) for topic in p.topics]
     there = tuple(d for d in found if d is not None)
     return Latency(spec.title, spec.session, there) if there else None
 
@@ -782,13 +776,13 @@ def _distribution(recorded: Recorded, topic: str) -> Distribution | None:
     )
 
 
-_KINDS: Mapping[str, Callable[[FigureSpec, Recorded, Path], Figure | None]] = {
-    "intervals": _intervals,
-    "rate": _rate,
-    "series": _series,
-    "reports": _reports,
-    "calls": _calls,
-    "plan": _plan,
-    "qos_table": _qos_table,
-    "latency": _latency,
+FIGURES: dict[str, FigureKind] = {
+    "intervals": FigureKind(ExpectedRate, _intervals),
+    "rate": FigureKind(ExpectedRate, _rate),
+    "series": FigureKind(Elements, _series),
+    "reports": FigureKind(Reported, _reports),
+    "calls": FigureKind(OfService, _calls),
+    "plan": FigureKind(Nothing, _plan),
+    "qos_table": FigureKind(Topics, _qos_table),
+    "latency": FigureKind(Topics, _latency),
 }

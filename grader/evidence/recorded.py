@@ -36,6 +36,9 @@ _STEP_S, _SLEW = 0.002, 0.001
 
 #: The kernel tells a core's idle time in hundredths of a second; both ends of a span may be off by one.
 _IDLE_ERROR_S = 0.02
+#: A thread by itself waits for no longer than its program does not compute; what is more than that by this share of a
+#: span, which is more than what samples leave open, are waits of several at once.
+_AT_ONCE = 0.25
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -258,7 +261,11 @@ class Recorded:
         if len(run.usage) < 2:
             return 0.0
         idle_s = max(0.0, span.duration_s - self.cpu_s(run, span))
-        delay_s = min(_delay_ns(run, span) / 1e9, self._others_s(run, span)) + _stolen_s(self.record, span)
+        delay_s, others_s = _delay_ns(run, span) / 1e9, self._others_s(run, span)
+        if delay_s > idle_s + _AT_ONCE * span.duration_s and others_s < float("inf"):
+            # Several waited at once, for each other too: of that others have the share in which they had the core.
+            others_s *= others_s / max(span.duration_s, others_s)
+        delay_s = min(delay_s, others_s) + _stolen_s(self.record, span)
         return min(max(delay_s, self.stalled_s(span)), idle_s)
 
     def _others_s(self, run: ProcessRun, span: Span) -> float:

@@ -18,6 +18,7 @@ from itertools import islice
 from pathlib import Path, PurePosixPath
 from typing import BinaryIO, NoReturn
 
+from grader.beneath import open_regular_beneath
 from grader.errors import SubmissionError
 from grader.intake import names
 from grader.intake.archives import (
@@ -533,10 +534,10 @@ def _names_of(file: BinaryIO) -> list[str] | None:
     return found if len(found) <= _MOST_LISTED else None
 
 
-def text_of(path: Path, most_bytes: int) -> str | None:
-    """Return the text of a file that a system wrote beside submissions; None if it cannot be read."""
+def text_of(folder: Path, name: str, most_bytes: int) -> str | None:
+    """Return the text of a file that a system wrote beside submissions; None if it cannot be read or lies elsewhere."""
     try:
-        with os.fdopen(open_regular(path), "rb") as file:
+        with os.fdopen(open_regular_beneath(folder, name), "rb") as file:
             return file.read(most_bytes).decode("utf-8", "replace")
     except OSError:
         return None

@@ -156,7 +156,10 @@ class Sessions:
     def _plan(self, spec: SessionSpec, folder: Path, scratch: Path, number: int) -> SessionPlan:
         return SessionPlan(
             session=spec.id,
-            steps=[{"kind": s.kind, "parameters": s.parameters, "label": s.label} for s in spec.steps],
+            steps=[
+                {"kind": s.kind, "parameters": s.parameters, "label": s.label, "words": s.step.describe()}
+                for s in spec.steps
+            ],
             seed=self.seed,
             folder=str(folder.resolve()),
             scratch=str(scratch),

@@ -74,7 +74,7 @@ class LaunchRunner:
         while True:
             # All evaluations share the time of one: a file that sleeps before each mistake gains none.
             left_s = max(_LEAST_EVALUATION_S, round(end_s - time.monotonic(), 1))
-            outcome, plan = await self._evaluate(source, arguments, left_s)
+            outcome, plan = await self._evaluate(source, arguments, left_s, parameters["timeout_s"])
             problem = plan.problem
             if problem is None or len(mended) >= _MAX_MENDS or not self._mend(problem, parameters["assume"], arguments):
                 break
@@ -117,8 +117,16 @@ class LaunchRunner:
         shutil.copy(Path(plan.staged) / plan.executables[meant[0]], folder / wanted)
         return True
 
-    async def _evaluate(self, source: str, arguments: dict[str, str], timeout_s: float) -> tuple[str, Plan]:
-        """Execute the launch file, confined, and read its plan from a pipe of its own."""
+    async def _evaluate(
+        self, source: str, arguments: dict[str, str], left_s: float, timeout_s: float
+    ) -> tuple[str, Plan]:
+        """Execute the launch file, confined, and read its plan from a pipe of its own.
+
+        Parameters
+        ----------
+        left_s : float
+            What is left to it of the time that is allowed, which is `timeout_s`.
+        """
         session = self._session
         if source in self._given_up:
             return "failed", self._given_up[source]
@@ -157,7 +165,7 @@ class LaunchRunner:
         request = {"file": f"{root}/{source}", "arguments": arguments, "root": root, "native": native is not None}
         running.write(json.dumps(request).encode())
         running.close_input()
-        in_time = await running.wait_exit(timeout_s)
+        in_time = await running.wait_exit(left_s)
         await running.kill()
         reader.close()
         text = received[0] if received else ""

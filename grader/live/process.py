@@ -308,8 +308,10 @@ class RunningProcess:
         for pid in self.descendants():
             if not _hold(pid, core) and user is not None:
                 _hold_as_user(pid, core, user)
-        if self.run.core != core:
-            self.run.core, self.run.held_ns = core, time.time_ns()
+        root = self.root_pid()
+        with suppress(OSError):
+            if root is not None and self.run.core != core and os.sched_getaffinity(self._pid() or root) == {core}:
+                self.run.core, self.run.held_ns = core, time.time_ns()
 
     def sample_usage(self) -> None:
         """Read CPU time and run-queue delay of all its processes and threads, while they exist."""

@@ -47,6 +47,7 @@ from grader.live.isolation import (
 )
 from grader.live.launched import LaunchRunner
 from grader.live.machine import sample_machine
+from grader.live.packet_filter import PacketFilter
 from grader.live.priority import put_self_first
 from grader.live.process import OutputRoom, PipeReader, RunningProcess
 from grader.live.process_table import descendants_of
@@ -63,7 +64,7 @@ from grader.recording.session import (
     Unrecorded,
     write_session,
 )
-from grader.recording.told import take_told
+from grader.recording.told import participants_told, take_told
 
 _WORKSPACE_BYTES = 256 * 1024 * 1024
 _SMALL_BYTES = 64 * 1024 * 1024
@@ -227,6 +228,7 @@ class Session:
         self._unstarted: list[tuple[ProcessRun, str]] = []
         self._room = OutputRoom()
         self._launch = LaunchRunner(self)
+        self._filter = PacketFilter()
         places = self.isolation.groups
         user = student_uid(self.isolation, plan.slot)
         self._group = CellGroup(places, f"cell-{user or plan.slot}") if places is not None else None
@@ -328,6 +330,7 @@ class Session:
             said = "; ".join(line.text for line in run.output[-5:])
             raise RuntimeError(f"the director did not start: {said}")
         director.running.put_standing()
+        self._filter.protect(director.running.root_pid() or 0)
 
     async def _start_trusted(
         self,
@@ -413,8 +416,11 @@ class Session:
             self.record.machine.append(sample_machine())
             for process in self.processes.values():
                 process.sample_usage()
+                if process.run.role == "reference" and process.alive:
+                    self._filter.protect(process.root_pid() or 0)  # it may have new sockets
             if self.director is not None:
                 self.director.running.sample_usage()
+                self._filter.protect(self.director.running.root_pid() or 0)
 
     # -- steps --------------------------------------------------------------------------------
 
@@ -425,7 +431,7 @@ class Session:
             _tell(
                 {
                     "event": "step",
-                    "text": _describe(step),
+                    "text": raw["words"],
                     "index": len(self.record.steps),
                     "of": len(self.plan.steps),
                 }
@@ -584,7 +590,8 @@ class Session:
         outcome, result = await self._wait_output(name, "ready", _REFERENCE_START_S)
         if outcome != "done":
             self.record.problems.append(f"the reference node {name} did not get ready")
-        self.processes[name].put_standing()
+        running.put_standing()
+        self._filter.protect(running.root_pid() or 0, next(participants_told(run), ""))
         return outcome, result
 
     def _types(self) -> dict[str, str]:
@@ -686,28 +693,6 @@ class Session:
 
 
 _NAMED = ("node", "publisher", "subscription", "service")
-
-
-def _describe(step: StepRun) -> str:
-    """Say in a few words what a step does, for the progress display."""
-    p = step.parameters
-    named = next(
-        (str(p[k]) for k in (*_NAMED, "output_of", "student", "launch", "reference", "process") if p.get(k)),
-        "",
-    )
-    words = {
-        "start": f"starting {named}",
-        "wait_for": f"waiting for {named}",
-        "call": f"calling {named}",
-        "publish": f"publishing on {p.get('topic', '')}",
-        "observe": f"observing for {p.get('duration_s', 0):g} s" if step.kind == "observe" else "",
-        "interrupt": f"interrupting {named}",
-        "wait_exit": f"waiting until {named} ends",
-        "plan": f"evaluating {named}",
-        "get_parameters": f"reading parameters of {named}",
-        "set_parameters": f"setting parameters of {named}",
-    }
-    return words[step.kind]
 
 
 def _tell(event: dict[str, Any]) -> None:

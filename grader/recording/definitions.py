@@ -10,7 +10,7 @@ import json
 import os
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -86,6 +86,81 @@ def type_hash_of(topic_type: str) -> str:
 
 
 @lru_cache(maxsize=1024)
+def fields_of(name: str) -> Mapping[str, str] | None:
+    """Return the fields of a message type, or of a service's request or response, with their types.
+
+    Parameters
+    ----------
+    name : str
+        "std_msgs/msg/String", or "std_srvs/srv/SetBool_Request" and "..._Response".
+
+    Returns
+    -------
+    mapping or None
+        Field -> type as `.msg` files spell it, e.g. "float64[]"; None where the type is not known here.
+    """
+    package, folder, short = name.split("/")
+    owner, _, part = short.partition("_")
+    try:
+        if folder == "srv":
+            halves = re.split(r"^---.*$", _find(f"{package}/srv/{owner}", ".srv", share_folders()), flags=re.MULTILINE)
+            return _fields_in(halves[part != "Request"], package)
+        return _fields_in(_find(name, ".msg", share_folders()), package)
+    except DefinitionNotFound:
+        return _fields_in_rosbags(name)
+
+
+def _fields_in(text: str, package: str) -> dict[str, str]:
+    lines = [line.split("#", 1)[0].split() for line in text.splitlines()]
+    # What has a "=" is a constant; a bound of a string is written as "<=".
+    fields = [words for words in lines if len(words) > 1 and not any(word.startswith("=") for word in words[1:3])]
+    return {words[1]: _full_type(words[0], package) for words in fields if "=" not in words[1]}
+
+
+def _full_type(spelled: str, package: str) -> str:
+    """Write "Header[]" as "std_msgs/msg/Header[]"."""
+    name = re.split(r"[\[<]", spelled, maxsplit=1)[0]
+    if name in _PRIMITIVES:
+        return spelled
+    parts = name.split("/")
+    return f"{parts[0] if len(parts) > 1 else package}/msg/{parts[-1]}{spelled[len(name) :]}"
+
+
+def _fields_in_rosbags(name: str) -> dict[str, str] | None:
+    """Return the fields of a message type of ROS itself where ROS is not installed, as where one only regrades."""
+    known = _types_of_rosbags().get(name)
+    return {field: _spelled(*kind) for field, kind in known[1]} if known is not None else None
+
+
+@lru_cache(maxsize=1)
+def _types_of_rosbags() -> Mapping[str, Any]:
+    from rosbags.typesys import Stores, get_typestore
+
+    return get_typestore(Stores.ROS2_JAZZY).fielddefs
+
+
+def _spelled(nodetype: int, kind: Any) -> str:
+    """Spell a type of `rosbags`: 1 is a primitive, 2 a message, 3 an array, and 4 a sequence of one of these."""
+    if nodetype in (3, 4):
+        return f"{_spelled(*kind[0])}[]"
+    return str(kind[0] if nodetype == 1 else kind)
+
+
+@lru_cache(maxsize=64)
+def types_in(package: str, folder: str) -> tuple[str, ...]:
+    """Return the types of a package in its folder ("msg", "srv"); none where the package is not known here."""
+    found = {path.stem for share in share_folders() for path in (share / package / folder).glob(f"*.{folder}")}
+    if found or folder != "msg":
+        return tuple(f"{package}/{folder}/{stem}" for stem in sorted(found))
+    return tuple(name for name in _types_of_rosbags() if name.startswith(f"{package}/msg/"))
+
+
+def packages_with(folder: str) -> tuple[str, ...]:
+    """Return the packages that are installed here and have such types."""
+    return tuple(sorted({path.parts[-3] for share in share_folders() for path in share.glob(f"*/{folder}/*.{folder}")}))
+
+
+@lru_cache(maxsize=1024)
 def _definition_in(topic_type: str, folders: tuple[Path, ...]) -> MessageDefinition:
     try:
         texts = _message_texts(topic_type, folders)
@@ -128,11 +203,9 @@ def _find(topic_type: str, suffix: str, folders: tuple[Path, ...]) -> str:
 def _dependencies(text: str, package: str) -> Iterator[str]:
     for line in text.splitlines():
         words = line.split("#", 1)[0].split()
-        name = re.split(r"[\[<]", words[0], maxsplit=1)[0] if words else ""
-        if not name or name in _PRIMITIVES:
-            continue
-        parts = name.split("/")
-        yield f"{parts[0] if len(parts) > 1 else package}/msg/{parts[-1]}"
+        full = _full_type(words[0], package) if words else ""
+        if "/" in full:
+            yield re.split(r"[\[<]", full, maxsplit=1)[0]
 
 
 def _description(topic_type: str, folders: tuple[Path, ...]) -> dict[str, Any]:

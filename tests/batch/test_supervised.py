@@ -100,7 +100,7 @@ def test_a_submission_gets_its_points(case: Case) -> None:
 
 def test_a_session_that_hangs_is_ended(case: Case) -> None:
     """A session whose process does not end it in time is killed with its submission's process."""
-    spec = replace(case.order.rubric.sessions["only"], timeout_s=2.0)
+    spec = case.order.rubric.sessions["only"].model_copy(update={"timeout_s": 2.0})
     rubric = replace(case.order.rubric, sessions={"only": spec})
     # The supervisor is told less time than the session's own process gives itself.
     case.order = replace(case.order, rubric=rubric)
@@ -144,7 +144,7 @@ def test_results_that_cannot_be_written_are_told(case: Case) -> None:
 
 def test_a_submission_does_not_keep_the_others_from_the_machine(case: Case) -> None:
     """What stays undecided is recorded again alone, but once that took its time, beside the others."""
-    spec = replace(case.order.rubric.sessions["only"], timeout_s=2.0)
+    spec = case.order.rubric.sessions["only"].model_copy(update={"timeout_s": 2.0})
     case.order = replace(case.order, rubric=replace(case.order.rubric, sessions={"only": spec}))
     ending = case.ends(Limits(alone_s=1.0))
     assert ending == Graded(Decimal(0), Decimal(1), Decimal(1))

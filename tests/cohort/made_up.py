@@ -10,7 +10,6 @@ from typing import Any
 
 from grader.cohort.entries import ClassEntry
 from grader.json_text import json_text
-from grader.lined_yaml import Strict
 from grader.policy import Policy
 from grader.result import RESULT_SCHEMA, read_result
 from grader.rubric import CheckSpec, CriterionSpec, LabSpec, Rubric
@@ -19,14 +18,23 @@ from grader.rubric import CheckSpec, CriterionSpec, LabSpec, Rubric
 def rubric_of(*checks: tuple[str, int], requires: dict[str, tuple[str, ...]] | None = None) -> Rubric:
     """Give a rubric with checks `criterion.name` of some points."""
     specs = [
-        CheckSpec(name, name.upper(), Decimal(points), "any", Strict(), requires=(requires or {}).get(name, ()))
+        CheckSpec.model_validate(
+            {
+                "id": name,
+                "title": name.upper(),
+                "points": Decimal(points),
+                "check": "any",
+                "requires": (requires or {}).get(name, ()),
+            }
+        )
         for name, points in checks
     ]
     names = list(dict.fromkeys(name.partition(".")[0] for name, _ in checks))
     criteria = []
     for name in names:
         own = tuple(spec for spec in specs if spec.id.startswith(f"{name}."))
-        criteria.append(CriterionSpec(name, name.title(), sum((c.points for c in own), Decimal(0)), "", own))
+        total = sum((c.points for c in own), Decimal(0))
+        criteria.append(CriterionSpec(id=name, title=name.title(), points=total, checks=own))
     total = sum((c.points for c in criteria), Decimal(0))
     lab = LabSpec(id="1", title="Nodes", points=total)
     return Rubric(lab, {}, {}, {}, tuple(criteria), Path(), "text", Policy())

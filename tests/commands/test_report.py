@@ -92,13 +92,38 @@ def test_a_list_adds_ids_and_who_is_missing(results: Path, tmp_path: Path, capsy
 
 
 def test_no_name_is_in_an_anonymous_page_or_table(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Both are written under pseudonyms."""
-    assert run(capsys, results, "--anonymous")[0] == 0
-    assert list(grades(results)) == ["Student 01", "Student 02", "Student 03"]
-    for name in (pipeline.CLASS_PAGE, pipeline.GRADES_FILE):
+    """Both are written under pseudonyms, beside the real page and the grade book, which stay as they are."""
+    run(capsys, results)
+    real = {name: (results / name).read_bytes() for name in (pipeline.CLASS_PAGE, pipeline.GRADES_FILE)}
+    status, output, _ = run(capsys, results, "--anonymous")
+    assert status == 0
+    with (results / "grades-anonymous.csv").open(encoding="utf-8-sig", newline="") as stream:
+        assert [row["submission"] for row in csv.DictReader(stream)] == ["Student 01", "Student 02", "Student 03"]
+    for name in ("index-anonymous.html", "grades-anonymous.csv"):
+        assert str(results / name) in output
         text = (results / name).read_text(encoding="utf-8")
         assert "wrong_topic" not in text
         assert "best_effort_publisher" not in text
+    assert {name: (results / name).read_bytes() for name in real} == real
+
+
+def test_results_of_two_labs_are_not_summed_up(
+    results: Path, rubric: Rubric, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Which is of another is named, and nothing is written."""
+    other = rubric.text.replace('id: "09-01"', 'id: "other"')
+    (results / "wrong_topic" / pipeline.RECORDINGS / pipeline.RUBRIC_COPY).write_text(other, encoding="utf-8")
+    status, _, errors = run(capsys, results)
+    assert status == 2
+    assert f"{results / 'wrong_topic'}: these are results of Lab other, and the rubric is of Lab 09-01" in errors
+    assert not (results / pipeline.CLASS_PAGE).exists()
+
+
+def test_results_of_one_submission_are_no_class(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It is said that they have a page already."""
+    status, _, errors = run(capsys, results / "solution")
+    assert status == 3
+    assert "These are the results of one submission, whose page is report.html." in errors
 
 
 def test_the_rubric_is_that_of_most(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -75,3 +76,18 @@ def test_fixtures_that_are_not_there(fixtures: Path, tmp_path: Path, capsys: pyt
     (fixtures / "bad/expected.yaml").write_text("about: a\ncolour: red\n")
     status, _, errors = run(capsys, "--fixtures", fixtures)
     assert (status, "expected.yaml:2: colour: unknown key" in errors) == (4, True)
+
+
+def test_another_lab_is_tried_with_its_own_fixtures(
+    fixtures: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Those of the grader's lab say nothing about it; where it has none, that is said."""
+    text = (lab_folder() / "rubric.yaml").read_text(encoding="utf-8").replace('id: "09-01"', 'id: "other"')
+    shutil.copytree(lab_folder() / "reference", tmp_path / "reference", ignore=shutil.ignore_patterns("solution"))
+    (tmp_path / "rubric.yaml").write_text(text, encoding="utf-8")
+    status, _, errors = run(capsys, "--rubric", tmp_path / "rubric.yaml", "goood")
+    assert (status, "did you mean 'good'?" in errors) == (2, True)
+    fixtures.rename(tmp_path / "elsewhere")
+    status, output, errors = run(capsys, "--rubric", tmp_path / "rubric.yaml")
+    assert (status, "there is nothing to grade" in errors) == (3, True)
+    assert "Lab other has no fixtures here; --fixtures names a folder of them." in output

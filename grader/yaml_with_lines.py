@@ -1,16 +1,21 @@
-"""YAML that people write, read so that all its mistakes can be told at once, each with its line."""
+"""YAML that people write, read so that all its mistakes can be reported at once, each with its line."""
 
 from __future__ import annotations
 
+import difflib
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, ModelWrapValidatorHandler, ValidationError, model_validator
+from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError
 
 from grader.errors import RubricError
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 Loc = tuple[str | int, ...]
 
@@ -21,7 +26,7 @@ _WHOLE = re.compile(r"[-+]?(0|[1-9][0-9]*)$")
 
 
 class _Loader(_SAFE):  # type: ignore[misc]
-    """Leaves dates as they are written: their mistakes are told with their lines, by whoever reads them.
+    """Leaves dates as they are written: their mistakes are reported with their lines, by whoever reads them.
 
     So it does with numbers that no person writes as such: YAML 1.1 takes `0123456`, a student's number, for an octal
     one, and `12_34` and `12:34` for whole ones.
@@ -31,10 +36,6 @@ class _Loader(_SAFE):  # type: ignore[misc]
         first: [(tag, _WHOLE if tag == _INT else pattern) for tag, pattern in pairs if tag != _TIMESTAMP]
         for first, pairs in _SAFE.yaml_implicit_resolvers.items()
     }
-
-
-#: Kind of mistake, as pydantic knows it -> plainer words.
-_PLAINER = {"extra_forbidden": "unknown key", "missing": "this key is missing"}
 
 
 def cannot_be_read(what: str, path: Path, problem: Exception, remedy: str) -> RubricError:
@@ -49,10 +50,78 @@ def cannot_be_read(what: str, path: Path, problem: Exception, remedy: str) -> Ru
     return RubricError(f"{what} cannot be read", [reason], where=str(path), remedy=remedy)
 
 
+#: Kind of mistake, as pydantic knows it -> plainer words.
+_PLAINER = {
+    "extra_forbidden": "unknown key",
+    "missing": "this key is missing",
+    "string_type": "a text is expected",
+    "float_type": "a number is expected",
+    "int_type": "a whole number is expected",
+    "bool_type": "true or false is expected",
+    "string_too_short": "it is empty",
+    "model_type": "a mapping is expected",
+    "dict_type": "a mapping is expected",
+    "tuple_type": "a list is expected",
+}
+
+
+def suggestion(word: str, known: Iterable[str]) -> str:
+    """Return what may be meant by a word that is none of the known ones, as the end of a sentence."""
+    names = sorted(set(known))
+    near = difflib.get_close_matches(word, names, n=1)
+    if near:
+        return f"; did you mean '{near[0]}'?"
+    return f"; known are {', '.join(names)}" if names else ""
+
+
+def mistakes_at(found: Iterable[tuple[Loc, str]]) -> ValidationError:
+    """Return the error that has pydantic report mistakes below the value that is being validated.
+
+    Parameters
+    ----------
+    found : iterable of (tuple, str)
+        Place below that value, and what is wrong there.
+    """
+    details: list[InitErrorDetails] = [
+        {"type": PydanticCustomError("mistake", "{words}", {"words": words}), "loc": loc, "input": None}
+        for loc, words in found
+    ]
+    return ValidationError.from_exception_data("mistakes", details)
+
+
 class Strict(BaseModel):
     """A part of such a file: unknown keys are mistakes, values do not change."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+    @classmethod
+    def wrong_in(cls, plain: Mapping[str, Any]) -> Iterable[tuple[Loc, str]]:
+        """Give the mistakes that concern several keys at once: reported beside those in single ones."""
+        return ()
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _all_mistakes(cls, value: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        found = list(cls.wrong_in(value)) if isinstance(value, dict) else []
+        try:
+            made = handler(value)
+        except ValidationError as error:
+            found += [(tuple(item["loc"]), cls._words_for(item)) for item in error.errors()]
+        if found:
+            raise mistakes_at(found)
+        return made
+
+    @classmethod
+    def _words_for(cls, item: ErrorDetails) -> str:
+        loc, words = item["loc"], _PLAINER.get(item["type"], item["msg"].removeprefix("Value error, "))
+        words = words.replace("Input should", "it should", 1)
+        if item["type"] == "extra_forbidden" and len(loc) == 1:
+            return words + suggestion(str(loc[0]), (field.alias or key for key, field in cls.model_fields.items()))
+        if item["type"] == "literal_error" and isinstance(item["input"], str):
+            return f"{item['input']!r} is not possible here" + suggestion(
+                item["input"], re.findall(r"'([^']*)'", item["ctx"]["expected"])
+            )
+        return words
 
 
 class Mistakes:
@@ -85,9 +154,7 @@ class Mistakes:
     def add_validation(self, loc: Loc, error: ValidationError) -> None:
         """Note what pydantic found wrong in a node."""
         for item in error.errors():
-            message = item["msg"].removeprefix("Value error, ")
-            message = _PLAINER.get(item["type"], message)
-            self.add(loc + tuple(item["loc"]), message)
+            self.add(loc + tuple(item["loc"]), item["msg"])
 
     def raise_any(self, remedy: str) -> None:
         """Raise if there are mistakes.
@@ -132,7 +199,7 @@ def parse_yaml(path: Path, text: str, what: str) -> tuple[dict[str, Any], Mistak
             f"{what} is not valid YAML",
             [f"{path.name}:{line}: {detail}"],
             where=str(path),
-            remedy="Mend the line named.",
+            remedy="Fix the line named.",
         ) from problem
     if not isinstance(plain, dict) or root is None:
         raise RubricError(

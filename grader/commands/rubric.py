@@ -1,0 +1,28 @@
+"""`grade rubric`: check a rubric, or print the JSON Schema by which editors check one while it is written."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+
+
+def run(arguments: Sequence[str], console: Console) -> int:
+    """Check a rubric; returns the exit status."""
+    from grader.pipeline import read_rubric, rubric_kinds
+    from grader.rubric import json_schema
+
+    parser = argparse.ArgumentParser(prog="grade rubric", description=__doc__.split(": ", 1)[1] if __doc__ else "")
+    parser.add_argument("rubric", nargs="?", type=Path, help="by default that of the lab which travels with the grader")
+    parser.add_argument("--schema", action="store_true", help="print the JSON Schema of rubrics")
+    chosen = parser.parse_args(arguments)
+    if chosen.schema:
+        print(json.dumps(json_schema(rubric_kinds()), indent=1))
+        return 0
+    rubric = read_rubric(chosen.rubric)
+    checks, sessions = len(list(rubric.checks())), len(rubric.sessions)
+    console.print(f"The rubric is in order: {rubric.lab.points} points, {checks} checks, {sessions} sessions.")
+    return 0
