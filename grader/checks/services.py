@@ -94,7 +94,7 @@ class Given(Parameters):
 
 
 class CallAnswered(Parameters):
-    """A call is answered with the right values; an empty message, or another answer later, costs a quarter."""
+    """A call is answered with the right values; an empty message, or another answer later, costs a part."""
 
     artifact: ref.Artifact
     step: ref.CallLabel
@@ -292,9 +292,7 @@ class CallGated(Parameters):
     recovered: Annotated[Mapping[str, Any], ref.fields_of_type("_Response", "recovered_step")]
     message_field: Annotated[str, ref.fields_of_type("_Response", "refused_step")] = "message"
     refusal: Pattern | None = Field(None, description="A message that refuses, whatever the other fields say.")
-    half_credit: Share = Field(
-        0.5, description="Credit of one half of it: refusing without recovering, in words alone, ..."
-    )
+    half_credit: Share = Field(0.5, description="Credit of one half, such as refusing without recovering.")
 
 
 def call_gated(context: Context, p: CallGated) -> Finding:
