@@ -428,3 +428,17 @@ def test_kept_recordings_tell_nothing_of_the_machine() -> None:
             total += len(content)
             assert not [name for name in own if name.encode() in content], path
     assert total < 6_000_000
+
+
+def test_what_a_fault_costs_stands_in_the_rubric(tmp_path: Path) -> None:
+    """Another name of the topic costs what the check's parameter says, and three fifths where it says nothing."""
+    text = (ROOT / "rubric.yaml").read_text(encoding="utf-8")
+    with_ = "with: {artifact: publisher, node: /joint_command_publisher, topic: /joint_commands"
+    assert with_ in text
+    mine = tmp_path / "rubric.yaml"
+    for more, earned in (("", "2.0"), (", other_name_costs: 10%", "4.5")):
+        mine.write_text(text.replace(with_, with_ + more), encoding="utf-8")
+        rubric = read_rubric(mine)
+        recordings = open_recordings(KEPT / "wrong_topic", rubric)
+        checks = {check.id: check for c in judge(recordings, rubric).criteria for check in c.checks}
+        assert str(checks["publisher.publishes"].earned) == earned

@@ -52,6 +52,7 @@ class EndsByItself(Parameters):
     least_s: float
     most_s: float
     output: Pattern = Field(description="Regular expression that its output matches.")
+    half_credit: Share = Field(0.5, description="Credit of results without an end in time, or the other way round.")
 
 
 def ends_by_itself(context: Context, p: EndsByItself) -> Finding:
@@ -73,7 +74,7 @@ def ends_by_itself(context: Context, p: EndsByItself) -> Finding:
         stopped_s = ((run.interrupted_ns or run.started_ns) - run.started_ns) / 1e9
         reason = f"It was still running after {stopped_s:.0f} s and had to be stopped."
         return graded(
-            0.5 if said else 0.0,
+            p.half_credit if said else 0.0,
             expected,
             "had to be stopped",
             reason,
@@ -92,7 +93,7 @@ def ends_by_itself(context: Context, p: EndsByItself) -> Finding:
         )
     if said:
         return graded(
-            0.5,
+            p.half_credit,
             expected,
             measured,
             f"It ended after {apart(ran_s, p.least_s, places=1)} s already, which is too soon.",
@@ -100,7 +101,7 @@ def ends_by_itself(context: Context, p: EndsByItself) -> Finding:
         )
     if printed.strip() and run.exit_status == 0 and ran_s >= p.least_s:
         reason = "It ended in time, but nothing that it printed could be read as results."
-        return graded(0.5, expected, measured, reason, hint=_RESULTS_HINT, where=(spot,))
+        return graded(p.half_credit, expected, measured, reason, hint=_RESULTS_HINT, where=(spot,))
     if run.exit_status == 0 and ran_s >= p.least_s:
         return failed(expected, measured, "It ended in time, and printed nothing.", hint=_RESULTS_HINT, where=(spot,))
     reason, hint, where = why_nothing(context, p.artifact, "It ended without results.")
@@ -137,10 +138,11 @@ class TopicsCarryTraffic(Parameters):
 
     topics: tuple[ref.Topic, ...]
     least_messages: int = 1
+    other_name_costs: Share = Field(0.5, description="Share of a topic's credit that another name costs.")
 
 
 def topics_carry_traffic(context: Context, p: TopicsCarryTraffic) -> Finding:
-    """Judge the number of messages by the publishers' sequence numbers; another name costs half a topic.
+    """Judge the number of messages by the publishers' sequence numbers; another name costs a part of a topic.
 
     Too few earn their share of it.
     """
@@ -151,7 +153,7 @@ def topics_carry_traffic(context: Context, p: TopicsCarryTraffic) -> Finding:
     measured = ", ".join(f"{context.session.used(t)} {n}" for t, n in counts.items())
     reasons = [f"Too little came on {', '.join(few)}."] if few else []
     reasons += [f"{t} is named {context.session.used(t)}; the rest is judged on that." for t in renamed]
-    shares = [max(0.0, few.get(t, 1.0) - 0.5 * (t in renamed)) for t in p.topics]
+    shares = [max(0.0, few.get(t, 1.0) - p.other_name_costs * (t in renamed)) for t in p.topics]
     if few and (late := _held_up(context)):
         return inconclusive(expected, measured, late, where=(context.where(),))
     return graded(sum(shares) / len(shares), expected, measured, " ".join(reasons), where=(context.where(),))
