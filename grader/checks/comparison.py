@@ -25,7 +25,7 @@ from grader.checks.finding import (
 )
 from grader.checks.reception import clash
 from grader.checks.traffic import claimed_qos, student_endpoints
-from grader.evidence.calls import rclpy_calls
+from grader.evidence.calls import asked_qos
 from grader.evidence.chance import is_believed
 from grader.evidence.printed import text_of
 from grader.evidence.recorded import Floats, Span, clock_step_s
@@ -198,9 +198,9 @@ class QosProfiles(Parameters):
 
 
 def qos_profiles(context: Context, p: QosProfiles) -> Finding:
-    """Judge reliability and durability from discovery, history and depth from the source."""
+    """Judge reliability and durability from discovery, history and depth from what the program asked rclpy for."""
     parts: list[float] = []
-    reasons, texts, spots = [], [], []
+    reasons, texts, spots, unknown = [], [], [], []
     for wanted in p.profiles:
         sides = [_Side.of(context, p.artifact, kind, wanted.topic) for kind in ("publisher", "subscription")]
         lacking = [side.kind for side in sides if not side.seen]
@@ -219,8 +219,12 @@ def qos_profiles(context: Context, p: QosProfiles) -> Finding:
                 spots += [side.where for side in wrong if side.where is not None][:1]
         reasons += [f"{which} has {', and '.join(each)}." for which, each in told.items() if len(lacking) < len(sides)]
         texts.append(_shown(wanted.topic, sides))
+        unknown += [f"the {s.kind} on {wanted.topic}" for s in sides if s.seen and s.claim is None]
     expected = "; ".join(f"{w.topic}: {w.reliability}, {w.history} {w.depth}, {w.durability}" for w in p.profiles)
     where = (*dict.fromkeys(spots), context.where())
+    if unknown and not reasons:
+        reason = f"Neither the run nor the source says which history and depth {unknown[0]} has."
+        return inconclusive(expected, "; ".join(texts), reason, where=where, retry=False)
     return graded(sum(parts) / len(parts), expected, "; ".join(texts), " ".join(reasons), where=where)
 
 
@@ -262,7 +266,6 @@ def _judge_policy(wanted: WantedProfile, policy: str, sides: Sequence[_Side]) ->
     got = [each for side in sides for each in side.policies(policy)]
     wrong = [(side.kind, each) for side in sides for each in side.policies(policy) if each != value]
     if not wrong:
-        # Where nobody says, neither tap nor source, what cannot be known is not charged if the endpoint is there.
         return 1.0, "", ""
     kinds = list(dict.fromkeys(kind for kind, _ in wrong))
     which = f"The {kinds[0]} on {wanted.topic}" if len(kinds) == 1 else wanted.topic
@@ -275,16 +278,8 @@ def _claim(context: Context, artifact: str, kind: str, topic: str) -> tuple[Qos 
     if qos is not None:
         return qos, spot
     path = context.path_of(artifact) or ""
-    for call in rclpy_calls(context.submission.texts.get(path, "")):
-        if (
-            call.kind == kind
-            and call.name is not None
-            and call.name.strip("/") == topic.strip("/")
-            and call.qos is not None
-        ):
-            known = {k: v for k, v in call.qos.items() if k in ("history", "depth", "reliability", "durability")}
-            return Qos(**known), Where(file=path, line=call.line)  # type: ignore[arg-type]
-    return None, None
+    asked = asked_qos(context.submission.texts.get(path, ""), kind, topic)
+    return (asked[0], Where(file=path, line=asked[1])) if asked is not None else (None, None)
 
 
 def _shown(topic: str, sides: Sequence[_Side]) -> str:
