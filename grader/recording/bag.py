@@ -278,7 +278,7 @@ def _read_description(opcode: int, buffer: _Buffer, body: int, end: int, content
     elif opcode == Opcode.SCHEMA:
         schema = Schema.read(fields)
         if schema.encoding in ("ros2msg", "ros2idl"):
-            definition = MessageDefinition(schema.encoding, schema.data.decode())  # type: ignore[arg-type]
+            definition = MessageDefinition(schema.encoding, schema.data.decode())
             contents.schemas[schema.id] = (schema.name, definition)
     else:
         channel = Channel.read(fields)
