@@ -1,8 +1,8 @@
 """Canvas: `surnamefirstname_67_890_lab.zip`, with `_LATE` behind the name where it was (once `_late`).
 
 `anon_Xy3z` stands for name and user where graders are not to know, `..._67_text.html` for what was typed in. A file
-handed in again is `lab-1.zip`. The first number is the user's, the second the file's, and no two files of a student have
-the same.
+handed in again is `lab-1.zip`. The first number is the user's, the second the file's, and no two files of a student
+have the same.
 """
 
 from __future__ import annotations
