@@ -7,10 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from grader.batch.class_list import Listed
-from grader.batch.order import NotGraded
-from grader.batch.run import Row
+from grader.batch.order import Row
 from grader.cohort.entries import ClassEntry, entries_in
 from grader.cohort.roster import NOTHING_HANDED_IN, Student
+from grader.errors import GraderError
 
 
 def entries_of(results: Path, rows: Sequence[Row], missing: Sequence[str]) -> list[ClassEntry]:
@@ -27,8 +27,8 @@ def entries_of(results: Path, rows: Sequence[Row], missing: Sequence[str]) -> li
     for row in rows:
         handed = row.handed
         entry = entries.get(handed.name)
-        if isinstance(row.ending, NotGraded) or entry is None:
-            problem = row.ending.problem if isinstance(row.ending, NotGraded) else "Its results are not there."
+        if isinstance(row.ending, GraderError) or entry is None:
+            problem = row.ending.problem if isinstance(row.ending, GraderError) else "Its results are not there."
             entry = ClassEntry(handed.name, None, problem)
         entries[handed.name] = replace(
             entry,
