@@ -10,6 +10,7 @@ import tempfile
 import uuid
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from decimal import Decimal
 from pathlib import Path
 
 import pytest
@@ -27,7 +28,7 @@ from grader.intake import Handed
 from grader.live.isolation import Level
 from grader.live.probing import probe_isolation
 from grader.pipeline import Options, read_rubric
-from grader.result import Result
+from grader.result import Result, Score
 from tests.batch.small_class import SLEEPS, Family, SmallClass, make_class
 from tests.live.small_lab import TALKER, command_of, leavings, until
 
@@ -96,7 +97,7 @@ def test_a_submission_gets_its_points(case: Case) -> None:
     case.small.hand_in("ann", TALKER)
     ending = case.ends()
     assert isinstance(ending, Result)
-    assert (ending.final, ending.score.possible, ending.score.undecided) == (1, 1, 0)
+    assert ending.score == Score(Decimal(1), Decimal(1), Decimal(0))
     assert case.small.result("ann")["provenance"]["sessions"]["only"]["seed"] == 1
 
 
@@ -150,7 +151,7 @@ def test_a_submission_does_not_keep_the_others_from_the_machine(case: Case) -> N
     case.order = replace(case.order, rubric=replace(case.order.rubric, sessions={"only": spec}))
     ending = case.ends(Limits(alone_s=1.0))
     assert isinstance(ending, Result)
-    assert (ending.final, ending.score.possible, ending.score.undecided) == (0, 1, 1)
+    assert ending.score == Score(Decimal(0), Decimal(1), Decimal(1))
     assert [phase for phase in case.phases if phase.startswith("waits")][:2] == ["waits", "waits to run alone"]
     assert case.phases.count("waits to run alone") == 1
     assert case.phases.count("waits") == 2
