@@ -370,9 +370,8 @@ def _report_class(
 ) -> None:
     """Write the class page and the table of grades, over all results that lie in the folder."""
     from grader import pipeline
-    from grader.batch.class_entries import entries_of, student_of
-    from grader.batch.class_list import read_class_list
-    from grader.cohort.roster import with_roster
+    from grader.batch.class_entries import entries_of
+    from grader.cohort.roster import read_class_list, with_roster
     from grader.commands.report import print_class_files
 
     entries = entries_of(options.output, rows, missing)
@@ -381,7 +380,7 @@ def _report_class(
         told = f"Of earlier runs, and not among these: {terminal_text(', '.join(earlier))}. They are on the page too."
         console.print(Text(told, "yellow"), soft_wrap=True)
     if options.class_list is not None:
-        entries = with_roster(entries, map(student_of, read_class_list(options.class_list)))
+        entries = with_roster(entries, read_class_list(options.class_list))
     pipeline.report_class(options.output, entries, rubric)
     print_class_files(options.output, console)
     if options.anonymous:
