@@ -23,6 +23,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -47,6 +48,7 @@ from grader.live.isolation import (
 )
 from grader.live.launched import LaunchRunner
 from grader.live.machine import sample_machine
+from grader.live.packet_filter import PacketFilter
 from grader.live.priority import put_self_first
 from grader.live.process import OutputRoom, PipeReader, RunningProcess
 from grader.live.process_table import descendants_of
@@ -63,7 +65,7 @@ from grader.recording.session import (
     Unrecorded,
     write_session,
 )
-from grader.recording.told import take_told
+from grader.recording.told import participants_told, take_told
 
 _WORKSPACE_BYTES = 256 * 1024 * 1024
 _SMALL_BYTES = 64 * 1024 * 1024
@@ -227,6 +229,7 @@ class Session:
         self._unstarted: list[tuple[ProcessRun, str]] = []
         self._room = OutputRoom()
         self._launch = LaunchRunner(self)
+        self._filter = PacketFilter()
         places = self.isolation.groups
         user = student_uid(self.isolation, plan.slot)
         self._group = CellGroup(places, f"cell-{user or plan.slot}") if places is not None else None
@@ -328,6 +331,7 @@ class Session:
             said = "; ".join(line.text for line in run.output[-5:])
             raise RuntimeError(f"the director did not start: {said}")
         director.running.put_standing()
+        self._filter.protect(director.running.root_pid() or 0)
 
     async def _start_trusted(
         self,
@@ -413,8 +417,11 @@ class Session:
             self.record.machine.append(sample_machine())
             for process in self.processes.values():
                 process.sample_usage()
+                if process.run.role == "reference" and process.alive:
+                    self._filter.protect(process.root_pid() or 0)  # it may have new sockets
             if self.director is not None:
                 self.director.running.sample_usage()
+                self._filter.protect(self.director.running.root_pid() or 0)
 
     # -- steps --------------------------------------------------------------------------------
 
@@ -430,7 +437,9 @@ class Session:
                     "of": len(self.plan.steps),
                 }
             )
-            step.outcome, step.result = await getattr(self, f"_step_{step.kind}")(step.parameters)
+            # What is not done here is an operation of the director's.
+            action = getattr(self, f"_step_{step.kind}", None) or partial(self._direct, step.kind)
+            step.outcome, step.result = await action(step.parameters)
             step.ended_ns = time.time_ns()
             if step.kind == "wait_for":
                 self._hold_students_to_cores()
@@ -584,7 +593,8 @@ class Session:
         outcome, result = await self._wait_output(name, "ready", _REFERENCE_START_S)
         if outcome != "done":
             self.record.problems.append(f"the reference node {name} did not get ready")
-        self.processes[name].put_standing()
+        running.put_standing()
+        self._filter.protect(running.root_pid() or 0, next(participants_told(run), ""))
         return outcome, result
 
     def _types(self) -> dict[str, str]:
@@ -602,21 +612,6 @@ class Session:
         if parameters["output_of"]:
             return await self._wait_output(parameters["output_of"], parameters["text"] or "", parameters["timeout_s"])
         return await self._direct("wait_for", parameters)
-
-    async def _step_observe(self, parameters: dict[str, Any]) -> tuple[str, dict[str, Any]]:
-        return await self._direct("observe", parameters)
-
-    async def _step_publish(self, parameters: dict[str, Any]) -> tuple[str, dict[str, Any]]:
-        return await self._direct("publish", parameters)
-
-    async def _step_call(self, parameters: dict[str, Any]) -> tuple[str, dict[str, Any]]:
-        return await self._direct("call", parameters)
-
-    async def _step_get_parameters(self, parameters: dict[str, Any]) -> tuple[str, dict[str, Any]]:
-        return await self._direct("get_parameters", parameters)
-
-    async def _step_set_parameters(self, parameters: dict[str, Any]) -> tuple[str, dict[str, Any]]:
-        return await self._direct("set_parameters", parameters)
 
     async def _direct(self, op: str, parameters: dict[str, Any]) -> tuple[str, dict[str, Any]]:
         """Have the director do it, but not for longer than the student has processes."""

@@ -31,6 +31,13 @@ def digest(data: bytes) -> str:
     return hashlib.blake2b(data, digest_size=DIGEST_DIGITS // 2).hexdigest()
 
 
+def participants_told(run: ProcessRun) -> Iterator[str]:
+    """Return the gid prefixes that a reference node told so far."""
+    for line in run.output:
+        if line.stream == "stdout" and (match := _PARTICIPANT.fullmatch(line.text)):
+            yield match[1]
+
+
 def take_told(record: SessionRecord) -> None:
     """Move what reference nodes told from their output to where the record keeps it."""
     for run in record.processes:

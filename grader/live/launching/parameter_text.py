@@ -14,6 +14,8 @@ _NUMBER = re.compile(r"\s*[+-]?((\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|inf|infinity|na
 _HEXADECIMAL = re.compile(r"\s*[+-]?0[xX]([0-9a-fA-F]+\.?[0-9a-fA-F]*|\.[0-9a-fA-F]+)([pP][+-]?\d+)?")
 _DOTTED = re.compile(r"[+-]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)")
 _LARGEST = 2**63
+#: Python refuses to read numbers of more than 4300 digits; those above the largest have 20.
+_LONGEST_INTEGER = 1000
 
 
 def read(text: str) -> Any:
@@ -22,14 +24,17 @@ def read(text: str) -> Any:
     Raises
     ------
     yaml.YAMLError
-        It is no YAML, or has an alias, which no node can read.
+        It is no YAML, has an alias, which no node can read, or is nested too deeply.
     """
     import yaml
 
     events = iter(yaml.parse(text, Loader=yaml.SafeLoader))
     for event in events:
         if isinstance(event, yaml.NodeEvent):
-            return _value(event, events)
+            try:
+                return _value(event, events)
+            except RecursionError as problem:
+                raise yaml.YAMLError("it is nested too deeply") from problem
     return None
 
 
@@ -62,7 +67,7 @@ def scalar(text: str) -> bool | int | float | str:
     if text in _TRUE or text in _FALSE:
         return text in _TRUE
     whole = _INTEGER.fullmatch(text)
-    if whole is not None:
+    if whole is not None and len(text) <= _LONGEST_INTEGER:
         value = int(text, 8 if re.fullmatch(r"\s*[+-]?0[0-7]+", text) else 0)
         if -_LARGEST <= value < _LARGEST:
             return value

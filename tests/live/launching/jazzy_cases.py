@@ -308,7 +308,7 @@ VALUES = [
     body(
         "a float of numpy, which a node cannot read",
         "talker(parameters=[{'a': __import__('numpy').float64(1.5)}])",
-        expect={"len warnings": 1, "warnings.0.message has": "numpy.float64"},
+        expect={"len warnings": 1, "warnings.0.message has": "numpy"},
     ),
     fails("None among the parameters", "talker(parameters=[None])", "bad_parameter_value"),
     fails("a number as a parameter's name", "talker(parameters=[{1: 2}])", "bad_text"),
@@ -898,7 +898,7 @@ READ_BY_NODES = [
             "parameter 0 a": True,
             "processes.0.parameters.0.type": "bool",
             "parameter 0 b": 8.0,
-            "parameter 0 c": "nan",
+            "parameter 0 c": {"!!float": "nan"},
             "parameter 0 d": ["x", True],
             "parameter 0 e": "12:30",
             "parameter 0 f": "5",
@@ -915,7 +915,7 @@ READ_BY_NODES = [
         expect={
             "effective 0": {
                 **{"a": 100.0, "b": 8, "c": True, "d": "y", "e": "1_000", "f": "2024-01-01", "g": "1:30", "h": "5"},
-                **{"i": "inf", "j": 31, "k": [1.0, 2000.0], "l": "~", "5": True},
+                **{"i": float("inf"), "j": 31, "k": [1.0, 2000.0], "l": "~", "5": True},
             }
         },
     ),
@@ -961,7 +961,11 @@ _SLIPS = {
     "float() of a substitution": ("talker(parameters=[{'a': float(Value('x'))}])", "substitution_too_early", "perform"),
     "a function that takes no context": ("OpaqueFunction(function=lambda: [])", "positional_argument", "context"),
     "an action for an event": ("EmitEvent(event=Shutdown())", "not_an_event", "launch.events.Shutdown()"),
-    "a handler that was never registered": ("UnregisterEventHandler(OnProcessStart(on_start=[]))", "exception", "Mend"),
+    "a handler that was never registered": (
+        "UnregisterEventHandler(OnProcessStart(on_start=[]))",
+        "exception",
+        "Correct",
+    ),
     "a list where a dict is wanted": ("talker(additional_env=[('A', '1')])", "bad_pairs", "dict"),
     "a type that no parameter has": (
         "talker(parameters=[{'a': ParameterValue(Value('x', default='1'), value_type=dict)}])",
@@ -1035,7 +1039,7 @@ _WHOLE = {
         "import os\nos.environ['AMENT_PREFIX_PATH'] = ''\ndef generate_launch_description():\n    return LaunchDescription([Node(package='demo', executable='talker')])\n",
         "exception",
         5,
-        "Mend",
+        "Correct",
     ),
     "a description that holds itself": (
         "def generate_launch_description():\n    ld = LaunchDescription()\n    ld.add_action(ld)\n    return ld\n",

@@ -5,8 +5,6 @@ It serves to evaluate a student's launch file where the real package cannot be i
 
 from __future__ import annotations
 
-from typing import Any
-
 from ._base import (
     Action,
     Condition,
@@ -20,7 +18,7 @@ from ._base import (
     Substitution,
 )
 
-from ._catalogue import missing_name  # isort: skip
+from ._catalogue import missing_name_of  # isort: skip
 from . import substitutions  # isort: skip
 from . import conditions, descriptions, events, frontend, logging  # isort: skip
 from ._context import LaunchContext
@@ -59,7 +57,4 @@ __all__ = [
     "substitutions",
     "utilities",
 ]
-
-
-def __getattr__(name: str) -> Any:
-    return missing_name(__name__, name)
+__getattr__ = missing_name_of(__name__)

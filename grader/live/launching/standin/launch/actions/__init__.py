@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from .._catalogue import missing_name
+from .._catalogue import missing_name_of
 from ._configurations import (
     AppendEnvironmentVariable,
     DeclareLaunchArgument,
@@ -60,7 +58,4 @@ __all__ = [
     "UnsetEnvironmentVariable",
     "UnsetLaunchConfiguration",
 ]
-
-
-def __getattr__(name: str) -> Any:
-    return missing_name(__name__, name)
+__getattr__ = missing_name_of(__name__)

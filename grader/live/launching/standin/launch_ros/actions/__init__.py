@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from launch._catalogue import missing_name
+from launch._catalogue import missing_name_of
 
 from ._lifecycle import LifecycleNode, LifecycleTransition
 from ._node import ComposableNodeContainer, LoadComposableNodes, Node
@@ -36,7 +34,4 @@ __all__ = [
     "SetRemap",
     "SetUseSimTime",
 ]
-
-
-def __getattr__(name: str) -> Any:
-    return missing_name(__name__, name)
+__getattr__ = missing_name_of(__name__)
