@@ -112,7 +112,8 @@ def _parts(before: Result, after: Result) -> Iterator[Change]:
 
 
 def _pairs(before: Sequence[Part], after: Sequence[Part]) -> list[tuple[Part | None, Part | None]]:
-    old, new = {part.id: part for part in before}, {part.id: part for part in after}
+    old = {part.id: part for part in before}
+    new = {part.id: part for part in after}
     return [(old.get(identity), new.get(identity)) for identity in dict.fromkeys([*new, *old])]
 
 
@@ -129,12 +130,12 @@ def _differs(change: Change) -> bool:
 
 def _adjustments(before: Result | None, after: Result) -> Iterator[Change]:
     """Compare adjustments, added up by kind and what they concern."""
-    sums: list[dict[tuple[str, str], Decimal]] = [{}, {}]
-    for of, result in zip(sums, (before, after), strict=True):
+    old: dict[tuple[str, str], Decimal] = {}
+    new: dict[tuple[str, str], Decimal] = {}
+    for sums, result in ((old, before), (new, after)):
         for each in result.adjustments if result is not None else ():
             key = (each.kind.value, each.what)
-            of[key] = of.get(key, Decimal(0)) + each.points
-    old, new = sums
+            sums[key] = sums.get(key, Decimal(0)) + each.points
     for kind, what in dict.fromkeys([*new, *old]):
         change = Change("adjustment", what, kind, old.get((kind, what), Decimal(0)), new.get((kind, what), Decimal(0)))
         if change.difference:
