@@ -112,8 +112,8 @@ def _parts(before: Result, after: Result) -> Iterator[Change]:
 
 
 def _pairs(before: Sequence[Part], after: Sequence[Part]) -> list[tuple[Part | None, Part | None]]:
-    old = {part.id: part for part in before}
-    new = {part.id: part for part in after}
+    old: dict[str, Part] = {part.id: part for part in before}
+    new: dict[str, Part] = {part.id: part for part in after}
     return [(old.get(identity), new.get(identity)) for identity in dict.fromkeys([*new, *old])]
 
 
