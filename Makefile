@@ -9,12 +9,12 @@ STAMP := $(VENV)/.installed
 DEV_STAMP := $(VENV)/.installed-dev
 NOT_INSTALLED = { echo "The packages could not be installed, see above; the first time, this needs a network."; exit 1; }
 
-.PHONY: alice test attacks bench system system-dev lint types layers clean
+.PHONY: alice test attacks bench system system-dev lint types layers house clean
 
 alice: $(STAMP) system
 	$(BIN)/grade submissions/alice/
 
-test: $(DEV_STAMP) system-dev lint types layers
+test: $(DEV_STAMP) system-dev lint types layers house
 	$(BIN)/python -m pytest -n 4 --dist worksteal
 
 # Every attack of fixtures/attacks in all three environments; some twelve minutes. `make test` tries a part of them.
@@ -34,6 +34,10 @@ types: $(DEV_STAMP)
 
 layers: $(DEV_STAMP)
 	$(BIN)/lint-imports
+
+# What each package is made of, and how far its lines are from their budget.
+house: $(STAMP)
+	@$(BIN)/python tools/house
 
 system:
 	@tools/install-system-packages

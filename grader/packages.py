@@ -13,11 +13,10 @@ from collections.abc import Sequence
 from pathlib import PurePosixPath
 from xml.etree import ElementTree
 
-from grader.cmake_script import Command, commands_of
-from grader.data_files import data_files_of_cmake, data_files_of_setup
-from grader.python_source import parse_python
+from grader.cmake_script import Command, commands_of, data_files_of_cmake
+from grader.python_source import NotRecognisedError
 from grader.recording.submission import PackageFact
-from grader.setup_script import UNREADABLE, SetupScript, keyword_of_setup
+from grader.setup_script import data_files_of_setup, keyword_of_setup
 
 _MOST_SCRIPTS = 200
 _MOST_PACKAGES = 100
@@ -146,15 +145,12 @@ def is_launch_file(path: str) -> bool:
 def _console_scripts(text: str, package: PackageFact, inside: list[str]) -> list[str] | None:
     """Return what a setup.py declares as console scripts; None if it is written in a way that is not followed."""
     try:
-        tree = parse_python(text)
+        return _scripts_of(keyword_of_setup(text, "entry_points", inside))
+    except NotRecognisedError:
+        return None
     except (SyntaxError, ValueError, RecursionError, MemoryError) as problem:
         package.problems.append(f"setup.py cannot be read: {problem}")
         return []
-    try:
-        given = keyword_of_setup(tree, "entry_points")
-        return _scripts_of(SetupScript(tree, inside).value(given)) if given is not None else []
-    except UNREADABLE:
-        return None
 
 
 def _scripts_of(points: object) -> list[str]:
@@ -199,7 +195,7 @@ def _read_cmake(package: PackageFact, texts: dict[str, str], paths: list[str]) -
         package.problems.append("there is no CMakeLists.txt beside package.xml, so nothing is installed")
         return
     inside = _paths_inside(package, paths)
-    for command in commands_of(text, package.name, inside):
+    for command in commands_of(text, package.name):
         installs = command.name == "install" and "DESTINATION" in command.words[:-1]
         if command.name == "ament_python_install_package" and "SCRIPTS_DESTINATION" in command.words:
             _add_scripts(package, _console_scripts_of_config(texts.get(_inside(package.path, "setup.cfg"), "")))

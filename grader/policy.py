@@ -9,7 +9,7 @@ from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_DOWN, Decimal
 from enum import Enum
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, model_validator
+from pydantic import BeforeValidator, WithJsonSchema, model_validator
 
 from grader.yaml_with_lines import Strict
 
@@ -56,9 +56,17 @@ def parse_time(text: str) -> datetime | None:
 
 
 #: A length of time, written as "10 min", "36 h", "2 days" or "1 day 12 h".
-TimeSpan = Annotated[timedelta, BeforeValidator(_time_span)]
+TimeSpan = Annotated[
+    timedelta,
+    BeforeValidator(_time_span),
+    WithJsonSchema({"type": "string", "pattern": _SPANS.pattern, "description": "A time, such as 10 min or 2 days."}),
+]
 #: A date and time with its offset from UTC.
-Moment = Annotated[datetime, BeforeValidator(_moment)]
+Moment = Annotated[
+    datetime,
+    BeforeValidator(_moment),
+    WithJsonSchema({"type": "string", "description": "A date with its time, such as 2026-11-20T23:59:00+01:00."}),
+]
 
 
 @dataclass(frozen=True)
@@ -94,6 +102,14 @@ def _amount(value: Any) -> Any:
     return Amount(number, unit == "%")
 
 
+#: Points, or a share of them, written as "10 %" or "5 points".
+MaybeAmount = Annotated[
+    Amount | None,
+    BeforeValidator(lambda value: None if value is None else _amount(value)),
+    WithJsonSchema({"type": "string", "description": "An amount, such as 10 % or 5 points."}),
+]
+
+
 class Counts(str, Enum):
     """How time after the due date becomes days."""
 
@@ -123,8 +139,8 @@ class LatePolicy(Strict):
 
     due: Moment
     grace: TimeSpan = timedelta()
-    per_day: Annotated[Amount | None, BeforeValidator(_amount)] = None
-    at_most: Annotated[Amount | None, BeforeValidator(_amount)] = None
+    per_day: MaybeAmount = None
+    at_most: MaybeAmount = None
     counts: Counts = Counts.STARTED_DAYS
     never_after: TimeSpan | None = None
 

@@ -30,7 +30,7 @@ from pydantic import (
 from pydantic.json_schema import models_json_schema
 
 from grader.policy import Policy
-from grader.references import EarlierCheckId, FileBeside, Loadable, Parameters, Scope, SessionId, one_of
+from grader.references import EarlierCheckId, FileBeside, Loadable, Parameters, RosName, Scope, SessionId, one_of
 from grader.steps import STEPS, Step
 from grader.yaml_with_lines import Loc, Strict, cannot_be_read, parse_yaml, suggestion
 
@@ -94,7 +94,7 @@ class ReferenceSpec(Parameters):
     """A reference node: a program beside the rubric, started with a JSON configuration as its argument."""
 
     file: FileBeside
-    node: str = Field(description="Fully qualified name of its node; all other nodes are the student's.")
+    node: RosName = Field(description="Fully qualified name of its node; all other nodes are the student's.")
     settings: Loadable | None = Field(
         None, description="file.py:Class, the dataclass of what a start step may give it; without, all is passed on."
     )

@@ -11,7 +11,7 @@ from types import FrameType
 
 import pytest
 
-from grader.data_files import data_files_of_cmake, data_files_of_setup
+from grader.cmake_script import data_files_of_cmake
 from grader.judging import Recordings, judge, open_recordings
 from grader.live.stage import stage
 from grader.packages import find_packages
@@ -93,14 +93,6 @@ def test_judging_any_text(text: str, solution: Recordings, rubric: Rubric) -> No
     assert not [name for name, finding in findings.items() if finding.outcome is Outcome.ERROR]
     assert findings["publisher.rate"].outcome is Outcome.PASSED
     report_page(result, changed, rubric).encode()
-
-
-def test_patterns_are_matched_part_by_part() -> None:
-    """Many `**` in a pattern take no longer than one."""
-    with calls_limited(300_000):
-        assert data_files_of_setup("setup(data_files=[('share/p', glob('" + "**/" * 11 + "x'))])", FILES) == {}
-    found = data_files_of_setup("setup(data_files=[('share/p', glob('**/**/e/**/f7.py'))])", FILES)
-    assert found == {"share/p/f7.py": FILES[7]}
 
 
 def test_commands_that_are_not_closed_are_looked_at_once() -> None:

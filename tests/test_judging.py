@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -15,7 +16,8 @@ from typing import Any
 import pytest
 
 from grader.batch.expectations import Verdict, compare, load_fixture
-from grader.checks import REGISTRY, Check
+from grader.checks import PARAMETERS_OF, REGISTRY, Check, traffic
+from grader.checks.finding import passed
 from grader.errors import RecordingError
 from grader.judging import Recordings, judge, judge_checks, open_recordings
 from grader.pipeline import read_rubric, undecided_sessions
@@ -428,3 +430,35 @@ def test_kept_recordings_tell_nothing_of_the_machine() -> None:
             total += len(content)
             assert not [name for name in own if name.encode() in content], path
     assert total < 6_000_000
+
+
+def test_what_a_fault_costs_stands_in_the_rubric(tmp_path: Path) -> None:
+    """Another name of the topic costs what the check's parameter says, and three fifths where it says nothing."""
+    text = (ROOT / "rubric.yaml").read_text(encoding="utf-8")
+    with_ = "with: {artifact: publisher, node: /joint_command_publisher, topic: /joint_commands"
+    assert with_ in text
+    mine = tmp_path / "rubric.yaml"
+    for more, earned in (("", "2.0"), (", other_name_costs: 10%", "4.5")):
+        mine.write_text(text.replace(with_, with_ + more), encoding="utf-8")
+        rubric = read_rubric(mine)
+        recordings = open_recordings(KEPT / "wrong_topic", rubric)
+        checks = {check.id: check for c in judge(recordings, rubric).criteria for check in c.checks}
+        assert str(checks["publisher.publishes"].earned) == earned
+
+
+def test_the_check_that_readme_shows_can_be_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The example of a new check works as it stands there, with a line in the registry and one in a rubric."""
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    code = re.search(r"```python\n(class TopicSilent.*?)```", readme, re.DOTALL)
+    assert code is not None
+    names: dict[str, Any] = {**vars(traffic), "passed": passed}
+    exec(code[1], names)
+    monkeypatch.setitem(REGISTRY, "topic_silent", Check(names["TopicSilent"], names["topic_silent"]))
+    monkeypatch.setitem(PARAMETERS_OF, "topic_silent", names["TopicSilent"])
+    text = (ROOT / "rubric.yaml").read_text(encoding="utf-8")
+    used = re.sub(r"check: topic_jitter\n( +)with: .*", r"check: topic_silent\n\1with: {topic: /joint_commands}", text)
+    assert used != text
+    (tmp_path / "rubric.yaml").write_text(used, encoding="utf-8")
+    rubric = read_rubric(tmp_path / "rubric.yaml")
+    finding = judge_checks(open_recordings(KEPT / "solution", rubric), rubric)["publisher.steady"]
+    assert finding.reason == "Something publishes on /joint_commands."

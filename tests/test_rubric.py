@@ -7,13 +7,14 @@ from datetime import timedelta
 from decimal import Decimal
 from pathlib import Path
 
+import jsonschema
 import pytest
 import yaml
 
 from grader.errors import RubricError
 from grader.pipeline import lab_folder, read_rubric, rubric_kinds
 from grader.recording.definitions import fields_of, types_in
-from grader.rubric import Rubric, load_rubric
+from grader.rubric import Rubric, json_schema, load_rubric
 
 GRADER = Path(__file__).resolve().parents[1] / "grader"
 
@@ -547,6 +548,15 @@ def test_a_rubric_may_say_what_lateness_costs(tmp_path: Path) -> None:
     assert late is not None
     assert (late.due.isoformat(), late.grace) == ("2026-11-20T23:59:00+01:00", timedelta(minutes=10))
     assert load(tmp_path, GOOD).policy.late is None
+
+
+def test_an_editor_takes_a_policy_as_it_is_written() -> None:
+    """The JSON Schema knows times and amounts by their text, not by what they are read into."""
+    validator = jsonschema.Draft202012Validator(json_schema(rubric_kinds()))
+    policy = yaml.safe_load(POLICY.replace("2026-11-20T23:59:00+01:00", "'2026-11-20T23:59:00+01:00'"))
+    assert list(validator.iter_errors({**yaml.safe_load(GOOD), **policy})) == []
+    policy["policy"]["late"]["grace"] = 10
+    assert list(validator.iter_errors({**yaml.safe_load(GOOD), **policy})) != []
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ from grader.checks.finding import (
 )
 from grader.checks.reception import clash
 from grader.checks.traffic import claimed_qos, student_endpoints
-from grader.evidence.calls import rclpy_calls
+from grader.evidence.calls import asked_qos
 from grader.evidence.chance import is_believed
 from grader.evidence.printed import text_of
 from grader.evidence.recorded import Floats, Span, clock_step_s
@@ -52,6 +52,7 @@ class EndsByItself(Parameters):
     least_s: float
     most_s: float
     output: Pattern = Field(description="Regular expression that its output matches.")
+    half_credit: Share = Field(0.5, description="Credit of results without an end in time, or the other way round.")
 
 
 def ends_by_itself(context: Context, p: EndsByItself) -> Finding:
@@ -73,7 +74,7 @@ def ends_by_itself(context: Context, p: EndsByItself) -> Finding:
         stopped_s = ((run.interrupted_ns or run.started_ns) - run.started_ns) / 1e9
         reason = f"It was still running after {stopped_s:.0f} s and had to be stopped."
         return graded(
-            0.5 if said else 0.0,
+            p.half_credit if said else 0.0,
             expected,
             "had to be stopped",
             reason,
@@ -92,7 +93,7 @@ def ends_by_itself(context: Context, p: EndsByItself) -> Finding:
         )
     if said:
         return graded(
-            0.5,
+            p.half_credit,
             expected,
             measured,
             f"It ended after {apart(ran_s, p.least_s, places=1)} s already, which is too soon.",
@@ -100,7 +101,7 @@ def ends_by_itself(context: Context, p: EndsByItself) -> Finding:
         )
     if printed.strip() and run.exit_status == 0 and ran_s >= p.least_s:
         reason = "It ended in time, but nothing that it printed could be read as results."
-        return graded(0.5, expected, measured, reason, hint=_RESULTS_HINT, where=(spot,))
+        return graded(p.half_credit, expected, measured, reason, hint=_RESULTS_HINT, where=(spot,))
     if run.exit_status == 0 and ran_s >= p.least_s:
         return failed(expected, measured, "It ended in time, and printed nothing.", hint=_RESULTS_HINT, where=(spot,))
     reason, hint, where = why_nothing(context, p.artifact, "It ended without results.")
@@ -137,10 +138,11 @@ class TopicsCarryTraffic(Parameters):
 
     topics: tuple[ref.Topic, ...]
     least_messages: int = 1
+    other_name_costs: Share = Field(0.5, description="Share of a topic's credit that another name costs.")
 
 
 def topics_carry_traffic(context: Context, p: TopicsCarryTraffic) -> Finding:
-    """Judge the number of messages by the publishers' sequence numbers; another name costs half a topic.
+    """Judge the number of messages by the publishers' sequence numbers; another name costs a part of a topic.
 
     Too few earn their share of it.
     """
@@ -151,7 +153,7 @@ def topics_carry_traffic(context: Context, p: TopicsCarryTraffic) -> Finding:
     measured = ", ".join(f"{context.session.used(t)} {n}" for t, n in counts.items())
     reasons = [f"Too little came on {', '.join(few)}."] if few else []
     reasons += [f"{t} is named {context.session.used(t)}; the rest is judged on that." for t in renamed]
-    shares = [max(0.0, few.get(t, 1.0) - 0.5 * (t in renamed)) for t in p.topics]
+    shares = [max(0.0, few.get(t, 1.0) - p.other_name_costs * (t in renamed)) for t in p.topics]
     if few and (late := _held_up(context)):
         return inconclusive(expected, measured, late, where=(context.where(),))
     return graded(sum(shares) / len(shares), expected, measured, " ".join(reasons), where=(context.where(),))
@@ -196,9 +198,9 @@ class QosProfiles(Parameters):
 
 
 def qos_profiles(context: Context, p: QosProfiles) -> Finding:
-    """Judge reliability and durability from discovery, history and depth from the source."""
+    """Judge reliability and durability from discovery, history and depth from what the program asked rclpy for."""
     parts: list[float] = []
-    reasons, texts, spots = [], [], []
+    reasons, texts, spots, unknown = [], [], [], []
     for wanted in p.profiles:
         sides = [_Side.of(context, p.artifact, kind, wanted.topic) for kind in ("publisher", "subscription")]
         lacking = [side.kind for side in sides if not side.seen]
@@ -217,8 +219,12 @@ def qos_profiles(context: Context, p: QosProfiles) -> Finding:
                 spots += [side.where for side in wrong if side.where is not None][:1]
         reasons += [f"{which} has {', and '.join(each)}." for which, each in told.items() if len(lacking) < len(sides)]
         texts.append(_shown(wanted.topic, sides))
+        unknown += [f"the {s.kind} on {wanted.topic}" for s in sides if s.seen and s.claim is None]
     expected = "; ".join(f"{w.topic}: {w.reliability}, {w.history} {w.depth}, {w.durability}" for w in p.profiles)
     where = (*dict.fromkeys(spots), context.where())
+    if unknown and not reasons:
+        reason = f"Neither the run nor the source says which history and depth {unknown[0]} has."
+        return inconclusive(expected, "; ".join(texts), reason, where=where, retry=False)
     return graded(sum(parts) / len(parts), expected, "; ".join(texts), " ".join(reasons), where=where)
 
 
@@ -260,7 +266,6 @@ def _judge_policy(wanted: WantedProfile, policy: str, sides: Sequence[_Side]) ->
     got = [each for side in sides for each in side.policies(policy)]
     wrong = [(side.kind, each) for side in sides for each in side.policies(policy) if each != value]
     if not wrong:
-        # Where nobody says, neither tap nor source, what cannot be known is not charged if the endpoint is there.
         return 1.0, "", ""
     kinds = list(dict.fromkeys(kind for kind, _ in wrong))
     which = f"The {kinds[0]} on {wanted.topic}" if len(kinds) == 1 else wanted.topic
@@ -273,16 +278,8 @@ def _claim(context: Context, artifact: str, kind: str, topic: str) -> tuple[Qos 
     if qos is not None:
         return qos, spot
     path = context.path_of(artifact) or ""
-    for call in rclpy_calls(context.submission.texts.get(path, "")):
-        if (
-            call.kind == kind
-            and call.name is not None
-            and call.name.strip("/") == topic.strip("/")
-            and call.qos is not None
-        ):
-            known = {k: v for k, v in call.qos.items() if k in ("history", "depth", "reliability", "durability")}
-            return Qos(**known), Where(file=path, line=call.line)  # type: ignore[arg-type]
-    return None, None
+    asked = asked_qos(context.submission.texts.get(path, ""), kind, topic)
+    return (asked[0], Where(file=path, line=asked[1])) if asked is not None else (None, None)
 
 
 def _shown(topic: str, sides: Sequence[_Side]) -> str:

@@ -9,6 +9,8 @@ from decimal import Decimal
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from pydantic import Field
+
 from grader.evidence.diagnosis import Diagnosis, explain
 from grader.evidence.elsewhere import only_elsewhere
 from grader.evidence.limits import ended_by_limit, hit_limit
@@ -16,7 +18,16 @@ from grader.evidence.oracle import load_oracle
 from grader.evidence.recorded import Floats, NumericStream, Recorded, can_hold_row
 from grader.evidence.source import spin_lines
 from grader.recording.submission import SubmissionRecord
+from grader.references import Parameters, Share
 from grader.result import Finding, Outcome, Where
+
+
+class OfEndpoint(Parameters):
+    """What it costs where an endpoint is there, but not as it is asked for."""
+
+    other_name_costs: Share = Field(0.6, description="Share of the credit that another name of it costs.")
+    other_type_costs: Share = Field(0.6, description="Share of the credit that another type costs.")
+    other_node_costs: Share = Field(0.2, description="Share of the credit that another name of its node costs.")
 
 
 @dataclass(frozen=True)

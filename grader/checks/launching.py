@@ -130,6 +130,7 @@ class LaunchArguments(Parameters):
 
     step: ref.PlanLabel
     arguments: tuple[WantedArgument, ...]
+    other_default_credit: Share = Field(0.5, description="Credit of one that is declared with another default.")
 
 
 def _same(a: Any, b: Any) -> bool:
@@ -160,7 +161,7 @@ def launch_arguments(context: Context, p: LaunchArguments) -> Finding:
             continue
         spots.append(Where(file=got.file, line=got.line))
         right = got.default is not None and _same(got.default, wanted.default)
-        parts.append(1.0 if right else 0.5)
+        parts.append(1.0 if right else p.other_default_credit)
         if not right:
             default = "no default" if got.default is None else f"the default {got.default!r}"
             reasons.append(f"The argument {wanted.name} has {default}; {wanted.default!r} is asked for.")
@@ -188,6 +189,7 @@ class LaunchNodes(Parameters):
 
     step: ref.PlanLabel
     nodes: tuple[WantedNode, ...]
+    other_name_credit: Share = Field(0.5, description="Credit of one that runs under another name.")
 
 
 def _entry_for(plan: Plan, node: str, executable: str) -> Process | None:
@@ -225,7 +227,7 @@ def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
     if unseen := [wanted.node for wanted in p.nodes if _is_unseen(context, plan, wanted)]:
         reason = f"{', '.join(unseen)} was made, and goes on, but was not seen in the graph."
         return inconclusive(expected, _in_the_graph(context, plan), reason, where=(context.where(),))
-    judged = [_judge_node(context, plan, wanted) for wanted in p.nodes]
+    judged = [_judge_node(context, plan, wanted, p.other_name_credit) for wanted in p.nodes]
     share = sum(j.share for j in judged)
     reasons = [j.reason for j in judged if j.reason]
     hints = [j.hint for j in judged if j.hint]
@@ -320,7 +322,7 @@ class _JudgedNode:
     undecided: str = ""
 
 
-def _judge_node(context: Context, plan: Plan, wanted: WantedNode) -> _JudgedNode:
+def _judge_node(context: Context, plan: Plan, wanted: WantedNode, other_name_credit: float) -> _JudgedNode:
     entry = _entry_for(plan, wanted.node, wanted.executable)
     if wanted.node in context.session.nodes and not _died(context, entry):
         return _JudgedNode(1.0)
@@ -350,7 +352,7 @@ def _judge_node(context: Context, plan: Plan, wanted: WantedNode) -> _JudgedNode
     if not _died(context, entry) and (entry.called not in (name, None) or used != wanted.node):
         shown = used if used != wanted.node else entry.full_name or entry.called
         reason = f"{wanted.executable} runs under the name {shown}, not {wanted.node}."
-        return _JudgedNode(0.5, reason, where=(Where(file=entry.file, line=entry.line),))
+        return _JudgedNode(other_name_credit, reason, where=(Where(file=entry.file, line=entry.line),))
     return _why_down(context, entry, wanted.executable)
 
 
@@ -475,6 +477,7 @@ class LaunchParameters(Parameters):
     step: ref.PlanLabel
     parameters: tuple[WantedNodeParameter, ...]
     other_step: ref.PlanLabel = Field(description="Step that evaluated the file with other arguments.")
+    unwired_credit: Share = Field(0.5, description="Credit of one that does not follow its argument.")
 
 
 def launch_parameters(context: Context, p: LaunchParameters) -> Finding:
@@ -486,7 +489,7 @@ def launch_parameters(context: Context, p: LaunchParameters) -> Finding:
         entry = _entry_for(plan, wanted.node, wanted.executable) if plan is not None else None
         if plan is not None and entry is None:
             continue  # The node is not started, which is charged with the nodes.
-        share, reason, text = _judge_parameter(context, wanted, plan, other)
+        share, reason, text = _judge_parameter(context, wanted, plan, other, p.unwired_credit)
         if plan is not None and reason and _planned(plan, wanted) is _MISSING:
             reason += _misdirected(plan, wanted, p.parameters)
         parts.append(share)
@@ -511,7 +514,7 @@ def _planned(plan: Plan | None, wanted: WantedNodeParameter) -> Any:
 
 
 def _judge_parameter(
-    context: Context, wanted: WantedNodeParameter, plan: Plan | None, other: Plan | None
+    context: Context, wanted: WantedNodeParameter, plan: Plan | None, other: Plan | None, unwired_credit: float
 ) -> tuple[float, str, str]:
     planned = _planned(plan, wanted)
     step = context.session.step(wanted.step)
@@ -544,7 +547,7 @@ def _judge_parameter(
     reason = f"{subject} is not wired to its launch argument: {instead}"
     if changed is not _MISSING and not _same(changed, planned):
         reason = f"{subject} follows its launch argument, but not as it should: {instead}"
-    return 0.5, reason, f"{text} ({shown} with another argument)"
+    return unwired_credit, reason, f"{text} ({shown} with another argument)"
 
 
 def _misdirected(plan: Plan, wanted: WantedNodeParameter, all_wanted: Sequence[WantedNodeParameter]) -> str:

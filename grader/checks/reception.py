@@ -14,6 +14,7 @@ from pydantic import Field
 from grader import references as ref
 from grader.checks.finding import (
     Context,
+    OfEndpoint,
     apart,
     failed,
     graded,
@@ -53,12 +54,13 @@ class OfferedProfile(Parameters):
     durability: ref.Durability = "volatile"
 
 
-class TopicsSubscribed(Parameters):
+class TopicsSubscribed(OfEndpoint):
     """A node subscribes to topics, with types and QoS that fit; each topic is a part."""
 
     artifact: ref.Artifact
     topics: tuple[WantedTopic, ...]
     offered: OfferedProfile = OfferedProfile()
+    incompatible_costs: Share = Field(0.6, description="Share of the credit that a profile which gets nothing costs.")
     reliability: ref.Reliability | None = Field(
         None, description="What the lab lets them request; another one is only noted."
     )
@@ -95,7 +97,7 @@ def topics_subscribed(context: Context, p: TopicsSubscribed) -> Finding:
         endpoints = student_endpoints(context, topic.topic, "subscription")
         nodes += [e.node for e in endpoints]
         notes += _weaker_requests(context, topic.topic, endpoints, p.reliability)
-        share, text, reason = _judge_subscription(context, topic, endpoints, p.offered)
+        share, text, reason = _judge_subscription(context, p, topic, endpoints)
         shares.append(share)
         texts.append(text)
         reasons += [reason] if reason else []
@@ -114,7 +116,7 @@ def topics_subscribed(context: Context, p: TopicsSubscribed) -> Finding:
         return failed(expected, "no subscription in the graph", reason, hint=hint, where=where)
     share = sum(shares) / len(shares)
     if p.node is not None and not any(n.rsplit("/", 1)[-1] == p.node.rsplit("/", 1)[-1] for n in nodes):
-        share -= 0.2
+        share -= p.other_node_costs
         reasons.append(f"The node is named {nodes[0]}, not {p.node}.")
     return graded(share, expected, ", ".join(texts), " ".join(reasons), where=(*spots, context.where()), notes=notes)
 
@@ -128,7 +130,7 @@ def _weaker_requests(context: Context, topic: str, endpoints: Sequence[Endpoint]
 
 
 def _judge_subscription(
-    context: Context, wanted: WantedTopic, endpoints: Sequence[Endpoint], offered: OfferedProfile
+    context: Context, p: TopicsSubscribed, wanted: WantedTopic, endpoints: Sequence[Endpoint]
 ) -> tuple[float, str, str]:
     used = context.session.used(wanted.topic)
     if not endpoints:
@@ -141,15 +143,15 @@ def _judge_subscription(
     text = f"{endpoint.type} from {used} ({endpoint.qos.reliability}, {endpoint.qos.durability})"
     share, reasons = 1.0, []
     if used != wanted.topic:
-        share -= 0.6
+        share -= p.other_name_costs
         within = in_namespace(used, wanted.topic, [endpoint.node])
         reasons.append(f"The subscription is on {used}, not on {wanted.topic}; the rest is judged with {used}.{within}")
     if endpoint.type != wanted.type:
-        share -= 0.6
+        share -= p.other_type_costs
         reasons.append(f"The type on {used} is {endpoint.type}, not {wanted.type}, so no message can arrive.")
-    policy = clash(endpoint, offered)
+    policy = clash(endpoint, p.offered)
     if policy is not None:
-        share -= 0.6
+        share -= p.incompatible_costs
         reasons.append(
             f"On {used} the two sides are incompatible in {policy}, "
             "so no message would arrive from the lab's publisher."

@@ -13,6 +13,7 @@ from pydantic import Field
 from grader import references as ref
 from grader.checks.finding import (
     Context,
+    OfEndpoint,
     apart,
     ended_already,
     failed,
@@ -32,11 +33,11 @@ from grader.checks.traffic import claimed_at, in_namespace
 from grader.evidence.recorded import Span
 from grader.patterns import search, without
 from grader.recording.session import StepRun
-from grader.references import Parameters, Pattern
+from grader.references import Parameters, Pattern, Share
 from grader.result import Finding, Outcome, Where
 
 
-class ServiceOffered(Parameters):
+class ServiceOffered(OfEndpoint):
     """A node offers a service of a type under a name."""
 
     artifact: ref.Artifact
@@ -65,11 +66,13 @@ def service_offered(context: Context, p: ServiceOffered) -> Finding:
     wrong: list[tuple[float, str]] = []
     if used != p.service:
         within = in_namespace(used, p.service, [offer.node])
-        wrong.append((0.6, f"The service is named {used}, not {p.service}; the rest is judged on {used}.{within}"))
+        wrong.append(
+            (p.other_name_costs, f"The service is named {used}, not {p.service}; the rest is judged on {used}.{within}")
+        )
     if offer.type != p.type:
-        wrong.append((0.6, f"The service is of type {offer.type}, not {p.type}."))
+        wrong.append((p.other_type_costs, f"The service is of type {offer.type}, not {p.type}."))
     if p.node is not None and offer.node.rsplit("/", 1)[-1] != p.node.rsplit("/", 1)[-1]:
-        wrong.append((0.2, f"The node is named {offer.node}, not {p.node}."))
+        wrong.append((p.other_node_costs, f"The node is named {offer.node}, not {p.node}."))
     spot = claimed_at(context, "service", used)
     where = (*([spot] if spot else []), context.where())
     return graded(
@@ -91,7 +94,7 @@ class Given(Parameters):
 
 
 class CallAnswered(Parameters):
-    """A call is answered with the right values; an empty message, or another answer later, costs a quarter."""
+    """A call is answered with the right values; an empty message, or another answer later, costs a part."""
 
     artifact: ref.Artifact
     step: ref.CallLabel
@@ -109,6 +112,8 @@ class CallAnswered(Parameters):
         None, description="A step at which this answer would be wrong, to see a mix-up."
     )
     given: Given | None = Field(None, description="A parameter on which the answer depends.")
+    changed_credit: Share = Field(0.75, description="Credit of a right answer that is another one later.")
+    wordless_credit: Share = Field(0.75, description="Credit of a right answer whose message is empty.")
 
 
 def _answer(step: StepRun | None) -> tuple[Mapping[str, Any] | None, float, str]:
@@ -230,10 +235,10 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
     later = next((a for a in _later_answers(context, p) if not _fits(a, p.response)), None)
     if later is not None and not charged:
         reason = f"To the same request it answers {_shown(later)} later."
-        return graded(0.75, expected, measured, reason, hint=_ALIKE_HINT, where=where)
+        return graded(p.changed_credit, expected, measured, reason, hint=_ALIKE_HINT, where=where)
     text = str(response.get(p.message_field, ""))
     if p.message is not None and not text.strip():
-        return graded(0.75, expected, measured, "The answer's message is empty.", where=where)
+        return graded(p.wordless_credit, expected, measured, "The answer's message is empty.", where=where)
     if p.message is not None and not search(p.message, text):
         note = f"The message {text!r} is worded otherwise than the lab's."
         return passed(expected, measured, where=where, notes=(note,))
@@ -286,7 +291,8 @@ class CallGated(Parameters):
     refused: Annotated[Mapping[str, Any], ref.fields_of_type("_Response", "refused_step")]
     recovered: Annotated[Mapping[str, Any], ref.fields_of_type("_Response", "recovered_step")]
     message_field: Annotated[str, ref.fields_of_type("_Response", "refused_step")] = "message"
-    refusal: Pattern | None = Field(None, description="A message that refuses, whatever the other fields say: half.")
+    refusal: Pattern | None = Field(None, description="A message that refuses, whatever the other fields say.")
+    half_credit: Share = Field(0.5, description="Credit of one half, such as refusing without recovering.")
 
 
 def call_gated(context: Context, p: CallGated) -> Finding:
@@ -303,17 +309,17 @@ def call_gated(context: Context, p: CallGated) -> Finding:
     fails = enabling is not None and enabling.outcome in (Outcome.FAILED, Outcome.NOT_REACHED)
     if fails and not (refuses and recovers):
         if _fits(answers[p.refused_step], p.recovered) and _fits(answers[p.recovered_step], p.refused):
-            return graded(0.5, expected, measured, _REVERSED, hint=_REVERSED_HINT, where=where)
+            return graded(p.half_credit, expected, measured, _REVERSED, hint=_REVERSED_HINT, where=where)
         return not_reached(
             "Not tested: the robot cannot be enabled at all, so a refusal proves nothing.", expected=expected
         )
     if refuses:
         reason = "It refuses, but does not recover when the parameter is true again."
-        return graded(0.5 + 0.5 * recovers, expected, measured, reason, where=where)
+        return graded(1.0 if recovers else p.half_credit, expected, measured, reason, where=where)
     if recovers and p.refusal is not None and search(p.refusal, _message(answers[p.refused_step], p.message_field)):
-        return graded(0.5, expected, measured, _ONLY_SAID, hint=_ONLY_SAID_HINT, where=where)
+        return graded(p.half_credit, expected, measured, _ONLY_SAID, hint=_ONLY_SAID_HINT, where=where)
     if answers[p.refused_step] is None:
-        started_off = _fits(answers[p.from_start_step], p.refused)
+        started_off = p.half_credit * _fits(answers[p.from_start_step], p.refused)
         return _no_answer_while_off(context, steps[p.refused_step], expected, measured, started_off, where)
     unset = _not_set(context.session.step(p.set_step))
     if _fits(answers[p.from_start_step], p.refused):
@@ -321,7 +327,7 @@ def call_gated(context: Context, p: CallGated) -> Finding:
         reason += unset or "a change while it runs has no effect."
         measured += f"; off from the start: {_shown(answers[p.from_start_step])}"
         where = (*where, _spot(context, steps[p.from_start_step]))
-        return graded(0.5, expected, measured, reason, hint=_SET_HINT if unset else "", where=where)
+        return graded(p.half_credit, expected, measured, reason, hint=_SET_HINT if unset else "", where=where)
     if unset:
         return failed(expected, measured, f"It goes on enabling, since {unset}", hint=_SET_HINT, where=where)
     return failed(expected, measured, "It enables although the parameter is false.", where=where)
@@ -336,13 +342,13 @@ def _not_set(step: StepRun | None) -> str:
 
 
 def _no_answer_while_off(
-    context: Context, step: StepRun | None, expected: str, measured: str, started_off: bool, where: tuple[Where, ...]
+    context: Context, step: StepRun | None, expected: str, measured: str, started_off: float, where: tuple[Where, ...]
 ) -> Finding:
     """State that no answer came while the parameter was off: charged here, unless the node was silent before."""
     if _earlier_silence(context, step, expected) is not None:
         reason = "The node had stopped answering before, which is charged there, so no change could be looked at."
         hint = "Mend the earlier call first."
-        return graded(0.5 * started_off, expected, measured, reason, hint=hint, where=where)
+        return graded(started_off, expected, measured, reason, hint=hint, where=where)
     students = (run.artifact for run in context.session.record.processes if run.role == "student")
     problem = "No answer came while the parameter was false."
     return _silence(context, next(students, None) or "", expected, problem, where)
@@ -372,6 +378,7 @@ class ParametersDeclared(Parameters):
 
     step: ref.GetLabel
     parameters: tuple[WantedParameter, ...]
+    other_value_credit: Share = Field(0.5, description="Credit of one that is declared with another type or default.")
 
 
 def parameters_declared(context: Context, p: ParametersDeclared) -> Finding:
@@ -397,7 +404,7 @@ def parameters_declared(context: Context, p: ParametersDeclared) -> Finding:
             parts.append(0.0)
             reasons.append(f"{wanted.name} is not declared.")
         elif got["type"] != wanted.type or got["value"] != wanted.value:
-            parts.append(0.5)
+            parts.append(p.other_value_credit)
             reasons.append(f"{wanted.name} is {got['value']!r} ({got['type']}), not {wanted.value!r} ({wanted.type}).")
         else:
             parts.append(1.0)

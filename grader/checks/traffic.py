@@ -14,6 +14,7 @@ from grader import references as ref
 from grader.checks.finding import (
     STEPS,
     Context,
+    OfEndpoint,
     apart,
     ended_already,
     failed,
@@ -42,7 +43,7 @@ from grader.result import Finding, Where
 _NUMBER = re.compile(r"\d+(?:\.\d*)?(?:[eE][+-]?\d+)?")
 
 
-class TopicPublished(Parameters):
+class TopicPublished(OfEndpoint):
     """A node publishes a type on a topic. Name, type and node name count in parts."""
 
     artifact: ref.Artifact
@@ -92,11 +93,13 @@ def topic_published(context: Context, p: TopicPublished) -> Finding:
     if used != p.topic:
         nodes = [e.node for e in endpoints]
         within = in_namespace(used, p.topic, nodes)
-        wrong.append((0.6, f"The topic is named {used}, not {p.topic}; the rest is judged on {used}.{within}"))
+        wrong.append(
+            (p.other_name_costs, f"The topic is named {used}, not {p.topic}; the rest is judged on {used}.{within}")
+        )
     if found_type != p.type:
-        wrong.append((0.6, f"The messages are of type {found_type}, not {p.type}."))
-    wrong += _wrong_definition(context, used, endpoints)
-    wrong += _wrong_node(p.node, [e.node for e in endpoints])
+        wrong.append((p.other_type_costs, f"The messages are of type {found_type}, not {p.type}."))
+    wrong += [(p.other_type_costs, reason) for reason in _wrong_definition(context, used, endpoints)]
+    wrong += [(p.other_node_costs, reason) for reason in _wrong_node(p.node, [e.node for e in endpoints])]
     measured = f"{len(stream)} messages of type {found_type} on {used}" + (
         f", from {endpoints[0].node}" if endpoints else ""
     )
@@ -104,16 +107,14 @@ def topic_published(context: Context, p: TopicPublished) -> Finding:
     return graded(1 - sum(w for w, _ in wrong), expected, measured, " ".join(r for _, r in wrong), where=where)
 
 
-def _wrong_definition(context: Context, topic: str, endpoints: Sequence[Endpoint]) -> list[tuple[float, str]]:
+def _wrong_definition(context: Context, topic: str, endpoints: Sequence[Endpoint]) -> list[str]:
     """Judge the definitions that publishers announce for their types, by the hashes of those that are installed."""
     hashes = {i.topic_type: i.type_hash for i in context.session.bag.topics if i.topic == topic and i.type_hash}
     for endpoint in endpoints:
         announced, known = endpoint.type_hash, hashes.get(endpoint.type)
         if announced.startswith("RIHS01_") and known is not None and announced != known:
             short, right = announced[:15], known[:15]
-            return [
-                (0.6, f"{endpoint.type} is announced with another definition ({short}...) than it has ({right}...).")
-            ]
+            return [f"{endpoint.type} is announced with another definition ({short}...) than it has ({right}...)."]
     return []
 
 
@@ -145,11 +146,11 @@ def in_namespace(used: str, wanted: str, nodes: Sequence[str]) -> str:
     return f" It lies in the namespace of its node, {found}." if found else ""
 
 
-def _wrong_node(wanted: str | None, nodes: Sequence[str]) -> list[tuple[float, str]]:
+def _wrong_node(wanted: str | None, nodes: Sequence[str]) -> list[str]:
     """Judge the name of the node behind some endpoints; a namespace more is no mistake."""
     if wanted is None or not nodes or any(n.rsplit("/", 1)[-1] == wanted.rsplit("/", 1)[-1] for n in nodes):
         return []
-    return [(0.2, f"The node is named {nodes[0]}, not {wanted}.")]
+    return [f"The node is named {nodes[0]}, not {wanted}."]
 
 
 class TopicRate(Parameters):

@@ -14,25 +14,9 @@ from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import PurePosixPath
 
-from grader.evidence.calls import CallFact, defines_main, has_main_guard, rclpy_calls
 from grader.evidence.comments import Comment, comments_of
 from grader.evidence.syntax import SIZE_LIMIT, Span, SyntaxProblem, blank_out, normalise, spans, tree_of
 from grader.evidence.words import is_placeholder, normal_form, substance, words
-
-__all__ = [
-    "CallFact",
-    "Comment",
-    "Definition",
-    "DocstringShare",
-    "SourceFacts",
-    "Undocumented",
-    "defines_main",
-    "docstring_share",
-    "has_main_guard",
-    "parse",
-    "rclpy_calls",
-    "spin_lines",
-]
 
 DOCSTRING_WORDS = 3
 """Distinct words from which a docstring says something."""

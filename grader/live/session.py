@@ -23,6 +23,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -437,7 +438,9 @@ class Session:
                     "of": len(self.plan.steps),
                 }
             )
-            step.outcome, step.result = await getattr(self, f"_step_{step.kind}")(step.parameters)
+            # What is not done here is an operation of the director's.
+            action = getattr(self, f"_step_{step.kind}", None) or partial(self._direct, step.kind)
+            step.outcome, step.result = await action(step.parameters)
             step.ended_ns = time.time_ns()
             if step.kind == "wait_for":
                 self._hold_students_to_cores()
@@ -610,21 +613,6 @@ class Session:
         if parameters["output_of"]:
             return await self._wait_output(parameters["output_of"], parameters["text"] or "", parameters["timeout_s"])
         return await self._direct("wait_for", parameters)
-
-    async def _step_observe(self, parameters: dict[str, Any]) -> tuple[str, dict[str, Any]]:
-        return await self._direct("observe", parameters)
-
-    async def _step_publish(self, parameters: dict[str, Any]) -> tuple[str, dict[str, Any]]:
-        return await self._direct("publish", parameters)
-
-    async def _step_call(self, parameters: dict[str, Any]) -> tuple[str, dict[str, Any]]:
-        return await self._direct("call", parameters)
-
-    async def _step_get_parameters(self, parameters: dict[str, Any]) -> tuple[str, dict[str, Any]]:
-        return await self._direct("get_parameters", parameters)
-
-    async def _step_set_parameters(self, parameters: dict[str, Any]) -> tuple[str, dict[str, Any]]:
-        return await self._direct("set_parameters", parameters)
 
     async def _direct(self, op: str, parameters: dict[str, Any]) -> tuple[str, dict[str, Any]]:
         """Have the director do it, but not for longer than the student has processes."""

@@ -6,6 +6,7 @@ print. A picture that is wide on a desk has a narrow form for a phone, so that i
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from grader.cohort.summary import Spread
 from grader.evidence.figures import (
     Calls,
     Distribution,
+    Figure,
     Intervals,
     Latency,
     Line,
@@ -191,9 +193,22 @@ def _both(
     return images[0], images[1]
 
 
+@functools.singledispatch
+def chart_of(figure: Figure, name: str) -> Chart | None:
+    """Draw a figure; None for one that is a table or a tree, which the template writes.
+
+    Parameters
+    ----------
+    name : str
+        Unique in the page.
+    """
+    return None
+
+
 # -- timing ------------------------------------------------------------------------------------
 
 
+@chart_of.register
 def intervals_chart(figure: Intervals, name: str) -> Chart:
     """Draw the histogram of a topic's intervals around the expected one."""
     width, height = HALF, 260
@@ -222,6 +237,7 @@ def intervals_chart(figure: Intervals, name: str) -> Chart:
     return Chart(_svg(width, height, name, figure.title, caption, parts), None, caption)
 
 
+@chart_of.register
 def rate_chart(figure: Rate, name: str) -> Chart:
     """Draw a topic's rate over time with the expected one."""
     width, height = HALF, 260
@@ -252,6 +268,7 @@ def rate_chart(figure: Rate, name: str) -> Chart:
 # -- values ------------------------------------------------------------------------------------
 
 
+@chart_of.register
 def series_chart(figure: Series, name: str) -> Chart:
     """Draw elements of messages over time: one frame an element, the roles in it over each other."""
     roles = list(dict.fromkeys(line.role for line in figure.lines))
@@ -307,6 +324,7 @@ def _series_caption(figure: Series) -> str:
     return (f"Range in{unit or ' numbers'}: {shown}." if moving else "Nothing moves.") + rest + more
 
 
+@chart_of.register
 def reports_chart(figure: Reports, name: str) -> Chart:
     """Draw reported numbers over the values that are right."""
     times = [*figure.times_s, *(t for p in figure.plateaus for t in (p.start_s, p.end_s))]
@@ -345,6 +363,7 @@ def reports_chart(figure: Reports, name: str) -> Chart:
 # -- services ----------------------------------------------------------------------------------
 
 
+@chart_of.register
 def calls_chart(figure: Calls, name: str) -> Chart:
     """Draw each call of a service at its time, as high as it took long."""
     calls = [call for group in figure.groups for call in group.calls]
@@ -400,6 +419,7 @@ def _call_key(answered: bool, accepted: bool | None) -> tuple[str, str]:
 # -- latency -----------------------------------------------------------------------------------
 
 
+@chart_of.register
 def latency_chart(figure: Latency, name: str) -> Chart:
     """Draw each topic's latencies as a box over a strip of single messages, on a logarithmic axis."""
     floor = 1e-6

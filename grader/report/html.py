@@ -4,19 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
-from grader.evidence.figures import (
-    Calls,
-    Figure,
-    Intervals,
-    Latency,
-    PlanTree,
-    QosTable,
-    Rate,
-    Reports,
-    Series,
-)
+from grader.evidence.figures import Figure
 from grader.recording.session import SessionRecord
 from grader.recording.submission import SubmissionRecord
 from grader.report import charts, views
@@ -30,36 +19,18 @@ from grader.result import Outcome, Result
 class Picture:
     """A figure with its chart, where it is one for drawing."""
 
-    kind: str
     figure: Figure
     chart: Chart | None
+
+    @property
+    def kind(self) -> str:
+        """What the template calls it."""
+        return type(self.figure).__name__
 
     @property
     def half(self) -> bool:
         """Whether it takes half the page's width."""
         return self.chart is not None and self.chart.half
-
-
-def picture_of(figure: Figure, name: str) -> Picture:
-    """Draw a figure; tables and trees are left to the template.
-
-    Parameters
-    ----------
-    name : str
-        Unique in the page.
-    """
-    kinds: tuple[tuple[type[Any], str, Any], ...] = (
-        (Intervals, "chart", charts.intervals_chart),
-        (Rate, "chart", charts.rate_chart),
-        (Series, "chart", charts.series_chart),
-        (Reports, "chart", charts.reports_chart),
-        (Calls, "calls", charts.calls_chart),
-        (Latency, "chart", charts.latency_chart),
-        (PlanTree, "plan", None),
-        (QosTable, "qos", None),
-    )
-    kind, paint = next((k, p) for cls, k, p in kinds if isinstance(figure, cls))
-    return Picture(kind, figure, paint(figure, name) if paint else None)
 
 
 def render(
@@ -81,7 +52,10 @@ def render(
     """
     anchors = views.anchors_of(sessions)
     pictures = {
-        name: [picture_of(figure, f"{views.anchor('figure', name)}-{n}") for n, figure in enumerate(listed)]
+        name: [
+            Picture(figure, charts.chart_of(figure, f"{views.anchor('figure', name)}-{n}"))
+            for n, figure in enumerate(listed)
+        ]
         for name, listed in figures.items()
     }
     return render_page(

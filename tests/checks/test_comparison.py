@@ -128,14 +128,20 @@ def test_a_profile_as_asked_passes(tmp_path: Path) -> None:
         (BEST_EFFORT, CLAIM, "0.75", "reliability best_effort, not reliable"),
         (RELIABLE, replace(CLAIM, depth=1), "0.75", "depth 1, not 10"),
         (RELIABLE, replace(CLAIM, history="keep_all", depth=0), "0.5", "history keep_all"),
-        (RELIABLE, None, "1", ""),
     ],
 )
-def test_each_policy_is_a_part(tmp_path: Path, qos: Qos, claim: Qos | None, credit: str, words: str) -> None:
-    """A wrong policy costs a quarter; a depth that nobody knows costs nothing."""
+def test_each_policy_is_a_part(tmp_path: Path, qos: Qos, claim: Qos, credit: str, words: str) -> None:
+    """A wrong policy costs a quarter."""
     finding = profiled(tmp_path, qos, claim)
     assert finding.credit == Decimal(credit)
     assert words in finding.reason
+
+
+def test_a_history_that_nobody_knows_is_left_to_a_person(tmp_path: Path) -> None:
+    """Discovery does not carry it; where neither the run nor the source says it, nothing is guessed."""
+    finding = profiled(tmp_path, RELIABLE, None)
+    assert finding.outcome is Outcome.INCONCLUSIVE
+    assert "history and depth" in finding.reason
 
 
 def test_a_side_that_is_missing_costs_half(tmp_path: Path) -> None:

@@ -10,12 +10,13 @@ the process sees.
 from __future__ import annotations
 
 import argparse
-import importlib.util
+import importlib
 import json
 import os
 import sys
 from contextlib import suppress
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 HERE = Path(__file__).resolve().parent
@@ -37,8 +38,8 @@ def main(argv: list[str] | None = None) -> int:
     request = json.load(sys.stdin)
     os.write(options.result_fd, b"\n")  # whatever happens now, the evaluation itself has started
     process = os.getpid()
-    _see_only(*([] if request.get("native") else [str(STANDIN)]))
-    plan = _evaluate(request)
+    evaluate = evaluation(native=bool(request.get("native")))
+    plan = evaluate(request["file"], request.get("arguments") or {}, request["root"])
     if os.getpid() != process:
         os._exit(0)  # the launch file forked, and this is its child
     with suppress(Exception):
@@ -48,26 +49,22 @@ def main(argv: list[str] | None = None) -> int:
     return 0
 
 
-def _see_only(*folders: str) -> None:
-    # A launch file must not be able to import this script's neighbours.
-    kept = [p for p in sys.path if p and Path(p).resolve() != HERE]
-    sys.path[:] = [*folders, *kept]
+def evaluation(*, native: bool) -> Any:
+    """The function that evaluates, with the stand-in or else with the `launch` that Python finds.
+
+    Notes
+    -----
+    A launch file must not be able to import this script's neighbours by their bare names: they are in a package
+    of a name of their own.
+    """
+    package = ModuleType("grader_launching")
+    package.__path__ = [str(HERE)]
+    sys.modules["grader_launching"] = package
+    sys.path[:] = [p for p in sys.path if p and Path(p).resolve() != HERE]
+    if not native:
+        sys.path.insert(0, str(STANDIN))
     sys.dont_write_bytecode = True
-
-
-def _evaluate(request: dict[str, Any]) -> dict[str, Any]:
-    if request.get("native"):
-        spec = importlib.util.spec_from_file_location("native_evaluation", HERE / "native.py")
-        assert spec is not None
-        assert spec.loader is not None
-        native = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(native)
-        evaluate = native.evaluate
-    else:
-        from launch._evaluation import evaluate
-
-    plan: dict[str, Any] = evaluate(request["file"], request.get("arguments") or {}, request["root"])
-    return plan
+    return importlib.import_module("grader_launching.native" if native else "launch._context").evaluate
 
 
 if __name__ == "__main__":

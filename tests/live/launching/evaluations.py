@@ -24,17 +24,13 @@ needs_the_original = pytest.mark.skipif(
 # Each request is evaluated in a child of its own, so that they share nothing but the imports.
 _BATCH = """
 import importlib.util, json, os, signal, sys, warnings
-sys.path.insert(0, sys.argv[1])
-sys.dont_write_bytecode = True
 warnings.simplefilter("ignore")
+spec = importlib.util.spec_from_file_location("evaluate", sys.argv[1])
+script = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(script)
+sys.path.insert(0, sys.argv[2])
+evaluate = script.evaluation(native=sys.argv[3] == "native")
 import yaml, launch, launch_ros.actions
-if sys.argv[2]:
-    spec = importlib.util.spec_from_file_location("native", sys.argv[2])
-    native = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(native)
-    evaluate = native.evaluate
-else:
-    from launch._evaluation import evaluate
 for request in json.load(sys.stdin):
     if os.fork() == 0:
         signal.alarm(10)
@@ -76,7 +72,7 @@ def plans_of(
         Evaluate as on a ROS machine, whatever `launch` that is.
     """
     done = subprocess.run(
-        [sys.executable, "-c", _BATCH, str(path), str(LAUNCHING / "native.py") if native else ""],
+        [sys.executable, "-c", _BATCH, str(LAUNCHING / "evaluate.py"), str(path), "native" if native else "standin"],
         input=json.dumps(list(requests)),
         capture_output=True,
         text=True,

@@ -122,7 +122,7 @@ def test_the_plan_is_as_documented(case: Case, plans: dict[str, Any]) -> None:
 def test_a_plan_survives_the_round_trip(case: Case, plans: dict[str, Any]) -> None:
     """A plan read from plain data and written again says the same."""
     plan = Plan.from_plain(plans[case.name])
-    assert Plan.from_plain(json.loads(json.dumps(plan.to_plain()))) == plan
+    assert Plan.from_plain(json.loads(json.dumps(plan.to_plain()))).to_plain() == plan.to_plain()
 
 
 @pytest.mark.parametrize("case", [c for c in CASES if c.expect["outcome"] == "error"], ids=lambda case: case.name)

@@ -1,7 +1,4 @@
-"""Evaluation by the real `launch`, tried on the stand-in, which has the same public interface.
-
-Where the real one cannot be installed, this shows that what `native.py` does around it gives the stand-in's plans.
-"""
+"""Evaluation by the real `launch`, as the script does it on a ROS machine."""
 
 from __future__ import annotations
 
@@ -21,10 +18,13 @@ from grader.recording.plan import Plan
 ROOT = Path(__file__).parents[3]
 sys.path.append(str(ROOT))
 
-from tests.live.launching import test_conformance as conformance  # noqa: E402
-from tests.live.launching.evaluations import LAUNCHING, environment, make_package, plans_of  # noqa: E402
-from tests.live.launching.launch_cases import Case  # noqa: E402
-from tests.live.launching.outline import outline  # noqa: E402
+from tests.live.launching.evaluations import (  # noqa: E402
+    LAUNCHING,
+    environment,
+    make_package,
+    needs_the_original,
+    original_environment,
+)
 
 
 def make_prefix(folder: Path) -> Path:
@@ -33,7 +33,7 @@ def make_prefix(folder: Path) -> Path:
 
 
 def evaluate(root: Path, file: str, prefix: Path, *, native: bool, **arguments: str) -> Plan:
-    """Evaluate a launch file; natively with the stand-in on the path, where the real one would be."""
+    """Evaluate a launch file; natively with the original on the path."""
     read, write_end = os.pipe()
     request = {"file": str(root / file), "arguments": arguments, "root": str(root), "native": native}
     done = subprocess.run(
@@ -42,7 +42,7 @@ def evaluate(root: Path, file: str, prefix: Path, *, native: bool, **arguments: 
         capture_output=True,
         text=True,
         pass_fds=[write_end],
-        env=environment(prefix) | ({"PYTHONPATH": str(LAUNCHING / "standin")} if native else {}),
+        env=original_environment(prefix) if native else environment(prefix),
         timeout=30,
         check=False,
     )
@@ -60,41 +60,7 @@ def essence(plan: Plan) -> list[Any]:
     return [plan.outcome, nodes, arguments, dict(plan.configurations)]
 
 
-#: Where the stand-in is no stand-in for the real one: its own events, process ids in names, names of files.
-OWN_WAYS = {
-    "an anonymous name is another one after its scope",
-    "on the completion of an action",
-    "the tutorial of the event handlers",
-    "a node that waits for another to be active",
-    "files that are written while the file is read go with the plan",
-}
-AGREEING = [c for c in conformance.CASES if c.expect["outcome"] == "ok" and c.name not in OWN_WAYS]
-
-
-@pytest.fixture(scope="session")
-def both_plans(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Any, Any]]:
-    """The plans of every case that can be launched, by its name, in both ways."""
-    folder = tmp_path_factory.mktemp("both")
-    requests = []
-    for number, case in enumerate(AGREEING):
-        root = folder / f"case_{number}"
-        file = str(conformance.write(case, root))
-        requests.append({"file": file, "arguments": dict(case.arguments), "root": str(root)})
-    surroundings = environment(conformance.make_prefix(folder))
-    ours, native = (plans_of(requests, surroundings, native=way) for way in (False, True))
-    return {case.name: pair for case, pair in zip(AGREEING, zip(ours, native, strict=True), strict=True)}
-
-
-@pytest.mark.parametrize("case", AGREEING, ids=lambda case: case.name)
-def test_both_ways_agree(case: Case, both_plans: dict[str, tuple[Any, Any]]) -> None:
-    """A launch file has the same processes, arguments, includes and messages, at the same lines."""
-    ours, native = both_plans[case.name]
-    assert native["problem"] is None
-    in_python = case.filename.endswith(".py")
-    assert outline(native, lines=in_python) == outline(ours, lines=in_python)
-    Plan.from_plain(native)
-
-
+@needs_the_original
 @pytest.mark.parametrize("arguments", [{}, {"use_sim": "false", "control_rate": "50.0"}])
 def test_both_ways_give_the_same_plan(arguments: dict[str, str], tmp_path: Path) -> None:
     """The solution's launch file has the same nodes and arguments."""
@@ -105,8 +71,9 @@ def test_both_ways_give_the_same_plan(arguments: dict[str, str], tmp_path: Path)
     assert essence(native) == essence(ours)
 
 
+@needs_the_original
 def test_parameters_are_read_off_the_command_line(tmp_path: Path) -> None:
-    """A parameter file, which the real launch leaves on disk, is kept with the plan."""
+    """A parameter file of the submission is given by its path, and what it says is in the plan."""
     prefix = make_prefix(tmp_path / "prefix")
     (tmp_path / "p.yaml").write_text("/**:\n  ros__parameters:\n    rate: 2.5\n")
     (tmp_path / "x_launch.py").write_text(
@@ -120,9 +87,10 @@ def test_parameters_are_read_off_the_command_line(tmp_path: Path) -> None:
     assert process.full_name == "/a/n"
     assert process.remappings == (("x", "y"),)
     assert process.effective_parameters() == {"rate": 2.5}
-    assert list(process.parameter_files.values()) == [(tmp_path / "p.yaml").read_text()]
+    assert process.parameters[0].content == {"/**": {"ros__parameters": {"rate": 2.5}}}
 
 
+@needs_the_original
 def test_timers_and_handlers_are_played(tmp_path: Path) -> None:
     """What waits for a time, or for a process, says so."""
     (tmp_path / "x_launch.py").write_text(
@@ -144,6 +112,7 @@ def test_timers_and_handlers_are_played(tmp_path: Path) -> None:
     }
 
 
+@needs_the_original
 @pytest.mark.parametrize(
     ("text", "kind", "line"),
     [
@@ -178,6 +147,7 @@ def test_what_is_not_there_is_an_error_only_if_asked_for() -> None:
     assert caught.value.remedy
 
 
+@needs_the_original
 def test_what_follows_an_end_and_what_is_loaded_is_noted(tmp_path: Path) -> None:
     """`on_exit`, nodes for a container, and files written while reading are in the plan."""
     (tmp_path / "x_launch.py").write_text(
@@ -203,6 +173,7 @@ def test_what_follows_an_end_and_what_is_loaded_is_noted(tmp_path: Path) -> None
     assert process.line == 10
 
 
+@needs_the_original
 def test_a_released_package_that_is_not_there_is_not_assessable(tmp_path: Path) -> None:
     """A ROS machine may lack a package too, which is not the student's fault."""
     (tmp_path / "x_launch.py").write_text(

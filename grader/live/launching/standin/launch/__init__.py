@@ -5,8 +5,6 @@ It serves to evaluate a student's launch file where the real package cannot be i
 
 from __future__ import annotations
 
-from typing import Any
-
 from ._base import (
     Action,
     Condition,
@@ -20,12 +18,12 @@ from ._base import (
     Substitution,
 )
 
-from ._catalogue import missing_name  # isort: skip
+from ._catalogue import missing_name_of  # isort: skip
 from . import substitutions  # isort: skip
 from . import conditions, descriptions, events, frontend, logging  # isort: skip
 from ._context import LaunchContext
 from ._description import LaunchDescription, LaunchDescriptionSource
-from ._service import LaunchIntrospector, LaunchService
+from ._service import LaunchIntrospector
 from .event_handlers import BaseEventHandler, EventHandler
 
 from . import actions, event_handlers, launch_description_sources, utilities  # isort: skip
@@ -42,7 +40,6 @@ __all__ = [
     "LaunchDescriptionEntity",
     "LaunchDescriptionSource",
     "LaunchIntrospector",
-    "LaunchService",
     "SomeEntitiesType",
     "SomeEntitiesType_types_tuple",
     "SomeSubstitutionsType",
@@ -59,7 +56,4 @@ __all__ = [
     "substitutions",
     "utilities",
 ]
-
-
-def __getattr__(name: str) -> Any:
-    return missing_name(__name__, name)
+__getattr__ = missing_name_of(__name__)

@@ -1,23 +1,49 @@
-"""The ground on which the stand-in rests: entities, substitutions, conditions, and where each was written.
+"""The ground on which the stand-in rests: entities, substitutions, conditions, and the fields they are made of.
 
-Every object that a launch file builds remembers the line of that file. A substitution is resolved long
-after the line that wrote it, so without this the student would be shown a place in the grader.
+A class of the stand-in is a row: its fields, each with its default and the attribute that XML and YAML give it, and
+what it performs. One constructor takes the arguments of all of them, as strictly as the original does; one parser
+reads all of them. Every object remembers the line that builds it: a substitution is resolved long after that
+line, so without this the student would be shown a place in the grader.
 """
 
 from __future__ import annotations
 
 import collections.abc
-import os
+import importlib
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
-#: The stand-in, and the script that evaluates with it.
-STANDIN_ROOT = str(Path(__file__).resolve().parents[2]) + os.sep
+#: The folder with the stand-in, and with what it shares with the evaluation by the original.
+LAUNCHING = Path(__file__).resolve().parents[2]
+
+
+def shared(name: str) -> Any:
+    """A module of the evaluation that is no part of the stand-in."""
+    if "grader_launching" not in sys.modules:
+        package = ModuleType("grader_launching")
+        package.__path__ = [str(LAUNCHING)]
+        sys.modules["grader_launching"] = package
+    return importlib.import_module(f"grader_launching.{name}")
+
+
+_problems = shared("problems")
+RENAMED: dict[str, str] = _problems.RENAMED
+UnsupportedByStandin: type[ImportError] = _problems.UnsupportedByStandin
+blame, mistake, near, no_action, shown = (
+    _problems.blame,
+    _problems.mistake,
+    _problems.near,
+    _problems.no_action,
+    _problems.shown,
+)
 
 SourceLine = tuple[str, int]
+REQUIRED: Any = object()
+POSITIONAL = True
 
 _declared_lines: list[SourceLine] = []
 
@@ -33,40 +59,200 @@ def written_at(file: str, line: int) -> Iterator[None]:
 
 
 def calling_line() -> SourceLine | None:
-    """The innermost line outside the stand-in from which the current call comes."""
+    """The innermost line outside the evaluation from which the current call comes."""
     if _declared_lines:
         return _declared_lines[-1]
     frame = sys._getframe(1)
     while frame is not None:
         name = frame.f_code.co_filename
-        if not name.startswith(STANDIN_ROOT) and not name.startswith("<"):
+        if not name.startswith(f"{LAUNCHING}/") and not name.startswith("<"):
             return name, frame.f_lineno
         frame = frame.f_back  # type: ignore[assignment]
     return None
 
 
-def blame(error: BaseException, source: Any) -> None:
-    """Note on an exception which object of the launch file it came from; the innermost one stays."""
-    if getattr(error, "launch_source", None) is None:
-        line = getattr(source, "source_line", None)
-        if line is not None:
-            error.launch_source = line  # type: ignore[attr-defined]
-            error.launch_object = type(source).__name__  # type: ignore[attr-defined]
+class Field:
+    """An argument of a class, which is read by its name once it is given.
+
+    Parameters
+    ----------
+    default
+        What it is if it is not given; `REQUIRED` if it must be.
+    positional : bool
+        It may be given without its keyword.
+    attribute : str
+        Its name in XML and YAML; empty if it cannot stand there.
+    kind : type
+        The type that it has; `read_as` is the one as which XML and YAML read it, if that is another.
+    types, remedy
+        What may be given, and what to do if something else is; empty if anything may.
+    """
+
+    def __init__(
+        self,
+        default: Any = REQUIRED,
+        positional: bool = False,
+        *,
+        attribute: str = "",
+        kind: Any = str,
+        types: Any = (),
+        remedy: str = "",
+        read_as: Any = None,
+    ) -> None:
+        self.read_as = kind if read_as is None else read_as
+        self.default, self.positional = default, positional
+        self.attribute, self.kind, self.types, self.remedy = attribute, kind, types, remedy
+        self.name = ""
+
+    #: Whether a text may stand in XML and YAML where `kind` is another type.
+    can_be_str = True
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    def __get__(self, made: Any, owner: type | None = None) -> Any:
+        if made is None:
+            return self
+        if self.name not in made.given:
+            raise AttributeError(f"'{type(made).__name__}' has no '{self.name}': its base class was not initialised")
+        return made.given[self.name]
+
+    def checked(self, value: Any, made: Any) -> Any:
+        """The value as it is kept.
+
+        Raises
+        ------
+        TypeError
+            It cannot be one of this field.
+        """
+        if self.types:
+            ensure_argument_type(value, self.types, self.name, type(made).__name__, self.remedy)
+        return None if value is None and self.default is None else self.normal(value)
+
+    def normal(self, value: Any) -> Any:
+        """The value in the form in which it is used."""
+        return value
+
+    def read(self, value: Any, parser: Any) -> Any:
+        """The value that an attribute of XML or YAML stands for."""
+        return parser.escape_characters(value) if isinstance(value, str) else value
+
+
+class Text(Field):
+    """A text that may hold substitutions."""
+
+    def normal(self, value: Any) -> Any:
+        """A list of substitutions."""
+        return normalize_to_list_of_substitutions(value)
+
+    def read(self, value: Any, parser: Any) -> Any:
+        """Substitutions, as they are written in XML and YAML."""
+        return parser.parse_substitution(value)
+
+
+class Typed(Field):
+    """A value of a type, or a text with substitutions that becomes one."""
+
+    def checked(self, value: Any, made: Any) -> Any:
+        """A value, or a list of substitutions."""
+        from .utilities.type_utils import normalize_typed_substitution
+
+        super().checked(value, made)
+        return normalize_typed_substitution(value, self.kind)
+
+    def read(self, value: Any, parser: Any) -> Any:
+        """A value, or substitutions."""
+        return parser.parse_if_substitutions(value)
+
+
+class Texts(Field):
+    """A list of texts."""
+
+    def normal(self, value: Any) -> Any:
+        """A list of lists of substitutions."""
+        return [normalize_to_list_of_substitutions(item) for item in value]
+
+
+class Pairs(Field):
+    """Texts by texts; in XML and YAML a list of elements inside, each with a name and a value."""
+
+    def normal(self, value: Any) -> Any:
+        """A list of pairs of lists of substitutions."""
+        normal = normalize_to_list_of_substitutions
+        return [(normal(name), normal(item)) for name, item in value.items()]
+
+
+def fields_of(cls: Any) -> dict[str, Field]:
+    """The fields of a class by their names, those of its bases first; what a class sets anew is none any more."""
+    found: dict[str, Field] | None = vars(cls).get("_fields")
+    if found is not None:
+        return found
+    found = {}
+    for base in reversed(cls.__mro__):
+        for name, value in vars(base).items():
+            found.pop(name, None)
+            if isinstance(value, Field):
+                found[name] = value
+    cls._fields = found
+    return found
 
 
 class Located:
-    """Something that a launch file constructs, with the line that does so."""
+    """Something that a launch file constructs out of its fields, with the line that does so."""
 
     source_line: SourceLine | None = None
+    given: dict[str, Any]
 
     def __new__(cls, *args: Any, **kwargs: Any) -> Any:
         self = object.__new__(cls)
         self.source_line = calling_line()
+        self.given = {}
         return self
 
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        for name, value in _bound(type(self), args, kwargs).items():
+            self.given[name] = fields_of(type(self))[name].checked(value, self)
+        self.made()
 
-class UnsupportedByStandin(ImportError):
-    """The launch file uses something real that the stand-in cannot evaluate: not the student's fault."""
+    def made(self) -> None:
+        """Do what is to be done once all fields are known."""
+
+    def describe(self) -> str:
+        """Text for people."""
+        return f"{type(self).__name__}()"
+
+    def described(self, field: str) -> str:
+        """A field for people."""
+        return " + ".join(sub.describe() for sub in self.given[field])
+
+
+def _bound(cls: type, args: tuple[Any, ...], kwargs: dict[str, Any]) -> dict[str, Any]:
+    """Values by field, complete, as a call binds them."""
+    fields, name = fields_of(cls), cls.__name__
+    positional = [title for title, field in fields.items() if field.positional]
+    if len(args) > len(positional):
+        takes = f"{len(positional)} of them" if positional else "none of them"
+        message = f"{name}() is given {len(args)} values without a keyword, and takes {takes} so"
+        raise mistake(TypeError, message, "positional_argument", "Write keywords: name=value.")
+    given = dict(zip(positional, args, strict=False))
+    twice = sorted(set(given) & set(kwargs))
+    if twice:
+        message = f"{name}() got multiple values for argument '{twice[0]}'"
+        raise mistake(TypeError, message, "positional_argument", "Give it once.")
+    given |= kwargs
+    unknown = [title for title in kwargs if title not in fields]
+    missing = [title for title, field in fields.items() if field.default is REQUIRED and title not in given]
+    meant = [title for title in unknown if RENAMED.get(title) in missing]
+    if missing and not meant:
+        by_keyword = not fields[missing[0]].positional
+        what, kind = ("keyword-only", "missing_keyword") if by_keyword else ("positional", "missing_argument")
+        message = f"{name}() is missing the required {what} argument '{missing[0]}'"
+        remedy = "Give what is missing by its keyword." if by_keyword else "Give what is missing."
+        raise mistake(TypeError, message, kind, remedy)
+    for title in meant or unknown:
+        message = f"{name}() got an unexpected keyword argument '{title}'"
+        raise mistake(TypeError, message, "unknown_keyword", _problems.keyword_remedy(title, fields))
+    return {title: given.get(title, field.default) for title, field in fields.items()}
 
 
 class InvalidLaunchFileError(Exception):
@@ -74,10 +260,8 @@ class InvalidLaunchFileError(Exception):
 
     def __init__(self, extension: str = "", *, likely_errors: Iterable[BaseException] = ()) -> None:
         self.likely_errors = tuple(likely_errors)
-        kind = f"({extension}) " if extension else ""
         why = "; ".join(f"{type(e).__name__}: {e}" for e in self.likely_errors)
-        super().__init__(f"the launch file {kind}could not be read: {why or 'unknown format'}")
-        self.__cause__ = self.likely_errors[0] if self.likely_errors else None
+        super().__init__(f"the launch file {extension} could not be read: {why or 'unknown format'}")
 
 
 class SubstitutionFailure(Exception):
@@ -91,51 +275,64 @@ class InvalidConditionExpressionError(Exception):
 class Substitution(Located):
     """A text that is known only while launching."""
 
-    def __init__(self) -> None:
-        pass
+    #: How many arguments it must have at least where it is written `$(name ...)`, if not those without a default.
+    least: int | None = None
+
+    @classmethod
+    def parse(cls, data: Any) -> tuple[Any, dict[str, Any]]:
+        """The class and its arguments, of what is written `$(name argument ...)`."""
+        fields = fields_of(cls)
+        required = sum(field.default is REQUIRED for field in fields.values())
+        least = required if cls.least is None else cls.least
+        if not least <= len(data) <= len(fields):
+            span = str(least) if least == len(fields) else f"{least} to {len(fields)}"
+            message = f"the substitution {cls.__name__} takes {span} arguments, not {len(data)}"
+            raise mistake(TypeError, message, "bad_markup", "Correct this element of the file.")
+        return cls, dict(zip(fields, data, strict=False))
 
     def describe(self) -> str:
         """Text for people."""
-        return f"{type(self).__name__}()"
+        fields = [name for name, value in self.given.items() if isinstance(value, list)]
+        return f"{type(self).__name__}({', '.join(_words(self.given[name]) for name in fields)})"
 
     def perform(self, context: Any) -> str:
         """The text."""
         return ""
 
+    def text(self, field: str, context: Any) -> str:
+        """A field, resolved."""
+        return perform_substitutions(context, self.given[field])
+
+
+def _words(subs: list[Any]) -> str:
+    return " + ".join(sub.describe() if isinstance(sub, Substitution) else _words(sub) for sub in subs)
+
 
 class Condition(Located):
     """Decides whether an action is carried out."""
 
-    def __init__(self, *, predicate: Callable[[Any], bool] | None = None) -> None:
-        if predicate is not None and not callable(predicate):
-            raise TypeError(f"a condition's predicate must be callable, not {type(predicate).__name__}")
-        self._predicate = predicate
-        self._last_evaluation: bool | None = None
+    predicate = Field(None)
 
-    def describe(self) -> str:
-        """Text for people."""
-        return f"{type(self).__name__}()"
+    def made(self) -> None:
+        """Refuse what cannot be called."""
+        if self.predicate is not None and not callable(self.predicate):
+            raise TypeError(f"a condition's predicate must be callable, not {type(self.predicate).__name__}")
+
+    def holds(self, context: Any) -> bool:
+        """What the predicate says."""
+        return bool(self.predicate(context))
 
     def evaluate(self, context: Any) -> bool:
         """Whether the action is carried out."""
-        if self._predicate is None:
-            raise RuntimeError("this condition has no predicate")
         try:
-            self._last_evaluation = self._predicate(context)
+            return self.holds(context)
         except Exception as error:
             blame(error, self)
             raise
-        return self._last_evaluation
 
 
 class LaunchDescriptionEntity(Located):
     """Whatever may stand in a launch description."""
-
-    context_of_completion: Any = None
-
-    def describe(self) -> str:
-        """Text for people."""
-        return f"<{type(self).__name__}>"
 
     def describe_sub_entities(self) -> list[Any]:
         """Entities that follow whenever this one is visited."""
@@ -157,14 +354,25 @@ class LaunchDescriptionEntity(Located):
 class Action(LaunchDescriptionEntity):
     """An intention, perhaps under a condition."""
 
-    def __init__(self, *, condition: Condition | None = None) -> None:
-        ensure_argument_type(condition, (Condition, type(None)), "condition", type(self).__name__)
-        self.__condition = condition
+    condition = Field(None, types=(Condition, type(None)), remedy="Wrap it: condition=IfCondition(...).")
 
-    @property
-    def condition(self) -> Condition | None:
-        """The condition, if any."""
-        return self.__condition
+    @classmethod
+    def parse(cls, entity: Any, parser: Any) -> tuple[Any, dict[str, Any]]:
+        """The class and its arguments, of an element of XML or YAML."""
+        kwargs = parser.condition(entity)
+        for name, field in fields_of(cls).items():
+            if field.attribute and isinstance(field, Pairs):
+                value = parser.pairs(entity, field.attribute) or None
+            elif field.attribute:
+                optional = field.default is not REQUIRED
+                how = {"data_type": field.read_as, "can_be_str": field.can_be_str}
+                value = entity.get_attr(field.attribute, optional=optional, **how)
+                value = None if value is None else field.read(value, parser)
+            else:
+                continue
+            if value is not None:
+                kwargs[name] = value
+        return cls, kwargs
 
     def get_sub_entities(self) -> list[Any]:
         """Entities inside this action."""
@@ -172,39 +380,31 @@ class Action(LaunchDescriptionEntity):
 
     def describe_sub_entities(self) -> list[Any]:
         """Entities that follow whenever this one is visited."""
-        return list(self.get_sub_entities()) if self.__condition is None else []
+        return list(self.get_sub_entities()) if self.condition is None else []
 
     def describe_conditional_sub_entities(self) -> list[tuple[str, Iterable[Any]]]:
         """Entities that follow if the condition holds."""
-        if self.__condition is None:
+        if self.condition is None:
             return []
         return [(f"Conditionally included by {self.describe()}", self.get_sub_entities())]
 
     def visit(self, context: Any) -> list[Any] | None:
         """Carry out the action if its condition holds."""
-        if self.__condition is not None:
-            holds = self.__condition.evaluate(context)
-            context.session.note_condition(self, holds)
-            if not holds:
-                return None
-        result: list[Any] | None = self.execute(context)
-        context.session.completed(self)
-        return result
+        found: list[Any] | None = context.session.visit_action(self, context)
+        return found
 
-    def execute(self, context: Any) -> list[Any] | None:
+    #: The method of the context or of its executor that carries out the action, where that is all there is to it.
+    performs = ""
+
+    def execute(self, context: Any) -> Any:
         """Carry out the action; yields the entities to visit next."""
-        return None
+        if hasattr(context.session, self.performs):
+            return getattr(context.session, self.performs)(self, context)
+        return getattr(context, self.performs)() if self.performs else None
 
-    def complete(self, event: Any, session: Any) -> None:
-        """Let it be known that the action is over, once it is; most are so at once."""
-        session.emit(event, {"on_completion_of": type(self).__name__})
-
-
-def no_action(given: Any, position: int, parent: Any) -> AttributeError:
-    """The error about something in a list of actions that is none."""
-    error = AttributeError(f"item {position} of {type(parent).__name__} is no action: {shown(given)}")
-    blame(error, parent)
-    return error
+    def text(self, field: str, context: Any) -> str:
+        """A field, resolved."""
+        return perform_substitutions(context, self.given[field])
 
 
 class Event(Located):
@@ -219,16 +419,9 @@ SomeEntitiesType = Any
 SomeEntitiesType_types_tuple = (LaunchDescriptionEntity, collections.abc.Iterable)
 
 
-def shown(value: Any) -> str:
-    """A value for a message: what was written, where that can be told, and its type."""
-    plain = isinstance(value, (str, int, float, list, tuple, dict, set)) and " object at 0x" not in repr(value)
-    if value is None:
-        return "None is given"
-    given = f"{value!r:.120}" if plain else "what is given"
-    return f"{given} is of type '{type(value).__name__}'"
-
-
-def ensure_argument_type(argument: Any, types: Any, argument_name: str, caller: str | None = None) -> None:
+def ensure_argument_type(
+    argument: Any, types: Any, argument_name: str, caller: str | None = None, remedy: str = ""
+) -> None:
     """Check the type of an argument.
 
     Raises
@@ -241,17 +434,29 @@ def ensure_argument_type(argument: Any, types: Any, argument_name: str, caller: 
         names = list(dict.fromkeys(getattr(t, "__name__", str(t)) for t in wanted))
         listed = ", ".join(names[:-1]) + " or " + names[-1] if len(names) > 1 else names[0]
         where = f" of {caller}" if caller else ""
-        raise TypeError(f"argument '{argument_name}'{where} must be of type {listed}, but {shown(argument)}")
+        message = f"argument '{argument_name}'{where} must be of type {listed}, but {shown(argument)}"
+        kind = _KIND_OF_ARGUMENT.get(argument_name, "bad_type" if remedy else "exception")
+        raise mistake(TypeError, message, kind, remedy or "Give a value of this type.")
 
 
-def is_a(obj: Any, entity_type: type) -> bool:
-    """Whether `obj` is an instance of a type."""
-    return isinstance(obj, entity_type)
+#: Arguments whose mistakes are a kind of their own.
+_KIND_OF_ARGUMENT = {
+    "condition": "bad_condition",
+    "period": "bad_period",
+    "parameters": "parameters_not_list",
+    "param_file": "bad_parameter_value",
+    "value": "bad_parameter_value",
+}
 
 
 def isclassinstance(obj: Any) -> bool:
     """Whether `obj` is an instance of a class, as anything is."""
     return hasattr(obj, "__class__")
+
+
+def is_a(obj: Any, entity_type: type) -> bool:
+    """Whether `obj` is an instance of a type."""
+    return isinstance(obj, entity_type)
 
 
 def is_a_subclass(obj: Any, entity_type: type) -> bool:
@@ -274,7 +479,7 @@ def normalize_to_list_of_substitutions(subs: Any) -> list[Substitution]:
         return [_as_substitution(subs)]
     if isinstance(subs, collections.abc.Iterable):
         return [_as_substitution(item) for item in subs]
-    raise TypeError(f"only text, substitutions, or a list of them can stand here, but {shown(subs)}")
+    raise _no_text(f"only text, substitutions, or a list of them can stand here, but {shown(subs)}")
 
 
 def _as_substitution(item: Any) -> Substitution:
@@ -284,7 +489,12 @@ def _as_substitution(item: Any) -> Substitution:
         return TextSubstitution(text=str(item))
     if isinstance(item, Substitution):
         return item
-    raise TypeError(f"only text or substitutions can stand in a list here, but {shown(item)}")
+    raise _no_text(f"only text or substitutions can stand in a list here, but {shown(item)}")
+
+
+def _no_text(message: str) -> Any:
+    remedy = "Give text or a substitution: '100.0' for 100.0, 'true' for True."
+    return mistake(TypeError, message, "bad_text", remedy)
 
 
 def perform_substitution(context: Any, substitution: Substitution) -> str:

@@ -1,55 +1,17 @@
-"""What the real packages hold besides the stand-in's own names, and what later releases hold.
+"""What the real packages hold besides the stand-in's own names.
 
 A name that is not in the stand-in does not exist in ROS 2 Jazzy either: `import` fails as it would there.
 """
 
 from __future__ import annotations
 
-import difflib
 import importlib
 import sys
 from collections.abc import Callable
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
-from importlib.util import module_from_spec, spec_from_file_location
-from pathlib import Path
 from types import ModuleType
 from typing import Any
-
-# Names that a later release has, and Jazzy has not: to import them fails there.
-LATER: dict[str, frozenset[str]] = {
-    "launch.actions": frozenset(
-        {"ForEach", "ForLoop", "DeclareBooleanLaunchArgument", "Log", "LogDebug", "LogError", "LogWarning"}
-    ),
-    "launch.substitutions": frozenset(
-        {
-            "ForEachVar",
-            "ForLoopIndex",
-            "IsEmptySubstitution",
-            "NotEmptySubstitution",
-            "StringJoinSubstitution",
-            "StringStripSubstitution",
-        }
-    ),
-    "launch.conditions": frozenset({"AndCondition", "OrCondition"}),
-}
-
-#: Where a ROS machine keeps what is not here.
-ELSEWHERE = "/opt/ros/jazzy"
-
-
-def _beside_the_standin(name: str) -> ModuleType:
-    """A module that the grader uses itself too, and which no launch file can import."""
-    spec = spec_from_file_location(f"grader_{name}", Path(__file__).parents[2] / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-is_released: Callable[[str], bool] = _beside_the_standin("released").is_released
-parameter_text = _beside_the_standin("parameter_text")
 
 # Sub-modules of the real packages whose names a launch file may import from the module itself.
 SUBMODULES: dict[str, str] = {
@@ -134,7 +96,7 @@ _UNEVALUATED = (
     "get_composable_node_load_request get_extensions instantiate_extension get_grammar_path to_parameters_list "
     "visit_all_entities_and_collect_futures match_node_name_goal match_node_name_start_goal "
     "get_data_type_from_identifier check_is_list_entity format_action format_entities format_event_handler "
-    "format_substitutions indent tree_like_indent LaunchLogger log_launch_config reset "
+    "format_substitutions indent tree_like_indent LaunchService LaunchLogger log_launch_config reset "
     "PluginException get_upper_bound_caret_version satisfies_version"
 )
 
@@ -155,7 +117,7 @@ class _Unevaluated:
 
 
 def missing_name(module: str, name: str) -> Any:
-    """What a module's `__getattr__` answers for a name that it does not hold.
+    """What a module answers for a name that it does not hold.
 
     Raises
     ------
@@ -169,22 +131,16 @@ def missing_name(module: str, name: str) -> Any:
     return importlib.import_module(f"{module}.{name}")
 
 
-def similar_names(module: str, name: str) -> list[str]:
-    """Public names of a module that look like a misspelt one."""
-    held = sys.modules.get(module)
-    names = [n for n in dir(held) if not n.startswith("_")] if held else []
-    lower = {n.lower(): n for n in names}
-    found = difflib.get_close_matches(name.lower(), lower, n=3, cutoff=0.6)
-    return [lower[n] for n in found]
+def exported(module: str, *others: str) -> list[str]:
+    """The `__all__` of a module: what it and its private modules define, and other names that it shows."""
+    held = vars(sys.modules[module])
+    own = [name for name, value in held.items() if getattr(value, "__module__", "").startswith(module)]
+    return sorted(name for name in {*own, *others} if not name.startswith("_"))
 
 
-def homes_of(name: str) -> list[str]:
-    """Modules of the stand-in that hold a name: for an import from the wrong one."""
-    return [
-        module
-        for module, held in sorted(sys.modules.items())
-        if module.split(".")[0] in ("launch", "launch_ros") and name in getattr(held, "__all__", ())
-    ]
+def missing_name_of(module: str) -> Callable[[str], Any]:
+    """The `__getattr__` of a module of the stand-in."""
+    return lambda name: missing_name(module, name)
 
 
 # Where the names of such a sub-module are kept, if not in its parent.

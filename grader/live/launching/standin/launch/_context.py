@@ -3,12 +3,39 @@
 from __future__ import annotations
 
 import collections
+import itertools
 import os
+import sys
 from collections.abc import MutableMapping
 from typing import Any
 
-from ._base import Substitution, perform_substitution
-from ._session import Session
+from ._base import Substitution, perform_substitution, shared
+
+_executor = shared("executor")
+
+
+def evaluate(file: str, arguments: dict[str, Any], root: str) -> Any:
+    """Evaluate a launch file as `ros2 launch FILE name:=value` would, without starting anything.
+
+    Parameters
+    ----------
+    file : str
+        Path of the launch file.
+    arguments : dict
+        Value by name, as given on the command line.
+    root : str
+        Folder of the submission; lines are reported of the files in it.
+
+    Returns
+    -------
+    dict
+        The plan, ready for JSON.
+    """
+    context = LaunchContext()
+    context.session.root = root
+    sys.meta_path.append(shared("installed").SubmittedModules(root))
+    sys.argv = ["ros2", "launch", file, *(f"{name}:={value}" for name, value in arguments.items())]
+    return context.session.evaluate(context, file, arguments)
 
 
 class _Locals:
@@ -41,8 +68,10 @@ class LaunchContext:
         self.noninteractive = noninteractive
         self.is_shutdown = False
         self.asyncio_loop = None
-        self.session = Session()
-        self.event_handlers: collections.deque[Any] = collections.deque()
+        self.session = _executor.Executor()
+        self.anonymous_numbers = itertools.count()
+        self.process_numbers = itertools.count(1)
+        self._event_handlers: collections.deque[Any] = collections.deque()
         self.__globals: dict[str, Any] = {}
         self.__locals: dict[str, Any] = {}
         self.__locals_stack: list[dict[str, Any]] = []
@@ -51,7 +80,7 @@ class LaunchContext:
         self.__environment_stack: list[dict[str, str]] = []
 
     def _set_is_shutdown(self, state: bool) -> None:
-        self.is_shutdown = self.is_shutdown or state
+        self.is_shutdown = state
 
     @property
     def launch_configurations(self) -> dict[str, Any]:
@@ -120,29 +149,22 @@ class LaunchContext:
 
     def would_handle_event(self, event: Any) -> bool:
         """Whether a handler waits for an event."""
-        return any(handler.matches(event) for handler in self.event_handlers)
+        return any(handler.matches(event) for handler in self._event_handlers)
 
-    def register_event_handler(self, event_handler: Any) -> None:
-        """Add a handler; the newest comes first."""
-        self.event_handlers.appendleft(event_handler)
+    def register_event_handler(self, event_handler: Any, append: bool = False) -> None:
+        """Add a handler; the newest comes first, unless it is to come last."""
+        if append:
+            self._event_handlers.append(event_handler)
+        else:
+            self._event_handlers.appendleft(event_handler)
 
     def unregister_event_handler(self, event_handler: Any) -> None:
         """Remove a handler."""
-        self.event_handlers.remove(event_handler)
+        self._event_handlers.remove(event_handler)
 
     def emit_event_sync(self, event: Any) -> None:
         """Let something happen."""
-        from .events import Shutdown
-        from .events.process import ProcessTargetedEvent
-
-        if isinstance(event, Shutdown):
-            self.session.emit_shutdown(event)
-            return
-        if isinstance(event, ProcessTargetedEvent):
-            signal_name = getattr(event, "signal_name", "SIGINT")
-            entry = {"signal": signal_name, "when": self.session.when, "source": event.source_line}
-            self.session.signals.append(entry)
-        self.session.emit(event, self.session.when)
+        self.session.emit(event, self)
 
     async def emit_event(self, event: Any) -> None:
         """Let something happen."""

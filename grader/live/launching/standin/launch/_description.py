@@ -5,51 +5,56 @@ from __future__ import annotations
 from typing import Any
 
 from ._base import (
+    POSITIONAL,
+    Field,
     LaunchDescriptionEntity,
     Located,
+    Text,
     blame,
+    mistake,
     no_action,
-    normalize_to_list_of_substitutions,
     perform_substitutions,
+    shared,
 )
-from ._session import DEPTH_LIMIT, LimitExceededError
+
+_executor = shared("executor")
 
 
 class LaunchDescription(LaunchDescriptionEntity):
     """A list of entities."""
 
-    def __init__(self, initial_entities: Any = None, *, deprecated_reason: str | None = None) -> None:
-        self.__entities = list(initial_entities) if initial_entities is not None else []
-        self.__deprecated_reason = deprecated_reason
+    initial_entities = Field(None, POSITIONAL)
+    deprecated_reason = Field(None)
 
-    @property
-    def entities(self) -> list[Any]:
-        """The entities."""
-        return self.__entities
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        if len(args) > 1:
+            message = f"LaunchDescription() is given {len(args)} values without a keyword, and takes one: a list"
+            remedy = "Put the actions into a list: LaunchDescription([...])."
+            raise mistake(TypeError, message, "positional_argument", remedy)
+        super().__init__(*args, **kwargs)
+
+    def made(self) -> None:
+        """Keep a list of one's own."""
+        self.entities: list[Any] = [] if self.initial_entities is None else list(self.initial_entities)
 
     @property
     def deprecated(self) -> bool:
         """Whether it should no longer be used."""
-        return self.__deprecated_reason is not None
-
-    @property
-    def deprecated_reason(self) -> str | None:
-        """Why it should no longer be used."""
-        return self.__deprecated_reason
+        return self.deprecated_reason is not None
 
     def visit(self, context: Any) -> list[Any]:
         """The entities."""
-        if self.__deprecated_reason is not None:
-            context.session.warn(f"deprecated launch description: {self.__deprecated_reason}", self.source_line)
-        return self.__entities
+        if self.deprecated:
+            context.session.warn(f"deprecated launch description: {self.deprecated_reason}", self)
+        return self.entities
 
     def describe_sub_entities(self) -> list[Any]:
         """The entities."""
-        return self.__entities
+        return self.entities
 
     def add_entity(self, entity: Any) -> None:
         """Add an entity."""
-        self.__entities.append(entity)
+        self.entities.append(entity)
 
     def add_action(self, action: Any) -> None:
         """Add an action."""
@@ -79,8 +84,8 @@ def _collect_arguments(
     # `way`: the includes on the way here, their files, and the depth; a file is not gone into again from itself.
     from .actions import DeclareLaunchArgument, IncludeLaunchDescription, ResetLaunchConfigurations
 
-    if way[2] > DEPTH_LIMIT:
-        raise LimitExceededError("the launch description is nested without end")
+    if way[2] > _executor.DEPTH_LIMIT:
+        raise _executor.LimitExceededError("the launch description is nested without end")
     for position, entity in enumerate(entities, start=1):
         if not hasattr(entity, "describe_sub_entities"):
             raise no_action(entity, position, parent)
@@ -110,34 +115,20 @@ def _collect_arguments(
 class LaunchDescriptionSource(Located):
     """Where a launch description comes from."""
 
-    def __init__(
-        self,
-        launch_description: Any = None,
-        location: Any = "<string>",
-        method: str = "unspecified mechanism",
-    ) -> None:
-        self.__description = launch_description
-        self.__location = normalize_to_list_of_substitutions(location)
+    launch_description = Field(None, POSITIONAL)
+    location: Any = Text("<string>", POSITIONAL)
+    method = Field("unspecified mechanism", POSITIONAL)
+
+    def made(self) -> None:
+        """Nothing is read yet."""
+        self.__path, self.location = self.location, " + ".join(str(sub) for sub in self.location)
         self.__expanded: str | None = None
-        self.__method = method
         self.__read: dict[str, Any] = {}
-
-    @property
-    def location(self) -> str:
-        """The path."""
-        if self.__expanded is None:
-            return " + ".join(str(sub) for sub in self.__location)
-        return self.__expanded
-
-    @property
-    def method(self) -> str:
-        """How it is read."""
-        return self.__method
 
     def try_get_launch_description_without_context(self) -> Any:
         """The description, or None if its path is known only while launching."""
-        if self.__description is not None:
-            return self.__description
+        if self.launch_description is not None:
+            return self.launch_description
         try:
             location = self.location_without_context()
             return None if location is None else self.__read_once(location)
@@ -149,17 +140,16 @@ class LaunchDescriptionSource(Located):
         from ._context import LaunchContext
 
         try:
-            return perform_substitutions(LaunchContext(), self.__location)
+            return perform_substitutions(LaunchContext(), self.__path)
         except Exception:
             return None
 
     def get_launch_description(self, context: Any) -> Any:
         """The description."""
         if self.__expanded is None:
-            self.__expanded = perform_substitutions(context, self.__location)
-        if self.__description is None:
-            self.__description = self.__read_once(self.__expanded)
-        return self.__description
+            self.location = self.__expanded = perform_substitutions(context, self.__path)
+        known = self.launch_description
+        return self.__read_once(self.__expanded) if known is None else known
 
     def __read_once(self, location: str) -> Any:
         if location not in self.__read:

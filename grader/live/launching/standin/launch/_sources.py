@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import inspect
 from importlib.machinery import SourceFileLoader
 from importlib.util import module_from_spec, spec_from_loader
@@ -9,7 +10,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from ._base import InvalidLaunchFileError
+from ._base import POSITIONAL, Field, InvalidLaunchFileError, Text, mistake
 from ._description import LaunchDescription, LaunchDescriptionSource
 
 
@@ -19,10 +20,6 @@ class InvalidPythonLaunchFileError(InvalidLaunchFileError):
     def __init__(self, message: str) -> None:
         Exception.__init__(self, message)
         self.likely_errors = ()
-
-
-class WrongReturnError(AttributeError):
-    """`generate_launch_description` returns something else than a launch description."""
 
 
 def load_python_launch_file_as_module(python_launch_file_path: str) -> ModuleType:
@@ -43,38 +40,46 @@ def get_launch_description_from_python_launch_file(python_launch_file_path: str)
     ------
     InvalidPythonLaunchFileError
         It has no function for it.
-    WrongReturnError
+    AttributeError
         The function returns something else.
     """
     module = load_python_launch_file_as_module(python_launch_file_path)
-    if not hasattr(module, "generate_launch_description"):
-        error = InvalidPythonLaunchFileError("the launch file has no function generate_launch_description()")
-        error.launch_file = python_launch_file_path  # type: ignore[attr-defined]
-        error.module_names = {  # type: ignore[attr-defined]
-            name: getattr(getattr(value, "__code__", None), "co_firstlineno", None)
-            for name, value in vars(module).items()
-            if not name.startswith("__")
-        }
-        raise error
-    function = module.generate_launch_description
+    function = getattr(module, "generate_launch_description", None)
     if not callable(function):
-        message = f"generate_launch_description must be a function, but it is {_named(function)}"
-        no_function = InvalidPythonLaunchFileError(message)
-        no_function.launch_file = python_launch_file_path  # type: ignore[attr-defined]
-        raise no_function
+        raise _no_function(module, python_launch_file_path)
     try:
         description = function()
     except TypeError as error:
-        if not hasattr(error, "launch_source"):
-            error.launch_source = _written_at(function, python_launch_file_path)  # type: ignore[attr-defined]
+        error.__dict__.setdefault("launch_source", _written_at(function, python_launch_file_path))
         raise
-    if not isinstance(description, LaunchDescription):
-        if inspect.iscoroutine(description):
-            description.close()
-        wrong = WrongReturnError(f"generate_launch_description() returns {_named(description)}")
-        wrong.launch_source = _written_at(function, python_launch_file_path)  # type: ignore[attr-defined]
-        raise wrong
-    return description
+    if isinstance(description, LaunchDescription):
+        return description
+    remedy = "End the function with 'return LaunchDescription([...])'."
+    if inspect.iscoroutine(description):
+        description.close()
+        remedy = "Write 'def', not 'async def': the function is called, and nobody awaits it."
+    elif inspect.isgenerator(description):
+        remedy = "Write 'return LaunchDescription([...])' instead of 'yield'."
+    message = f"generate_launch_description() returns {_named(description)}"
+    wrong = mistake(AttributeError, message, "wrong_return", remedy)
+    wrong.launch_source = _written_at(function, python_launch_file_path)
+    raise wrong
+
+
+def _no_function(module: ModuleType, file: str) -> Any:
+    """The error about a file without the function, and the line of the one that was meant."""
+    message = "the launch file has no function generate_launch_description()"
+    if hasattr(module, "generate_launch_description"):
+        named = _named(module.generate_launch_description)
+        message = f"generate_launch_description must be a function, but it is {named}"
+    codes = {name: getattr(value, "__code__", None) for name, value in vars(module).items() if name[:2] != "__"}
+    lines = {name: code.co_firstlineno for name, code in codes.items() if code is not None}
+    meant = difflib.get_close_matches("generate_launch_description", lines, n=1)
+    remedy = f"Rename '{meant[0]}': w" if meant else "W"
+    remedy += "rite a function 'def generate_launch_description():' that returns a LaunchDescription."
+    error = mistake(InvalidPythonLaunchFileError, message, "no_generate_function", remedy)
+    error.__dict__.update(launch_file=file, launch_line=lines[meant[0]] if meant else None)
+    return error
 
 
 def _written_at(function: Any, file: str) -> tuple[str, int]:
@@ -111,23 +116,29 @@ def get_launch_description_from_any_launch_file(launch_file_path: str, parser: A
     return get_launch_description_from_python_launch_file(launch_file_path)
 
 
-class PythonLaunchDescriptionSource(LaunchDescriptionSource):
-    """A Python launch file."""
+class _FileSource(LaunchDescriptionSource):
+    """A launch file, which is read by a function."""
 
-    def __init__(self, launch_file_path: Any) -> None:
-        super().__init__(None, launch_file_path, "interpreted python launch file")
+    launch_description = location = None
+    method = Field("launch file")
+    launch_file_path = Text(positional=POSITIONAL)
+
+    def made(self) -> None:
+        self.location = self.launch_file_path
+        super().made()
+
+
+class PythonLaunchDescriptionSource(_FileSource):
+    """A Python launch file."""
 
     def _get_launch_description(self, location: str) -> Any:
         return get_launch_description_from_python_launch_file(location)
 
 
-class FrontendLaunchDescriptionSource(LaunchDescriptionSource):
+class FrontendLaunchDescriptionSource(_FileSource):
     """An XML or YAML launch file."""
 
-    def __init__(
-        self, launch_file_path: Any, *, method: str = "interpreted frontend launch file", parser: Any = None
-    ) -> None:
-        super().__init__(None, launch_file_path, method)
+    parser = Field(None)
 
     def _get_launch_description(self, location: str) -> Any:
         return get_launch_description_from_frontend_launch_file(location)
@@ -136,22 +147,13 @@ class FrontendLaunchDescriptionSource(LaunchDescriptionSource):
 class XMLLaunchDescriptionSource(FrontendLaunchDescriptionSource):
     """An XML launch file."""
 
-    def __init__(self, launch_file_path: Any) -> None:
-        super().__init__(launch_file_path, method="interpreted XML launch file")
-
 
 class YAMLLaunchDescriptionSource(FrontendLaunchDescriptionSource):
     """A YAML launch file."""
 
-    def __init__(self, launch_file_path: Any) -> None:
-        super().__init__(launch_file_path, method="interpreted YAML launch file")
 
-
-class AnyLaunchDescriptionSource(LaunchDescriptionSource):
+class AnyLaunchDescriptionSource(_FileSource):
     """A launch file of any format."""
-
-    def __init__(self, launch_file_path: Any) -> None:
-        super().__init__(None, launch_file_path, "interpreted from any launch file")
 
     def _get_launch_description(self, location: str) -> Any:
         return get_launch_description_from_any_launch_file(location)

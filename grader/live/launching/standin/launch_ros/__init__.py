@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from launch._catalogue import missing_name
+from launch._catalogue import missing_name_of
 
 from . import actions, descriptions, event_handlers, events, parameter_descriptions, substitutions, utilities
 
@@ -17,7 +15,4 @@ __all__ = [
     "substitutions",
     "utilities",
 ]
-
-
-def __getattr__(name: str) -> Any:
-    return missing_name(__name__, name)
+__getattr__ = missing_name_of(__name__)

@@ -7,104 +7,88 @@ from pathlib import Path
 from typing import Any
 
 from launch._base import (
+    POSITIONAL,
+    Field,
     Located,
     SomeSubstitutionsType_types_tuple,
+    Substitution,
     SubstitutionFailure,
+    Text,
+    Typed,
     ensure_argument_type,
     normalize_to_list_of_substitutions,
     perform_substitutions,
 )
+from launch._catalogue import exported
 from launch.utilities.type_utils import normalize_typed_substitution, perform_typed_substitution
-
-__all__ = ["Parameter", "ParameterFile", "ParameterValue"]
 
 
 class ParameterValue(Located):
     """A value, perhaps with the type that it is to have."""
 
-    def __init__(self, value: Any, *, value_type: Any = None) -> None:
-        self.__value = normalize_typed_substitution(value, value_type)
-        self.__value_type = value_type
-        self.__evaluated: Any = None
+    value: Any = Field(positional=POSITIONAL)
+    value_type = Field(None)
 
-    @property
-    def value(self) -> Any:
-        """The value."""
-        return self.__value if self.__evaluated is None else self.__evaluated
-
-    @property
-    def value_type(self) -> Any:
-        """The type."""
-        return self.__value_type
+    def made(self) -> None:
+        """Bring the value into the form in which it can be resolved."""
+        self.value = normalize_typed_substitution(self.given["value"], self.value_type)
 
     def evaluate(self, context: Any) -> Any:
         """The value, resolved."""
-        self.__evaluated = perform_typed_substitution(context, self.value, self.value_type)
-        return self.__evaluated
+        self.value = perform_typed_substitution(context, self.value, self.value_type)
+        return self.value
 
 
 class Parameter(Located):
     """A name with a value, passed on the command line."""
 
-    def __init__(self, name: Any, value: Any, *, value_type: Any = None) -> None:
-        ensure_argument_type(name, SomeSubstitutionsType_types_tuple, "name", "Parameter")
-        self.__name = normalize_to_list_of_substitutions(name)
-        self.__value = ParameterValue(value, value_type=value_type)
+    name = Text(positional=POSITIONAL, types=SomeSubstitutionsType_types_tuple)
+    value: Any = Field(positional=POSITIONAL)
+    value_type = Field(None)
 
-    @property
-    def name(self) -> Any:
-        """The name."""
-        return self.__name
-
-    @property
-    def value(self) -> Any:
-        """The value."""
-        return self.__value.value
-
-    @property
-    def value_type(self) -> Any:
-        """The type."""
-        return self.__value.value_type
+    def made(self) -> None:
+        """Bring the value into the form in which it can be resolved."""
+        self.__value = ParameterValue(self.given["value"], value_type=self.value_type)
 
     def evaluate(self, context: Any) -> tuple[str, Any]:
         """Name and value, resolved."""
-        return perform_substitutions(context, self.__name), self.__value.evaluate(context)
+        return perform_substitutions(context, self.name), self.__value.evaluate(context)
+
+
+class _Path(Field):
+    def normal(self, value: Any) -> Any:
+        if isinstance(value, (str, Path, Substitution)) or not isinstance(value, (os.PathLike, bytes)):
+            return normalize_to_list_of_substitutions(value)
+        return normalize_to_list_of_substitutions(os.fsdecode(value))
 
 
 class ParameterFile(Located):
     """A file of parameters, perhaps with substitutions in it."""
 
+    param_file = _Path(
+        positional=POSITIONAL,
+        types=(*SomeSubstitutionsType_types_tuple, os.PathLike, bytes),
+        remedy="Let each item of parameters be a dict or the path of a file.",
+    )
+    allow_substs = Typed(False, kind=bool)
+
     def __init__(self, param_file: Any, *, allow_substs: Any = False) -> None:
-        types = (*SomeSubstitutionsType_types_tuple, os.PathLike, bytes)
-        ensure_argument_type(param_file, types, "param_file", "ParameterFile")
-        ensure_argument_type(allow_substs, bool, "allow_substs", "ParameterFile")
-        if isinstance(param_file, SomeSubstitutionsType_types_tuple) and not isinstance(param_file, bytes):
-            self.__file: Any = normalize_to_list_of_substitutions(param_file)
-        else:
-            self.__file = os.fsdecode(param_file)
-        self.__allow_substs = normalize_typed_substitution(allow_substs, bool)
+        if not isinstance(allow_substs, list):  # substitutions are what XML and YAML give
+            remedy = "Write allow_substs=True, or leave it out."
+            ensure_argument_type(allow_substs, bool, "allow_substs", "ParameterFile", remedy)
+        super().__init__(param_file, allow_substs=allow_substs)
 
-    @property
-    def param_file(self) -> Any:
-        """The path."""
-        return self.__file
-
-    @property
-    def allow_substs(self) -> Any:
-        """Whether there are substitutions in it."""
-        return self.__allow_substs
-
-    def evaluate(self, context: Any) -> tuple[Path, str | None]:
-        """The path, and the resolved text if the file has substitutions.
+    def evaluate(self, context: Any) -> Path:
+        """The path; of a file with substitutions, that of a copy in which they are resolved.
 
         Raises
         ------
         SubstitutionFailure
             The text is no YAML.
         """
-        path = Path(self.__file if isinstance(self.__file, str) else perform_substitutions(context, self.__file))
-        if not perform_typed_substitution(context, self.__allow_substs, bool):
-            return path, None
+        path = Path(perform_substitutions(context, self.param_file))
+        if not perform_typed_substitution(context, self.allow_substs, bool):
+            return path
         import yaml
         from launch.frontend.parse_substitution import parse_substitution
 
@@ -114,4 +98,7 @@ class ParameterFile(Located):
         except Exception as error:
             message = f"the parameter file '{path}' is not valid YAML after its substitutions"
             raise SubstitutionFailure(message) from error
-        return path, resolved
+        return Path(context.session.add_file(path.stem, ".yaml", resolved))
+
+
+__all__ = exported(__name__)

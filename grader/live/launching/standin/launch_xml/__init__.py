@@ -1,14 +1,7 @@
 """Stand-in for the ROS 2 package `launch_xml`."""
 
-from __future__ import annotations
-
-from typing import Any
-
-from launch._catalogue import missing_name
+from launch._catalogue import missing_name_of
 from launch.frontend._parser import Entity, Parser
 
 __all__ = ["Entity", "Parser"]
-
-
-def __getattr__(name: str) -> Any:
-    return missing_name(__name__, name)
+__getattr__ = missing_name_of(__name__)

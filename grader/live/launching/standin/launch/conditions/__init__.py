@@ -4,30 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from .._base import (
-    Condition,
-    InvalidConditionExpressionError,
-    normalize_to_list_of_substitutions,
-    perform_substitutions,
-)
-from .._catalogue import missing_name
+from .._base import POSITIONAL, Condition, Field, InvalidConditionExpressionError, Text, mistake, perform_substitutions
+from .._catalogue import exported, missing_name_of
 
-__all__ = [
-    "IfCondition",
-    "InvalidConditionExpressionError",
-    "LaunchConfigurationEquals",
-    "LaunchConfigurationNotEquals",
-    "UnlessCondition",
-    "evaluate_condition_expression",
-]
-
-
-def __getattr__(name: str) -> Any:
-    return missing_name(__name__, name)
-
-
-_TRUE = ("true", "1")
-_FALSE = ("false", "0")
+__getattr__ = missing_name_of(__name__)
 
 
 def evaluate_condition_expression(context: Any, expression: Any) -> bool:
@@ -39,65 +19,63 @@ def evaluate_condition_expression(context: Any, expression: Any) -> bool:
         It is none of the four accepted words, in any case.
     """
     text = perform_substitutions(context, expression).strip().lower()
-    if text in _TRUE:
+    if text in ("true", "1"):
         return True
-    if text in _FALSE:
+    if text in ("false", "0"):
         return False
-    raise InvalidConditionExpressionError(
-        f"a condition must be one of {', '.join(_TRUE + _FALSE)} (in any case), but it is '{text}'"
-    )
+    message = f"a condition must be one of true, 1, false, 0 (in any case), but it is '{text}'"
+    remedy = "Let the condition be 'true' or 'false'."
+    raise mistake(InvalidConditionExpressionError, message, "bad_condition", remedy)
 
 
 class IfCondition(Condition):
     """Holds if its text says so."""
 
-    def __init__(self, predicate_expression: Any) -> None:
-        self.__expression = normalize_to_list_of_substitutions(predicate_expression)
-        super().__init__(predicate=self._predicate_of_expression)
+    predicate = None
+    predicate_expression = Text(positional=POSITIONAL)
 
-    def _predicate_of_expression(self, context: Any) -> bool:
-        return evaluate_condition_expression(context, self.__expression)
+    def holds(self, context: Any) -> bool:
+        """Whether the text says so."""
+        return evaluate_condition_expression(context, self.predicate_expression)
 
     def describe(self) -> str:
         """Text for people."""
-        return f"IfCondition({' + '.join(s.describe() for s in self.__expression)})"
+        return f"{type(self).__name__}({self.described('predicate_expression')})"
 
 
-class UnlessCondition(Condition):
+class UnlessCondition(IfCondition):
     """Holds if its text says not."""
 
-    def __init__(self, predicate_expression: Any) -> None:
-        self.__expression = normalize_to_list_of_substitutions(predicate_expression)
-        super().__init__(predicate=self._predicate_of_expression)
-
-    def _predicate_of_expression(self, context: Any) -> bool:
-        return not evaluate_condition_expression(context, self.__expression)
-
-    def describe(self) -> str:
-        """Text for people."""
-        return f"UnlessCondition({' + '.join(s.describe() for s in self.__expression)})"
+    def holds(self, context: Any) -> bool:
+        """Whether the text says not."""
+        return not super().holds(context)
 
 
 class LaunchConfigurationEquals(Condition):
     """Holds if a launch configuration has a value."""
 
-    def __init__(self, launch_configuration_name: str, expected_value: Any) -> None:
-        self.__name = launch_configuration_name
-        self.__expected = None if expected_value is None else normalize_to_list_of_substitutions(expected_value)
-        super().__init__(predicate=self._compare)
+    predicate = None
+    launch_configuration_name = Field(positional=POSITIONAL)
+    expected_value = Text(None, POSITIONAL)
+
+    def holds(self, context: Any) -> bool:
+        """Whether it has this value; None is expected of one that is not set."""
+        subs = self.expected_value
+        expected = None if subs is None else perform_substitutions(context, subs)
+        return bool(context.launch_configurations.get(self.launch_configuration_name) == expected)
 
     def describe(self) -> str:
         """Text for people."""
-        expected = "None" if self.__expected is None else " + ".join(s.describe() for s in self.__expected)
-        return f"{type(self).__name__}('{self.__name}', {expected})"
-
-    def _compare(self, context: Any) -> bool:
-        expected = None if self.__expected is None else perform_substitutions(context, self.__expected)
-        return bool(context.launch_configurations.get(self.__name) == expected)
+        expected = "None" if self.expected_value is None else self.described("expected_value")
+        return f"{type(self).__name__}('{self.launch_configuration_name}', {expected})"
 
 
 class LaunchConfigurationNotEquals(LaunchConfigurationEquals):
     """Holds if a launch configuration has another value."""
 
-    def _compare(self, context: Any) -> bool:
-        return not super()._compare(context)
+    def holds(self, context: Any) -> bool:
+        """Whether it has another value."""
+        return not super().holds(context)
+
+
+__all__ = exported(__name__, "InvalidConditionExpressionError")

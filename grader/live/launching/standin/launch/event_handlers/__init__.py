@@ -6,52 +6,31 @@ import collections.abc
 from collections.abc import Callable
 from typing import Any
 
-from .._base import Event, LaunchDescriptionEntity, Located, is_a_subclass, shown
-from .._catalogue import missing_name
+from .._base import Field, LaunchDescriptionEntity, Located, is_a_subclass, mistake, shown
+from .._catalogue import exported, missing_name_of
 from ..events import ExecutionComplete, IncludeLaunchDescription, Shutdown
 from ..events.process import ProcessExited, ProcessIO, ProcessStarted
 
-__all__ = [
-    "BaseEventHandler",
-    "EventHandler",
-    "OnActionEventBase",
-    "OnExecutionComplete",
-    "OnIncludeLaunchDescription",
-    "OnProcessExit",
-    "OnProcessIO",
-    "OnProcessStart",
-    "OnShutdown",
-]
-
-
-def __getattr__(name: str) -> Any:
-    return missing_name(__name__, name)
+__getattr__ = missing_name_of(__name__)
 
 
 class BaseEventHandler(Located):
     """Handles the events that match."""
 
-    def __init__(self, *, matcher: Callable[[Any], bool], handle_once: bool = False) -> None:
-        self.__matcher = matcher
-        self.__handle_once = handle_once
-
-    @property
-    def handle_once(self) -> bool:
-        """Whether only the first event counts."""
-        return self.__handle_once
-
-    @property
-    def entities(self) -> Any:
-        """Entities known beforehand."""
-        return None
+    matcher = Field()
+    handle_once = Field(False)
+    entities: Any = None
 
     def matches(self, event: Any) -> bool:
         """Whether an event is for this handler."""
-        return bool(self.__matcher(event))
+        return bool(self.matcher(event))
 
-    def describe(self) -> tuple[str, list[Any]]:
+    def describe(self) -> Any:
         """Text for people, and the entities known beforehand."""
-        return type(self).__name__, []
+        return type(self).__name__, self._known()
+
+    def _known(self) -> list[Any]:
+        return []
 
     def handle(self, event: Any, context: Any) -> Any:
         """The entities to visit."""
@@ -63,165 +42,151 @@ class BaseEventHandler(Located):
 class EventHandler(BaseEventHandler):
     """Visits fixed entities when an event matches."""
 
-    def __init__(self, *, matcher: Callable[[Any], bool], entities: Any = None, handle_once: bool = False) -> None:
-        super().__init__(matcher=matcher, handle_once=handle_once)
-        self.__entities = entities
-
-    @property
-    def entities(self) -> Any:
-        """The entities."""
-        return self.__entities
+    entities = Field(None)
 
     def handle(self, event: Any, context: Any) -> Any:
         """The entities to visit."""
         super().handle(event, context)
-        return self.__entities
+        return self.entities
 
 
 class OnActionEventBase(BaseEventHandler):
     """Handles events that one action, or any, gives rise to."""
 
-    def __init__(
-        self,
-        *,
-        action_matcher: Any,
-        on_event: Any,
-        target_event_cls: type[Event],
-        target_action_cls: type,
-        **kwargs: Any,
-    ) -> None:
-        name = type(self).__name__
-        if not isinstance(action_matcher, (target_action_cls, type(None))) and not callable(action_matcher):
-            wanted = f"one action ({target_action_cls.__name__}) or a function"
-            raise TypeError(f"{name}: target_action must be {wanted}, but {shown(action_matcher)}")
-        self.target = action_matcher
-        self.__actions: list[Any] = []
-        self.__on_event = on_event
-        if not callable(on_event):
-            self.__actions = _entities(on_event, name)
-            self.__on_event = lambda event, context: None
+    matcher = None
+    action_matcher = Field()
+    on_event = Field()
+    target_event_cls = Field()
+    target_action_cls = Field()
 
-        def matcher(event: Any) -> bool:
-            if not isinstance(event, target_event_cls):
-                return False
-            if action_matcher is None or isinstance(action_matcher, target_action_cls):
-                return action_matcher is None or event.action is action_matcher  # type: ignore[attr-defined]
-            return bool(action_matcher(event.action))  # type: ignore[attr-defined]
+    def made(self) -> None:
+        """Refuse what is neither an action nor a function."""
+        action, wanted = self.action_matcher, self.target_action_cls
+        if not isinstance(action, (wanted, type(None))) and not callable(action):
+            message = f"target_action must be one action ({wanted.__name__}) or a function, but {shown(action)}"
+            remedy = "Give the action itself, as it is kept in a variable."
+            raise mistake(TypeError, f"{type(self).__name__}: {message}", "bad_target", remedy)
+        self._actions = [] if callable(self.on_event) else _entities(self.on_event, type(self).__name__)
 
-        super().__init__(matcher=matcher, **kwargs)
+    def matches(self, event: Any) -> bool:
+        """Whether an event of an action is for this handler."""
+        wanted = self.action_matcher
+        if not isinstance(event, self.target_event_cls):
+            return False
+        if wanted is None or isinstance(wanted, self.target_action_cls):
+            return wanted is None or event.action is wanted
+        return bool(wanted(event.action))
 
     def handle(self, event: Any, context: Any) -> Any:
         """The entities to visit."""
         super().handle(event, context)
-        return self.__actions or self.__on_event(event, context)
+        return self.on_event(event, context) if callable(self.on_event) else self._actions
 
-    def describe(self) -> tuple[str, list[Any]]:
-        """Text for people, and the entities known beforehand."""
-        return type(self).__name__, list(self.__actions)
+    def _known(self) -> list[Any]:
+        return self._actions
 
 
 def _entities(given: Any, name: str) -> list[Any]:
     if not isinstance(given, collections.abc.Iterable):
-        return [given]
+        return [] if given is None else [given]
     entities = list(given)
     for entity in entities:
         if not isinstance(entity, LaunchDescriptionEntity):
-            raise TypeError(f"{name}: every item must be an action, but one is of type '{type(entity).__name__}'")
+            message = f"{name}: every item must be an action, but one is of type '{type(entity).__name__}'"
+            raise mistake(TypeError, message, "not_an_action", "Put only actions into this list.")
     return entities
 
 
-class OnProcessExit(OnActionEventBase):
+def _execute_local() -> type:
+    from ..actions import ExecuteLocal
+
+    return ExecuteLocal
+
+
+class _OnEvent(OnActionEventBase):
+    """A handler of one class of events, which says by a keyword of its own what follows."""
+
+    action_matcher = on_event = target_action_cls = None
+    target_event_cls: Any = None
+    target_action = Field(None)
+    _follows = ""
+
+    def made(self) -> None:
+        self.action_matcher, self.on_event = self.target_action, self.given[self._follows]
+        self.target_action_cls = _execute_local()
+        super().made()
+
+
+class OnProcessExit(_OnEvent):
     """Visits entities when a process ends."""
 
-    def __init__(self, *, target_action: Any = None, on_exit: Any, **kwargs: Any) -> None:
-        from ..actions import ExecuteLocal
-
-        super().__init__(
-            action_matcher=target_action,
-            on_event=on_exit,
-            target_event_cls=ProcessExited,
-            target_action_cls=ExecuteLocal,
-            **kwargs,
-        )
+    on_exit = Field()
+    _follows = "on_exit"
+    target_event_cls = ProcessExited
 
 
-class OnProcessStart(OnActionEventBase):
+class OnProcessStart(_OnEvent):
     """Visits entities when a process starts."""
 
-    def __init__(self, *, target_action: Any = None, on_start: Any, **kwargs: Any) -> None:
-        from ..actions import ExecuteLocal
-
-        super().__init__(
-            action_matcher=target_action,
-            on_event=on_start,
-            target_event_cls=ProcessStarted,
-            target_action_cls=ExecuteLocal,
-            **kwargs,
-        )
+    on_start = Field()
+    _follows = "on_start"
+    target_event_cls = ProcessStarted
 
 
-class OnProcessIO(OnActionEventBase):
+class OnProcessIO(_OnEvent):
     """Calls functions when a process writes."""
 
-    def __init__(
-        self,
-        *,
-        target_action: Any = None,
-        on_stdin: Any = None,
-        on_stdout: Any = None,
-        on_stderr: Any = None,
-        **kwargs: Any,
-    ) -> None:
-        from ..actions import ExecuteLocal
+    on_stdin = Field(None)
+    on_stdout = Field(None)
+    on_stderr = Field(None)
+    _follows = "on_stdin"
+    target_event_cls = ProcessIO
 
-        by_fd = (on_stdin, on_stdout, on_stderr)
-
-        def on_event(event: Any, _: Any) -> Any:
-            function = by_fd[event.fd]
-            return None if function is None else function(event)
-
-        super().__init__(
-            action_matcher=target_action,
-            on_event=on_event,
-            target_event_cls=ProcessIO,
-            target_action_cls=ExecuteLocal,
-            **kwargs,
-        )
+    def handle(self, event: Any, context: Any) -> Any:
+        """What the function for the stream gives."""
+        function = (self.on_stdin, self.on_stdout, self.on_stderr)[event.fd]
+        return None if function is None else function(event)
 
 
-class OnExecutionComplete(OnActionEventBase):
+class OnExecutionComplete(_OnEvent):
     """Visits entities when an action was carried out."""
 
-    def __init__(self, *, target_action: Any = None, on_completion: Any, **kwargs: Any) -> None:
+    on_completion = Field()
+    _follows = "on_completion"
+    target_event_cls = ExecutionComplete
+
+    def made(self) -> None:
+        """Take any action as the target."""
         from .._base import Action
 
-        super().__init__(
-            action_matcher=target_action,
-            on_event=on_completion,
-            target_event_cls=ExecutionComplete,
-            target_action_cls=Action,
-            **kwargs,
-        )
+        self.action_matcher, self.on_event, self.target_action_cls = self.target_action, self.on_completion, Action
+        OnActionEventBase.made(self)
 
 
 class OnShutdown(BaseEventHandler):
     """Visits entities when the launch ends."""
 
-    def __init__(self, *, on_shutdown: Any, **kwargs: Any) -> None:
-        super().__init__(matcher=lambda event: is_a_subclass(event, Shutdown), **kwargs)
-        self.__on_shutdown = on_shutdown if callable(on_shutdown) else lambda event, context: on_shutdown
+    matcher = None
+    on_shutdown = Field()
+
+    def matches(self, event: Any) -> bool:
+        """Whether the launch ends."""
+        return is_a_subclass(event, Shutdown)
 
     def handle(self, event: Any, context: Any) -> Any:
         """The entities to visit."""
         super().handle(event, context)
-        return self.__on_shutdown(event, context)
+        return self.on_shutdown(event, context) if callable(self.on_shutdown) else self.on_shutdown
 
 
 class OnIncludeLaunchDescription(BaseEventHandler):
     """Visits a launch description that an event asks for."""
 
-    def __init__(self, **kwargs: Any) -> None:
-        super().__init__(matcher=lambda event: is_a_subclass(event, IncludeLaunchDescription), **kwargs)
+    matcher = None
+
+    def matches(self, event: Any) -> bool:
+        """Whether a description is asked for."""
+        return is_a_subclass(event, IncludeLaunchDescription)
 
     def handle(self, event: Any, context: Any) -> Any:
         """The launch description."""
@@ -237,3 +202,6 @@ def event_named(event_name: str) -> Callable[[Any], bool]:
 def gen_handler(entities: Any) -> Callable[[Any, Any], Any]:
     """A handler that gives fixed entities."""
     return lambda event, context: entities
+
+
+__all__ = exported(__name__)

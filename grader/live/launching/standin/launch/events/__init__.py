@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from .._base import Event
-from .._catalogue import missing_name
+from .._base import POSITIONAL, Event, Field
+from .._catalogue import missing_name_of
 
 __all__ = [
     "ExecutionComplete",
@@ -16,57 +16,41 @@ __all__ = [
     "matches_action",
     "process",
 ]
+__getattr__ = missing_name_of(__name__)
 
 
 class Shutdown(Event):
     """The launch ends."""
 
     name = "launch.events.Shutdown"
-
-    def __init__(self, *, reason: str = "reason not given", due_to_sigint: bool = False, **kwargs: Any) -> None:
-        super().__init__(**kwargs)
-        self.reason = reason
-        self.due_to_sigint = due_to_sigint
+    reason = Field("reason not given")
+    due_to_sigint = Field(False)
 
 
 class TimerEvent(Event):
     """A timer fired."""
 
     name = "launch.events.TimerEvent"
-
-    def __init__(self, *, timer_action: Any) -> None:
-        self.timer_action = timer_action
+    timer_action = Field()
 
 
 class ExecutionComplete(Event):
     """An action was carried out."""
 
     name = "launch.events.ExecutionComplete"
-
-    def __init__(self, *, action: Any) -> None:
-        self.action = action
+    action = Field()
 
 
 class IncludeLaunchDescription(Event):
     """A launch description is to be visited."""
 
     name = "launch.events.IncludeLaunchDescription"
-
-    def __init__(self, launch_description: Any) -> None:
-        self.launch_description = launch_description
+    launch_description = Field(positional=POSITIONAL)
 
 
 def matches_action(target_action: Any) -> Callable[[Any], bool]:
     """A matcher that is true for one action."""
-
-    def matcher(action: Any) -> bool:
-        return action == target_action  # type: ignore[no-any-return]
-
-    return matcher
+    return lambda action: bool(action == target_action)
 
 
 from . import process  # noqa: E402 - it needs the names above
-
-
-def __getattr__(name: str) -> Any:
-    return missing_name(__name__, name)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from typing import Any
 
-from .._base import InvalidLaunchFileError, UnsupportedByStandin, blame, written_at
+from .._base import InvalidLaunchFileError, UnsupportedByStandin, blame, mistake, written_at
 from ..conditions import IfCondition, UnlessCondition
 from ..utilities.type_utils import get_typed_value, is_instance_of
 from ._readers import Element
@@ -42,7 +42,8 @@ class Entity:
         """
         element = self.__element
         if element.children is None:
-            raise ValueError(f"<{self.type_name}> needs a list of actions under the key 'children'")
+            message = f"<{self.type_name}> needs a list of actions under the key 'children'"
+            raise _bad(message, "Write the actions as a list: each begins with a dash.")
         self.__read.update(["children"] if element.typed else [child.tag for child in element.children])
         return [Entity(child, self.__path, self) for child in element.children]
 
@@ -57,7 +58,8 @@ class Entity:
         self.__read.add(tag)
         element = self.__element
         if element.typed and tag in element.attributes:
-            raise TypeError(f"the attribute '{tag}' of <{self.type_name}> must be a list of mappings")
+            message = f"the attribute '{tag}' of <{self.type_name}> must be a list of mappings"
+            raise _bad(message, "Begin each item with a dash: '- name: ...'.", TypeError)
         found = element.lists.get(tag, []) if element.typed else element.children or []
         return [Entity(child, self.__path, self) for child in found if child.tag == tag]
 
@@ -76,7 +78,8 @@ class Entity:
         if value is None:
             if optional:
                 return None
-            raise AttributeError(f"<{self.type_name}> needs the attribute '{name}'")
+            remedy = "Write exec='...' (ROS 1 wrote type='...')." if name == "exec" else "Add the attribute."
+            raise _bad(f"<{self.type_name}> needs the attribute '{name}'", remedy, AttributeError)
         separator = self.__element.attributes.get(f"{name}-sep")
         if separator is not None:
             self.__read.add(f"{name}-sep")
@@ -85,9 +88,11 @@ class Entity:
             if not self.__element.typed:
                 return get_typed_value(value, data_type, can_be_str=can_be_str)
         except ValueError as error:
-            raise TypeError(f"the attribute '{name}' of <{self.type_name}> is '{value}': {error}") from error
+            message = f"the attribute '{name}' of <{self.type_name}> is '{value}': {error}"
+            raise _bad(message, _remedy(value, str, error), TypeError) from error
         if not is_instance_of(value, data_type, can_be_str):
-            raise TypeError(f"the attribute '{name}' of <{self.type_name}> must be {_wanted(value, data_type)}")
+            message = f"the attribute '{name}' of <{self.type_name}> must be {_wanted(value, data_type)}"
+            raise _bad(message, _remedy(value, data_type, None), TypeError)
         return value
 
     def assert_entity_completely_parsed(self) -> None:
@@ -106,7 +111,23 @@ class Entity:
         if unknown:
             close = difflib.get_close_matches(unknown[0], self.__read, n=1)
             meant = f"; did you mean '{close[0]}'?" if close else ""
-            raise ValueError(f"<{self.type_name}> cannot have {', '.join(unknown)}{meant}")
+            remedy = _ROS_1.get((self.type_name, unknown[0])) or ("Correct the name." if close else "Take it out.")
+            if self.type_name == "include":
+                remedy = "Put the include into a group, after push_ros_namespace or <let>."
+            raise _bad(f"<{self.type_name}> cannot have {', '.join(unknown)}{meant}", remedy)
+
+
+_ROS_1 = {
+    ("arg", "value"): "Write default='...', or <let> for what is not to be an argument.",
+    ("node", "required"): "Write on_exit='shutdown' (ROS 1 wrote required='true').",
+    ("node", "ns"): "Write namespace='...' (ROS 1 wrote ns='...').",
+    ("group", "ns"): "Write push_ros_namespace as the first action of the group (ROS 1 wrote ns='...').",
+}
+_ALIKE = "Write all items alike: [1.0, 2.5] instead of [1, 2.5]."
+
+
+def _bad(message: str, remedy: str, raised: type[Exception] = ValueError) -> Any:
+    return mistake(raised, message, "bad_markup", remedy)
 
 
 def _wanted(value: Any, data_type: Any) -> str:
@@ -115,6 +136,16 @@ def _wanted(value: Any, data_type: Any) -> str:
     meant = "; write it with a decimal point" if data_type is float and type(value) is int else ""
     meant = "; put it in quotes" if data_type is str else meant
     return f"of type {getattr(data_type, '__name__', data_type)}, not {value!r}{meant}"
+
+
+def _remedy(value: Any, data_type: Any, error: Exception | None) -> str:
+    if error is not None and "YAML makes it a dict" in str(error):
+        return "Write the inner names as <param> inside this one."
+    if error is not None:
+        return _ALIKE if "not of one type" in str(error) else "Correct this element of the file."
+    if data_type is float and type(value) is int:
+        return "Write 2.0 instead of 2."
+    return {str: "Put the value in quotes.", None: _ALIKE}.get(data_type, "Correct this element of the file.")
 
 
 class Parser:
@@ -135,31 +166,18 @@ class Parser:
         """Remove the backslashes that protect characters."""
         return replace_escaped_characters(str(value))
 
-    def common(self, entity: Entity) -> tuple[Any, dict[str, Any]]:
-        """What every action can have: a condition."""
-        kwargs: dict[str, Any] = {}
+    def condition(self, entity: Entity) -> dict[str, Any]:
+        """The condition that every action can have."""
         wanted = entity.get_attr("if", optional=True)
         unwanted = entity.get_attr("unless", optional=True)
         if wanted is not None and unwanted is not None:
-            raise RuntimeError("'if' and 'unless' cannot stand in one element")
+            message = "'if' and 'unless' cannot stand in one element"
+            raise _bad(message, "Correct this element of the file.", RuntimeError)
         if wanted is not None:
-            kwargs["condition"] = IfCondition(self.parse_substitution(wanted))
+            return {"condition": IfCondition(self.parse_substitution(wanted))}
         if unwanted is not None:
-            kwargs["condition"] = UnlessCondition(self.parse_substitution(unwanted))
-        return None, kwargs
-
-    def with_substitutions(
-        self, cls: Any, entity: Entity, needed: dict[str, str], optional: dict[str, str] | None = None
-    ) -> Any:
-        """An action whose attributes are all substitutions: keyword by attribute."""
-        _, kwargs = self.common(entity)
-        for attribute, keyword in needed.items():
-            kwargs[keyword] = self.parse_substitution(entity.get_attr(attribute))
-        for attribute, keyword in (optional or {}).items():
-            value = entity.get_attr(attribute, optional=True)
-            if value is not None:
-                kwargs[keyword] = self.parse_substitution(value)
-        return cls, kwargs
+            return {"condition": UnlessCondition(self.parse_substitution(unwanted))}
+        return {}
 
     def pairs(self, entity: Entity, tag: str) -> dict[Any, Any]:
         """Names and values of the elements inside that have a tag."""
@@ -181,7 +199,10 @@ class Parser:
                 if entity.type_name not in exposed_actions:
                     close = difflib.get_close_matches(entity.type_name, exposed_actions, n=1)
                     meant = f"; did you mean '{close[0]}'?" if close else ""
-                    raise RuntimeError(f"there is no action '{entity.type_name}'{meant}")
+                    remedy = "Correct the name." if close else "Correct this element of the file."
+                    if entity.type_name == "rosparam":
+                        remedy = "Write <param from='...'/> inside the node (ROS 1 wrote rosparam)."
+                    raise _bad(f"there is no action '{entity.type_name}'{meant}", remedy, RuntimeError)
                 made, kwargs = exposed_actions[entity.type_name].parse(entity, self)
                 entity.assert_entity_completely_parsed()
                 return made(**kwargs)
@@ -201,8 +222,9 @@ class Parser:
 
         entity = Entity(root, self.path)
         if root.tag != "launch":
-            error = InvalidLaunchFileError("", likely_errors=[])
-            error.args = (f"the root of a launch file must be 'launch', but it is '{root.tag}'",)
+            message = f"the root of a launch file must be 'launch', but it is '{root.tag}'"
+            error = _bad(message, "Correct it where it says.", InvalidLaunchFileError)
+            error.args = (message,)
             blame(error, entity)
             raise error
         try:

@@ -14,7 +14,8 @@ class InvalidMarkupError(InvalidLaunchFileError):
     def __init__(self, message: str, line: SourceLine) -> None:
         Exception.__init__(self, message)
         self.likely_errors = ()
-        self.launch_source = line
+        self.launch_source, self.launch_kind = line, "bad_markup"
+        self.launch_remedy = "Correct it where it says."
 
 
 @dataclass

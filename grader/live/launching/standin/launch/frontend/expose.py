@@ -5,6 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+from .._base import mistake, near
+
+_ROS_1 = {
+    "find": "Write $(find-pkg-share package) (ROS 1 wrote $(find package)).",
+    "arg": "Write $(var name) (ROS 1 wrote $(arg name)).",
+    "optenv": "Write $(env NAME default) (ROS 1 wrote $(optenv NAME default)).",
+}
 exposed_actions: dict[str, Any] = {}
 exposed_substitutions: dict[str, Any] = {}
 
@@ -48,6 +55,8 @@ def instantiate_substitution(type_name: str, args: Any = None) -> Any:
 
     if type_name not in exposed_substitutions:
         known = ", ".join(sorted(exposed_substitutions))
-        raise RuntimeError(f"there is no substitution '$({type_name} ...)'; there are: {known}")
+        message = f"there is no substitution '$({type_name} ...)'; there are: {known}"
+        remedy = _ROS_1.get(type_name) or near(type_name, exposed_substitutions) + "Correct the name."
+        raise mistake(RuntimeError, message, "bad_markup", remedy)
     made, kwargs = exposed_substitutions[type_name].parse(args or [])
     return made(**kwargs)

@@ -5,15 +5,14 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from .._base import Substitution
-from .._catalogue import missing_name
+from .._base import Substitution, mistake
+from .._catalogue import missing_name_of
 from .expose import instantiate_substitution
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
 
 
-def __getattr__(name: str) -> Any:
-    return missing_name(__name__, name)
+__getattr__ = missing_name_of(__name__)
 
 
 def replace_escaped_characters(data: str) -> str:
@@ -59,14 +58,14 @@ class _Reader:
     def _substitution(self, quote: str) -> Any:
         name = _NAME.match(self._text, self._at + 2)
         if name is None:
-            raise ValueError(f"'{self._text}': a name is missing after '$('")
+            raise self._wrong("a name is missing after '$('", "Correct this element of the file.")
         self._at = name.end()
         arguments: list[Any] = []
         while self._here() == " ":
             self._at += 1
             arguments.append(self._argument(quote, name.group()))
         if self._here() != ")":
-            raise ValueError(f"'{self._text}': '$({name.group()}' is not closed")
+            raise self._wrong(f"'$({name.group()}' is not closed", "Close it.")
         self._at += 1
         return instantiate_substitution(name.group(), arguments)
 
@@ -77,13 +76,15 @@ class _Reader:
             self._at += 1
             value = self.template(opened)
             if not self._here():
-                raise ValueError(f"'{self._text}': a quote is not closed")
+                raise self._wrong("a quote is not closed", "Close it.")
             self._at += 1
             return value
         value = self._unquoted(quote)
         if not value:
-            why = "has one blank too many" if self._here() in (" ", ")") else "is not closed"
-            raise ValueError(f"'{self._text}': '$({name}' {why}")
+            if self._here() not in (" ", ")"):
+                raise self._wrong(f"'$({name}' is not closed", "Close it.")
+            remedy = "Write one blank between the arguments, and none before ')'."
+            raise self._wrong(f"'$({name}' has one blank too many", remedy)
         return value
 
     def _unquoted(self, quote: str) -> list[Substitution]:
@@ -98,10 +99,13 @@ class _Reader:
             elif character in (" ", *barred) or (character == ")" and not protected):
                 break
             elif character == "(" and not protected:
-                raise ValueError(f"'{self._text}': '(' in an argument needs quotes around the argument")
+                raise self._wrong("'(' in an argument needs quotes around the argument", "Put the argument in quotes.")
             else:
                 parts.text += self._take(1)
         return parts.done()
+
+    def _wrong(self, what: str, remedy: str) -> Any:
+        return mistake(ValueError, f"'{self._text}': {what}", "bad_markup", remedy)
 
     def _here(self) -> str:
         return self._text[self._at : self._at + 1]

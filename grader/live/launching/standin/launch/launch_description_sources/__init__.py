@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from .._base import InvalidLaunchFileError
-from .._catalogue import missing_name
+from .._catalogue import missing_name_of
 from .._sources import (
     AnyLaunchDescriptionSource,
     FrontendLaunchDescriptionSource,
@@ -30,7 +28,4 @@ __all__ = [
     "get_launch_description_from_python_launch_file",
     "load_python_launch_file_as_module",
 ]
-
-
-def __getattr__(name: str) -> Any:
-    return missing_name(__name__, name)
+__getattr__ = missing_name_of(__name__)

@@ -6,11 +6,13 @@ import logging
 from logging import DEBUG, ERROR, INFO, WARNING, Logger
 from typing import Any
 
-from .._catalogue import missing_name
+from .._base import mistake
+from .._catalogue import missing_name_of
 
 __all__ = ["DEBUG", "ERROR", "INFO", "WARNING", "get_logger", "get_output_loggers", "launch_config"]
+__getattr__ = missing_name_of(__name__)
 
-OUTPUT_WORDS = ("screen", "log", "both", "own_log", "full")
+_OUTPUT_WORDS = ("screen", "log", "both", "own_log", "full")
 _STREAM_WORDS = ("screen", "log", "own_log")
 
 
@@ -35,8 +37,8 @@ def get_logger(name: str | None = None) -> Logger:
     return logging.getLogger(name)
 
 
-def get_output_loggers(process_name: str, output_config: Any) -> Any:
-    """Check where the output of a process is to go, and return that.
+def get_output_loggers(process_name: str, output_config: Any) -> tuple[Logger, Logger]:
+    """Loggers of a process, if it is known where its output is to go.
 
     Raises
     ------
@@ -44,19 +46,16 @@ def get_output_loggers(process_name: str, output_config: Any) -> Any:
         It is not one of the known words.
     """
     if isinstance(output_config, str):
-        if output_config not in OUTPUT_WORDS:
-            raise ValueError(f"output must be one of {', '.join(OUTPUT_WORDS)}, but it is '{output_config}'")
-        return output_config
-    plain: dict[str, Any] = {}
+        if output_config not in _OUTPUT_WORDS:
+            raise _unknown(f"output must be one of {', '.join(_OUTPUT_WORDS)}, but it is '{output_config}'")
+        output_config = {}
     for stream, words in dict(output_config).items():
         if stream not in ("stdout", "stderr", "both"):
-            raise ValueError(f"output can be set for stdout, stderr or both, but not for '{stream}'")
-        chosen = [words] if isinstance(words, str) else sorted(words)
-        if any(word not in _STREAM_WORDS for word in chosen):
-            raise ValueError(f"the output of {stream} must be among {', '.join(_STREAM_WORDS)}, but it is {words!r}")
-        plain[stream] = chosen
-    return plain
+            raise _unknown(f"output can be set for stdout, stderr or both, but not for '{stream}'")
+        if not set([words] if isinstance(words, str) else words) <= set(_STREAM_WORDS):
+            raise _unknown(f"the output of {stream} must be among {', '.join(_STREAM_WORDS)}, but it is {words!r}")
+    return get_logger(f"{process_name}-stdout"), get_logger(f"{process_name}-stderr")
 
 
-def __getattr__(name: str) -> Any:
-    return missing_name(__name__, name)
+def _unknown(message: str) -> Any:
+    return mistake(ValueError, message, "bad_output", "Write output='screen'.")

@@ -14,7 +14,7 @@ from .._base import (
     normalize_to_list_of_substitutions,
     perform_substitutions,
 )
-from .._catalogue import missing_name
+from .._catalogue import missing_name_of
 
 __all__ = [
     "ensure_argument_type",
@@ -37,5 +37,4 @@ def normalize_to_list_of_entities(entities: Any) -> list[Any]:
     return flat
 
 
-def __getattr__(name: str) -> Any:
-    return missing_name(__name__, name)
+__getattr__ = missing_name_of(__name__)

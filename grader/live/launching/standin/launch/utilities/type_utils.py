@@ -8,6 +8,7 @@ from typing import Any, List, get_args, get_origin  # noqa: UP035
 from .._base import (
     Substitution,
     ensure_argument_type,
+    mistake,
     normalize_to_list_of_substitutions,
     perform_substitutions,
     shown,
@@ -21,6 +22,16 @@ AllowedValueType = Any
 NormalizedValueType = Any
 SomeValueType = Any
 StrSomeValueType = Any
+
+
+def _unreadable(message: str, raised: type[Exception] = ValueError) -> Any:
+    remedy = "Give a value of the type that is asked for, or a text that can be read as one."
+    return mistake(raised, message, "bad_parameter_value", remedy)
+
+
+def _no_list(items: list[Any], data_type: Any) -> Any:
+    message = f"the list {items!r} is given where one {data_type.__name__} is wanted"
+    return mistake(TypeError, message, "bad_type", "Give one value, not a list.")
 
 
 def is_valid_scalar_type(data_type: Any) -> bool:
@@ -44,7 +55,8 @@ def extract_type(data_type: Any) -> tuple[Any, bool]:
     is_list = is_typing_list(data_type)
     scalar = get_args(data_type)[0] if is_list and get_args(data_type) else data_type
     if scalar not in ScalarTypesTuple:
-        raise ValueError(f"{data_type!r} is not a type that a value can have here")
+        remedy = "Use int, float, bool, str, or List[...] of one of them."
+        raise mistake(ValueError, f"{data_type!r} is not a type that a value can have here", "bad_type", remedy)
     return scalar, is_list
 
 
@@ -78,10 +90,10 @@ def _read_yaml(value: str, aim: str, can_be_str: bool) -> Any:
     except Exception as error:
         if can_be_str:
             return value
-        raise ValueError(f"'{value}' cannot be read as {aim}: it is not valid YAML ({error})") from error
+        raise _unreadable(f"'{value}' cannot be read as {aim}: it is not valid YAML ({error})") from error
     if not is_instance_of_valid_type(output, can_be_str):
         kind = "list whose items are not of one type" if isinstance(output, list) else type(output).__name__
-        raise ValueError(f"'{value}' cannot be read as {aim}: YAML makes it a {kind}")
+        raise _unreadable(f"'{value}' cannot be read as {aim}: YAML makes it a {kind}")
     return output
 
 
@@ -103,7 +115,7 @@ def coerce_to_type(value: str, data_type: Any = None, can_be_str: bool = False) 
     if is_list:
         output = _read_yaml(value, f"a list of {scalar.__name__}", can_be_str)
         if not isinstance(output, list) or not all(isinstance(item, wanted) for item in output):
-            raise ValueError(f"'{value}' cannot be read as a list of {scalar.__name__}")
+            raise _unreadable(f"'{value}' cannot be read as a list of {scalar.__name__}")
         return output
     return _coerce_scalar(value, scalar, can_be_str)
 
@@ -117,13 +129,13 @@ def _coerce_scalar(value: str, scalar: Any, can_be_str: bool) -> Any:
         except ValueError as error:
             if can_be_str:
                 return value
-            raise ValueError(f"'{value}' cannot be read as {scalar.__name__}") from error
+            raise _unreadable(f"'{value}' cannot be read as {scalar.__name__}") from error
     if value in ("1", "0"):
         return value == "1"
     output = _read_yaml(value, "true or false", can_be_str)
     if isinstance(output, bool) or (can_be_str and isinstance(output, str)):
         return output
-    raise ValueError(f"'{value}' cannot be read as true or false")
+    raise _unreadable(f"'{value}' cannot be read as true or false")
 
 
 def coerce_list(value: list[str], data_type: Any = None, can_be_str: bool = False) -> list[Any]:
@@ -137,7 +149,7 @@ def coerce_list(value: list[str], data_type: Any = None, can_be_str: bool = Fals
     ensure_argument_type(value, list, "value", "coerce_list")
     output = [coerce_to_type(item, data_type, can_be_str) for item in value]
     if not is_instance_of_valid_type(output, can_be_str):
-        raise ValueError(f"the items of {value!r} are not of one type")
+        raise _unreadable(f"the items of {value!r} are not of one type")
     return output
 
 
@@ -154,7 +166,7 @@ def get_typed_value(value: Any, data_type: Any, can_be_str: bool = False) -> Any
     if data_type is not None:
         data_type, is_list = extract_type(data_type)
         if not is_list:
-            raise TypeError(f"the list {value!r} is given where one {data_type.__name__} is wanted")
+            raise _no_list(value, data_type)
     return coerce_list(value, data_type, can_be_str)
 
 
@@ -183,12 +195,14 @@ def normalize_typed_substitution(value: Any, data_type: Any) -> Any:
     if isinstance(value, ScalarTypesTuple):
         if not is_instance_of(value, data_type):
             name = getattr(data_type, "__name__", str(data_type))
-            raise TypeError(f"{'an' if name == 'int' else 'a'} {name} is wanted, but {shown(value)}")
+            message = f"{'an' if name == 'int' else 'a'} {name} is wanted, but {shown(value)}"
+            raise mistake(TypeError, message, "bad_type", "Give a value of this type, without quotes.")
         return value
     if is_substitution(value):
         return normalize_to_list_of_substitutions(value)
     if not isinstance(value, collections.abc.Iterable):
-        raise TypeError(f"a value, a substitution, or a list of them is wanted, but {shown(value)}")
+        message = f"a value, a substitution, or a list of them is wanted, but {shown(value)}"
+        raise mistake(TypeError, message, "bad_type", "Give a value of this type, without quotes.")
     return _normalize_typed_list(list(value), data_type)
 
 
@@ -196,21 +210,22 @@ def _normalize_typed_list(items: list[Any], data_type: Any) -> list[Any]:
     kinds = set()
     for item in items:
         if not isinstance(item, ScalarTypesTuple) and not is_substitution(item):
-            raise TypeError(f"in this list only values and substitutions can stand, but {shown(item)}")
+            raise _unreadable(f"in this list only values and substitutions can stand, but {shown(item)}", TypeError)
         kinds.add(type(item) if isinstance(item, ScalarTypesTuple) else Substitution)
     if data_type is not None:
         data_type, is_list = extract_type(data_type)
         if not is_list:
-            raise TypeError(f"the list {items!r} is given where one {data_type.__name__} is wanted")
+            raise _no_list(items, data_type)
     plain = kinds - {Substitution}
     if plain in ({float}, {int, float}):
         found: Any = float
     elif len(plain) > 1 or not plain <= set(ScalarTypesTuple):
-        raise TypeError(f"the items of {items!r} are not of one type")
+        raise _unreadable(f"the items of {items!r} are not of one type", TypeError)
     else:  # an empty list counts as one of texts; a list of substitutions can become anything
         found = plain.pop() if plain else None if kinds else str
     if found is not None and data_type not in (None, found):
-        raise TypeError(f"a list of {found.__name__} is given where a list of {data_type.__name__} is wanted")
+        message = f"a list of {found.__name__} is given where a list of {data_type.__name__} is wanted"
+        raise _unreadable(message, TypeError)
     convert = float if found is float else (lambda item: item)
     return [normalize_to_list_of_substitutions(i) if is_substitution(i) else convert(i) for i in items]
 
@@ -236,12 +251,13 @@ def perform_typed_substitution(context: Any, value: Any, data_type: Any) -> Any:
         if data_type is not None:
             scalar, is_list = extract_type(data_type)
             if not is_list:
-                raise ValueError(f"the list {value!r} is given where one {scalar.__name__} is wanted")
+                raise _no_list(value, scalar)
         output = [
             coerce_to_type(perform_substitutions(context, item), scalar) if is_normalized_substitution(item) else item
             for item in value
         ]
         if not is_instance_of(output, data_type):
-            raise ValueError(f"the items of the list {output!r} are not of one type, or not of the one that is wanted")
+            message = f"the items of the list {output!r} are not of one type, or not of the one that is wanted"
+            raise _unreadable(message)
         return output
     raise TypeError(f"{value!r} is no value, no substitution and no list of them")

@@ -2,47 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
-from launch._base import shown
-from launch._catalogue import missing_name
+from launch._base import Field, mistake, shown
+from launch._catalogue import exported, missing_name_of
 from launch.event_handlers import EventHandler
 
 from ..events.lifecycle import StateTransition
 
-__all__ = ["OnStateTransition"]
-
-
-def __getattr__(name: str) -> Any:
-    return missing_name(__name__, name)
+__getattr__ = missing_name_of(__name__)
 
 
 class OnStateTransition(EventHandler):
     """Visits entities when a lifecycle node changes its state, and all that is asked of the change is so."""
 
-    def __init__(
-        self,
-        *,
-        entities: Any,
-        target_lifecycle_node: Any = None,
-        transition: str | None = None,
-        start_state: str | None = None,
-        goal_state: str | None = None,
-        matcher: Callable[[Any], bool] | None = None,
-        **kwargs: Any,
-    ) -> None:
-        if target_lifecycle_node is not None and not getattr(target_lifecycle_node, "is_lifecycle_node", False):
-            raise RuntimeError(
-                f"OnStateTransition: target_lifecycle_node must be a LifecycleNode, but {shown(target_lifecycle_node)}"
-            )
-        wanted = {"transition": transition, "start_state": start_state, "goal_state": goal_state}
+    matcher = Field(None)
+    entities = Field()
+    target_lifecycle_node = Field(None)
+    transition = Field(None)
+    start_state = Field(None)
+    goal_state = Field(None)
 
-        def matches(event: Any) -> bool:
-            return (
-                isinstance(event, StateTransition)
-                and target_lifecycle_node in (None, event.action)
-                and all(value in (None, getattr(event, name)) for name, value in wanted.items())
-            )
+    def made(self) -> None:
+        """Refuse a node that has no states."""
+        target = self.target_lifecycle_node
+        if target is not None and not hasattr(target, "is_lifecycle_node"):
+            message = f"OnStateTransition: target_lifecycle_node must be a LifecycleNode, but {shown(target)}"
+            raise mistake(RuntimeError, message, "bad_target", "Give the action itself, as it is kept in a variable.")
 
-        super().__init__(matcher=matcher or matches, entities=entities, **kwargs)
+    def matches(self, event: Any) -> bool:
+        """Whether a change of state is for this handler."""
+        if self.matcher is not None:
+            return bool(self.matcher(event))
+        if not isinstance(event, StateTransition) or self.target_lifecycle_node not in (None, event.action):
+            return False
+        asked = ("transition", "start_state", "goal_state")
+        return all(self.given[name] in (None, getattr(event, name)) for name in asked)
+
+
+__all__ = exported(__name__)

@@ -9,37 +9,18 @@ from typing import Any
 from launch._base import (
     Substitution,
     ensure_argument_type,
+    mistake,
     normalize_to_list_of_substitutions,
     perform_substitutions,
     shown,
 )
-from launch._catalogue import missing_name
+from launch._catalogue import exported, missing_name_of
 from launch.substitutions import TextSubstitution
 
 from ..parameter_descriptions import Parameter, ParameterFile, ParameterValue
 
-__all__ = [
-    "add_node_name",
-    "evaluate_parameter_dict",
-    "evaluate_parameters",
-    "get_node_name_count",
-    "is_namespace_absolute",
-    "is_root_namespace",
-    "make_namespace_absolute",
-    "normalize_parameter_dict",
-    "normalize_parameters",
-    "normalize_remap_rule",
-    "normalize_remap_rules",
-    "prefix_namespace",
-    "validate_namespace",
-    "validate_node_name",
-]
-
 _SCALARS = (bool, int, float, str)
-
-
-def __getattr__(name: str) -> Any:
-    return missing_name(__name__, name)
+__getattr__ = missing_name_of(__name__)
 
 
 def add_node_name(context: Any, node_name: str) -> None:
@@ -73,9 +54,11 @@ def validate_node_name(name: str) -> None:
         It has other signs than letters, digits and underscores, begins with a digit, or is too long.
     """
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) or len(name) > 255:
-        raise InvalidNodeNameException(
+        message = (
             f"invalid node name '{name}': it may hold only letters, digits and '_', and may not begin with a digit"
         )
+        remedy = "Use letters, digits and '_', and put '/' into namespace=."
+        raise mistake(InvalidNodeNameException, message, "bad_name", remedy)
 
 
 def validate_namespace(namespace: str) -> None:
@@ -87,10 +70,10 @@ def validate_namespace(namespace: str) -> None:
         It is none.
     """
     if namespace != "/" and not re.fullmatch(r"(/[A-Za-z_][A-Za-z0-9_]*)+", namespace):
-        raise InvalidNamespaceException(
-            f"invalid namespace '{namespace}': its parts may hold only letters, digits and '_', "
-            "may not begin with a digit, and are parted by one '/' each"
-        )
+        message = f"invalid namespace '{namespace}': its parts may hold only letters, digits and '_', "
+        message += "may not begin with a digit, and are parted by one '/' each"
+        remedy = "Use letters, digits and '_', with one '/' between the parts."
+        raise mistake(InvalidNamespaceException, message, "bad_name", remedy)
 
 
 def is_root_namespace(ns: str) -> bool:
@@ -128,10 +111,15 @@ def normalize_remap_rule(remap_rule: Any) -> tuple[list[Substitution], list[Subs
         It is not a tuple of two.
     """
     if not isinstance(remap_rule, tuple):
-        raise TypeError(f"a remapping must be a tuple of two, but {shown(remap_rule)}")
+        raise _no_rule(shown(remap_rule))
     if len(remap_rule) != 2:
-        raise TypeError(f"a remapping must be a tuple of two, but {remap_rule!r:.120} has {len(remap_rule)}")
+        raise _no_rule(f"{remap_rule!r:.120} has {len(remap_rule)}")
     return normalize_to_list_of_substitutions(remap_rule[0]), normalize_to_list_of_substitutions(remap_rule[1])
+
+
+def _no_rule(why: str) -> Any:
+    remedy = "Write a list of tuples: remappings=[('from', 'to')]."
+    return mistake(TypeError, f"a remapping must be a tuple of two, but {why}", "bad_remapping", remedy)
 
 
 def normalize_remap_rules(remap_rules: Any) -> Iterator[tuple[list[Substitution], list[Substitution]]]:
@@ -148,7 +136,9 @@ def normalize_parameters(parameters: Any) -> tuple[Any, ...]:
         They are not a list of dicts, files, or `Parameter`s.
     """
     if isinstance(parameters, str) or not isinstance(parameters, Sequence):
-        raise TypeError(f"argument 'parameters' must be a list, but {shown(parameters)}")
+        remedy = "Put the parameters into a list: parameters=[{...}]."
+        message = f"argument 'parameters' must be a list, but {shown(parameters)}"
+        raise mistake(TypeError, message, "parameters_not_list", remedy)
     normal: list[Any] = []
     for item in parameters:
         if isinstance(item, Mapping):
@@ -182,6 +172,23 @@ def normalize_parameter_dict(parameters: Any, *, _prefix: Any = None) -> dict[An
     return normal
 
 
+_AS_TEXT = "If it is meant as text, wrap it: ParameterValue(..., value_type=str)."
+
+
+def _no_value(message: str, value: Any) -> Any:
+    """The error about a value that no parameter can have, with what to do about a value of its type."""
+    remedies = {
+        "NoneType": "Leave the parameter out, or give it a value.",
+        "PosixPath": "Give a path as text: str(path).",
+        "ndarray": "Give a plain list: array.tolist().",
+    }
+    remedy = remedies.get(type(value).__name__, "Give a bool, an int, a float, a text, or a list of one of these.")
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        remedy = "Write all items alike: [1.0, 2.5] instead of [1, 2.5], ['1', 'x'] instead of [1, 'x']."
+        remedy = remedy if value else "Leave the parameter out, or give a list with at least one item."
+    return mistake(TypeError, message, "bad_parameter_value", remedy)
+
+
 def _quoted(value: Any) -> str:
     import yaml
 
@@ -197,7 +204,7 @@ def _normalize_value(name: Any, value: Any) -> Any:
         return value
     if isinstance(value, Sequence):
         return _normalize_array(name, value)
-    raise TypeError(f"the parameter '{name}' cannot have such a value: {shown(value)}")
+    raise _no_value(f"the parameter '{name}' cannot have such a value: {shown(value)}", value)
 
 
 def _normalize_array(name: Any, value: Sequence[Any]) -> Any:
@@ -206,7 +213,7 @@ def _normalize_array(name: Any, value: Sequence[Any]) -> Any:
         known = (Substitution, str, bool, int, float, Sequence)
         kind = next((kind for kind in known if isinstance(item, kind)), None)
         if kind is None:
-            raise TypeError(f"the parameter '{name}' cannot have such an item in its list: {shown(item)}")
+            raise _no_value(f"the parameter '{name}' cannot have such an item in its list: {shown(item)}", item)
         kinds.add(kind)
     if kinds == {int}:
         return tuple(value)
@@ -221,7 +228,7 @@ def _normalize_array(name: Any, value: Sequence[Any]) -> Any:
 
 
 def evaluate_parameters(context: Any, parameters: Any) -> tuple[Any, ...]:
-    """Normal parameters, resolved: dicts of values, files with their text, or `Parameter`s."""
+    """Normal parameters, resolved: dicts of values, paths of files, or `Parameter`s."""
     resolved: list[Any] = []
     for item in parameters:
         if isinstance(item, ParameterFile):
@@ -238,12 +245,7 @@ def evaluate_parameter_dict(context: Any, parameters: Any) -> dict[str, Any]:
     resolved = {}
     for name, value in parameters.items():
         text = perform_substitutions(context, list(name))
-        try:
-            resolved[text] = _evaluate_value(context, text, value)
-        except Exception as error:
-            if not hasattr(error, "parameter_name"):
-                error.parameter_name = text  # type: ignore[attr-defined]
-            raise
+        resolved[text] = _evaluate_value(context, text, value)
     return resolved
 
 
@@ -270,21 +272,23 @@ def _evaluate_text(name: str, text: str) -> Any:
     try:
         value = yaml.safe_load(text or "''")
     except yaml.YAMLError as error:
-        raise TypeError(f"the value of the parameter '{name}' cannot be read as YAML: {text!r:.120}") from error
+        message = f"the value of the parameter '{name}' cannot be read as YAML: {text!r:.120}"
+        raise mistake(TypeError, message, "bad_parameter_value", _AS_TEXT) from error
     if type(value) in (*_SCALARS, bytes):
         return value
     if isinstance(value, Sequence):
         return _uniform(name, value)
-    raise TypeError(
-        f"the value of the parameter '{name}' becomes a '{type(value).__name__}' when read as YAML, "
-        f"which no parameter can have: {text!r:.120}"
-    )
+    message = f"the value of the parameter '{name}' becomes a '{type(value).__name__}' when read as YAML, "
+    message += f"which no parameter can have: {text!r:.120}"
+    raise mistake(TypeError, message, "bad_parameter_value", _AS_TEXT)
 
 
 def _uniform(name: str, items: Sequence[Any]) -> tuple[Any, ...]:
     if not items or type(items[0]) not in _SCALARS or not all(isinstance(i, type(items[0])) for i in items):
-        raise TypeError(
-            f"the list given to the parameter '{name}' must not be empty, and its items must "
-            f"all be of one type (bool, int, float or str), but it is {list(items)!r:.120}"
-        )
+        message = f"the list given to the parameter '{name}' must not be empty, and its items must "
+        message += f"all be of one type (bool, int, float or str), but it is {list(items)!r:.120}"
+        raise _no_value(message, items)
     return tuple(items)
+
+
+__all__ = exported(__name__)

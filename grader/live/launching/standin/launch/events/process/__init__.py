@@ -6,70 +6,42 @@ import signal
 from collections.abc import Callable
 from typing import Any
 
-from ..._base import Event
-from ..._catalogue import missing_name
+from ..._base import Event, Field
+from ..._catalogue import exported, missing_name_of
 
-__all__ = [
-    "ProcessExited",
-    "ProcessIO",
-    "ProcessStarted",
-    "ProcessStderr",
-    "ProcessStdin",
-    "ProcessStdout",
-    "ProcessTargetedEvent",
-    "RunningProcessEvent",
-    "ShutdownProcess",
-    "SignalProcess",
-    "matches_executable",
-    "matches_name",
-    "matches_pid",
-]
-
-
-def __getattr__(name: str) -> Any:
-    return missing_name(__name__, name)
+__getattr__ = missing_name_of(__name__)
 
 
 class RunningProcessEvent(Event):
     """Something happened to one process."""
 
-    name = "launch.events.process.RunningProcessEvent"
+    action = Field()
+    name = Field()
+    cmd = Field()
+    cwd = Field()
+    env = Field()
+    pid = Field(0)
 
-    def __init__(self, *, action: Any, name: str, cmd: list[str], cwd: str | None, env: Any, pid: int = 0) -> None:
-        self.action = action
-        self.execute_process_action = action
-        self.process_name = name
-        self.cmd = cmd
-        self.cwd = cwd
-        self.env = env
-        self.pid = pid
+    def made(self) -> None:
+        """Keep what other names stand for, too."""
+        self.process_name, self.execute_process_action = self.given["name"], self.action
 
 
 class ProcessStarted(RunningProcessEvent):
     """A process started."""
 
-    name = "launch.events.process.ProcessStarted"
-
 
 class ProcessExited(RunningProcessEvent):
     """A process ended."""
 
-    name = "launch.events.process.ProcessExited"
-
-    def __init__(self, *, returncode: int, **kwargs: Any) -> None:
-        super().__init__(**kwargs)
-        self.returncode = returncode
+    returncode = Field()
 
 
 class ProcessIO(RunningProcessEvent):
     """A process wrote or was written to."""
 
-    name = "launch.events.process.ProcessIO"
-
-    def __init__(self, *, text: bytes, fd: int, **kwargs: Any) -> None:
-        super().__init__(**kwargs)
-        self.text = text
-        self.fd = fd
+    text = Field()
+    fd = Field()
 
     from_stdin = property(lambda self: self.fd == 0)
     from_stdout = property(lambda self: self.fd == 1)
@@ -79,47 +51,40 @@ class ProcessIO(RunningProcessEvent):
 class ProcessStdin(ProcessIO):
     """Text for a process."""
 
-    def __init__(self, *, text: bytes, **kwargs: Any) -> None:
-        super().__init__(text=text, fd=0, **kwargs)
+    fd = Field(0)
 
 
 class ProcessStdout(ProcessIO):
     """A process wrote to standard output."""
 
-    def __init__(self, *, text: bytes, **kwargs: Any) -> None:
-        super().__init__(text=text, fd=1, **kwargs)
+    fd = Field(1)
 
 
 class ProcessStderr(ProcessIO):
     """A process wrote to standard error."""
 
-    def __init__(self, *, text: bytes, **kwargs: Any) -> None:
-        super().__init__(text=text, fd=2, **kwargs)
+    fd = Field(2)
 
 
 class ProcessTargetedEvent(Event):
     """Something is wanted of the processes that match."""
 
-    name = "launch.events.process.ProcessTargetedEvent"
-
-    def __init__(self, *, process_matcher: Callable[[Any], bool]) -> None:
-        self.process_matcher = process_matcher
+    process_matcher = Field()
 
 
 class ShutdownProcess(ProcessTargetedEvent):
     """The processes that match are to end."""
 
-    name = "launch.events.process.ShutdownProcess"
-
 
 class SignalProcess(ProcessTargetedEvent):
     """The processes that match get a signal."""
 
-    name = "launch.events.process.SignalProcess"
+    signal_number = Field()
 
-    def __init__(self, *, signal_number: Any, process_matcher: Callable[[Any], bool]) -> None:
-        super().__init__(process_matcher=process_matcher)
-        self.signal = signal.Signals[signal_number] if isinstance(signal_number, str) else signal.Signals(signal_number)
+    def made(self) -> None:
+        """Read the signal by its name or number."""
+        wanted = self.signal_number
+        self.signal = signal.Signals[wanted] if isinstance(wanted, str) else signal.Signals(wanted)
         self.signal_name = self.signal.name
 
 
@@ -136,3 +101,6 @@ def matches_name(name: str) -> Callable[[Any], bool]:
 def matches_executable(name: str) -> Callable[[Any], bool]:
     """A matcher of one program."""
     return lambda action: bool(action.process_details and action.process_details["cmd"][0].split("/")[-1] == name)
+
+
+__all__ = exported(__name__)

@@ -5,14 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from launch._base import Event
-from launch._catalogue import missing_name
+from launch._base import Event, Field
+from launch._catalogue import exported, missing_name_of
 
-__all__ = ["ChangeState", "StateTransition", "matches_node_name"]
-
-
-def __getattr__(name: str) -> Any:
-    return missing_name(__name__, name)
+__getattr__ = missing_name_of(__name__)
 
 
 class ChangeState(Event):
@@ -23,11 +19,13 @@ class ChangeState(Event):
     #: As `lifecycle_msgs/msg/Transition` numbers them: what is asked for, then how each of them can end.
     valid_transitions = frozenset({*range(9), *(tens + how for tens in range(10, 70, 10) for how in range(3))})
 
-    def __init__(self, *, lifecycle_node_matcher: Callable[[Any], bool], transition_id: int) -> None:
-        if transition_id not in self.valid_transitions:
-            raise ValueError(f"{transition_id!r} is no id of a lifecycle transition")
-        self.lifecycle_node_matcher = lifecycle_node_matcher
-        self.transition_id = transition_id
+    lifecycle_node_matcher = Field()
+    transition_id = Field()
+
+    def made(self) -> None:
+        """Refuse what is no id."""
+        if self.transition_id not in self.valid_transitions:
+            raise ValueError(f"{self.transition_id!r} is no id of a lifecycle transition")
 
 
 class StateTransition(Event):
@@ -35,9 +33,8 @@ class StateTransition(Event):
 
     name = "launch_ros.events.lifecycle.StateTransition"
 
-    def __init__(self, *, action: Any, msg: Any) -> None:
-        self.action = action
-        self.msg = msg
+    action = Field()
+    msg = Field()
 
     @property
     def transition(self) -> str:
@@ -58,3 +55,6 @@ class StateTransition(Event):
 def matches_node_name(node_name: str) -> Callable[[Any], bool]:
     """A matcher of one node."""
     return lambda action: bool(action.node_name == node_name)
+
+
+__all__ = exported(__name__)

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import difflib
 import os
 from collections.abc import Iterator
+from importlib import import_module
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 from typing import Any
 
+from .released import is_released
+
 MOST_FILES = 5000
+#: Where a ROS machine keeps what is not here.
+ELSEWHERE = "/opt/ros/jazzy"
 
 
 def _files_below(root: str) -> Iterator[Path]:
@@ -117,3 +123,56 @@ def module_out_of_reach(name: str, root: str) -> str | None:
         if path.name == f"{name}.py" or (path.name == "__init__.py" and path.parent.name == name):
             return str(path.relative_to(root))
     return None
+
+
+def own_packages() -> tuple[list[str], list[str]]:
+    """Names of the submission's packages, which the first prefix holds, and of all that are installed."""
+    from ament_index_python.packages import get_packages_with_prefixes
+
+    there = sorted(get_packages_with_prefixes())
+    first = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)[0]
+    return [package for package in there if (Path(first) / "share" / package).is_dir()], there
+
+
+def find_executable(executable: str, package: str, root: str) -> str:
+    """Path of an executable of a package, as both implementations of `launch` find it here.
+
+    Raises
+    ------
+    LookupError
+        There is no such package, and none of ROS either.
+    RuntimeError
+        The package has no such executable, with what to do about it.
+    """
+    from ament_index_python.packages import get_package_prefix
+
+    try:
+        folder = Path(get_package_prefix(package)) / "lib" / package
+    except LookupError:
+        if is_released(package):
+            return f"{ELSEWHERE}/lib/{package}/{executable}"
+        raise
+    path = folder / executable
+    if path.is_file() and os.access(path, os.X_OK):
+        return str(path)
+    remedy = "Write the name of an entry point of setup.py ('name = package.module:main'), and build again."
+    there = sorted(p.name for p in folder.iterdir() if p.is_file() and os.access(p, os.X_OK)) if folder.exists() else []
+    listed = ", ".join(there) or "nothing"
+    entry = missing_entry_point(executable, package, root)
+    close = difflib.get_close_matches(executable.removesuffix(".py"), there, n=1)
+    meant = f"; did you mean '{close[0]}'?" if close else "."
+    message = f"executable '{executable}' not found in package '{package}'{meant} The package has: {listed}"
+    if not folder.exists():
+        message = f"package '{package}' has no executables at all: its folder lib/{package} does not exist"
+    elif path.is_file():
+        message = f"executable '{executable}' of package '{package}' is there, but may not be executed (chmod +x)"
+        remedy = "Make it executable: chmod +x."
+    elif entry is not None:
+        message = f"executable '{executable}' not found in package '{package}': its file {entry[0]} is there, "
+        message += f"but {entry[1]} does not install it ({entry[2]} is missing). The package has: {listed}"
+        where = "console_scripts in setup.py" if entry[1] == "setup.py" else entry[1]
+        remedy = f"Add to {where}: {entry[2]}, and build again."
+    failure = getattr(import_module("launch.substitutions"), "SubstitutionFailure", RuntimeError)
+    error: Exception = failure(message)
+    error.__dict__.update(launch_kind="unknown_executable", launch_remedy=remedy)
+    raise error

@@ -1,0 +1,56 @@
+"""`tools/house`: what it counts of a module, and when too many lines are a failure."""
+
+from __future__ import annotations
+
+import runpy
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+HOUSE = Path(__file__).resolve().parents[1] / "tools/house"
+MODULE = '''"""A module."""
+
+import re
+
+LIMIT = 5
+_FOUND = re.compile("a")
+
+
+def both(a: bool, b: bool) -> bool:
+    """Return whether all are true.
+
+    Said in three lines.
+    """
+    # Why.
+    return a and b and LIMIT > 0
+'''
+
+
+@pytest.fixture
+def house() -> dict[str, Any]:
+    """Give the script's names."""
+    return runpy.run_path(str(HOUSE))
+
+
+def test_a_module_is_counted(house: dict[str, Any]) -> None:
+    """Docstrings, comments and blank lines are no code, nor of a function's length."""
+    counted = house["Figures"].of(MODULE)
+    assert (counted.lines, counted.code, counted.comments) == (15, 5, 1)
+    assert (counted.operators, counted.constants, counted.patterns) == (2, 2, 1)
+    assert (counted.functions, counted.large) == ([3], 0)
+
+
+@pytest.mark.parametrize(("fails", "budget", "status"), [(True, 10, 1), (False, 10, 0), (True, 20, 0)])
+def test_only_too_many_lines_fail(
+    house: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str], fails: bool, budget: int, status: int
+) -> None:
+    """And only once the budget has been reached; until then the distance is printed."""
+    (tmp_path / "checks").mkdir()
+    (tmp_path / "checks/a.py").write_text(MODULE, encoding="utf-8")
+    main = house["main"]
+    main.__globals__.update(GRADER=tmp_path, BUDGET={"": budget}, FAILS=fails)
+    assert main() == status
+    output = capsys.readouterr().out
+    assert f"15 lines; the budget is {budget}, {abs(budget - 15)} away" in output
+    assert "checks" in output
