@@ -288,10 +288,11 @@ class Recorded:
 
     def _unseen_s(self, span: Span) -> float:
         """Return the CPU time within a span of the student's processes that nobody saw or waited for, in s."""
-        known = [(sample.t_ns, sample.students_ns) for sample in self.record.machine if sample.students_ns is not None]
-        if len(known) < 2:
+        times, used = [s.t_ns for s in self.record.machine], [s.students_ns for s in self.record.machine]
+        counted = [ns for ns in used if ns is not None]
+        if len(counted) < max(2, len(used)):
             return 0.0
-        before, after = np.interp([span.start_ns, span.end_ns], *zip(*known, strict=True))
+        before, after = np.interp([span.start_ns, span.end_ns], times, counted)
         seen_s = sum(self.cpu_s(run, span) for run in self.record.processes if run.role == "student")
         return max(0.0, float(after - before) / 1e9 - seen_s)
 
