@@ -16,11 +16,15 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 from grader.errors import BoundError
+
+with suppress(ImportError):  # There is none on Windows.
+    import resource
 
 T = TypeVar("T")
 K = TypeVar("K")
@@ -42,12 +46,15 @@ class Bound:
         In all, for work that waits for ever.
     memory_bytes : int
         Of the address space, beyond what this process has.
+    file_bytes : int or None
+        Of a file that it writes.
     """
 
     what: str
     cpu_s: float
     wall_s: float
     memory_bytes: int
+    file_bytes: int | None = None
 
 
 def in_process(work: Callable[[], T], bound: Bound) -> T:
@@ -188,11 +195,11 @@ class _InProcess(Exception):
 
 
 def _limit(bound: Bound) -> None:
-    import resource  # There is none on Windows.
-
     seconds = max(1, round(bound.cpu_s))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
+    if bound.file_bytes is not None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (bound.file_bytes, bound.file_bytes))
     taken = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     soft, hard = resource.getrlimit(resource.RLIMIT_AS)
     most = [limit for limit in (taken + bound.memory_bytes, soft, hard) if limit != resource.RLIM_INFINITY]

@@ -248,15 +248,17 @@ StudentProcesses = Annotated[str, _process("*")]
 
 
 def _known_topic(scope: Scope, value: str, info: ValidationInfo) -> None:
-    if value not in scope.types:
+    """Look for one that is nearly so named; another may be a reference node's own, or be one of several by number."""
+    near = difflib.get_close_matches(value, scope.types, n=1, cutoff=0.75) if value not in scope.types else []
+    if near and re.sub(r"\d", "", near[0]) != re.sub(r"\d", "", value):
         words = "no step waits for it, and nothing gives its type"
-        raise ValueError(f"{value!r} is not known: {words}{suggestion(value, scope.types)}")
+        raise ValueError(f"{value!r} is not known: {words}{suggestion(value, near)}")
 
 
 #: A topic, service or node that may be named here for the first time: "/a/b", "a", "~/a".
 RosName = Annotated[str, StringConstraints(pattern=r"^(~/|/)?[A-Za-z_{][A-Za-z0-9_{}]*(/[A-Za-z_{][A-Za-z0-9_{}]*)*$")]
-#: One for which a step waits, or whose type stands somewhere.
-Topic = Annotated[str, Reference("A topic or service for which a step waits, or whose type is given.", _known_topic)]
+#: One that is used besides; where a step waits for it or its type stands somewhere, fields are looked up in that.
+Topic = Annotated[str, Reference("A topic or service.", _known_topic)]
 
 _EXAMPLES = {"msg": "std_msgs/msg/String", "srv": "std_srvs/srv/SetBool"}
 

@@ -5,7 +5,7 @@ How one submission is told from a folder (or archive) of submissions
 An *artifact's file* is one whose name the rubric asks for, word for word. A *part* is a folder named as parts of a
 workspace are (`src`, `launch`, `old`), or one of several that are numbered (`task2`). The first that applies decides:
 
-1. Most names are those of a learning-management system's download (`grader.batch.downloads`): each student is one.
+1. Most names are those of a learning-management system's download (`grader.batch.lms`): each student is one.
 2. It is a git repository's root, or an artifact's file lies directly in it: one submission. In a folder that is called
    as folders of submissions are (`submissions`, `lab-09-submissions`, `students`), that does not matter if 3 holds:
    an instructor's repository, a stray file.
@@ -41,19 +41,9 @@ from itertools import chain, islice
 from pathlib import Path, PurePosixPath
 
 from grader.batch.audit import AUDIT_FILE, HISTORY
-from grader.batch.downloads import (
-    GRADESCOPE_FILE,
-    SAKAI_TIME_FILE,
-    Delivered,
-    Download,
-    Submitted,
-    is_table,
-    read_gradescope,
-    read_sakai_time,
-    recognised,
-)
 from grader.batch.journal import JOURNAL_FILE
 from grader.batch.last_commit import last_commit_time
+from grader.batch.lms import Delivered, Download, is_table, recognised
 from grader.cohort.overrides import OVERRIDES_FILE
 from grader.cohort.roster import Student, matches, read_class_list
 from grader.errors import SubmissionError
@@ -441,12 +431,12 @@ class _Finding:
 
     def _add_download(self, place: _Place, download: Download) -> None:
         students: dict[tuple[str, str], dict[str, Delivered]] = defaultdict(dict)
-        known = _with_notes(place, download)
+        known = download.system.entries(download.known, place.texts)
         for entry, is_a_folder in place.entries.items():
             if entry in known:
                 students[known[entry].student, known[entry].student_id][entry] = known[entry]
             elif entry not in download.own and (is_a_folder or not is_table(entry)):
-                told = f"{place.where}: {displayed(entry)}: not named as {download.system} names files"
+                told = f"{place.where}: {displayed(entry)}: not named as {download.system.name} names files"
                 self.not_understood.append(told)
         for (student, student_id), entries in students.items():
             handed = self._delivered(place, entries)
@@ -456,7 +446,7 @@ class _Finding:
             self._add(handed, named)
         count = len(students)
         amount = f"{count:,} submission{'' if count == 1 else 's'}"
-        self.understood.append(f"{place.where}: {download.system}'s download of {amount}")
+        self.understood.append(f"{place.where}: {download.system.name}'s download of {amount}")
 
     def _delivered(self, place: _Place, entries: Mapping[str, Delivered]) -> Handed:
         """Put together what one student has handed in: of several attempts, the last."""
@@ -466,12 +456,12 @@ class _Finding:
             if told.attempt_at != last:
                 self.not_understood.append(f"{place.where}: {displayed(entry)}: an earlier attempt")
         counted = {entry: told for entry, told in entries.items() if told.attempt_at == last}
-        names = Counter(name for told in counted.values() for name in {told.file, told.again})
+        names = Counter(name for told in counted.values() for name in {told.file, told.first_called})
         pieces = []
         folders = place.entries
         for entry, told in counted.items():
             if told.file:
-                name = told.again if told.again and names[told.again] == 1 else told.file
+                name = told.first_called if told.first_called and names[told.first_called] == 1 else told.file
                 pieces.append(place.piece(entry, is_folder=False, name=name))
             elif folders[entry]:
                 pieces.append(place.piece(entry))
@@ -486,31 +476,6 @@ def _holds_archives_only(files: Iterable[str]) -> bool:
     """Whether files are what somebody hands in who packs: an archive, and no program beside it."""
     names = [PurePosixPath(file) for file in files]
     return any(is_archive(name.name) for name in names) and not any(name.suffix in _PROGRAMS for name in names)
-
-
-def _with_notes(place: _Place, download: Download) -> Mapping[str, Delivered]:
-    """Add what a system wrote down of names and times beside what was handed in."""
-    if download.system == "Gradescope":
-        told = read_gradescope(place.texts([GRADESCOPE_FILE]).get(GRADESCOPE_FILE, ""))
-        return {entry: _by(told[entry], known) if entry in told else known for entry, known in download.known.items()}
-    if download.system == "Sakai":
-        files = {entry: f"{entry}/{SAKAI_TIME_FILE}" for entry in download.known}
-        texts = place.texts(list(files.values()))
-        return {
-            entry: replace(known, attempt_at=read_sakai_time(texts.get(files[entry], "")))
-            for entry, known in download.known.items()
-        }
-    return download.known
-
-
-def _by(submitted: Submitted, known: Delivered) -> Delivered:
-    """Name those who handed something in together after all of them, with the number of the submission."""
-    if not submitted.students:
-        return replace(known, attempt_at=submitted.at)
-    (name, student_id), *others = submitted.students
-    if others:
-        name = ", ".join([*(each for each, _ in submitted.students), known.student])
-    return replace(known, student=name, student_id="" if others else student_id, attempt_at=submitted.at)
 
 
 def _wanted_names(rubric: Rubric) -> dict[str, frozenset[str]]:

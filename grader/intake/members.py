@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-import io
 import os
 import stat
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import datetime
 from enum import Enum
+from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Protocol
+from typing import IO
 
+from grader.errors import SubmissionError
 from grader.intake.names import TOOL_FOLDERS
+
+_PIECE_BYTES = 64 * 1024
 
 
 class Kind(Enum):
@@ -31,13 +34,6 @@ class Kind(Enum):
     DEEP = "too many folders deep"
 
 
-class Readable(Protocol):
-    """A file's content."""
-
-    def read(self, size: int, /) -> bytes:
-        """Read up to so many bytes; none at the end."""
-
-
 @dataclass(frozen=True)
 class Member:
     """A file or something else in a folder or an archive.
@@ -52,8 +48,8 @@ class Member:
         What it takes in the archive, if that is known.
     modified : datetime or None
         With its offset from UTC.
-    opened : callable
-        Gives the content; only until the next member is asked for.
+    pieces : callable
+        Gives the content, piece by piece; only until the next member is asked for.
     """
 
     name: str
@@ -61,11 +57,19 @@ class Member:
     size_bytes: int = 0
     packed_bytes: int | None = None
     modified: datetime | None = None
-    opened: Callable[[], Readable] = io.BytesIO
+    pieces: Callable[[], Iterator[bytes]] = lambda: iter(())
 
 
-class TooMuchError(Exception):
-    """Going on to the end would take more than anyone hands in; the text says of what."""
+def pieces_of(file: IO[bytes]) -> Iterator[bytes]:
+    """Read a file piece by piece."""
+    return iter(partial(file.read, _PIECE_BYTES), b"")
+
+
+def too_much(what: str) -> SubmissionError:
+    """Return the error of a submission that holds more of something than anyone hands in."""
+    return SubmissionError(
+        f"the submission holds {what}", remedy="Hand it in without recordings, build folders and the like."
+    )
 
 
 def is_folder(path: Path) -> bool:
@@ -110,7 +114,7 @@ def members_of_folder(path: Path, most: int, most_depth: int) -> Iterator[Member
     ------
     OSError
         If the folder itself cannot be read.
-    TooMuchError
+    SubmissionError
         If there is more than that in one folder.
     """
     folder = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
@@ -124,7 +128,7 @@ def _below(folder: int, above: tuple[str, ...], most: int, most_depth: int) -> I
     with os.scandir(folder) as entries:
         found = [(entry.is_dir(follow_symlinks=False), entry.name) for entry in islice(entries, most + 1)]
     if len(found) > most:
-        raise TooMuchError(f"more than {most:,} files")
+        raise too_much(f"more than {most:,} files")
     for is_folder, name in sorted(found):
         path = "/".join((*above, name))
         if not is_folder:
@@ -162,4 +166,4 @@ def _file(folder: int, name: str, path: str) -> Iterator[Member]:
         yield Member(path, Kind.UNREADABLE)
         return
     with os.fdopen(file, "rb", buffering=0) as content:
-        yield Member(path, Kind.FILE, os.fstat(file).st_size, opened=lambda: content)
+        yield Member(path, Kind.FILE, os.fstat(file).st_size, pieces=partial(pieces_of, content))

@@ -24,6 +24,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mcap.opcode import Opcode
+
 from grader.recording.definitions import SEPARATOR, MessageDefinition
 from grader.recording.session import Qos
 
@@ -42,8 +44,7 @@ INFINITE_NS = 9_223_372_036_854_775_807
 
 _RECOVERY_FOLDER = ".recovering"
 _MAGIC = b"\x89MCAP0\r\n"
-_FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK = 0x02, 0x03, 0x04, 0x05, 0x06
-_LAST_OPCODE = 0x0F
+_DESCRIBING = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.CHUNK)
 _RECORD_HEAD = struct.Struct("<BQ")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
 _CHUNK_HEAD_SIZE = 28  # start, end, size, checksum; the compression's name follows
@@ -68,69 +69,66 @@ class _Channel:
     count: int = 0
 
 
-def _duration(duration_ns: int | None) -> str:
+def _duration(duration_ns: int | None) -> dict[str, int]:
     seconds, nanoseconds = divmod(INFINITE_NS if duration_ns is None else duration_ns, 10**9)
-    return f"\n    sec: {seconds}\n    nsec: {nanoseconds}"
+    return {"sec": seconds, "nsec": nanoseconds}
 
 
 def _qos_text(profiles: Sequence[Qos]) -> str:
-    """Write offered QoS profiles as a YAML list, the way rosbag2 does since ROS 2 Iron.
+    """Write offered QoS profiles in the terms of rosbag2 since ROS 2 Iron; JSON is YAML.
 
-    The channel holds this text and `metadata.yaml` the list that it means. They must mean the same:
-    `rosbags` compares the two, and gives no messages of a channel where they differ.
+    The channel holds this text and `metadata.yaml` the list that it means: `rosbags` gives no messages of a channel
+    where the two differ.
     """
-    texts = (
-        f"- history: {json.dumps(qos.history)}\n"
-        f"  depth: {qos.depth}\n"
-        f"  reliability: {json.dumps(qos.reliability)}\n"
-        f"  durability: {json.dumps(qos.durability)}\n"
-        f"  deadline:{_duration(qos.deadline_ns)}\n"
-        f"  lifespan:{_duration(qos.lifespan_ns)}\n"
-        f"  liveliness: {json.dumps(qos.liveliness)}\n"
-        f"  liveliness_lease_duration:{_duration(qos.liveliness_lease_ns)}\n"
-        "  avoid_ros_namespace_conventions: false"
+    listed = [
+        {
+            "history": qos.history,
+            "depth": qos.depth,
+            "reliability": qos.reliability,
+            "durability": qos.durability,
+            "deadline": _duration(qos.deadline_ns),
+            "lifespan": _duration(qos.lifespan_ns),
+            "liveliness": qos.liveliness,
+            "liveliness_lease_duration": _duration(qos.liveliness_lease_ns),
+            "avoid_ros_namespace_conventions": False,
+        }
         for qos in profiles
-    )
-    return "\n".join(texts) or "[]"
-
-
-def _topic_yaml(channel: _Channel) -> str:
-    nested = channel.qos_text.replace("\n", "\n          ")
-    qos = f" {nested}" if nested.startswith("[") else f"\n          {nested}"
-    return (
-        "    - topic_metadata:\n"
-        f"        name: {json.dumps(channel.topic)}\n"
-        f"        type: {json.dumps(channel.topic_type)}\n"
-        "        serialization_format: cdr\n"
-        f"        offered_qos_profiles:{qos}\n"
-        f"        type_description_hash: {json.dumps(channel.type_hash)}\n"
-        f"      message_count: {channel.count}\n"
-    )
+    ]
+    return json.dumps(listed)
 
 
 def _metadata_yaml(file_name: str, channels: Sequence[_Channel], start_ns: int, end_ns: int) -> str:
     total = sum(channel.count for channel in channels)
-    name = json.dumps(file_name)
-    topics = "".join(_topic_yaml(channel) for channel in channels)
-    return (
-        "rosbag2_bagfile_information:\n"
-        f"  version: {METADATA_VERSION}\n"
-        "  storage_identifier: mcap\n"
-        f"  duration:\n    nanoseconds: {end_ns - start_ns}\n"
-        f"  starting_time:\n    nanoseconds_since_epoch: {start_ns}\n"
-        f"  message_count: {total}\n"
-        f"  topics_with_message_count:{chr(10) + topics if topics else ' []' + chr(10)}"
-        '  compression_format: ""\n'
-        '  compression_mode: ""\n'
-        f"  relative_file_paths:\n    - {name}\n"
-        "  files:\n"
-        f"    - path: {name}\n"
-        f"      starting_time:\n        nanoseconds_since_epoch: {start_ns}\n"
-        f"      duration:\n        nanoseconds: {end_ns - start_ns}\n"
-        f"      message_count: {total}\n"
-        "  custom_data: ~\n"
-        "  ros_distro: jazzy\n"
-    )
+    duration, start = {"nanoseconds": end_ns - start_ns}, {"nanoseconds_since_epoch": start_ns}
+    topics = [
+        {
+            "topic_metadata": {
+                "name": channel.topic,
+                "type": channel.topic_type,
+                "serialization_format": "cdr",
+                "offered_qos_profiles": json.loads(channel.qos_text),
+                "type_description_hash": channel.type_hash,
+            },
+            "message_count": channel.count,
+        }
+        for channel in channels
+    ]
+    file = {"path": file_name, "starting_time": start, "duration": duration, "message_count": total}
+    information = {
+        "version": METADATA_VERSION,
+        "storage_identifier": "mcap",
+        "duration": duration,
+        "starting_time": start,
+        "message_count": total,
+        "topics_with_message_count": topics,
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": [file_name],
+        "files": [file],
+        "custom_data": None,
+        "ros_distro": "jazzy",
+    }
+    return json.dumps({"rosbag2_bagfile_information": information}, indent=1) + "\n"
 
 
 # -- writing ---------------------------------------------------------------------------------------
@@ -247,92 +245,53 @@ def _read_records(buffer: _Buffer, offset: int, end: int, contents: _Contents) -
         opcode, length = read_head(buffer, offset)
         body = offset + _RECORD_HEAD.size
         offset = body + length
-        if opcode == _MESSAGE:
-            if offset > end or length < _MESSAGE_HEAD.size:
-                return
+        if opcode == Opcode.FOOTER:
+            contents.finished = True
+            return
+        # Of a chunk that is cut short, the beginning is as good; there is no record of the number 0.
+        if opcode == 0 or (offset > end and opcode != Opcode.CHUNK):
+            return
+        if opcode == Opcode.MESSAGE and length >= _MESSAGE_HEAD.size:
             channel, sequence, log_ns, publish_ns = read_message(buffer, body)
             if channel in rows:
                 rows[channel].append((log_ns, publish_ns, sequence, buffer, body + _MESSAGE_HEAD.size, offset))
-        elif opcode == _CHUNK:
-            _read_chunk(buffer, body, min(offset, end), contents)
-        elif opcode == _FOOTER:
-            contents.finished = True
-            return
-        elif not 0 < opcode <= _LAST_OPCODE or offset > end:
-            return
-        elif opcode in (_SCHEMA, _CHANNEL):
-            with contextlib.suppress(struct.error, ValueError, IndexError):
-                _read_description(opcode, _Fields(bytes(buffer[body:offset])), contents)
+        elif opcode in _DESCRIBING:
+            # A record that is damaged, and each compression has exceptions of its own, is no reason to lose the others.
+            with contextlib.suppress(Exception):
+                _read_description(opcode, buffer, body, min(offset, end), contents)
 
 
-def _read_chunk(buffer: _Buffer, body: int, end: int, contents: _Contents) -> None:
-    with contextlib.suppress(struct.error, ValueError, IndexError):
-        name_at = body + _CHUNK_HEAD_SIZE
-        (name_length,) = struct.unpack_from("<I", buffer, name_at)
-        records_at = name_at + 4 + name_length + 8
-        if name_length == 0:
-            _read_records(buffer, records_at, end, contents)
-        else:
-            records = _decompressed(bytes(buffer[body:end]))
-            _read_records(records, 0, len(records), contents)
-
-
-def _decompressed(body: bytes) -> bytes:
-    """Records of a compressed chunk, as other recorders write them; none where it is damaged."""
+def _read_description(opcode: int, buffer: _Buffer, body: int, end: int, contents: _Contents) -> None:
     from mcap.data_stream import ReadDataStream
-    from mcap.records import Chunk
+    from mcap.records import Channel, Chunk, Schema
     from mcap.stream_reader import get_chunk_data_stream
 
-    try:
-        stream, size = get_chunk_data_stream(Chunk.read(ReadDataStream(io.BytesIO(body))))
-        return stream.read(size)
-    except Exception:
-        # Each compression has exceptions of its own, and a damaged chunk is no reason to lose the others.
-        return b""
-
-
-class _Fields:
-    """Reads the fields of an MCAP record one after the other."""
-
-    def __init__(self, data: bytes) -> None:
-        self._data = data
-        self._at = 0
-
-    def number(self, form: str) -> int:
-        (value,) = struct.unpack_from(form, self._data, self._at)
-        self._at += struct.calcsize(form)
-        return int(value)
-
-    def text(self) -> str:
-        length = self.number("<I")
-        start, self._at = self._at, self._at + length
-        if self._at > len(self._data):
-            raise ValueError("text longer than its record")
-        return self._data[start : self._at].decode()
-
-    def texts(self) -> dict[str, str]:
-        end = self.number("<I") + self._at
-        found = {}
-        while self._at < end:
-            key = self.text()
-            found[key] = self.text()
-        return found
-
-
-def _read_description(opcode: int, fields: _Fields, contents: _Contents) -> None:
-    number = fields.number("<H")
-    if opcode == _SCHEMA:
-        name, encoding, text = fields.text(), fields.text(), fields.text()
-        if encoding in ("ros2msg", "ros2idl"):
-            contents.schemas[number] = (name, MessageDefinition(encoding, text))  # type: ignore[arg-type]
-        return
-    schema, topic, _, metadata = fields.number("<H"), fields.text(), fields.text(), fields.texts()
-    if number in contents.channels or schema not in contents.schemas:
-        return
-    topic_type, definition = contents.schemas[schema]
-    qos_text, type_hash = metadata.get("offered_qos_profiles", "[]"), metadata.get("topic_type_hash", "")
-    contents.channels[number] = _Channel(topic, topic_type, type_hash, definition, qos_text)
-    contents.rows[number] = []
+    if opcode == Opcode.CHUNK:
+        (name_length,) = struct.unpack_from("<I", buffer, body + _CHUNK_HEAD_SIZE)
+        if name_length == 0:
+            _read_records(buffer, body + _CHUNK_HEAD_SIZE + 12, end, contents)
+            return
+    fields = ReadDataStream(io.BytesIO(buffer[body:end]))
+    if opcode == Opcode.CHUNK:
+        stream, size = get_chunk_data_stream(Chunk.read(fields))
+        _read_records(stream.read(size), 0, size, contents)
+    elif opcode == Opcode.SCHEMA:
+        schema = Schema.read(fields)
+        if schema.encoding in ("ros2msg", "ros2idl"):
+            definition = MessageDefinition(schema.encoding, schema.data.decode())
+            contents.schemas[schema.id] = (schema.name, definition)
+    else:
+        channel = Channel.read(fields)
+        if channel.id not in contents.channels and channel.schema_id in contents.schemas:
+            told = channel.metadata
+            contents.channels[channel.id] = _Channel(
+                channel.topic,
+                contents.schemas[channel.schema_id][0],
+                told.get("topic_type_hash", ""),
+                contents.schemas[channel.schema_id][1],
+                told.get("offered_qos_profiles", "[]"),
+            )
+            contents.rows[channel.id] = []
 
 
 def _mcap_file(folder: Path) -> Path | None:

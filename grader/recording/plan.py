@@ -6,20 +6,19 @@ A plan is data: the live half runs it, the recording keeps it, the report shows 
 from __future__ import annotations
 
 import math
-import numbers
 import os
 import re
-import types
-import typing
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields
-from itertools import pairwise
+from dataclasses import field, fields, is_dataclass
+from itertools import accumulate, pairwise
+from operator import or_
 from pathlib import PurePosixPath
-from typing import Any, TypeVar
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BeforeValidator, Field, Strict, TypeAdapter, ValidationError, model_validator
+from pydantic.dataclasses import dataclass
 
 PLAN_SCHEMA = "ros-lab-grader/launch-plan/v1"
-
-OUTCOMES = ("ok", "error", "not_assessable")
 
 PARAMETERS_PLACEHOLDER = "{parameters}"
 
@@ -32,11 +31,73 @@ _MOST_NAMES = 128
 #: Linux takes no longer path, and no longer name of a file, in bytes.
 _LONGEST_NAME, _LONGEST_FILE_NAME = 4096, 255
 
-_T = TypeVar("_T")
-
 
 class MalformedPlanError(ValueError):
     """Data that is said to be a plan is none."""
+
+
+def _as_text(value: Any) -> Any:
+    """Write a number or a truth value as text, and leave to the check what has parts."""
+    return value if isinstance(value, (Mapping, list, tuple)) else str(value)
+
+
+def _require_path(path: str) -> str:
+    if len(path) > _LONGEST_NAME:
+        raise ValueError("a name or path is longer than any that exists")
+    return _require_word(path)
+
+
+def _require_word(word: str) -> str:
+    if "\0" in word:
+        raise ValueError("it holds a NUL character, which no command can")
+    return word
+
+
+def _require_folder(path: str) -> str:
+    """Refuse steps upwards: an evaluation resolves them; what still has one was written to lead elsewhere."""
+    if not path.startswith("/") or ".." in PurePosixPath(path).parts:
+        raise ValueError("a working folder leads elsewhere")
+    return path
+
+
+def _require_file_name(name: str) -> str:
+    """Refuse what is no name of a file beside the others in one folder."""
+    if name in ("", ".", "..") or "/" in name or "\0" in name or len(os.fsencode(name)) > _LONGEST_FILE_NAME:
+        raise ValueError("a launch plan's file cannot be called so")
+    return name
+
+
+def _require_moment(when: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Refuse what no process can wait for: a time without end, or something else than a name."""
+    after_s = when.get("after_s", 0)
+    awaited = all(isinstance(value, str) for key, value in when.items() if key.endswith("_of"))
+    if not awaited or not isinstance(after_s, (int, float)) or not abs(after_s) <= _LARGEST:
+        raise ValueError("what it waits for is no moment")
+    return when
+
+
+def _with_doubles(value: Any) -> Any:
+    """A parameter's value, in which the numbers that JSON has not are written `{"!!float": "inf"}`."""
+    if isinstance(value, Mapping):
+        if set(value) == {_NO_JSON} and value[_NO_JSON] in ("inf", "-inf", "nan"):
+            return float(value[_NO_JSON])
+        return {name: _with_doubles(item) for name, item in value.items()}
+    return [_with_doubles(item) for item in value] if isinstance(value, list) else value
+
+
+# Nothing is converted from one type to another but what launch files are free to give as any scalar.
+_Text = Annotated[str, BeforeValidator(_as_text)]
+_Word = Annotated[str, AfterValidator(_require_word)]
+_Path = Annotated[str, AfterValidator(_require_path)]
+_Line = Annotated[int, Strict(), Field(ge=-_LARGEST, le=_LARGEST)]
+_Seconds = Annotated[float, Strict(), Field(ge=-_LARGEST, le=_LARGEST, allow_inf_nan=False)]
+_Flag = Annotated[bool, Strict()]
+_Value = Annotated[Any, BeforeValidator(_with_doubles)]
+_Moment = Annotated[Mapping[str, Any], AfterValidator(_require_moment)]
+_Texts = Mapping[_Text, _Text]
+_Files = Mapping[Annotated[str, AfterValidator(_require_file_name)], _Text]
+_Environment = Mapping[_Word, Annotated[_Word, BeforeValidator(_as_text)]]
+_Remappings = tuple[tuple[_Text, _Text], ...]
 
 
 @dataclass(frozen=True)
@@ -60,7 +121,7 @@ class Problem:
     kind: str
     message: str
     file: str | None = None
-    line: int | None = None
+    line: _Line | None = None
     remedy: str = ""
     module: str = ""
 
@@ -72,10 +133,10 @@ class Argument:
     name: str
     default: str | None = None
     description: str = ""
-    choices: tuple[str, ...] | None = None
-    included: bool = False
+    choices: tuple[_Text, ...] | None = None
+    included: _Flag = False
     file: str | None = None
-    line: int | None = None
+    line: _Line | None = None
 
 
 @dataclass(frozen=True)
@@ -89,11 +150,11 @@ class Parameter:
     """
 
     name: str | None = None
-    value: Any = None
+    value: _Value = None
     type: str | None = None
     file: str | None = None
-    content: Any = None
-    wildcard: bool = False
+    content: _Value = None
+    wildcard: _Flag = False
 
 
 @dataclass(frozen=True)
@@ -105,9 +166,9 @@ class Component:
     name: str | None = None
     namespace: str | None = None
     parameters: tuple[Parameter, ...] = ()
-    remappings: tuple[tuple[str, str], ...] = ()
+    remappings: _Remappings = ()
     file: str | None = None
-    line: int | None = None
+    line: _Line | None = None
 
 
 @dataclass(frozen=True)
@@ -135,37 +196,37 @@ class Process:
         Why it cannot be started here, through no fault of the launch file's.
     """
 
-    id: str
-    path: str
+    id: _Path
+    path: _Path
     kind: str = "executable"
     package: str | None = None
     executable: str | None = None
-    name: str | None = None
-    namespace: str | None = None
-    prefix: tuple[str, ...] = ()
-    argv: tuple[str, ...] = ()
-    env: Mapping[str, str] = field(default_factory=dict)
-    env_unset: tuple[str, ...] = ()
-    env_replaces: bool = False
-    cwd: str | None = None
+    name: _Path | None = None
+    namespace: _Path | None = None
+    prefix: tuple[_Word, ...] = ()
+    argv: tuple[_Word, ...] = ()
+    env: _Environment = field(default_factory=dict)
+    env_unset: tuple[_Word, ...] = ()
+    env_replaces: _Flag = False
+    cwd: Annotated[_Path, AfterValidator(_require_folder)] | None = None
     parameters: tuple[Parameter, ...] = ()
-    remappings: tuple[tuple[str, str], ...] = ()
+    remappings: _Remappings = ()
     output: Any = "log"
-    respawn: bool = False
-    respawn_delay_s: float = 0.0
-    respawn_max_retries: int = -1
-    emulate_tty: bool = False
-    shell: bool = False
-    sigterm_timeout_s: float = 5.0
-    sigkill_timeout_s: float = 5.0
-    when: Mapping[str, Any] | None = None
+    respawn: _Flag = False
+    respawn_delay_s: _Seconds = 0.0
+    respawn_max_retries: _Line = -1
+    emulate_tty: _Flag = False
+    shell: _Flag = False
+    sigterm_timeout_s: _Seconds = 5.0
+    sigkill_timeout_s: _Seconds = 5.0
+    when: _Moment | None = None
     condition_note: str = ""
-    parameter_files: Mapping[str, str] = field(default_factory=dict)
+    parameter_files: _Files = field(default_factory=dict)
     components: tuple[Component, ...] = ()
-    autostart: bool = False
+    autostart: _Flag = False
     absent: str = ""
     file: str | None = None
-    line: int | None = None
+    line: _Line | None = None
 
     @property
     def full_name(self) -> str | None:
@@ -266,22 +327,14 @@ def _matches(section: str, full_name: str) -> bool:
     wanted, given = section.strip("/").split("/"), full_name.strip("/").split("/")
     if max(len(wanted), len(given)) > _MOST_NAMES:
         return False
-    reached = _beyond_any(wanted, {0})  # how many parts of the pattern may be used up
-    for name in given:
-        ahead = {n for n in reached if n < len(wanted) and wanted[n] == "**"}
-        ahead |= {n + 1 for n in reached if n < len(wanted) and wanted[n] in ("*", name)}
-        reached = _beyond_any(wanted, ahead)
-    return len(wanted) in reached
-
-
-def _beyond_any(wanted: list[str], reached: set[int]) -> set[int]:
-    """Add the parts that are reached because `**` may stand for nothing."""
-    found = set(reached)
-    for n in sorted(reached):
-        while n < len(wanted) and wanted[n] == "**":
-            n += 1
-            found.add(n)
-    return found
+    # Whether the pattern's parts up to here may stand for the first none, one, two ... of the names.
+    fits = [True] + [False] * len(given)
+    for part in wanted:
+        if part == "**":
+            fits = list(accumulate(fits, or_))
+        else:
+            fits = [False, *(before and part in ("*", name) for before, name in zip(fits, given, strict=False))]
+    return fits[-1]
 
 
 def _flat(content: Mapping[str, Any], above: str) -> dict[str, Any]:
@@ -312,10 +365,10 @@ class Include:
     """Another launch file that is included; `by` and `line` say where."""
 
     file: str
-    arguments: Mapping[str, str] = field(default_factory=dict)
+    arguments: _Texts = field(default_factory=dict)
     when: Mapping[str, Any] | None = None
     by: str | None = None
-    line: int | None = None
+    line: _Line | None = None
 
 
 @dataclass(frozen=True)
@@ -325,7 +378,7 @@ class Note:
     message: str
     when: Mapping[str, Any] | None = None
     file: str | None = None
-    line: int | None = None
+    line: _Line | None = None
 
 
 @dataclass(frozen=True)
@@ -347,11 +400,11 @@ class Plan:
         What a condition kept back, or what is not evaluated: `what`, `why`, `file`, `line`.
     """
 
-    outcome: str
+    outcome: Literal["ok", "error", "not_assessable"]
     problem: Problem | None = None
     arguments: tuple[Argument, ...] = ()
-    configurations: Mapping[str, str] = field(default_factory=dict)
-    processes: tuple[Process, ...] = ()
+    configurations: _Texts = field(default_factory=dict)
+    processes: Annotated[tuple[Process, ...], Field(max_length=_MOST_PROCESSES)] = ()
     includes: tuple[Include, ...] = ()
     logs: tuple[Note, ...] = ()
     warnings: tuple[Note, ...] = ()
@@ -360,7 +413,7 @@ class Plan:
     transitions: tuple[Mapping[str, Any], ...] = ()
     loaded_components: tuple[Mapping[str, Any], ...] = ()
     not_started: tuple[Mapping[str, Any], ...] = ()
-    parameter_files: Mapping[str, str] = field(default_factory=dict)
+    parameter_files: _Files = field(default_factory=dict)
 
     @property
     def ok(self) -> bool:
@@ -380,33 +433,23 @@ class Plan:
         MalformedPlanError
             It is no plan. The data may come from a process that ran a student's code, so nothing is trusted.
         """
-        if not _is_bounded(plain):
+        if not _is_shallow(plain):
             raise MalformedPlanError("this is no launch plan: it is larger than any")
         if not isinstance(plain, Mapping) or plain.get("schema") != PLAN_SCHEMA:
             raise MalformedPlanError(f"this is no launch plan: its schema is not {PLAN_SCHEMA}")
-        if plain.get("outcome") not in OUTCOMES:
-            raise MalformedPlanError(f"the outcome of a launch plan must be one of {', '.join(OUTCOMES)}")
         try:
-            return cls(
-                outcome=plain["outcome"],
-                problem=None if plain.get("problem") is None else _made(Problem, plain["problem"]),
-                arguments=tuple(_argument(item) for item in _listed(plain, "arguments")),
-                configurations=_texts(plain.get("configurations")),
-                processes=tuple(_process(item) for item in _listed(plain, "processes")),
-                includes=tuple(_made(Include, item) for item in _listed(plain, "includes")),
-                logs=tuple(_made(Note, item) for item in _listed(plain, "logs")),
-                warnings=tuple(_made(Note, item) for item in _listed(plain, "warnings")),
-                shutdowns=tuple(_listed(plain, "shutdowns")),
-                signals=tuple(_listed(plain, "signals")),
-                transitions=tuple(_listed(plain, "transitions")),
-                loaded_components=tuple(_listed(plain, "loaded_components")),
-                not_started=tuple(_listed(plain, "not_started")),
-                parameter_files=_files(plain.get("parameter_files")),
-            )
-        except MalformedPlanError:
-            raise
-        except (TypeError, ValueError, KeyError, AttributeError, OverflowError) as error:
-            raise MalformedPlanError(f"this is no launch plan: {error}") from error
+            return _READER.validate_python(plain)
+        except ValidationError as problem:
+            first = problem.errors(include_url=False, include_context=False)[0]
+            place = ".".join(str(part) for part in first["loc"])
+            raise MalformedPlanError(f"this is no launch plan: {place:.80}: {first['msg']}") from problem
+
+    @model_validator(mode="after")
+    def _few_files(self) -> Plan:
+        texts = [self.parameter_files, *(process.parameter_files for process in self.processes)]
+        if sum(map(len, texts)) > _MOST_FILES:
+            raise ValueError("it has more files than any")
+        return self
 
     def to_plain(self) -> dict[str, Any]:
         """The plan as plain data, ready for JSON."""
@@ -414,145 +457,20 @@ class Plan:
         return {"schema": PLAN_SCHEMA, **plain}
 
 
-def _is_bounded(plain: Any) -> bool:
-    """Whether data is no deeper, and what is in its lists no more, than in any plan."""
+_READER = TypeAdapter(Plan)
+
+
+def _is_shallow(plain: Any) -> bool:
+    """Whether data is no deeper than any plan."""
     level = [plain]
     for _ in range(_DEEPEST):
-        level = [
-            inner
-            for value in level
-            if isinstance(value, (Mapping, list, tuple))
-            for inner in (value.values() if isinstance(value, Mapping) else value)
-        ]
-    if level or not isinstance(plain, Mapping):
-        return not level
-    processes = plain.get("processes")
-    listed = processes if isinstance(processes, list) else []
-    files = [each.get("parameter_files") for each in (plain, *listed) if isinstance(each, Mapping)]
-    count = sum(len(texts) for texts in files if isinstance(texts, Mapping))
-    return len(listed) <= _MOST_PROCESSES and count <= _MOST_FILES
-
-
-def _with_doubles(value: Any) -> Any:
-    """A parameter's value, in which the numbers that JSON has not are written `{"!!float": "inf"}`."""
-    if isinstance(value, Mapping):
-        if set(value) == {_NO_JSON} and value[_NO_JSON] in ("inf", "-inf", "nan"):
-            return float(value[_NO_JSON])
-        return {name: _with_doubles(item) for name, item in value.items()}
-    return [_with_doubles(item) for item in value] if isinstance(value, list) else value
-
-
-def _made(cls: type[_T], item: Mapping[str, Any], **converted: Any) -> _T:
-    hints = typing.get_type_hints(cls)
-    given = {name: value for name, value in item.items() if name in hints and name not in converted}
-    for name, value in given.items():
-        hint = hints[name]
-        kinds = typing.get_args(hint) if isinstance(hint, types.UnionType) else (hint,)
-        if not all(kind in _PLAIN for kind in kinds):
-            continue  # the value of a parameter, which may be any
-        fits = isinstance(value, tuple(_PLAIN[kind] for kind in kinds))
-        if not fits or not _is_moderate(value):
-            raise MalformedPlanError(f"'{name}' of a {cls.__name__} in a launch plan cannot be {value!r:.80}")
-    return cls(**given, **converted)
-
-
-def _is_moderate(value: Any) -> bool:
-    """Whether a value, if it is a number, is one that can be waited for and shown."""
-    return not isinstance(value, (int, float)) or abs(value) <= _LARGEST  # NaN is not
-
-
-#: What a field of a kind may hold; a field of another kind may hold anything.
-_PLAIN: Mapping[Any, type] = {
-    str: str,
-    int: int,
-    float: numbers.Real,
-    bool: bool,
-    type(None): type(None),
-    Mapping[str, str]: Mapping,
-    Mapping[str, Any]: Mapping,
-}
-
-
-def _listed(plain: Mapping[str, Any], name: str) -> list[Any]:
-    items = plain.get(name) or []
-    if not isinstance(items, list) or not all(isinstance(item, Mapping) for item in items):
-        raise MalformedPlanError(f"'{name}' of a launch plan must be a list of mappings")
-    return items
-
-
-def _texts(given: Any) -> dict[str, str]:
-    texts = {str(name): value for name, value in dict(given or {}).items()}
-    for name, value in texts.items():
-        if isinstance(value, (Mapping, list)):
-            raise MalformedPlanError(f"'{name:.80}' in a launch plan must be a text")
-    return {name: str(value) for name, value in texts.items()}
-
-
-def _words(item: Mapping[str, Any], name: str) -> tuple[str, ...]:
-    words = item.get(name) or []
-    if not isinstance(words, list) or not all(isinstance(word, str) for word in words):
-        raise MalformedPlanError(f"'{name}' of a Process in a launch plan must be a list of texts")
-    return tuple(words)
-
-
-def _argument(item: Mapping[str, Any]) -> Argument:
-    choices = item.get("choices")
-    return _made(Argument, item, choices=None if choices is None else tuple(map(str, choices)))
-
-
-def _common(item: Mapping[str, Any]) -> dict[str, Any]:
-    return {
-        "parameters": tuple(_made(Parameter, _with_doubles(p)) for p in _listed(item, "parameters")),
-        "remappings": tuple((str(a), str(b)) for a, b in item.get("remappings") or []),
-    }
-
-
-def _process(item: Mapping[str, Any]) -> Process:
-    process = _made(
-        Process,
-        item,
-        env=_texts(item.get("env")),
-        parameter_files=_files(item.get("parameter_files")),
-        components=tuple(_made(Component, c, **_common(c)) for c in _listed(item, "components")),
-        **{name: _words(item, name) for name in ("prefix", "argv", "env_unset")},
-        **_common(item),
-    )
-    _require_startable(process)
-    return process
-
-
-def _require_startable(process: Process) -> None:
-    """Raise if no system could start a process so, or if its working folder has a step upwards.
-
-    An evaluation resolves such steps; what still has one was written by others, to lead elsewhere.
-    """
-    cwd = process.cwd if process.cwd is not None else "/"
-    if not cwd.startswith("/") or ".." in PurePosixPath(cwd).parts:
-        raise MalformedPlanError(f"the working folder of {process.id:.80} leads elsewhere: {cwd:.200}")
-    named = (process.id, process.path, cwd, process.name or "", process.namespace or "")
-    if max(map(len, named)) > _LONGEST_NAME:
-        raise MalformedPlanError(f"a name or path of the process {process.id:.80} is longer than any that exists")
-    words = (*named, *process.prefix, *process.argv, *process.env, *process.env.values(), *process.env_unset)
-    if any("\0" in word for word in words):
-        raise MalformedPlanError(f"the command of {process.id:.80} holds a NUL character, which none can")
-    moments = dict(process.when or {})
-    after_s = moments.pop("after_s", 0)
-    awaited = all(isinstance(moments[key], str) for key in moments if key.endswith("_of"))
-    if not awaited or not isinstance(after_s, (int, float)) or not _is_moderate(after_s):
-        raise MalformedPlanError(f"what {process.id:.80} waits for is no moment")
-
-
-def _files(given: Any) -> dict[str, str]:
-    """Read texts by the names of their files, which lie beside each other in one folder."""
-    texts = _texts(given)
-    for name in texts:
-        if name in ("", ".", "..") or "/" in name or "\0" in name or len(os.fsencode(name)) > _LONGEST_FILE_NAME:
-            raise MalformedPlanError(f"a launch plan's file cannot be called {name!r:.80}")
-    return texts
+        parts = (v.values() if isinstance(v, Mapping) else v for v in level if isinstance(v, (Mapping, list, tuple)))
+        level = [inner for part in parts for inner in part]
+    return not level
 
 
 def _plain(value: Any) -> Any:
-    if hasattr(value, "__dataclass_fields__"):
+    if is_dataclass(value):
         plain = {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
         if isinstance(value, Parameter):
             kept = ("file", "content") if value.name is None else ("name", "value", "type")

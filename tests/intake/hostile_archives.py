@@ -14,20 +14,6 @@ from collections.abc import Iterable
 MEBIBYTE = 1024 * 1024
 
 
-class CountingFile(io.BytesIO):
-    """A file that counts what is read of it."""
-
-    def __init__(self, content: bytes) -> None:
-        super().__init__(content)
-        self.read_bytes = 0
-
-    def read(self, size: int | None = -1, /) -> bytes:
-        """Read, and count."""
-        content = super().read(size)
-        self.read_bytes += len(content)
-        return content
-
-
 def zip_of(members: Iterable[tuple[str | zipfile.ZipInfo, bytes]]) -> bytes:
     """Return a zip of some members."""
     file = io.BytesIO()

@@ -80,12 +80,3 @@ def scalar(text: str) -> bool | int | float | str:
         if math.isfinite(number) or text.strip("+- ")[0] in "iInN":
             return number
     return text
-
-
-def as_read(value: Any) -> Any:
-    """A text, or a list with texts, as it reaches the node: PyYAML writes quotes only where its own rules need them."""
-    import yaml
-
-    if isinstance(value, (list, tuple)):
-        return [as_read(item) for item in value]
-    return read(yaml.dump(value)) if type(value) is str else value

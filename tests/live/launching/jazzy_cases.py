@@ -804,6 +804,75 @@ GRAMMAR = [
     ),
 ]
 
+ENDS = [
+    body(
+        "what a timer would start after a Shutdown is not started",
+        "Shutdown(reason='r'), TimerAction(period=1.0, actions=[talker()])",
+        expect={"processes": [], "shutdowns.0.reason": "r"},
+    ),
+    body(
+        "of the timers those before a Shutdown count",
+        "*[TimerAction(period=float(n), actions=[Shutdown() if n == 2 else talker(name=f't{n}')]) for n in (3, 2, 1)]",
+        expect={"len processes": 1, "processes.0.name": "t1"},
+    ),
+    body(
+        "a timer that a Shutdown does not cancel starts nothing either",
+        "Shutdown(), TimerAction(period=1.0, cancel_on_shutdown=False, actions=[talker(), LogInfo(msg='late')])",
+        expect={"processes": [], "logs.0.message": "late"},
+    ),
+    body(
+        "what stands behind a Shutdown is visited before the event is handled",
+        "Shutdown(), talker()",
+        expect={"len processes": 1},
+    ),
+    body(
+        "a node in OnShutdown starts",
+        "RegisterEventHandler(OnShutdown(on_shutdown=[talker()])), Shutdown()",
+        expect={"len processes": 1, "processes.0.when": {"on_shutdown": True}},
+    ),
+    body(
+        "a process that ends before a Shutdown by time is followed by another",
+        "a := talker(), RegisterEventHandler(OnProcessExit(target_action=a, on_exit=[talker()])), "
+        "TimerAction(period=9.0, actions=[Shutdown()])",
+        expect={"len processes": 2, "processes.1.when": {"on_exit_of": "talker-1"}},
+    ),
+    body(
+        "a file that an event handler includes is an included one, with its arguments",
+        "RegisterEventHandler(OnProcessStart(on_start=[IncludeLaunchDescription(os.path.join(HERE, 'other.py'), "
+        "launch_arguments=[('a', '1')])])), talker()",
+        None,
+        {"other.py": f"{HEADER}Arg('a', default_value='0')\n])\n"},
+        expect={
+            "includes.0.file": "other.py",
+            "includes.0.arguments": {"a": "1"},
+            "includes.0.when": {"on_start_of": "talker-1"},
+            "arguments.0.included": True,
+        },
+    ),
+    body(
+        "a file that a timer includes is an included one",
+        "TimerAction(period=1.0, actions=[IncludeLaunchDescription(os.path.join(HERE, 'other.py'))])",
+        None,
+        {"other.py": f"{HEADER}Arg('a', default_value='0')\n])\n"},
+        expect={"includes.0.when": {"after_s": 1.0}, "arguments.0.included": True},
+    ),
+    body(
+        "infinite doubles",
+        "talker(parameters=[{'a': float('inf'), 'b': [1.0, float('-inf')]}])",
+        expect={"effective 0": {"a": float("inf"), "b": [1.0, float("-inf")]}},
+    ),
+    body(
+        "integers of any size",
+        "talker(parameters=[{'a': 10**12, 'b': [-10**15]}])",
+        expect={"effective 0": {"a": 10**12, "b": [-(10**15)]}},
+    ),
+    body(
+        "a text of a Parameter is read as YAML by the node",
+        "talker(parameters=[P('a', 'y'), P('b', '1'), P('c', 'text')])",
+        expect={"effective 0": {"a": True, "b": "1", "c": "text"}},
+    ),
+]
+
 SHAPES_OF_YAML = [
     yaml(
         "YAML: a mapping where a list is wanted",
@@ -1232,6 +1301,7 @@ WRITTEN = [
 ]
 
 CASES = [
+    *ENDS,
     *WRITTEN,
     *READ_BY_NODES,
     *GRAMMAR,

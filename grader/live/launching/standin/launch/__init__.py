@@ -23,7 +23,7 @@ from . import substitutions  # isort: skip
 from . import conditions, descriptions, events, frontend, logging  # isort: skip
 from ._context import LaunchContext
 from ._description import LaunchDescription, LaunchDescriptionSource
-from ._service import LaunchIntrospector, LaunchService
+from ._service import LaunchIntrospector
 from .event_handlers import BaseEventHandler, EventHandler
 
 from . import actions, event_handlers, launch_description_sources, utilities  # isort: skip
@@ -40,7 +40,6 @@ __all__ = [
     "LaunchDescriptionEntity",
     "LaunchDescriptionSource",
     "LaunchIntrospector",
-    "LaunchService",
     "SomeEntitiesType",
     "SomeEntitiesType_types_tuple",
     "SomeSubstitutionsType",

@@ -393,9 +393,14 @@ class Action(LaunchDescriptionEntity):
         found: list[Any] | None = context.session.visit_action(self, context)
         return found
 
+    #: The method of the context or of its executor that carries out the action, where that is all there is to it.
+    performs = ""
+
     def execute(self, context: Any) -> Any:
         """Carry out the action; yields the entities to visit next."""
-        return None
+        if hasattr(context.session, self.performs):
+            return getattr(context.session, self.performs)(self, context)
+        return getattr(context, self.performs)() if self.performs else None
 
     def text(self, field: str, context: Any) -> str:
         """A field, resolved."""

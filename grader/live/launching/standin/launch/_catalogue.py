@@ -96,7 +96,7 @@ _UNEVALUATED = (
     "get_composable_node_load_request get_extensions instantiate_extension get_grammar_path to_parameters_list "
     "visit_all_entities_and_collect_futures match_node_name_goal match_node_name_start_goal "
     "get_data_type_from_identifier check_is_list_entity format_action format_entities format_event_handler "
-    "format_substitutions indent tree_like_indent LaunchLogger log_launch_config reset "
+    "format_substitutions indent tree_like_indent LaunchService LaunchLogger log_launch_config reset "
     "PluginException get_upper_bound_caret_version satisfies_version"
 )
 
@@ -129,6 +129,13 @@ def missing_name(module: str, name: str) -> Any:
     if name.startswith("__") or name not in SUBMODULES.get(module, "").split():
         raise AttributeError(f"module '{module}' has no attribute '{name}'")
     return importlib.import_module(f"{module}.{name}")
+
+
+def exported(module: str, *others: str) -> list[str]:
+    """The `__all__` of a module: what it and its private modules define, and other names that it shows."""
+    held = vars(sys.modules[module])
+    own = [name for name, value in held.items() if getattr(value, "__module__", "").startswith(module)]
+    return sorted(name for name in {*own, *others} if not name.startswith("_"))
 
 
 def missing_name_of(module: str) -> Callable[[str], Any]:

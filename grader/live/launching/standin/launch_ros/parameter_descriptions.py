@@ -19,9 +19,8 @@ from launch._base import (
     normalize_to_list_of_substitutions,
     perform_substitutions,
 )
+from launch._catalogue import exported
 from launch.utilities.type_utils import normalize_typed_substitution, perform_typed_substitution
-
-__all__ = ["Parameter", "ParameterFile", "ParameterValue"]
 
 
 class ParameterValue(Located):
@@ -100,3 +99,6 @@ class ParameterFile(Located):
             message = f"the parameter file '{path}' is not valid YAML after its substitutions"
             raise SubstitutionFailure(message) from error
         return Path(context.session.add_file(path.stem, ".yaml", resolved))
+
+
+__all__ = exported(__name__)

@@ -102,17 +102,13 @@ class UnsetLaunchConfiguration(_OnName):
 class PushLaunchConfigurations(Action):
     """Begins a scope of launch configurations."""
 
-    def execute(self, context: Any) -> None:
-        """Begin it."""
-        context._push_launch_configurations()
+    performs = "_push_launch_configurations"
 
 
 class PopLaunchConfigurations(Action):
     """Ends a scope of launch configurations."""
 
-    def execute(self, context: Any) -> None:
-        """End it."""
-        context._pop_launch_configurations()
+    performs = "_pop_launch_configurations"
 
 
 @expose_action("reset")
@@ -150,26 +146,20 @@ def _kept_value(context: Any, value: Any) -> Any:
 class PushEnvironment(Action):
     """Begins a scope of environment variables."""
 
-    def execute(self, context: Any) -> None:
-        """Begin it."""
-        context._push_environment()
+    performs = "_push_environment"
 
 
 class PopEnvironment(Action):
     """Ends a scope of environment variables."""
 
-    def execute(self, context: Any) -> None:
-        """End it."""
-        context._pop_environment()
+    performs = "_pop_environment"
 
 
 @expose_action("reset_env")
 class ResetEnvironment(Action):
     """Returns to the environment that the launch began with."""
 
-    def execute(self, context: Any) -> None:
-        """Return to it."""
-        context._reset_environment()
+    performs = "_reset_environment"
 
 
 @expose_action("set_env")

@@ -62,11 +62,9 @@ class Shutdown(EmitEvent):
 class LogInfo(Action):
     """Says something."""
 
-    msg = Text(attribute="message")
+    performs = "log"
 
-    def execute(self, context: Any) -> None:
-        """Say it."""
-        context.session.log(self, context)
+    msg = Text(attribute="message")
 
 
 class OpaqueFunction(Action):
@@ -90,6 +88,8 @@ class OpaqueFunction(Action):
 class OpaqueCoroutine(Action):
     """Would run a coroutine, which is not evaluated."""
 
+    performs = "skip_coroutine"
+
     coroutine = Field()
     args = Field(None)
     kwargs = Field(None)
@@ -99,10 +99,6 @@ class OpaqueCoroutine(Action):
         """Refuse what cannot be called."""
         if not callable(self.coroutine):
             raise TypeError("OpaqueCoroutine needs a coroutine function")
-
-    def execute(self, context: Any) -> None:
-        """Note that it is not evaluated."""
-        context.session.skip_coroutine(self, context)
 
 
 class RegisterEventHandler(Action):
@@ -145,6 +141,8 @@ class _Period(Typed):
 class TimerAction(Action):
     """Visits entities after a time."""
 
+    performs = "wait"
+
     period = _Period(
         attribute="period",
         kind=float,
@@ -167,10 +165,6 @@ class TimerAction(Action):
     def cancel(self) -> None:
         """Do nothing when the time has passed."""
         self.given["canceled"] = True
-
-    def execute(self, context: Any) -> None:
-        """Begin to wait."""
-        context.session.wait(self, context)
 
 
 def _on_exit(value: str) -> list[Action]:
@@ -220,6 +214,8 @@ class _Respawn(Typed):
 class ExecuteLocal(Action):
     """Would start a process; notes it instead."""
 
+    performs = "start"
+
     process_description: Any = Field()
     shell = Field(False, attribute="shell", kind=bool)
     sigterm_timeout = _Seconds(None, attribute="sigterm_timeout", kind=float)
@@ -262,10 +258,6 @@ class ExecuteLocal(Action):
             "env": description.final_env,
         }
         self.given["respawn"] = perform_typed_substitution(context, self.respawn, bool)
-
-    def execute(self, context: Any) -> Any:
-        """Note the process."""
-        return context.session.start(self, context)
 
 
 @expose_action("executable")

@@ -5,16 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from .._base import POSITIONAL, Condition, Field, InvalidConditionExpressionError, Text, mistake, perform_substitutions
-from .._catalogue import missing_name_of
+from .._catalogue import exported, missing_name_of
 
-__all__ = [
-    "IfCondition",
-    "InvalidConditionExpressionError",
-    "LaunchConfigurationEquals",
-    "LaunchConfigurationNotEquals",
-    "UnlessCondition",
-    "evaluate_condition_expression",
-]
 __getattr__ = missing_name_of(__name__)
 
 
@@ -84,3 +76,6 @@ class LaunchConfigurationNotEquals(LaunchConfigurationEquals):
     def holds(self, context: Any) -> bool:
         """Whether it has another value."""
         return not super().holds(context)
+
+
+__all__ = exported(__name__, "InvalidConditionExpressionError")

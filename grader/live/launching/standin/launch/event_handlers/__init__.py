@@ -7,21 +7,10 @@ from collections.abc import Callable
 from typing import Any
 
 from .._base import Field, LaunchDescriptionEntity, Located, is_a_subclass, mistake, shown
-from .._catalogue import missing_name_of
+from .._catalogue import exported, missing_name_of
 from ..events import ExecutionComplete, IncludeLaunchDescription, Shutdown
 from ..events.process import ProcessExited, ProcessIO, ProcessStarted
 
-__all__ = [
-    "BaseEventHandler",
-    "EventHandler",
-    "OnActionEventBase",
-    "OnExecutionComplete",
-    "OnIncludeLaunchDescription",
-    "OnProcessExit",
-    "OnProcessIO",
-    "OnProcessStart",
-    "OnShutdown",
-]
 __getattr__ = missing_name_of(__name__)
 
 
@@ -213,3 +202,6 @@ def event_named(event_name: str) -> Callable[[Any], bool]:
 def gen_handler(entities: Any) -> Callable[[Any, Any], Any]:
     """A handler that gives fixed entities."""
     return lambda event, context: entities
+
+
+__all__ = exported(__name__)

@@ -24,35 +24,10 @@ from .._base import (
     perform_substitutions,
     shared,
 )
-from .._catalogue import missing_name_of
+from .._catalogue import exported, missing_name_of
 from ..frontend.expose import expose_substitution
 from ..utilities.type_utils import is_substitution, perform_typed_substitution
 
-__all__ = [
-    "AllSubstitution",
-    "AndSubstitution",
-    "AnonName",
-    "AnySubstitution",
-    "Command",
-    "EnvironmentVariable",
-    "EqualsSubstitution",
-    "FileContent",
-    "FindExecutable",
-    "IfElseSubstitution",
-    "LaunchConfiguration",
-    "LaunchLogDir",
-    "LocalSubstitution",
-    "NotEqualsSubstitution",
-    "NotSubstitution",
-    "OrSubstitution",
-    "PathJoinSubstitution",
-    "PathSubstitution",
-    "PythonExpression",
-    "SubstitutionFailure",
-    "TextSubstitution",
-    "ThisLaunchFile",
-    "ThisLaunchFileDir",
-]
 __getattr__ = missing_name_of(__name__)
 
 
@@ -348,8 +323,14 @@ class _Logical(Substitution):
     def perform(self, context: Any) -> str:
         return str(self.holds(context)).lower()
 
-    def holds(self, context: Any) -> bool:
+    def truths(self, context: Any) -> Any:
         raise NotImplementedError
+
+    #: How truth values make one; all of them are resolved.
+    decide: Any = staticmethod(all)
+
+    def holds(self, context: Any) -> bool:
+        return bool(self.decide(self.truths(context)))
 
 
 @expose_substitution("if")
@@ -394,18 +375,14 @@ class _Pair(_Logical):
 class AndSubstitution(_Pair):
     """Whether both truth values hold."""
 
-    def holds(self, context: Any) -> bool:
-        """Whether they do."""
-        return all(self.truths(context))
+    decide = staticmethod(all)
 
 
 @expose_substitution("or")
 class OrSubstitution(_Pair):
     """Whether one of two truth values holds."""
 
-    def holds(self, context: Any) -> bool:
-        """Whether one does."""
-        return any(self.truths(context))
+    decide = staticmethod(any)
 
 
 class _Several(_Logical):
@@ -428,18 +405,14 @@ class _Several(_Logical):
 class AnySubstitution(_Several):
     """Whether one of several truth values holds."""
 
-    def holds(self, context: Any) -> bool:
-        """Whether one does; all are resolved."""
-        return any(self.truths(context))
+    decide = staticmethod(any)
 
 
 @expose_substitution("all")
 class AllSubstitution(_Several):
     """Whether several truth values all hold."""
 
-    def holds(self, context: Any) -> bool:
-        """Whether they do; all are resolved."""
-        return all(self.truths(context))
+    decide = staticmethod(all)
 
 
 class _Comparable(Text):
@@ -481,3 +454,6 @@ class NotEqualsSubstitution(EqualsSubstitution):
     def holds(self, context: Any) -> bool:
         """Whether they do."""
         return not super().holds(context)
+
+
+__all__ = exported(__name__, "SubstitutionFailure")

@@ -2,36 +2,11 @@
 
 from __future__ import annotations
 
-from launch._catalogue import missing_name_of
+from launch._catalogue import exported, missing_name_of
 
-from ._lifecycle import LifecycleNode, LifecycleTransition
-from ._node import ComposableNodeContainer, LoadComposableNodes, Node
-from ._scopes import (
-    PushROSNamespace,
-    PushRosNamespace,
-    ROSTimer,
-    RosTimer,
-    SetParameter,
-    SetParametersFromFile,
-    SetRemap,
-    SetROSLogDir,
-    SetUseSimTime,
-)
+from ._lifecycle import *  # noqa: F403
+from ._node import *  # noqa: F403
+from ._scopes import *  # noqa: F403
 
-__all__ = [
-    "ComposableNodeContainer",
-    "LifecycleNode",
-    "LifecycleTransition",
-    "LoadComposableNodes",
-    "Node",
-    "PushROSNamespace",
-    "PushRosNamespace",
-    "ROSTimer",
-    "RosTimer",
-    "SetParameter",
-    "SetParametersFromFile",
-    "SetROSLogDir",
-    "SetRemap",
-    "SetUseSimTime",
-]
+__all__ = exported(__name__)
 __getattr__ = missing_name_of(__name__)

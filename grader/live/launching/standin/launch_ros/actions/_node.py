@@ -24,6 +24,7 @@ from ..descriptions import ComposableNode
 from ..parameter_descriptions import Parameter, ParameterFile, ParameterValue
 from ..substitutions import ExecutableInPackage
 from ..utilities import (
+    add_node_name,
     evaluate_parameters,
     make_namespace_absolute,
     normalize_parameters,
@@ -176,7 +177,10 @@ class Node(ExecuteProcess):
             context.session.warn(message, self)
         words = {"name": f"__node:={self.__expanded_name}", "ns": f"__ns:={self.expanded_node_namespace}"}
         context.extend_locals({"ros_specific_arguments": words})
-        return super().execute(context)
+        found = super().execute(context)
+        if self.is_node_name_fully_specified():
+            add_node_name(context, self.node_name)
+        return found
 
 
 def parse_ros(entity: Any, parser: Any) -> dict[str, Any]:
@@ -287,6 +291,8 @@ class ComposableNodeContainer(Node):
 class LoadComposableNodes(Action):
     """Would load nodes into a running container; notes it instead."""
 
+    performs = "load"
+
     composable_node_descriptions = Field()
     target_container = Field(attribute="target")
 
@@ -301,10 +307,6 @@ class LoadComposableNodes(Action):
         target = self.target_container
         if not isinstance(target, ComposableNodeContainer):
             ensure_argument_type(target, (str, Path, Action, *_TEXTS), "target_container", "LoadComposableNodes")
-
-    def execute(self, context: Any) -> None:
-        """Note the nodes."""
-        context.session.load(self, context)
 
 
 _TEXTS = (list, tuple, type(normalize_to_list_of_substitutions("")[0]).__mro__[1])

@@ -68,11 +68,9 @@ class SetParameter(Action):
 class SetUseSimTime(Action):
     """Lets the launch's own node, and with it `ROSTimer`, follow simulation time; other nodes get nothing of it."""
 
-    value = Typed(positional=POSITIONAL, attribute="value", kind=bool)
+    performs = "follow_sim_time"
 
-    def execute(self, context: Any) -> None:
-        """Warn of it."""
-        context.session.follow_sim_time(self, context)
+    value = Typed(positional=POSITIONAL, attribute="value", kind=bool)
 
 
 @expose_action("set_parameters_from_file")

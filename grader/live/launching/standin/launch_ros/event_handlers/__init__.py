@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 from launch._base import Field, mistake, shown
-from launch._catalogue import missing_name_of
+from launch._catalogue import exported, missing_name_of
 from launch.event_handlers import EventHandler
 
 from ..events.lifecycle import StateTransition
 
-__all__ = ["OnStateTransition"]
 __getattr__ = missing_name_of(__name__)
 
 
@@ -39,3 +38,6 @@ class OnStateTransition(EventHandler):
             return False
         asked = ("transition", "start_state", "goal_state")
         return all(self.given[name] in (None, getattr(event, name)) for name in asked)
+
+
+__all__ = exported(__name__)

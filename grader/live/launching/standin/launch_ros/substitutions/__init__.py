@@ -5,17 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from launch._base import POSITIONAL, Substitution, SubstitutionFailure, Text, mistake, shared
-from launch._catalogue import missing_name_of
+from launch._catalogue import exported, missing_name_of
 from launch.frontend.expose import expose_substitution
 from launch.substitutions import Default, PathSubstitution
 
-__all__ = [
-    "ExecutableInPackage",
-    "FindPackage",
-    "FindPackagePrefix",
-    "FindPackageShare",
-    "Parameter",
-]
 __getattr__ = missing_name_of(__name__)
 
 
@@ -87,3 +80,6 @@ class Parameter(Substitution):
             return self.text("default", context)
         message = f"parameter '{name}' was not set with SetParameter in this scope"
         raise mistake(SubstitutionFailure, message, "exception", "Set it, or give a default.")
+
+
+__all__ = exported(__name__)

@@ -14,27 +14,10 @@ from launch._base import (
     perform_substitutions,
     shown,
 )
-from launch._catalogue import missing_name_of
+from launch._catalogue import exported, missing_name_of
 from launch.substitutions import TextSubstitution
 
 from ..parameter_descriptions import Parameter, ParameterFile, ParameterValue
-
-__all__ = [
-    "add_node_name",
-    "evaluate_parameter_dict",
-    "evaluate_parameters",
-    "get_node_name_count",
-    "is_namespace_absolute",
-    "is_root_namespace",
-    "make_namespace_absolute",
-    "normalize_parameter_dict",
-    "normalize_parameters",
-    "normalize_remap_rule",
-    "normalize_remap_rules",
-    "prefix_namespace",
-    "validate_namespace",
-    "validate_node_name",
-]
 
 _SCALARS = (bool, int, float, str)
 __getattr__ = missing_name_of(__name__)
@@ -306,3 +289,6 @@ def _uniform(name: str, items: Sequence[Any]) -> tuple[Any, ...]:
         message += f"all be of one type (bool, int, float or str), but it is {list(items)!r:.120}"
         raise _no_value(message, items)
     return tuple(items)
+
+
+__all__ = exported(__name__)

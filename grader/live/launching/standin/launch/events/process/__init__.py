@@ -7,23 +7,8 @@ from collections.abc import Callable
 from typing import Any
 
 from ..._base import Event, Field
-from ..._catalogue import missing_name_of
+from ..._catalogue import exported, missing_name_of
 
-__all__ = [
-    "ProcessExited",
-    "ProcessIO",
-    "ProcessStarted",
-    "ProcessStderr",
-    "ProcessStdin",
-    "ProcessStdout",
-    "ProcessTargetedEvent",
-    "RunningProcessEvent",
-    "ShutdownProcess",
-    "SignalProcess",
-    "matches_executable",
-    "matches_name",
-    "matches_pid",
-]
 __getattr__ = missing_name_of(__name__)
 
 
@@ -116,3 +101,6 @@ def matches_name(name: str) -> Callable[[Any], bool]:
 def matches_executable(name: str) -> Callable[[Any], bool]:
     """A matcher of one program."""
     return lambda action: bool(action.process_details and action.process_details["cmd"][0].split("/")[-1] == name)
+
+
+__all__ = exported(__name__)

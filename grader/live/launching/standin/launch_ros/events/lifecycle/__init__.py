@@ -6,9 +6,8 @@ from collections.abc import Callable
 from typing import Any
 
 from launch._base import Event, Field
-from launch._catalogue import missing_name_of
+from launch._catalogue import exported, missing_name_of
 
-__all__ = ["ChangeState", "StateTransition", "matches_node_name"]
 __getattr__ = missing_name_of(__name__)
 
 
@@ -56,3 +55,6 @@ class StateTransition(Event):
 def matches_node_name(node_name: str) -> Callable[[Any], bool]:
     """A matcher of one node."""
     return lambda action: bool(action.node_name == node_name)
+
+
+__all__ = exported(__name__)

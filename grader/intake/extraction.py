@@ -1,7 +1,8 @@
 """The one way in: every file that a student hands in passes the same rules into a clean folder.
 
 A folder is taken in as an archive is. So what a student changes meanwhile does not matter, and the rest of the grader
-meets nothing but regular files under names that can be shown.
+meets nothing but regular files under names that can be shown. The work is done in a process of its own, of which the
+kernel bounds time, memory and the size of files, whatever an archive makes its reader do.
 """
 
 from __future__ import annotations
@@ -9,29 +10,21 @@ from __future__ import annotations
 import difflib
 import os
 import tempfile
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import partial
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path, PurePosixPath
-from typing import BinaryIO, NoReturn
+from typing import BinaryIO, TypeVar
 
 from grader.beneath import open_regular_beneath
-from grader.errors import SubmissionError
+from grader.bounded import Bound, in_process
+from grader.errors import BoundError, SubmissionError
 from grader.intake import names
-from grader.intake.archives import (
-    CHUNK_BYTES,
-    HEAD_BYTES,
-    MOST_RATIO,
-    DamagedError,
-    Format,
-    ProtectedError,
-    format_of,
-    members_of_archive,
-)
-from grader.intake.members import Kind, Member, Readable, TooMuchError, is_folder, members_of_folder, open_regular
+from grader.intake.archives import HEAD_BYTES, MOST_RATIO, format_of, members_of_archive
+from grader.intake.members import Kind, Member, is_folder, members_of_folder, open_regular, pieces_of, too_much
 from grader.intake.notes import Notes
 
 #: What submissions are made of. These files have room of their own, so that a student's recordings and pictures,
@@ -97,6 +90,26 @@ class Limits:
 
 
 LIMITS = Limits()
+_BOUND = Bound("unpacking it", cpu_s=20, wall_s=600, memory_bytes=128 * 1024**2, file_bytes=LIMITS.archive_bytes)
+
+T = TypeVar("T")
+
+
+def _confined(work: Callable[[], T], where: str) -> T:
+    """Return what work on a submission returns, done in a bounded process.
+
+    Raises
+    ------
+    SubmissionError
+        If it raises that, or exceeds the bound.
+    """
+    try:
+        return in_process(work, _BOUND)
+    except BoundError as error:
+        raise SubmissionError(error.problem, where=where, remedy=too_much("").remedy) from None
+    except SubmissionError as error:
+        error.where = error.where or where
+        raise
 
 
 @dataclass(frozen=True)
@@ -218,25 +231,27 @@ def taken_in(handed: Handed | Path, *, prefix: str = "grade-", limits: Limits = 
     if isinstance(handed, Path):
         handed = Handed.of(handed)
     with tempfile.TemporaryDirectory(prefix=f"{prefix}intake-") as scratch:
-        taking = _Taking(Path(scratch), limits, handed.where)
-        for piece in handed.pieces:
-            taking.take_piece(piece, alone=len(handed.pieces) == 1)
-        for _ in range(_MOST_NESTED):
-            taking.unpack_single_archive()
-        taking.leave_archives_out()
-        taking.require_files()
-        submitted_at = handed.submitted_at or taking.newest
-        lines, unreadable = taking.notes.lines(), tuple(taking.unreadable)
-        yield Intake(
-            taking.folder,
-            handed.name,
-            lines,
-            submitted_at,
-            handed.where,
-            unreadable,
-            handed.student_id,
-            handed.source,
-        )
+        yield _confined(partial(_extracted, handed, Path(scratch), limits), handed.where)
+
+
+def _extracted(handed: Handed, scratch: Path, limits: Limits) -> Intake:
+    extraction = _Extraction(scratch, limits)
+    for piece in handed.pieces:
+        extraction.take_piece(piece, alone=len(handed.pieces) == 1)
+    for _ in range(_MOST_NESTED):
+        extraction.unpack_single_archive()
+    extraction.leave_archives_out()
+    extraction.require_files()
+    return Intake(
+        extraction.folder,
+        handed.name,
+        extraction.notes.lines(),
+        handed.submitted_at or extraction.newest,
+        handed.where,
+        tuple(extraction.unreadable),
+        handed.student_id,
+        handed.source,
+    )
 
 
 @dataclass
@@ -247,23 +262,23 @@ class _Room:
     size_bytes: int
 
 
-class _Taking:
+class _Extraction:
     """A submission that is being taken in."""
 
-    def __init__(self, scratch: Path, limits: Limits, where: str) -> None:
+    def __init__(self, scratch: Path, limits: Limits) -> None:
         self.folder = scratch / "submission"
         self.folder.mkdir()
         self.notes = Notes()
         self.newest: datetime | None = None
         self.unreadable: list[str] = []
-        self._scratch, self._limits, self._where = scratch, limits, where
+        self._scratch, self._limits = scratch, limits
         self._members = 0
         self._kept: dict[str, str] = {}  # collision key -> the name it came under
         self._folders: set[str] = set()  # collision keys
         self._sources = _Room(limits.files, limits.source_bytes)
         self._others = _Room(limits.files, limits.other_bytes)
         self._has_programs = False
-        self._archives: list[tuple[str, Path, Format]] = []
+        self._archives: list[tuple[str, Path]] = []
         self._partial = scratch / "partial"
 
     # -- pieces and archives ---------------------------------------------------------------------
@@ -280,69 +295,40 @@ class _Taking:
             if is_folder(piece.path):
                 self._take_all(members_of_folder(piece.path, self._limits.members, self._limits.depth))
             else:
-                with self._opened(piece.path) as file:
+                with _opened(piece.path) as file:
                     self._take_file(file, piece, alone=alone)
-        except TooMuchError as problem:
-            self._refuse_amount(problem)
         except FileNotFoundError:
-            self._refuse("there is no such submission", f"Check the path. {_neighbours(piece.path)}".strip())
+            remedy = f"Check the path. {_neighbours(piece.path)}".strip()
+            raise SubmissionError("there is no such submission", remedy=remedy) from None
         except PermissionError:
-            self._refuse("the submission may not be read", "Give yourself the right to read it.")
-
-    def _opened(self, path: Path) -> BinaryIO:
-        try:
-            return os.fdopen(open_regular(os.path.realpath(path)), "rb")
-        except (FileNotFoundError, PermissionError):
-            raise
-        except OSError:
-            self._refuse("a submission is a folder, an archive or a file", "This is something else; check the path.")
+            remedy = "Give yourself the right to read it."
+            raise SubmissionError("the submission may not be read", remedy=remedy) from None
 
     def _take_file(self, file: BinaryIO, piece: Piece, *, alone: bool) -> None:
-        kind = format_of(file.read(HEAD_BYTES))
+        is_archive = format_of(file.read(HEAD_BYTES)) is not None or names.is_packed(piece.path.name)
         file.seek(0)
-        if kind is not None and (alone or piece.member):
-            self._take_archive(file, kind, piece.member, piece.name, timed=not piece.member)
-        elif alone and names.is_packed(piece.path.name):
-            self._refuse("the archive is damaged: it does not begin as one", "Get it once more, or unpack it.")
+        if piece.member:
+            self._take_all(_part_of(members_of_archive(file), piece.member, piece.name))
+        elif alone and is_archive:
+            self._take_all(members_of_archive(file), timed=True)
         else:
             size, name = os.fstat(file.fileno()).st_size, piece.name or piece.path.name
-            self._take_all([Member(name, Kind.FILE, size, opened=partial(_itself, file))])
-
-    def _refuse(self, problem: str, remedy: str) -> NoReturn:
-        raise SubmissionError(problem, where=self._where, remedy=remedy) from None
-
-    def _refuse_amount(self, problem: TooMuchError) -> NoReturn:
-        self._refuse(f"the submission holds {problem}", "Hand it in without recordings, build folders and the like.")
-
-    def _take_archive(self, file: BinaryIO, kind: Format, part: str = "", name: str = "", *, timed: bool) -> None:
-        """Take in what an archive holds, or a part of it."""
-        if not kind.can_be_read:
-            self._refuse(f"a {kind.value} archive is not read here", "Pack it as .zip or .tar.gz, or give the folder.")
-        members = members_of_archive(file, kind)
-        try:
-            self._take_all(_part_of(members, part, name) if part else members, timed=timed)
-        except DamagedError as problem:
-            self._refuse(f"the archive is damaged: {names.displayed(str(problem))}", "Get it once more, or unpack it.")
-        except ProtectedError:
-            self._refuse("the archive is protected by a password", "Pack it without, or unpack it and give the folder.")
+            self._take_all([Member(name, Kind.FILE, size, pieces=partial(pieces_of, file))])
 
     def unpack_single_archive(self) -> None:
         """Unpack an archive that was handed in within the archive or beside documents."""
         if len(self._archives) != 1 or self._has_programs:
             return
-        _, path, kind = self._archives.pop()
+        _, path = self._archives.pop()
         with path.open("rb") as file:
-            try:
-                self._take_archive(file, kind, timed=True)
-            except TooMuchError as problem:
-                self._refuse_amount(problem)
+            self._take_all(members_of_archive(file), timed=True)
         path.unlink()
 
     def leave_archives_out(self) -> None:
         """Note archives that were not unpacked."""
         several = len(self._archives) > 1 and not self._has_programs
         reason = f"{_WITHIN}, one of several; nothing says which of them counts" if several else _WITHIN
-        for name, _, _ in self._archives:
+        for name, _ in self._archives:
             self.notes.add(name, reason)
 
     def require_files(self) -> None:
@@ -351,8 +337,9 @@ class _Taking:
             return
         lines = self.notes.lines()
         if lines:
-            self._refuse("nothing of the submission could be taken in", f"Left out: {'; '.join(lines[:3])}.")
-        self._refuse("the submission is empty", "Put the lab's files into it.")
+            remedy = f"Left out: {'; '.join(lines[:3])}."
+            raise SubmissionError("nothing of the submission could be taken in", remedy=remedy)
+        raise SubmissionError("the submission is empty", remedy="Put the lab's files into it.")
 
     # -- members -----------------------------------------------------------------------------------
 
@@ -360,7 +347,7 @@ class _Taking:
         for member in members:
             self._members += 1
             if self._members > self._limits.members:
-                raise TooMuchError(f"more than {self._limits.members:,} files and folders")
+                raise too_much(f"more than {self._limits.members:,} files and folders")
             try:
                 parts = names.clean_parts(member.name)
             except names.UnfitNameError as reason:
@@ -409,19 +396,19 @@ class _Taking:
 
     def _copy(self, member: Member, parts: tuple[str, ...]) -> str | None:
         """Copy a file into the clean folder; says why, if it does not belong there."""
-        content = member.opened()
-        head = content.read(CHUNK_BYTES)
+        pieces = member.pieces()
+        head = next(pieces, b"")
+        content = chain([head], pieces)
         suffix = PurePosixPath(parts[-1]).suffix.lower()
-        kind = format_of(head[:HEAD_BYTES])
-        if kind is not None and (names.is_packed(parts[-1]) or suffix in ("", ".py")):
-            return self._put_aside(member, kind, head, content)
+        if (names.is_packed(parts[-1]) or suffix in ("", ".py")) and format_of(head[:HEAD_BYTES]) is not None:
+            return self._put_aside(member, content)
         if head.startswith(_COMPILED_MAGIC) or (head.startswith(b"MZ") and b"\0" in head):
             return "compiled code"
         room = self._sources if suffix in _SOURCE_SUFFIXES else self._others
         if room.files <= 0:
             return f"more than {self._limits.files:,} files of its kind"
         most = min(self._limits.file_bytes, room.size_bytes)
-        size = self._write(head, content, most) if member.size_bytes <= most else None
+        size = self._write(content, most) if member.size_bytes <= most else None
         if size is None:
             return f"larger than {_mebibytes(self._limits.file_bytes)}" if most == self._limits.file_bytes else _FULL
         room.files -= 1
@@ -430,27 +417,26 @@ class _Taking:
         self._has_programs = self._has_programs or suffix in _PROGRAM_SUFFIXES
         return None
 
-    def _put_aside(self, member: Member, kind: Format, head: bytes, content: Readable) -> str | None:
+    def _put_aside(self, member: Member, content: Iterator[bytes]) -> str | None:
         """Keep an archive until it is known whether it is the only one; of others the name is enough."""
         most = self._limits.archive_bytes
-        if not self._archives and (member.size_bytes > most or self._write(head, content, most) is None):
+        if not self._archives and (member.size_bytes > most or self._write(content, most) is None):
             return f"an archive larger than {_mebibytes(most)}"
         aside = self._scratch / f"archive-{self._members}"
         if not self._archives:
             self._partial.rename(aside)
-        self._archives.append((member.name, aside, kind))
+        self._archives.append((member.name, aside))
         return None
 
-    def _write(self, head: bytes, content: Readable, most: int) -> int | None:
+    def _write(self, content: Iterator[bytes], most: int) -> int | None:
         """Write a file, to be put in its place later; returns its size, or None if it is too large."""
-        size, part = 0, head
+        size = 0
         with self._partial.open("wb") as file:
-            while part:
-                size += len(part)
+            for piece in content:
+                size += len(piece)
                 if size > most:
                     return None
-                file.write(part)
-                part = content.read(CHUNK_BYTES)
+                file.write(piece)
         return size
 
     def _keep(self, name: str, parts: tuple[str, ...]) -> None:
@@ -476,18 +462,24 @@ def _mebibytes(size: int) -> str:
     return f"{size // 1024**2} MiB"
 
 
-def _itself(content: Readable) -> Readable:
-    return content
+def _opened(path: Path) -> BinaryIO:
+    try:
+        return os.fdopen(open_regular(os.path.realpath(path)), "rb")
+    except (FileNotFoundError, PermissionError):
+        raise
+    except OSError:
+        remedy = "This is something else; check the path."
+        raise SubmissionError("a submission is a folder, an archive or a file", remedy=remedy) from None
 
 
 def _part_of(members: Iterable[Member], part: str, name: str) -> Iterator[Member]:
     """Pick a file, or all that lies in a folder, out of an archive; under the names that they have without it."""
     for member in members:
-        told = names.slashed(member.name)
-        if told == part and not part.endswith("/"):
+        path = names.slashed(member.name)
+        if path == part and not part.endswith("/"):
             yield replace(member, name=name or PurePosixPath(part).name)
-        elif part.endswith("/") and len(told) > len(part) and told.startswith(part):
-            yield replace(member, name=told[len(part) :])
+        elif part.endswith("/") and len(path) > len(part) and path.startswith(part):
+            yield replace(member, name=path[len(part) :])
 
 
 def names_in(path: Path, within: str = "") -> list[str] | None:
@@ -503,32 +495,27 @@ def names_in(path: Path, within: str = "") -> list[str] | None:
     list of str or None
         None if it is no archive, or cannot be read, or holds more than a class hands in.
     """
-    try:
-        with os.fdopen(open_regular(os.path.realpath(path)), "rb") as file:
-            if not within:
-                return _names_of(file)
-            kind = format_of(file.read(HEAD_BYTES))
-            file.seek(0)
-            if kind is None or not kind.can_be_read:
-                return None
-            for member in islice(members_of_archive(file, kind), _MOST_LISTED):
-                if names.slashed(member.name) == within and member.kind is Kind.FILE:
-                    with tempfile.TemporaryFile() as inner:
-                        inner.write(_read(member, LIMITS.archive_bytes))
-                        inner.seek(0)
-                        return _names_of(inner)
-    except (OSError, DamagedError, ProtectedError, TooMuchError):
-        pass
+    with suppress(OSError, SubmissionError):
+        return _confined(partial(_names_in, path, within), str(path))
+    return None
+
+
+def _names_in(path: Path, within: str) -> list[str] | None:
+    with _opened(path) as file:
+        if not within:
+            return _names_of(file)
+        for member in islice(members_of_archive(file), _MOST_LISTED):
+            if names.slashed(member.name) == within and member.kind is Kind.FILE:
+                with tempfile.TemporaryFile() as inner:
+                    inner.writelines(member.pieces())
+                    inner.seek(0)
+                    return _names_of(inner)
     return None
 
 
 def _names_of(file: BinaryIO) -> list[str] | None:
-    kind = format_of(file.read(HEAD_BYTES))
-    file.seek(0)
-    if kind is None or not kind.can_be_read:
-        return None
     found = []
-    for member in islice(members_of_archive(file, kind), _MOST_LISTED + 1):
+    for member in islice(members_of_archive(file), _MOST_LISTED + 1):
         name = names.slashed(member.name).rstrip("/")
         found.append(f"{name}/" if member.kind is Kind.FOLDER else name)
     return found if len(found) <= _MOST_LISTED else None
@@ -548,16 +535,15 @@ def texts_in(path: Path, wanted: Collection[str], most_bytes: int) -> dict[str, 
 
     What cannot be read is left out; the members' sizes together are limited.
     """
+    with suppress(OSError, SubmissionError):
+        return _confined(partial(_texts_in, path, wanted, most_bytes), str(path))
+    return {}
+
+
+def _texts_in(path: Path, wanted: Collection[str], most_bytes: int) -> dict[str, str]:
     found: dict[str, str] = {}
-    with (
-        suppress(OSError, DamagedError, ProtectedError, TooMuchError),
-        os.fdopen(open_regular(os.path.realpath(path)), "rb") as file,
-    ):
-        kind = format_of(file.read(HEAD_BYTES))
-        file.seek(0)
-        if kind is None or not kind.can_be_read:
-            return found
-        for member in islice(members_of_archive(file, kind), _MOST_LISTED):
+    with _opened(path) as file, suppress(SubmissionError):
+        for member in islice(members_of_archive(file), _MOST_LISTED):
             name = names.slashed(member.name)
             if name in wanted and member.kind is Kind.FILE:
                 content = _read(member, most_bytes)
@@ -567,11 +553,12 @@ def texts_in(path: Path, wanted: Collection[str], most_bytes: int) -> dict[str, 
 
 
 def _read(member: Member, most_bytes: int) -> bytes:
-    content, parts = member.opened(), []
-    while most_bytes > 0 and (part := content.read(min(CHUNK_BYTES, most_bytes))):
-        parts.append(part)
-        most_bytes -= len(part)
-    return b"".join(parts)
+    content = bytearray()
+    for piece in member.pieces():
+        content += piece[: most_bytes - len(content)]
+        if len(content) >= most_bytes:
+            break
+    return bytes(content)
 
 
 def _neighbours(path: Path) -> str:

@@ -504,7 +504,7 @@ def test_nothing_is_no_submission(tmp_path: Path) -> None:
     ids=["half a zip", "half a tar", "7z", "rar", "no tar"],
 )
 def test_archives_that_cannot_be_read(tmp_path: Path, content: bytes, problem: str) -> None:
-    """Damage and other formats are told as what they are, also within another archive."""
+    """Damage and other formats are named as what they are, also within another archive."""
     (tmp_path / "ann.zip").write_bytes(content)
     assert problem in refused(tmp_path / "ann.zip").problem
     (tmp_path / "outer.zip").write_bytes(zip_of([("lab.zip", content)]))
