@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from grader import pipeline
-from grader.batch.rejudging import rejudge
+from grader.batch.regrade import recorded_in, regrade
 from grader.bounded import Bound, in_process, in_processes
 from grader.errors import BoundError, RecordingError
 from grader.rubric import Rubric, load_rubric
@@ -111,6 +111,6 @@ def test_a_class_is_judged_but_for_the_one_that_breaks(tmp_path: Path) -> None:
     shutil.rmtree(tmp_path / "bob/recordings/publisher")
     (tmp_path / "bob/recordings/publisher").mkdir()
     (tmp_path / "bob/recordings/publisher/session.json").write_text("{", encoding="utf-8")
-    found = rejudge(tmp_path, None, None, prepare=False)
+    found = regrade(recorded_in(tmp_path), prepare=False)
     assert list(found.changes) == ["ann"]
     assert list(found.failed) == ["bob"]

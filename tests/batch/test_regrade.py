@@ -13,7 +13,7 @@ import pytest
 
 from grader import pipeline
 from grader.batch.audit import AUDIT_FILE, HISTORY, Occasion, note_replaced
-from grader.batch.rejudging import is_class, recorded_in, rejudge
+from grader.batch.regrade import Regrade, is_class, recorded_in, regrade
 from grader.errors import RecordingError, RubricError
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -61,6 +61,11 @@ def rewritten(folder: Path, old: str, new: str) -> Path:
     assert old in text
     (folder / "new.yaml").write_text(text.replace(old, new), encoding="utf-8")
     return folder / "new.yaml"
+
+
+def rejudge(results: Path, rubric: Path | None, overrides: Path | None, **how: Any) -> Regrade:
+    """Judge all that was recorded again."""
+    return regrade(recorded_in(results), rubric, overrides, **how)
 
 
 def files(results: Path) -> dict[str, bytes]:
