@@ -671,41 +671,6 @@ def report_page(result: Result, recordings: Recordings, rubric: Rubric) -> str:
     return render(result, figures, records, recordings.submission)
 
 
-def judged_by(
-    results: Path,
-    rubric_path: Path | None = None,
-    overrides_path: Path | None = None,
-    *,
-    trusted: bool = False,
-) -> tuple[Rubric, Overrides]:
-    """Load what a results folder is judged by again.
-
-    Parameters
-    ----------
-    rubric_path : Path, optional
-        By default the rubric by which it was judged last.
-    overrides_path : Path, optional
-        By default `overrides.yaml` beside the results folder, if there is one.
-    trusted : bool
-        Whether files of the lab that came with the recordings may be executed though they are not known here.
-
-    Raises
-    ------
-    RecordingError
-        If it is no results folder, or what came with it may not be executed.
-    RubricError
-        With all mistakes of the rubric, or of the overrides.
-    UsageError
-        If the rubric is of another lab.
-    """
-    if rubric_path is None:
-        rubric = recorded_rubric(rubric_copy(results), trusted=trusted)
-    else:
-        rubric = chosen_rubric([results], rubric_path)
-        require_lab(results, rubric)
-    return rubric, read_overrides(overrides_path, results.resolve().parent, rubric, [made_from(results)])
-
-
 def chosen_rubric(folders: Sequence[Path], path: Path) -> Rubric:
     """Load a rubric that the user names for results; see `read_rubric`."""
     copies = (copy for folder in folders for copy in _rubric_copies(folder))

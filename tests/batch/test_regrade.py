@@ -15,6 +15,7 @@ from grader import pipeline
 from grader.batch.audit import AUDIT_FILE, HISTORY, Occasion, note_replaced
 from grader.batch.regrade import Regrade, is_class, recorded_in, regrade
 from grader.errors import RecordingError, RubricError
+from tests.regraded import regraded
 
 ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = pipeline.lab_folder() / "rubric.yaml"
@@ -123,7 +124,7 @@ def test_applying_writes_what_single_regrading_writes(results: Path, stricter: P
     found.apply(OCCASION)
     as_class = files(results)
     for name in NAMES:
-        pipeline.judge_results(results / name, *pipeline.judged_by(results / name, stricter))
+        regraded(results / name, stricter)
     assert files(results) == as_class
     assert not [path for path in as_class if path.endswith(".new")]
 
@@ -207,7 +208,7 @@ def test_decisions_survive_every_regrade(results: Path, stricter: Path) -> None:
         plain = json.loads((results / "bob" / pipeline.RESULT_FILE).read_text())
         assert plain["score"]["final"] == plain["score"]["earned"] + 2.5
         assert [a["kind"] for a in plain["adjustments"]] == ["bonus"]
-        alone = pipeline.judge_results(results / "bob", *pipeline.judged_by(results / "bob", rubric))
+        alone = regraded(results / "bob", rubric)
         assert alone.final == found.changes["bob"].after
     assert json.loads((results / "alice" / pipeline.RESULT_FILE).read_text())["adjustments"] == []
 
