@@ -306,6 +306,16 @@ def test_trouble_that_comes_again_is_named(
     assert [t.violation.evidence for t in touched] == [(problem,)] * found
 
 
+@pytest.mark.parametrize(("attempt", "found"), [(1, 0), (3, 1)])
+def test_a_recording_that_is_cut_off_again_is_named(tmp_path: Path, attempt: int, found: int) -> None:
+    """What is left of it does not even tell which programs ran."""
+    made = session(tmp_path, attempt=attempt)
+    made.record.complete, made.record.ended_ns = False, 0
+    made.record.processes.clear()
+    made.record.trusted.clear()
+    assert [t.violation.evidence for t in taken(made)] == [("the recording was cut off",)] * found
+
+
 # -- what was published and not recorded -----------------------------------------------------------
 
 
