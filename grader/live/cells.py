@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import pickle
 import shutil
 import signal
 import socket
@@ -12,7 +13,7 @@ import tempfile
 import threading
 from collections.abc import Callable, Coroutine, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from grader.live.fork_server import Cell, ForkServer
 from grader.live.isolation import Isolation
 from grader.live.ros_launch import NativeLaunch
 from grader.live.scratch import remove_tree, scratch_prefix
-from grader.live.session import SessionPlan
+from grader.live.session_plan import PlannedStep, SessionPlan
 from grader.live.turns import Turns
 from grader.recording.submission import SubmissionRecord
 from grader.rubric import Rubric, SessionSpec
@@ -142,8 +143,8 @@ class Sessions:
         try:
             with _number() as number:
                 plan = self._plan(spec, partial, scratch, number)
-                (scratch / "plan.json").touch(mode=0o600)  # the seed is in it
-                (scratch / "plan.json").write_text(json.dumps(asdict(plan)), encoding="utf-8")
+                (scratch / "plan").touch(mode=0o600)  # the seed is in it
+                (scratch / "plan").write_bytes(pickle.dumps(plan))
                 await self._run_cell(spec, scratch, on_progress)
         except BaseException:
             shutil.rmtree(partial, ignore_errors=True)
@@ -156,14 +157,11 @@ class Sessions:
     def _plan(self, spec: SessionSpec, folder: Path, scratch: Path, number: int) -> SessionPlan:
         return SessionPlan(
             session=spec.id,
-            steps=[
-                {"kind": s.kind, "parameters": s.parameters, "label": s.label, "words": s.step.describe()}
-                for s in spec.steps
-            ],
+            steps=[PlannedStep(s.kind, s.parameters, s.label, s.step.describe()) for s in spec.steps],
             seed=self.seed,
-            folder=str(folder.resolve()),
-            scratch=str(scratch),
-            staged=str(self.staged.resolve()),
+            folder=folder.resolve(),
+            scratch=scratch,
+            staged=self.staged.resolve(),
             executables=self.executables,
             sources={a.name: a.path for a in self.submission.artifacts if a.path is not None},
             reference={
@@ -171,20 +169,20 @@ class Sessions:
                 for name, ref in self.rubric.reference.items()
             },
             expected=names_in(self.rubric),
-            isolation=self.isolation.to_plain(),
-            interpreter=str(self.interpreter),
+            isolation=self.isolation,
+            interpreter=self.interpreter,
             slot=number,
             domain_id=0 if self.isolation.namespaces else number,
             timeout_s=spec.timeout_s,
             attempt=self.attempt,
             disturbed_before=spec.id in self.disturbed,
             versions=self.versions,
-            native=self.native.to_plain() if self.native is not None else None,
+            native=self.native,
         )
 
     async def _run_cell(self, spec: SessionSpec, scratch: Path, on_progress: Callable[[Progress], None]) -> None:
         on_progress(Progress(spec.id, "starting"))
-        cell = await self.forks.start(self.isolation.form, scratch / "plan.json", scratch / "stderr")
+        cell = await self.forks.start(self.isolation.form, scratch / "plan", scratch / "stderr")
         pid = asyncio.ensure_future(cell.pid())
         try:
             await asyncio.wait_for(_follow(cell, pid, spec.id, on_progress), spec.timeout_s + _GRACE_S)

@@ -13,7 +13,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 #: Limit of all of a cell's student processes together.
 MEMORY_BYTES = 2 * 1024**3
@@ -39,10 +38,6 @@ class GroupPlaces:
     memory: str
     processes: str
     version: int
-
-    def to_plain(self) -> dict[str, Any]:
-        """Return this as plain data."""
-        return {"memory": self.memory, "processes": self.processes, "version": self.version}
 
 
 class CellGroup:

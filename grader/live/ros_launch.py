@@ -5,10 +5,9 @@ from __future__ import annotations
 import json
 import os
 import subprocess
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from typing import Any
 
 from grader.errors import PlatformError
 
@@ -51,10 +50,6 @@ class NativeLaunch:
     def folders(self) -> dict[str, Path]:
         """Folders that must be seen, where they are, besides those that always are."""
         return {p: Path(p) for p in [*self.prefixes, *self.python_path] if not p.startswith("/usr")}
-
-    def to_plain(self) -> dict[str, Any]:
-        """Plain data, for the session process."""
-        return asdict(self)
 
 
 def find_native_launch(interpreter: Path, choice: LaunchChoice) -> NativeLaunch | None:
