@@ -22,8 +22,7 @@ from typing import Any
 
 from grader import pipeline
 from grader.batch.order import Graded, NotGraded, Order
-from grader.live.cells import Progress
-from grader.live.turns import Shared
+from grader.live.cells import Progress, Shared
 from grader.recording.submission import read_submission, write_submission
 from grader.rubric import SessionSpec
 

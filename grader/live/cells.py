@@ -12,10 +12,10 @@ import socket
 import tempfile
 import threading
 from collections.abc import Callable, Coroutine, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import AbstractAsyncContextManager, AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from grader.errors import PlatformError
 from grader.live.fork_server import Cell, ForkServer
@@ -23,7 +23,6 @@ from grader.live.isolation import Isolation
 from grader.live.ros_launch import NativeLaunch
 from grader.live.scratch import remove_tree, scratch_prefix
 from grader.live.session_plan import PlannedStep, SessionPlan
-from grader.live.turns import Turns
 from grader.recording.submission import SubmissionRecord
 from grader.rubric import Rubric, SessionSpec
 
@@ -65,6 +64,26 @@ def types_in(rubric: Rubric) -> list[str]:
     """Types of messages and services that the rubric's steps use."""
     steps = [step for session in rubric.sessions.values() for step in session.steps]
     return sorted({str(s.parameters["type"]) for s in steps if s.parameters.get("type")})
+
+
+class Turns(Protocol):
+    """When a session, or the grader's own work, may burden a machine that several submissions share."""
+
+    def cell(self, spec: SessionSpec, *, alone: bool) -> AbstractAsyncContextManager[None]:
+        """Wait until a session may run, `alone` if nothing else may meanwhile, and hold its place while it does."""
+        ...
+
+    def work(self, what: str) -> AbstractContextManager[None]:
+        """Wait until the grader's own work, such as judging, takes no core from a session that is being timed."""
+        ...
+
+
+@dataclass(frozen=True)
+class Shared:
+    """What gradings on one machine have in common: turns, and how students' code is confined here."""
+
+    turns: Turns
+    isolation: Isolation
 
 
 @dataclass(frozen=True)

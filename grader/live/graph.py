@@ -12,8 +12,10 @@ from collections.abc import Callable, Collection
 from functools import lru_cache, partial
 from typing import Any, TypeVar
 
+import rclpy
 from rclpy.impl.implementation_singleton import rclpy_implementation as rcl
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_msgs.msg import Empty
@@ -38,6 +40,26 @@ _INFINITE_NS = 2**62
 _TOPIC_NAME = re.compile(r"(?:/[A-Za-z_][A-Za-z0-9_]*)+")
 
 T = TypeVar("T")
+
+
+def new_context(domain_id: int) -> rclpy.Context:
+    """Make a context that leaves signals alone."""
+    context = rclpy.Context()
+    rclpy.init(args=[], context=context, domain_id=domain_id, signal_handler_options=rclpy.SignalHandlerOptions.NO)
+    return context
+
+
+def silent_node(name: str, context: rclpy.Context) -> Node:
+    """Make a node of the grader's: nobody can ask anything of it, or find its words in the log."""
+    return Node(
+        name,
+        namespace=GRADER_NAMESPACE,
+        context=context,
+        use_global_arguments=False,
+        start_parameter_services=False,
+        enable_rosout=False,
+        parameter_overrides=[Parameter("start_type_description_service", value=False)],
+    )
 
 
 def full_name(namespace: str, name: str) -> str:

@@ -23,7 +23,7 @@ from grader.live.cgroup import PROCESSES, CellGroup, GroupPlaces
 from grader.live.confine import Confinement
 from grader.live.environment import INSIDE_FOLDER, interpreter_links, interpreter_roots
 from grader.live.landlock import confines_signals, landlock_version
-from grader.live.process_table import processes_of_user, tasks_of
+from grader.live.machine import processes_of_user, tasks_of
 
 #: Paths inside a confined student's process.
 WORKSPACE = "/ws"

@@ -26,9 +26,9 @@ from grader.live.isolation import (
     student_argv,
     student_uid,
 )
+from grader.live.machine import descendants_of
 from grader.live.namespaces import adopt_orphans, bring_loopback_up, mount_tmpfs, use_up_process_ids
 from grader.live.process import OutputRoom, PipeReader, RunningProcess
-from grader.live.process_table import descendants_of
 from grader.live.scratch import remove_tree
 from grader.live.seccomp import open_filter
 from grader.live.session_plan import SessionPlan
