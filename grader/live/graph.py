@@ -9,7 +9,7 @@ import re
 import secrets
 import time
 from collections.abc import Callable, Collection
-from functools import lru_cache, partial
+from functools import partial
 from typing import Any, TypeVar
 
 import rclpy
@@ -119,44 +119,36 @@ def qos_of(profile: QoSProfile) -> Qos:
     )
 
 
-class _Told:
-    """What rcl tells of an endpoint on a topic; two are equal if it tells the same."""
-
-    __slots__ = ("_key", "info", "topic")
-
-    def __init__(self, topic: str, info: dict[str, Any]) -> None:
-        self.topic, self.info = topic, info
-        qos, type_hash = info["qos_profile"], info["topic_type_hash"]
-        self._key = (
-            topic,
-            info["endpoint_type"],
-            info["topic_type"],
-            (type_hash["version"], type_hash["value"]),
-            info["node_namespace"],
-            info["node_name"],
-            tuple(info["endpoint_gid"]),
-            tuple(getattr(value, "nanoseconds", value) for value in qos.values()),
-        )
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Told) and self._key == other._key
-
-    def __hash__(self) -> int:
-        return hash(self._key)
+#: What rcl told of an endpoint, by which it is known again.
+_KNOWN: dict[tuple[Any, ...], Endpoint] = {}
 
 
-@lru_cache(maxsize=MAX_ENDPOINTS)
-def _endpoint(told: _Told) -> Endpoint:
-    info = TopicEndpointInfo(**told.info)
-    return Endpoint(
-        kind=info.endpoint_type.name.lower(),
-        topic=told.topic,
-        type=info.topic_type,
-        type_hash=str(info.topic_type_hash) if info.topic_type_hash else "",
-        node=full_name(info.node_namespace, info.node_name),
-        gid=_gid(info),
-        qos=qos_of(info.qos_profile),
+def _endpoint(topic: str, told: dict[str, Any]) -> Endpoint:
+    type_hash = told["topic_type_hash"]
+    key = (
+        topic,
+        told["endpoint_type"],
+        told["topic_type"],
+        (type_hash["version"], type_hash["value"]),
+        told["node_namespace"],
+        told["node_name"],
+        tuple(told["endpoint_gid"]),
+        tuple(getattr(value, "nanoseconds", value) for value in told["qos_profile"].values()),
     )
+    if key not in _KNOWN:
+        if len(_KNOWN) >= MAX_ENDPOINTS:
+            _KNOWN.clear()
+        info = TopicEndpointInfo(**told)
+        _KNOWN[key] = Endpoint(
+            kind=info.endpoint_type.name.lower(),
+            topic=topic,
+            type=info.topic_type,
+            type_hash=str(info.topic_type_hash) if info.topic_type_hash else "",
+            node=full_name(info.node_namespace, info.node_name),
+            gid=_gid(info),
+            qos=qos_of(info.qos_profile),
+        )
+    return _KNOWN[key]
 
 
 def _endpoints_of(node: Node, topic: str) -> list[Endpoint]:
@@ -168,7 +160,7 @@ def _endpoints_of(node: Node, topic: str) -> list[Endpoint]:
     with node.handle:
         for ask in (rcl.rclpy_get_publishers_info_by_topic, rcl.rclpy_get_subscriptions_info_by_topic):
             told += _readable(partial(ask, node.handle, topic, False), [])
-    return [_endpoint(_Told(topic, info)) for info in told]
+    return [_endpoint(topic, info) for info in told]
 
 
 def snapshot(

@@ -75,15 +75,7 @@ class LaunchRunner:
             problem = plan.problem
             if problem is None or len(mended) >= _MAX_MENDS or not self._mend(problem, parameters["assume"], arguments):
                 break
-            mended.append(
-                {
-                    "kind": problem.kind,
-                    "message": problem.message,
-                    "file": problem.file,
-                    "line": problem.line,
-                    "remedy": problem.remedy,
-                }
-            )
+            mended.append({key: getattr(problem, key) for key in ("kind", "message", "file", "line", "remedy")})
         return outcome, {"plan": plan.to_plain(), "mended": mended}
 
     def _mend(self, problem: Problem, assume: Mapping[str, str], arguments: dict[str, str]) -> bool:
@@ -329,26 +321,26 @@ def _read_plan(text: str, in_time: bool, timeout_s: float, run: ProcessRun, sour
         why = f": {malformed}"
     except (ValueError, RecursionError):
         pass
+    kind = "no_plan"
     if not in_time:
+        kind = "too_slow"
+        remedy = "Take out what waits or loops: `ros2 launch` reads the whole file before it starts anything."
         message = (
             f"the launch file was still busy after {timeout_s:g} s; it should describe processes and return at once"
         )
-        remedy = "Take out what waits or loops: `ros2 launch` reads the whole file before it starts anything."
-        return Plan("error", Problem("too_slow", message, source, None, remedy))
-    if text.strip():
+    elif text.strip():
         message = f"evaluating the launch file gave no description that can be read{why}"
         remedy = "Return a LaunchDescription of a few entities, and write to no file descriptor but your own."
-        return Plan("error", Problem("no_plan", message, source, None, remedy))
-    if run.limit is not None:
+    elif run.limit is not None:
         message = f"reading the launch file was stopped at the limit of {run.limit}, before it gave a description"
         remedy = (
             "Take out what prints, writes or starts programs without end: `ros2 launch` reads the whole file first."
         )
-        return Plan("error", Problem("no_plan", message, source, None, remedy))
-    status = run.exit_status or 0
-    number = status - 128 if status > 128 else -status
-    how = f"by signal {number}" if number > 0 else f"with status {status}"
-    said = f"; it said: {run.output[-1].text[:300]}" if run.output else ""
-    message = f"the program that reads the launch file was ended by it ({how}), before it gave a description{said}"
-    remedy = "Take out what ends or replaces the program (os._exit, exec, signals), and return a LaunchDescription."
-    return Plan("error", Problem("no_plan", message, source, None, remedy))
+    else:
+        status = run.exit_status or 0
+        number = status - 128 if status > 128 else -status
+        how = f"by signal {number}" if number > 0 else f"with status {status}"
+        said = f"; it said: {run.output[-1].text[:300]}" if run.output else ""
+        message = f"the program that reads the launch file was ended by it ({how}), before it gave a description{said}"
+        remedy = "Take out what ends or replaces the program (os._exit, exec, signals), and return a LaunchDescription."
+    return Plan("error", Problem(kind, message, source, None, remedy))
