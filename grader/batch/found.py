@@ -5,7 +5,7 @@ How one submission is told from a folder (or archive) of submissions
 An *artifact's file* is one whose name the rubric asks for, word for word. A *part* is a folder named as parts of a
 workspace are (`src`, `launch`, `old`), or one of several that are numbered (`task2`). The first that applies decides:
 
-1. Most names are those of a learning-management system's download (`grader.batch.downloads`): each student is one.
+1. Most names are those of a learning-management system's download (`grader.batch.lms`): each student is one.
 2. It is a git repository's root, or an artifact's file lies directly in it: one submission. In a folder that is called
    as folders of submissions are (`submissions`, `lab-09-submissions`, `students`), that does not matter if 3 holds:
    an instructor's repository, a stray file.
@@ -41,21 +41,11 @@ from itertools import chain, islice
 from pathlib import Path, PurePosixPath
 
 from grader.batch.audit import AUDIT_FILE, HISTORY
-from grader.batch.class_list import Listed, read_class_list
-from grader.batch.downloads import (
-    GRADESCOPE_FILE,
-    SAKAI_TIME_FILE,
-    Delivered,
-    Download,
-    Submitted,
-    is_table,
-    read_gradescope,
-    read_sakai_time,
-    recognised,
-)
 from grader.batch.journal import JOURNAL_FILE
 from grader.batch.last_commit import last_commit_time
+from grader.batch.lms import Delivered, Download, is_table, recognised
 from grader.cohort.overrides import OVERRIDES_FILE
+from grader.cohort.roster import Student, matches, read_class_list
 from grader.errors import SubmissionError
 from grader.intake import Handed, Piece, names_in, text_of, texts_in
 from grader.intake.members import is_folder
@@ -150,7 +140,7 @@ def find_submissions(
     shape : Shape
         What is meant, where looking is not enough (`--one`, `--each`).
     class_list : Path or None
-        A table of names, student ids and times of submission; see `grader.batch.class_list`.
+        A table of names, student ids and times of submission; see `grader.cohort.roster`.
 
     Returns
     -------
@@ -441,12 +431,12 @@ class _Finding:
 
     def _add_download(self, place: _Place, download: Download) -> None:
         students: dict[tuple[str, str], dict[str, Delivered]] = defaultdict(dict)
-        known = _with_notes(place, download)
+        known = download.system.entries(download.known, place.texts)
         for entry, is_a_folder in place.entries.items():
             if entry in known:
                 students[known[entry].student, known[entry].student_id][entry] = known[entry]
             elif entry not in download.own and (is_a_folder or not is_table(entry)):
-                told = f"{place.where}: {displayed(entry)}: not named as {download.system} names files"
+                told = f"{place.where}: {displayed(entry)}: not named as {download.system.name} names files"
                 self.not_understood.append(told)
         for (student, student_id), entries in students.items():
             handed = self._delivered(place, entries)
@@ -456,7 +446,7 @@ class _Finding:
             self._add(handed, named)
         count = len(students)
         amount = f"{count:,} submission{'' if count == 1 else 's'}"
-        self.understood.append(f"{place.where}: {download.system}'s download of {amount}")
+        self.understood.append(f"{place.where}: {download.system.name}'s download of {amount}")
 
     def _delivered(self, place: _Place, entries: Mapping[str, Delivered]) -> Handed:
         """Put together what one student has handed in: of several attempts, the last."""
@@ -466,12 +456,12 @@ class _Finding:
             if told.attempt_at != last:
                 self.not_understood.append(f"{place.where}: {displayed(entry)}: an earlier attempt")
         counted = {entry: told for entry, told in entries.items() if told.attempt_at == last}
-        names = Counter(name for told in counted.values() for name in {told.file, told.again})
+        names = Counter(name for told in counted.values() for name in {told.file, told.first_called})
         pieces = []
         folders = place.entries
         for entry, told in counted.items():
             if told.file:
-                name = told.again if told.again and names[told.again] == 1 else told.file
+                name = told.first_called if told.first_called and names[told.first_called] == 1 else told.file
                 pieces.append(place.piece(entry, is_folder=False, name=name))
             elif folders[entry]:
                 pieces.append(place.piece(entry))
@@ -486,31 +476,6 @@ def _holds_archives_only(files: Iterable[str]) -> bool:
     """Whether files are what somebody hands in who packs: an archive, and no program beside it."""
     names = [PurePosixPath(file) for file in files]
     return any(is_archive(name.name) for name in names) and not any(name.suffix in _PROGRAMS for name in names)
-
-
-def _with_notes(place: _Place, download: Download) -> Mapping[str, Delivered]:
-    """Add what a system wrote down of names and times beside what was handed in."""
-    if download.system == "Gradescope":
-        told = read_gradescope(place.texts([GRADESCOPE_FILE]).get(GRADESCOPE_FILE, ""))
-        return {entry: _by(told[entry], known) if entry in told else known for entry, known in download.known.items()}
-    if download.system == "Sakai":
-        files = {entry: f"{entry}/{SAKAI_TIME_FILE}" for entry in download.known}
-        texts = place.texts(list(files.values()))
-        return {
-            entry: replace(known, attempt_at=read_sakai_time(texts.get(files[entry], "")))
-            for entry, known in download.known.items()
-        }
-    return download.known
-
-
-def _by(submitted: Submitted, known: Delivered) -> Delivered:
-    """Name those who handed something in together after all of them, with the number of the submission."""
-    if not submitted.students:
-        return replace(known, attempt_at=submitted.at)
-    (name, student_id), *others = submitted.students
-    if others:
-        name = ", ".join([*(each for each, _ in submitted.students), known.student])
-    return replace(known, student=name, student_id="" if others else student_id, attempt_at=submitted.at)
 
 
 def _wanted_names(rubric: Rubric) -> dict[str, frozenset[str]]:
@@ -579,48 +544,25 @@ def _marked(before: Sequence[Handed], after: Sequence[Handed]) -> list[str]:
 
 
 def _with_class_list(
-    submissions: Sequence[Handed], names: Mapping[str, str], listed: Sequence[Listed]
+    submissions: Sequence[Handed], names: Mapping[str, str], students: Sequence[Student]
 ) -> tuple[list[Handed], tuple[str, ...], list[str]]:
     """Add what a class list knows; returns who is missing, and whose lines are not told apart, too.
-
-    A name that two students have, or that two submissions bear under different ids, does not tell whose it is.
 
     Parameters
     ----------
     names : mapping
         Where each submission lies -> its name without a mark.
     """
-    known, bearing = defaultdict(set), defaultdict(set)
-    for number, student in enumerate(listed):
-        for key in _keys(student.student_id, student.name):
-            known[key].add(number)
-    borne = {h.name: _keys(h.student_id, h.student, names[_origin(h)]) for h in submissions}
-    for handed in submissions:
-        for key in borne[handed.name]:
-            bearing[key].add(handed.student_id or handed.name)
-    completed, unclear, there = [], [], set()
-    for handed in submissions:
-        keys = [key for key in borne[handed.name] if key in known]
-        there |= {number for key in keys for number in known[key]}
-        by_id = {_key(handed.student_id)} if handed.student_id else set()
-        sure = [key for key in keys if len(known[key]) == 1 and (key in by_id or len(bearing[key]) == 1)]
-        if sure:
-            found = listed[min(known[sure[0]])]
-            student_id = found.student_id or handed.student_id
-            handed = replace(handed, student_id=student_id, submitted_at=found.submitted_at or handed.submitted_at)
-        elif keys:
+    found = matches(students, [(h.student_id, (h.name, h.student, names[_origin(h)])) for h in submissions])
+    completed, unclear = [], []
+    for handed, match in zip(submissions, found, strict=True):
+        if match.student is not None:
+            student_id = match.student.student_id or handed.student_id
+            submitted_at = match.student.submitted_at or handed.submitted_at
+            handed = replace(handed, student_id=student_id, submitted_at=submitted_at)
+        elif match.may_be:
             unclear.append(f"{handed.where}: by the name alone, the class list does not tell who this is")
         completed.append(handed)
-    missing = tuple(displayed(s.name or s.student_id or "") for n, s in enumerate(listed) if n not in there)
+    there = frozenset[int]().union(*(match.may_be for match in found))
+    missing = tuple(displayed(s.name or s.student_id or "") for n, s in enumerate(students) if n not in there)
     return completed, missing, unclear
-
-
-def _keys(*texts: str | None) -> list[str]:
-    """Return by what a student is known; "Surname, First" is the same as "First Surname"."""
-    given = [text for text in texts if text]
-    given += [f"{first} {last}" for last, comma, first in (text.partition(", ") for text in given) if comma]
-    return [_key(text) for text in given]
-
-
-def _key(text: str) -> str:
-    return _safe_name(text).casefold()

@@ -99,6 +99,10 @@ class StudentSandbox:
         """Return the student's processes, those that have ended included."""
         return [p for p in self.processes.values() if p.run.role == "student"]
 
+    def cpu_ns(self) -> int | None:
+        """Return the CPU time of all that the student started, in ns; None where no control group sums it up."""
+        return self._group.cpu_ns() if self._group is not None else None
+
     # -- folders ------------------------------------------------------------------------------
 
     def prepare(self) -> None:

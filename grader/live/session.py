@@ -17,6 +17,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -197,7 +198,7 @@ class Session:
     async def _sample(self) -> None:
         while True:
             await asyncio.sleep(_SAMPLE_PERIOD_S)
-            self.record.machine.append(sample_machine())
+            self.record.machine.append(replace(sample_machine(), students_ns=self.sandbox.cpu_ns()))
             for process in (*self.sandbox.students(), *self.sandbox.trusted):
                 process.sample_usage()
             for process in self.sandbox.trusted:
