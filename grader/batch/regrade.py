@@ -194,7 +194,7 @@ def _measures(
 
 
 def _judge(folder: Path, measure: Measure, prepare: bool) -> tuple[Result, Changes]:
-    """Judge one folder; returns what it is now, and what that changes."""
+    """Judge one folder; returns its result now, and what that changes."""
     rubric, overrides = measure
     recordings = open_recordings(folder / pipeline.RECORDINGS, rubric)
     result = pipeline.judge_with_policy(recordings, rubric, overrides)
