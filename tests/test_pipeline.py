@@ -7,47 +7,49 @@ import json
 import shutil
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
 
-from grader import pipeline
+from grader import attempts, judgement, pipeline, result_folder, rubrics
 from grader.cohort.overrides import Overrides
 from grader.errors import GraderError, RubricError
 from grader.judging import judge, open_recordings
+from grader.live import environment
 from grader.recording.session import read_session, write_session
 from grader.recording.submission import ArtifactFact, SubmissionRecord
 from grader.rubric import Rubric
 
 ROOT = Path(__file__).resolve().parents[1]
-SHIPPED = pipeline.lab_folder() / "rubric.yaml"
+SHIPPED = rubrics.lab_folder() / "rubric.yaml"
 
 
 @pytest.fixture(scope="module")
 def rubric() -> Rubric:
     """Give the lab's own rubric."""
-    return pipeline.read_rubric(None)
+    return rubrics.read_rubric(None)
 
 
 @pytest.fixture
 def results(tmp_path: Path) -> Path:
     """Lay out a results folder with the solution's recordings."""
     folder = tmp_path / "results/solution"
-    shutil.copytree(ROOT / "tests/recordings/solution", folder / pipeline.RECORDINGS)
-    shutil.copy(SHIPPED, folder / pipeline.RECORDINGS / pipeline.RUBRIC_COPY)
+    shutil.copytree(ROOT / "tests/recordings/solution", folder / result_folder.RECORDINGS)
+    shutil.copy(SHIPPED, folder / result_folder.RECORDINGS / result_folder.RUBRIC_COPY)
     return folder
 
 
 def written(results: Path) -> dict[str, bytes]:
     """Give the files that judging writes."""
-    return {name: (results / name).read_bytes() for name in (pipeline.RESULT_FILE, pipeline.REPORT_FILE)}
+    return {name: (results / name).read_bytes() for name in (result_folder.RESULT_FILE, result_folder.REPORT_FILE)}
 
 
 def test_regrading_twice_gives_equal_bytes(results: Path) -> None:
     """Result and report are the same each time."""
-    pipeline.judge_results(results, *pipeline.judged_by(results))
+    pipeline.judge_results(results, *rubrics.judged_by(results))
     first = written(results)
-    pipeline.judge_results(results, *pipeline.judged_by(results))
+    pipeline.judge_results(results, *rubrics.judged_by(results))
     assert written(results) == first
 
 
@@ -68,7 +70,7 @@ sys.exit(main(["regrade", sys.argv[1]]))
 
 def test_without_ros_regrading_gives_the_same_bytes(results: Path, tmp_path: Path) -> None:
     """On a machine without ROS 2, in an empty environment, result and report are the same."""
-    pipeline.judge_results(results, *pipeline.judged_by(results))
+    pipeline.judge_results(results, *rubrics.judged_by(results))
     here = written(results)
     other = tmp_path / "elsewhere/solution"
     shutil.copytree(results, other)
@@ -83,45 +85,45 @@ def test_without_ros_regrading_gives_the_same_bytes(results: Path, tmp_path: Pat
 
 def test_another_rubric_changes_the_points(results: Path) -> None:
     """A mended rubric judges old recordings anew, and the provenance tells which it was."""
-    before = pipeline.judge_results(results, *pipeline.judged_by(results))
+    before = pipeline.judge_results(results, *rubrics.judged_by(results))
     text = SHIPPED.read_text(encoding="utf-8").replace("rate_hz: 100, full_within", "rate_hz: 50, full_within")
     mended = results.parent / "mended.yaml"
     mended.write_text(text, encoding="utf-8")
-    after = pipeline.judge_results(results, *pipeline.judged_by(results, mended))
+    after = pipeline.judge_results(results, *rubrics.judged_by(results, mended))
     assert before.score.earned - after.score.earned == 6
     assert before.provenance["rubric_sha256"] != after.provenance["rubric_sha256"]
-    kept = (results / pipeline.RECORDINGS / pipeline.RUBRIC_COPY).read_text(encoding="utf-8")
+    kept = (results / result_folder.RECORDINGS / result_folder.RUBRIC_COPY).read_text(encoding="utf-8")
     assert kept == SHIPPED.read_text(encoding="utf-8")
 
 
 def test_a_broken_rubric_leaves_the_old_result(results: Path) -> None:
     """What cannot be judged leaves what was written before as it is."""
-    pipeline.judge_results(results, *pipeline.judged_by(results))
+    pipeline.judge_results(results, *rubrics.judged_by(results))
     before = written(results)
     broken = results.parent / "broken.yaml"
     broken.write_text("lab: {}\n", encoding="utf-8")
     with pytest.raises(RubricError):
-        pipeline.judge_results(results, *pipeline.judged_by(results, broken))
+        pipeline.judge_results(results, *rubrics.judged_by(results, broken))
     assert written(results) == before
 
 
 def test_results_are_replaced_in_one_step(results: Path) -> None:
     """A reader of the old file keeps the whole of it, and nothing half-written is left."""
-    pipeline.judge_results(results, *pipeline.judged_by(results))
-    (results / pipeline.RESULT_FILE).write_text("old")
-    with (results / pipeline.RESULT_FILE).open() as old:
-        pipeline.judge_results(results, *pipeline.judged_by(results))
+    pipeline.judge_results(results, *rubrics.judged_by(results))
+    (results / result_folder.RESULT_FILE).write_text("old")
+    with (results / result_folder.RESULT_FILE).open() as old:
+        pipeline.judge_results(results, *rubrics.judged_by(results))
         assert old.read() == "old"
-    assert json.loads((results / pipeline.RESULT_FILE).read_text())["score"]["earned"] == 100
+    assert json.loads((results / result_folder.RESULT_FILE).read_text())["score"]["earned"] == 100
     assert sorted(path.name for path in results.iterdir()) == sorted(
-        [pipeline.RECORDINGS, pipeline.RESULT_FILE, pipeline.REPORT_FILE]
+        [result_folder.RECORDINGS, result_folder.RESULT_FILE, result_folder.REPORT_FILE]
     )
 
 
 def test_files_have_unix_line_ends(results: Path) -> None:
     """Results are the same bytes on every system."""
-    pipeline.judge_results(results, *pipeline.judged_by(results))
-    assert b"\r" not in written(results)[pipeline.RESULT_FILE]
+    pipeline.judge_results(results, *rubrics.judged_by(results))
+    assert b"\r" not in written(results)[result_folder.RESULT_FILE]
 
 
 # -- which sessions run ----------------------------------------------------------------------------
@@ -155,21 +157,21 @@ def test_unknown_sessions_are_refused(rubric: Rubric) -> None:
 
 def test_what_no_other_run_can_decide_is_not_run_again(results: Path, rubric: Rubric) -> None:
     """A launch file that the grader cannot evaluate leaves points undecided, and its session as it is."""
-    path = results / pipeline.RECORDINGS / "launch/session.json"
+    path = results / result_folder.RECORDINGS / "launch/session.json"
     record = json.loads(path.read_text(encoding="utf-8"))
     for step in record["steps"]:
         if step["kind"] == "plan":
             problem = {"kind": "module", "message": "needs xacro", "module": "xacro"}
             step["result"]["plan"] |= {"outcome": "not_assessable", "problem": problem}
     path.write_text(json.dumps(record), encoding="utf-8")
-    result = judge(open_recordings(results / pipeline.RECORDINGS, rubric), rubric)
+    result = judge(open_recordings(results / result_folder.RECORDINGS, rubric), rubric)
     assert result.score.undecided == 15
-    assert pipeline.undecided_sessions(result, list(rubric.sessions)) == []
+    assert attempts.undecided_sessions(result, list(rubric.sessions)) == []
 
 
 def test_versions_name_what_a_recording_depends_on() -> None:
     """Grader, interpreter, kernel and middleware are named, installed or not."""
-    assert {"grader", "python", "kernel", "ros-jazzy-rclpy", "mcap"} <= set(pipeline.versions())
+    assert {"grader", "python", "kernel", "ros-jazzy-rclpy", "mcap"} <= set(environment.versions())
 
 
 @pytest.mark.parametrize(("again", "kept"), [("spoilt", 1), ("sound", 2)])
@@ -177,16 +179,14 @@ def test_a_recording_that_leaves_more_undecided_does_not_take_the_place_of_anoth
     results: Path, rubric: Rubric, again: str, kept: int
 ) -> None:
     """On a machine that is busier the second time, the first recording counts; else the second does."""
-    recordings = results / pipeline.RECORDINGS
-    before = pipeline.judgement_of(recordings, rubric, Overrides())
-    pipeline.set_aside(recordings, ["publisher", "not recorded"])
+    recordings, retry = results / result_folder.RECORDINGS, results / "retry"
+    judged = partial(judgement.judge_bounded, recordings, rubric, Overrides())
+    before = judged()
     second = dataclasses.replace(read_session(recordings / "publisher"), attempt=2, complete=again == "sound")
-    shutil.copytree(recordings / "publisher", recordings / "new")
-    write_session(recordings / "new", second)
-    shutil.rmtree(recordings / "publisher")
-    (recordings / "new").rename(recordings / "publisher")
-    after = pipeline.keep_clearer(recordings, rubric, ["publisher", "not recorded"], before, Overrides())
+    shutil.copytree(recordings / "publisher", retry / "publisher")
+    write_session(retry / "publisher", second)
+    after = attempts.keep_better(recordings, retry, ["publisher"], before, judged)
     assert after.result.score == before.result.score
     assert read_session(recordings / "publisher").attempt == kept
     assert read_session(recordings / "publisher").times_recorded == 2
-    assert not list(recordings.glob(".*"))
+    assert not list(retry.iterdir())

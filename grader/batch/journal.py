@@ -22,9 +22,9 @@ from typing import Any
 
 from grader.batch.order import NotGraded
 from grader.errors import GraderError
-from grader.pipeline import RECORDINGS
 from grader.recording.session import SESSION_FILE
 from grader.recording.submission import read_submission
+from grader.result_folder import RECORDINGS
 
 JOURNAL_FILE = "journal.jsonl"
 #: Where results stand until they are whole.

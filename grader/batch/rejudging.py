@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from grader import pipeline
+from grader import judgement, rubrics
 from grader.batch.audit import Occasion, note_replaced, text_of
 from grader.batch.order import NotGraded
 from grader.bounded import in_processes
@@ -20,14 +20,14 @@ from grader.cohort.changes import Changes, changes_between
 from grader.cohort.overrides import Overrides
 from grader.desk import made_from, uncounted_overrides
 from grader.errors import GraderError, RecordingError, UsageError
-from grader.judging import open_recordings
 from grader.kept_lab import kept_files
 from grader.replacing import replace_files, uninterrupted
-from grader.result import read_result, result_of_text, to_json
+from grader.result import read_result, result_of_text
+from grader.result_folder import RECORDINGS, REPORT_FILE, RESULT_FILE
 from grader.rubric import Rubric
 
 _NEW = ".new"
-_FILES = (pipeline.REPORT_FILE, pipeline.RESULT_FILE)
+_FILES = (REPORT_FILE, RESULT_FILE)
 
 #: What to judge by: a rubric, and what people decided.
 Measure = tuple[Rubric, Overrides]
@@ -35,14 +35,14 @@ Measure = tuple[Rubric, Overrides]
 
 def is_class(folder: Path) -> bool:
     """Whether a folder holds results of submissions, and is not itself those of one."""
-    return not (folder / pipeline.RECORDINGS).is_dir() and bool(recorded_in(folder))
+    return not (folder / RECORDINGS).is_dir() and bool(recorded_in(folder))
 
 
 def recorded_in(results: Path) -> list[Path]:
     """Return the folders of the submissions that were recorded, in the order of their names."""
     if not results.is_dir():
         return []
-    return sorted(p for p in results.iterdir() if not p.name.startswith(".") and (p / pipeline.RECORDINGS).is_dir())
+    return sorted(p for p in results.iterdir() if not p.name.startswith(".") and (p / RECORDINGS).is_dir())
 
 
 @dataclass(frozen=True)
@@ -71,10 +71,10 @@ class Rejudging:
         """Put the new results, which were prepared, in place of the old, and note it in the trail."""
         for name in self.changes:
             folder = self.results / name
-            before = text_of(folder / pipeline.RESULT_FILE)
-            after = (folder / (pipeline.RESULT_FILE + _NEW)).read_text(encoding="utf-8")
+            before = text_of(folder / RESULT_FILE)
+            after = (folder / (RESULT_FILE + _NEW)).read_text(encoding="utf-8")
             with uninterrupted():
-                pipeline.keep_rubric(folder, self.rubrics[name])
+                replace_files(rubrics.rubric_files_of_result(folder, self.rubrics[name]))
                 for file in _FILES:
                     (folder / (file + _NEW)).replace(folder / file)
                 note_replaced(self.results, name, before, after, occasion)
@@ -85,7 +85,7 @@ class Rejudging:
         late = any(rubric.policy.late is not None for rubric in self.rubrics.values())
         told: dict[str, list[str]] = {}
         for name in self.changes:
-            for remark in pipeline.lab_remarks(self.results / name, self.rubrics[name]):
+            for remark in rubrics.lab_remarks(self.results / name, self.rubrics[name]):
                 told.setdefault(remark, []).append(name)
         overrides = self.overrides.remarks([*names, *self.failed], times_matter=late)
         ignored = uncounted_overrides(self.results, [made_from(self.results / name) for name in self.rubrics])
@@ -170,27 +170,27 @@ def _measures(
     chosen: dict[Path, str] = {}
     failed: dict[str, NotGraded] = {}
     if rubric is not None:
-        whole = pipeline.chosen_rubric(folders, rubric)
-        measures[""] = whole, pipeline.read_overrides(overrides, results, whole, sources)
+        whole = rubrics.chosen_rubric(folders, rubric)
+        measures[""] = whole, rubrics.read_overrides(overrides, results, whole, sources)
         for folder in folders:
             try:
-                pipeline.require_lab(folder, whole)
+                rubrics.require_lab(folder, whole)
                 chosen[folder] = ""
             except UsageError as error:
                 failed[folder.name] = NotGraded.from_error(error)
         return measures, chosen, failed
     for folder in folders:
         try:
-            copy = pipeline.rubric_copy(folder)
+            copy = rubrics.rubric_copy(folder)
             # Equal texts are one rubric only with equal files beside them.
             key = repr((copy.read_text(encoding="utf-8"), kept_files(copy)))
             if key not in measures:
-                measures[key] = pipeline.recorded_rubric(copy, trusted=trusted), Overrides()
+                measures[key] = rubrics.recorded_rubric(copy, trusted=trusted), Overrides()
             chosen[folder] = key
         except (GraderError, OSError, UnicodeDecodeError) as error:
             failed[folder.name] = NotGraded.from_error(error)
     for key, (own, _) in measures.items():
-        measures[key] = own, pipeline.read_overrides(overrides, results, own, sources)
+        measures[key] = own, rubrics.read_overrides(overrides, results, own, sources)
     return measures, chosen, failed
 
 
@@ -199,7 +199,7 @@ def _judged(
 ) -> Iterator[tuple[str, Changes | NotGraded]]:
     """Judge each folder by its rubric, in any order."""
     works = {folder: partial(_judge, folder, measures[key], prepare) for folder, key in chosen.items()}
-    for folder, outcome in in_processes(works, pipeline.JUDGING_BOUND, jobs or _cores()):
+    for folder, outcome in in_processes(works, judgement.JUDGING_BOUND, jobs or _cores()):
         yield folder.name, NotGraded.from_error(outcome) if isinstance(outcome, Exception) else outcome
 
 
@@ -209,11 +209,8 @@ def _cores() -> int:
 
 def _judge(folder: Path, measure: Measure, prepare: bool) -> Changes:
     """Judge one folder; returns what changes."""
-    rubric, overrides = measure
-    recordings = open_recordings(folder / pipeline.RECORDINGS, rubric)
-    result = pipeline.judge_with_policy(recordings, rubric, overrides)
-    text = to_json(result)
+    new = judgement.judge_recordings(folder / RECORDINGS, *measure, page=prepare)
     if prepare:
-        page = pipeline.report_page(result, recordings, rubric)
-        replace_files({folder / (pipeline.REPORT_FILE + _NEW): page, folder / (pipeline.RESULT_FILE + _NEW): text})
-    return changes_between(result_of_text(text_of(folder / pipeline.RESULT_FILE)), read_result(json.loads(text)))
+        pages = {REPORT_FILE: new.page, RESULT_FILE: new.text}
+        replace_files({folder / (name + _NEW): text for name, text in pages.items()})
+    return changes_between(result_of_text(text_of(folder / RESULT_FILE)), read_result(json.loads(new.text)))

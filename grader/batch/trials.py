@@ -16,8 +16,9 @@ from grader.batch.supervised import Phase, grade_in_process
 from grader.errors import RecordingError
 from grader.intake import Handed
 from grader.live.isolation import Isolation
-from grader.pipeline import RESULT_FILE, Options
+from grader.pipeline import Options
 from grader.result import load_result
+from grader.result_folder import RESULT_FILE
 from grader.rubric import Rubric
 
 

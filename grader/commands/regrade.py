@@ -107,25 +107,25 @@ def run(arguments: Sequence[str], console: Console) -> int:
 
 
 def _regrade_one(folder: Path, options: argparse.Namespace, console: Console) -> Decimal:
-    from grader import pipeline
+    from grader import pipeline, result_folder, rubrics
     from grader.batch import audit
     from grader.report.changes import changes_table
     from grader.report.terminal import print_result
 
     results, name = folder.resolve().parent, folder.resolve().name
-    rubric, overrides = pipeline.judged_by(folder, options.rubric, options.overrides, trusted=options.trust_lab)
+    rubric, overrides = rubrics.judged_by(folder, options.rubric, options.overrides, trusted=options.trust_lab)
     ignored = uncounted_overrides(results, [made_from(folder)])
     if ignored is not None and options.overrides is None:
         console.print(Text(f"Note: {terminal_text(ignored)}", "yellow"), soft_wrap=True)
-    before = audit.text_of(folder / pipeline.RESULT_FILE)
+    before = audit.text_of(folder / result_folder.RESULT_FILE)
     result, files = pipeline.judged_files(folder, rubric, overrides)
-    after = files[folder / pipeline.RESULT_FILE] or ""
+    after = files[folder / result_folder.RESULT_FILE] or ""
     occasion = audit.Occasion(datetime.now(timezone.utc), "regrade", overrides.sha256)
     with uninterrupted():  # so that no result is replaced without being kept
         replace_files(files)
         changes = audit.note_replaced(results, name, before, after, occasion)
     print_result(console, result)
-    for remark in pipeline.lab_remarks(folder, rubric):
+    for remark in rubrics.lab_remarks(folder, rubric):
         console.print(Text(f"Note: {terminal_text(remark)}", "yellow"), soft_wrap=True)
     if changes.before is not None and changes.matters:
         console.print()
@@ -134,7 +134,7 @@ def _regrade_one(folder: Path, options: argparse.Namespace, console: Console) ->
 
 
 def _regrade_class(folder: Path, options: argparse.Namespace, console: Console) -> int:
-    from grader import pipeline
+    from grader import result_folder
     from grader.batch.audit import Occasion
     from grader.batch.rejudging import recorded_in, rejudge
     from grader.report.changes import CHANGES_FILE, changes_csv, print_changes
@@ -162,7 +162,7 @@ def _regrade_class(folder: Path, options: argparse.Namespace, console: Console) 
     written = "The results are written." if options.apply else "No result is written yet; --apply writes them."
     console.print(f"Judged in {took_s:.1f} s. {written if matter or options.apply else ''}".rstrip())
     console.print(f"Table: {folder / CHANGES_FILE}", soft_wrap=True, markup=False)
-    if options.apply and matter and (folder / pipeline.CLASS_PAGE).exists():
+    if options.apply and matter and (folder / result_folder.CLASS_PAGE).exists():
         console.print(
             f"The class page is of before; `grade report {folder}` makes it anew.", soft_wrap=True, markup=False
         )

@@ -11,9 +11,10 @@ from xml.etree import ElementTree
 import pytest
 
 from grader.cli import main
-from grader.pipeline import RECORDINGS, RESULT_FILE, RUBRIC_COPY, lab_folder
 from grader.replacing import UNFINISHED
 from grader.report.exports import EXPORTS
+from grader.result_folder import RECORDINGS, RESULT_FILE, RUBRIC_COPY
+from grader.rubrics import lab_folder
 from tests.report.exports.sample_results import VARIABLES, every_outcome
 
 ROOT = Path(__file__).resolve().parents[2]
