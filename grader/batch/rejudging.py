@@ -14,7 +14,7 @@ from pathlib import Path
 
 from grader import judgement, rubrics
 from grader.batch.audit import Occasion, note_replaced, text_of
-from grader.batch.order import NotGraded
+from grader.batch.order import problem_of
 from grader.bounded import in_processes
 from grader.cohort.changes import Changes, changes_between
 from grader.cohort.overrides import Overrides
@@ -63,7 +63,7 @@ class Rejudging:
 
     results: Path
     changes: Mapping[str, Changes]
-    failed: Mapping[str, NotGraded]
+    failed: Mapping[str, GraderError]
     overrides: Overrides
     rubrics: Mapping[str, Rubric]
 
@@ -163,12 +163,12 @@ def _discard(folders: Sequence[Path]) -> None:
 
 def _measures(
     results: Path, folders: Sequence[Path], rubric: Path | None, overrides: Path | None, *, trusted: bool
-) -> tuple[dict[str, Measure], dict[Path, str], dict[str, NotGraded]]:
+) -> tuple[dict[str, Measure], dict[Path, str], dict[str, GraderError]]:
     """Load each rubric once: all of them by their text, which one each folder is judged by, and which cannot be."""
     sources = [made_from(folder) for folder in folders]
     measures: dict[str, Measure] = {}
     chosen: dict[Path, str] = {}
-    failed: dict[str, NotGraded] = {}
+    failed: dict[str, GraderError] = {}
     if rubric is not None:
         whole = rubrics.chosen_rubric(folders, rubric)
         measures[""] = whole, rubrics.read_overrides(overrides, results, whole, sources)
@@ -177,7 +177,7 @@ def _measures(
                 rubrics.require_lab(folder, whole)
                 chosen[folder] = ""
             except UsageError as error:
-                failed[folder.name] = NotGraded.from_error(error)
+                failed[folder.name] = problem_of(error)
         return measures, chosen, failed
     for folder in folders:
         try:
@@ -188,7 +188,7 @@ def _measures(
                 measures[key] = rubrics.recorded_rubric(copy, trusted=trusted), Overrides()
             chosen[folder] = key
         except (GraderError, OSError, UnicodeDecodeError) as error:
-            failed[folder.name] = NotGraded.from_error(error)
+            failed[folder.name] = problem_of(error)
     for key, (own, _) in measures.items():
         measures[key] = own, rubrics.read_overrides(overrides, results, own, sources)
     return measures, chosen, failed
@@ -196,11 +196,11 @@ def _measures(
 
 def _judged(
     measures: Mapping[str, Measure], chosen: Mapping[Path, str], prepare: bool, jobs: int | None
-) -> Iterator[tuple[str, Changes | NotGraded]]:
+) -> Iterator[tuple[str, Changes | GraderError]]:
     """Judge each folder by its rubric, in any order."""
     works = {folder: partial(_judge, folder, measures[key], prepare) for folder, key in chosen.items()}
     for folder, outcome in in_processes(works, judgement.JUDGING_BOUND, jobs or _cores()):
-        yield folder.name, NotGraded.from_error(outcome) if isinstance(outcome, Exception) else outcome
+        yield folder.name, problem_of(outcome) if isinstance(outcome, Exception) else outcome
 
 
 def _cores() -> int:

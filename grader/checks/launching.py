@@ -419,7 +419,7 @@ def _why_down(context: Context, entry: Process, executable: str) -> _JudgedNode:
     if found.kind == "parameter-type" and entry.file:
         text = context.submission.texts.get(entry.file, "")
         spot = (Where(file=entry.file, line=parameter_line(text, entry.line, found.subject)),)
-        hint, in_the_node = _type_hint(found.sentence, found.subject)
+        hint, in_the_node = _type_hint(found.message, found.subject)
         spot = (Where(file=found.file, line=found.line),) if in_the_node and found.file else spot
     return _JudgedNode(0.0, f"{executable} ended with status {run.exit_status}: {told(found)}", hint=hint, where=spot)
 
@@ -436,17 +436,17 @@ def _declares_another_type(context: Context, entry: Process, charged_by: str) ->
     found = explain(run.output, [f.path for f in context.submission.files]) if run is not None else None
     if found is None or found.kind != "parameter-type":
         return False
-    return takes_points(context.findings.get(charged_by)) and _type_hint(found.sentence, found.subject)[1]
+    return takes_points(context.findings.get(charged_by)) and _type_hint(found.message, found.subject)[1]
 
 
-_TYPES = re.compile(r"of type (\w+), but it is declared as (\w+)")
+_TYPES = re.compile(r"of type '(\w+)', expecting type '(\w+)'")
 _PYTHON_TYPES = {"bool": "bool", "double": "float", "integer": "int"}
 
 
-def _type_hint(sentence: str, name: str) -> tuple[str, bool]:
-    """Say how to mend a parameter given in another type than declared, and whether that is to be done in the node."""
-    match = _TYPES.search(sentence)
-    given, declared = match.groups() if match is not None else ("", "")
+def _type_hint(message: str, name: str) -> tuple[str, bool]:
+    """Say how to fix a parameter given in another type than declared, and whether that is to be done in the node."""
+    match = _TYPES.search(message)
+    given, declared = match[0].lower().split("'")[1::2] if match is not None else ("", "")
     if (given, declared) == ("double", "integer"):
         return f"Declare {name} with a float, as 100.0: one declared with an integer takes no 100.0.", True
     if given == "string":

@@ -258,8 +258,13 @@ def reported_series(context: Context, p: ReportedSeries) -> Finding:
     if seen.right < len(spans) and (other := _other_series(context, p, heard)) is not None:
         example = _first_wrong(context, seen)
         return other.finding(context, expected, measured, seen.right / len(spans), example=example, where=where)
-    if seen.silent and seen.right + seen.silent == len(spans) and (late := _starved(context, p)):
-        return inconclusive(expected, measured, late, where=(spot,))
+    held_up = sum(_is_held_up(context, p, span) for span in spans[len(spans) - seen.silent :])
+    if held_up and seen.right + seen.silent == len(spans):
+        best = (seen.right + held_up) / len(spans)
+        reason = _first_wrong(context, seen)
+        return measured_share(
+            seen.right / len(spans), best, expected, measured, reason, _late(context, p), steps=len(spans), where=where
+        )
     if seen.right == len(spans) and (smoothed := _smoothed(context, p, heard, spans)):
         hint = "Report the error of each message by itself, without those before it."
         return graded(p.smoothed_credit, expected, measured, smoothed, hint=hint, where=where)
@@ -662,6 +667,18 @@ def _starved(context: Context, p: Streams) -> str:
         return ""
     delay_s, length_s = _delay_s(context, p)
     return _late(context, p) if delay_s >= _STARVED_SHARE * length_s else ""
+
+
+#: Share of a span without a report for which the machine kept the node from a core, if it is to blame for all of that.
+_HELD_UP_SHARE = 0.5
+
+
+def _is_held_up(context: Context, p: Streams, span: Mapping[str, Any]) -> bool:
+    """Whether the machine may have kept the node from all reports within a span; one that ended did not wait."""
+    if _ended_ns(context, p.artifact) is not None:
+        return False
+    whole, run = Span(span["start_ns"], span["end_ns"]), context.session.processes_of(p.artifact)[-1]
+    return context.session.machine_delay_s(run, whole) >= _HELD_UP_SHARE * whole.duration_s
 
 
 #: So long the grader may stand still without reading a report at another value than that for which it was printed.

@@ -50,21 +50,6 @@ _LOREM = frozenset(
 )
 
 
-def decode(data: bytes) -> str:
-    """Text of a file, whatever editor wrote it: UTF-8 and UTF-16 with or without mark, else Latin-1.
-
-    Line ends become a line feed.
-    """
-    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
-        text = data.decode("utf-16", errors="replace")
-    else:
-        try:
-            text = data.decode("utf-8-sig")
-        except UnicodeDecodeError:
-            text = data.decode("latin-1")
-    return text.replace("\r\n", "\n").replace("\r", "\n")
-
-
 def fold(text: str) -> str:
     """Lower case without accents, for comparisons; dotless and dotted i are the same letter.
 

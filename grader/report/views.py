@@ -88,7 +88,7 @@ class Share:
     badge: Badge
 
 
-def share_of(earned: Decimal, possible: Decimal, undecided: Decimal) -> Share:
+def share_of(earned: Decimal, possible: Decimal, undecided: Decimal = Decimal(0)) -> Share:
     """Describe points; the badge is that of the whole."""
     lost = possible - earned - undecided
     whole = possible or Decimal(1)

@@ -284,6 +284,28 @@ def test_whose_doing_the_end_of_the_recorder_is(tmp_path: Path, facts: dict[str,
     assert kinds(made) == [ViolationKind.ENDS_REFERENCE] * found
 
 
+@pytest.mark.parametrize(
+    ("problem", "attempt", "recorder_s", "found"),
+    [
+        ("the session took longer than 90 s and was stopped", 3, 0.0, 1),
+        ("recording stopped early: KeyError: 7", 2, 0.0, 1),
+        ("the reference node arm did not get ready", 1, 0.0, 0),
+        ("the recorder died: KeyError: 'seed'", 2, 9.0, 0),
+    ],
+)
+def test_trouble_that_comes_again_is_named(
+    tmp_path: Path, problem: str, attempt: int, recorder_s: float, found: int
+) -> None:
+    """Whatever it is, on a machine that is not busy, a person is told of it; it fails nothing by itself."""
+    made = session(tmp_path, attempt=attempt).process("joint_publisher").delayed("director", recorder_s, 20.0)
+    made.record.problems.append(problem)
+    touched = taken(made)
+    assert [(t.violation.kind, t.violation.certain) for t in touched] == [
+        (ViolationKind.DISTURBS_RECORDING, False)
+    ] * found
+    assert [t.violation.evidence for t in touched] == [(problem,)] * found
+
+
 # -- what was published and not recorded -----------------------------------------------------------
 
 
