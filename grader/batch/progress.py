@@ -17,7 +17,7 @@ from grader.batch.order import Phase, Row
 from grader.errors import GraderError
 from grader.report.in_place import InPlace
 from grader.report.plain import terminal_text
-from grader.report.terminal import points_text
+from grader.report.views import points
 from grader.result import Result
 
 _NAME_WIDTH = 40
@@ -120,12 +120,12 @@ def _line(row: Row) -> Text:
     if isinstance(row.ending, GraderError):
         return Text(f"✗ {name}: not graded: {_problem(row.ending, row.handed.name)}", "red")
     score = row.ending.score
-    undecided = f", {points_text(score.undecided)} undecided" if score.undecided else ""
+    undecided = f", {points(score.undecided)} undecided" if score.undecided else ""
     return Text(f"✓ {name}: {_points(row.ending)}{undecided} ({row.took_s:.0f} s)")
 
 
 def _points(result: Result) -> str:
-    return f"{points_text(result.final)} / {points_text(result.score.possible)}"
+    return f"{points(result.final)} / {points(result.score.possible)}"
 
 
 def _problem(ending: GraderError, name: str) -> str:
@@ -143,7 +143,7 @@ def print_class(console: Console, rows: Sequence[Row]) -> None:
         name = Text(terminal_text(row.handed.name, _NAME_WIDTH))
         if isinstance(row.ending, Result):
             undecided = row.ending.score.undecided
-            table.add_row(name, _points(row.ending), Text(points_text(undecided) if undecided else "", "magenta"))
+            table.add_row(name, _points(row.ending), Text(points(undecided) if undecided else "", "magenta"))
         else:
             table.add_row(name, Text("not graded", "red"), "")
     console.print(table)

@@ -23,7 +23,7 @@ from grader.intake import Handed
 from grader.live.isolation import Isolation
 from grader.pipeline import Options
 from grader.report.plain import terminal_text
-from grader.report.terminal import points_text
+from grader.report.views import points
 from grader.rubric import Rubric
 
 _STYLES = {"✓": "green", "?": "magenta"}
@@ -56,7 +56,7 @@ class FixtureRun:
         """Its points in words."""
         if not self.possible:
             return "not graded" if self.sign in "!✗" else ""
-        return f"{points_text(self.earned)} / {points_text(self.possible)}"
+        return f"{points(self.earned)} / {points(self.possible)}"
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from pydantic import Field
 
 from grader import references as ref
 from grader.checks.finding import Context, apart, failed, graded, inconclusive, percent
+from grader.evidence.lexicon import one_of
 from grader.evidence.markup import Document, read_markdown
 from grader.evidence.prose import (
     TopicWords,
@@ -26,11 +27,7 @@ from grader.references import Parameters, Pattern, Share
 from grader.result import Finding, Where
 
 #: What a README is called in other languages.
-_README = re.compile(
-    r"(?:read[_ -]?me|liesmich|lies[_ -]?mich|lisez[_ -]?moi|l[eé]ame|leeme|leiame|leia[_ -]?me|leggimi|leesmij|läsmig|"
-    r"les[_ -]?meg|czytaj|čtimě|beni[_ -]?oku|прочти|прочитай|说明|说明书|自述|読んで|お読み|읽어보|اقرأ)",
-    re.IGNORECASE,
-)
+_README = re.compile(one_of("readme_names"), re.IGNORECASE)
 _WRITTEN = (".md", ".markdown", ".rst", ".txt", ".adoc", ".org", "")
 #: Texts that are there for programs.
 _FOR_PROGRAMS = ("requirements", "cmakelists", "constraints", "license", "licence", "copying", "manifest", "top_level")

@@ -50,7 +50,7 @@ class Mistake:
     pattern : str
         What went wrong; where the students' reasons differ in numbers, their span, else some of the names.
     hint : str
-        How to mend it: the sentence for the next lecture.
+        How to fix it: what students were told.
     lost, following : Decimal
         Points over all of these students, as in `Made`.
     made_by : tuple of Made

@@ -15,7 +15,7 @@ from rich.text import Text
 from grader.cohort.changes import Change, Changes
 from grader.report.grades_csv import BYTE_ORDER_MARK, csv_cell
 from grader.report.plain import terminal_text
-from grader.report.terminal import points_text
+from grader.report.views import points
 from grader.result import Outcome
 
 CHANGES_FILE = "changes.csv"
@@ -56,7 +56,7 @@ def changes_csv(changes: Iterable[Changes]) -> str:
 
 def _rows(changes: Changes) -> Iterable[Sequence[str | int | Decimal]]:
     name = csv_cell(changes.submission)
-    undecided = [points_text(changes.undecided_before), points_text(changes.undecided_after)]
+    undecided = [points(changes.undecided_before), points(changes.undecided_after)]
     yield [name, "total", "", "", "", "", *_numbers(changes.before, changes.after), *undecided]
     for part in changes.parts:
         outcomes = [_word(part.outcome_before), _word(part.outcome_after)]
@@ -66,7 +66,7 @@ def _rows(changes: Changes) -> Iterable[Sequence[str | int | Decimal]]:
 
 def _numbers(before: Decimal | None, after: Decimal | None) -> list[str]:
     difference = (after or Decimal(0)) - (before or Decimal(0))
-    return [points_text(p) if p is not None else "" for p in (before, after)] + [points_text(difference)]
+    return [points(p) if p is not None else "" for p in (before, after)] + [points(difference)]
 
 
 def _word(outcome: Outcome | None) -> str:
@@ -90,7 +90,7 @@ def print_changes(console: Console, changes: Mapping[str, Changes]) -> None:
     kept = len(changes) - len(found)
     among = f"{len(found)} of {_counted(len(changes), 'submission')}"
     for (before, after), number in _totals(found.values()).items():
-        out_of = f"{points_text(after)} points, before of {points_text(before)}"
+        out_of = f"{points(after)} points, before of {points(before)}"
         console.print(f"{_counted(number, 'submission')}: of {out_of}; a difference can come from that alone.")
     rest = "1 keeps its own" if kept == 1 else f"{kept} keep theirs"
     console.print(f"Points or outcomes change for {among}{_words(changes)}; {rest}.")
@@ -136,14 +136,14 @@ def _add_submission(table: Table, name: str, changes: Changes) -> None:
 
 
 def _step(before: Decimal | None, after: Decimal | None) -> str:
-    was, is_ = (points_text(p) if p is not None else "none" for p in (before, after))
+    was, is_ = (points(p) if p is not None else "none" for p in (before, after))
     return f"{was} → {is_}" if was != is_ else was
 
 
 def _signed(difference: Decimal) -> Text:
     if not difference:
         return Text("")
-    return Text(f"{'+' if difference > 0 else '−'}{points_text(abs(difference))}", "green" if difference > 0 else "red")
+    return Text(f"{'+' if difference > 0 else '−'}{points(abs(difference))}", "green" if difference > 0 else "red")
 
 
 def _print_summary(console: Console, changes: Sequence[Changes]) -> None:

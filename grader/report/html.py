@@ -8,10 +8,9 @@ from dataclasses import dataclass
 from grader.evidence.figures import Figure
 from grader.recording.session import SessionRecord
 from grader.recording.submission import SubmissionRecord
-from grader.report import charts, views
+from grader.report import charts, views, violations
 from grader.report.charts import Chart
 from grader.report.page import render_page
-from grader.report.violations import EXPLANATION, HEADING, violation_views
 from grader.result import Outcome, Result
 
 
@@ -67,14 +66,17 @@ def render(
         judged=views.points(result.score.earned),
         adjustments=views.adjustments_of(result),
         recorded=views.recorded_at(result, sessions),
-        mends=views.mends_of(result, (Outcome.FAILED, Outcome.PARTIAL)),
-        unreached=views.mends_of(result, (Outcome.NOT_REACHED,)),
-        criteria=[views.criterion_view(c, submission.texts, anchors) for c in result.criteria],
+        lost=views.lost_by(result, (Outcome.FAILED, Outcome.PARTIAL)),
+        unreached=views.lost_by(result, (Outcome.NOT_REACHED,)),
         pictures=pictures,
-        sessions=[views.session_view(name, record) for name, record in sessions.items()],
+        sessions=sessions,
         isolations=views.isolations_of(sessions),
         versions=views.versions_of(result),
-        handed_in=views.handed_in(submission),
         submission=submission,
-        touched=(HEADING, EXPLANATION, violation_views(result, anchors)),
+        views=views,
+        places={c.id: views.places_of(c, submission.texts, anchors) for part in result.criteria for c in part.checks},
+        violation_words=violations,
+        violations=[
+            (v, views.place_of(v.where, {}, anchors), violations.titles_of(v, result)) for v in result.violations
+        ],
     )
