@@ -17,10 +17,10 @@ from grader.cohort.overrides import Overrides
 from grader.desk import made_from
 from grader.errors import UsageError, described
 from grader.exporting import ExportTarget
+from grader.files import UNFINISHED, beside, replace_files
 from grader.intake import Handed, Intake, taken_in
 from grader.judgement import Judgement, judge_bounded
 from grader.recording.submission import SubmissionRecord, write_submission
-from grader.replacing import UNFINISHED, beside, replace_files
 from grader.result import CheckResult, Result
 from grader.result_folder import RECORDINGS, REPORT_FILE, RESULT_FILE, RUBRIC_COPY
 from grader.rubric import Rubric
@@ -291,17 +291,9 @@ def judge_results(results: Path, rubric: Rubric, overrides: Overrides | None = N
     BoundError
         If judging takes more time or memory than it may.
     """
-    result, files = judged_files(results, rubric, overrides)
-    replace_files(files)
-    return result
-
-
-def judged_files(
-    results: Path, rubric: Rubric, overrides: Overrides | None = None
-) -> tuple[Result, dict[Path, str | None]]:
-    """Do as `judge_results`, but hand out what is to be written, by its place."""
     judgement = judge_bounded(results / RECORDINGS, rubric, overrides or Overrides())
-    return judgement.result, _files_of(judgement, results, rubric)
+    replace_files(_files_of(judgement, results, rubric))
+    return judgement.result
 
 
 def _files_of(judgement: Judgement, results: Path, rubric: Rubric) -> dict[Path, str | None]:

@@ -16,7 +16,7 @@ from grader import kept_lab
 from grader.checks import PARAMETERS_OF
 from grader.cohort.entries import ClassEntry
 from grader.cohort.overrides import OVERRIDES_FILE, Overrides, load_overrides
-from grader.desk import lies_within, made_from
+from grader.desk import lies_within
 from grader.errors import RecordingError, RubricError, UsageError
 from grader.evidence.figures import FIGURES
 from grader.result_folder import RECORDINGS, RUBRIC_COPY
@@ -138,41 +138,6 @@ def read_overrides(path: Path | None, results: Path, rubric: Rubric, sources: It
             )
         return Overrides()
     return load_overrides(path or beside, rubric)
-
-
-def judged_by(
-    results: Path,
-    rubric_path: Path | None = None,
-    overrides_path: Path | None = None,
-    *,
-    trusted: bool = False,
-) -> tuple[Rubric, Overrides]:
-    """Load what a results folder is judged by again.
-
-    Parameters
-    ----------
-    rubric_path : Path, optional
-        By default the rubric by which it was judged last.
-    overrides_path : Path, optional
-        By default `overrides.yaml` beside the results folder, if there is one.
-    trusted : bool
-        Whether files of the lab that came with the recordings may be executed though they are not known here.
-
-    Raises
-    ------
-    RecordingError
-        If it is no results folder, or what came with it may not be executed.
-    RubricError
-        With all mistakes of the rubric, or of the overrides.
-    UsageError
-        If the rubric is of another lab.
-    """
-    if rubric_path is None:
-        rubric = recorded_rubric(rubric_copy(results), trusted=trusted)
-    else:
-        rubric = chosen_rubric([results], rubric_path)
-        require_lab(results, rubric)
-    return rubric, read_overrides(overrides_path, results.resolve().parent, rubric, [made_from(results)])
 
 
 def chosen_rubric(folders: Sequence[Path], path: Path) -> Rubric:

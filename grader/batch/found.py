@@ -162,8 +162,8 @@ def find_submissions(
     finding = _Finding(rubric)
     for path in paths:
         finding.look_at(path, shape)
-    handed = _uniquely_named(finding.submissions)
-    finding.understood += _marked(finding.submissions, handed)
+    handed, marked = _uniquely_named(finding.submissions)
+    finding.understood += marked
     missing: tuple[str, ...] = ()
     if class_list is not None:
         plain = {_origin(one): one.name for one in finding.submissions}
@@ -521,26 +521,23 @@ def _origin(handed: Handed) -> str:
     return "\n".join(f"{os.path.realpath(piece.path)}\n{piece.member}" for piece in handed.pieces)
 
 
-def _uniquely_named(submissions: Sequence[Handed]) -> list[Handed]:
-    """Drop what was given twice, and tell those of the same name apart, and from what else lies among results."""
+def _uniquely_named(submissions: Sequence[Handed]) -> tuple[list[Handed], list[str]]:
+    """Drop what was given twice, and tell those of the same name apart, and from what else lies among results.
+
+    Returns the submissions, and for a person which of them got a mark.
+    """
     distinct = list({(_origin(handed), handed.name): handed for handed in reversed(submissions)}.values())[::-1]
     names = Counter(handed.name.casefold() for handed in distinct)
-    unfit = {name for name, count in names.items() if count > 1} | TAKEN_NAMES
-    return [
-        replace(handed, name=f"{handed.name}-{_mark(_origin(handed))}") if handed.name.casefold() in unfit else handed
-        for handed in distinct
-    ]
-
-
-def _marked(before: Sequence[Handed], after: Sequence[Handed]) -> list[str]:
-    """Say which submissions got a mark, so that a person can tell results of the same name apart."""
-    plain = {_origin(handed): handed.name for handed in before}
-    return [
-        f"{handed.where}: called {handed.name}, since there is another {plain[_origin(handed)]}"
-        f"{' among results' if plain[_origin(handed)].casefold() in TAKEN_NAMES else ''}"
-        for handed in after
-        if plain[_origin(handed)] != handed.name
-    ]
+    named, remarks = [], []
+    for handed in distinct:
+        plain = handed.name
+        among_results = plain.casefold() in TAKEN_NAMES
+        if among_results or names[plain.casefold()] > 1:
+            handed = replace(handed, name=f"{plain}-{_mark(_origin(handed))}")
+            others = " among results" if among_results else ""
+            remarks.append(f"{handed.where}: called {handed.name}, since there is another {plain}{others}")
+        named.append(handed)
+    return named, remarks
 
 
 def _with_class_list(

@@ -25,8 +25,6 @@ class Order:
     ----------
     handed : Handed or Intake
         The submission; already taken in if another machine did that.
-    results : Path
-        Folder of its results.
     isolation : Isolation or None
         How students' code is confined on this machine; not needed to judge.
     submitted_at : str or None

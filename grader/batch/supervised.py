@@ -23,14 +23,6 @@ from grader.batch.order import Ending, Order, Phase, problem_of
 from grader.errors import GraderError
 from grader.live.scratch import remove_leavings, scratch_prefix
 
-#: The most that reading, or judging, a submission may take.
-_WORK_LIMIT_S = 120.0
-#: What a session may take beyond its time, until its process has ended it by itself.
-_CELL_GRACE_S = 60.0
-#: How long a submission may keep all others from the machine; after that it is recorded again beside them.
-_ALONE_LIMIT_S = 60.0
-#: How long the process may be without a turn and without asking for one.
-_IDLE_LIMIT_S = 60.0
 #: How long it may take to end when it is asked to.
 _END_S = 15.0
 #: The last line holds the whole result.
@@ -39,24 +31,16 @@ _MOST_LINE_BYTES = 64 * 1024 * 1024
 
 @dataclass(frozen=True)
 class Limits:
-    """How long things may take before the process is ended.
+    """How long things may take, in seconds, before the process is ended."""
 
-    Attributes
-    ----------
-    work_s : float
-        For reading, or judging, a submission.
-    cell_grace_s : float
-        For a session, beyond its own limit.
-    idle_s : float
-        Without a turn and without asking for one.
-    alone_s : float
-        In turns for which it has the machine for itself. After these it is not ended, but gets no more such turns.
-    """
-
-    work_s: float = _WORK_LIMIT_S
-    cell_grace_s: float = _CELL_GRACE_S
-    idle_s: float = _IDLE_LIMIT_S
-    alone_s: float = _ALONE_LIMIT_S
+    #: For reading, or judging, a submission.
+    work_s: float = 120.0
+    #: For a session beyond its own limit, until its process has ended it by itself.
+    cell_grace_s: float = 60.0
+    #: Without a turn and without asking for one.
+    idle_s: float = 60.0
+    #: In turns for which it has the machine for itself. After these it is not ended, but recorded beside the others.
+    alone_s: float = 60.0
 
 
 async def grade_in_process(

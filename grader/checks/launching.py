@@ -19,17 +19,16 @@ from grader.checks.finding import (
     graded,
     in_steps,
     inconclusive,
-    missing_artifact,
     not_reached,
     passed,
     takes_points,
     told,
 )
-from grader.evidence.chance import clock_was_set, is_believed
+from grader.evidence.chance import is_believed
 from grader.evidence.diagnosis import explain
 from grader.evidence.elsewhere import is_newer_python, missing_here
 from grader.evidence.launch_source import parameter_line
-from grader.evidence.recorded import Recorded
+from grader.evidence.recorded import Recorded, clock_step_s
 from grader.evidence.timing import Timing, timing_of
 from grader.recording.plan import MalformedPlanError, Plan, Problem, Process
 from grader.recording.session import ProcessRun
@@ -65,8 +64,6 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
     A misnamed executable or an undeclared argument is charged by the checks of nodes and of arguments.
     """
     expected = "a launch description without an error"
-    if (missing := missing_artifact(context, p.artifact, expected)) is not None:
-        return missing
     plan = plan_of(context, p.step)
     if plan is None:
         return inconclusive(expected, "not evaluated", "The recording does not hold an evaluation of the launch file.")
@@ -684,7 +681,8 @@ def _commands_come(context: Context, p: TogetherCommands) -> tuple[float, str, s
 
 def _timing_alone(alone: Recorded | None, p: TogetherCommands) -> Timing | None:
     """Measure the commands of the session in which they come alone; None where its clock was set meanwhile."""
-    if alone is None or clock_was_set(alone, span := alone.window(p.window)):
+    span = alone.window(p.window) if alone is not None else None
+    if alone is None or (span is not None and clock_step_s(alone.record, span)):
         return None
     return timing_of(alone.stream(p.topic), span)
 

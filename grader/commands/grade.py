@@ -138,7 +138,7 @@ def _add_class(parser: argparse.ArgumentParser) -> None:
 def run(arguments: Sequence[str], console: Console, epilog: str = "") -> int:
     """Grade the submissions; returns the exit status."""
     from grader import pipeline, rubrics
-    from grader.batch.rejudging import recorded_in
+    from grader.batch.regrade import recorded_in
     from grader.commands.meant import require_submissions
     from grader.live.scratch import remove_leavings
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from grader.replacing import replace_file
+from grader.files import replace_file
 from grader.result_folder import (
     ANONYMOUS_GRADES_FILE,
     ANONYMOUS_PAGE,

@@ -234,16 +234,18 @@ class _Census:
 
         Whose doing it is, only a person can tell: until then it is undecided.
         """
-        span = Span(self.record.started_ns, self.record.ended_ns)
-        alone = all(run.role != "student" for run in self.record.processes)
+        whole = self.record.complete
+        problems = self.record.problems[:_MOST_NAMED] if whole else ["the recording was cut off"]
+        # Of a session that was cut off only its start is known.
+        span = Span(self.record.started_ns, self.record.ended_ns if whole else self.record.started_ns)
+        alone = whole and all(run.role != "student" for run in self.record.processes)
         once = self.record.times_recorded < _REPEATED
-        if not self.record.problems or alone or once or self._machine_was_late(span):
+        if not problems or alone or once or self._machine_was_late(span):
             return
         text = (
             f"In {self.record.times_recorded} recordings the experiment could not be carried out in order while "
             "programs of the submission were running, and the machine was not busy."
         )
-        problems = self.record.problems[:_MOST_NAMED]
         yield Touched(self.violation(ViolationKind.DISTURBS_RECORDING, text, problems, span, certain=False))
 
     def _disturbed(

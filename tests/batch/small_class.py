@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from grader.batch.journal import JOURNAL_FILE
-from grader.replacing import UNFINISHED
+from grader.files import UNFINISHED
 from grader.result_folder import RECORDINGS, RESULT_FILE
 from tests.live.small_lab import TALKER, TEXT, below, command_of, make_lab, published
 

@@ -137,7 +137,7 @@ def test_a_misspelt_topic_and_a_wrong_type_are_told(tmp_path: Path) -> None:
     session = subscribed(tmp_path, state="/state", topic_type="std_msgs/msg/String").called(f"{STATE}=/state")
     finding = judged("topics_subscribed", SUBSCRIBED, session)
     assert finding.credit == Decimal("0.5")
-    assert "/state, not on /states" in finding.reason
+    assert "/state, not /states" in finding.reason
 
 
 def test_a_topic_in_the_namespace_of_its_node_is_told(tmp_path: Path) -> None:

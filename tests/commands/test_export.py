@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import pytest
 
 from grader.cli import main
-from grader.replacing import UNFINISHED
+from grader.files import UNFINISHED
 from grader.report.exports import EXPORTS
 from grader.result_folder import RECORDINGS, RESULT_FILE, RUBRIC_COPY
 from grader.rubrics import lab_folder

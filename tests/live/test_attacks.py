@@ -452,4 +452,5 @@ def test_attacks_leave_the_machine_and_their_neighbour_as_they_were(
     lost = [f"{c['id']}: {c['reason']}" for c in checks if c["earned"] + c["undecided"] < c["possible"]]
     assert not lost, "\n".join(lost)
     assert result["score"]["earned"] > 0
+    assert result.get("violations", []) == []
     assert set(outcomes(result, batch.sessions).values()) <= {"passed", "inconclusive"}
