@@ -34,7 +34,7 @@ _TASKS: Mapping[Need, tuple[str, str, Badge]] = {
     ),
     Need.VIOLATION: (
         "Interfered with the grader",
-        "The recording shows that something of the grader’s own was touched, such as its nodes, topics or records. "
+        "The recording shows that something interfered with the grader’s nodes, topics or records. "
         "That can have an honest cause: a person judges.",
         Badge("failed", "!", "interfered with the grader"),
     ),

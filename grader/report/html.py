@@ -3,33 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 from grader.evidence.figures import Figure
 from grader.recording.session import SessionRecord
 from grader.recording.submission import SubmissionRecord
 from grader.report import charts, views, violations
-from grader.report.charts import Chart
 from grader.report.page import render_page
 from grader.result import Outcome, Result
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A figure with its chart, where it is one for drawing."""
-
-    figure: Figure
-    chart: Chart | None
-
-    @property
-    def kind(self) -> str:
-        """What the template calls it."""
-        return type(self.figure).__name__
-
-    @property
-    def half(self) -> bool:
-        """Whether it takes half the page's width."""
-        return self.chart is not None and self.chart.half
 
 
 def render(
@@ -52,7 +32,7 @@ def render(
     anchors = views.anchors_of(sessions)
     pictures = {
         name: [
-            Picture(figure, charts.chart_of(figure, f"{views.anchor('figure', name)}-{n}"))
+            (type(figure).__name__, figure, charts.chart_of(figure, f"{views.anchor('figure', name)}-{n}"))
             for n, figure in enumerate(listed)
         ]
         for name, listed in figures.items()

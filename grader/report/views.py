@@ -77,12 +77,11 @@ def badge_of(outcome: Outcome) -> Badge:
 
 @dataclass(frozen=True)
 class Share:
-    """Earned, undecided and lost points, and the first two as parts of 100 for a bar."""
+    """Earned and undecided points, and both as parts of 100 for a bar."""
 
     earned: str
     possible: str
     undecided: str
-    lost: str
     earned_part: str
     undecided_part: str
     badge: Badge
@@ -90,13 +89,11 @@ class Share:
 
 def share_of(earned: Decimal, possible: Decimal, undecided: Decimal = Decimal(0)) -> Share:
     """Describe points; the badge is that of the whole."""
-    lost = possible - earned - undecided
     whole = possible or Decimal(1)
     return Share(
         points(earned),
         points(possible),
         points(undecided) if undecided else "",
-        points(lost) if lost > 0 else "",
         f"{100 * earned / whole:.2f}",
         f"{100 * undecided / whole:.2f}",
         badge_of(outcome_of_points(earned, possible, undecided)),

@@ -1,10 +1,10 @@
-"""What the report and the terminal say of the grader's own nodes and topics that were touched."""
+"""What the report and the terminal say of what interfered with the grader's own nodes and topics."""
 
 from __future__ import annotations
 
 from grader.result import Result, Violation
 
-HEADING = "For the instructor: the grader's own nodes or topics were touched"
+HEADING = "For the instructor: something interfered with the grader's nodes or topics"
 EXPLANATION = (
     "Seen in the recordings. Each can have an honest cause, such as a wrong topic name or a simulator of one's own. "
     "It costs no points by itself: only checks that could not be measured because of it fail, and these are named here."
