@@ -7,6 +7,7 @@ import json
 import shutil
 import subprocess
 import sys
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -56,6 +57,7 @@ def test_regrading_twice_gives_equal_bytes(results: Path) -> None:
 
 WITHOUT_ROS = """
 import sys
+from collections.abc import Sequence
 
 class Missing:
     def find_spec(self, name, path=None, target=None):
@@ -191,3 +193,21 @@ def test_a_recording_that_leaves_more_undecided_does_not_take_the_place_of_anoth
     assert read_session(recordings / "publisher").attempt == kept
     assert read_session(recordings / "publisher").times_recorded == 2
     assert not list(retry.iterdir())
+
+
+def test_a_session_is_recorded_again_until_its_checks_are_decided(results: Path, rubric: Rubric) -> None:
+    """The first retry that decides them counts; what it replaced is gone, and no session is recorded once more."""
+    recordings, sound = results / result_folder.RECORDINGS, results / "sound"
+    shutil.copytree(recordings / "publisher", sound)
+    write_session(recordings / "publisher", dataclasses.replace(read_session(sound), complete=False))
+    asked = []
+
+    def record(sessions: Sequence[str], folder: Path, attempt: int, disturbed: frozenset[str]) -> None:
+        asked.append((list(sessions), attempt))
+        shutil.copytree(sound, folder / "publisher")
+
+    judged = partial(judgement.judge_bounded, recordings, rubric, Overrides())
+    result = attempts.retry_undecided(recordings, list(rubric.sessions), record, judged).result
+    assert asked == [(["publisher"], 2)]
+    assert (result.score.earned, result.score.undecided) == (100, 0)
+    assert sorted(path.name for path in results.iterdir()) == [result_folder.RECORDINGS, "sound"]
