@@ -29,7 +29,7 @@ from grader.submission import read_submission
 from grader.timings import Stopwatch
 
 if TYPE_CHECKING:
-    from grader.live.turns import Shared
+    from grader.live.cells import Shared
 
 #: What a grading makes, the file that says that it is whole last.
 _PARTS = (RUBRIC_COPY, kept_lab.KEPT, RECORDINGS, REPORT_FILE, RESULT_FILE)
