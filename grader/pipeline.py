@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -30,7 +31,7 @@ from grader.cohort.overrides import OVERRIDES_FILE, Overrides, load_overrides, m
 from grader.desk import lies_within, made_from
 from grader.errors import PlatformError, RecordingError, RubricError, UsageError, described
 from grader.exporting import ExportTarget
-from grader.intake import Handed, Intake, taken_in
+from grader.intake import Handed, Intake, confined, taken_in
 from grader.judging import Recordings, judge, open_recordings
 from grader.patterns import patterns_bounded
 from grader.recording.session import read_session, write_session
@@ -64,6 +65,8 @@ RETRIES = 2
 #: What judging one submission may take. The solution takes 0.25 s and 0.1 GiB on a core of today; more than a hundred
 #: times that is no fair wait. In a class, a piece of work is given up after 120 s in any case (`batch.supervised`).
 JUDGING_BOUND = Bound(what="judging the submission", cpu_s=30.0, wall_s=100.0, memory_bytes=2 * 1024**3)
+#: What each step of reading and staging a submission may take, which takes the solution 0.02 s.
+_READING_BOUND = Bound(what="reading the submission", cpu_s=20.0, wall_s=100.0, memory_bytes=1024**3)
 
 
 @dataclass(frozen=True)
@@ -328,7 +331,7 @@ def grade(
     with ExitStack() as stack:
         with watch.stage("taking the submission in"):
             intake = stack.enter_context(taking)
-            submission = read_submission(intake, rubric)
+            submission = confined(partial(read_submission, intake, rubric), intake.where, _READING_BOUND)
         submission.sessions = list(options.sessions) if options.sessions is not None else None
         with LiveExports(options.exports, results, options.path_prefix) as exports:
             follow = exports.follow(on_progress)
@@ -369,8 +372,8 @@ def _keep_recorded(new: Path) -> bool:
         return False
     for aside in recordings.glob(f".*{_EARLIER}"):
         _put_back(recordings, aside.name[1 : -len(_EARLIER)])
-    for partial in recordings.glob(f".*{_PARTIAL}"):
-        shutil.rmtree(partial, ignore_errors=True)
+    for copy in recordings.glob(f".*{_PARTIAL}"):
+        shutil.rmtree(copy, ignore_errors=True)
     return True
 
 
@@ -424,11 +427,13 @@ def record(
         for name in options.sessions if options.sessions is not None else rubric.sessions:
             if name not in chosen:
                 on_progress(Progress(name, "left out, since its file is missing", ended=True))
-        submission.absent_modules = absent_modules(options.interpreter, modules_to_look_for(submission))
+        wanted = confined(partial(modules_to_look_for, submission), submission.source, _READING_BOUND)
+        submission.absent_modules = absent_modules(options.interpreter, wanted)
         _start_afresh(recordings, submission, rubric)
         with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as scratch:
             with _work(shared, watch)("staging"):
-                workspace = stage(folder, submission, rubric, Path(scratch), str(options.interpreter))
+                staging = partial(stage, folder, submission, rubric, Path(scratch), str(options.interpreter))
+                workspace = confined(staging, submission.source, _READING_BOUND)
             sessions = Sessions(
                 rubric,
                 submission,
@@ -511,9 +516,9 @@ def set_aside(recordings: Path, sessions: Sequence[str]) -> None:
     """Keep recordings of sessions that are made again, beside those that take their places."""
     for session in (name for name in sessions if (recordings / name).is_dir()):
         _forget(recordings, session)
-        partial = _aside(recordings, session, _PARTIAL)
-        shutil.copytree(recordings / session, partial)
-        partial.rename(_aside(recordings, session))
+        copy = _aside(recordings, session, _PARTIAL)
+        shutil.copytree(recordings / session, copy)
+        copy.rename(_aside(recordings, session))
 
 
 def _put_back(recordings: Path, session: str) -> None:
@@ -523,11 +528,11 @@ def _put_back(recordings: Path, session: str) -> None:
 
 def _forget(recordings: Path, session: str) -> None:
     """Remove what was set aside; half of it is never there under its name."""
-    partial = _aside(recordings, session, _PARTIAL)
-    shutil.rmtree(partial, ignore_errors=True)
+    copy = _aside(recordings, session, _PARTIAL)
+    shutil.rmtree(copy, ignore_errors=True)
     with suppress(FileNotFoundError):
-        _aside(recordings, session).rename(partial)
-    shutil.rmtree(partial, ignore_errors=True)
+        _aside(recordings, session).rename(copy)
+    shutil.rmtree(copy, ignore_errors=True)
 
 
 def keep_clearer(

@@ -12,10 +12,15 @@ import struct
 import zlib
 from contextlib import suppress
 from datetime import datetime, timedelta, timezone
+from functools import partial
 from pathlib import Path
 
 from grader.beneath import open_regular_beneath
+from grader.bounded import Bound, in_process
+from grader.errors import BoundError
 
+#: Differences can be told so that resolving them takes minutes; as git writes them, it takes milliseconds.
+_BOUND = Bound("reading the last commit", cpu_s=2.0, wall_s=10.0, memory_bytes=128 * 1024**2)
 _MOST_BYTES = 1024 * 1024
 _MOST_PACKS = 100
 #: Objects within a pack that are told as differences to others, one after another.
@@ -47,9 +52,14 @@ def last_commit_time(folder: Path) -> datetime | None:
     Git's documentation: gitrepository-layout, gitformat-pack, gitformat-index.
     """
     repository = folder / ".git"
+    with suppress(OSError, BoundError):
+        if not repository.is_symlink() and repository.is_dir():
+            return in_process(partial(_time_of_head, repository), _BOUND)
+    return None
+
+
+def _time_of_head(repository: Path) -> datetime | None:
     with suppress(OSError, _UnreadableError, struct.error, zlib.error, IndexError, ValueError, OverflowError):
-        if repository.is_symlink() or not repository.is_dir():
-            return None
         header = _commit(repository, _head(repository)).split(b"\n\n", 1)[0]
         if told := _COMMITTER.search(header):
             offset = timedelta(hours=int(told[3]), minutes=int(told[4]))
