@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from grader.replacing import replace_file
+from grader.files import replace_file
 from grader.report.exports import EXPORTS, render_export
 from grader.result import Result
 

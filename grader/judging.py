@@ -16,13 +16,13 @@ import numpy as np
 from grader import __version__
 from grader.checks import REGISTRY, Context
 from grader.checks.affected import is_timed, named, not_measurable, with_checks, without_rest
-from grader.checks.finding import no_such_file, not_reached
+from grader.checks.finding import inconclusive, missing_artifact, not_reached, undecided
 from grader.errors import RecordingError
 from grader.evidence.census import census
-from grader.evidence.chance import clock_was_set, is_believed, may_be_chance
+from grader.evidence.chance import is_believed, may_be_chance
 from grader.evidence.diagnosis import advisories
 from grader.evidence.limits import hit_limit
-from grader.evidence.recorded import Recorded, Span
+from grader.evidence.recorded import Recorded
 from grader.evidence.unrecorded import dropped, limits_hit, missing, sentence_on
 from grader.patterns import NOTE, patterns_bounded
 from grader.recording.session import SESSION_FILE
@@ -84,11 +84,7 @@ def open_recordings(folder: Path, rubric: Rubric) -> Recordings:
                 remedy=f"It may be of another version. ({problem})",
             ) from problem
         sessions[name] = recorded
-        problems += [f"{name}: {p}" for p in _problems_of(recorded)]
-        if not recorded.record.complete:
-            problems.append(f"{name}: the recording was cut off; its checks are undecided.")
-        elif not recorded.bag.finished:
-            problems.append(f"{name}: {_DAMAGED} Its checks are undecided.")
+        problems += [f"{name}: {fault}" for fault in _faults(recorded)]
     return Recordings(submission, sessions, tuple(problems))
 
 
@@ -128,119 +124,28 @@ def _judge(
     findings: Mapping[str, Finding],
     violations: Sequence[Violation],
 ) -> Finding:
-    recorded = recordings.sessions.get(spec.session) if spec.session else None
-    unmet = [r for r in spec.requires if r in findings and findings[r].outcome not in _GOES_ON]
-    if unmet:
-        return _blocked(unmet[0], findings, rubric)
-    context = _context(spec, recordings, rubric, findings, recorded)
-    if spec.session and recorded is None:
-        return _without_recording(spec, context, rubric)
-    spoilt = next((violation for violation in violations if spec.id in violation.checks), None)
-    if spoilt is not None and spoilt.kind.disturbs:
-        return not_measurable(Finding(Outcome.FAILED, Decimal(0)), spoilt)
-    if recorded is not None and not _sound(recorded):
-        cut = _DAMAGED if recorded.record.complete else "The recording was cut off."
-        reason = "; ".join(_problems_of(recorded)) or cut
-        return Finding(
-            Outcome.INCONCLUSIVE,
-            Decimal(0),
-            reason=f"The experiment could not be carried out in order: {reason}",
-        )
-    try:
-        # Students may publish the largest numbers that there are.
-        with patterns_bounded() as budget, np.errstate(over="ignore", invalid="ignore"):
-            finding = REGISTRY[spec.check].judge(context, spec.parameters)
-        if budget.exceeded:
-            finding = dataclasses.replace(finding, notes=(*finding.notes, f"'{spec.title}': {NOTE}"))
-    except Exception as problem:  # A broken check never costs points; it must not take the others with it.
-        finding = Finding(Outcome.ERROR, Decimal(0), reason=f"The check broke: {type(problem).__name__}: {problem}")
-    if recorded is not None and finding.settled is not None and not is_believed(recorded):
-        finding = _settled(finding.settled, recorded)
-    if spoilt is not None:
-        finding = not_measurable(finding, spoilt)
-    elif recorded is not None:
-        finding = _as_far_as_recorded(finding, spec, recorded)
-    if recorded is not None and finding.outcome in (Outcome.FAILED, Outcome.PARTIAL):
-        chance = may_be_chance(recorded, context.reference_nodes)
-        if chance is None and REGISTRY[spec.check].by_clock:
-            chance = clock_was_set(recorded, Span(recorded.record.started_ns, recorded.record.ended_ns))
-        if chance is not None:
-            return dataclasses.replace(finding, outcome=Outcome.INCONCLUSIVE, credit=Decimal(0), reason=chance, hint="")
-    if finding.outcome in (Outcome.FAILED, Outcome.PARTIAL) and not finding.hint:
-        return dataclasses.replace(finding, hint=spec.hint)
-    return finding
+    """Judge a check, and say whose fault it is where it is not the student's.
 
+    Notes
+    -----
+    What the machine, the grader or chance may have done makes a finding inconclusive, and it is asked about in this
+    order; what comes first has the last word.
 
-def _settled(finding: Finding, recorded: Recorded) -> Finding:
-    """Return what became of a finding that stayed undecided in all recordings, by what a program can do itself."""
-    often = f"The session was recorded {recorded.record.times_recorded} times; a program can bring this about itself."
-    return dataclasses.replace(finding, reason=f"{finding.reason} {often}")
-
-
-def _sound(recorded: Recorded) -> bool:
-    return recorded.record.complete and recorded.bag.finished and not _problems_of(recorded)
-
-
-def _problems_of(recorded: Recorded) -> list[str]:
-    """Return what is wrong with a recording on the grader's side."""
-    return [*recorded.record.problems, *(sentence_on(left_out) for left_out in missing(recorded).by_grader)]
-
-
-def _as_far_as_recorded(finding: Finding, spec: CheckSpec, recorded: Recorded) -> Finding:
-    """Return what is found of a check that rests on a topic whose messages are not all recorded.
-
-    It costs points only where messages are missing through the student's own doing; else the recording is not sound.
+    1. A check that it requires was lost or is undecided.
+    2. Its session was not recorded.
+    3. The student's programs disturbed the recording, and not once only: failed.
+    4. The recording is not sound.
+    5. The check by itself: whether the file is there; the share within the bounds that the machine's delays leave
+       open (`graded`); what is missing where it was graded; and the clock (`Check.judge`).
+    6. What a program can bring about itself counts as failed where it was so in every recording (`Finding.settled`).
+    7. What it measures was touched: failed.
+    8. Messages are missing, the grader's own, or since the student's filled the recording: then failed.
+    9. What befalls correct programs too has to be seen again (`grader.evidence.chance`).
     """
-    check, names = REGISTRY[spec.check], named(spec, recorded)
-    if (gap := next((d for d in dropped(recorded) if d.topic in names), None)) is not None:
-        return dataclasses.replace(finding, outcome=Outcome.INCONCLUSIVE, credit=Decimal(0), reason=gap.text, hint="")
-    left_out = next((u for u in missing(recorded).by_student if u.topic in names), None)
-    if left_out is None or finding.outcome is Outcome.ERROR or (check.by_endpoints and finding.outcome in _GOES_ON):
-        return finding
-    return without_rest(finding, left_out, timed=is_timed(spec, recorded))
-
-
-#: A copy that was cut short must not be taken for a node that fell silent.
-_DAMAGED = "The bag is damaged, or not all of it is there."
-
-
-def _blocked(required: str, findings: Mapping[str, Finding], rubric: Rubric) -> Finding:
-    """Pass on an earlier failure; what hangs on an undecided check is undecided too."""
-    title = next(check.title for check in rubric.checks() if check.id == required)
-    earlier = findings[required]
-    if not earlier.outcome.decided:
-        reason = f"It hangs on '{title}', which is undecided."
-        return Finding(Outcome.INCONCLUSIVE, Decimal(0), reason=reason, retry=False)
-    if earlier.outcome is Outcome.NOT_REACHED:
-        return not_reached(earlier.reason)  # It names what is at the root of both.
-    return not_reached(f"It could not be looked at, since '{title}' failed.")
-
-
-def _without_recording(spec: CheckSpec, context: Context, rubric: Rubric) -> Finding:
-    """Judge a check whose session was not recorded: the file is missing, or the grader failed."""
-    needs = rubric.sessions[spec.session].needs if spec.session else ()
-    if needs and all(context.path_of(n) is None for n in needs[:1]):
-        fact = context.submission.artifact(needs[0])
-        name = fact.expected if fact else needs[0]
-        return Finding(
-            Outcome.FAILED,
-            Decimal(0),
-            expected=f"a file {name}",
-            measured="no such file",
-            reason=no_such_file(context.submission, name),
-            hint=f"Hand in a file named {name}.",
-        )
-    return Finding(Outcome.INCONCLUSIVE, Decimal(0), reason=f"The session '{spec.session}' was not recorded.")
-
-
-def _context(
-    spec: CheckSpec,
-    recordings: Recordings,
-    rubric: Rubric,
-    findings: Mapping[str, Finding],
-    recorded: Recorded | None,
-) -> Context:
-    return Context(
+    if (blocked := _blocked(spec, findings, rubric)) is not None:
+        return blocked
+    recorded = recordings.sessions.get(spec.session) if spec.session else None
+    context = Context(
         submission=recordings.submission,
         recorded=recorded,
         sessions=recordings.sessions,
@@ -248,6 +153,81 @@ def _context(
         reference_nodes=frozenset(ref.node for ref in rubric.reference.values()),
         lab_folder=rubric.folder,
     )
+    if spec.session and recorded is None:
+        needs = rubric.sessions[spec.session].needs
+        missing_file = missing_artifact(context, needs[0]) if needs else None
+        return missing_file or inconclusive("", "", f"The session '{spec.session}' was not recorded.")
+    touched = next((violation for violation in violations if spec.id in violation.checks), None)
+    if touched is not None and touched.kind.disturbs:
+        return not_measurable("", touched)
+    if recorded is not None and (faults := _faults(recorded)):
+        return inconclusive("", "", f"The experiment could not be carried out in order: {'; '.join(faults)}")
+    finding = _found(spec, context)
+    if touched is not None:
+        finding = not_measurable(finding.expected, touched)
+    elif recorded is not None:
+        finding = _as_far_as_recorded(_settled(finding, recorded), spec, recorded)
+    if finding.outcome not in (Outcome.FAILED, Outcome.PARTIAL):
+        return finding
+    if recorded is not None and (chance := may_be_chance(recorded, context.reference_nodes)) is not None:
+        return undecided(finding, chance)
+    return finding if finding.hint else dataclasses.replace(finding, hint=spec.hint)
+
+
+def _blocked(spec: CheckSpec, findings: Mapping[str, Finding], rubric: Rubric) -> Finding | None:
+    """Pass on that an earlier check was lost or is undecided, None if all that this one requires went on."""
+    required = next((r for r in spec.requires if r in findings and findings[r].outcome not in _GOES_ON), None)
+    if required is None:
+        return None
+    title = next(check.title for check in rubric.checks() if check.id == required)
+    earlier = findings[required]
+    if not earlier.outcome.decided:
+        return inconclusive("", "", f"It depends on '{title}', which is undecided.", retry=False)
+    if earlier.outcome is Outcome.NOT_REACHED:
+        return not_reached(earlier.reason)  # It names what is at the root of both.
+    return not_reached(f"It could not be looked at, since '{title}' failed.")
+
+
+def _found(spec: CheckSpec, context: Context) -> Finding:
+    """Return what the check itself finds; a broken one never costs points, and does not take the others with it."""
+    try:
+        # Students may publish the largest numbers that there are.
+        with patterns_bounded() as budget, np.errstate(over="ignore", invalid="ignore"):
+            finding = REGISTRY[spec.check].judge(context, spec.parameters)
+    except Exception as problem:
+        return Finding(Outcome.ERROR, Decimal(0), reason=f"The check broke: {type(problem).__name__}: {problem}")
+    if budget.exceeded:
+        return dataclasses.replace(finding, notes=(*finding.notes, f"'{spec.title}': {NOTE}"))
+    return finding
+
+
+def _settled(finding: Finding, recorded: Recorded) -> Finding:
+    """Return what became of a finding that stayed undecided in all recordings, by what a program can do itself."""
+    settled = finding.settled
+    if settled is None or is_believed(recorded):
+        return finding
+    often = f"The session was recorded {recorded.record.times_recorded} times; a program can bring this about itself."
+    return dataclasses.replace(settled, reason=f"{settled.reason} {often}")
+
+
+def _faults(recorded: Recorded) -> list[str]:
+    """Return what is wrong with a recording on the grader's side."""
+    faults = [*recorded.record.problems, *(sentence_on(left_out) for left_out in missing(recorded).by_grader)]
+    if not recorded.record.complete:
+        return [*faults, "The recording was cut off."]
+    # A copy that was cut short must not be taken for a node that fell silent.
+    return faults if recorded.bag.finished else [*faults, "The bag is damaged, or not all of it is there."]
+
+
+def _as_far_as_recorded(finding: Finding, spec: CheckSpec, recorded: Recorded) -> Finding:
+    """Return what is found of a check that rests on a topic whose messages are not all recorded."""
+    check, names = REGISTRY[spec.check], named(spec, recorded)
+    if (gap := next((d for d in dropped(recorded) if d.topic in names), None)) is not None:
+        return undecided(finding, gap.text)
+    left_out = next((u for u in missing(recorded).by_student if u.topic in names), None)
+    if left_out is None or finding.outcome is Outcome.ERROR or (check.by_endpoints and finding.outcome in _GOES_ON):
+        return finding
+    return without_rest(finding, left_out, timed=is_timed(spec, recorded))
 
 
 def judge(recordings: Recordings, rubric: Rubric) -> Result:

@@ -90,7 +90,7 @@ def _read_setup(package: PackageFact, texts: dict[str, str], paths: list[str]) -
             _take_all(package, "setup.py declares its entry points", inside)
         scripts += declared or []
     if config_text is not None:
-        scripts += _console_scripts_of_config(config_text)
+        scripts += _scripts_of_config(config_text)
     _add_scripts(package, scripts)
     if not package.executables and not package.problems:
         package.problems.append("setup.py declares no console_scripts, so `ros2 run` finds no executable")
@@ -158,30 +158,27 @@ def _scripts_of(points: object) -> list[str]:
         scripts = points.get("console_scripts", [])
         if isinstance(scripts, list):
             return [s for s in scripts if isinstance(s, str)]
-    return _scripts_of_text(points) if isinstance(points, str) else []
-
-
-def _scripts_of_text(points: str) -> list[str]:
-    """Read entry points written as text: a section a group, a line a script."""
-    parser = configparser.ConfigParser(interpolation=None, strict=False, delimiters=("=",))
-    parser.optionxform = str  # type: ignore[method-assign,assignment]
-    try:
-        parser.read_string(_cut(points))
-    except configparser.Error:
+    if not isinstance(points, str):
         return []
-    if not parser.has_section("console_scripts"):
-        return []
-    return [f"{name} = {target}" for name, target in parser.items("console_scripts")]
+    parser = _sections_of(points)  # a section a group, a line a script
+    written = parser.items("console_scripts") if parser.has_section("console_scripts") else []
+    return [f"{name} = {target}" for name, target in written]
 
 
-def _console_scripts_of_config(text: str) -> list[str]:
+def _scripts_of_config(text: str) -> list[str]:
+    lines = _sections_of(text).get("options.entry_points", "console_scripts", fallback="")
+    return [line for line in lines.splitlines() if line.strip()]
+
+
+def _sections_of(text: str) -> configparser.ConfigParser:
+    """Read a text of sections; one that is none has no section."""
     parser = configparser.ConfigParser(interpolation=None, strict=False)
+    parser.optionxform = str  # type: ignore[method-assign,assignment]
     try:
         parser.read_string(_cut(text))
     except configparser.Error:
-        return []
-    lines = parser.get("options.entry_points", "console_scripts", fallback="")
-    return [line for line in lines.splitlines() if line.strip()]
+        parser.clear()
+    return parser
 
 
 def _cut(text: str) -> str:
@@ -198,7 +195,7 @@ def _read_cmake(package: PackageFact, texts: dict[str, str], paths: list[str]) -
     for command in commands_of(text, package.name):
         installs = command.name == "install" and "DESTINATION" in command.words[:-1]
         if command.name == "ament_python_install_package" and "SCRIPTS_DESTINATION" in command.words:
-            _add_scripts(package, _console_scripts_of_config(texts.get(_inside(package.path, "setup.cfg"), "")))
+            _add_scripts(package, _scripts_of_config(texts.get(_inside(package.path, "setup.cfg"), "")))
         elif installs and (command.words[0] == "PROGRAMS" or _goes_to_lib(command, package)):
             _add_programs(package, command, inside)
 

@@ -31,12 +31,12 @@ from grader.cohort.overrides import OVERRIDES_FILE, Overrides, load_overrides, m
 from grader.desk import lies_within, made_from
 from grader.errors import PlatformError, RecordingError, RubricError, UsageError, described
 from grader.exporting import ExportTarget
+from grader.files import UNFINISHED, beside, replace_file, replace_files
 from grader.intake import Handed, Intake, confined, taken_in
 from grader.judging import Recordings, judge, open_recordings
 from grader.patterns import patterns_bounded
 from grader.recording.session import read_session, write_session
 from grader.recording.submission import SubmissionRecord, write_submission
-from grader.replacing import UNFINISHED, beside, replace_file, replace_files
 from grader.result import CheckResult, Result, to_json
 from grader.rubric import Kinds, Rubric, load_rubric
 from grader.submission import read_submission
@@ -608,17 +608,9 @@ def judge_results(results: Path, rubric: Rubric, overrides: Overrides | None = N
     BoundError
         If judging takes more time or memory than it may.
     """
-    result, files = judged_files(results, rubric, overrides)
-    replace_files(files)
-    return result
-
-
-def judged_files(
-    results: Path, rubric: Rubric, overrides: Overrides | None = None
-) -> tuple[Result, dict[Path, str | None]]:
-    """Do as `judge_results`, but hand out what is to be written, by its place."""
     judgement = judgement_of(results / RECORDINGS, rubric, overrides or Overrides())
-    return judgement.result, _files_of(judgement, results, rubric)
+    replace_files(_files_of(judgement, results, rubric))
+    return judgement.result
 
 
 def _files_of(judgement: Judgement, results: Path, rubric: Rubric) -> dict[Path, str | None]:
@@ -682,41 +674,6 @@ def report_page(result: Result, recordings: Recordings, rubric: Rubric) -> str:
             figures[criterion.id] = [figure for figure in drawn if figure is not None]
     records = {name: recorded.record for name, recorded in recordings.sessions.items()}
     return render(result, figures, records, recordings.submission)
-
-
-def judged_by(
-    results: Path,
-    rubric_path: Path | None = None,
-    overrides_path: Path | None = None,
-    *,
-    trusted: bool = False,
-) -> tuple[Rubric, Overrides]:
-    """Load what a results folder is judged by again.
-
-    Parameters
-    ----------
-    rubric_path : Path, optional
-        By default the rubric by which it was judged last.
-    overrides_path : Path, optional
-        By default `overrides.yaml` beside the results folder, if there is one.
-    trusted : bool
-        Whether files of the lab that came with the recordings may be executed though they are not known here.
-
-    Raises
-    ------
-    RecordingError
-        If it is no results folder, or what came with it may not be executed.
-    RubricError
-        With all mistakes of the rubric, or of the overrides.
-    UsageError
-        If the rubric is of another lab.
-    """
-    if rubric_path is None:
-        rubric = recorded_rubric(rubric_copy(results), trusted=trusted)
-    else:
-        rubric = chosen_rubric([results], rubric_path)
-        require_lab(results, rubric)
-    return rubric, read_overrides(overrides_path, results.resolve().parent, rubric, [made_from(results)])
 
 
 def chosen_rubric(folders: Sequence[Path], path: Path) -> Rubric:

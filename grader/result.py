@@ -261,6 +261,11 @@ class CriterionResult:
     checks: tuple[CheckResult, ...]
     description: str = ""
 
+    @property
+    def outcome(self) -> Outcome:
+        """The outcome of the criterion as a whole."""
+        return outcome_of_points(self.earned, self.possible, self.undecided)
+
 
 class AdjustmentKind(str, Enum):
     """What changed the points after the judgement."""

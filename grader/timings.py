@@ -13,15 +13,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Stage:
-    """Something that took time.
-
-    Attributes
-    ----------
-    began_s, ended_s : float
-        On the monotonic clock.
-    cpu_s : float
-        CPU time of this process meanwhile, all its threads together.
-    """
+    """Something that took time, on the monotonic clock, and the CPU time of all threads of this process meanwhile."""
 
     what: str
     began_s: float
@@ -50,15 +42,7 @@ class CellRun:
 
 
 class Stopwatch:
-    """Collects stages and runs of cells as a grading goes on.
-
-    Attributes
-    ----------
-    stages : list of Stage
-        In the order in which they ended.
-    cells : list of CellRun
-        Likewise.
-    """
+    """Collects `stages` and `cells` (sessions on their way) of a grading, in the order in which they end."""
 
     def __init__(self) -> None:
         self.started_s = time.monotonic() - _age_s()

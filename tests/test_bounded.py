@@ -13,10 +13,11 @@ from pathlib import Path
 import pytest
 
 from grader import pipeline
-from grader.batch.rejudging import rejudge
+from grader.batch.regrade import recorded_in, regrade
 from grader.bounded import Bound, in_process, in_processes
 from grader.errors import BoundError, RecordingError
 from grader.rubric import Rubric, load_rubric
+from tests.regraded import regraded
 
 ROOT = Path(__file__).resolve().parents[1]
 SMALL = Bound(what="work", cpu_s=1.0, wall_s=3.0, memory_bytes=256 * 1024**2)
@@ -99,7 +100,7 @@ def test_judging_without_end_keeps_the_recordings(
     before = pipeline.judge_results(results, pipeline.read_rubric(None))
     with pytest.raises(BoundError, match="judging the submission took more than 2 s"):
         pipeline.judge_results(results, endless)
-    assert pipeline.judge_results(results, *pipeline.judged_by(results)).score == before.score
+    assert regraded(results).score == before.score
 
 
 def test_a_class_is_judged_but_for_the_one_that_breaks(tmp_path: Path) -> None:
@@ -111,6 +112,6 @@ def test_a_class_is_judged_but_for_the_one_that_breaks(tmp_path: Path) -> None:
     shutil.rmtree(tmp_path / "bob/recordings/publisher")
     (tmp_path / "bob/recordings/publisher").mkdir()
     (tmp_path / "bob/recordings/publisher/session.json").write_text("{", encoding="utf-8")
-    found = rejudge(tmp_path, None, None, prepare=False)
+    found = regrade(recorded_in(tmp_path), prepare=False)
     assert list(found.changes) == ["ann"]
     assert list(found.failed) == ["bob"]

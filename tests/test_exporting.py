@@ -13,10 +13,10 @@ import pytest
 
 from grader.errors import GraderError
 from grader.exporting import ExportTarget, write_exports
+from grader.files import replace_file
 from grader.live.cells import Progress
 from grader.live_exports import LiveExports
 from grader.pipeline import RECORDINGS, RUBRIC_COPY, judge_results, lab_folder, read_rubric
-from grader.replacing import replace_file
 from grader.report.exports import EXPORTS
 from tests.report.exports.sample_results import every_outcome, read
 

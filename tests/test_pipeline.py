@@ -18,6 +18,7 @@ from grader.judging import judge, open_recordings
 from grader.recording.session import read_session, write_session
 from grader.recording.submission import ArtifactFact, SubmissionRecord
 from grader.rubric import Rubric
+from tests.regraded import regraded
 
 ROOT = Path(__file__).resolve().parents[1]
 SHIPPED = pipeline.lab_folder() / "rubric.yaml"
@@ -45,9 +46,9 @@ def written(results: Path) -> dict[str, bytes]:
 
 def test_regrading_twice_gives_equal_bytes(results: Path) -> None:
     """Result and report are the same each time."""
-    pipeline.judge_results(results, *pipeline.judged_by(results))
+    regraded(results)
     first = written(results)
-    pipeline.judge_results(results, *pipeline.judged_by(results))
+    regraded(results)
     assert written(results) == first
 
 
@@ -68,7 +69,7 @@ sys.exit(main(["regrade", sys.argv[1]]))
 
 def test_without_ros_regrading_gives_the_same_bytes(results: Path, tmp_path: Path) -> None:
     """On a machine without ROS 2, in an empty environment, result and report are the same."""
-    pipeline.judge_results(results, *pipeline.judged_by(results))
+    regraded(results)
     here = written(results)
     other = tmp_path / "elsewhere/solution"
     shutil.copytree(results, other)
@@ -83,11 +84,11 @@ def test_without_ros_regrading_gives_the_same_bytes(results: Path, tmp_path: Pat
 
 def test_another_rubric_changes_the_points(results: Path) -> None:
     """A mended rubric judges old recordings anew, and the provenance tells which it was."""
-    before = pipeline.judge_results(results, *pipeline.judged_by(results))
+    before = regraded(results)
     text = SHIPPED.read_text(encoding="utf-8").replace("rate_hz: 100, full_within", "rate_hz: 50, full_within")
     mended = results.parent / "mended.yaml"
     mended.write_text(text, encoding="utf-8")
-    after = pipeline.judge_results(results, *pipeline.judged_by(results, mended))
+    after = regraded(results, mended)
     assert before.score.earned - after.score.earned == 6
     assert before.provenance["rubric_sha256"] != after.provenance["rubric_sha256"]
     kept = (results / pipeline.RECORDINGS / pipeline.RUBRIC_COPY).read_text(encoding="utf-8")
@@ -96,21 +97,21 @@ def test_another_rubric_changes_the_points(results: Path) -> None:
 
 def test_a_broken_rubric_leaves_the_old_result(results: Path) -> None:
     """What cannot be judged leaves what was written before as it is."""
-    pipeline.judge_results(results, *pipeline.judged_by(results))
+    regraded(results)
     before = written(results)
     broken = results.parent / "broken.yaml"
     broken.write_text("lab: {}\n", encoding="utf-8")
     with pytest.raises(RubricError):
-        pipeline.judge_results(results, *pipeline.judged_by(results, broken))
+        regraded(results, broken)
     assert written(results) == before
 
 
 def test_results_are_replaced_in_one_step(results: Path) -> None:
     """A reader of the old file keeps the whole of it, and nothing half-written is left."""
-    pipeline.judge_results(results, *pipeline.judged_by(results))
+    regraded(results)
     (results / pipeline.RESULT_FILE).write_text("old")
     with (results / pipeline.RESULT_FILE).open() as old:
-        pipeline.judge_results(results, *pipeline.judged_by(results))
+        regraded(results)
         assert old.read() == "old"
     assert json.loads((results / pipeline.RESULT_FILE).read_text())["score"]["earned"] == 100
     assert sorted(path.name for path in results.iterdir()) == sorted(
@@ -120,7 +121,7 @@ def test_results_are_replaced_in_one_step(results: Path) -> None:
 
 def test_files_have_unix_line_ends(results: Path) -> None:
     """Results are the same bytes on every system."""
-    pipeline.judge_results(results, *pipeline.judged_by(results))
+    regraded(results)
     assert b"\r" not in written(results)[pipeline.RESULT_FILE]
 
 

@@ -57,9 +57,11 @@ class Admission:
     ----------
     places : int
         How many cells, or pieces of work in their stead, may run at a time.
+    machine : Machine, optional
+        Shared with other gradings; without it, the places are on other machines.
     """
 
-    def __init__(self, places: int, machine: Machine) -> None:
+    def __init__(self, places: int, machine: Machine | None = None) -> None:
         self._places = places
         self._machine = machine
         self._waiting: list[_Waiting] = []
@@ -87,6 +89,11 @@ class Admission:
         """How many cells may run at a time."""
         return self._places
 
+    def resize(self, places: int) -> None:
+        """Take note of how many places there are."""
+        self._places = places
+        self._grant()
+
     async def take(self, use: Use, submission: int, *, alone: bool = False) -> Place:
         """Wait for a place.
 
@@ -109,6 +116,8 @@ class Admission:
             elif waiting.granted.done() and not waiting.granted.cancelled():
                 self._release(alone)
             raise
+        if self._machine is None:
+            return place
         try:
             give_back = await self._machine.take(alone=alone)
         except BaseException:

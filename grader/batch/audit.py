@@ -14,6 +14,7 @@ from typing import Any
 
 import grader
 from grader.cohort.changes import Changes, changes_between, plain_changes
+from grader.files import replace_file
 from grader.result import Result, read_result, result_of_text
 
 AUDIT_FILE = "audit.jsonl"
@@ -80,7 +81,7 @@ def _keep(results: Path, name: str, text: str) -> str:
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{_sha256(text)[:16]}.json"
     if not path.exists():
-        path.write_text(text, encoding="utf-8", newline="\n")
+        replace_file(path, text)
     return path.relative_to(results).as_posix()
 
 

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from grader.batch.class_list import Listed
-from grader.batch.order import NotGraded
-from grader.batch.run import Row
+from grader.batch.order import Row
 from grader.cohort.entries import ClassEntry, entries_in
-from grader.cohort.roster import NOTHING_HANDED_IN, Student
+from grader.cohort.roster import NOTHING_HANDED_IN
+from grader.errors import GraderError
 
 
 def entries_of(results: Path, rows: Sequence[Row], missing: Sequence[str]) -> list[ClassEntry]:
@@ -27,8 +26,8 @@ def entries_of(results: Path, rows: Sequence[Row], missing: Sequence[str]) -> li
     for row in rows:
         handed = row.handed
         entry = entries.get(handed.name)
-        if isinstance(row.ending, NotGraded) or entry is None:
-            problem = row.ending.problem if isinstance(row.ending, NotGraded) else "Its results are not there."
+        if isinstance(row.ending, GraderError) or entry is None:
+            problem = row.ending.problem if isinstance(row.ending, GraderError) else "Its results are not there."
             entry = ClassEntry(handed.name, None, problem)
         entries[handed.name] = replace(
             entry,
@@ -37,8 +36,3 @@ def entries_of(results: Path, rows: Sequence[Row], missing: Sequence[str]) -> li
             student_id=handed.student_id or entry.student_id,
         )
     return sorted(entries.values(), key=lambda entry: entry.name)
-
-
-def student_of(listed: Listed) -> Student:
-    """Return what a line of a class list tells of a student."""
-    return Student(listed.name, listed.student_id, listed.submitted_at)

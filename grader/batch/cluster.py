@@ -19,12 +19,12 @@ from pathlib import Path
 from typing import Any
 
 from grader.batch import fingerprint
-from grader.batch.admission import Admission
+from grader.batch.admission import Admission, Use
 from grader.batch.one import make_durable
-from grader.batch.order import Ending, Graded, NotGraded, Order
+from grader.batch.order import Ending, Order, Phase
 from grader.batch.parcel import packed, packed_files, unpack
-from grader.batch.supervised import Phase, grade_in_process
-from grader.errors import PlatformError
+from grader.batch.supervised import grade_in_process
+from grader.errors import GraderError, PlatformError
 from grader.intake import Handed, Intake, taken_in
 from grader.live.isolation import Level
 from grader.live.probing import probe_isolation
@@ -56,30 +56,25 @@ class Parcel:
     own_interpreter: bool
 
 
-def grade_parcel(parcel: bytes) -> tuple[dict[str, Any], str, bytes]:
+def grade_parcel(parcel: bytes) -> tuple[Ending, str, bytes]:
     """Grade a submission on the machine where this is called: what a worker does.
 
     Returns
     -------
     tuple
-        How it ended as plain data, the level of confinement, and the packed results.
+        How it ended, the level of confinement, and the packed results: without points too, for what was recorded.
     """
     sent: Parcel = pickle.loads(parcel)
     if sent.engine != fingerprint.engine_sha256():
         remedy = "Install the same version of grade, Python and the ROS 2 packages on all machines."
-        problem = NotGraded("a worker's grade differs from the one here", remedy=remedy, exit_status=5)
-        return {"ending": "not graded", **problem.to_plain()}, Level.NONE.value, b""
+        return PlatformError("a worker's grade differs from the one here", remedy=remedy), Level.NONE.value, b""
     with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as scratch:
         order = _laid_out(sent, Path(scratch))
         isolation = probe_isolation(order.options.interpreter)
         admission = Admission.on_this_machine(isolation, order.options.jobs)
         order = replace(order, isolation=isolation)
         ending = asyncio.run(grade_in_process(order, admission, 0, lambda phase: None))
-        level = isolation.level.value
-        if isinstance(ending, Graded):
-            return {"ending": "graded", **ending.to_plain()}, level, packed(order.results)
-        # Recordings may be there that could not be judged.
-        return {"ending": "not graded", **ending.to_plain()}, level, packed(order.results)
+        return ending, isolation.level.value, packed(order.results)
 
 
 def _laid_out(sent: Parcel, scratch: Path) -> Order:
@@ -131,21 +126,25 @@ class Cluster:
 
     client: Any
     least_isolation: Level
-    _room: _Room = field(default_factory=lambda: _Room())
+    # As many submissions as the workers have threads, earlier ones first. A scheduler that had more of them would give
+    # them out in advance, by the time that it expects them to take; the next one would then wait behind one that
+    # hangs, beside a worker that has nothing to do.
+    _room: Admission = field(default_factory=lambda: Admission(0))
     _waiting: dict[str, Callable[[Phase], None]] = field(default_factory=dict)
     _labs: dict[str, bytes] = field(default_factory=dict)
     _engine: str = field(default_factory=fingerprint.engine_sha256)
 
     async def grade(self, order: Order, number: int, on_phase: Callable[[Phase], None]) -> tuple[Ending, Level]:
         """Grade a submission on one of the workers."""
-        async with self._room.for_one(number):
+        place = await self._room.take(Use.START, number)
+        try:
             on_phase(Phase("", "waits for a worker"))
             parcel = await asyncio.to_thread(self._parcel, order)
             key = f"grade-{uuid.uuid4().hex}"
             self._waiting[key] = on_phase
             future = self.client.submit(grade_parcel, parcel, key=key, pure=False, priority=-number)
             try:
-                plain, level, results = await future
+                ending, level, results = await future
             except asyncio.CancelledError:
                 with suppress(Exception):
                     await future.cancel()
@@ -154,7 +153,11 @@ class Cluster:
                 return _lost(problem), Level.NONE
             finally:
                 del self._waiting[key]
-            return await asyncio.to_thread(_taken_over, plain, results, order.results), Level(level)
+            if results:
+                await asyncio.to_thread(_take_over, results, order.results)
+            return ending, Level(level)
+        finally:
+            place.release()
 
     async def workers(self) -> int:
         """Return how many submissions the workers can grade at a time."""
@@ -179,58 +182,14 @@ class Cluster:
             return pickle.dumps(parcel)
 
 
-class _Room:
-    """Room for as many submissions as the workers have threads; earlier ones go first.
-
-    A scheduler that had more of them would give them out in advance, by the time that it expects them to take; the
-    next one would then wait behind one that hangs, beside a worker that has nothing to do.
-    """
-
-    def __init__(self) -> None:
-        self._size = 0
-        self._taken = 0
-        self._waiting: list[tuple[int, asyncio.Future[None]]] = []
-
-    def resize(self, size: int) -> None:
-        """Take note of how many threads there are."""
-        self._size = size
-        self._admit()
-
-    @asynccontextmanager
-    async def for_one(self, number: int) -> AsyncIterator[None]:
-        """Wait for room for the `number`-th submission, and hold it."""
-        admitted: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        self._waiting.append((number, admitted))
-        self._waiting.sort(key=lambda waiting: waiting[0])
-        self._admit()
-        try:
-            await admitted
-            yield
-        finally:
-            if admitted.done() and not admitted.cancelled():
-                self._taken -= 1
-            self._waiting = [waiting for waiting in self._waiting if waiting[1] is not admitted]
-            self._admit()
-
-    def _admit(self) -> None:
-        for _, admitted in self._waiting:
-            if self._taken < self._size and not admitted.done():
-                admitted.set_result(None)
-                self._taken += 1
+def _take_over(results: bytes, folder: Path) -> None:
+    unpack(results, folder)
+    make_durable(folder)
 
 
-def _taken_over(plain: dict[str, Any], results: bytes, folder: Path) -> Ending:
-    if results:
-        unpack(results, folder)
-        make_durable(folder)
-    if plain["ending"] != "graded":
-        return NotGraded.from_plain(plain)
-    return Graded.from_plain(plain)
-
-
-def _lost(problem: BaseException) -> NotGraded:
+def _lost(problem: BaseException) -> GraderError:
     if type(problem).__name__ == "KilledWorker":
-        return NotGraded("each of the workers that had it was lost", remedy=_LOST)
+        return GraderError("each of the workers that had it was lost", remedy=_LOST)
     if isinstance(problem, CancelledError):
-        return NotGraded("the scheduler was lost", remedy=_LOST)
-    return NotGraded(f"the cluster failed: {type(problem).__name__}: {problem}", remedy=_LOST)
+        return GraderError("the scheduler was lost", remedy=_LOST)
+    return GraderError(f"the cluster failed: {type(problem).__name__}: {problem}", remedy=_LOST)

@@ -71,13 +71,7 @@ def combined(*hashes: str) -> str:
 
 
 def seed_for(submission: str, run_seed: int) -> int:
-    """Return the seed of a submission's stimuli: another for each, the same wherever and whenever it is graded.
-
-    Parameters
-    ----------
-    submission : str
-        Its hash.
-    """
+    """Return the seed of stimuli for a submission's hash: another for each, the same wherever it is graded."""
     return int(_sha256_of([submission, run_seed], [])[:8], 16) % 2**31
 
 

@@ -41,11 +41,11 @@ from itertools import chain, islice
 from pathlib import Path, PurePosixPath
 
 from grader.batch.audit import AUDIT_FILE, HISTORY
-from grader.batch.class_list import Listed, read_class_list
 from grader.batch.journal import JOURNAL_FILE
 from grader.batch.last_commit import last_commit_time
 from grader.batch.lms import Delivered, Download, is_table, recognised
 from grader.cohort.overrides import OVERRIDES_FILE
+from grader.cohort.roster import Student, matches, read_class_list
 from grader.errors import SubmissionError
 from grader.intake import Handed, Piece, names_in, text_of, texts_in
 from grader.intake.members import is_folder
@@ -140,7 +140,7 @@ def find_submissions(
     shape : Shape
         What is meant, where looking is not enough (`--one`, `--each`).
     class_list : Path or None
-        A table of names, student ids and times of submission; see `grader.batch.class_list`.
+        A table of names, student ids and times of submission; see `grader.cohort.roster`.
 
     Returns
     -------
@@ -162,8 +162,8 @@ def find_submissions(
     finding = _Finding(rubric)
     for path in paths:
         finding.look_at(path, shape)
-    handed = _uniquely_named(finding.submissions)
-    finding.understood += _marked(finding.submissions, handed)
+    handed, marked = _uniquely_named(finding.submissions)
+    finding.understood += marked
     missing: tuple[str, ...] = ()
     if class_list is not None:
         plain = {_origin(one): one.name for one in finding.submissions}
@@ -521,71 +521,45 @@ def _origin(handed: Handed) -> str:
     return "\n".join(f"{os.path.realpath(piece.path)}\n{piece.member}" for piece in handed.pieces)
 
 
-def _uniquely_named(submissions: Sequence[Handed]) -> list[Handed]:
-    """Drop what was given twice, and tell those of the same name apart, and from what else lies among results."""
+def _uniquely_named(submissions: Sequence[Handed]) -> tuple[list[Handed], list[str]]:
+    """Drop what was given twice, and tell those of the same name apart, and from what else lies among results.
+
+    Returns the submissions, and for a person which of them got a mark.
+    """
     distinct = list({(_origin(handed), handed.name): handed for handed in reversed(submissions)}.values())[::-1]
     names = Counter(handed.name.casefold() for handed in distinct)
-    unfit = {name for name, count in names.items() if count > 1} | TAKEN_NAMES
-    return [
-        replace(handed, name=f"{handed.name}-{_mark(_origin(handed))}") if handed.name.casefold() in unfit else handed
-        for handed in distinct
-    ]
-
-
-def _marked(before: Sequence[Handed], after: Sequence[Handed]) -> list[str]:
-    """Say which submissions got a mark, so that a person can tell results of the same name apart."""
-    plain = {_origin(handed): handed.name for handed in before}
-    return [
-        f"{handed.where}: called {handed.name}, since there is another {plain[_origin(handed)]}"
-        f"{' among results' if plain[_origin(handed)].casefold() in TAKEN_NAMES else ''}"
-        for handed in after
-        if plain[_origin(handed)] != handed.name
-    ]
+    named, remarks = [], []
+    for handed in distinct:
+        plain = handed.name
+        among_results = plain.casefold() in TAKEN_NAMES
+        if among_results or names[plain.casefold()] > 1:
+            handed = replace(handed, name=f"{plain}-{_mark(_origin(handed))}")
+            others = " among results" if among_results else ""
+            remarks.append(f"{handed.where}: called {handed.name}, since there is another {plain}{others}")
+        named.append(handed)
+    return named, remarks
 
 
 def _with_class_list(
-    submissions: Sequence[Handed], names: Mapping[str, str], listed: Sequence[Listed]
+    submissions: Sequence[Handed], names: Mapping[str, str], students: Sequence[Student]
 ) -> tuple[list[Handed], tuple[str, ...], list[str]]:
     """Add what a class list knows; returns who is missing, and whose lines are not told apart, too.
-
-    A name that two students have, or that two submissions bear under different ids, does not tell whose it is.
 
     Parameters
     ----------
     names : mapping
         Where each submission lies -> its name without a mark.
     """
-    known, bearing = defaultdict(set), defaultdict(set)
-    for number, student in enumerate(listed):
-        for key in _keys(student.student_id, student.name):
-            known[key].add(number)
-    borne = {h.name: _keys(h.student_id, h.student, names[_origin(h)]) for h in submissions}
-    for handed in submissions:
-        for key in borne[handed.name]:
-            bearing[key].add(handed.student_id or handed.name)
-    completed, unclear, there = [], [], set()
-    for handed in submissions:
-        keys = [key for key in borne[handed.name] if key in known]
-        there |= {number for key in keys for number in known[key]}
-        by_id = {_key(handed.student_id)} if handed.student_id else set()
-        sure = [key for key in keys if len(known[key]) == 1 and (key in by_id or len(bearing[key]) == 1)]
-        if sure:
-            found = listed[min(known[sure[0]])]
-            student_id = found.student_id or handed.student_id
-            handed = replace(handed, student_id=student_id, submitted_at=found.submitted_at or handed.submitted_at)
-        elif keys:
+    found = matches(students, [(h.student_id, (h.name, h.student, names[_origin(h)])) for h in submissions])
+    completed, unclear = [], []
+    for handed, match in zip(submissions, found, strict=True):
+        if match.student is not None:
+            student_id = match.student.student_id or handed.student_id
+            submitted_at = match.student.submitted_at or handed.submitted_at
+            handed = replace(handed, student_id=student_id, submitted_at=submitted_at)
+        elif match.may_be:
             unclear.append(f"{handed.where}: by the name alone, the class list does not tell who this is")
         completed.append(handed)
-    missing = tuple(displayed(s.name or s.student_id or "") for n, s in enumerate(listed) if n not in there)
+    there = frozenset[int]().union(*(match.may_be for match in found))
+    missing = tuple(displayed(s.name or s.student_id or "") for n, s in enumerate(students) if n not in there)
     return completed, missing, unclear
-
-
-def _keys(*texts: str | None) -> list[str]:
-    """Return by what a student is known; "Surname, First" is the same as "First Surname"."""
-    given = [text for text in texts if text]
-    given += [f"{first} {last}" for last, comma, first in (text.partition(", ") for text in given) if comma]
-    return [_key(text) for text in given]
-
-
-def _key(text: str) -> str:
-    return _safe_name(text).casefold()

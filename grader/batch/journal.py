@@ -20,7 +20,6 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
-from grader.batch.order import NotGraded
 from grader.errors import GraderError
 from grader.pipeline import RECORDINGS
 from grader.recording.session import SESSION_FILE
@@ -143,7 +142,7 @@ class Journal:
         """Note that a submission's recordings, which the journal holds, were judged by another policy."""
         self._note(name, replace(self._entries[name], policy=policy))
 
-    def abandon(self, name: str, why: NotGraded) -> None:
+    def abandon(self, name: str, why: GraderError) -> None:
         """Note that a submission could not be graded; the next run tries again.
 
         Earlier results of it are put aside, since they are not of what was handed in.
@@ -151,7 +150,7 @@ class Journal:
         shutil.rmtree(self._new(name), ignore_errors=True)
         self._put_outdated(name)
         self._entries.pop(name, None)
-        self._append({"not graded": name, **why.to_plain()})
+        self._append({"not graded": name, **vars(why), "exit_status": why.exit_status})
 
     def keep_unjudged(self, name: str, key: str, isolation: str) -> None:
         """Put recordings in their place that could not be judged; the next run judges them.

@@ -7,8 +7,10 @@ JSON; on its standard input it reads the numbers of the turns that are granted. 
 from __future__ import annotations
 
 import asyncio
+import base64
 import json
 import os
+import pickle
 import resource
 import signal
 import sys
@@ -21,10 +23,11 @@ from pathlib import Path
 from typing import Any
 
 from grader import pipeline
-from grader.batch.order import Graded, NotGraded, Order
+from grader.batch.order import Ending, Order, problem_of
 from grader.live.cells import Progress
 from grader.live.turns import Shared
 from grader.recording.submission import read_submission, write_submission
+from grader.result import Result
 from grader.rubric import SessionSpec
 
 #: What reading and judging a submission may take of the address space; some 0.7 GiB suffice.
@@ -38,16 +41,16 @@ def main(argv: list[str]) -> int:
     limit_memory()
     turns = _TurnsByPipe()
     try:
-        order = Order.read(Path(argv[0]))
-        ending = _carry_out(order, turns).to_plain()
-        say({"ending": "graded", **ending})
+        ending: Ending = _carry_out(Order.read(Path(argv[0])), turns)
     except Exception as error:
         traceback.print_exc()
-        say({"ending": "not graded", **NotGraded.from_error(error).to_plain()})
+        ending = problem_of(error)
+    # Not through a file: that the disk is full may be what has to be said.
+    say({"ending": base64.b64encode(pickle.dumps(ending)).decode()})
     return 0
 
 
-def _carry_out(order: Order, turns: _TurnsByPipe) -> Graded:
+def _carry_out(order: Order, turns: _TurnsByPipe) -> Result:
     if order.judge_only:
         with turns.work("judging"):
             _state_submission_time(order)
@@ -57,7 +60,7 @@ def _carry_out(order: Order, turns: _TurnsByPipe) -> Graded:
         shared = Shared(turns, order.isolation)
         result = pipeline.grade(order.handed, order.rubric, order.results, order.options, _tell, shared)
     make_durable(order.results)
-    return Graded(result.final, result.score.possible, result.score.undecided)
+    return result
 
 
 def _state_submission_time(order: Order) -> None:
@@ -70,7 +73,9 @@ def _state_submission_time(order: Order) -> None:
 
 def say(message: dict[str, Any]) -> None:
     """Tell the process that started this one."""
-    os.write(sys.stdout.fileno(), (json.dumps(message) + "\n").encode())
+    line = memoryview((json.dumps(message) + "\n").encode())
+    while line:
+        line = line[os.write(sys.stdout.fileno(), line) :]
 
 
 def _tell(progress: Progress) -> None:

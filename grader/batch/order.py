@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Mapping
 from dataclasses import dataclass
-from decimal import Decimal
 from pathlib import Path
-from typing import Any
 
 from grader.errors import GraderError, RubricError, described
 from grader.intake import Handed, Intake
 from grader.live.isolation import Isolation
 from grader.pipeline import Options
+from grader.result import Result
 from grader.rubric import Rubric
 
-#: Exit status of troubles that are the grader's own.
-TROUBLE = GraderError.exit_status
 #: What is kept of a text that says what went wrong.
 _MOST_TEXT = 2_000
 
@@ -29,8 +25,6 @@ class Order:
     ----------
     handed : Handed or Intake
         The submission; already taken in if another machine did that.
-    results : Path
-        Folder of its results.
     isolation : Isolation or None
         How students' code is confined on this machine; not needed to judge.
     submitted_at : str or None
@@ -59,56 +53,49 @@ class Order:
         return order
 
 
-@dataclass(frozen=True)
-class Graded:
-    """A submission has its points."""
+#: How a grading ended: with a result, or with the reason why there is none.
+Ending = Result | GraderError
 
-    earned: Decimal
-    possible: Decimal
-    undecided: Decimal
 
-    def to_plain(self) -> dict[str, Any]:
-        """Return this as plain data."""
-        return {"earned": str(self.earned), "possible": str(self.possible), "undecided": str(self.undecided)}
-
-    @classmethod
-    def from_plain(cls, plain: Mapping[str, Any]) -> Graded:
-        """Undo `to_plain`; also reads the score in a `result.json`."""
-        earned, possible, undecided = (Decimal(str(plain[key])) for key in ("earned", "possible", "undecided"))
-        return cls(earned, possible, undecided)
+def problem_of(error: Exception) -> GraderError:
+    """Return what an exception says, on one line and of a length that can be shown in a table."""
+    found = described(error)
+    problem = "; ".join([found.problem, *found.mistakes]) if isinstance(found, RubricError) else found.problem
+    told = GraderError(problem[:_MOST_TEXT], where=found.where[:_MOST_TEXT], remedy=found.remedy[:_MOST_TEXT])
+    told.exit_status = found.exit_status
+    return told
 
 
 @dataclass(frozen=True)
-class NotGraded:
-    """A submission has no points, and why.
+class Row:
+    """What became of a submission.
 
     Attributes
     ----------
-    exit_status : int
-        With which a grading of this submission alone would have ended.
+    reused : bool
+        Whether it was graded before, and nothing has changed.
+    took_s : float
+        From its first turn on.
     """
 
-    problem: str
-    where: str = ""
-    remedy: str = ""
-    exit_status: int = TROUBLE
-
-    def to_plain(self) -> dict[str, Any]:
-        """Return this as plain data."""
-        texts = {"problem": self.problem, "where": self.where, "remedy": self.remedy}
-        return {key: text[:_MOST_TEXT] for key, text in texts.items()} | {"exit_status": self.exit_status}
-
-    @classmethod
-    def from_plain(cls, plain: Mapping[str, Any]) -> NotGraded:
-        """Undo `to_plain`."""
-        return cls(str(plain["problem"]), str(plain["where"]), str(plain["remedy"]), int(plain["exit_status"]))
-
-    @classmethod
-    def from_error(cls, error: Exception) -> NotGraded:
-        """Say what an exception says."""
-        told = described(error)
-        problem = "; ".join([told.problem, *told.mistakes]) if isinstance(told, RubricError) else told.problem
-        return cls(problem, told.where, told.remedy, told.exit_status)
+    handed: Handed
+    ending: Ending
+    reused: bool = False
+    took_s: float = 0.0
 
 
-Ending = Graded | NotGraded
+@dataclass(frozen=True)
+class Phase:
+    """What a submission is doing now.
+
+    Attributes
+    ----------
+    session : str
+        The session concerned; empty for the grader's own work.
+    ended : bool
+        Whether that has been done.
+    """
+
+    session: str
+    text: str
+    ended: bool = False

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Sequence
 from decimal import Decimal
 from pathlib import Path
@@ -13,12 +13,12 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from grader.batch.order import Graded, NotGraded
-from grader.batch.run import Row
-from grader.batch.supervised import Phase
+from grader.batch.order import Phase, Row
+from grader.errors import GraderError
 from grader.report.in_place import InPlace
 from grader.report.plain import terminal_text
-from grader.report.terminal import points_text
+from grader.report.views import points
+from grader.result import Result
 
 _NAME_WIDTH = 40
 _PROBLEM_WIDTH = 200
@@ -26,7 +26,7 @@ _SHOWN_ENDED = 6
 _BAR_WIDTH = 40
 
 
-class ClassProgress(InPlace):
+class RunProgress(InPlace):
     """What is done, what runs and in which phase, what waits, and how long it will take.
 
     On a terminal in place; elsewhere, as in a CI job, a line when a submission ends.
@@ -37,19 +37,21 @@ class ClassProgress(InPlace):
         Sessions side by side, for the first estimate of the time.
     """
 
-    def __init__(self, console: Console, at_a_time: int) -> None:
+    def __init__(self, console: Console, at_a_time: int, noun: str = "submissions") -> None:
         self._console = console
+        self._noun = noun
         self._began_s = time.monotonic()
         self._speed = float(at_a_time)
         self._work_s: dict[str, float] = {}
         self._done_s = 0.0
         self._phases: dict[str, dict[str, str]] = {}
         self._ended: deque[Text] = deque(maxlen=_SHOWN_ENDED)
-        self._count = {"done": 0, "reused": 0, "not graded": 0}
+        self._done = 0
+        self._remarks: Counter[str] = Counter()
         super().__init__(console, self.view)
 
     def expect(self, name: str, work_s: float) -> None:
-        """Take note of a submission that is to be graded."""
+        """Take note of a submission that is to be graded, with the time that its sessions take together."""
         self._work_s[name] = work_s
 
     def phase(self, name: str, phase: Phase) -> None:
@@ -62,22 +64,23 @@ class ClassProgress(InPlace):
         else:
             phases[phase.session] = phase.text
 
-    def ended(self, row: Row) -> None:
-        """Take note that a submission needs no more."""
-        name = row.handed.name
+    def done(self, name: str, line: Text | None, remark: str = "") -> None:
+        """Take note that a submission needs no more; remarks of a kind are counted."""
         self._phases.pop(name, None)
         self._done_s += self._work_s.pop(name, 0.0)
-        self._count["done"] += 1
-        if row.reused:
-            self._count["reused"] += 1
-            return
-        if isinstance(row.ending, NotGraded):
-            self._count["not graded"] += 1
-        line = _line(row)
-        self._ended.append(line)
-        if not self._console.is_terminal:
-            done, whole = self._count["done"], self._count["done"] + len(self._work_s)
-            self._console.print(Text(f"[{done}/{whole}] ").append(line), soft_wrap=True, highlight=False)
+        self._done += 1
+        self._remarks.update([remark] if remark else [])
+        if line is not None:
+            self._ended.append(line)
+            if not self._console.is_terminal:
+                count = Text(f"[{self._done}/{self._done + len(self._work_s)}] ")
+                self._console.print(count.append(line), soft_wrap=True, highlight=False)
+
+    def ended(self, row: Row) -> None:
+        """Take note of what became of a submission of a class."""
+        failed = isinstance(row.ending, GraderError)
+        remark = "as before" if row.reused else "not graded" if failed else ""
+        self.done(row.handed.name, None if row.reused else _line(row), remark)
 
     def note(self, text: str) -> None:
         """Tell something about the run as a whole."""
@@ -93,16 +96,14 @@ class ClassProgress(InPlace):
         for name, phases in self._phases.items():
             doing = " · ".join(f"{session}: {text}" if session else text for session, text in phases.items())
             table.add_row(Text(terminal_text(name, _NAME_WIDTH)), Text(terminal_text(doing, 300), "dim"))
-        done, left = self._count["done"], len(self._work_s)
         bar = Table.grid()  # by itself it would not end its line
-        bar.add_row(ProgressBar(total=max(1, done + left), completed=done, width=_BAR_WIDTH))
+        bar.add_row(ProgressBar(total=max(1, self._done + len(self._work_s)), completed=self._done, width=_BAR_WIDTH))
         return Group(*self._ended, Text(""), self._headline(), bar, table)
 
     def _headline(self) -> Text:
         waiting = len(self._work_s) - len(self._phases)
-        parts = [f"{self._count['done']} of {self._count['done'] + len(self._work_s)} submissions done"]
-        parts += [f"{self._count['reused']} as before"] if self._count["reused"] else []
-        parts += [f"{self._count['not graded']} not graded"] if self._count["not graded"] else []
+        parts = [f"{self._done} of {self._done + len(self._work_s)} {self._noun} done"]
+        parts += [f"{count} {remark}" for remark, count in self._remarks.items()]
         parts += [f"{len(self._phases)} under way", f"{waiting} in the queue", f"about {self._time_left()} left"]
         return Text(" · ".join(parts), "bold")
 
@@ -116,14 +117,18 @@ class ClassProgress(InPlace):
 
 def _line(row: Row) -> Text:
     name = terminal_text(row.handed.name, _NAME_WIDTH)
-    if isinstance(row.ending, NotGraded):
+    if isinstance(row.ending, GraderError):
         return Text(f"✗ {name}: not graded: {_problem(row.ending, row.handed.name)}", "red")
-    undecided = f", {points_text(row.ending.undecided)} undecided" if row.ending.undecided else ""
-    points = f"{points_text(row.ending.earned)} / {points_text(row.ending.possible)}"
-    return Text(f"✓ {name}: {points}{undecided} ({row.took_s:.0f} s)")
+    score = row.ending.score
+    undecided = f", {points(score.undecided)} undecided" if score.undecided else ""
+    return Text(f"✓ {name}: {_points(row.ending)}{undecided} ({row.took_s:.0f} s)")
 
 
-def _problem(ending: NotGraded, name: str) -> str:
+def _points(result: Result) -> str:
+    return f"{points(result.final)} / {points(result.score.possible)}"
+
+
+def _problem(ending: GraderError, name: str) -> str:
     where = f"{ending.where}: " if ending.where and Path(ending.where).name != name else ""
     return terminal_text(f"{where}{ending.problem}", _PROBLEM_WIDTH)
 
@@ -136,15 +141,14 @@ def print_class(console: Console, rows: Sequence[Row]) -> None:
     table.add_column("undecided", justify="right", no_wrap=True)
     for row in rows:
         name = Text(terminal_text(row.handed.name, _NAME_WIDTH))
-        if isinstance(row.ending, Graded):
-            undecided = Text(points_text(row.ending.undecided) if row.ending.undecided else "", "magenta")
-            points = f"{points_text(row.ending.earned)} / {points_text(row.ending.possible)}"
-            table.add_row(name, points, undecided)
+        if isinstance(row.ending, Result):
+            undecided = row.ending.score.undecided
+            table.add_row(name, _points(row.ending), Text(points(undecided) if undecided else "", "magenta"))
         else:
             table.add_row(name, Text("not graded", "red"), "")
     console.print(table)
     for row in rows:
-        if isinstance(row.ending, NotGraded):
+        if isinstance(row.ending, GraderError):
             shown = terminal_text(row.handed.name, _NAME_WIDTH)
             console.print(Text(f"{shown}: not graded: {_problem(row.ending, row.handed.name)}", "red"), soft_wrap=True)
             if row.ending.remedy:
@@ -153,12 +157,13 @@ def print_class(console: Console, rows: Sequence[Row]) -> None:
 
 def summary(rows: Sequence[Row]) -> str:
     """Return a sentence on the rows."""
-    graded = [row.ending for row in rows if isinstance(row.ending, Graded)]
+    graded = [row.ending for row in rows if isinstance(row.ending, Result)]
     parts = [f"{len(graded)} graded"]
     parts += [f"{reused} of them as before"] if (reused := sum(row.reused for row in rows)) else []
-    parts += [f"{undecided} with undecided points"] if (undecided := sum(bool(g.undecided) for g in graded)) else []
+    undecided = sum(bool(result.score.undecided) for result in graded)
+    parts += [f"{undecided} with undecided points"] if undecided else []
     parts += [f"{missing} not graded"] if (missing := len(rows) - len(graded)) else []
     if graded:
-        mean = sum((g.earned for g in graded), Decimal(0)) / len(graded)
+        mean = sum((g.final for g in graded), Decimal(0)) / len(graded)
         parts.append(f"mean {mean:.1f} points")
     return ", ".join(parts)

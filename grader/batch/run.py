@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-import json
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
-from decimal import Decimal
 from pathlib import Path
 from typing import Protocol
 
@@ -17,49 +15,17 @@ from grader.batch.admission import Admission
 from grader.batch.cluster import cluster
 from grader.batch.journal import Entry, Journal
 from grader.batch.one import make_durable
-from grader.batch.order import Ending, Graded, NotGraded, Order
-from grader.batch.supervised import Phase, grade_in_process
-from grader.errors import RecordingError
+from grader.batch.order import Ending, Order, Phase, Row, problem_of
+from grader.batch.progress import RunProgress
+from grader.batch.supervised import grade_in_process
+from grader.errors import GraderError, RecordingError
 from grader.intake import Handed, taken_in
 from grader.live.cells import run_to_an_end
 from grader.live.isolation import Isolation, Level
 from grader.live.scratch import scratch_prefix
 from grader.pipeline import RECORDINGS, REPORT_FILE, RESULT_FILE, Options
+from grader.result import Result, load_result
 from grader.rubric import Rubric
-
-
-@dataclass(frozen=True)
-class Row:
-    """What became of a submission.
-
-    Attributes
-    ----------
-    reused : bool
-        Whether it was graded before, and nothing has changed.
-    took_s : float
-        From its first turn on.
-    """
-
-    handed: Handed
-    ending: Ending
-    reused: bool = False
-    took_s: float = 0.0
-
-
-class Display(Protocol):
-    """Shows how far a class is."""
-
-    def expect(self, name: str, work_s: float) -> None:
-        """Take note of a submission that is to be graded, with the time that its sessions take together."""
-
-    def phase(self, name: str, phase: Phase) -> None:
-        """Take note of what a submission is doing."""
-
-    def ended(self, row: Row) -> None:
-        """Take note that a submission needs no more."""
-
-    def note(self, text: str) -> None:
-        """Tell something about the run as a whole."""
 
 
 class Site(Protocol):
@@ -117,7 +83,7 @@ class ClassRun:
     options: Options
     journal: Journal
     admission: Admission
-    display: Display
+    display: RunProgress
     rows: list[Row] = field(default_factory=list)
 
     def grade(self, handed: Sequence[Handed], where: Isolation | str) -> None:
@@ -190,7 +156,7 @@ class ClassRun:
                 self.display.expect(task.handed.name, self._work_s())
         return others
 
-    def _kept(self, task: _Task, site: Site) -> Graded | None:
+    def _kept(self, task: _Task, site: Site) -> Result | None:
         entry = self._entry(task, site)
         folder = self.journal.results / task.handed.name
         if entry is None or entry.policy != task.policy or not (folder / REPORT_FILE).is_file():
@@ -216,7 +182,7 @@ class ClassRun:
         try:
             ending = await self._grade(task, site, on_phase)
         except Exception as error:
-            ending = NotGraded.from_error(error)
+            ending = problem_of(error)
             if self._entry(task, site) is None:
                 self._abandoned(task, ending)
         took_s = asyncio.get_running_loop().time() - began_s[0] if began_s else 0.0
@@ -233,7 +199,7 @@ class ClassRun:
         else:
             order = self._order(task, self.journal.unfinished(name))
             ending, isolation = await site.grade(order, task.number, on_phase)
-        if isinstance(ending, NotGraded):
+        if isinstance(ending, GraderError):
             return ending if kept else self._not_judged(task, order, isolation, ending)
         after = (order.results / RESULT_FILE).read_text(encoding="utf-8")
         occasion = audit.Occasion(now, "grade", self.options.overrides.sha256)
@@ -250,17 +216,18 @@ class ClassRun:
             seed = fingerprint.seed_for(task.submission, self.journal.run_seed)
         return Order(task.handed, results, self.rubric, replace(self.options, seed=seed))
 
-    def _not_judged(self, task: _Task, order: Order, isolation: Level, why: NotGraded) -> NotGraded:
+    def _not_judged(self, task: _Task, order: Order, isolation: Level, why: GraderError) -> GraderError:
         """Keep what was recorded of a submission, unless that itself cannot be read."""
         if (order.results / RECORDINGS).is_dir() and why.exit_status != RecordingError.exit_status:
             with suppress(OSError, ValueError):
                 make_durable(order.results)
                 self.journal.keep_unjudged(task.handed.name, task.key, isolation.value)
                 final = self.journal.results / task.handed.name
-                return replace(why, remedy=why.remedy.replace(str(order.results), str(final)))
+                why.remedy = why.remedy.replace(str(order.results), str(final))
+                return why
         return self._abandoned(task, why)
 
-    def _abandoned(self, task: _Task, why: NotGraded) -> NotGraded:
+    def _abandoned(self, task: _Task, why: GraderError) -> GraderError:
         with suppress(OSError):  # Such as a full disk, which is likely to be the reason itself.
             self.journal.abandon(task.handed.name, why)
         return why
@@ -270,13 +237,9 @@ class ClassRun:
         self.display.ended(row)
 
 
-def _result_in(folder: Path, rubric: Rubric) -> Graded | None:
-    """Return the points in a finished result by this rubric, or None if there is no such."""
-    try:
-        plain = json.loads((folder / RESULT_FILE).read_text(encoding="utf-8"))
-        if plain["provenance"]["rubric_sha256"] != rubric.sha256:
-            return None
-        graded = Graded.from_plain(plain["score"])
-        return replace(graded, earned=Decimal(str(plain["score"].get("final", graded.earned))))
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, ArithmeticError):
-        return None
+def _result_in(folder: Path, rubric: Rubric) -> Result | None:
+    """Return a finished result by this rubric, or None if there is no such."""
+    with suppress(FileNotFoundError, RecordingError):
+        result = load_result(folder / RESULT_FILE)
+        return result if result.rubric_sha256 == rubric.sha256 else None
+    return None

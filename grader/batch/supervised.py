@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import base64
 import json
 import os
+import pickle
 import signal
 import sys
 import tempfile
@@ -17,59 +19,28 @@ from typing import Any
 
 from grader.batch.admission import Admission, Place, Use
 from grader.batch.one import FIRST_TURN
-from grader.batch.order import Ending, Graded, NotGraded, Order
+from grader.batch.order import Ending, Order, Phase, problem_of
+from grader.errors import GraderError
 from grader.live.scratch import remove_leavings, scratch_prefix
 
-#: The most that reading, or judging, a submission may take.
-_WORK_LIMIT_S = 120.0
-#: What a session may take beyond its time, until its process has ended it by itself.
-_CELL_GRACE_S = 60.0
-#: How long a submission may keep all others from the machine; after that it is recorded again beside them.
-_ALONE_LIMIT_S = 60.0
-#: How long the process may be without a turn and without asking for one.
-_IDLE_LIMIT_S = 60.0
 #: How long it may take to end when it is asked to.
 _END_S = 15.0
-_MOST_LINE_BYTES = 1024 * 1024
+#: The last line holds the whole result.
+_MOST_LINE_BYTES = 64 * 1024 * 1024
 
 
 @dataclass(frozen=True)
 class Limits:
-    """How long things may take before the process is ended.
+    """How long things may take, in seconds, before the process is ended."""
 
-    Attributes
-    ----------
-    work_s : float
-        For reading, or judging, a submission.
-    cell_grace_s : float
-        For a session, beyond its own limit.
-    idle_s : float
-        Without a turn and without asking for one.
-    alone_s : float
-        In turns for which it has the machine for itself. After these it is not ended, but gets no more such turns.
-    """
-
-    work_s: float = _WORK_LIMIT_S
-    cell_grace_s: float = _CELL_GRACE_S
-    idle_s: float = _IDLE_LIMIT_S
-    alone_s: float = _ALONE_LIMIT_S
-
-
-@dataclass(frozen=True)
-class Phase:
-    """What a submission is doing now.
-
-    Attributes
-    ----------
-    session : str
-        The session concerned; empty for the grader's own work.
-    ended : bool
-        Whether that has been done.
-    """
-
-    session: str
-    text: str
-    ended: bool = False
+    #: For reading, or judging, a submission.
+    work_s: float = 120.0
+    #: For a session beyond its own limit, until its process has ended it by itself.
+    cell_grace_s: float = 60.0
+    #: Without a turn and without asking for one.
+    idle_s: float = 60.0
+    #: In turns for which it has the machine for itself. After these it is not ended, but recorded beside the others.
+    alone_s: float = 60.0
 
 
 async def grade_in_process(
@@ -108,7 +79,7 @@ class _Supervised:
             with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as scratch:
                 await self._run(Path(scratch))
         except (OSError, ValueError) as error:
-            self.ending = self.ending or NotGraded.from_error(error)
+            self.ending = self.ending or problem_of(error)
         finally:
             for task in self.asking.values():
                 task.cancel()
@@ -116,7 +87,7 @@ class _Supervised:
                 place.release()
             for timer in self.timers.values():
                 timer.cancel()
-        return self.ending or NotGraded("the grader's process ended without a word", remedy="Grade it by itself.")
+        return self.ending or GraderError("the grader's process ended without a word", remedy="Grade it by itself.")
 
     async def _run(self, scratch: Path) -> None:
         self.order.write(scratch / "order")
@@ -153,10 +124,8 @@ class _Supervised:
                 self._on_free(int(message["free"]))
             elif "now" in message:
                 self._on_work(int(message["now"]), str(message["what"]))
-            elif message.get("ending") == "graded":
-                self.ending = self.ending or Graded.from_plain(message)
             elif "ending" in message:
-                self.ending = self.ending or NotGraded.from_plain(message)
+                self.ending = self.ending or pickle.loads(base64.b64decode(message["ending"]))
             else:
                 step = f" ({message['step']} of {message['steps']})" if message["steps"] else ""
                 self.on_phase(Phase(message["session"], message["text"] + step, message["ended"]))
@@ -181,7 +150,7 @@ class _Supervised:
     def _on_asked(self, task: asyncio.Task[None]) -> None:
         error = None if task.cancelled() else task.exception()
         if isinstance(error, Exception):
-            self.ending = self.ending or NotGraded.from_error(error)
+            self.ending = self.ending or problem_of(error)
             self._kill()
 
     def _been_alone_s(self) -> float:
@@ -237,7 +206,7 @@ class _Supervised:
 
     def _give_up(self, what: str, limit_s: float) -> None:
         remedy = "Grade it by itself and watch; the other submissions are not concerned."
-        self.ending = self.ending or NotGraded(f"{what} took longer than {limit_s:g} s", remedy=remedy)
+        self.ending = self.ending or GraderError(f"{what} took longer than {limit_s:g} s", remedy=remedy)
         self._kill()
 
     def _kill(self) -> None:
@@ -259,10 +228,10 @@ async def _end(process: asyncio.subprocess.Process) -> None:
         await asyncio.wait_for(process.communicate(), _END_S)
 
 
-def _broken(status: int | None, said: Path) -> NotGraded:
+def _broken(status: int | None, said: Path) -> GraderError:
     """Say of a process that ended without an ending what is known."""
     how = f"status {status}" if status is None or status >= 0 else signal.Signals(-status).name
     lines = said.read_text(encoding="utf-8", errors="replace").strip().splitlines() if said.is_file() else []
     last = f": {lines[-1]}" if lines else ""
     remedy = "Grade it by itself; a SIGKILL that nobody sent means that the machine ran out of memory."
-    return NotGraded(f"the grader's process ended with {how}{last}", remedy=remedy)
+    return GraderError(f"the grader's process ended with {how}{last}", remedy=remedy)

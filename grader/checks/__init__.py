@@ -10,35 +10,61 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from pydantic import BaseModel
+
 from grader.checks import comparison, documentation, launching, reception, services, traffic
-from grader.checks.finding import Context
+from grader.checks.finding import Context, missing_artifact, runs_elsewhere, undecided
+from grader.evidence.recorded import Span, clock_step_s
 from grader.references import Parameters
-from grader.result import Finding
+from grader.result import Finding, Outcome
 
 
 @dataclass(frozen=True)
 class Check:
-    """A check: its parameters' model and its function.
+    """A check: its parameters' model and its function, which finds the file of its artifact to be there.
 
     Attributes
     ----------
     by_endpoints : bool
         Whether it can be passed without all messages of its topics.
     by_clock : bool
-        Whether what it finds wrong may be so since the system's clock was set at some time in the session.
+        Whether what it finds wrong may be so since the system's clock was set at some time in the session, or in the
+        window of the check.
     """
 
     parameters: type[Parameters]
-    judge: Callable[[Context, Any], Finding]
+    find: Callable[[Context, Any], Finding]
     by_endpoints: bool = False
     by_clock: bool = False
+
+    def judge(self, context: Context, p: BaseModel) -> Finding:
+        """Judge one session or submission.
+
+        The file of its artifact must be there. Nothing is decided by a clock that was set in the check's window, nor
+        lost by one that was set in its session; nor where nothing was found since the program needs what is missing
+        where it is graded.
+        """
+        artifact = getattr(p, "artifact", None)
+        if (missing := missing_artifact(context, artifact)) is not None:
+            return missing
+        finding = self.find(context, p)
+        if context.recorded is None:
+            return finding
+        if artifact is not None and self.by_endpoints and finding.outcome is Outcome.FAILED:
+            finding = runs_elsewhere(context, artifact, finding.expected) or finding
+        record, window = context.session.record, getattr(p, "window", None)
+        span = context.session.window(window) if window else Span(record.started_ns, record.ended_ns)
+        lost = finding.outcome in (Outcome.FAILED, Outcome.PARTIAL)
+        if self.by_clock and (lost or window) and span is not None and (step_s := clock_step_s(record, span)):
+            return undecided(finding, f"The machine's clock was set by {step_s * 1e3:.1f} ms while this was measured.")
+        return finding
 
 
 REGISTRY: dict[str, Check] = {
     # A node that publishes.
     "topic_published": Check(traffic.TopicPublished, traffic.topic_published, by_endpoints=True),
-    "topic_rate": Check(traffic.TopicRate, traffic.topic_rate),
-    "topic_jitter": Check(traffic.TopicJitter, traffic.topic_jitter),
+    "topic_rate": Check(traffic.TopicRate, traffic.topic_rate, by_clock=True),
+    "topic_jitter": Check(traffic.TopicJitter, traffic.topic_jitter, by_clock=True),
     "message_values": Check(traffic.MessageValues, traffic.message_values),
     "sinusoids": Check(traffic.Sinusoids, traffic.sinusoids),
     "offered_qos": Check(traffic.OfferedQos, traffic.offered_qos, by_endpoints=True),

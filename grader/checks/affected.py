@@ -28,16 +28,10 @@ def with_checks(touched: Touched, recorded: Recorded, rubric: Rubric) -> Violati
     return replace(violation, checks=spoilt)
 
 
-def not_measurable(finding: Finding, violation: Violation) -> Finding:
+def not_measurable(expected: str, violation: Violation) -> Finding:
     """Return what is found instead, where what a check measures was touched."""
-    return Finding(
-        Outcome.FAILED,
-        Decimal(0),
-        finding.expected,
-        "not measured",
-        f"{violation.text} So this cannot be measured.",
-        where=(violation.where,),
-    )
+    reason = f"{violation.text} So this cannot be measured."
+    return Finding(Outcome.FAILED, Decimal(0), expected, "not measured", reason, where=(violation.where,))
 
 
 def without_rest(finding: Finding, left_out: Unrecorded, *, timed: bool) -> Finding:

@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field, field_validator
 
 from grader import references as ref
+from grader.checks.endpoints import claimed_qos, clash, student_endpoints
 from grader.checks.finding import (
     Context,
     apart,
@@ -16,15 +17,11 @@ from grader.checks.finding import (
     graded,
     in_steps,
     inconclusive,
-    missing_artifact,
     not_reached,
     passed,
     percent,
-    runs_elsewhere,
     why_nothing,
 )
-from grader.checks.reception import clash
-from grader.checks.traffic import claimed_qos, student_endpoints
 from grader.evidence.calls import asked_qos
 from grader.evidence.chance import is_believed
 from grader.evidence.printed import text_of
@@ -58,8 +55,6 @@ class EndsByItself(Parameters):
 def ends_by_itself(context: Context, p: EndsByItself) -> Finding:
     """Judge the end of the artifact's process: half for ending well, half for its results."""
     expected = f"ends by itself after {p.least_s:g} to {p.most_s:g} s, with its results printed"
-    if (missing := missing_artifact(context, p.artifact, expected)) is not None:
-        return missing
     processes = context.session.processes_of(p.artifact)
     if not processes:
         return inconclusive(expected, "not started", "The recording does not show the program.")
@@ -67,8 +62,6 @@ def ends_by_itself(context: Context, p: EndsByItself) -> Finding:
     spot = Where(session=context.session.record.session, process=p.artifact)
     printed = _without_tracebacks(run.output)
     said = search(p.output, printed) is not None
-    if not said and (elsewhere := runs_elsewhere(context, p.artifact, expected)) is not None:
-        return elsewhere
     ran_s = ((run.exited_ns or context.session.record.ended_ns) - run.started_ns) / 1e9
     if run.interrupted_ns is not None or run.ended_by != "itself":
         stopped_s = ((run.interrupted_ns or run.started_ns) - run.started_ns) / 1e9
@@ -274,7 +267,7 @@ def _judge_policy(wanted: WantedProfile, policy: str, sides: Sequence[_Side]) ->
 
 def _claim(context: Context, artifact: str, kind: str, topic: str) -> tuple[Qos | None, Where | None]:
     """Return what the node asked for, by the tap, or else by its source."""
-    qos, spot = claimed_qos(context, kind, context.session.used(topic))
+    qos, spot = claimed_qos(context, kind, topic)
     if qos is not None:
         return qos, spot
     path = context.path_of(artifact) or ""

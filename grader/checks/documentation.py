@@ -12,13 +12,14 @@ from pydantic import Field
 
 from grader import references as ref
 from grader.checks.finding import Context, apart, failed, graded, inconclusive, percent
+from grader.evidence.lexicon import one_of
 from grader.evidence.markup import Document, read_markdown
 from grader.evidence.prose import (
     TopicWords,
     concepts,
-    coverage,
+    descriptions,
     document_passages,
-    run_instructions,
+    run_lines,
     source_passages,
 )
 from grader.evidence.source import SourceFacts, docstring_share, parse
@@ -26,11 +27,7 @@ from grader.references import Parameters, Pattern, Share
 from grader.result import Finding, Where
 
 #: What a README is called in other languages.
-_README = re.compile(
-    r"(?:read[_ -]?me|liesmich|lies[_ -]?mich|lisez[_ -]?moi|l[eé]ame|leeme|leiame|leia[_ -]?me|leggimi|leesmij|läsmig|"
-    r"les[_ -]?meg|czytaj|čtimě|beni[_ -]?oku|прочти|прочитай|说明|说明书|自述|読んで|お読み|읽어보|اقرأ)",
-    re.IGNORECASE,
-)
+_README = re.compile(one_of("readme_names"), re.IGNORECASE)
 _WRITTEN = (".md", ".markdown", ".rst", ".txt", ".adoc", ".org", "")
 #: Texts that are there for programs.
 _FOR_PROGRAMS = ("requirements", "cmakelists", "constraints", "license", "licence", "copying", "manifest", "top_level")
@@ -118,13 +115,12 @@ def readme(context: Context, p: Readme) -> Finding:
         return _for_a_person(expected, unread)
     if not documents:
         return failed(expected, "no README", "There is no README.", hint="Write a README.md beside the code.")
-    commands = [(path, i) for path, document in documents for i in run_instructions(document, p.commands)]
+    commands = [Where(file=path, line=line) for path, d in documents for line in run_lines(d, p.commands)]
     topics = [TopicWords(part.artifact, part.names, part.synonyms) for part in parts]
     described = {
-        t.id: (path, t)
+        topic: Where(file=path, line=line)
         for path, d in reversed(documents)
-        for t in coverage(d, topics, p.words_each).topics
-        if t.state == "described"
+        for topic, line in descriptions(d, topics, p.words_each).items()
     }
     lacking = [part for part in parts if part.artifact not in described]
     share = p.run_weight * bool(commands) + (1 - p.run_weight) * len(described) / len(parts)
@@ -138,8 +134,7 @@ def readme(context: Context, p: Readme) -> Finding:
             + ("does." if len(lacking) == 1 else "do.")
         )
     measured = f"{len(commands)} commands, {len(described)} of {len(parts)} parts described"
-    where = [Where(file=path, line=i.line) for path, i in commands[:1]]
-    where += [Where(file=path, line=t.lines[0] if t.lines else None) for path, t in described.values()]
+    where = [*commands[:1], *described.values()]
     return graded(share, expected, measured, " ".join(reasons), where=where or (Where(file=documents[0][0]),))
 
 
@@ -240,7 +235,7 @@ def concepts_explained(context: Context, p: ConceptsExplained) -> Finding:
         f"{p.full_concepts} of {len(p.concepts)} concepts discussed (two thirds), and weighed with reasons (one third)"
     )
     measured = f"{', '.join(found.discussed) or 'none'} discussed in {found.words} words"
-    where = [Where(file=c.places[0].file, line=c.places[0].line) for c in found.concepts if c.places]
+    where = [Where(file=passage.file, line=passage.line) for passage in found.discussed.values()]
     if len(found.discussed) < p.least_concepts and (unread := _not_read(context)):
         return _for_a_person(expected, unread)
     if len(found.discussed) < p.least_concepts:
@@ -249,6 +244,7 @@ def concepts_explained(context: Context, p: ConceptsExplained) -> Finding:
     share = 2 / 3 * covered + 1 / 3 if found.related else 1 / 3 * covered
     reasons = [] if found.related else ["They are not set in relation to each other: when which, and at what price?"]
     if len(found.discussed) < p.full_concepts:
-        reasons.insert(0, f"Nothing is said about {', '.join(found.missing)}.")
+        missing = [name for name in p.concepts if name not in found.discussed]
+        reasons.insert(0, f"Nothing is said about {', '.join(missing)}.")
     notes = [f"For a person to read: {s.file}, line {s.line}, seems to be words, not sentences." for s in found.strung]
     return graded(share, expected, measured, " ".join(reasons), where=where, notes=notes)

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path, PurePosixPath
 from typing import Any
-
-from pydantic import Field
 
 from grader.evidence.diagnosis import Diagnosis, explain
 from grader.evidence.elsewhere import only_elsewhere
@@ -18,16 +16,7 @@ from grader.evidence.oracle import load_oracle
 from grader.evidence.recorded import Floats, NumericStream, Recorded, can_hold_row
 from grader.evidence.source import spin_lines
 from grader.recording.submission import SubmissionRecord
-from grader.references import Parameters, Share
 from grader.result import Finding, Outcome, Where
-
-
-class OfEndpoint(Parameters):
-    """What it costs where an endpoint is there, but not as it is asked for."""
-
-    other_name_costs: Share = Field(0.6, description="Share of the credit that another name of it costs.")
-    other_type_costs: Share = Field(0.6, description="Share of the credit that another type costs.")
-    other_node_costs: Share = Field(0.2, description="Share of the credit that another name of its node costs.")
 
 
 @dataclass(frozen=True)
@@ -151,8 +140,26 @@ def graded(
     hint: str = "",
     where: Sequence[Where] = (),
     notes: Sequence[str] = (),
+    best: float | None = None,
+    doubt: str = "",
+    uneven: bool = False,
 ) -> Finding:
-    """State a finding by the share of credit that it earns; the reason is dropped when that is all."""
+    """State a finding by the share of credit that it earns; the reason is dropped when that is all.
+
+    Parameters
+    ----------
+    share : float
+        What it earns; with `best`, the least that the recording and the machine's delays leave possible.
+    best : float, optional
+        The most that they leave possible: where it earns more than the least, the finding is inconclusive.
+    doubt : str
+        What keeps it from being decided then.
+    uneven : bool
+        Whether that is the program's own doing, so that the least counts where it stays so.
+    """
+    if best is not None and credit_of(best) != credit_of(share):
+        settled = graded(share, expected, measured, reason, where=where) if uneven else None
+        return inconclusive(expected, measured, doubt, where=where, settled=settled)
     credit = credit_of(share)
     if credit >= _AS_GOOD_AS_FULL:
         return passed(expected, measured, where=where, notes=notes)
@@ -202,11 +209,8 @@ def measured_share(
         Whether that is what the machine did.
     """
     low, high = in_steps(worst, steps), in_steps(best, steps)
-    if low != high:
-        uneven = not by_machine and high - low > 1.5 / steps
-        settled = graded(low, expected, measured, reason, where=where) if uneven else None
-        return inconclusive(expected, measured, doubt, where=where, settled=settled)
-    return graded(high, expected, measured, reason, where=where)
+    uneven = not by_machine and high - low > 1.5 / steps
+    return graded(low, expected, measured, reason, where=where, best=high, doubt=doubt, uneven=uneven)
 
 
 def failed(expected: str, measured: str, reason: str, *, hint: str = "", where: Sequence[Where] = ()) -> Finding:
@@ -225,6 +229,11 @@ def inconclusive(
 ) -> Finding:
     """State that the recording cannot answer: the machine's doing, or for a person to decide; it earns nothing."""
     return Finding(Outcome.INCONCLUSIVE, Decimal(0), expected, measured, reason, "", tuple(where), (), retry, settled)
+
+
+def undecided(finding: Finding, reason: str) -> Finding:
+    """Return a finding as one that the recording cannot answer after all."""
+    return replace(finding, outcome=Outcome.INCONCLUSIVE, credit=Decimal(0), reason=reason, hint="")
 
 
 def unclear(expected: str, measured: str, reason: str, *, where: Sequence[Where] = ()) -> Finding:
@@ -271,24 +280,15 @@ def takes_points(finding: Finding | None) -> bool:
     return finding is not None and finding.outcome in (Outcome.FAILED, Outcome.PARTIAL, Outcome.NOT_REACHED)
 
 
-def no_such_file(submission: SubmissionRecord, name: str) -> str:
-    """Say that a file is not in the submission; and if one of its name was not taken in, why."""
-    left_out = [said for said in submission.left_out if PurePosixPath(said.partition(": ")[0]).name == name]
-    return f"There is no {name} in the submission." + (f" Left out was {left_out[0]}." if left_out else "")
-
-
-def missing_artifact(context: Context, artifact: str, expected: str) -> Finding | None:
-    """State that an artifact's file is not there, or None if it is."""
-    if context.path_of(artifact) is not None:
+def missing_artifact(context: Context, artifact: str | None) -> Finding | None:
+    """State that an artifact's file is not there, or None if it is; and if one of its name was not taken in, why."""
+    if artifact is None or context.path_of(artifact) is not None:
         return None
     fact = context.submission.artifact(artifact)
     name = fact.expected if fact else artifact
-    return failed(
-        expected,
-        "no such file",
-        no_such_file(context.submission, name),
-        hint=f"Hand in a file named {name}.",
-    )
+    left_out = [said for said in context.submission.left_out if PurePosixPath(said.partition(": ")[0]).name == name]
+    reason = f"There is no {name} in the submission." + (f" Left out was {left_out[0]}." if left_out else "")
+    return failed(f"a file {name}", "no such file", reason, hint=f"Hand in a file named {name}.")
 
 
 def told(found: Diagnosis) -> str:
@@ -322,6 +322,15 @@ def environment_gap(context: Context, artifact: str, found: Diagnosis | None) ->
     ends = [explain(run.output, paths, run.interrupted_ns) for run in runs]
     alike = all(end is not None and (end.kind, end.subject) == (found.kind, found.subject) for end in ends)
     return reason if alike else None
+
+
+def nothing_seen(
+    context: Context, artifact: str, expected: str, fallback: str, kind: str, names: Sequence[str]
+) -> Finding:
+    """State that an artifact's node showed none of some endpoints, and why: see `not_seen` and `why_nothing`."""
+    reason, hint, where = why_nothing(context, artifact, fallback)
+    fails = failed(expected, f"no {kind} in the graph", reason, hint=hint, where=where)
+    return not_seen(context, artifact, kind, names, expected) or fails
 
 
 def why_nothing(context: Context, artifact: str, fallback: str) -> tuple[str, str, tuple[Where, ...]]:

@@ -19,17 +19,16 @@ from grader.checks.finding import (
     graded,
     in_steps,
     inconclusive,
-    missing_artifact,
     not_reached,
     passed,
     takes_points,
     told,
 )
-from grader.evidence.chance import clock_was_set, is_believed
+from grader.evidence.chance import is_believed
 from grader.evidence.diagnosis import explain
 from grader.evidence.elsewhere import is_newer_python, missing_here
 from grader.evidence.launch_source import parameter_line
-from grader.evidence.recorded import Recorded
+from grader.evidence.recorded import Recorded, clock_step_s
 from grader.evidence.timing import Timing, timing_of
 from grader.recording.plan import MalformedPlanError, Plan, Problem, Process
 from grader.recording.session import ProcessRun
@@ -65,8 +64,6 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
     A misnamed executable or an undeclared argument is charged by the checks of nodes and of arguments.
     """
     expected = "a launch description without an error"
-    if (missing := missing_artifact(context, p.artifact, expected)) is not None:
-        return missing
     plan = plan_of(context, p.step)
     if plan is None:
         return inconclusive(expected, "not evaluated", "The recording does not hold an evaluation of the launch file.")
@@ -419,7 +416,7 @@ def _why_down(context: Context, entry: Process, executable: str) -> _JudgedNode:
     if found.kind == "parameter-type" and entry.file:
         text = context.submission.texts.get(entry.file, "")
         spot = (Where(file=entry.file, line=parameter_line(text, entry.line, found.subject)),)
-        hint, in_the_node = _type_hint(found.sentence, found.subject)
+        hint, in_the_node = _type_hint(found.message, found.subject)
         spot = (Where(file=found.file, line=found.line),) if in_the_node and found.file else spot
     return _JudgedNode(0.0, f"{executable} ended with status {run.exit_status}: {told(found)}", hint=hint, where=spot)
 
@@ -436,17 +433,17 @@ def _declares_another_type(context: Context, entry: Process, charged_by: str) ->
     found = explain(run.output, [f.path for f in context.submission.files]) if run is not None else None
     if found is None or found.kind != "parameter-type":
         return False
-    return takes_points(context.findings.get(charged_by)) and _type_hint(found.sentence, found.subject)[1]
+    return takes_points(context.findings.get(charged_by)) and _type_hint(found.message, found.subject)[1]
 
 
-_TYPES = re.compile(r"of type (\w+), but it is declared as (\w+)")
+_TYPES = re.compile(r"of type '(\w+)', expecting type '(\w+)'")
 _PYTHON_TYPES = {"bool": "bool", "double": "float", "integer": "int"}
 
 
-def _type_hint(sentence: str, name: str) -> tuple[str, bool]:
-    """Say how to mend a parameter given in another type than declared, and whether that is to be done in the node."""
-    match = _TYPES.search(sentence)
-    given, declared = match.groups() if match is not None else ("", "")
+def _type_hint(message: str, name: str) -> tuple[str, bool]:
+    """Say how to fix a parameter given in another type than declared, and whether that is to be done in the node."""
+    match = _TYPES.search(message)
+    given, declared = match[0].lower().split("'")[1::2] if match is not None else ("", "")
     if (given, declared) == ("double", "integer"):
         return f"Declare {name} with a float, as 100.0: one declared with an integer takes no 100.0.", True
     if given == "string":
@@ -684,7 +681,8 @@ def _commands_come(context: Context, p: TogetherCommands) -> tuple[float, str, s
 
 def _timing_alone(alone: Recorded | None, p: TogetherCommands) -> Timing | None:
     """Measure the commands of the session in which they come alone; None where its clock was set meanwhile."""
-    if alone is None or clock_was_set(alone, span := alone.window(p.window)):
+    span = alone.window(p.window) if alone is not None else None
+    if alone is None or (span is not None and clock_step_s(alone.record, span)):
         return None
     return timing_of(alone.stream(p.topic), span)
 

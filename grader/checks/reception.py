@@ -12,30 +12,28 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from grader import references as ref
+from grader.checks.endpoints import OfEndpoint, OfferedProfile, claimed_at, claimed_qos, clash, student_endpoints
 from grader.checks.finding import (
     Context,
-    OfEndpoint,
     apart,
     failed,
     graded,
     inconclusive,
     measured_share,
-    missing_artifact,
     not_reached,
     not_seen,
+    nothing_seen,
     passed,
     percent,
-    runs_elsewhere,
     takes_points,
     told,
     unclear,
     why_nothing,
 )
-from grader.checks.traffic import claimed_at, claimed_qos, in_namespace, student_endpoints
 from grader.evidence.printed import PrintedVector, Report, printed_vector, reports
 from grader.evidence.recorded import Span
 from grader.patterns import search
-from grader.recording.session import Endpoint, OutputLine, ProcessRun, Qos, StepRun
+from grader.recording.session import Endpoint, OutputLine, ProcessRun, StepRun
 from grader.references import Parameters, Pattern, Patterns, Share
 from grader.result import Finding, Outcome, Where
 
@@ -45,13 +43,6 @@ class WantedTopic(Parameters):
 
     topic: ref.RosName
     type: ref.MessageType
-
-
-class OfferedProfile(Parameters):
-    """The QoS with which the other side publishes in the lab's words."""
-
-    reliability: ref.Reliability = "reliable"
-    durability: ref.Durability = "volatile"
 
 
 class TopicsSubscribed(OfEndpoint):
@@ -67,57 +58,31 @@ class TopicsSubscribed(OfEndpoint):
     node: ref.RosName | None = None
 
 
-def clash(requested: Endpoint, offered: OfferedProfile | Qos) -> str | None:
-    """Return the policy on which a subscription's request and an offer are incompatible, in words, or None.
-
-    References
-    ----------
-    DDS 1.4, section 2.2.3: a request may not be stronger than the offer.
-    """
-    if requested.qos.reliability == "reliable" and offered.reliability == "best_effort":
-        return "reliability (RELIABLE is requested, BEST_EFFORT offered)"
-    if requested.qos.durability == "transient_local" and offered.durability == "volatile":
-        return "durability (TRANSIENT_LOCAL is requested, VOLATILE offered)"
-    if requested.qos.deadline_ns is not None:
-        return "deadline (one is requested, none offered)"
-    if requested.qos.liveliness.startswith("manual"):
-        return "liveliness (MANUAL_BY_TOPIC is requested, AUTOMATIC offered)"
-    return None
-
-
 def topics_subscribed(context: Context, p: TopicsSubscribed) -> Finding:
     """Judge the subscriptions from discovery."""
     expected = ", ".join(f"{t.type} from {t.topic}" for t in p.topics)
-    if (missing := missing_artifact(context, p.artifact, expected)) is not None:
-        return missing
-    shares, texts, reasons, spots = [], [], [], []
+    shares, texts, reasons, absent = [], [], [], []
+    spots: list[Where] = []
     nodes: list[str] = []
     notes: list[str] = []
     for topic in p.topics:
         endpoints = student_endpoints(context, topic.topic, "subscription")
+        absent += [] if endpoints else [topic.topic]
         nodes += [e.node for e in endpoints]
         notes += _weaker_requests(context, topic.topic, endpoints, p.reliability)
         share, text, reason = _judge_subscription(context, p, topic, endpoints)
         shares.append(share)
         texts.append(text)
         reasons += [reason] if reason else []
-        spot = claimed_at(context, "subscription", context.session.used(topic.topic))
-        spots += [spot] if spot else []
-    if not any(shares) and (elsewhere := runs_elsewhere(context, p.artifact, expected)) is not None:
-        return elsewhere
-    for topic in p.topics:
-        if student_endpoints(context, topic.topic, "subscription"):
-            continue
-        if (asked := not_seen(context, p.artifact, "subscription", [topic.topic], expected)) is not None:
-            return asked
+        spots += claimed_at(context, "subscription", topic.topic)
     if not any(shares):
         fallback = "The node subscribed to none of the topics, nor to any of a similar name."
-        reason, hint, where = why_nothing(context, p.artifact, fallback)
-        return failed(expected, "no subscription in the graph", reason, hint=hint, where=where)
-    share = sum(shares) / len(shares)
-    if p.node is not None and not any(n.rsplit("/", 1)[-1] == p.node.rsplit("/", 1)[-1] for n in nodes):
-        share -= p.other_node_costs
-        reasons.append(f"The node is named {nodes[0]}, not {p.node}.")
+        return nothing_seen(context, p.artifact, expected, fallback, "subscription", absent)
+    if (asked := not_seen(context, p.artifact, "subscription", absent, expected)) is not None:
+        return asked
+    other_node = p.node_faults(p.node, nodes)
+    share = sum(shares) / len(shares) - sum(costs for costs, _ in other_node)
+    reasons += [reason for _, reason in other_node]
     return graded(share, expected, ", ".join(texts), " ".join(reasons), where=(*spots, context.where()), notes=notes)
 
 
@@ -141,22 +106,11 @@ def _judge_subscription(
         )
     endpoint = next((e for e in endpoints if e.type == wanted.type), endpoints[0])
     text = f"{endpoint.type} from {used} ({endpoint.qos.reliability}, {endpoint.qos.durability})"
-    share, reasons = 1.0, []
-    if used != wanted.topic:
-        share -= p.other_name_costs
-        within = in_namespace(used, wanted.topic, [endpoint.node])
-        reasons.append(f"The subscription is on {used}, not on {wanted.topic}; the rest is judged with {used}.{within}")
-    if endpoint.type != wanted.type:
-        share -= p.other_type_costs
-        reasons.append(f"The type on {used} is {endpoint.type}, not {wanted.type}, so no message can arrive.")
-    policy = clash(endpoint, p.offered)
-    if policy is not None:
-        share -= p.incompatible_costs
-        reasons.append(
-            f"On {used} the two sides are incompatible in {policy}, "
-            "so no message would arrive from the lab's publisher."
-        )
-    return max(0.0, share), text, " ".join(reasons)
+    wrong = p.faults("topic", (wanted.topic, wanted.type), (used, endpoint.type), [endpoint.node])
+    if (policy := clash(endpoint, p.offered)) is not None:
+        arrives = "so no message would arrive from the lab's publisher."
+        wrong.append((p.incompatible_costs, f"On {used} the two sides are incompatible in {policy}, {arrives}"))
+    return max(0.0, 1 - sum(costs for costs, _ in wrong)), text, " ".join(reason for _, reason in wrong)
 
 
 class Streams(Parameters):
@@ -258,8 +212,13 @@ def reported_series(context: Context, p: ReportedSeries) -> Finding:
     if seen.right < len(spans) and (other := _other_series(context, p, heard)) is not None:
         example = _first_wrong(context, seen)
         return other.finding(context, expected, measured, seen.right / len(spans), example=example, where=where)
-    if seen.silent and seen.right + seen.silent == len(spans) and (late := _starved(context, p)):
-        return inconclusive(expected, measured, late, where=(spot,))
+    held_up = sum(_is_held_up(context, p, span) for span in spans[len(spans) - seen.silent :])
+    if held_up and seen.right + seen.silent == len(spans):
+        best = (seen.right + held_up) / len(spans)
+        reason = _first_wrong(context, seen)
+        return measured_share(
+            seen.right / len(spans), best, expected, measured, reason, _late(context, p), steps=len(spans), where=where
+        )
     if seen.right == len(spans) and (smoothed := _smoothed(context, p, heard, spans)):
         hint = "Report the error of each message by itself, without those before it."
         return graded(p.smoothed_credit, expected, measured, smoothed, hint=hint, where=where)
@@ -648,7 +607,7 @@ def _messages_during_delay(context: Context, p: Streams) -> float:
 
 def _queue_room(context: Context, p: Streams) -> int:
     """Return how many messages may wait besides the one that is next, by what the node asked for."""
-    asked = [claimed_qos(context, "subscription", context.session.used(t))[0] for t in p.streams.values()]
+    asked = [claimed_qos(context, "subscription", t)[0] for t in p.streams.values()]
     return max(0, min((qos.depth if qos is not None else 1) for qos in asked) - 1)
 
 
@@ -662,6 +621,18 @@ def _starved(context: Context, p: Streams) -> str:
         return ""
     delay_s, length_s = _delay_s(context, p)
     return _late(context, p) if delay_s >= _STARVED_SHARE * length_s else ""
+
+
+#: Share of a span without a report for which the machine kept the node from a core, if it is to blame for all of that.
+_HELD_UP_SHARE = 0.5
+
+
+def _is_held_up(context: Context, p: Streams, span: Mapping[str, Any]) -> bool:
+    """Whether the machine may have kept the node from all reports within a span; one that ended did not wait."""
+    if _ended_ns(context, p.artifact) is not None:
+        return False
+    whole, run = Span(span["start_ns"], span["end_ns"]), context.session.processes_of(p.artifact)[-1]
+    return context.session.machine_delay_s(run, whole) >= _HELD_UP_SHARE * whole.duration_s
 
 
 #: So long the grader may stand still without reading a report at another value than that for which it was printed.

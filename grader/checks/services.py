@@ -11,25 +11,21 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from grader import references as ref
+from grader.checks.endpoints import OfEndpoint, claimed_at
 from grader.checks.finding import (
     Context,
-    OfEndpoint,
     apart,
     ended_already,
     failed,
     graded,
     inconclusive,
-    missing_artifact,
     not_reached,
-    not_seen,
+    nothing_seen,
     passed,
-    runs_elsewhere,
     takes_points,
     told,
     unclear,
-    why_nothing,
 )
-from grader.checks.traffic import claimed_at, in_namespace
 from grader.evidence.recorded import Span
 from grader.patterns import search, without
 from grader.recording.session import StepRun
@@ -49,39 +45,18 @@ class ServiceOffered(OfEndpoint):
 def service_offered(context: Context, p: ServiceOffered) -> Finding:
     """Judge the service from discovery."""
     expected = f"{p.service} of type {p.type}" + (f", from node {p.node}" if p.node else "")
-    if (missing := missing_artifact(context, p.artifact, expected)) is not None:
-        return missing
     used = context.session.used(p.service)
     offers = [s for graph in context.session.record.graph for s in graph.services if s.name == used]
     offers = [s for s in offers if s.node not in context.reference_nodes]
-    if not offers and (elsewhere := runs_elsewhere(context, p.artifact, expected)) is not None:
-        return elsewhere
     if not offers:
-        if (unseen := not_seen(context, p.artifact, "service", [p.service], expected)) is not None:
-            return unseen
         fallback = f"The service {p.service} never came up, nor one of a similar name. A client would wait in vain."
-        reason, hint, where = why_nothing(context, p.artifact, fallback)
-        return failed(expected, "no such service in the graph", reason, hint=hint, where=where)
+        return nothing_seen(context, p.artifact, expected, fallback, "service", [p.service])
     offer = next((s for s in offers if s.type == p.type), offers[0])
-    wrong: list[tuple[float, str]] = []
-    if used != p.service:
-        within = in_namespace(used, p.service, [offer.node])
-        wrong.append(
-            (p.other_name_costs, f"The service is named {used}, not {p.service}; the rest is judged on {used}.{within}")
-        )
-    if offer.type != p.type:
-        wrong.append((p.other_type_costs, f"The service is of type {offer.type}, not {p.type}."))
-    if p.node is not None and offer.node.rsplit("/", 1)[-1] != p.node.rsplit("/", 1)[-1]:
-        wrong.append((p.other_node_costs, f"The node is named {offer.node}, not {p.node}."))
-    spot = claimed_at(context, "service", used)
-    where = (*([spot] if spot else []), context.where())
-    return graded(
-        1 - sum(w for w, _ in wrong),
-        expected,
-        f"{used} of type {offer.type}, from {offer.node}",
-        " ".join(r for _, r in wrong),
-        where=where,
-    )
+    wrong = p.faults("service", (p.service, p.type), (used, offer.type), [offer.node])
+    wrong += p.node_faults(p.node, [offer.node])
+    measured = f"{used} of type {offer.type}, from {offer.node}"
+    where = (*claimed_at(context, "service", p.service), context.where())
+    return graded(1 - sum(w for w, _ in wrong), expected, measured, " ".join(r for _, r in wrong), where=where)
 
 
 class Given(Parameters):

@@ -2,73 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
-from typing import Any
+from typing import Any, Literal, TypeVar
 
-from grader.result import Adjustment, CheckResult, CriterionResult, Outcome, Result, number
+from grader.result import CheckResult, CriterionResult, Outcome, Result, number
 
-
-@dataclass(frozen=True)
-class CheckChange:
-    """A check whose outcome or points differ; None on the side where there is no such check.
-
-    Attributes
-    ----------
-    before, after : Decimal or None
-        Points earned.
-    """
-
-    id: str
-    title: str
-    criterion: str
-    outcome_before: Outcome | None
-    outcome_after: Outcome | None
-    before: Decimal | None
-    after: Decimal | None
-
-    @property
-    def difference(self) -> Decimal:
-        """Points that it gives more, or fewer."""
-        return (self.after or Decimal(0)) - (self.before or Decimal(0))
+Part = TypeVar("Part", CriterionResult, CheckResult)
 
 
 @dataclass(frozen=True)
-class CriterionChange:
-    """A criterion of which something differs.
+class Change:
+    """A criterion, a check, or all adjustments of one kind that concern the same, where points or outcome differ.
 
     Attributes
     ----------
+    title : str
+        The kind, for an adjustment.
     before, after : Decimal or None
-        Points earned; None on the side where there is no such criterion.
+        Points; None on the side where there is no such criterion or check.
+    outcome_before, outcome_after : Outcome or None
+        Those of a check.
     """
 
+    level: Literal["criterion", "check", "adjustment"]
     id: str
     title: str
     before: Decimal | None
     after: Decimal | None
-    checks: tuple[CheckChange, ...]
+    outcome_before: Outcome | None = None
+    outcome_after: Outcome | None = None
 
     @property
     def difference(self) -> Decimal:
-        """Points that it gives more, or fewer."""
+        """Points that there are more, or fewer."""
         return (self.after or Decimal(0)) - (self.before or Decimal(0))
-
-
-@dataclass(frozen=True)
-class AdjustmentChange:
-    """What adjustments of one kind add to the score, or take from it, where that differs."""
-
-    kind: str
-    what: str
-    before: Decimal
-    after: Decimal
-
-    @property
-    def difference(self) -> Decimal:
-        """Points that they give more, or fewer."""
-        return self.after - self.before
 
 
 @dataclass(frozen=True)
@@ -83,6 +52,8 @@ class Changes:
         Final points.
     undecided_before, undecided_after : Decimal
         Points that are undecided.
+    parts : tuple of Change
+        Each criterion before its checks, and adjustments last.
     words : bool
         Whether the result differs in anything, such as a reason, beside its provenance.
     possible_before, possible_after : Decimal
@@ -94,8 +65,7 @@ class Changes:
     after: Decimal
     undecided_before: Decimal
     undecided_after: Decimal
-    criteria: tuple[CriterionChange, ...] = ()
-    adjustments: tuple[AdjustmentChange, ...] = ()
+    parts: tuple[Change, ...] = ()
     words: bool = False
     possible_before: Decimal = Decimal(0)
     possible_after: Decimal = Decimal(0)
@@ -108,14 +78,12 @@ class Changes:
     @property
     def matters(self) -> bool:
         """Whether there was no result before, or points or an outcome differ."""
-        return bool(
-            self.before is None
-            or self.difference
-            or self.undecided_before != self.undecided_after
-            or self.criteria
-            or self.adjustments
-            or self.possible_before != self.possible_after
-        )
+        undecided, possible = self.undecided_after - self.undecided_before, self.possible_after - self.possible_before
+        return self.before is None or bool(self.difference or self.parts or undecided or possible)
+
+    def at(self, level: str) -> list[Change]:
+        """Return the changes of criteria, of checks, or of adjustments."""
+        return [part for part in self.parts if part.level == level]
 
 
 def changes_between(before: Result | None, after: Result) -> Changes:
@@ -126,121 +94,74 @@ def changes_between(before: Result | None, after: Result) -> Changes:
         after.final,
         before.score.undecided if before is not None else Decimal(0),
         after.score.undecided,
-        tuple(_criteria(before.criteria, after.criteria)) if before is not None else (),
-        tuple(_adjustments(before, after)),
-        before is not None and _of_substance(before) != _of_substance(after),
+        (*(_parts(before, after) if before is not None else ()), *_adjustments(before, after)),
+        # Provenance says by what it was judged, and not how it is.
+        before is not None and replace(before, provenance={}) != replace(after, provenance={}),
         (before or after).score.possible,
         after.score.possible,
     )
 
 
-def _of_substance(result: Result) -> Result:
-    """Return a result without its provenance, which says by what it was judged and not how it is."""
-    return replace(result, provenance={})
+def _parts(before: Result, after: Result) -> Iterator[Change]:
+    for was, now in _pairs(before.criteria, after.criteria):
+        pairs = _pairs(was.checks if was else (), now.checks if now else ())
+        checks = [check for pair in pairs if _differs(check := _change("check", *pair))]
+        criterion = _change("criterion", was, now)
+        if checks or _differs(criterion):
+            yield from (criterion, *checks)
 
 
-def _criteria(before: Sequence[CriterionResult], after: Sequence[CriterionResult]) -> Iterable[CriterionChange]:
-    old, new = {c.id: c for c in before}, {c.id: c for c in after}
-    for identity in dict.fromkeys([*new, *old]):
-        was, is_ = old.get(identity), new.get(identity)
-        named = is_ or was
-        assert named is not None
-        checks = tuple(_checks(identity, was.checks if was else (), is_.checks if is_ else ()))
-        change = CriterionChange(
-            identity, named.title, was.earned if was else None, is_.earned if is_ else None, checks
-        )
-        if checks or change.before != change.after:
-            yield change
+def _pairs(before: Sequence[Part], after: Sequence[Part]) -> list[tuple[Part | None, Part | None]]:
+    old: dict[str, Part] = {part.id: part for part in before}
+    new: dict[str, Part] = {part.id: part for part in after}
+    return [(old.get(identity), new.get(identity)) for identity in dict.fromkeys([*new, *old])]
 
 
-def _checks(criterion: str, before: Sequence[CheckResult], after: Sequence[CheckResult]) -> Iterable[CheckChange]:
-    old, new = {c.id: c for c in before}, {c.id: c for c in after}
-    for identity in dict.fromkeys([*new, *old]):
-        was, is_ = old.get(identity), new.get(identity)
-        named = is_ or was
-        assert named is not None
-        change = CheckChange(
-            identity,
-            named.title,
-            criterion,
-            was.outcome if was else None,
-            is_.outcome if is_ else None,
-            was.earned if was else None,
-            is_.earned if is_ else None,
-        )
-        if (change.outcome_before, change.before) != (change.outcome_after, change.after):
-            yield change
+def _change(level: Literal["criterion", "check"], was: Part | None, now: Part | None) -> Change:
+    named = now or was
+    assert named is not None
+    outcomes = [part.outcome if isinstance(part, CheckResult) else None for part in (was, now)]
+    return Change(level, named.id, named.title, was.earned if was else None, now.earned if now else None, *outcomes)
 
 
-def _adjustments(before: Result | None, after: Result) -> Iterable[AdjustmentChange]:
-    old, new = _adjusted(before.adjustments if before is not None else ()), _adjusted(after.adjustments)
+def _differs(change: Change) -> bool:
+    return (change.outcome_before, change.before) != (change.outcome_after, change.after)
+
+
+def _adjustments(before: Result | None, after: Result) -> Iterator[Change]:
+    """Compare adjustments, added up by kind and what they concern."""
+    old: dict[tuple[str, str], Decimal] = {}
+    new: dict[tuple[str, str], Decimal] = {}
+    for sums, result in ((old, before), (new, after)):
+        for each in result.adjustments if result is not None else ():
+            key = (each.kind.value, each.what)
+            sums[key] = sums.get(key, Decimal(0)) + each.points
     for kind, what in dict.fromkeys([*new, *old]):
-        was, is_ = old.get((kind, what), Decimal(0)), new.get((kind, what), Decimal(0))
-        if was != is_:
-            yield AdjustmentChange(kind, what, was, is_)
-
-
-def _adjusted(adjustments: Iterable[Adjustment]) -> dict[tuple[str, str], Decimal]:
-    """Return the points of adjustments, added up by kind and what they concern."""
-    sums: dict[tuple[str, str], Decimal] = {}
-    for each in adjustments:
-        key = (each.kind.value, each.what)
-        sums[key] = sums.get(key, Decimal(0)) + each.points
-    return sums
+        change = Change("adjustment", what, kind, old.get((kind, what), Decimal(0)), new.get((kind, what), Decimal(0)))
+        if change.difference:
+            yield change
 
 
 def plain_changes(changes: Changes) -> dict[str, Any]:
     """Return changes as plain data, for the audit trail: what each was and is."""
-    checks = [check for criterion in changes.criteria for check in criterion.checks]
-    possible = [_number(changes.possible_before), _number(changes.possible_after)]
+    possible = _numbers(changes.possible_before, changes.possible_after)
     return {
-        "final": [_number(changes.before), _number(changes.after)],
-        "undecided": [_number(changes.undecided_before), _number(changes.undecided_after)],
+        "final": _numbers(changes.before, changes.after),
+        "undecided": _numbers(changes.undecided_before, changes.undecided_after),
         **({"possible": possible} if possible[0] != possible[1] else {}),
-        "criteria": {c.id: [_number(c.before), _number(c.after)] for c in changes.criteria if c.difference},
+        "criteria": {c.id: _numbers(c.before, c.after) for c in changes.at("criterion") if c.difference},
         "checks": {
             c.id: {
                 "outcome": [o.value if o is not None else None for o in (c.outcome_before, c.outcome_after)],
-                "points": [_number(c.before), _number(c.after)],
+                "points": _numbers(c.before, c.after),
             }
-            for c in checks
+            for c in changes.at("check")
         },
         "adjustments": [
-            {"kind": a.kind, "what": a.what, "points": [_number(a.before), _number(a.after)]}
-            for a in changes.adjustments
+            {"kind": a.title, "what": a.id, "points": _numbers(a.before, a.after)} for a in changes.at("adjustment")
         ],
     }
 
 
-def _number(points: Decimal | None) -> int | float | None:
-    return None if points is None else number(points)
-
-
-@dataclass(frozen=True)
-class CheckSummary:
-    """How a check changes over a class: how many gain and lose, and all their points together."""
-
-    id: str
-    title: str
-    gain: int
-    lose: int
-    points: Decimal
-
-
-def summary_of(changes: Iterable[Changes]) -> list[CheckSummary]:
-    """Return each check that changes for somebody, in the order in which they are met."""
-    met: dict[str, list[CheckChange]] = {}
-    for each in changes:
-        for criterion in each.criteria:
-            for check in criterion.checks:
-                met.setdefault(check.id, []).append(check)
-    return [
-        CheckSummary(
-            identity,
-            found[0].title,
-            sum(c.difference > 0 for c in found),
-            sum(c.difference < 0 for c in found),
-            sum((c.difference for c in found), Decimal(0)),
-        )
-        for identity, found in met.items()
-    ]
+def _numbers(*points: Decimal | None) -> list[int | float | None]:
+    return [None if value is None else number(value) for value in points]

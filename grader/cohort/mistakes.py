@@ -22,19 +22,11 @@ MOST_CHARACTERS = 2000
 
 @dataclass(frozen=True)
 class Made:
-    """One student's share in a mistake.
+    """One student's share in a mistake."""
 
-    Attributes
-    ----------
-    row : int
-        Place of the student in the class, from 0.
-    lost : Decimal
-        Points that the check itself cost.
-    following : Decimal
-        Points of checks that could not be reached because of it.
-    """
-
+    #: Place of the student in the class, from 0.
     row: int
+    #: Points that the check itself cost, and those of checks that could not be reached because of it.
     lost: Decimal
     following: Decimal
 
@@ -50,7 +42,7 @@ class Mistake:
     pattern : str
         What went wrong; where the students' reasons differ in numbers, their span, else some of the names.
     hint : str
-        How to mend it: the sentence for the next lecture.
+        How to fix it: what students were told.
     lost, following : Decimal
         Points over all of these students, as in `Made`.
     made_by : tuple of Made

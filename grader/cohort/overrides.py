@@ -63,15 +63,13 @@ def _words(value: Any) -> Any:
     raise ValueError("words are expected")
 
 
-def _read_date(text: str) -> date | None:
-    try:
-        return date.fromisoformat(text.strip())
-    except ValueError:
-        return parse_time(text)
-
-
 def _date(value: Any) -> Any:
-    found = _read_date(value) if isinstance(value, str) else value
+    found = value
+    if isinstance(value, str):
+        try:
+            found = date.fromisoformat(value.strip())
+        except ValueError:
+            found = parse_time(value)
     if not isinstance(found, date):
         raise ValueError("a date is expected, such as 2026-11-21, with its time where you like")
     return found.isoformat(timespec="minutes") if isinstance(found, datetime) else found.isoformat()
@@ -169,34 +167,17 @@ class Overrides:
         return tuple(entry for entry in self.entries if entry.concerns(submission))
 
     def remarks(self, submissions: Iterable[str], *, times_matter: bool) -> list[str]:
-        """Say which entries do nothing.
-
-        Parameters
-        ----------
-        submissions : iterable of str
-            Names of all that there are.
-        times_matter : bool
-            Whether the rubric says what lateness costs.
-        """
-        return self.strangers(submissions) + ([] if times_matter else self.about_times())
-
-    def strangers(self, submissions: Iterable[str]) -> list[str]:
-        """Say which entries name a submission that there is none of."""
+        """Say which entries do nothing: they name no submission, or move a time where the rubric has no lateness."""
         known = sorted(submissions)
-        return [
-            f"{self.name}:{line}: there is no submission {name!r}{_meant(name, known)}"
-            for entry, line in zip(self.entries, self.lines, strict=True)
-            for name in entry.submission
-            if name != EVERYONE and name not in known
-        ]
-
-    def about_times(self) -> list[str]:
-        """Say which entries move a time, for a rubric by which no time matters."""
-        return [
-            f"{self.name}:{line}: the rubric does not say what lateness costs, so a time changes nothing"
-            for entry, line in zip(self.entries, self.lines, strict=True)
-            if entry.extension is not None or entry.due is not None or entry.submitted is not None
-        ]
+        unknown, idle = [], []
+        for entry, line in zip(self.entries, self.lines, strict=True):
+            place = f"{self.name}:{line}"
+            strangers = [name for name in entry.submission if name != EVERYONE and name not in known]
+            unknown += [f"{place}: there is no submission {name!r}{_meant(name, known)}" for name in strangers]
+            moved = any(time is not None for time in (entry.extension, entry.due, entry.submitted))
+            if moved and not times_matter:
+                idle.append(f"{place}: the rubric does not say what lateness costs, so a time changes nothing")
+        return unknown + idle
 
 
 def load_overrides(path: Path, rubric: Rubric) -> Overrides:
@@ -229,7 +210,10 @@ def load_overrides(path: Path, rubric: Rubric) -> Overrides:
 
 
 def _entries(listed: list[Any], rubric: Rubric, mistakes: Mistakes) -> list[Override]:
-    known = _possible(rubric)
+    known = {
+        "check": {check.id: check.points for check in rubric.checks()},
+        "criterion": {criterion.id: criterion.points for criterion in rubric.criteria},
+    }
     entries: list[Override] = []
     for number, raw in enumerate(listed):
         loc: Loc = ("overrides", number)
@@ -244,13 +228,6 @@ def _entries(listed: list[Any], rubric: Rubric, mistakes: Mistakes) -> list[Over
             mistakes.add(loc, "the same entry stands here twice")
         entries.append(entry)
     return entries
-
-
-def _possible(rubric: Rubric) -> dict[str, dict[str, Decimal]]:
-    return {
-        "check": {check.id: check.points for check in rubric.checks()},
-        "criterion": {criterion.id: criterion.points for criterion in rubric.criteria},
-    }
 
 
 def _check_part(

@@ -1,62 +1,157 @@
-"""What a class list adds to results that are there: ids, times of submission, and who is missing."""
+"""A class list: who is in the class, under which number a system knows them, and when they handed in.
+
+    name,student_id,submitted_at
+    alice,20260017,2026-03-02T23:41:00+01:00
+
+`name` is the submission's name, or the one that a learning-management system wrote. The other two columns, and their
+values, may be missing; there may be more columns. A time without offset from UTC is this machine's local time. Of
+several lines of a student with an id, the last time counts.
+"""
 
 from __future__ import annotations
 
+import csv
 import unicodedata
+from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
+from pathlib import Path
 
 from grader.cohort.entries import ClassEntry
+from grader.errors import SubmissionError
+from grader.policy import parse_time
 
 NOTHING_HANDED_IN = "There is no result under this name: nothing was handed in, or under another name."
+_MOST_BYTES = 4 * 1024 * 1024
+_COLUMNS = ("name", "student_id", "submitted_at")
 
 
 @dataclass(frozen=True)
 class Student:
-    """Someone on the list."""
+    """A student of the class.
+
+    Attributes
+    ----------
+    submitted_at : datetime or None
+        With its offset from UTC.
+    """
 
     name: str
     student_id: str | None = None
     submitted_at: datetime | None = None
 
 
-def with_roster(entries: Sequence[ClassEntry], roster: Iterable[Student]) -> list[ClassEntry]:
-    """Return the entries with what a list knows of them, and one for each student of it who has none, by name.
+def read_class_list(path: Path) -> list[Student]:
+    """Read a class list, of values separated by commas, semicolons or tabs.
 
-    Parameters
-    ----------
-    roster : iterable of Student
-        An entry is a student's if it bears the student's id, name, or both, in whatever case and however parted.
+    Raises
+    ------
+    SubmissionError
+        If it cannot be read, with the first line that is wrong.
     """
-    students = list(roster)
-    called: dict[str, set[str | None]] = {}
-    for student in students:
-        for key in _keys(student.student_id, student.name):
-            called.setdefault(key, set()).add(student.student_id)
-    completed = {entry.name: entry for entry in entries}
-    bearing: dict[str, set[str]] = {}
-    for entry in entries:
-        for key in _keys(entry.student_id, entry.name, _without_id(entry)):
-            bearing.setdefault(key, set()).add(entry.name)
-    for student in students:
+    try:
+        with path.open("rb") as file:
+            text = file.read(_MOST_BYTES).decode("utf-8-sig")
+    except (OSError, UnicodeDecodeError) as problem:
+        raise SubmissionError(
+            "the class list cannot be read", where=str(path), remedy=f"It is a CSV file in UTF-8. {problem}"
+        ) from None
+    first = text.partition("\n")[0]
+    rows = csv.reader(text.splitlines(), delimiter=max(",;\t", key=first.count))
+    try:
+        columns = [column.strip().lower().replace(" ", "_") for column in next(rows, [])]
+        if "name" not in columns:
+            raise ValueError("there is no column 'name'")
+        filled = (row for row in rows if any(cell.strip() for cell in row))
+        return _once_each(_listed(dict(zip(columns, row, strict=False))) for row in filled)
+    except (ValueError, csv.Error) as problem:
+        raise SubmissionError(
+            f"the class list is not usable: {problem}",
+            where=f"{path}:{rows.line_num}",
+            remedy=f"Its columns are {', '.join(_COLUMNS)}; times are like 2026-03-02T23:41:00+01:00.",
+        ) from None
+
+
+def _once_each(listed: Iterable[Student]) -> list[Student]:
+    """Return each student with an id once, with the last time, as of a list with a line for each hand-in."""
+    found: dict[tuple[str, str | None, int], Student] = {}
+    for number, student in enumerate(listed):
+        key = (student.name, student.student_id, 0 if student.student_id else number)
+        times = [s.submitted_at for s in (found.get(key), student) if s is not None and s.submitted_at is not None]
+        found[key] = replace(student, submitted_at=max(times, default=None))
+    return list(found.values())
+
+
+def _listed(row: dict[str, str]) -> Student:
+    name, student_id, time = (row.get(column, "").strip() for column in _COLUMNS)
+    if not name and not student_id:
+        raise ValueError("neither a name nor a student_id")
+    submitted_at = parse_time(time) if time else None
+    if time and submitted_at is None:
+        raise ValueError(f"{time!r} is no time")
+    return Student(name, student_id or None, submitted_at.astimezone() if submitted_at is not None else None)
+
+
+# -- whose what is -----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Match:
+    """What a list knows of something that was handed in.
+
+    Attributes
+    ----------
+    student : Student or None
+        Whose it is; None if the list does not tell.
+    may_be : frozenset of int
+        Places in the list of all that it may belong to.
+    """
+
+    student: Student | None
+    may_be: frozenset[int]
+
+
+def matches(students: Sequence[Student], borne: Sequence[tuple[str | None, Sequence[str]]]) -> list[Match]:
+    """Find the student of each thing, by the id and the names that it bears, in whatever case and however parted.
+
+    A name that two students have, or that two things bear under different ids, does not tell whose they are.
+    """
+    called: dict[str, set[int]] = defaultdict(set)
+    for place, student in enumerate(students):
         # Of a download, folders are called after both.
-        both = f"{student.name} {student.student_id}" if student.student_id else ""
-        keys = _keys(student.student_id, student.name, both)
-        # What several entries, or several students, bear does not tell whose they are.
-        telling = (key for key in keys if len(bearing.get(key, ())) == 1 and len(called.get(key, ())) < 2)
-        found = next((min(bearing[key]) for key in telling), None)
-        if found is None:
-            name = student.name or student.student_id or ""
-            missing = ClassEntry(name, None, NOTHING_HANDED_IN, "", student.submitted_at, student.student_id)
-            completed.setdefault(name, missing)
-        else:
-            entry = completed[found]
-            completed[found] = replace(
-                entry,
-                submitted_at=student.submitted_at or entry.submitted_at,
-                student_id=student.student_id or entry.student_id,
-            )
+        both = f"{student.name} {student.student_id}" if student.name and student.student_id else ""
+        for key in _keys(student.student_id, student.name, both):
+            called[key].add(place)
+    bearing: dict[str, set[str]] = defaultdict(set)
+    for student_id, names in borne:
+        for key in _keys(student_id, *names):
+            bearing[key].add(student_id or names[0])
+    found = []
+    for student_id, names in borne:
+        keys = [key for key in _keys(student_id, *names) if key in called]
+        telling = [key for key in keys if len(bearing[key]) == 1 or key in _keys(student_id)]
+        sure = next((min(called[key]) for key in telling if len(called[key]) == 1), None)
+        may_be = frozenset(place for key in keys for place in called[key])
+        found.append(Match(students[sure] if sure is not None else None, may_be))
+    return found
+
+
+def with_roster(entries: Sequence[ClassEntry], students: Sequence[Student]) -> list[ClassEntry]:
+    """Return the entries with what a list knows of them, and one for each student of it who has none, by name."""
+    found = matches(students, [(e.student_id, (e.name, _without_id(e))) for e in entries])
+    completed = {}
+    for entry, match in zip(entries, found, strict=True):
+        known = match.student or Student("")
+        submitted_at = known.submitted_at or entry.submitted_at
+        completed[entry.name] = replace(
+            entry, submitted_at=submitted_at, student_id=known.student_id or entry.student_id
+        )
+    there = [match.student for match in found]
+    for student in (student for student in students if student not in there):
+        name = student.name or student.student_id or ""
+        missing = ClassEntry(name, None, NOTHING_HANDED_IN, "", student.submitted_at, student.student_id)
+        completed.setdefault(name, missing)
     return sorted(completed.values(), key=lambda entry: entry.name)
 
 

@@ -14,7 +14,7 @@ from enum import Enum
 
 from grader.cohort.entries import ClassEntry
 from grader.cohort.mistakes import Mistake, mistakes_of
-from grader.result import Adjustment, CriterionResult, Outcome, Result, outcome_of_points
+from grader.result import Adjustment, CriterionResult, Outcome, Result
 from grader.rubric import Rubric
 
 #: Submissions below which a correlation says next to nothing.
@@ -24,42 +24,30 @@ UNCERTAIN = "This may have another cause than the submission."
 
 
 @dataclass(frozen=True)
-class Cell:
-    """What a student has in one criterion."""
-
-    earned: Decimal
-    possible: Decimal
-    undecided: Decimal
-
-    @property
-    def outcome(self) -> Outcome:
-        """The outcome of the criterion as a whole."""
-        return outcome_of_points(self.earned, self.possible, self.undecided)
-
-
-@dataclass(frozen=True)
 class Row:
     """One student.
 
     Attributes
     ----------
-    entry : ClassEntry
-        Whose it is.
-    result : Result or None
-        None if the submission was not graded.
-    problem : str
-        Why it was not graded; empty if it was.
-    cells : tuple of Cell or None
+    cells : tuple of CriterionResult or None
         By criterion of the rubric; None for one that was not judged.
     outcomes : mapping
         Check id -> outcome.
     """
 
     entry: ClassEntry
-    result: Result | None
-    problem: str
-    cells: tuple[Cell | None, ...]
+    cells: tuple[CriterionResult | None, ...]
     outcomes: Mapping[str, Outcome]
+
+    @property
+    def result(self) -> Result | None:
+        """None if the submission was not graded."""
+        return self.entry.result
+
+    @property
+    def problem(self) -> str:
+        """Why it was not graded; empty if it was."""
+        return "" if self.result else self.entry.problem or "It was not graded."
 
     @property
     def total(self) -> Decimal:
@@ -101,10 +89,8 @@ class Todo:
         Place of the student in the class, from 0.
     points : Decimal
         Points that hang on it.
-    titles : tuple of str
-        What it is about: titles of checks, or kinds of violations.
-    texts : tuple of str
-        What is known of it, each sentence once.
+    titles, texts : tuple of str
+        What it is about (titles of checks, or kinds of violations), and what is known of it, each sentence once.
     check_id : str
         The first check concerned; empty if it is about no check.
     """
@@ -162,10 +148,8 @@ class CheckStatistics:
     ----------
     column : int
         Place of its criterion, from 0.
-    decided : int
-        Number of those submissions.
-    passed : int
-        How many of them passed it.
+    decided, passed : int
+        Number of those submissions, and of those that passed it.
     mean_credit : float or None
         Mean share of its points, from 0 to 1; None if it is decided for nobody.
     discrimination : float or Silent
@@ -232,15 +216,7 @@ class ClassSummary:
 
 
 def summarise(entries: Sequence[ClassEntry], rubric: Rubric) -> ClassSummary:
-    """Sum up a class.
-
-    Parameters
-    ----------
-    entries : sequence of ClassEntry
-        Graded or not.
-    rubric : Rubric
-        The rubric that they were graded by; what was judged by another one is told among the things to do.
-    """
+    """Sum up a class; what was judged by another rubric than this is told among the things to do."""
     rows = tuple(_row(entry, rubric) for entry in entries)
     results = {n: row.result for n, row in enumerate(rows) if row.result is not None}
     return ClassSummary(
@@ -261,14 +237,10 @@ def summarise(entries: Sequence[ClassEntry], rubric: Rubric) -> ClassSummary:
 def _row(entry: ClassEntry, rubric: Rubric) -> Row:
     result = entry.result
     if result is None:
-        return Row(entry, None, entry.problem or "It was not graded.", (None,) * len(rubric.criteria), {})
-    judged = {criterion.id: _cell(criterion) for criterion in result.criteria}
+        return Row(entry, (None,) * len(rubric.criteria), {})
+    judged = {criterion.id: criterion for criterion in result.criteria}
     cells = tuple(judged.get(criterion.id) for criterion in rubric.criteria)
-    return Row(entry, result, "", cells, {check.id: check.outcome for check in result.checks})
-
-
-def _cell(criterion: CriterionResult) -> Cell:
-    return Cell(criterion.earned, criterion.possible, criterion.undecided)
+    return Row(entry, cells, {check.id: check.outcome for check in result.checks})
 
 
 def _column(place: int, rubric: Rubric, rows: Sequence[Row]) -> Column:
@@ -284,17 +256,9 @@ def _column(place: int, rubric: Rubric, rows: Sequence[Row]) -> Column:
 def _spread(totals: Sequence[Decimal], possible: Decimal) -> Spread:
     ordered = sorted(totals)
     first, median, third = (quantile(ordered, Decimal(n) / 4) for n in (1, 2, 3))
-    return Spread(
-        len(ordered),
-        possible,
-        statistics.mean(ordered),
-        ordered[0],
-        first,
-        median,
-        third,
-        ordered[-1],
-        _bars(ordered, possible),
-    )
+    mean = statistics.mean(ordered)
+    bars = _bars(ordered, possible)
+    return Spread(len(ordered), possible, mean, ordered[0], first, median, third, ordered[-1], bars)
 
 
 def quantile(ordered: Sequence[Decimal], share: Decimal) -> Decimal:

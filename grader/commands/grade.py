@@ -19,7 +19,7 @@ from grader import __version__
 from grader.commands.arguments import BELOW, add_fail_under, add_isolation, count, each, least_isolation, print_error
 from grader.commands.export import add_exports
 from grader.desk import require_no_links, require_same_source, uncounted_overrides
-from grader.errors import UsageError
+from grader.errors import GraderError, UsageError
 from grader.report.plain import terminal_text
 
 if TYPE_CHECKING:
@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 
     from grader.batch.admission import Admission
     from grader.batch.found import Found
-    from grader.batch.run import ClassRun, Row
+    from grader.batch.order import Row
+    from grader.batch.run import ClassRun
     from grader.intake import Handed
     from grader.live.isolation import Isolation
     from grader.pipeline import Options
@@ -137,7 +138,7 @@ def _add_class(parser: argparse.ArgumentParser) -> None:
 def run(arguments: Sequence[str], console: Console, epilog: str = "") -> int:
     """Grade the submissions; returns the exit status."""
     from grader import pipeline
-    from grader.batch.rejudging import recorded_in
+    from grader.batch.regrade import recorded_in
     from grader.commands.meant import require_submissions
     from grader.live.scratch import remove_leavings
 
@@ -294,14 +295,14 @@ def _print_timings(console: Console, watch: Stopwatch, result: Result) -> None:
 
 def _grade_class(found: Found, rubric: Rubric, live: Options, options: argparse.Namespace, console: Console) -> int:
     from grader.batch.journal import Journal
-    from grader.batch.progress import ClassProgress, print_class, summary
+    from grader.batch.progress import RunProgress, print_class, summary
     from grader.batch.run import ClassRun
 
     began_s = time.monotonic()
     where, admission = _where(options, live)
     _tell_found(found, console)
     with Journal.open(options.output, afresh=options.afresh) as journal:
-        with ClassProgress(console, admission.places) as display:
+        with RunProgress(console, admission.places) as display:
             run = ClassRun(rubric, live, journal, admission, display)
             try:
                 run.grade(found.submissions, where)
@@ -353,9 +354,9 @@ def _tell_found(found: Found, console: Console) -> None:
 
 
 def _interrupted(run: ClassRun, of: int, end: BaseException) -> int:
-    from grader.batch.order import Graded
+    from grader.result import Result
 
-    kept = sum(isinstance(row.ending, Graded) for row in run.rows)
+    kept = sum(isinstance(row.ending, Result) for row in run.rows)
     print(
         f"grade: interrupted; {kept} of {of} submissions are graded and kept.\n"
         "  The same command goes on with the others.",
@@ -369,9 +370,8 @@ def _report_class(
 ) -> None:
     """Write the class page and the table of grades, over all results that lie in the folder."""
     from grader import pipeline
-    from grader.batch.class_entries import entries_of, student_of
-    from grader.batch.class_list import read_class_list
-    from grader.cohort.roster import with_roster
+    from grader.batch.class_entries import entries_of
+    from grader.cohort.roster import read_class_list, with_roster
     from grader.commands.report import print_class_files
 
     entries = entries_of(options.output, rows, missing)
@@ -380,7 +380,7 @@ def _report_class(
         told = f"Of earlier runs, and not among these: {terminal_text(', '.join(earlier))}. They are on the page too."
         console.print(Text(told, "yellow"), soft_wrap=True)
     if options.class_list is not None:
-        entries = with_roster(entries, map(student_of, read_class_list(options.class_list)))
+        entries = with_roster(entries, read_class_list(options.class_list))
     pipeline.report_class(options.output, entries, rubric)
     print_class_files(options.output, console)
     if options.anonymous:
@@ -389,11 +389,9 @@ def _report_class(
 
 
 def _status(row: Row, least: Decimal | None) -> int:
-    from grader.batch.order import NotGraded
-
-    if isinstance(row.ending, NotGraded):
+    if isinstance(row.ending, GraderError):
         return row.ending.exit_status
-    return BELOW if least is not None and row.ending.earned < least else 0
+    return BELOW if least is not None and row.ending.final < least else 0
 
 
 def _duration(seconds: float) -> str:

@@ -15,13 +15,11 @@ from rich.progress import Progress
 from rich.text import Text
 
 from grader.commands.arguments import BELOW, add_fail_under, count, each, print_error
-from grader.desk import made_from, uncounted_overrides
-from grader.errors import GraderError
-from grader.replacing import replace_file, replace_files, uninterrupted
+from grader.files import replace_file
 from grader.report.plain import terminal_text
 
 if TYPE_CHECKING:
-    from grader.batch.rejudging import Rejudging
+    from grader.batch.regrade import Regrade
     from grader.cohort.changes import Changes
 
 _DESCRIPTION = """\
@@ -92,7 +90,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def run(arguments: Sequence[str], console: Console) -> int:
     """Judge the results again; returns the exit status."""
-    from grader.batch.rejudging import is_class
+    from grader.batch.regrade import is_class
 
     parser = _parser()
     options = parser.parse_args(arguments)
@@ -107,43 +105,37 @@ def run(arguments: Sequence[str], console: Console) -> int:
 
 
 def _regrade_one(folder: Path, options: argparse.Namespace, console: Console) -> Decimal:
-    from grader import pipeline
-    from grader.batch import audit
+    from grader.batch.audit import Occasion
+    from grader.batch.regrade import regrade
     from grader.report.changes import changes_table
     from grader.report.terminal import print_result
 
-    results, name = folder.resolve().parent, folder.resolve().name
-    rubric, overrides = pipeline.judged_by(folder, options.rubric, options.overrides, trusted=options.trust_lab)
-    ignored = uncounted_overrides(results, [made_from(folder)])
-    if ignored is not None and options.overrides is None:
-        console.print(Text(f"Note: {terminal_text(ignored)}", "yellow"), soft_wrap=True)
-    before = audit.text_of(folder / pipeline.RESULT_FILE)
-    result, files = pipeline.judged_files(folder, rubric, overrides)
-    after = files[folder / pipeline.RESULT_FILE] or ""
-    occasion = audit.Occasion(datetime.now(timezone.utc), "regrade", overrides.sha256)
-    with uninterrupted():  # so that no result is replaced without being kept
-        replace_files(files)
-        changes = audit.note_replaced(results, name, before, after, occasion)
-    print_result(console, result)
-    for remark in pipeline.lab_remarks(folder, rubric):
+    found = regrade([folder], options.rubric, options.overrides, prepare=True, trusted=options.trust_lab)
+    for error in found.failed.values():
+        raise error
+    found.apply(Occasion(datetime.now(timezone.utc), "regrade", found.overrides.sha256))
+    ((name, judged),) = found.judged.items()
+    print_result(console, judged.result)
+    for remark in found.remarks(whole_class=False):
         console.print(Text(f"Note: {terminal_text(remark)}", "yellow"), soft_wrap=True)
-    if changes.before is not None and changes.matters:
+    if judged.changes.before is not None and judged.changes.matters:
         console.print()
-        console.print(changes_table({name: changes}))
-    return result.final
+        console.print(changes_table({name: judged.changes}))
+    return judged.result.final
 
 
 def _regrade_class(folder: Path, options: argparse.Namespace, console: Console) -> int:
     from grader import pipeline
     from grader.batch.audit import Occasion
-    from grader.batch.rejudging import recorded_in, rejudge
+    from grader.batch.regrade import recorded_in, regrade
     from grader.report.changes import CHANGES_FILE, changes_csv, print_changes
 
     began_s = time.monotonic()
+    folders = recorded_in(folder)
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task("Judging", total=len(recorded_in(folder)))
-        found = rejudge(
-            folder,
+        task = progress.add_task("Judging", total=len(folders))
+        found = regrade(
+            folders,
             options.rubric,
             options.overrides,
             prepare=options.apply,
@@ -169,12 +161,13 @@ def _regrade_class(folder: Path, options: argparse.Namespace, console: Console) 
     return _status(found, matter, options)
 
 
-def _status(found: Rejudging, matter: Sequence[Changes], options: argparse.Namespace) -> int:
+def _status(found: Regrade, matter: Sequence[Changes], options: argparse.Namespace) -> int:
     """Print what could not be judged; returns the exit status."""
     least: Decimal | None = options.fail_under
     statuses = [BELOW if matter and not options.apply else 0]
     statuses += [BELOW for changes in found.changes.values() if least is not None and changes.after < least]
     for name, failed in found.failed.items():
-        print_error(GraderError(failed.problem, where=failed.where or name, remedy=failed.remedy))
+        failed.where = failed.where or name
+        print_error(failed)
         statuses.append(failed.exit_status)
     return max(statuses)

@@ -41,10 +41,8 @@ def _parser() -> argparse.ArgumentParser:
 def run(arguments: Sequence[str], console: Console) -> int:
     """Write page and table; returns the exit status."""
     from grader import pipeline
-    from grader.batch.class_entries import student_of
-    from grader.batch.class_list import read_class_list
     from grader.cohort.entries import entries_in
-    from grader.cohort.roster import with_roster
+    from grader.cohort.roster import read_class_list, with_roster
     from grader.errors import SubmissionError
     from grader.report.views import tenths
 
@@ -64,7 +62,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
     for entry in entries:
         pipeline.require_lab(options.results / entry.name, rubric, "Part the results of the labs into two folders.")
     if options.class_list is not None:
-        entries = with_roster(entries, map(student_of, read_class_list(options.class_list)))
+        entries = with_roster(entries, read_class_list(options.class_list))
     summary = pipeline.report_class(options.results, entries, rubric, anonymous=options.anonymous)
     graded = sum(row.result is not None for row in summary.rows)
     needy = len({todo.row for todo in summary.todos})

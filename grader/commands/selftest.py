@@ -22,8 +22,7 @@ from grader.report.plain import terminal_text
 
 if TYPE_CHECKING:
     from grader.batch.expectations import Fixture
-    from grader.batch.trials import Trial
-    from grader.report.trials import TrialLine
+    from grader.batch.selftest import FixtureRun
     from grader.rubric import Rubric
 
 _DESCRIPTION = """\
@@ -59,6 +58,7 @@ def _parser() -> argparse.ArgumentParser:
 def run(arguments: Sequence[str], console: Console) -> int:
     """Grade the fixtures and compare; returns the exit status."""
     from grader import pipeline
+    from grader.batch.selftest import print_fixtures
 
     parser = _parser()
     options = parser.parse_args(arguments)
@@ -73,14 +73,21 @@ def run(arguments: Sequence[str], console: Console) -> int:
         fixtures = [fixture for fixture in fixtures if fixture.name in options.names]
     pipeline.require_platform()
     began_s = time.monotonic()
-    trials = _run(fixtures, rubric, options, console)
-    return _tell(trials, time.monotonic() - began_s, console)
+    found = _run(fixtures, rubric, options, console)
+    took_s = time.monotonic() - began_s
+    print_fixtures(console, found)
+    console.print()
+    signs = [each.sign for each in found]
+    console.print(Text(f"{signs.count('✓')} of {len(signs)} as expected, in {took_s:.0f} s.", "bold"))
+    if undecided := signs.count("?"):
+        console.print(f"{undecided} undecided: the machine was too busy to tell. Name them to grade these alone.")
+    return 0 if set(signs) <= {"✓"} else BELOW
 
 
 def _fixtures(options: argparse.Namespace, rubric: Rubric, console: Console) -> list[Fixture]:
     """Return what is to be graded: the lab's solution, and the fixtures where there are any."""
     from grader.batch.expectations import fixtures_in, solution
-    from grader.batch.trials import quick
+    from grader.batch.selftest import quick
 
     found = []
     if rubric.lab.solution is not None and (rubric.folder / rubric.lab.solution).is_dir():
@@ -100,14 +107,16 @@ def _fixtures(options: argparse.Namespace, rubric: Rubric, console: Console) -> 
     return quick(found, rubric) if options.quick else found
 
 
-def _run(fixtures: Sequence[Fixture], rubric: Rubric, options: argparse.Namespace, console: Console) -> list[Trial]:
+def _run(
+    fixtures: Sequence[Fixture], rubric: Rubric, options: argparse.Namespace, console: Console
+) -> list[FixtureRun]:
     from grader import pipeline
     from grader.batch.admission import Admission
     from grader.batch.machine import Machine
-    from grader.batch.trials import Trials
+    from grader.batch.progress import RunProgress
+    from grader.batch.selftest import Selftest
     from grader.live.cells import cells_at_a_time
     from grader.live.probing import probe_isolation
-    from grader.report.trials import TrialsDisplay
 
     interpreter = Path(sys.executable)
     isolation = probe_isolation(interpreter)
@@ -117,42 +126,6 @@ def _run(fixtures: Sequence[Fixture], rubric: Rubric, options: argparse.Namespac
     if options.output is not None:
         options.output.mkdir(parents=True, exist_ok=True)
     folder = tempfile.TemporaryDirectory() if options.output is None else nullcontext(str(options.output))
-    with folder as path, TrialsDisplay(console, [fixture.name for fixture in fixtures]) as display:
-        trials = Trials(
-            rubric,
-            live,
-            Admission(places, Machine(places)),
-            isolation,
-            Path(path),
-            lambda name, phase: display.phase(name, phase.session, phase.text, phase.ended),
-            lambda trial: display.ended(_line(trial)),
-        )
-        return asyncio.run(trials.run(fixtures))
-
-
-def _line(trial: Trial) -> TrialLine:
-    from grader.report.trials import TrialLine
-
-    verdict, problem = trial.verdict, trial.problem
-    if problem is not None or verdict is None:
-        told = (
-            f"not graded: {problem.where + ': ' if problem.where else ''}{problem.problem}" if problem else "not graded"
-        )
-        return TrialLine(trial.fixture.name, "!", trial.earned, trial.possible, trial.took_s, (told,))
-    sign = "✓" if not verdict.differences else "?" if verdict.undecided else "✗"
-    return TrialLine(trial.fixture.name, sign, trial.earned, trial.possible, trial.took_s, verdict.differences)
-
-
-def _tell(trials: Sequence[Trial], took_s: float, console: Console) -> int:
-    """Print the table; returns the exit status."""
-    from grader.report.trials import print_trials
-
-    lines = [_line(trial) for trial in trials]
-    print_trials(console, lines)
-    console.print()
-    good = sum(trial.as_expected for trial in trials)
-    undecided = sum(line.sign == "?" for line in lines)
-    console.print(Text(f"{good} of {len(trials)} as expected, in {took_s:.0f} s.", "bold"))
-    if undecided:
-        console.print(f"{undecided} undecided: the machine was too busy to tell. Name them to grade these alone.")
-    return 0 if good == len(trials) else BELOW
+    with folder as path, RunProgress(console, places, "fixtures") as display:
+        selftest = Selftest(rubric, live, Admission(places, Machine(places)), isolation, Path(path), display)
+        return asyncio.run(selftest.run(fixtures))

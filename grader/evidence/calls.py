@@ -59,7 +59,7 @@ def asked_qos(text: str, kind: str, topic: str) -> tuple[Qos, int] | None:
     kind : str
         "publisher" or "subscription".
     """
-    tree, _ = tree_of(normalise(text))
+    tree = tree_of(normalise(text))
     if tree is None:
         return None
     script = _RclpyScript(tree)

@@ -44,6 +44,8 @@ _MOST_NAMED = 5
 _LATE = 0.2
 #: Share of a time in which the student's own programs may have used a core, if the machine is to blame for a delay.
 _OWN_DOING = 0.5
+#: Recordings from which trouble is none that comes once in a while.
+_REPEATED = 2
 #: Signals by which the system's administrators and its shortage of memory end a process: no program's doing.
 _SENT_BY_OTHERS = (-signal.SIGKILL, -signal.SIGTERM, -signal.SIGINT)
 _OUT_OF_MEMORY = ("MemoryError", "bad_alloc")
@@ -227,6 +229,25 @@ class _Census:
                 spoilt = frozenset(info.topic for info in self.recorded.bag.topics)
             yield self._disturbed(ViolationKind.DISTURBS_RECORDING, text, spoilt, span, missing.topic)
 
+    def not_in_order(self) -> Iterator[Touched]:
+        """Find what else kept an experiment from being carried out in order, again and again, on an idle machine.
+
+        Whose doing it is, only a person can tell: until then it is undecided.
+        """
+        whole = self.record.complete
+        problems = self.record.problems[:_MOST_NAMED] if whole else ["the recording was cut off"]
+        # Of a session that was cut off only its start is known.
+        span = Span(self.record.started_ns, self.record.ended_ns if whole else self.record.started_ns)
+        alone = whole and all(run.role != "student" for run in self.record.processes)
+        once = self.record.times_recorded < _REPEATED
+        if not problems or alone or once or self._machine_was_late(span):
+            return
+        text = (
+            f"In {self.record.times_recorded} recordings the experiment could not be carried out in order while "
+            "programs of the submission were running, and the machine was not busy."
+        )
+        yield Touched(self.violation(ViolationKind.DISTURBS_RECORDING, text, problems, span, certain=False))
+
     def _disturbed(
         self,
         kind: ViolationKind,
@@ -339,15 +360,16 @@ def census(recorded: Recorded, reference_nodes: Mapping[str, str]) -> tuple[Touc
         Name of each reference process -> fully qualified name of its node.
     """
     taken = _Census(recorded, reference_nodes)
+    disturbed = tuple(taken.brought_down()) or tuple(taken.not_in_order())
     if not recorded.record.trusted or recorded.silent_references:
-        return tuple(taken.brought_down())
+        return disturbed
     return (
         *taken.impersonated(),
         *taken.published(),
         *taken.second_servers(),
         *taken.asked_to_change(),
         *taken.forged(),
-        *taken.brought_down(),
+        *disturbed,
         *taken.kept_from_recorder(),
     )
 

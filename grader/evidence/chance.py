@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from grader.evidence.limits import ended_by_limit
-from grader.evidence.recorded import Recorded, Span, clock_step_s
+from grader.evidence.recorded import Recorded, Span
 from grader.recording.session import ProcessRun
 
 _KILLED = (-9, 137)
@@ -46,12 +46,6 @@ def may_be_chance(recorded: Recorded, reference_nodes: Iterable[str]) -> str | N
 def is_believed(recorded: Recorded) -> bool:
     """Whether what a program alone says of itself may leave something undecided: not for ever, as it can be made up."""
     return recorded.record.times_recorded <= _BELIEVED
-
-
-def clock_was_set(recorded: Recorded, span: Span | None) -> str | None:
-    """Say that the system's clock, from which all times come, was set within a span; None if it was not."""
-    step_s = clock_step_s(recorded.record, span) if span is not None else 0.0
-    return f"The machine's clock was set by {step_s * 1e3:.1f} ms while this was measured." if step_s else None
 
 
 def _held_up(recorded: Recorded, students: Sequence[ProcessRun]) -> str | None:

@@ -13,6 +13,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from grader.evidence.lexicon import words_of
 from grader.evidence.syntax import Span, expression_tree
 from grader.evidence.words import is_placeholder, measure, normal_form, words
 
@@ -33,29 +34,7 @@ _BANNER_WORDS = 4
 _UNDONE_WORDS = 5
 _CODE_HINT = re.compile(r"[=(\[{@]|\bimport\b|:$|^\W*(?:return|raise|del|pass|break|continue|else|try|finally)\b")
 _DECORATOR = re.compile(r"@[A-Za-z_][\w.]{0,80}(?:\(.*\))?$")
-_FORMULA_NAMES = frozenset(
-    word
-    for line in (
-        "sin cos tan asin acos atan atan2 sqrt exp log abs mean max min sum pi rms norm round floor",
-        "ceil sign clip clamp dot cross power square root var std e f g h",
-    )
-    for word in line.split()
-)
-_PACKAGES = frozenset(
-    [
-        "rclpy",
-        "numpy",
-        "scipy",
-        "matplotlib",
-        "pandas",
-        "launch",
-        "launch_ros",
-        "ament_index_python",
-        "yaml",
-        "cv2",
-    ]
-)
-_TYPES = frozenset(["int", "float", "str", "bool", "list", "dict", "tuple", "set", "bytes", "object", "Any"])
+_FORMULA_NAMES, _PACKAGES, _TYPES = map(words_of, ("formula_names", "imported_packages", "annotation_types"))
 
 
 @dataclass(frozen=True)

@@ -5,18 +5,15 @@ What only happens because a node was stopped is no mistake: it yields no diagnos
 
 from __future__ import annotations
 
-import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
-from grader.evidence.causes import MESSAGE_LENGTH, Case, Told, cause_of, uses_dead_context
+from grader.evidence.causes import cause_of, cause_of_line, uses_dead_context
 from grader.evidence.tracebacks import Raised, chains, plain_lines, student_file, student_frame, tracebacks
 from grader.recording.session import OutputLine
 
-_INCOMPATIBLE = re.compile(
-    r"(publisher|subscription) discovered on topic '([^']{1,300})', (?:offering|requesting) incompatible QoS"
-    r".{0,100}?Last incompatible policy: (\w{1,40})"
-)
+#: Characters of an exception's message that are kept.
+_MESSAGE_LENGTH = 300
 
 
 @dataclass(frozen=True)
@@ -30,7 +27,7 @@ class Diagnosis:
     sentence : str
         What happened, for a student.
     remedy : str
-        How to mend it.
+        How to fix it.
     file, line : str, int or None
         The deepest line of the submission on the way to the exception.
     exception_type, message : str
@@ -128,68 +125,15 @@ def _diagnosis(cause: Raised, chain: Sequence[Raised], root_files: Collection[st
     place = student_frame(cause.frames, root_files)
     for other in chain:
         place = place or student_frame(other.frames, root_files)
-    kind, sentence, remedy, subject = cause_of(Case(cause, root_files))
-    message = cause.message[:MESSAGE_LENGTH]
+    kind, sentence, remedy, subject = cause_of(cause, root_files)
     file, line = place or (None, None)
+    message = cause.message[:_MESSAGE_LENGTH]
     return Diagnosis(kind, sentence, remedy, file, line, cause.type, message, subject[:200], cause.t_ns)
-
-
-# -- signs of trouble without an exception -------------------------------------------------------------
 
 
 def _without_exception(output: Sequence[OutputLine], root_files: Collection[str]) -> Diagnosis | None:
     for t_ns, line in plain_lines(output):
-        for read in (_unopened, _fatal, _incompatible):
-            told = read(line)
-            if told is not None:
-                kind, sentence, remedy, subject = told
-                file = student_file(subject, root_files) if kind == "not-startable" else None
-                return Diagnosis(
-                    kind, sentence, remedy, file, message=line[:MESSAGE_LENGTH], subject=subject, t_ns=t_ns
-                )
+        if (cause := cause_of_line(line)) is not None:
+            file = student_file(cause.subject, root_files)
+            return Diagnosis(*cause[:3], file, message=line[:_MESSAGE_LENGTH], subject=cause.subject, t_ns=t_ns)
     return None
-
-
-def _search(pattern: str, text: str) -> re.Match[str] | None:
-    return re.search(pattern, text[:2000])
-
-
-def _unopened(line: str) -> Told | None:
-    match = _search(r"can't open file '(.{1,500}?)': (?:\[Errno \d+\] )?(.{1,100})", line)
-    if match is not None:
-        remedy = "Check the file's name and folder."
-        return "not-startable", f"Python cannot open {match[1]}: {match[2]}.", remedy, match[1]
-    if _search(r"env: .{0,3}python3?\\r|/python3?\^M: bad interpreter", line):
-        remedy = "Save the file with Unix line ends (LF)."
-        return (
-            "line-ends",
-            "The file's first line ends as on Windows, so its interpreter is not found.",
-            remedy,
-            "",
-        )
-    return None
-
-
-def _fatal(line: str) -> Told | None:
-    match = _search(r"^Fatal Python error: (.{1,200})|^(Segmentation fault)|^(terminate called .{1,200})", line)
-    if match is None:
-        return None
-    what = match[1] or match[2] or match[3]
-    remedy = "Use ROS objects from one thread only, and none after it was destroyed."
-    return "crash", f"The interpreter itself crashed: {what}.", remedy, ""
-
-
-def _incompatible(line: str) -> Told | None:
-    if "incompatible QoS" not in line:
-        return None
-    match = _INCOMPATIBLE.search(line)
-    if match is None:
-        return None
-    other, topic, policy = match[1], match[2], match[3].lower()
-    mine = "subscription requests" if other == "publisher" else "publisher offers"
-    return (
-        "incompatible-qos",
-        f"On {topic} the {mine} another {policy} than the {other} of the other side, so no message passes.",
-        f"Let both sides agree on {policy}: a subscription may request no more than the publisher offers.",
-        topic,
-    )

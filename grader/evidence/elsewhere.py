@@ -92,7 +92,7 @@ def _imports_at(text: str, line: int | None) -> set[str]:
 @functools.lru_cache(maxsize=256)
 def _imports(text: str) -> tuple[tuple[int, int, str], ...]:
     """Return the first and last line of each import with the top-level module that it imports."""
-    tree, _ = tree_of(normalise(text))
+    tree = tree_of(normalise(text))
     return tuple(_imports_in(tree)) if tree is not None else ()
 
 
@@ -142,7 +142,7 @@ def is_newer_python(text: str) -> bool:
     text = normalise(text)
     older = _TYPE_PARAMETERS.sub(r"\1", _TYPE_ALIAS.sub(r"\1\2 =", text))
     older = _without_inner_quotes(older)
-    return older != text and tree_of(older)[0] is not None
+    return older != text and tree_of(older) is not None
 
 
 def _without_inner_quotes(text: str) -> str:

@@ -40,14 +40,13 @@ class Block:
         "paragraph", "item" (of a list), "row" (of a table) or "code".
     text : str
         Its text; markup inside the line is left as it is, a row's cells are parted by ` | `.
-    line, end_line : int
-        Its first and its last line, counted from 1.
+    line : int
+        Its first line, counted from 1.
     """
 
     kind: str
     text: str
     line: int
-    end_line: int
 
 
 @dataclass(frozen=True)
@@ -249,7 +248,8 @@ class _Reader:
         if _is_row(line):
             self._flush()
             if not _is_table_rule(line):
-                self._add("row", [" | ".join(cell.strip() for cell in line.strip().strip("|").split("|"))], None)
+                cells = [cell.strip() for cell in line.strip().strip("|").split("|")]
+                self._add("row", [" | ".join(cells)], self.number + 1)
             return
         if _is_table_rule(line):
             self._flush()
@@ -267,10 +267,8 @@ class _Reader:
             self._add(self.kind, self.held, self.start)
         self.kind, self.held = "", []
 
-    def _add(self, kind: str, lines: list[str], start: int | None) -> None:
-        start = self.number + 1 if start is None else start
-        end = start + max(len(lines) - 1, 0)
-        self.sections[-1].blocks.append(Block(kind, "\n".join(lines), start, end))
+    def _add(self, kind: str, lines: list[str], start: int) -> None:
+        self.sections[-1].blocks.append(Block(kind, "\n".join(lines), start))
 
     def _line(self, offset: int) -> str:
         place = self.number + offset

@@ -11,29 +11,12 @@ import re
 import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-from grader.evidence.markup import Block, Document, Section, code_spans, own_text, plain_text, read_markdown
+from grader.evidence.markup import Block, Document, Section, code_spans, own_text, plain_text
 from grader.evidence.source import SourceFacts
 from grader.evidence.words import Terms, fold, is_placeholder, measure, normal_form, sentences, words
 from grader.patterns import search
-
-__all__ = [
-    "Concept",
-    "Coverage",
-    "Discussion",
-    "Passage",
-    "Place",
-    "RunInstruction",
-    "TopicCoverage",
-    "TopicWords",
-    "concepts",
-    "coverage",
-    "document_passages",
-    "read_markdown",
-    "run_instructions",
-    "source_passages",
-]
 
 DESCRIPTION_WORDS = 4
 """Distinct own words from which a part counts as described."""
@@ -43,7 +26,6 @@ DISCUSSION_WORDS = 8
 
 COMMAND_LIMIT = 500
 _TOPIC_ENDING = 3
-_EXCERPT_LENGTH = 120
 _OPENING_LENGTH = 4
 _SECOND_SHARE = 0.25
 _STUFFING_RATIO = 1.5
@@ -72,82 +54,6 @@ class TopicWords:
 
 
 @dataclass(frozen=True)
-class Place:
-    """A line of a file with an excerpt of what stands there."""
-
-    file: str
-    line: int
-    excerpt: str
-
-
-@dataclass(frozen=True)
-class TopicCoverage:
-    """How a document describes one part.
-
-    Attributes
-    ----------
-    id : str
-        The topic's.
-    state : str
-        "described", "mentioned" (by name, with too few own words) or "missing".
-    words : int
-        Distinct own words said of it.
-    line : int or None
-        Where it is first spoken of.
-    lines : tuple of int
-        Lines of the sentences that count.
-    excerpt : str
-        The beginning of what is said.
-    """
-
-    id: str
-    state: str
-    words: int
-    line: int | None
-    lines: tuple[int, ...]
-    excerpt: str
-
-
-@dataclass(frozen=True)
-class Coverage:
-    """How a document describes the parts asked for, in the order of the topics."""
-
-    topics: tuple[TopicCoverage, ...]
-
-    @property
-    def described(self) -> tuple[str, ...]:
-        """Ids of the topics that are described."""
-        return tuple(topic.id for topic in self.topics if topic.state == "described")
-
-    @property
-    def lacking(self) -> tuple[str, ...]:
-        """Ids of the topics that are not described."""
-        return tuple(topic.id for topic in self.topics if topic.state != "described")
-
-
-@dataclass(frozen=True)
-class RunInstruction:
-    """A command that runs something.
-
-    Attributes
-    ----------
-    line : int
-        Where it stands.
-    command : str
-        The command, or the line of text that holds it.
-    pattern : str
-        The pattern that it matched.
-    form : str
-        "code" (a block), "inline" (between backquotes) or "text".
-    """
-
-    line: int
-    command: str
-    pattern: str
-    form: str
-
-
-@dataclass(frozen=True)
 class Passage:
     """A piece of connected text, with the file and line where it begins, and the heading above it."""
 
@@ -158,51 +64,25 @@ class Passage:
 
 
 @dataclass(frozen=True)
-class Concept:
-    """A concept of the lexicon and where the passages discuss it; no places if they do not."""
-
-    name: str
-    places: tuple[Place, ...]
-
-    @property
-    def discussed(self) -> bool:
-        """Whether any passage discusses it."""
-        return bool(self.places)
-
-
-@dataclass(frozen=True)
 class Discussion:
     """Which concepts are discussed, and how they are weighed against each other.
 
     Attributes
     ----------
-    concepts : tuple of Concept
-        All of the lexicon, in its order.
-    related : tuple of Place
+    discussed : mapping of str to Passage
+        Concepts in the order of the lexicon, each with the first passage that discusses it.
+    related : tuple of Passage
         Passages that set two or more concepts in relation: with a word of reason or comparison, or at length.
-    reasoned : tuple of Place
-        Those of `related` that have a word of reason or comparison.
-    strung : tuple of Place
+    strung : tuple of Passage
         Passages whose words are strung together without sentences, see `lacks_sentences`.
     words : int
         Distinct own words of all passages that discuss, besides the concepts' names.
     """
 
-    concepts: tuple[Concept, ...]
-    related: tuple[Place, ...]
-    reasoned: tuple[Place, ...]
-    strung: tuple[Place, ...]
+    discussed: Mapping[str, Passage]
+    related: tuple[Passage, ...]
+    strung: tuple[Passage, ...]
     words: int
-
-    @property
-    def discussed(self) -> tuple[str, ...]:
-        """Names of the concepts that are discussed."""
-        return tuple(concept.name for concept in self.concepts if concept.discussed)
-
-    @property
-    def missing(self) -> tuple[str, ...]:
-        """Names of the concepts that are not."""
-        return tuple(concept.name for concept in self.concepts if not concept.discussed)
 
 
 # -- what each part does -------------------------------------------------------------------------------
@@ -225,8 +105,10 @@ class _Saying:
     form: str
 
 
-def coverage(document: Document, topics: Sequence[TopicWords], min_words: int = DESCRIPTION_WORDS) -> Coverage:
-    """How `document` describes each of `topics`.
+def descriptions(
+    document: Document, topics: Sequence[TopicWords], min_words: int = DESCRIPTION_WORDS
+) -> dict[str, int]:
+    """Return the ids of the topics that `document` describes, each with the line where it begins to.
 
     A sentence counts for the topic of the heading above it, and for those that it names: fully for the
     first of two, a quarter for the second, and for each its part where more are listed. One that names none
@@ -235,31 +117,24 @@ def coverage(document: Document, topics: Sequence[TopicWords], min_words: int = 
     known = [_Topic(t.id, Terms.of(t.names, _TOPIC_ENDING), Terms.of(t.synonyms, _TOPIC_ENDING)) for t in topics]
     every = Terms.of((w for t in topics for w in (*t.names, *t.synonyms)), _TOPIC_ENDING)
     sayings = list(_sayings(document, known, every, min_words))
-    first = _first_mentions(document, known)
     told = Counter(form for _, form in {(tuple(s.shares), s.form) for s in sayings})
-    return Coverage(tuple(_topic_coverage(t.id, sayings, told, first.get(t.id), min_words) for t in known))
+    only = [saying for saying in sayings if told[saying.form] == 1]
+    found = {topic.id: [s for s in only if topic.id in s.shares] for topic in known}
+    return {topic: said[0].line for topic, said in found.items() if said and _amount(topic, said) >= min_words}
 
 
-def _topic_coverage(
-    topic: str, sayings: Sequence[_Saying], told: Counter[str], first: int | None, min_words: int
-) -> TopicCoverage:
-    own: set[str] = set()
-    shared = 0.0
-    counted: dict[str, _Saying] = {}
+def _amount(topic: str, sayings: Sequence[_Saying]) -> int:
+    """Return how many own words are said of a topic."""
+    own, shared = set[str](), 0.0
+    first: dict[str, _Saying] = {}
     for saying in sayings:
-        if topic not in saying.shares or told[saying.form] > 1 or saying.form in counted:
-            continue
-        counted[saying.form] = saying
+        first.setdefault(saying.form, saying)
+    for saying in first.values():
         if saying.shares[topic] == 1:
             own.update(saying.form.split())
         else:
             shared += measure(saying.form.split()) * saying.shares[topic]
-    amount = measure(own) + int(shared)
-    state = "described" if amount >= min_words else "missing" if first is None else "mentioned"
-    lines = tuple(saying.line for saying in counted.values())
-    line = lines[0] if lines else first
-    excerpt = next((_excerpt(saying.text) for saying in counted.values()), "")
-    return TopicCoverage(topic, state, amount, line, lines, excerpt)
+    return measure(own) + int(shared)
 
 
 def _sayings(document: Document, topics: Sequence[_Topic], every: Terms, min_words: int) -> Iterator[_Saying]:
@@ -366,44 +241,30 @@ def _in_order(text: str, terms: Sequence[tuple[str, Terms]]) -> tuple[str, ...]:
     return tuple(name for _, name in sorted(places))
 
 
-def _first_mentions(document: Document, topics: Sequence[_Topic]) -> dict[str, int]:
-    """Line of the first heading or block, code included, that names each topic."""
-    first: dict[str, int] = {}
-    for section in document.sections:
-        for line, text in [(section.line, section.title), *((b.line, b.text) for b in section.blocks)]:
-            for topic in topics:
-                if topic.id not in first and (topic.names.found(text) or topic.synonyms.found(text)):
-                    first[topic.id] = line
-    return first
-
-
 # -- how to run it -------------------------------------------------------------------------------------
 
 
-def run_instructions(document: Document, patterns: Sequence[str]) -> tuple[RunInstruction, ...]:
-    """Commands in `document` that match one of `patterns`, each line once.
+def run_lines(document: Document, patterns: Sequence[str]) -> list[int]:
+    """Return the lines of `document` with a command that matches one of `patterns`.
 
     Lines of code, code spans and lines of text are searched, as many a README has its commands unmarked. A
     pattern is a regular expression of the rubric, searched regardless of case.
     """
-    found: list[RunInstruction] = []
-    for block in document.blocks():
-        for offset, line in enumerate(block.text.split("\n")):
-            for form, command in _commands(block.kind, line):
-                match = next((p for p in patterns if search(p, command, ignore_case=True)), None)
-                if match is not None:
-                    found.append(RunInstruction(block.line + offset, command, match, form))
-                    break
-    return tuple(found)
+    return [
+        block.line + offset
+        for block in document.blocks()
+        for offset, line in enumerate(block.text.split("\n"))
+        if any(search(p, command, ignore_case=True) for command in _commands(block.kind, line) for p in patterns)
+    ]
 
 
-def _commands(kind: str, line: str) -> Iterator[tuple[str, str]]:
+def _commands(kind: str, line: str) -> Iterator[str]:
     if kind == "code":
-        yield "code", _COMMAND_START.sub("", line[:COMMAND_LIMIT]).strip()
+        yield _COMMAND_START.sub("", line[:COMMAND_LIMIT]).strip()
         return
     for span in code_spans(line):
-        yield "inline", span[:COMMAND_LIMIT]
-    yield "text", _COMMAND_START.sub("", plain_text(line[:COMMAND_LIMIT])).strip()
+        yield span[:COMMAND_LIMIT]
+    yield _COMMAND_START.sub("", plain_text(line[:COMMAND_LIMIT])).strip()
 
 
 # -- what is discussed ---------------------------------------------------------------------------------
@@ -481,9 +342,22 @@ def concepts(
     anchor = Terms.of(anchors)
     on_topic = (p for p in passages if not anchors or anchor.found(plain_text(f"{p.heading}\n{p.text}")))
     every = Terms.of(stem for stems in lexicon.values() for stem in stems)
-    discussing = list(_discussing(on_topic, every, min_words))
-    strung = tuple(_place_of(passage) for passage, _, _ in discussing if lacks_sentences(passage.text, connectives))
-    return replace(_discussion(discussing, lexicon, Terms.of(reasons), min_words), strung=strung)
+    terms, reasoning = {name: Terms.of(stems) for name, stems in lexicon.items()}, Terms.of(reasons)
+    discussed: dict[str, Passage] = {}
+    related: list[Passage] = []
+    strung: list[Passage] = []
+    said: set[str] = set()
+    for passage, text, own in _discussing(on_topic, every, min_words):
+        said.update(own)
+        named = [name for name in lexicon if terms[name].found(text)]
+        for name in named:
+            discussed.setdefault(name, passage)
+        if len(named) > 1 and (reasoning.found(text) or measure(own) >= 2 * min_words):
+            related.append(passage)
+        if lacks_sentences(passage.text, connectives):
+            strung.append(passage)
+    in_order = {name: discussed[name] for name in lexicon if name in discussed}
+    return Discussion(in_order, tuple(related), tuple(strung), measure(said))
 
 
 #: Words that stand between two marks, on average, and how few of them connect others, where they are only strung.
@@ -500,35 +374,6 @@ def lacks_sentences(text: str, connectives: Sequence[str]) -> bool:
         return False
     connecting = {fold(word) for word in connectives}
     return sum(word in connecting for word in known) < _FEW_CONNECTIVES * len(known)
-
-
-def _place_of(passage: Passage) -> Place:
-    return Place(passage.file, passage.line, _excerpt(plain_text(passage.text)))
-
-
-def _discussion(
-    discussing: Sequence[tuple[Passage, str, list[str]]],
-    lexicon: Mapping[str, Sequence[str]],
-    reasoning: Terms,
-    min_words: int,
-) -> Discussion:
-    terms = {name: Terms.of(stems) for name, stems in lexicon.items()}
-    places: dict[str, list[Place]] = {name: [] for name in lexicon}
-    related: list[Place] = []
-    reasoned: list[Place] = []
-    for passage, text, own in discussing:
-        place = _place_of(passage)
-        named = [name for name in lexicon if terms[name].found(text)]
-        for name in named:
-            places[name].append(place)
-        has_reason = len(named) > 1 and reasoning.found(text)
-        if has_reason:
-            reasoned.append(place)
-        if has_reason or (len(named) > 1 and measure(own) >= 2 * min_words):
-            related.append(place)
-    found = tuple(Concept(name, tuple(places[name])) for name in lexicon)
-    amount = measure(word for _, _, own in discussing for word in own)
-    return Discussion(found, tuple(related), tuple(reasoned), (), amount)
 
 
 def _discussing(passages: Iterable[Passage], every: Terms, min_words: int) -> Iterator[tuple[Passage, str, list[str]]]:
@@ -551,8 +396,3 @@ def _is_speech(text: str, own: Sequence[str], every: Terms) -> bool:
     """Whether the concepts' names stand among words, rather than being strewn or listed."""
     named = every.count(text)
     return measure(own) * _STUFFING_RATIO >= named
-
-
-def _excerpt(text: str) -> str:
-    flat = " ".join(text[: 3 * _EXCERPT_LENGTH].split())
-    return flat if len(flat) <= _EXCERPT_LENGTH else flat[: _EXCERPT_LENGTH - 1].rstrip() + "…"

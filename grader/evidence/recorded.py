@@ -283,8 +283,18 @@ class Recorded:
         idle_s = sum(float(after - before) for before, after in idle) / 1e9
         students = [r for r in self.record.processes if r.role == "student" or r is run]
         there = [r for r in students if not held or r.core in (None, run.core)]
-        own_s = sum(self.cpu_s(r, span) for r in there)
+        own_s = sum(self.cpu_s(r, span) for r in there) + self._unseen_s(span)
         return max(0.0, len(cores) * span.duration_s - idle_s - own_s) + _IDLE_ERROR_S
+
+    def _unseen_s(self, span: Span) -> float:
+        """Return the CPU time within a span of the student's processes that nobody saw or waited for, in s."""
+        times, used = [s.t_ns for s in self.record.machine], [s.students_ns for s in self.record.machine]
+        counted = [ns for ns in used if ns is not None]
+        if len(counted) < max(2, len(used)):
+            return 0.0
+        before, after = np.interp([span.start_ns, span.end_ns], times, counted)
+        seen_s = sum(self.cpu_s(run, span) for run in self.record.processes if run.role == "student")
+        return max(0.0, float(after - before) / 1e9 - seen_s)
 
     def cpu_s(self, run: ProcessRun, span: Span) -> float:
         """Return the CPU time that a process took within a span, in s, interpolated between samples."""

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from grader.evidence.lexicon import one_of
 from grader.evidence.printed import NUMBER, with_short_runs
 from grader.recording.session import OutputLine
 
@@ -19,23 +20,9 @@ _LOG_PREFIX = re.compile(r"^\[[A-Z]+\] \[[\d.]+\] \[[^\]]{1,200}\]: ")
 _UNITS_S = {"ns": 1e-9, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ms": 1e-3, "msec": 1e-3, "s": 1.0, "sec": 1.0}
 _UNIT = r"(?:ns|us|µs|μs|msec|ms|sec|s)(?![A-Za-z])"
 _LONG_UNITS = (("milli", 1e-3), ("micro", 1e-6), ("nano", 1e-9), ("second", 1.0), ("segundo", 1.0), ("sekunde", 1.0))
-_MEAN = (
-    r"(?:avg|average|mean|media|média|moy|mittel|mittler|durchschnitt|Ø|schnitt|prom(?:edio)?|ortalama|средн"
-    r"|平均|평균|متوسط|औसत)"
-)
-_LATENCY = (
-    r"(?:latenc|latenz|latênc|delay|verzögerung|retras|retard|ritard|atras|gecikme|задержк|延迟|時延|遅延|지연|تأخير|विलंब)"
-    r"[a-zé]{0,20}"
-)
-_MOST = r"(?:max|máx|worst|peak|höchst|largest|en yüksek|макс|最大|最高|최대|أقصى|अधिकतम)"
-_RECEIVED = (
-    r"(?:recei|recv|rcvd|got|arrived|delivered|empfangen|recibid|reçu|ricevut|recebid|alınan|получ|接收|收到|受信|수신)"
-    r"[a-zé]{0,20}"
-)
-_MESSAGES = (
-    r"(?:msgs?|messages?|samples?|counts?|mensajes|nachrichten|messaggi|mensagens|mesaj|сообщ|消息|条|件|개|رسائل|संदेश)"
-)
-_NOT_RECEIVED = re.compile(r"sent|publ|lost|loss|drop|rate|hz|depth|envi|gesend|verl|%|sende|丢|发", re.IGNORECASE)
+_MEAN, _MOST, _MESSAGES = map(one_of, ("mean", "largest", "messages"))
+_LATENCY, _RECEIVED = (rf"{one_of(name)}[a-zé]{{0,20}}" for name in ("latency", "received"))
+_NOT_RECEIVED = re.compile(one_of("not_received"), re.IGNORECASE)
 _CELL_BORDER = r"[|│┃║,;\t]"
 _MOST_LINES_OF_A_BLOCK = 12
 

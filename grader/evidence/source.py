@@ -15,7 +15,7 @@ from decimal import Decimal
 from pathlib import PurePosixPath
 
 from grader.evidence.comments import Comment, comments_of
-from grader.evidence.syntax import SIZE_LIMIT, Span, SyntaxProblem, blank_out, normalise, spans, tree_of
+from grader.evidence.syntax import Span, blank_out, normalise, spans, tree_of
 from grader.evidence.words import is_placeholder, normal_form, substance, words
 
 DOCSTRING_WORDS = 3
@@ -76,24 +76,18 @@ class SourceFacts:
     ----------
     path : str
         As given to `parse`.
-    syntax_error : SyntaxProblem or None
-        Where and why Python refuses it.
     definitions : tuple of Definition
         In the order of their lines, the module first.
     comments : tuple of Comment
         All comments, each with what it is worth.
     code_lines : int
         Lines with code on them; blank lines, comments and docstrings are none.
-    truncated : bool
-        Whether the file is too large to be read whole.
     """
 
     path: str
-    syntax_error: SyntaxProblem | None
     definitions: tuple[Definition, ...]
     comments: tuple[Comment, ...]
     code_lines: int
-    truncated: bool = False
 
     @property
     def explaining(self) -> tuple[Comment, ...]:
@@ -104,7 +98,7 @@ class SourceFacts:
 def parse(path: str, text: str) -> SourceFacts:
     """Read the Python file `text`, which stands at `path` in the submission. Never raises."""
     whole = normalise(text)
-    tree, problem = tree_of(whole)
+    tree = tree_of(whole)
     found = spans(whole)
     blank = blank_out(whole, found)
     module = path.rsplit("/", 1)[-1].removesuffix(".py")
@@ -118,9 +112,7 @@ def parse(path: str, text: str) -> SourceFacts:
     code_lines = sum(
         1 for number, line in enumerate(blank.split("\n"), 1) if line.strip() and number not in docstring_lines
     )
-    return SourceFacts(
-        path, problem, tuple(definitions), comments, code_lines, len(text.replace("\r\n", "\n")) > SIZE_LIMIT
-    )
+    return SourceFacts(path, tuple(definitions), comments, code_lines)
 
 
 def _definitions(module: str, tree: ast.Module) -> Iterator[Definition]:
@@ -263,7 +255,7 @@ def spin_lines(text: str, others: Iterable[str]) -> tuple[int, ...] | None:
     others : iterable of str
         Paths of the submission's files: one that this file imports may spin for it.
     """
-    tree, _ = tree_of(normalise(text))
+    tree = tree_of(normalise(text))
     if tree is None:
         return None
     modules = {PurePosixPath(path).stem for path in others if path.endswith(".py")}

@@ -26,14 +26,6 @@ _INSIDE = {
 
 
 @dataclass(frozen=True)
-class SyntaxProblem:
-    """Where and why Python refuses a text."""
-
-    line: int
-    message: str
-
-
-@dataclass(frozen=True)
 class Span:
     """A comment or a string literal in a text, with its place in characters and its first and last line."""
 
@@ -68,29 +60,17 @@ _SCOPES = (
 
 
 @functools.lru_cache(maxsize=8)  # Each file is read for several checks, one after the other.
-def tree_of(text: str) -> tuple[ast.Module | None, SyntaxProblem | None]:
-    """Syntax tree of normalised `text`, or the problem that keeps Python from reading it.
-
-    Both are None for a text that is too large or too deeply nested to say.
-    """
-    if "\0" in text:
-        line = text.count("\n", 0, text.index("\0")) + 1
-        return None, SyntaxProblem(line, "source code cannot contain null bytes")
+def tree_of(text: str) -> ast.Module | None:
+    """Syntax tree of normalised `text`; None for what Python refuses, and for what nobody has written."""
+    tree = expression_tree(text)
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            tree = parse_python(text)
-            if sum(isinstance(node, _SCOPES) for node in ast.walk(tree)) <= _MOST_SCOPES:
+        if tree is not None and sum(isinstance(node, _SCOPES) for node in ast.walk(tree)) <= _MOST_SCOPES:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
                 compile(text, "<submission>", "exec", dont_inherit=True)
-    except SyntaxError as problem:
-        if len(text) >= SIZE_LIMIT - 10_000:
-            return None, None
-        return None, SyntaxProblem(problem.lineno or 1, problem.msg or "invalid syntax")
-    except ValueError as problem:
-        return None, SyntaxProblem(1, str(problem))
-    except (RecursionError, MemoryError, OverflowError):
-        return None, None
-    return tree, None
+    except (SyntaxError, ValueError, RecursionError, MemoryError, OverflowError):
+        return None
+    return tree
 
 
 def expression_tree(text: str) -> ast.Module | None:

@@ -94,7 +94,8 @@ class Dropped:
 
 #: So many may be missing: more than a reliable connection on loopback loses, and too few to change a verdict.
 _HARMLESS = 0.05
-#: Who keeps nothing for those who come later may publish for so long before the recorder's subscription is matched.
+#: For so long one may publish before the recorder's subscription is matched: in vain, if one keeps nothing for those
+#: who come later, or is gone by then.
 _MATCHED_WITHIN_S = 5.0
 
 
@@ -110,7 +111,7 @@ def dropped(recorded: Recorded) -> tuple[Dropped, ...]:
     limited = {u.topic for u in recorded.record.unrecorded}
     told: dict[tuple[str, str], list[Published]] = {}
     for entry in recorded.record.published:
-        if entry.topic not in limited:
+        if entry.topic not in limited and _lived_s(recorded, entry.process) > _MATCHED_WITHIN_S:
             told.setdefault((entry.topic, entry.type), []).append(entry)
     found = []
     for (topic, _), entries in told.items():
@@ -122,6 +123,12 @@ def dropped(recorded: Recorded) -> tuple[Dropped, ...]:
         if published - early - there > _HARMLESS * published:
             found.append(Dropped(topic, published, there))
     return tuple(found)
+
+
+def _lived_s(recorded: Recorded, process: str) -> float:
+    """Return for how long a process was there, in s."""
+    run = recorded.process(process)
+    return ((run.exited_ns or recorded.record.ended_ns) - run.started_ns) / 1e9 if run is not None else float("inf")
 
 
 def _before_match(recorded: Recorded, topic: str, own: Stream) -> int:

@@ -12,6 +12,8 @@ import unicodedata
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from grader.evidence.lexicon import one_of, words_of
+
 IDEOGRAPHS_PER_WORD = 2
 """Han and kana characters that say as much as one spaced word."""
 
@@ -29,40 +31,10 @@ _UNDONE = re.compile(r"\W*(?:todo|tbd|tba|fixme|xxx|wip|lorem ipsum|coming soon)
 UNDONE_LIMIT_WORDS = 12
 """Words up to which a text that begins with TODO is no more than that."""
 
-_PLACEHOLDER = re.compile(
-    r"\W*(?:n/?a|placeholder|(?:my |a |the )?docstring|description|package description"
-    r"|to be (?:done|written|added|completed)|add (?:an? |your |the )?(?:docstring|description|comment)s?"
-    r"|(?:your|insert|write|put|fill in|describe)\b.{0,30}\bhere|à compléter|por hacer|da fare)\b",
-    re.IGNORECASE,
-)
+_PLACEHOLDER = re.compile(rf"\W*{one_of('placeholders')}\b", re.IGNORECASE)
 _PLACEHOLDER_LIMIT_WORDS = 6
 _BRACKETED = re.compile(r"^\W*[<\[{][^<>\[\]{}]{0,80}[>\]}]\W*$")
-_LOREM = frozenset(
-    word
-    for line in (
-        "lorem ipsum dolor sit amet consectetur adipiscing elit sed do eiusmod tempor incididunt ut",
-        "labore et dolore magna aliqua enim ad minim veniam quis nostrud exercitation ullamco",
-        "laboris nisi aliquip ex ea commodo consequat duis aute irure in reprehenderit voluptate",
-        "velit esse cillum eu fugiat nulla pariatur excepteur sint occaecat cupidatat non proident",
-        "sunt culpa qui officia deserunt mollit anim",
-    )
-    for word in line.split()
-)
-
-
-def decode(data: bytes) -> str:
-    """Text of a file, whatever editor wrote it: UTF-8 and UTF-16 with or without mark, else Latin-1.
-
-    Line ends become a line feed.
-    """
-    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
-        text = data.decode("utf-16", errors="replace")
-    else:
-        try:
-            text = data.decode("utf-8-sig")
-        except UnicodeDecodeError:
-            text = data.decode("latin-1")
-    return text.replace("\r\n", "\n").replace("\r", "\n")
+_LOREM = words_of("blind_text")
 
 
 def fold(text: str) -> str:

@@ -8,28 +8,9 @@ from pathlib import PurePosixPath
 
 #: Folders that tools make; a copy of a student's file in them is not the student's file.
 TOOL_FOLDERS = frozenset(
-    {
-        "build",
-        "install",
-        "log",
-        "__pycache__",
-        ".git",
-        ".hg",
-        ".svn",
-        ".venv",
-        "venv",
-        "site-packages",
-        "dist-packages",
-        "node_modules",
-        ".mypy_cache",
-        ".pytest_cache",
-        ".ruff_cache",
-        ".vscode",
-        ".idea",
-        "__MACOSX",
-        "$RECYCLE.BIN",
-        "System Volume Information",
-    }
+    {"build", "install", "log", ".venv", "venv", "site-packages", "dist-packages", "node_modules", "__pycache__"}
+    | {".git", ".hg", ".svn", ".mypy_cache", ".pytest_cache", ".ruff_cache", ".vscode", ".idea"}
+    | {"__MACOSX", "$RECYCLE.BIN", "System Volume Information"}
 )
 #: Files that file managers and version control leave behind, and that nobody means to hand in.
 _LITTER = frozenset({".ds_store", "thumbs.db", "desktop.ini", "icon", ".git", ".gitkeep", ".directory"})
@@ -39,23 +20,8 @@ COMPILED_SUFFIXES = frozenset(
 )
 _SHARED_OBJECT = re.compile(r"\.so(\.\d+)+$")
 _PACKED_SUFFIXES = frozenset(
-    {
-        ".zip",
-        ".tar",
-        ".gz",
-        ".tgz",
-        ".bz2",
-        ".tbz",
-        ".tbz2",
-        ".xz",
-        ".txz",
-        ".zst",
-        ".7z",
-        ".rar",
-        ".whl",
-        ".egg",
-        ".jar",
-    }
+    {".zip", ".tar", ".gz", ".tgz", ".bz2", ".tbz", ".tbz2", ".xz", ".txz", ".zst", ".7z", ".rar"}
+    | {".whl", ".egg", ".jar"}
 )
 #: `alice.tar.gz` is called `alice`.
 _ARCHIVE_ENDING = re.compile(r"(\.tar)?(\.(zip|tar|gz|tgz|bz2|tbz2?|xz|txz|zst|7z|rar))$", re.IGNORECASE)

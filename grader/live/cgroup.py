@@ -11,7 +11,7 @@ import re
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -32,17 +32,20 @@ class GroupPlaces:
     ----------
     memory, processes : str
         Parents of the group in the memory and the pids hierarchy; the same one in version 2.
+    cpu : str or None
+        Parent of the group in the hierarchy that sums up CPU time, where one does that and shares out nothing.
     version : int
         1 or 2.
     """
 
     memory: str
     processes: str
+    cpu: str | None
     version: int
 
     def to_plain(self) -> dict[str, Any]:
         """Return this as plain data."""
-        return {"memory": self.memory, "processes": self.processes, "version": self.version}
+        return asdict(self)
 
 
 class CellGroup:
@@ -60,6 +63,7 @@ class CellGroup:
         self._version = places.version
         name = f"grade-{os.getuid()}-{label}"
         self._memory, self._processes = Path(places.memory) / name, Path(places.processes) / name
+        self._cpu = Path(places.cpu) / name if places.cpu is not None else None
 
     def make(self, memory_bytes: int = MEMORY_BYTES, processes: int = PROCESSES) -> None:
         """Make the group and set its limits.
@@ -104,10 +108,19 @@ class CellGroup:
             return int((self._memory / name).read_text())
         return 0
 
+    def cpu_ns(self) -> int | None:
+        """Return the CPU time of all that ever was in the group, in ns; None where that is not summed up."""
+        with suppress(OSError, ValueError):
+            if self._version == 2:
+                return _counter(self._memory / "cpu.stat", "usage_usec") * 1000
+            if self._cpu is not None:
+                return int((self._cpu / "cpuacct.usage").read_text())
+        return None
+
     def remove(self) -> None:
         """Kill what is left in the group, and remove it; returns after a short while if it will not go."""
         end_s = time.monotonic() + _REMOVAL_S
-        while self._processes.exists() or self._memory.exists():
+        while any(folder.exists() for folder in self._folders()):
             for folder in self._folders():
                 with suppress(OSError):
                     for word in (folder / "cgroup.procs").read_text().split():
@@ -130,7 +143,8 @@ class CellGroup:
                         other.rmdir()
 
     def _folders(self) -> list[Path]:
-        return list(dict.fromkeys((self._memory, self._processes)))
+        known = (self._memory, self._processes, self._cpu)
+        return list(dict.fromkeys(folder for folder in known if folder is not None))
 
 
 def _counter(file: Path, name: str) -> int:
@@ -147,10 +161,13 @@ def group_places() -> list[GroupPlaces]:
     places = []
     if "memory" in mounts and "pids" in mounts:
         memory, pids = (_within(mounts[name], own.get(name, "/")) for name in ("memory", "pids"))
-        places.append(GroupPlaces(memory, pids, 1))
+        # Where the same hierarchy shares out CPU time, a group in it would change how all threads are scheduled.
+        apart = "cpuacct" in mounts and mounts["cpuacct"] != mounts.get("cpu")
+        cpu = _within(mounts["cpuacct"], own.get("cpuacct", "/")) if apart else None
+        places.append(GroupPlaces(memory, pids, cpu if cpu is not None and os.access(cpu, os.W_OK) else None, 1))
     if "" in mounts:
         root = mounts[""]
-        places += [GroupPlaces(folder, folder, 2) for folder in (root, _within(root, own.get("", "/")))]
+        places += [GroupPlaces(folder, folder, folder, 2) for folder in (root, _within(root, own.get("", "/")))]
     return list(dict.fromkeys(p for p in places if os.access(p.memory, os.W_OK) and os.access(p.processes, os.W_OK)))
 
 

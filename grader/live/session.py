@@ -22,7 +22,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -414,7 +414,8 @@ class Session:
     async def _sample(self) -> None:
         while True:
             await asyncio.sleep(_SAMPLE_PERIOD_S)
-            self.record.machine.append(sample_machine())
+            students_ns = self._group.cpu_ns() if self._group is not None else None
+            self.record.machine.append(replace(sample_machine(), students_ns=students_ns))
             for process in self.processes.values():
                 process.sample_usage()
                 if process.run.role == "reference" and process.alive:

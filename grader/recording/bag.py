@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Any
 
 from mcap.opcode import Opcode
 
+from grader.files import replace_file
 from grader.recording.definitions import SEPARATOR, MessageDefinition
 from grader.recording.session import Qos
 
@@ -211,9 +212,7 @@ class BagWriter:
         self._stream.close()
         start_ns = min(self._start_ns, self._end_ns)
         text = _metadata_yaml(self._file_name, list(self._channels.values()), start_ns, self._end_ns)
-        partial = self._folder / (METADATA_FILE + ".partial")
-        partial.write_text(text, encoding="utf-8")
-        partial.replace(self._folder / METADATA_FILE)
+        replace_file(self._folder / METADATA_FILE, text)
 
 
 # -- scanning an MCAP file, whole or cut short -----------------------------------------------------

@@ -10,14 +10,14 @@ import typing
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
+from grader.files import replace_file
+
 T = TypeVar("T")
 
 
 def write_record(file: Path, record: Any) -> None:
     """Write a record in one step, so that no half-written file can be mistaken for a whole one."""
-    partial = file.with_name(file.name + ".partial")
-    partial.write_text(json.dumps(dataclasses.asdict(record), ensure_ascii=True), encoding="utf-8")
-    partial.replace(file)
+    replace_file(file, json.dumps(dataclasses.asdict(record), ensure_ascii=True))
 
 
 def read_record(file: Path, kind: type[T], schema: str) -> T:

@@ -58,6 +58,8 @@ class MachineSample:
         Time since boot in which some process waited for a core (pressure stall information), where it is readable.
     idle_ns : dict
         Number of each core -> time since boot in which nothing ran on it.
+    students_ns : int or None
+        CPU time that the student's processes of the session took so far, those included that nobody saw or waited for.
     """
 
     t_ns: int
@@ -65,6 +67,7 @@ class MachineSample:
     stolen_ns: int = 0
     waiting_us: int | None = None
     idle_ns: dict[str, int] = field(default_factory=dict)
+    students_ns: int | None = None
 
 
 @dataclass

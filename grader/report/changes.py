@@ -12,10 +12,10 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from grader.cohort.changes import Changes, CheckChange, summary_of
+from grader.cohort.changes import Change, Changes
 from grader.report.grades_csv import BYTE_ORDER_MARK, csv_cell
 from grader.report.plain import terminal_text
-from grader.report.terminal import points_text
+from grader.report.views import points
 from grader.result import Outcome
 
 CHANGES_FILE = "changes.csv"
@@ -56,23 +56,17 @@ def changes_csv(changes: Iterable[Changes]) -> str:
 
 def _rows(changes: Changes) -> Iterable[Sequence[str | int | Decimal]]:
     name = csv_cell(changes.submission)
-    undecided = [points_text(changes.undecided_before), points_text(changes.undecided_after)]
+    undecided = [points(changes.undecided_before), points(changes.undecided_after)]
     yield [name, "total", "", "", "", "", *_numbers(changes.before, changes.after), *undecided]
-    for criterion in changes.criteria:
-        numbers = _numbers(criterion.before, criterion.after)
-        yield [name, "criterion", csv_cell(criterion.id), csv_cell(criterion.title), "", "", *numbers, "", ""]
-        for check in criterion.checks:
-            outcomes = [_word(check.outcome_before), _word(check.outcome_after)]
-            numbers = _numbers(check.before, check.after)
-            yield [name, "check", csv_cell(check.id), csv_cell(check.title), *outcomes, *numbers, "", ""]
-    for change in changes.adjustments:
-        numbers = _numbers(change.before, change.after)
-        yield [name, "adjustment", csv_cell(change.what), csv_cell(change.kind), "", "", *numbers, "", ""]
+    for part in changes.parts:
+        outcomes = [_word(part.outcome_before), _word(part.outcome_after)]
+        numbers = _numbers(part.before, part.after)
+        yield [name, part.level, csv_cell(part.id), csv_cell(part.title), *outcomes, *numbers, "", ""]
 
 
 def _numbers(before: Decimal | None, after: Decimal | None) -> list[str]:
     difference = (after or Decimal(0)) - (before or Decimal(0))
-    return [points_text(p) if p is not None else "" for p in (before, after)] + [points_text(difference)]
+    return [points(p) if p is not None else "" for p in (before, after)] + [points(difference)]
 
 
 def _word(outcome: Outcome | None) -> str:
@@ -96,7 +90,7 @@ def print_changes(console: Console, changes: Mapping[str, Changes]) -> None:
     kept = len(changes) - len(found)
     among = f"{len(found)} of {_counted(len(changes), 'submission')}"
     for (before, after), number in _totals(found.values()).items():
-        out_of = f"{points_text(after)} points, before of {points_text(before)}"
+        out_of = f"{points(after)} points, before of {points(before)}"
         console.print(f"{_counted(number, 'submission')}: of {out_of}; a difference can come from that alone.")
     rest = "1 keeps its own" if kept == 1 else f"{kept} keep theirs"
     console.print(f"Points or outcomes change for {among}{_words(changes)}; {rest}.")
@@ -122,58 +116,50 @@ def changes_table(changes: Mapping[str, Changes]) -> Table:
 
 
 def _add_submission(table: Table, name: str, changes: Changes) -> None:
-    table.add_row(
-        Text(terminal_text(name, 80), "bold"),
-        "",
-        Text(_step(changes.before, changes.after), "bold"),
-        _signed(changes.difference),
-    )
-    for criterion in changes.criteria:
-        table.add_row(
-            f"  {terminal_text(criterion.title, 80)}",
-            "",
-            _step(criterion.before, criterion.after),
-            _signed(criterion.difference),
-        )
-        titles = Counter(check.title for check in criterion.checks)
-        for check in criterion.checks:
+    total = Text(_step(changes.before, changes.after), "bold")
+    table.add_row(Text(terminal_text(name, 80), "bold"), "", total, _signed(changes.difference))
+    titles = Counter(part.title for part in changes.at("check"))
+    for part in changes.parts:
+        what, outcomes = Text(f"  {terminal_text(part.title, 80)}"), Text("")
+        if part.level == "adjustment":
+            what = Text(f"  {terminal_text(f'{part.title}: {part.id}', 80)}", "dim")
+        elif part.level == "check":
             # Of a check that was renamed, only the ids tell old and new apart.
-            by_id = f" ({check.id})" if titles[check.title] > 1 else ""
-            row = Text(f"    {terminal_text(check.title + by_id, 120)}", "dim")
-            table.add_row(row, _outcomes(check), _step(check.before, check.after), _signed(check.difference))
-    for change in changes.adjustments:
-        row = Text(f"  {terminal_text(f'{change.kind}: {change.what}', 80)}", "dim")
-        table.add_row(row, "", _step(change.before, change.after), _signed(change.difference))
+            by_id = f" ({part.id})" if titles[part.title] > 1 else ""
+            what = Text(f"    {terminal_text(part.title + by_id, 120)}", "dim")
+            before, after = (_word(o) or "not there" for o in (part.outcome_before, part.outcome_after))
+            outcomes = Text(before if before == after else f"{before} → {after}", "dim")
+        table.add_row(what, outcomes, _step(part.before, part.after), _signed(part.difference))
     if changes.undecided_before != changes.undecided_after:
         step = _step(changes.undecided_before, changes.undecided_after)
         table.add_row(Text("  undecided", "magenta"), "", step, "")
 
 
-def _outcomes(check: CheckChange) -> Text:
-    before, after = _word(check.outcome_before) or "not there", _word(check.outcome_after) or "not there"
-    return Text(before if before == after else f"{before} → {after}", "dim")
-
-
 def _step(before: Decimal | None, after: Decimal | None) -> str:
-    was, is_ = (points_text(p) if p is not None else "none" for p in (before, after))
+    was, is_ = (points(p) if p is not None else "none" for p in (before, after))
     return f"{was} → {is_}" if was != is_ else was
 
 
 def _signed(difference: Decimal) -> Text:
     if not difference:
         return Text("")
-    return Text(f"{'+' if difference > 0 else '−'}{points_text(abs(difference))}", "green" if difference > 0 else "red")
+    return Text(f"{'+' if difference > 0 else '−'}{points(abs(difference))}", "green" if difference > 0 else "red")
 
 
 def _print_summary(console: Console, changes: Sequence[Changes]) -> None:
-    summary = summary_of(changes)
-    if not summary or len(changes) < 2:
+    """Print for each check how many gain and lose by it, and their points together."""
+    met: dict[str, list[Change]] = {}
+    for check in (check for each in changes for check in each.at("check")):
+        met.setdefault(check.id, []).append(check)
+    if not met or len(changes) < 2:
         return
     table = Table("By check", "gain", "lose", "points", box=None, padding=(0, 1), header_style="bold")
     for column in table.columns[1:]:
         column.justify = "right"
-    for check in sorted(summary, key=lambda c: -abs(c.points)):
-        table.add_row(terminal_text(check.title, 80), str(check.gain), str(check.lose), _signed(check.points))
+    sums = {name: sum((c.difference for c in found), Decimal(0)) for name, found in met.items()}
+    for name, found in sorted(met.items(), key=lambda item: -abs(sums[item[0]])):
+        gain, lose = sum(c.difference > 0 for c in found), sum(c.difference < 0 for c in found)
+        table.add_row(terminal_text(found[0].title, 80), str(gain), str(lose), _signed(sums[name]))
     console.print()
     console.print(table)
     console.print()

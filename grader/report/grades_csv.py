@@ -13,9 +13,10 @@ import re
 from collections.abc import Sequence
 from decimal import Decimal
 
-from grader.cohort.summary import Cell, ClassSummary, Row
+from grader.cohort.summary import ClassSummary, Row
 from grader.report.untrusted import line
 from grader.report.views import points
+from grader.result import CriterionResult
 
 BYTE_ORDER_MARK = "\ufeff"
 LONGEST = 500
@@ -82,7 +83,7 @@ def _values(row: Row, needs: Sequence[str]) -> list[str | Decimal]:
     return [*head, *numbers, *cells, *map(_outcome, row.cells), adjustments, ", ".join(needs), row.problem]
 
 
-def _outcome(cell: Cell | None) -> str:
+def _outcome(cell: CriterionResult | None) -> str:
     if cell is None:
         return ""
     return cell.outcome.value if cell.outcome.decided else "undecided"

@@ -3,34 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 from grader.evidence.figures import Figure
 from grader.recording.session import SessionRecord
 from grader.recording.submission import SubmissionRecord
-from grader.report import charts, views
-from grader.report.charts import Chart
+from grader.report import charts, views, violations
 from grader.report.page import render_page
-from grader.report.violations import EXPLANATION, HEADING, violation_views
 from grader.result import Outcome, Result
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A figure with its chart, where it is one for drawing."""
-
-    figure: Figure
-    chart: Chart | None
-
-    @property
-    def kind(self) -> str:
-        """What the template calls it."""
-        return type(self.figure).__name__
-
-    @property
-    def half(self) -> bool:
-        """Whether it takes half the page's width."""
-        return self.chart is not None and self.chart.half
 
 
 def render(
@@ -53,7 +32,7 @@ def render(
     anchors = views.anchors_of(sessions)
     pictures = {
         name: [
-            Picture(figure, charts.chart_of(figure, f"{views.anchor('figure', name)}-{n}"))
+            (type(figure).__name__, figure, charts.chart_of(figure, f"{views.anchor('figure', name)}-{n}"))
             for n, figure in enumerate(listed)
         ]
         for name, listed in figures.items()
@@ -67,14 +46,17 @@ def render(
         judged=views.points(result.score.earned),
         adjustments=views.adjustments_of(result),
         recorded=views.recorded_at(result, sessions),
-        mends=views.mends_of(result, (Outcome.FAILED, Outcome.PARTIAL)),
-        unreached=views.mends_of(result, (Outcome.NOT_REACHED,)),
-        criteria=[views.criterion_view(c, submission.texts, anchors) for c in result.criteria],
+        lost=views.lost_by(result, (Outcome.FAILED, Outcome.PARTIAL)),
+        unreached=views.lost_by(result, (Outcome.NOT_REACHED,)),
         pictures=pictures,
-        sessions=[views.session_view(name, record) for name, record in sessions.items()],
+        sessions=sessions,
         isolations=views.isolations_of(sessions),
         versions=views.versions_of(result),
-        handed_in=views.handed_in(submission),
         submission=submission,
-        touched=(HEADING, EXPLANATION, violation_views(result, anchors)),
+        views=views,
+        places={c.id: views.places_of(c, submission.texts, anchors) for part in result.criteria for c in part.checks},
+        violation_words=violations,
+        violations=[
+            (v, views.place_of(v.where, {}, anchors), violations.titles_of(v, result)) for v in result.violations
+        ],
     )

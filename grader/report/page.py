@@ -16,6 +16,7 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from markupsafe import Markup
 
+from grader.report import views
 from grader.report.charts import duration
 from grader.report.untrusted import line, shown
 
@@ -49,6 +50,8 @@ def _template(name: str, styles: tuple[str, ...], script: str) -> Template:
         keep_trailing_newline=True,
     )
     environment.filters.update(line=line, duration=duration, prose=prose, breakable=breakable)
+    environment.filters.update(points=views.points, tenths=views.tenths, signed=views.signed)
+    environment.globals.update(anchor=views.anchor, badge_of=views.badge_of, share_of=views.share_of)
     css, js = "".join(map(_read, styles)), _read(script)
     environment.globals.update(
         css=Markup(css),

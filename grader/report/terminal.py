@@ -14,25 +14,12 @@ from rich.text import Text
 
 from grader.report.in_place import InPlace
 from grader.report.plain import terminal_text
-from grader.report.views import adjustments_of
+from grader.report.views import adjustments_of, badge_of, earned_text, points
 from grader.report.violations import note_of, titles_of
 from grader.result import CheckResult, CriterionResult, Outcome, Result, Violation
 
-_SIGNS = {
-    Outcome.PASSED: ("✓", "green"),
-    Outcome.PARTIAL: ("◐", "yellow"),
-    Outcome.FAILED: ("✗", "red"),
-    Outcome.NOT_REACHED: ("–", "red"),
-    Outcome.INCONCLUSIVE: ("?", "magenta"),
-    Outcome.ERROR: ("!", "magenta"),
-}
-
-
-def points_text(value: Decimal) -> str:
-    """Return points without trailing zeros."""
-    return f"{value.normalize():f}" if value else "0"
-
-
+#: By the style of a badge.
+_COLOURS = {"passed": "green", "partial": "yellow", "failed": "red", "not-reached": "red", "undecided": "magenta"}
 #: What took less was not run at all.
 _NOTABLE_S = 0.05
 
@@ -91,10 +78,10 @@ def print_result(console: Console, result: Result) -> None:
         _add_criterion(table, criterion)
     score = result.score
     table.add_row("", "", "")
-    total = Text(f"{points_text(score.earned)} / {points_text(score.possible)}", "bold")
+    total = Text(f"{points(score.earned)} / {points(score.possible)}", "bold")
     table.add_row("", Text(f"{terminal_text(result.submission, 80)}: {result.lab}", "bold"), total)
     if result.still_undecided:
-        note = f"{points_text(result.still_undecided)} points are undecided, and not earned before they are."
+        note = f"{points(result.still_undecided)} points are undecided, and not earned before they are."
         table.add_row("?", Text(note, "magenta"), "")
     if result.adjustments:
         _add_adjustments(table, result)
@@ -102,7 +89,7 @@ def print_result(console: Console, result: Result) -> None:
     levels = {s.get("isolation") for s in result.provenance.get("sessions", {}).values()}
     if "none" in levels:
         console.print(
-            Text("The submission's code ran unconfined. `grade doctor` says what would mend that.", "bold red")
+            Text("The submission's code ran unconfined. `grade doctor` says what would fix that.", "bold red")
         )
     elif "reduced" in levels:
         note = "The submission's code was confined in part only; the report says what that does not cover."
@@ -123,7 +110,7 @@ def _add_adjustments(table: Table, result: Result) -> None:
         body.append(f"\n{terminal_text(adjustment.reason)} ({terminal_text(adjustment.decided, 160)})", "dim")
         style = {"gain": "green", "loss": "red"}.get(adjustment.style, "")
         table.add_row("", body, Text(adjustment.points, style))
-    total = Text(f"{points_text(result.final)} / {points_text(result.score.possible)}", "bold")
+    total = Text(f"{points(result.final)} / {points(result.score.possible)}", "bold")
     table.add_row("", Text("With all adjustments", "bold"), total)
 
 
@@ -143,7 +130,7 @@ def _add_criterion(table: Table, criterion: CriterionResult) -> None:
     table.add_row(
         "",
         Text(criterion.title, style),
-        Text(f"{points_text(criterion.earned)} / {points_text(criterion.possible)}", style),
+        Text(f"{points(criterion.earned)} / {points(criterion.possible)}", style),
     )
     unreached: dict[str, list[CheckResult]] = {}
     for check in criterion.checks:
@@ -160,25 +147,27 @@ def _add_unreached(table: Table, checks: Sequence[CheckResult]) -> None:
     """Add what one failure kept from being looked at, as one row."""
     if not checks:
         return
-    sign, colour = _SIGNS[Outcome.NOT_REACHED]
+    sign = _sign(Outcome.NOT_REACHED)
     body = Text(", ".join(check.title for check in checks))
     body.append(f"\n{terminal_text(checks[0].reason)}", "default")
     zero = Decimal(0)
     earned, possible = sum((c.earned for c in checks), zero), sum((c.possible for c in checks), zero)
-    table.add_row(Text(sign, colour), body, Text(f"{points_text(earned)} / {points_text(possible)}", colour))
+    table.add_row(sign, body, Text(f"{points(earned)} / {points(possible)}", sign.style))
 
 
 def _add_check(table: Table, check: CheckResult) -> None:
-    sign, colour = _SIGNS[check.outcome]
-    points = f"{points_text(check.earned)} / {points_text(check.possible)}"
-    if not check.outcome.decided:
-        points = f"? / {points_text(check.possible)}"
+    sign = _sign(check.outcome)
     body = Text(check.title)
     if check.reason:
         body.append(f"\n{terminal_text(check.reason)}", "default")
     if check.hint:
         body.append(f"\n→ {terminal_text(check.hint)}", "cyan")
-    spots = [str(w) for w in check.where if w.file]
-    if spots:
-        body.append(f"\n  {terminal_text(', '.join(spots[:3]))}", "dim")
-    table.add_row(Text(sign, colour), body, Text(points, colour))
+    locations = [str(w) for w in check.where if w.file]
+    if locations:
+        body.append(f"\n  {terminal_text(', '.join(locations[:3]))}", "dim")
+    table.add_row(sign, body, Text(f"{earned_text(check)} / {points(check.possible)}", sign.style))
+
+
+def _sign(outcome: Outcome) -> Text:
+    badge = badge_of(outcome)
+    return Text(badge.sign, _COLOURS[badge.style])

@@ -17,15 +17,7 @@ if TYPE_CHECKING:
 
 
 def print_timings(console: Console, watch: Stopwatch, provenance: Mapping[str, Any], children_cpu_s: float) -> None:
-    """Print where the time went.
-
-    Parameters
-    ----------
-    provenance : mapping
-        That of the result, with the CPU time of each session's processes by their role.
-    children_cpu_s : float
-        CPU time of all processes that the grader started, and waited for, together.
-    """
+    """Print where the time went; `children_cpu_s` is the CPU time of all processes that the grader waited for."""
     console.print(_stages(watch))
     console.print(_cells(watch, provenance.get("sessions", {})))
     console.print(Text(cpu_sentence(watch, provenance.get("sessions", {}), children_cpu_s)))

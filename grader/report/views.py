@@ -11,7 +11,7 @@ from decimal import ROUND_HALF_UP, Decimal
 from typing import Any
 
 from grader.recording.session import OutputLine, ProcessRun, SessionRecord, StepRun
-from grader.recording.submission import SubmissionRecord
+from grader.recording.submission import ArtifactFact
 from grader.report.untrusted import line
 from grader.result import (
     Adjustment,
@@ -29,7 +29,7 @@ PRINTED_HEAD_LINES, PRINTED_TAIL_LINES = 6, 14
 CONTEXT_LINES = 2
 LONGEST_SOURCE_LINE = 200
 LONGEST_OUTPUT_LINE = 500
-MOST_WHERES = 8
+MOST_PLACES = 8
 
 #: Style class, sign and word of each outcome.
 OUTCOMES: Mapping[Outcome, tuple[str, str, str]] = {
@@ -77,45 +77,30 @@ def badge_of(outcome: Outcome) -> Badge:
 
 @dataclass(frozen=True)
 class Share:
-    """Earned, undecided and lost points, and the first two as parts of 100 for a bar."""
+    """Earned and undecided points, and both as parts of 100 for a bar."""
 
     earned: str
     possible: str
     undecided: str
-    lost: str
     earned_part: str
     undecided_part: str
     badge: Badge
 
 
-def share_of(earned: Decimal, possible: Decimal, undecided: Decimal) -> Share:
+def share_of(earned: Decimal, possible: Decimal, undecided: Decimal = Decimal(0)) -> Share:
     """Describe points; the badge is that of the whole."""
-    lost = possible - earned - undecided
     whole = possible or Decimal(1)
     return Share(
         points(earned),
         points(possible),
         points(undecided) if undecided else "",
-        points(lost) if lost > 0 else "",
         f"{100 * earned / whole:.2f}",
         f"{100 * undecided / whole:.2f}",
         badge_of(outcome_of_points(earned, possible, undecided)),
     )
 
 
-@dataclass(frozen=True)
-class Mend:
-    """A check that cost points."""
-
-    lost: str
-    title: str
-    criterion: str
-    href: str
-    text: str
-    badge: Badge
-
-
-def mends_of(result: Result, outcomes: Sequence[Outcome]) -> list[Mend]:
+def lost_by(result: Result, outcomes: Sequence[Outcome]) -> list[tuple[CheckResult, CriterionResult]]:
     """Return what cost points with one of some outcomes, the dearest first."""
     found = [
         (check, criterion)
@@ -123,18 +108,17 @@ def mends_of(result: Result, outcomes: Sequence[Outcome]) -> list[Mend]:
         for check in criterion.checks
         if check.outcome in outcomes and check.lost > 0
     ]
-    found.sort(key=lambda pair: -pair[0].lost)
-    return [
-        Mend(
-            points(check.lost),
-            check.title,
-            criterion.title,
-            "#" + anchor("check", check.id),
-            line(check.reason or check.hint, 220),
-            badge_of(check.outcome),
-        )
-        for check, criterion in found
-    ]
+    return sorted(found, key=lambda pair: -pair[0].lost)
+
+
+def earned_text(check: CheckResult) -> str:
+    """Write what a check earned; a question mark if nothing of it is decided."""
+    return "?" if check.possible and check.undecided >= check.possible else points(check.earned)
+
+
+def credit_text(check: CheckResult) -> str:
+    """Write the credit of a check that earned a part of its points."""
+    return f"{check.credit:.1%} of {points(check.possible)} points".replace(".0%", "%")
 
 
 @dataclass(frozen=True)
@@ -264,74 +248,10 @@ def place_of(where: Where, texts: Mapping[str, str], anchors: Mapping[tuple[str,
     return Place(", ".join(p for p in parts if p), "" if where.file else href, lines)
 
 
-@dataclass(frozen=True)
-class CheckView:
-    """A check as the report shows it."""
-
-    anchor: str
-    title: str
-    earned: str
-    possible: str
-    lost: str
-    badge: Badge
-    full: bool
-    credit: str
-    expected: str
-    measured: str
-    reason: str
-    hint: str
-    places: tuple[Place, ...]
-    more_places: int
-
-
-def check_view(check: CheckResult, texts: Mapping[str, str], anchors: Mapping[tuple[str, str], str]) -> CheckView:
-    """Describe a check with its proof."""
-    lost = check.lost
-    partial = check.outcome is Outcome.PARTIAL
-    wheres = dict.fromkeys(check.where)
-    places = tuple(place_of(w, texts, anchors) for w in list(wheres)[:MOST_WHERES])
-    return CheckView(
-        anchor("check", check.id),
-        check.title,
-        points(check.earned) if check.undecided < check.possible or not check.possible else "?",
-        points(check.possible),
-        points(lost) if lost > 0 else "",
-        badge_of(check.outcome),
-        check.outcome is Outcome.PASSED,
-        f"{check.credit:.1%} of {points(check.possible)} points".replace(".0%", "%") if partial else "",
-        check.expected,
-        check.measured,
-        check.reason,
-        check.hint,
-        tuple(p for p in places if p.text),
-        max(0, len(wheres) - MOST_WHERES),
-    )
-
-
-@dataclass(frozen=True)
-class CriterionView:
-    """A criterion as the report shows it."""
-
-    id: str
-    anchor: str
-    title: str
-    description: str
-    share: Share
-    checks: tuple[CheckView, ...]
-
-
-def criterion_view(
-    criterion: CriterionResult, texts: Mapping[str, str], anchors: Mapping[tuple[str, str], str]
-) -> CriterionView:
-    """Describe a criterion with its checks."""
-    return CriterionView(
-        criterion.id,
-        anchor("criterion", criterion.id),
-        criterion.title,
-        criterion.description,
-        share_of(criterion.earned, criterion.possible, criterion.undecided),
-        tuple(check_view(check, texts, anchors) for check in criterion.checks),
-    )
+def places_of(check: CheckResult, texts: Mapping[str, str], anchors: Mapping[tuple[str, str], str]) -> list[Place]:
+    """Return the first places where the proof of a check lies, each once."""
+    places = (place_of(where, texts, anchors) for where in list(dict.fromkeys(check.where))[:MOST_PLACES])
+    return [place for place in places if place.text]
 
 
 # -- sessions ----------------------------------------------------------------------------------
@@ -347,51 +267,6 @@ class PrintedLine:
     far: bool
 
 
-@dataclass(frozen=True)
-class ProcessView:
-    """A process with the first and the last lines of its output."""
-
-    anchor: str
-    name: str
-    role: str
-    end: str
-    count: int
-    head: tuple[PrintedLine, ...]
-    left_out: int
-    tail: tuple[PrintedLine, ...]
-    dropped_bytes: int
-
-
-@dataclass(frozen=True)
-class StepView:
-    """A step with when it began and how long it took."""
-
-    text: str
-    label: str
-    outcome: str
-    note: str
-    start: str
-    took: str
-    good: bool
-
-
-@dataclass(frozen=True)
-class SessionView:
-    """A session as the report shows it."""
-
-    anchor: str
-    name: str
-    recorded: str
-    took: str
-    count: str
-    seed: int
-    complete: bool
-    problems: tuple[str, ...]
-    names: tuple[tuple[str, str], ...]
-    steps: tuple[StepView, ...]
-    processes: tuple[ProcessView, ...]
-
-
 def anchors_of(sessions: Mapping[str, SessionRecord]) -> dict[tuple[str, str], str]:
     """Return the links to each session, and to the last process of each name in it."""
     links = {}
@@ -402,37 +277,23 @@ def anchors_of(sessions: Mapping[str, SessionRecord]) -> dict[tuple[str, str], s
     return links
 
 
-def session_view(name: str, record: SessionRecord) -> SessionView:
-    """Describe a session."""
-    processes = [
-        process_view(name, n, p, record) for n, p in enumerate(record.processes) if p.role != "grader" or p.output
-    ]
-    students = sum(process.role == "student" for process in record.processes)
+def processes_of(record: SessionRecord) -> list[tuple[int, str, ProcessRun]]:
+    """Return the processes to show, the submission's first: place in the record, heading, and process."""
+    shown = []
+    for number, run in enumerate(record.processes):
+        starts = [n for n, other in enumerate(record.processes) if other.name == run.name]
+        heading = line(run.name, 120) + (f", start {starts.index(number) + 1}" if len(starts) > 1 else "")
+        if run.role != "grader" or run.output:
+            shown.append((number, heading, run))
     order = {"student": 0, "reference": 1, "grader": 2}
-    return SessionView(
-        anchor("session", name),
-        name,
-        utc(record.started_ns),
-        f"{(record.ended_ns - record.started_ns) / 1e9:.1f} s" if record.ended_ns else "",
-        f"{_counted(students, 'process', 'processes')} of the submission, "
-        f"{_counted(len(record.steps), 'step', 'steps')}",
-        record.seed,
-        record.complete,
-        tuple(record.problems),
-        tuple(record.names.items()),
-        tuple(step_view(step, record.started_ns) for step in record.steps),
-        tuple(sorted(processes, key=lambda p: order.get(p.role, 3))),
-    )
-
-
-def _counted(number: int, one: str, many: str) -> str:
-    return f"{number} {one if number == 1 else many}"
+    return sorted(shown, key=lambda one: order.get(one[2].role, 3))
 
 
 _TARGETS = ("node", "publisher", "subscription", "service", "output_of", "student", "launch", "reference")
 
 
-def _step_text(step: StepRun) -> str:
+def step_text(step: StepRun) -> str:
+    """Say what a step does."""
     p = step.parameters
     key = next((k for k in _TARGETS if p.get(k)), "")
     target = f"{key.replace('output_of', 'output of')} {p[key]}" if key else ""
@@ -455,43 +316,24 @@ def _step_text(step: StepRun) -> str:
     return texts.get(step.kind, step.kind)
 
 
-def step_view(step: StepRun, started_ns: int) -> StepView:
-    """Describe a step."""
-    words = {"done": "done", "timeout": "not in time", "cancelled": "cancelled", "failed": "failed"}
-    note = step.result.get("problem", "")
+def step_note(step: StepRun) -> str:
+    """Say what became of a step, where its outcome is not all."""
     name = step.result.get("name")
-    if not note and isinstance(name, str) and name not in step.parameters.values():
-        note = f"found as {name}"
-    return StepView(
-        line(_step_text(step), 160),
-        step.label or "",
-        words.get(step.outcome, step.outcome),
-        line(str(note), 160),
-        f"{(step.started_ns - started_ns) / 1e9:.2f}",
-        f"{(step.ended_ns - step.started_ns) / 1e9:.2f}" if step.ended_ns else "",
-        step.outcome == "done",
-    )
+    found = f"found as {name}" if isinstance(name, str) and name not in step.parameters.values() else ""
+    return str(step.result.get("problem", "")) or found
 
 
-def process_view(session: str, number: int, run: ProcessRun, record: SessionRecord) -> ProcessView:
-    """Describe a process, with its first and last lines of output; `number` is its place in the record."""
-    lines, started_ns = run.output, record.started_ns
-    long = len(lines) > HEAD_LINES + TAIL_LINES
-    head = lines[:HEAD_LINES] if long else lines
-    tail = lines[-TAIL_LINES:] if long else []
+def output_of(run: ProcessRun, started_ns: int) -> tuple[list[PrintedLine], int, list[PrintedLine]]:
+    """Return the first lines of a process's output, the number of those left out, and the last ones."""
+    lines = run.output
+    left_out = len(lines) - HEAD_LINES - TAIL_LINES
     near = {*range(PRINTED_HEAD_LINES), *range(len(lines) - PRINTED_TAIL_LINES, len(lines))}
-    starts = [n for n, other in enumerate(record.processes) if other.name == run.name]
-    return ProcessView(
-        f"{anchor('output', session)}-{number}",
-        line(run.name, 120) + (f", start {starts.index(number) + 1}" if len(starts) > 1 else ""),
-        run.role,
-        end_of(run),
-        len(lines),
-        tuple(_printed(text, started_ns, n not in near) for n, text in enumerate(head)),
-        len(lines) - len(head) - len(tail),
-        tuple(_printed(text, started_ns, n not in near) for n, text in enumerate(tail, len(lines) - len(tail))),
-        run.output_dropped_bytes,
-    )
+    printed = [
+        _printed(text, started_ns, n not in near)
+        for n, text in enumerate(lines)
+        if left_out <= 0 or n < HEAD_LINES or n >= HEAD_LINES + left_out
+    ]
+    return (printed[:HEAD_LINES], left_out, printed[HEAD_LINES:]) if left_out > 0 else (printed, 0, [])
 
 
 def _printed(output: OutputLine, started_ns: int, far: bool) -> PrintedLine:
@@ -580,26 +422,11 @@ def versions_of(result: Result) -> list[tuple[str, str]]:
     return [(name, value) for name, value in (*versions.items(), *hashes.items()) if value]
 
 
-@dataclass(frozen=True)
-class HandedIn:
-    """What stood for one of the lab's files."""
-
-    expected: str
-    found: str
-    note: str
-
-
-def handed_in(submission: SubmissionRecord) -> list[HandedIn]:
-    """Return for each of the lab's files what was found."""
-    notes = {"name": "", "near miss": "taken for it, under another name", "missing": ""}
-    return [
-        HandedIn(
-            a.expected,
-            a.path or "missing",
-            notes.get(a.found_by, a.found_by) if a.path else _candidates(a.candidates),
-        )
-        for a in submission.artifacts
-    ]
+def found_note(artifact: ArtifactFact) -> str:
+    """Say how the file was found that stands for one of the lab's, or what may have been meant."""
+    if artifact.path is None:
+        return _candidates(artifact.candidates)
+    return {"name": "", "near miss": "taken for it, under another name"}.get(artifact.found_by, artifact.found_by)
 
 
 def _candidates(paths: Iterable[str]) -> str:

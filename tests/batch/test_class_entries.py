@@ -8,9 +8,9 @@ from decimal import Decimal
 from pathlib import Path
 
 from grader.batch.class_entries import entries_of
-from grader.batch.order import Graded, NotGraded
-from grader.batch.run import Row
+from grader.batch.order import Row
 from grader.cohort.roster import NOTHING_HANDED_IN
+from grader.errors import GraderError
 from grader.intake import Handed, Piece
 from grader.pipeline import RECORDINGS
 from grader.recording.submission import read_submission, write_submission
@@ -18,7 +18,6 @@ from grader.result import Result, Score, to_json
 
 KEPT = Path(__file__).resolve().parents[1] / "recordings/wrong_topic"
 NOON = datetime(2026, 11, 21, 12, tzinfo=timezone.utc)
-POINTS = Graded(Decimal(1), Decimal(1), Decimal(0))
 
 
 def handed(name: str) -> Handed:
@@ -43,9 +42,9 @@ def test_all_who_are_known_are_told_once(tmp_path: Path) -> None:
         result(tmp_path, name)
     (tmp_path / ".unfinished").mkdir()
     rows = [
-        Row(handed("ann"), POINTS),
-        Row(handed("bob"), NotGraded("the submission is empty")),
-        Row(handed("cem"), NotGraded("the disk is full")),
+        Row(handed("ann"), result_named("ann")),
+        Row(handed("bob"), GraderError("the submission is empty")),
+        Row(handed("cem"), GraderError("the disk is full")),
     ]
     entries = entries_of(tmp_path, rows, ["dan", "old"])
     assert [entry.name for entry in entries] == ["ann", "bob", "cem", "dan", "old"]
@@ -66,6 +65,6 @@ def test_the_time_that_an_archive_tells_is_kept(tmp_path: Path) -> None:
     record = read_submission(results / "ann" / RECORDINGS)
     record.submitted_at, record.student_id = NOON.isoformat(), "7"
     write_submission(results / "ann" / RECORDINGS, record)
-    row = Row(Handed("ann", (Piece(Path("ann.zip")),)), POINTS)
+    row = Row(Handed("ann", (Piece(Path("ann.zip")),)), result_named("ann"))
     (entry,) = entries_of(results, [row], [])
     assert (entry.submitted_at, entry.student_id) == (NOON, "7")

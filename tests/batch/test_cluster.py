@@ -21,7 +21,8 @@ pytest.importorskip("distributed")
 sys.path.append(str(Path(__file__).parents[2]))
 
 from grader.batch.cluster import Parcel, grade_parcel
-from grader.batch.order import NotGraded, Order
+from grader.batch.order import Order
+from grader.errors import GraderError
 from grader.intake import Handed
 from grader.live.isolation import Level
 from grader.live.probing import probe_isolation
@@ -164,9 +165,9 @@ def test_another_grader_is_refused() -> None:
     handed = Handed.of(Path(__file__))
     order = Order(handed, Path("results"), read_rubric(None), Options(Path(sys.executable)))
     parcel = pickle.dumps(Parcel("another", order, b"", b"", own_interpreter=True))
-    plain, _, results = grade_parcel(parcel)
-    ending = NotGraded.from_plain(plain)
-    assert (plain["ending"], ending.exit_status, results) == ("not graded", 5, b"")
+    ending, _, results = grade_parcel(parcel)
+    assert isinstance(ending, GraderError)
+    assert (ending.exit_status, results) == (5, b"")
     assert "Install the same version" in ending.remedy
 
 

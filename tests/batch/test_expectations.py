@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from grader.batch.expectations import Expectation, compare, fixtures_in, load_fixture, solution
-from grader.batch.trials import quick
+from grader.batch.selftest import quick
 from grader.errors import RubricError, SubmissionError
 from grader.judging import judge, open_recordings
 from grader.pipeline import lab_folder, read_rubric

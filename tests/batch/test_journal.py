@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 from grader.batch.journal import JOURNAL_FILE, OUTDATED, UNFINISHED, Journal
-from grader.batch.order import NotGraded
 from grader.errors import GraderError
 from grader.pipeline import RECORDINGS, RESULT_FILE
 
@@ -132,7 +131,7 @@ def test_what_could_not_be_graded_is_tried_again(tmp_path: Path) -> None:
     graded(tmp_path, "ann")
     with Journal.open(tmp_path) as journal:
         journal.unfinished("ann")
-        journal.abandon("ann", NotGraded("the disk is full"))
+        journal.abandon("ann", GraderError("the disk is full"))
         assert journal.holds("ann", "key") is None
     assert held(tmp_path, "ann") == []
     assert not (tmp_path / "ann").exists()

@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from grader.batch.order import Ending, Graded, NotGraded
-from grader.batch.progress import ClassProgress, print_class, summary
-from grader.batch.run import Row
-from grader.batch.supervised import Phase
+from grader.batch.order import Ending, Phase, Row
+from grader.batch.progress import RunProgress, print_class, summary
+from grader.errors import GraderError
 from grader.intake import Handed, Piece
+from grader.result import Result, Score
 
 
 def row(name: str, ending: Ending, *, reused: bool = False) -> Row:
@@ -22,9 +22,9 @@ def row(name: str, ending: Ending, *, reused: bool = False) -> Row:
     return Row(Handed(name, (Piece(Path(name)),)), ending, reused, 12.4)
 
 
-def points(earned: str, undecided: str = "0") -> Graded:
+def points(earned: str, undecided: str = "0") -> Result:
     """Make points of 100."""
-    return Graded(Decimal(earned), Decimal(100), Decimal(undecided))
+    return Result("ann", "Lab 1", Score(Decimal(earned), Decimal(100), Decimal(undecided)), ())
 
 
 def console(*, terminal: bool = False) -> tuple[Console, io.StringIO]:
@@ -33,7 +33,7 @@ def console(*, terminal: bool = False) -> tuple[Console, io.StringIO]:
     return Console(file=stream, force_terminal=terminal, width=100, highlight=False, _environ={}), stream
 
 
-def shown(progress: ClassProgress) -> str:
+def shown(progress: RunProgress) -> str:
     """Return what the terminal shows now, without colours."""
     screen, stream = console(terminal=True)
     screen.print(progress.view())
@@ -43,14 +43,14 @@ def shown(progress: ClassProgress) -> str:
 def test_in_a_ci_job_each_submission_is_a_line() -> None:
     """Without a terminal a line says of each that has ended what became of it, and nothing else is written."""
     screen, stream = console()
-    with ClassProgress(screen, 4) as progress:
+    with RunProgress(screen, 4) as progress:
         for name in ("ann", "bob", "cem"):
             progress.expect(name, 40.0)
         progress.ended(row("dan", points("77"), reused=True))
         progress.phase("ann", Phase("qos", "starting"))
         progress.ended(row("ann", points("84.6")))
         progress.ended(row("bob", points("50", "2.5")))
-        progress.ended(row("cem", NotGraded("the submission is empty", "class/cem", "fill it", 3)))
+        progress.ended(row("cem", GraderError("the submission is empty", where="class/cem", remedy="fill it")))
     assert stream.getvalue().splitlines() == [
         "[2/4] ✓ ann: 84.6 / 100 (12 s)",
         "[3/4] ✓ bob: 50 / 100, 2.5 undecided (12 s)",
@@ -60,7 +60,7 @@ def test_in_a_ci_job_each_submission_is_a_line() -> None:
 
 def test_on_a_terminal_all_that_runs_is_shown() -> None:
     """The display tells what is done, what runs in which phase, what waits, and how long it takes about."""
-    progress = ClassProgress(console(terminal=True)[0], 4)
+    progress = RunProgress(console(terminal=True)[0], 4)
     for name in ("ann", "bob", "cem", "dan"):
         progress.expect(name, 40.0)
     assert "0 of 4 submissions done · 0 under way · 4 in the queue · about 40 s left" in shown(progress)
@@ -82,7 +82,7 @@ def test_on_a_terminal_all_that_runs_is_shown() -> None:
 
 def test_the_view_stays_small_in_a_large_class() -> None:
     """Of two hundred that have ended only the last few are shown, so that the view fits a terminal."""
-    progress = ClassProgress(console(terminal=True)[0], 4)
+    progress = RunProgress(console(terminal=True)[0], 4)
     for number in range(200):
         progress.expect(f"s{number}", 40.0)
     for number in range(199):
@@ -99,8 +99,8 @@ def test_the_table_at_the_end() -> None:
     rows = [
         row("ann", points("84.6")),
         row("bob", points("50", "2.5")),
-        row("cem", NotGraded("the submission is empty", "class/cem", "Put the lab's files into it.", 3)),
-        row("dan", NotGraded("No space left on device", "/results/dan/report.html", "Check the disk.")),
+        row("cem", GraderError("the submission is empty", where="class/cem", remedy="Put the lab's files into it.")),
+        row("dan", GraderError("No space left on device", where="/results/dan/report.html", remedy="Check the disk.")),
     ]
     print_class(screen, rows)
     lines = [line.strip() for line in stream.getvalue().splitlines()]
@@ -117,21 +117,21 @@ def test_the_table_at_the_end() -> None:
 
 def test_the_summary() -> None:
     """One sentence counts all kinds, and the mean is of those that were graded."""
-    rows = [row("a", points("80"), reused=True), row("b", points("90", "1")), row("c", NotGraded("empty"))]
+    rows = [row("a", points("80"), reused=True), row("b", points("90", "1")), row("c", GraderError("empty"))]
     assert summary(rows) == "2 graded, 1 of them as before, 1 with undecided points, 1 not graded, mean 85.0 points"
-    assert summary([row("c", NotGraded("empty"))]) == "0 graded, 1 not graded"
+    assert summary([row("c", GraderError("empty"))]) == "0 graded, 1 not graded"
 
 
 @pytest.mark.parametrize("name", ["\x1b[2Jann", "::error::ann", "ann\nbob", "[red]ann[/red]", "a" * 5000])
 def test_names_cannot_steer_terminal_or_log(name: str) -> None:
     """Escapes, markup, line breaks and commands of a CI job in a name are shown, and a long one is cut."""
     screen, stream = console(terminal=False)
-    with ClassProgress(screen, 4) as progress:
+    with RunProgress(screen, 4) as progress:
         progress.expect(name, 1.0)
         progress.phase(name, Phase(name, name))
         text = shown(progress)
-        progress.ended(row(name, NotGraded(name, name, name)))
-    print_class(screen, [row(name, NotGraded(name, name, name))])
+        progress.ended(row(name, GraderError(name, where=name, remedy=name)))
+    print_class(screen, [row(name, GraderError(name, where=name, remedy=name))])
     text += stream.getvalue()
     assert "\x1b" not in text
     assert not any(line.strip().startswith(("::", "bob")) for line in text.splitlines())

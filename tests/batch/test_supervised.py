@@ -21,12 +21,14 @@ sys.path.append(str(Path(__file__).parents[2]))
 
 from grader.batch.admission import Admission, Use
 from grader.batch.machine import Machine
-from grader.batch.order import Ending, Graded, NotGraded, Order
+from grader.batch.order import Ending, Order
 from grader.batch.supervised import Limits, grade_in_process
+from grader.errors import GraderError
 from grader.intake import Handed
 from grader.live.isolation import Level
 from grader.live.probing import probe_isolation
 from grader.pipeline import Options, read_rubric
+from grader.result import Result, Score
 from tests.batch.small_class import SLEEPS, Family, SmallClass, make_class
 from tests.live.small_lab import TALKER, command_of, leavings, until
 
@@ -94,7 +96,8 @@ def test_a_submission_gets_its_points(case: Case) -> None:
     """A correct talker is graded, and its seed is the one that was ordered."""
     case.small.hand_in("ann", TALKER)
     ending = case.ends()
-    assert ending == Graded(Decimal(1), Decimal(1), Decimal(0))
+    assert isinstance(ending, Result)
+    assert ending.score == Score(Decimal(1), Decimal(1), Decimal(0))
     assert case.small.result("ann")["provenance"]["sessions"]["only"]["seed"] == 1
 
 
@@ -105,14 +108,14 @@ def test_a_session_that_hangs_is_ended(case: Case) -> None:
     # The supervisor is told less time than the session's own process gives itself.
     case.order = replace(case.order, rubric=rubric)
     ending = case.ends(Limits(cell_grace_s=-0.5))
-    assert isinstance(ending, NotGraded)
+    assert isinstance(ending, GraderError)
     assert ending.problem == "the session 'only' took longer than 1.5 s"
 
 
 def test_reading_that_takes_too_long_is_ended(case: Case) -> None:
     """A submission that cannot be read in time costs one place until then."""
     ending = case.ends(Limits(work_s=0.05))
-    assert isinstance(ending, NotGraded)
+    assert isinstance(ending, GraderError)
     assert ending.problem == "reading the submission took longer than 0.05 s"
 
 
@@ -120,7 +123,7 @@ def test_reading_that_takes_too_long_is_ended(case: Case) -> None:
 def test_a_process_that_is_killed_is_told(case: Case, phase: str) -> None:
     """A process that the system kills, as for want of memory, becomes a problem with a remedy."""
     ending = case.ends(kill_at=phase)
-    assert isinstance(ending, NotGraded)
+    assert isinstance(ending, GraderError)
     assert "SIGKILL" in ending.problem
     assert "memory" in ending.remedy
 
@@ -129,7 +132,7 @@ def test_what_is_wrong_with_a_submission_is_told(case: Case) -> None:
     """A submission that is refused has the same words and status as alone."""
     case.order = replace(case.order, handed=Handed.of(case.small.folder / "nobody"))
     ending = case.ends()
-    assert isinstance(ending, NotGraded)
+    assert isinstance(ending, GraderError)
     assert (ending.problem, ending.exit_status) == ("there is no such submission", 3)
 
 
@@ -137,7 +140,7 @@ def test_results_that_cannot_be_written_are_told(case: Case) -> None:
     """Where a file stands in place of the results' folder, that is the problem."""
     case.small.results.write_text("in the way")
     ending = case.ends()
-    assert isinstance(ending, NotGraded)
+    assert isinstance(ending, GraderError)
     assert ending.exit_status == 70
     assert str(case.small.results) in ending.where
 
@@ -147,7 +150,8 @@ def test_a_submission_does_not_keep_the_others_from_the_machine(case: Case) -> N
     spec = case.order.rubric.sessions["only"].model_copy(update={"timeout_s": 2.0})
     case.order = replace(case.order, rubric=replace(case.order.rubric, sessions={"only": spec}))
     ending = case.ends(Limits(alone_s=1.0))
-    assert ending == Graded(Decimal(0), Decimal(1), Decimal(1))
+    assert isinstance(ending, Result)
+    assert ending.score == Score(Decimal(0), Decimal(1), Decimal(1))
     assert [phase for phase in case.phases if phase.startswith("waits")][:2] == ["waits", "waits to run alone"]
     assert case.phases.count("waits to run alone") == 1
     assert case.phases.count("waits") == 2

@@ -14,12 +14,12 @@ import pytest
 from rich.console import Console
 
 from grader.batch.found import Found
-from grader.batch.order import Graded
-from grader.batch.run import Row
+from grader.batch.order import Row
 from grader.cli import main
 from grader.commands.grade import _report_class, _tell_found
 from grader.intake import Handed
 from grader.pipeline import read_rubric
+from grader.result import Result, Score
 
 ROOT = Path(__file__).parents[2]
 
@@ -82,7 +82,7 @@ def test_who_is_on_the_page_from_earlier_runs_is_told(tmp_path: Path) -> None:
     for name in ("ann", "old"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "result.json").write_text("{}", encoding="utf-8")
-    rows = [Row(Handed("ann", ()), Graded(Decimal(1), Decimal(1), Decimal(0)))]
+    rows = [Row(Handed("ann", ()), Result("ann", "Lab 1", Score(Decimal(1), Decimal(1), Decimal(0)), ()))]
     console = Console(file=io.StringIO(), width=200)
     options = Namespace(output=tmp_path, class_list=None, anonymous=False)
     _report_class(rows, ("zoe",), read_rubric(None), options, console)

@@ -62,7 +62,7 @@ def test_a_service_as_asked_passes(tmp_path: Path) -> None:
     [
         ({"name": "/enable"}, "0.4", "named /enable, not /robot/enable"),
         ({"name": f"/arm{NAME}", "node": "/arm/student"}, "0.4", "in the namespace of its node, /arm."),
-        ({"kind": "std_srvs/srv/Trigger"}, "0.4", "of type std_srvs/srv/Trigger"),
+        ({"kind": "std_srvs/srv/Trigger"}, "0.4", "is std_srvs/srv/Trigger"),
         ({"node": "/other"}, "0.8", "named /other, not /student"),
         ({"node": "/arm/student"}, "1", ""),
     ],

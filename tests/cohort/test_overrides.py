@@ -107,7 +107,7 @@ def test_a_name_may_be_composed_in_either_way(tmp_path: Path, rubric: Rubric) ->
     """A name that was copied from a file manager of macOS is that of the submission."""
     found = load(tmp_path, f"overrides:\n  - {{submission: Mu\u0308ller, bonus: 1, {WHY}}}\n", rubric)
     assert found.of("M\u00fcller")
-    assert found.strangers(["M\u00fcller"]) == []
+    assert found.remarks(["M\u00fcller"], times_matter=True) == []
 
 
 def test_words_that_yaml_reads_are_no_names(tmp_path: Path, rubric: Rubric) -> None:
@@ -237,7 +237,7 @@ def test_entries_of_strangers_are_named(tmp_path: Path, rubric: Rubric) -> None:
   - {{submission: [alice, bbo], bonus: 1, {WHY}}}
   - {{submission: "*", bonus: 1, {WHY}}}
 """
-    found = load(tmp_path, text, rubric).strangers(["alice", "bob"])
+    found = load(tmp_path, text, rubric).remarks(["alice", "bob"], times_matter=True)
     assert found == ["overrides.yaml:2: there is no submission 'bbo'; did you mean 'bob'?"]
 
 
@@ -247,7 +247,8 @@ def test_entries_about_times_are_named(tmp_path: Path, rubric: Rubric) -> None:
   - {{submission: alice, bonus: 1, {WHY}}}
   - {{submission: alice, extension: 1 day, {WHY}}}
 """
-    assert [line.split(": ")[0] for line in load(tmp_path, text, rubric).about_times()] == ["overrides.yaml:3"]
+    remarks = load(tmp_path, text, rubric).remarks(["alice"], times_matter=False)
+    assert [line.split(": ")[0] for line in remarks] == ["overrides.yaml:3"]
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,8 @@ from xml.etree import ElementTree
 import pytest
 
 from grader.cli import main
+from grader.files import UNFINISHED
 from grader.pipeline import RECORDINGS, RESULT_FILE, RUBRIC_COPY, lab_folder
-from grader.replacing import UNFINISHED
 from grader.report.exports import EXPORTS
 from tests.report.exports.sample_results import VARIABLES, every_outcome
 

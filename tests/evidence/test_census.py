@@ -49,8 +49,8 @@ def session(folder: Path, *, attempt: int = 1, arm_status: int = 0) -> Session:
     made = Session(folder)
     record = made.record
     record.attempt = attempt
-    arm = ProcessRun("arm", "reference", [], started_ns=at(1.0), exited_ns=at(5.0), exit_status=arm_status)
-    arm.interrupted_ns = at(4.9) if arm_status == 0 else None
+    arm = ProcessRun("arm", "reference", [], started_ns=at(0.5), exited_ns=at(6.0), exit_status=arm_status)
+    arm.interrupted_ns = at(5.9) if arm_status == 0 else None
     record.processes += [ProcessRun("director", "grader", []), arm]
     record.trusted += [Trusted("director", PROBE), Trusted("arm", ARM)]
     rows, times = [[0.1 * n] for n in range(5)], [1.0, 2.0, 3.0, 4.0, 4.5]
@@ -284,6 +284,38 @@ def test_whose_doing_the_end_of_the_recorder_is(tmp_path: Path, facts: dict[str,
     assert kinds(made) == [ViolationKind.ENDS_REFERENCE] * found
 
 
+@pytest.mark.parametrize(
+    ("problem", "attempt", "recorder_s", "found"),
+    [
+        ("the session took longer than 90 s and was stopped", 3, 0.0, 1),
+        ("recording stopped early: KeyError: 7", 2, 0.0, 1),
+        ("the reference node arm did not get ready", 1, 0.0, 0),
+        ("the recorder died: KeyError: 'seed'", 2, 9.0, 0),
+    ],
+)
+def test_trouble_that_comes_again_is_named(
+    tmp_path: Path, problem: str, attempt: int, recorder_s: float, found: int
+) -> None:
+    """Whatever it is, on a machine that is not busy, a person is told of it; it fails nothing by itself."""
+    made = session(tmp_path, attempt=attempt).process("joint_publisher").delayed("director", recorder_s, 20.0)
+    made.record.problems.append(problem)
+    touched = taken(made)
+    assert [(t.violation.kind, t.violation.certain) for t in touched] == [
+        (ViolationKind.DISTURBS_RECORDING, False)
+    ] * found
+    assert [t.violation.evidence for t in touched] == [(problem,)] * found
+
+
+@pytest.mark.parametrize(("attempt", "found"), [(1, 0), (3, 1)])
+def test_a_recording_that_is_cut_off_again_is_named(tmp_path: Path, attempt: int, found: int) -> None:
+    """What is left of it does not even tell which programs ran."""
+    made = session(tmp_path, attempt=attempt)
+    made.record.complete, made.record.ended_ns = False, 0
+    made.record.processes.clear()
+    made.record.trusted.clear()
+    assert [t.violation.evidence for t in taken(made)] == [("the recording was cut off",)] * found
+
+
 # -- what was published and not recorded -----------------------------------------------------------
 
 
@@ -327,6 +359,14 @@ def test_who_keeps_no_message_may_begin_before_the_recorder_is_there(tmp_path: P
     assert taken(published(session(tmp_path / "volatile"), 600, range(300, 600), "volatile")) == ()
     kept = published(session(tmp_path / "kept"), 600, range(300, 600))
     assert kinds(kept) == [ViolationKind.DISTURBS_RECORDING]
+
+
+def test_who_is_gone_at_once_may_not_have_been_heard(tmp_path: Path) -> None:
+    """Where a session ends with its first step, a reference node publishes before the recorder is matched with it."""
+    made = published(session(tmp_path), 20, [])
+    assert kinds(made) == [ViolationKind.DISTURBS_RECORDING]
+    next(run for run in made.record.processes if run.name == "arm").exited_ns = at(1.0)
+    assert taken(made) == ()
 
 
 def test_what_a_late_machine_loses_is_nobodys_doing(tmp_path: Path) -> None:

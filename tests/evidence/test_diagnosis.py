@@ -12,10 +12,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grader.evidence.causes import NODE_PROPERTIES
 from grader.evidence.diagnosis import Diagnosis, advisories, explain
 from grader.recording.session import OutputLine
 
+NODE_PROPERTIES = (
+    *("clients", "context", "default_callback_group", "executor", "guards", "handle", "publishers", "services"),
+    *("subscriptions", "timers", "waitables"),
+)
 FILES = ("joint_publisher.py", "src/lab/lab/arm_math.py", "README.md")
 
 
@@ -305,7 +308,7 @@ def test_the_trap_of_read_only_properties_is_explained_with_its_mend() -> None:
     """The student reads what a node's property is, and which name to use instead."""
     diagnosis = told("AttributeError: property 'publishers' of 'QoSComparisonNode' object has no setter")
     assert "self.publishers" in diagnosis.sentence
-    assert "self._pubs" in diagnosis.remedy
+    assert "self._my_publishers" in diagnosis.remedy
 
 
 def test_near_misses_are_named() -> None:
@@ -313,7 +316,7 @@ def test_near_misses_are_named() -> None:
     assert "QoSProfile" in told("ImportError: cannot import name 'QosProfile' from 'rclpy.qos' (q.py)").sentence
     assert "print" in told("NameError: name 'prnt' is not defined. Did you mean: 'print'?").sentence
     assert "numpy" in told("ModuleNotFoundError: No module named 'numppy'").remedy
-    assert "BEST_EFFORT" in told("AttributeError: BESTEFFORT").remedy
+    assert "BEST_EFFORT" in told("AttributeError: BESTEFFORT").sentence
 
 
 @pytest.mark.parametrize(
@@ -461,7 +464,7 @@ def test_the_clashing_policy_is_named() -> None:
     )
     diagnosis = explain(lines(text), FILES)
     assert diagnosis is not None
-    assert "durability" in diagnosis.sentence
+    assert "DURABILITY" in diagnosis.sentence
 
 
 def test_advisories_cost_nothing_and_say_what_is_better() -> None:
@@ -552,7 +555,7 @@ rclpy.init()
                 f"        self.{name} = {{}}\nN()\n",
                 "read-only-property",
             )
-            for name in sorted(NODE_PROPERTIES)
+            for name in NODE_PROPERTIES
         ],
         (
             "class N(Node):\n    def __init__(self):\n        self.create_publisher(String, 'a', 10)\nN()\n",

@@ -8,15 +8,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from grader.evidence.markup import read_markdown
 from grader.evidence.prose import (
     Discussion,
     Passage,
     TopicWords,
     concepts,
-    coverage,
+    descriptions,
     document_passages,
-    read_markdown,
-    run_instructions,
+    run_lines,
     source_passages,
 )
 from grader.evidence.source import parse
@@ -109,7 +109,7 @@ REASONS = (
 
 def described(text: str) -> tuple[str, ...]:
     """Ids of the topics that a README describes."""
-    return coverage(read_markdown(text), TOPICS).described
+    return tuple(descriptions(read_markdown(text), TOPICS))
 
 
 def discussion(*texts: str, anchors: tuple[str, ...] = ()) -> Discussion:
@@ -200,10 +200,7 @@ def test_one_sentence_about_all_parts_describes_none() -> None:
 def test_a_sentence_with_a_second_part_describes_the_first() -> None:
     """Naming the partner of a node does not take its description away."""
     text = "- listener.py: compares what the talker sends with the measured angles and prints errors\n"
-    (talker, listener, switch) = coverage(read_markdown(text), TOPICS).topics
-    assert (talker.state, listener.state, switch.state) == ("mentioned", "described", "missing")
-    assert (listener.line, listener.lines) == (1, (1,))
-    assert listener.excerpt.startswith("listener.py")
+    assert descriptions(read_markdown(f"# Lab\n{text}"), TOPICS) == {"listener": 2}
 
 
 def test_the_title_of_the_document_describes_no_part() -> None:
@@ -215,33 +212,25 @@ def test_the_title_of_the_document_describes_no_part() -> None:
     assert described(text) == ()
 
 
-def test_what_is_lacking_is_named() -> None:
-    """The topics without description are listed in their order."""
-    found = coverage(read_markdown("# talker.py\nSends the wanted joint angles to the arm.\n"), TOPICS)
-    assert found.lacking == ("listener", "switch")
-
-
 @pytest.mark.parametrize(
-    ("text", "line", "form"),
+    ("text", "line"),
     [
-        ("```bash\n$ ros2 run pkg talker\n```\n", 2, "code"),
-        ("Use `python3 talker.py` to start.\n", 1, "inline"),
-        ("Start it:\n\n    python3 talker.py\n", 3, "code"),
-        ("$ ros2 launch pkg all.launch.py\n", 1, "text"),
-        ("1. run ros2 run pkg talker in a shell\n", 1, "text"),
-        (".. code-block:: sh\n\n   ros2 run pkg talker\n", 3, "code"),
+        ("```bash\n$ ros2 run pkg talker\n```\n", 2),
+        ("Use `python3 talker.py` to start.\n", 1),
+        ("Start it:\n\n    python3 talker.py\n", 3),
+        ("$ ros2 launch pkg all.launch.py\n", 1),
+        ("1. run ros2 run pkg talker in a shell\n", 1),
+        (".. code-block:: sh\n\n   ros2 run pkg talker\n", 3),
     ],
 )
-def test_commands_are_found_wherever_they_stand(text: str, line: int, form: str) -> None:
+def test_commands_are_found_wherever_they_stand(text: str, line: int) -> None:
     """Blocks, spans, prompts and plain lines with a command say how to run the work."""
-    (found,) = run_instructions(read_markdown(text), RUN)
-    assert (found.line, found.form) == (line, form)
-    assert found.pattern in RUN
+    assert run_lines(read_markdown(text), RUN) == [line]
 
 
 def test_talk_about_running_is_no_instruction() -> None:
     """A README without a command does not say how to run anything."""
-    assert run_instructions(read_markdown("# Running\nRun all the nodes with ros2 and python.\n"), RUN) == ()
+    assert run_lines(read_markdown("# Running\nRun all the nodes with ros2 and python.\n"), RUN) == []
 
 
 @pytest.mark.parametrize(
@@ -268,7 +257,7 @@ def test_trade_offs_are_understood_in_any_language(text: str) -> None:
     """A reasoned comparison of several concepts is seen in every language of the lexicon."""
     found = discussion(text)
     assert set(found.discussed) == {"reliability", "latency", "use"}
-    assert len(found.related) == len(found.reasoned) == 1
+    assert len(found.related) == 1
     assert found.words >= 8
 
 
@@ -280,8 +269,8 @@ def test_a_language_without_reason_words_is_accepted_at_length() -> None:
         "wysyłaniu; rozkazy muszą dojść zawsze, dlatego tam reliable."
     )
     found = discussion(text)
-    assert found.discussed == ("reliability", "latency")
-    assert (len(found.related), len(found.reasoned)) == (1, 0)
+    assert set(found.discussed) == {"reliability", "latency"}
+    assert len(found.related) == 1
 
 
 @pytest.mark.parametrize(
@@ -303,8 +292,7 @@ def test_a_language_without_reason_words_is_accepted_at_length() -> None:
 def test_lists_and_stuffing_discuss_nothing(texts: list[str]) -> None:
     """Names of policies without words around them are no discussion."""
     found = discussion(*texts)
-    assert (found.discussed, found.related) == ((), ())
-    assert found.missing == tuple(LEXICON)
+    assert (found.discussed, found.related) == ({}, ())
 
 
 def test_repeated_passages_count_once() -> None:
@@ -374,8 +362,8 @@ def test_hostile_documents_take_bounded_time(piece: str) -> None:
     text = (piece * (1_000_000 // len(piece) + 1))[:1_000_000]
     started = time.process_time()
     document = read_markdown(text)
-    coverage(document, TOPICS)
-    run_instructions(document, RUN)
+    descriptions(document, TOPICS)
+    run_lines(document, RUN)
     concepts(document_passages(document, "README.md"), LEXICON, REASONS)
     assert time.process_time() - started < 5, "ten times what an idle machine takes"
 
@@ -384,6 +372,6 @@ def test_hostile_documents_take_bounded_time(piece: str) -> None:
 def test_any_text_is_read(text: str) -> None:
     """No text raises."""
     document = read_markdown(text)
-    assert len(coverage(document, TOPICS).topics) == len(TOPICS)
-    run_instructions(document, RUN)
+    assert set(descriptions(document, TOPICS)) <= {topic.id for topic in TOPICS}
+    run_lines(document, RUN)
     concepts(document_passages(document, "README.md"), LEXICON, REASONS)

@@ -248,3 +248,18 @@ def test_a_wait_for_ones_own_is_not_the_machines(
         each.core, each.held_ns = 1, at(0)
     recorded.record.processes = [process, fellow]
     assert recorded.machine_delay_s(process, Span(at(0), at(10))) == pytest.approx(delay_s, abs=0.03)
+
+
+@pytest.mark.parametrize(("together_s", "delay_s"), [(None, 7.5), (2.0, 7.5), (9.0, 1.0)])
+def test_processes_that_nobody_saw_or_waited_for_are_the_students(
+    tmp_path: Path, together_s: float | None, delay_s: float
+) -> None:
+    """What the kernel counts of all processes together, and none of them is known to have used, nobody else had."""
+    recorded = Session(tmp_path).recorded()
+    used = [None if together_s is None else round(together_s * share * 1e9) for share in (0, 1)]
+    samples = [MachineSample(at(t), 0, idle_ns={"1": 0}, students_ns=ns) for t, ns in zip((0, 10), used, strict=True)]
+    recorded.record.machine = samples
+    process = run((0, 0, 0), (10, 2.0, 7.5))
+    process.core, process.held_ns = 1, at(0)
+    recorded.record.processes = [process]
+    assert recorded.machine_delay_s(process, Span(at(0), at(10))) == pytest.approx(delay_s, abs=0.03)

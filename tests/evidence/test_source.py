@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grader.evidence.source import SourceFacts, docstring_share, parse
+from grader.evidence.syntax import SIZE_LIMIT
 
 DOCUMENTED = '''"""Publish joint commands for the arm."""
 import math
@@ -164,8 +165,6 @@ BROKEN = DOCUMENTED.replace("second = math.cos(self.t)", "second = math.cos(self
 def test_a_syntax_error_is_not_charged_as_missing_documentation() -> None:
     """Definitions and docstrings of a file that Python refuses are told from its lines."""
     broken = facts(BROKEN)
-    assert broken.syntax_error is not None
-    assert broken.syntax_error.line in (19, 20)
     assert [(d.kind, d.name, d.line) for d in broken.definitions] == [
         (d.kind, d.name, d.line) for d in facts(DOCUMENTED).definitions
     ]
@@ -176,8 +175,6 @@ def test_line_ends_and_marks_do_not_matter() -> None:
     """Windows line ends and a byte order mark change nothing."""
     windows = "\ufeff" + DOCUMENTED.replace("\n", "\r\n")
     assert facts(windows).definitions == facts(DOCUMENTED).definitions
-    assert facts(windows).syntax_error is None
-    assert not facts(windows).truncated
 
 
 def test_code_lines_are_lines_with_code() -> None:
@@ -187,10 +184,8 @@ def test_code_lines_are_lines_with_code() -> None:
 
 
 def test_huge_files_are_cut_off() -> None:
-    """A file that nobody wrote by hand is read in part, without calling the cut an error."""
-    result = facts("x = 'some text'\n" * 100_000)
-    assert result.truncated
-    assert result.syntax_error is None
+    """A file that nobody wrote by hand is read in part."""
+    assert facts("x = 'some text'\n" * 100_000).code_lines == SIZE_LIMIT // len("x = 'some text'\n")
 
 
 @pytest.mark.parametrize(

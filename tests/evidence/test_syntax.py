@@ -53,23 +53,19 @@ def test_blanking_keeps_the_lines() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "line"),
+    "text",
     [
-        ("x = 1\ndef f(:\n  pass\n", 2),
-        ("def f():\npass\n", 2),
-        ("if x:\n\ty = 1\n        z = 2\n", 3),
-        ("x = (1,\n\n", 1),
-        ("return 5\n", 1),
-        ("x = 1\ny = '\0'\n", 2),
+        "x = 1\ndef f(:\n  pass\n",
+        "def f():\npass\n",
+        "if x:\n\ty = 1\n        z = 2\n",
+        "x = (1,\n\n",
+        "return 5\n",
+        "x = 1\ny = '\0'\n",
     ],
 )
-def test_syntax_errors_have_their_line(text: str, line: int) -> None:
-    """What Python refuses is reported with the line, also what only its compiler refuses."""
-    tree, problem = tree_of(normalise(text))
-    assert tree is None
-    assert problem is not None
-    assert problem.message
-    assert problem.line == line
+def test_what_python_refuses_has_no_tree(text: str) -> None:
+    """That is also what only its compiler refuses."""
+    assert tree_of(normalise(text)) is None
 
 
 @pytest.mark.parametrize(
@@ -86,8 +82,7 @@ def test_syntax_errors_have_their_line(text: str, line: int) -> None:
 )
 def test_deep_nesting_is_survived(text: str) -> None:
     """Nesting beyond what the parser bears yields no tree, and no exception."""
-    tree, problem = tree_of(text)
-    assert tree is not None or problem is not None or len(text) > 1000
+    assert tree_of(text) is not None or len(text) > 500
 
 
 def test_normalising_makes_text_readable() -> None:
@@ -99,7 +94,7 @@ def test_normalising_makes_text_readable() -> None:
 
 def test_python_warnings_are_kept_quiet(recwarn: pytest.WarningsRecorder) -> None:
     """A doubtful escape in student code is not the grader's warning."""
-    tree, _ = tree_of("x = '\\d'\n")
+    tree = tree_of("x = '\\d'\n")
     assert tree is not None
     assert not recwarn.list
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grader.evidence.words import Terms, decode, fold, is_placeholder, normal_form, sentences, substance
+from grader.evidence.words import Terms, fold, is_placeholder, normal_form, sentences, substance
 
 
 @pytest.mark.parametrize(
@@ -116,26 +116,6 @@ def test_terms_count_and_blank_out() -> None:
     assert "loss" not in terms.without("Losses and delays")
     assert not Terms.of([]).found("anything")
     assert Terms.of(["", " ", "*$"]).count("anything") == 0
-
-
-@pytest.mark.parametrize(
-    ("data", "text"),
-    [
-        ("é\r\nb".encode(), "é\nb"),
-        (b"\xef\xbb\xbfa\rb", "a\nb"),
-        ("é".encode("latin-1"), "é"),
-        ("naïve".encode("utf-16"), "naïve"),
-    ],
-)
-def test_decode_reads_what_editors_write(data: bytes, text: str) -> None:
-    """Marks, line ends and old encodings do not matter."""
-    assert decode(data) == text
-
-
-@given(st.binary(max_size=300))
-def test_decode_never_raises(data: bytes) -> None:
-    """Any bytes are some text."""
-    assert isinstance(decode(data), str)
 
 
 @given(st.text(max_size=300), st.lists(st.text(max_size=12), max_size=5))

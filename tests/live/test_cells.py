@@ -20,10 +20,10 @@ pytest.importorskip("rclpy")
 ROOT = Path(__file__).parents[2]
 sys.path.append(str(ROOT))
 
+from grader.files import UNFINISHED  # noqa: E402
 from grader.live.cells import Progress  # noqa: E402
 from grader.live.probing import probe_isolation  # noqa: E402
 from grader.recording.session import SessionRecord, read_session  # noqa: E402
-from grader.replacing import UNFINISHED  # noqa: E402
 from tests.live.small_lab import (  # noqa: E402
     FLOATS,
     TALKER,

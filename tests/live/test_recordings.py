@@ -42,6 +42,7 @@ from tests.live.small_lab import (  # noqa: E402
     published,
     until,
 )
+from tests.regraded import regraded  # noqa: E402
 
 pytestmark = pytest.mark.live
 
@@ -138,7 +139,7 @@ def test_judging_a_recording_twice_gives_the_same_bytes(solution: Path, tmp_path
     for name in ("first", "second"):
         shutil.copytree(solution, tmp_path / name / "solution")
         for _ in range(2):
-            pipeline.judge_results(tmp_path / name / "solution", *pipeline.judged_by(tmp_path / name / "solution"))
+            regraded(tmp_path / name / "solution")
             files = [tmp_path / name / "solution" / f for f in (pipeline.RESULT_FILE, pipeline.REPORT_FILE)]
             pages.append([path.read_bytes() for path in files])
     assert all(page == pages[0] for page in pages)
@@ -201,4 +202,4 @@ def test_a_grading_whose_judging_fails_keeps_its_recordings(tmp_path: Path, monk
             pipeline.grade(lab.submission, lab.rubric(), lab.results, options, lambda progress: None)
     assert f"grade regrade {lab.results}" in caught.value.remedy
     assert [path.name for path in lab.results.iterdir()] == [pipeline.RECORDINGS]
-    assert pipeline.judge_results(lab.results, *pipeline.judged_by(lab.results)).score.earned == 1
+    assert regraded(lab.results).score.earned == 1

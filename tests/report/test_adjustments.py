@@ -118,7 +118,7 @@ def test_more_than_is_possible_is_still_a_bar(judged: Result) -> None:
     beyond = replace(judged, adjustments=(adjustment(AdjustmentKind.BONUS, "score", "50"),))
     share = final_share(beyond)
     assert share.earned == str(judged.score.earned + 50)
-    assert (share.earned_part, share.undecided_part, share.lost) == ("100.00", "0.00", "")
+    assert (share.earned_part, share.undecided_part) == ("100.00", "0.00")
 
 
 @pytest.mark.parametrize("first", range(0, len(FRAGMENTS), 25))

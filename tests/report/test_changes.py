@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from rich.console import Console
 
-from grader.cohort.changes import AdjustmentChange, Changes, CheckChange, CriterionChange
+from grader.cohort.changes import Change, Changes
 from grader.report.changes import changes_csv, print_changes
 from grader.report.grades_csv import BYTE_ORDER_MARK
 from grader.result import Outcome
@@ -24,9 +24,9 @@ def change(
     if before is None or before == after:
         return Changes(name, None if before is None else Decimal(before), Decimal(after), *_NONE, words=words)
     difference = Decimal(after) - Decimal(before)
-    check = CheckChange("p.rate", "Rate", "p", Outcome.PASSED, outcome, Decimal(6), 6 + difference)
-    criterion = CriterionChange("p", "Publisher", Decimal(20), 20 + difference, (check,))
-    return Changes(name, Decimal(before), Decimal(after), *_NONE, (criterion,), words=True)
+    check = Change("check", "p.rate", "Rate", Decimal(6), 6 + difference, Outcome.PASSED, outcome)
+    criterion = Change("criterion", "p", "Publisher", Decimal(20), 20 + difference)
+    return Changes(name, Decimal(before), Decimal(after), *_NONE, (criterion, check), words=True)
 
 
 _NONE = (Decimal(0), Decimal(0))
@@ -71,16 +71,16 @@ def test_a_class_is_summed_up_by_check() -> None:
 
 def test_another_total_is_told() -> None:
     """Where a rubric has fewer points in all, that is said once for all whom it concerns; renamed checks have ids."""
-    checks = tuple(CheckChange(f"p.{n}", "Rate", "p", None, Outcome.PASSED, None, Decimal(6)) for n in "ab")
-    criterion = CriterionChange("p", "Publisher", Decimal(20), Decimal(20), checks)
+    checks = [Change("check", f"p.{n}", "Rate", None, Decimal(6), None, Outcome.PASSED) for n in "ab"]
+    criterion = Change("criterion", "p", "Publisher", Decimal(20), Decimal(20))
     each = [
-        Changes(name, Decimal(100), Decimal(90), *_NONE, (criterion,), (), True, Decimal(100), Decimal(90))
+        Changes(name, Decimal(100), Decimal(90), *_NONE, (criterion, *checks), True, Decimal(100), Decimal(90))
         for name in ("ann", "bob")
     ]
     text = printed(*each, change("eve", "90", "88"))
     assert text.count("2 submissions: of 90 points, before of 100") == 1
     assert "Rate (p.a) not there → passed" in text
-    only = Changes("ann", Decimal(9), Decimal(9), *_NONE, (), (), True, Decimal(100), Decimal(90))
+    only = Changes("ann", Decimal(9), Decimal(9), *_NONE, (), True, Decimal(100), Decimal(90))
     assert "1 submission: of 90 points, before of 100" in printed(only)
 
 
@@ -99,10 +99,10 @@ def test_a_first_result_has_nothing_before_it() -> None:
 
 def test_outcomes_adjustments_and_undecided_points_are_told() -> None:
     """What is not a matter of a check's points has its line too."""
-    adjusted = AdjustmentChange("bonus", "score", Decimal(0), Decimal(3))
-    check = CheckChange("p.rate", "Rate", "p", None, Outcome.NOT_REACHED, None, Decimal(0))
-    criterion = CriterionChange("p", "Publisher", Decimal(4), Decimal(4), (check,))
-    text = printed(Changes("ann", Decimal(1), Decimal(4), Decimal(6), Decimal(0), (criterion,), (adjusted,)))
+    adjusted = Change("adjustment", "score", "bonus", Decimal(0), Decimal(3))
+    check = Change("check", "p.rate", "Rate", None, Decimal(0), None, Outcome.NOT_REACHED)
+    criterion = Change("criterion", "p", "Publisher", Decimal(4), Decimal(4))
+    text = printed(Changes("ann", Decimal(1), Decimal(4), Decimal(6), Decimal(0), (criterion, check, adjusted)))
     assert "bonus: score 0 → 3 +3" in text
     assert "undecided 6 → 0" in text
     assert "Rate not there → not reached none → 0" in text
@@ -128,8 +128,8 @@ def rows(*changes: Changes) -> list[dict[str, str]]:
 
 def test_a_row_for_each_part() -> None:
     """Total, criterion, check and adjustment have a row each, with numbers as numbers."""
-    adjusted = AdjustmentChange("late", "score", Decimal(0), Decimal("-2.5"))
-    found = rows(change("ann", "90", "84.5"), Changes("bob", Decimal(9), Decimal("6.5"), *_NONE, (), (adjusted,)))
+    adjusted = Change("adjustment", "score", "late", Decimal(0), Decimal("-2.5"))
+    found = rows(change("ann", "90", "84.5"), Changes("bob", Decimal(9), Decimal("6.5"), *_NONE, (adjusted,)))
     assert [(row["submission"], row["level"], row["id"], row["difference"]) for row in found] == [
         ("ann", "total", "", "-5.5"),
         ("ann", "criterion", "p", "-5.5"),

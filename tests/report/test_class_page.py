@@ -131,7 +131,7 @@ def test_a_mistake_names_its_students_and_what_to_say() -> None:
     page = page_of(*students, entry("carol", [1, 1, 1]))
     words = " ".join(page.words.split())
     assert "−8 PUB.RATE Pub Messages come at 80 to 90 Hz, too slow." in words
-    assert f"For the next lecture: {hint} 2 of 3 students" in words
+    assert f"What students were told: {hint} 2 of 3 students" in words
     assert {"alice/report.html#check-pub.rate", "bob/report.html#check-pub.rate"} <= set(page.values("href"))
     assert [row["data-mistakes"] for row in rows_of(page)] == ["0", "0", ""]
 
@@ -141,7 +141,7 @@ def test_what_is_to_do_stands_before_all_else(summary: ClassSummary) -> None:
     words = " ".join(Page(render(summary)).words.split())
     places = [
         words.index(text)
-        for text in ("Not graded 1", "Touched the grader’s own 1", "Undecided 2", "Points", "Students")
+        for text in ("Not graded 1", "Interfered with the grader 1", "Undecided 2", "Points", "Students")
     ]
     assert places == sorted(places)
     assert "published 40 messages on /joint_states" in words

@@ -151,11 +151,11 @@ def test_score_and_outcomes_are_in_words() -> None:
 
 
 def test_dearest_mistakes_come_first() -> None:
-    """What to mend first is sorted by cost; what was not reached is named apart; each has a link."""
+    """What to fix first is sorted by cost; what was not reached is named apart; each has a link."""
     html = page_of()
-    mend = html[html.index('id="mend"') : html.index("<main>")]
-    assert re.findall(r'class="cost">−([\d.]+)<', mend) == ["6", "1.5"]
-    assert re.findall(r'href="#([^"]+)"', mend) == ["check-a.bad", "check-a.half", "check-a.after"]
+    fix = html[html.index('id="fix"') : html.index("<main>")]
+    assert re.findall(r'class="cost">−([\d.]+)<', fix) == ["6", "1.5"]
+    assert re.findall(r'href="#([^"]+)"', fix) == ["check-a.bad", "check-a.half", "check-a.after"]
 
 
 def test_every_link_has_a_target() -> None:
@@ -173,7 +173,7 @@ def test_lost_points_show_their_proof() -> None:
     assert "1 one 2 two ▸3 three 4 four 5 five" in words
     assert "six" not in words
     assert "recording 'alone', /cmd, 1.2–7.3 s" in words
-    assert "How to mend it Use a timer." in words
+    assert "How to fix it Use a timer." in words
 
 
 def test_a_score_of_some_sessions_says_so() -> None:
@@ -362,7 +362,7 @@ def test_grader_troubles_are_marked_as_such() -> None:
     assert "Trouble on the grader’s side" not in page_of()
 
 
-def test_full_score_has_nothing_to_mend() -> None:
+def test_full_score_has_nothing_to_fix() -> None:
     """A submission without lost points is told so."""
     words = text_of(page_of(result_of([check("a.good", Outcome.PASSED, "6")])))
     assert "Nothing: all points are earned." in words

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from grader.report.plain import terminal_text
-from grader.report.terminal import ProgressDisplay, points_text, print_result
+from grader.report.terminal import ProgressDisplay, print_result
+from grader.report.views import points
 from grader.result import CheckResult, CriterionResult, Finding, Outcome, Result, Score, Where
 
 EVIL = "\x1b[2J\x1b]0;owned\x07[red]x[/red][link=http://a]\r\x9b31m\u202eabc\x00\ud800"
@@ -48,7 +49,7 @@ def test_each_lost_point_has_its_reason() -> None:
     """Checks that did not pass are shown with reason, hint and line; those that passed are not."""
     text = printed(result(finding(Outcome.PASSED), finding(Outcome.FAILED), finding(Outcome.NOT_REACHED)))
     assert "Check 0" not in text
-    assert re.search(r"✗ +Check 1", text)
+    assert re.search(r"✕ +Check 1", text)
     assert "too slow" in text
     assert "→ use a timer" in text
     assert "a.py:3" in text
@@ -122,7 +123,7 @@ def test_plain_text_is_shown_as_it_is() -> None:
 @pytest.mark.parametrize(("value", "shown"), [("0", "0"), ("0.0", "0"), ("5.0", "5"), ("2.50", "2.5"), ("100", "100")])
 def test_points_have_no_needless_zeros(value: str, shown: str) -> None:
     """Points are written as a person would."""
-    assert points_text(Decimal(value)) == shown
+    assert points(Decimal(value)) == shown
 
 
 def test_progress_without_a_terminal_is_a_line_a_session() -> None:

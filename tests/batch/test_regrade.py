@@ -13,8 +13,9 @@ import pytest
 
 from grader import pipeline
 from grader.batch.audit import AUDIT_FILE, HISTORY, Occasion, note_replaced
-from grader.batch.rejudging import is_class, recorded_in, rejudge
+from grader.batch.regrade import Regrade, is_class, recorded_in, regrade
 from grader.errors import RecordingError, RubricError
+from tests.regraded import regraded
 
 ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = pipeline.lab_folder() / "rubric.yaml"
@@ -61,6 +62,11 @@ def rewritten(folder: Path, old: str, new: str) -> Path:
     assert old in text
     (folder / "new.yaml").write_text(text.replace(old, new), encoding="utf-8")
     return folder / "new.yaml"
+
+
+def rejudge(results: Path, rubric: Path | None, overrides: Path | None, **how: Any) -> Regrade:
+    """Judge all that was recorded again."""
+    return regrade(recorded_in(results), rubric, overrides, **how)
 
 
 def files(results: Path) -> dict[str, bytes]:
@@ -118,7 +124,7 @@ def test_applying_writes_what_single_regrading_writes(results: Path, stricter: P
     found.apply(OCCASION)
     as_class = files(results)
     for name in NAMES:
-        pipeline.judge_results(results / name, *pipeline.judged_by(results / name, stricter))
+        regraded(results / name, stricter)
     assert files(results) == as_class
     assert not [path for path in as_class if path.endswith(".new")]
 
@@ -202,7 +208,7 @@ def test_decisions_survive_every_regrade(results: Path, stricter: Path) -> None:
         plain = json.loads((results / "bob" / pipeline.RESULT_FILE).read_text())
         assert plain["score"]["final"] == plain["score"]["earned"] + 2.5
         assert [a["kind"] for a in plain["adjustments"]] == ["bonus"]
-        alone = pipeline.judge_results(results / "bob", *pipeline.judged_by(results / "bob", rubric))
+        alone = regraded(results / "bob", rubric)
         assert alone.final == found.changes["bob"].after
     assert json.loads((results / "alice" / pipeline.RESULT_FILE).read_text())["adjustments"] == []
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from grader.replacing import UNFINISHED, beside, replace_files, uninterrupted
+from grader.files import UNFINISHED, beside, replace_files, uninterrupted
 
 PARTS = ("recordings", "report.html", "result.json")
 
@@ -92,7 +92,7 @@ def test_a_part_that_cannot_be_put_in_its_place_leaves_the_old_results(tmp_path:
 KILLED = """
 import os, sys
 from pathlib import Path
-from grader.replacing import beside
+from grader.files import beside
 
 def kill(event, about):
     if event == "os.rename" and str(about[0]).endswith("/recordings") and Path(about[0]).parent != results:

@@ -1,4 +1,7 @@
-"""Replaces the results of a submission in one go: what is new lies beside what is there until all of it is whole."""
+"""Replaces files, and the results of a submission, in one go: what is new lies beside what is there until it is whole.
+
+This is the one place where files are replaced: nothing is written through a link that somebody else has laid out.
+"""
 
 from __future__ import annotations
 

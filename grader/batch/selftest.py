@@ -1,0 +1,148 @@
+"""Fixtures graded side by side under the machine's admission rule, each compared with what it expects."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from decimal import Decimal
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from grader.batch.admission import Admission
+from grader.batch.expectations import Fixture, compare
+from grader.batch.order import Order, Phase, problem_of
+from grader.batch.progress import RunProgress
+from grader.batch.supervised import grade_in_process
+from grader.errors import GraderError
+from grader.intake import Handed
+from grader.live.isolation import Isolation
+from grader.pipeline import Options
+from grader.report.plain import terminal_text
+from grader.report.views import points
+from grader.rubric import Rubric
+
+_STYLES = {"✓": "green", "?": "magenta"}
+_LONGEST = 600
+
+
+@dataclass(frozen=True)
+class FixtureRun:
+    """What became of a fixture.
+
+    Attributes
+    ----------
+    sign : str
+        "✓" as expected, "✗" not, "?" undecided, "!" not graded.
+    differences : tuple of str
+        In what it differs from what is expected, or why it was not graded.
+    earned, possible : Decimal
+        Points of what was judged.
+    """
+
+    name: str
+    sign: str
+    differences: tuple[str, ...] = ()
+    earned: Decimal = Decimal(0)
+    possible: Decimal = Decimal(0)
+    took_s: float = 0.0
+
+    @property
+    def points(self) -> str:
+        """Its points in words."""
+        if not self.possible:
+            return "not graded" if self.sign in "!✗" else ""
+        return f"{points(self.earned)} / {points(self.possible)}"
+
+
+@dataclass(frozen=True)
+class Selftest:
+    """Fixtures to be graded on this machine; submissions are laid out in the folder, and results go there."""
+
+    rubric: Rubric
+    options: Options
+    admission: Admission
+    isolation: Isolation
+    folder: Path
+    display: RunProgress
+
+    async def run(self, fixtures: Sequence[Fixture]) -> list[FixtureRun]:
+        """Grade the fixtures; whatever becomes of one, the others are graded."""
+        for fixture in fixtures:
+            sessions = (self.rubric.sessions[s] for s in fixture.expectation.sessions if s in self.rubric.sessions)
+            self.display.expect(fixture.name, sum(session.typical_s for session in sessions))
+        running = [asyncio.ensure_future(self._one(number, fixture)) for number, fixture in enumerate(fixtures)]
+        try:
+            return await asyncio.gather(*running)
+        finally:
+            # The first that is cancelled ends `gather`; the others are still cleaning up.
+            if running:
+                await asyncio.wait(running)
+
+    async def _one(self, number: int, fixture: Fixture) -> FixtureRun:
+        began_s: list[float] = []
+
+        def on_phase(phase: Phase) -> None:
+            began_s[:] = began_s or [time.monotonic()]
+            self.display.phase(fixture.name, phase)
+
+        if unfit := fixture.expectation.unfit(self.rubric):
+            found = FixtureRun(fixture.name, "✗", tuple(unfit))
+        else:
+            try:
+                submission = fixture.lay_out(self.folder / "submissions")
+                options = replace(self.options, sessions=list(fixture.expectation.sessions))
+                results = self.folder / fixture.name
+                order = Order(Handed.of(submission), results, self.rubric, options, self.isolation)
+                ending = await grade_in_process(order, self.admission, number, on_phase)
+            except OSError as error:
+                ending = problem_of(error)
+            if isinstance(ending, GraderError):
+                where = f"{ending.where}: " if ending.where else ""
+                found = FixtureRun(fixture.name, "!", (f"not graded: {where}{ending.problem}",))
+            else:
+                verdict = compare(fixture.expectation, ending, self.rubric)
+                sign = "✓" if not verdict.differences else "?" if verdict.undecided else "✗"
+                score = ending.score
+                found = FixtureRun(fixture.name, sign, verdict.differences, ending.final, score.possible)
+        found = replace(found, took_s=time.monotonic() - began_s[0] if began_s else 0.0)
+        line = Text(f"{found.sign} ", _STYLES.get(found.sign, "red")).append(terminal_text(found.name, 40), "default")
+        line.append(f": {found.points} ({found.took_s:.0f} s)", "dim")
+        self.display.done(found.name, line, "" if found.sign == "✓" else "not as expected")
+        return found
+
+
+def print_fixtures(console: Console, found: Sequence[FixtureRun]) -> None:
+    """Print a table of all fixtures, and below it in what some differ from what is expected."""
+    table = Table(box=None, padding=(0, 2, 0, 0), show_header=False)
+    table.add_column(no_wrap=True)
+    table.add_column(overflow="fold")
+    table.add_column(justify="right", no_wrap=True)
+    table.add_column(justify="right", no_wrap=True)
+    for each in found:
+        name = Text(terminal_text(each.name, 40))
+        table.add_row(Text(each.sign, _STYLES.get(each.sign, "red")), name, each.points, f"{each.took_s:.1f} s")
+    console.print(table)
+    for each in found:
+        if each.differences:
+            console.print(Text(f"\n{terminal_text(each.name, 40)}", "bold"))
+            for difference in each.differences:
+                console.print(Text(f"  • {terminal_text(difference, _LONGEST)}"))
+
+
+def quick(fixtures: Sequence[Fixture], rubric: Rubric) -> list[Fixture]:
+    """Choose fixtures that say much in little time.
+
+    These are all that state their total or need no session, and for each criterion the first one of one session
+    that loses points there.
+    """
+    chosen = [f for f in fixtures if not f.expectation.sessions or f.expectation.total is not None]
+    for criterion in rubric.criteria:
+        losing = (f for f in fixtures if len(f.expectation.sessions) == 1 and f.expectation.loses_in(criterion.id))
+        first = next(losing, None)
+        chosen += [first] if first is not None and first not in chosen else []
+    return sorted(chosen, key=list(fixtures).index)

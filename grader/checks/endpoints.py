@@ -1,0 +1,103 @@
+"""Endpoints of the student's nodes: publishers, subscriptions and services by name, type, node and QoS."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from pydantic import Field
+
+from grader import references as ref
+from grader.checks.finding import Context
+from grader.recording.session import Claim, Endpoint, Qos
+from grader.references import Parameters, Share
+from grader.result import Where
+
+
+class OfferedProfile(Parameters):
+    """The QoS with which the other side publishes in the lab's words."""
+
+    reliability: ref.Reliability = "reliable"
+    durability: ref.Durability = "volatile"
+
+
+class OfEndpoint(Parameters):
+    """What it costs where an endpoint is there, but not as it is asked for."""
+
+    other_name_costs: Share = Field(0.6, description="Share of the credit that another name of it costs.")
+    other_type_costs: Share = Field(0.6, description="Share of the credit that another type costs.")
+    other_node_costs: Share = Field(0.2, description="Share of the credit that another name of its node costs.")
+
+    def faults(
+        self, kind: str, wanted: tuple[str, str], got: tuple[str, str], nodes: Sequence[str]
+    ) -> list[tuple[float, str]]:
+        """Return what is wrong with an endpoint's name and type: the share that each costs, and a sentence.
+
+        Parameters
+        ----------
+        kind : str
+            What has the name: a topic or a service.
+        wanted, got : tuple of str
+            Name and type.
+        nodes : sequence of str
+            Names of its nodes: in their namespaces lie relative names.
+        """
+        (name, its_type), (used, used_type) = wanted, got
+        found = []
+        if used != name:
+            namespaces = (node.rpartition("/")[0] for node in nodes)
+            space = next((n for n in namespaces if n and used == n + name), None)
+            within = f" It lies in the namespace of its node, {space}." if space else ""
+            reason = f"The {kind} is named {used}, not {name}; the rest is judged on {used}.{within}"
+            found.append((self.other_name_costs, reason))
+        if used_type != its_type:
+            reason = f"The type of {used} is {used_type}, not {its_type}; endpoints of different types never connect."
+            found.append((self.other_type_costs, reason))
+        return found
+
+    def node_faults(self, wanted: str | None, nodes: Sequence[str]) -> list[tuple[float, str]]:
+        """Return what another name of the node behind some endpoints costs; a namespace more is no mistake."""
+        if wanted is None or not nodes or any(n.rsplit("/", 1)[-1] == wanted.rsplit("/", 1)[-1] for n in nodes):
+            return []
+        return [(self.other_node_costs, f"The node is named {nodes[0]}, not {wanted}.")]
+
+
+def student_endpoints(context: Context, topic: str, kind: str) -> tuple[Endpoint, ...]:
+    """Return the student's endpoints of a kind on a topic of the rubric's."""
+    return context.session.endpoints_on(topic, kind, context.reference_nodes)
+
+
+def clash(requested: Endpoint, offered: OfferedProfile | Qos) -> str | None:
+    """Return the policy on which a subscription's request and an offer are incompatible, in words, or None.
+
+    References
+    ----------
+    DDS 1.4, section 2.2.3: a request may not be stronger than the offer.
+    """
+    if requested.qos.reliability == "reliable" and offered.reliability == "best_effort":
+        return "reliability (RELIABLE is requested, BEST_EFFORT offered)"
+    if requested.qos.durability == "transient_local" and offered.durability == "volatile":
+        return "durability (TRANSIENT_LOCAL is requested, VOLATILE offered)"
+    if requested.qos.deadline_ns is not None:
+        return "deadline (one is requested, none offered)"
+    if requested.qos.liveliness.startswith("manual"):
+        return "liveliness (MANUAL_BY_TOPIC is requested, AUTOMATIC offered)"
+    return None
+
+
+def _claims(context: Context, kind: str, name: str) -> list[Claim]:
+    plain = name.rsplit("/", 1)[-1]
+    return [c for c in context.session.record.claims if c.kind == kind and c.name.rsplit("/", 1)[-1] == plain]
+
+
+def claimed_at(context: Context, kind: str, name: str) -> tuple[Where, ...]:
+    """Return the source line at which the student's node asked for an endpoint, by the tap."""
+    found = (c for c in _claims(context, kind, context.session.used(name)) if not c.file.startswith("/"))
+    return tuple(Where(file=claim.file, line=claim.line) for claim in found)[:1]
+
+
+def claimed_qos(context: Context, kind: str, name: str) -> tuple[Qos | None, Where | None]:
+    """Return the QoS with which the student's node asked for an endpoint, by the tap, and where."""
+    for claim in _claims(context, kind, context.session.used(name)):
+        if claim.qos is not None:
+            return claim.qos, None if claim.file.startswith("/") else Where(file=claim.file, line=claim.line)
+    return None, None

@@ -1,0 +1,24 @@
+"""The vocabularies of `lexicon.yaml`."""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+
+import yaml
+
+
+@functools.cache
+def _lexicon() -> dict[str, list[str]]:
+    lexicon: dict[str, list[str]] = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text(encoding="utf-8"))
+    return lexicon
+
+
+def one_of(name: str) -> str:
+    """Return a regular expression that matches any entry of a vocabulary."""
+    return f"(?:{'|'.join(_lexicon()[name])})"
+
+
+def words_of(name: str) -> frozenset[str]:
+    """Return the single words of a vocabulary."""
+    return frozenset(word for line in _lexicon()[name] for word in line.split())

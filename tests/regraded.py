@@ -1,0 +1,20 @@
+"""Recordings judged again as the command does it, for tests of what comes of it."""
+
+from __future__ import annotations
+
+from datetime import datetime, timezone
+from pathlib import Path
+
+from grader.batch.audit import Occasion
+from grader.batch.regrade import regrade
+from grader.result import Result
+
+
+def regraded(results: Path, rubric: Path | None = None) -> Result:
+    """Judge one submission again, and write its result."""
+    found = regrade([results], rubric, prepare=True)
+    for error in found.failed.values():
+        raise error
+    found.apply(Occasion(datetime.now(timezone.utc), "regrade"))
+    (judged,) = found.judged.values()
+    return judged.result
