@@ -44,7 +44,7 @@ from grader.timings import Stopwatch
 
 if TYPE_CHECKING:
     from grader.cohort.summary import ClassSummary
-    from grader.live.turns import Shared
+    from grader.live.cells import Shared
 
 RECORDINGS = "recordings"
 RUBRIC_COPY = "rubric.yaml"

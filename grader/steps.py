@@ -22,9 +22,9 @@ class Step(Parameters):
     Attributes
     ----------
     words : str
-        What it does, for the progress display.
+        What it does, for the progress display and the report.
     targets : tuple of str
-        Keys of which exactly one is given; `{target}` in the words is what it holds.
+        Keys of which exactly one is given; `{key}` and `{target}` in the words are its name and what it holds.
     """
 
     words: ClassVar[str]
@@ -38,8 +38,8 @@ class Step(Parameters):
 
     def describe(self) -> str:
         """Say in a few words what it does."""
-        target = next((value for key in self.targets if (value := getattr(self, key)) is not None), "")
-        return self.words.format(target=target, **vars(self))
+        key = next((key for key in self.targets if getattr(self, key) is not None), "")
+        return self.words.format(key=key.replace("_", " "), target=getattr(self, key, ""), **vars(self))
 
 
 class StartStep(Step):
@@ -74,7 +74,7 @@ class StartStep(Step):
 class WaitForStep(Step):
     """Wait for a node, an endpoint, a service or a line of output; near misses of a name are found."""
 
-    words = "waiting for {target}"
+    words = "waiting for {key} {target}"
     targets = ("node", "publisher", "subscription", "service", "output_of")
 
     node: ref.RosName | None = None
@@ -100,7 +100,7 @@ class ObserveStep(Step):
 class PublishStep(Step):
     """Publish one message some times, offered so that every subscription is compatible."""
 
-    words = "publishing on {topic}"
+    words = "publishing {count} messages on {topic}"
 
     topic: ref.RosName
     type: ref.MessageType
@@ -112,7 +112,7 @@ class PublishStep(Step):
 class CallStep(Step):
     """Call a service; keeps each request, response and latency."""
 
-    words = "calling {service}"
+    words = "calling {service} ({repeat}×)"
 
     service: ref.RosName
     type: ref.ServiceType

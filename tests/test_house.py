@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import graphlib
 import runpy
 from pathlib import Path
 from typing import Any
@@ -54,3 +56,17 @@ def test_only_too_many_lines_fail(
     output = capsys.readouterr().out
     assert f"15 lines; the budget is {budget}, {abs(budget - 15)} away" in output
     assert "checks" in output
+
+
+@pytest.mark.parametrize("package", ["live", "recording"])
+def test_no_modules_import_each_other_in_a_circle(package: str) -> None:
+    """Each module can be read after those that it imports, what is imported for types or later included."""
+    root = HOUSE.parents[1]
+    modules = {
+        ".".join(path.relative_to(root).with_suffix("").parts): path for path in root.glob(f"grader/{package}/*.py")
+    }
+    imports: dict[str, set[str]] = {}
+    for name, path in modules.items():
+        nodes = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.ImportFrom)]
+        imports[name] = {node.module for node in nodes if node.module in modules}
+    assert len(list(graphlib.TopologicalSorter(imports).static_order())) == len(modules)

@@ -24,8 +24,7 @@ from typing import Any
 
 from grader import pipeline
 from grader.batch.order import Ending, Order, problem_of
-from grader.live.cells import Progress
-from grader.live.turns import Shared
+from grader.live.cells import Progress, Shared
 from grader.recording.submission import read_submission, write_submission
 from grader.result import Result
 from grader.rubric import SessionSpec

@@ -17,6 +17,7 @@ from grader.checks.finding import (
     graded,
     in_steps,
     inconclusive,
+    kept_from_core,
     not_reached,
     passed,
     percent,
@@ -59,7 +60,7 @@ def ends_by_itself(context: Context, p: EndsByItself) -> Finding:
     if not processes:
         return inconclusive(expected, "not started", "The recording does not show the program.")
     run = processes[-1]
-    spot = Where(session=context.session.record.session, process=p.artifact)
+    spot = context.output_of(p.artifact)
     printed = _without_tracebacks(run.output)
     said = search(p.output, printed) is not None
     ran_s = ((run.exited_ns or context.session.record.ended_ns) - run.started_ns) / 1e9
@@ -147,9 +148,9 @@ def topics_carry_traffic(context: Context, p: TopicsCarryTraffic) -> Finding:
     reasons = [f"Too little came on {', '.join(few)}."] if few else []
     reasons += [f"{t} is named {context.session.used(t)}; the rest is judged on that." for t in renamed]
     shares = [max(0.0, few.get(t, 1.0) - p.other_name_costs * (t in renamed)) for t in p.topics]
-    if few and (late := _held_up(context)):
-        return inconclusive(expected, measured, late, where=(context.where(),))
-    return graded(sum(shares) / len(shares), expected, measured, " ".join(reasons), where=(context.where(),))
+    share, late, where = sum(shares) / len(shares), _held_up(context), (context.where(),)
+    best = 1.0 if few and late else share
+    return graded(share, expected, measured, " ".join(reasons), where=where, best=best, doubt=late)
 
 
 #: Share of its time for which a program was kept from a core, from which that may be why it sent so little.
@@ -162,8 +163,7 @@ def _held_up(context: Context) -> str:
         span = Span(run.started_ns, run.exited_ns or context.session.record.ended_ns)
         delay_s = context.session.machine_delay_s(run, span)
         if delay_s > _MANY_DELAYS * span.duration_s:
-            late = f"for {delay_s:.1f} s of {span.duration_s:.1f} s"
-            return f"The machine kept the program from a core {late}, which may be why so little was sent."
+            return kept_from_core(delay_s, span.duration_s)
     return ""
 
 
@@ -343,7 +343,7 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
     reasons += [f"There is no line with count and latency for {', '.join(untold)}."] if untold else []
     hint = _ROW_HINT.format(untold[0]) if untold else _SIDES_HINT if all("incompatible" in r for r in reasons) else ""
     measured = "; ".join(texts) or "no results"
-    spot = Where(session=context.session.record.session, process=p.artifact)
+    spot = context.output_of(p.artifact)
     if sum(best) - sum(parts) > _DOUBTFUL_SHARE * len(parts):
         late = "The machine kept the program from a core for times in which it may have lost what it did not count."
         return inconclusive(expected, measured, late, where=(spot,))

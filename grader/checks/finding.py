@@ -15,6 +15,7 @@ from grader.evidence.limits import ended_by_limit, hit_limit
 from grader.evidence.oracle import load_oracle
 from grader.evidence.recorded import Floats, NumericStream, Recorded, can_hold_row
 from grader.evidence.source import spin_lines
+from grader.recording.session import ProcessRun
 from grader.recording.submission import SubmissionRecord
 from grader.result import Finding, Outcome, Where
 
@@ -68,16 +69,29 @@ class Context:
         fact = self.submission.artifact(artifact)
         return fact.path if fact else None
 
+    def output_of(self, artifact: str) -> Where:
+        """Point at what an artifact's process printed."""
+        return Where(session=self.session.record.session, process=artifact)
+
+    def charged(self, check: str | None) -> bool:
+        """Whether a check, if any, has already taken points."""
+        finding = self.findings.get(check) if check is not None else None
+        return finding is not None and finding.outcome in (Outcome.FAILED, Outcome.PARTIAL, Outcome.NOT_REACHED)
+
+    def explain(self, run: ProcessRun) -> Diagnosis | None:
+        """Explain why a process ended or misbehaved, from its output."""
+        return explain(run.output, [f.path for f in self.submission.files], run.interrupted_ns)
+
     def diagnosis(self, artifact: str) -> Diagnosis | None:
-        """Explain why an artifact's process ended or misbehaved, from its output."""
-        paths = [f.path for f in self.submission.files]
-        if self.recorded is None:
-            return None
-        for process in self.recorded.processes_of(artifact):
-            found = explain(process.output, paths, process.interrupted_ns)
-            if found is not None:
-                return found
-        return None
+        """Explain why one of an artifact's processes ended or misbehaved."""
+        runs = self.recorded.processes_of(artifact) if self.recorded is not None else ()
+        return next(filter(None, map(self.explain, runs)), None)
+
+    def parameter(self, step: str | None, name: str | None) -> Any:
+        """Return the value of a parameter as a step read it in the running node; None if it did not."""
+        run = self.session.step(step) if step is not None else None
+        read = (run.result.get("values", {}) if run is not None else {}).get(name)
+        return read["value"] if read is not None else None
 
     def streams(self, roles: Mapping[str, str], fieldname: str) -> dict[str, NumericStream]:
         """Return the numeric streams for an oracle, by role; roles without numbers are left out."""
@@ -275,9 +289,9 @@ def percent(share: float) -> str:
     return f"{100 * share:g}%"
 
 
-def takes_points(finding: Finding | None) -> bool:
-    """Whether a check has taken points."""
-    return finding is not None and finding.outcome in (Outcome.FAILED, Outcome.PARTIAL, Outcome.NOT_REACHED)
+def kept_from_core(delay_s: float, length_s: float) -> str:
+    """Say that the machine's delay may be why something is not as it should be."""
+    return f"The machine kept a process from a core for {delay_s:.2f} s of {length_s:.1f} s, which may be why."
 
 
 def missing_artifact(context: Context, artifact: str | None) -> Finding | None:
@@ -316,10 +330,9 @@ def environment_gap(context: Context, artifact: str, found: Diagnosis | None) ->
     reason = only_elsewhere(found, context.submission, context.path_of(artifact))
     if found is None or reason is None:
         return None
-    paths = [f.path for f in context.submission.files]
     records = [recorded.record for recorded in context.sessions.values()]
     runs = [run for record in records for run in record.processes if run.role == "student" and run.artifact == artifact]
-    ends = [explain(run.output, paths, run.interrupted_ns) for run in runs]
+    ends = map(context.explain, runs)
     alike = all(end is not None and (end.kind, end.subject) == (found.kind, found.subject) for end in ends)
     return reason if alike else None
 
@@ -335,18 +348,14 @@ def nothing_seen(
 
 def why_nothing(context: Context, artifact: str, fallback: str) -> tuple[str, str, tuple[Where, ...]]:
     """Say why an artifact's process did not show what was expected: (reason, hint, where)."""
-    session = context.session.record.session
-    processes = context.session.processes_of(artifact)
+    output, processes = context.output_of(artifact), context.session.processes_of(artifact)
     hit = hit_limit(processes[-1]) if processes else None
-    if hit is not None and ended_by_limit(processes[-1]):
-        return *hit, (Where(session=session, process=artifact),)
     found = context.diagnosis(artifact)
+    if hit is not None and (found is None or ended_by_limit(processes[-1])):
+        return *hit, (output,)
     if found is not None:
-        spot = Where(file=found.file, line=found.line) if found.file else Where(session=session, process=artifact)
-        return told(found), found.remedy, (spot,)
-    if hit is not None:
-        return *hit, (Where(session=session, process=artifact),)
-    return ended_already(context, artifact) or (fallback, "", (Where(session=session, process=artifact),))
+        return told(found), found.remedy, (Where(file=found.file, line=found.line) if found.file else output,)
+    return ended_already(context, artifact) or (fallback, "", (output,))
 
 
 def ended_already(context: Context, artifact: str) -> tuple[str, str, tuple[Where, ...]] | None:
@@ -358,7 +367,7 @@ def ended_already(context: Context, artifact: str) -> tuple[str, str, tuple[Wher
     run = runs[-1] if runs else None
     if run is None or run.exited_ns is None or run.interrupted_ns is not None or run.ended_by != "itself":
         return None
-    output = Where(session=context.session.record.session, process=artifact)
+    output = context.output_of(artifact)
     after_s = (run.exited_ns - run.started_ns) / 1e9
     if run.exit_status != 0:
         reason = f"Your {artifact} node had already ended, with exit status {run.exit_status} after {after_s:.1f} s."

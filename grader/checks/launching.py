@@ -19,16 +19,16 @@ from grader.checks.finding import (
     graded,
     in_steps,
     inconclusive,
+    kept_from_core,
     not_reached,
     passed,
-    takes_points,
     told,
 )
 from grader.evidence.chance import is_believed
-from grader.evidence.diagnosis import explain
+from grader.evidence.diagnosis import Diagnosis
 from grader.evidence.elsewhere import is_newer_python, missing_here
 from grader.evidence.launch_source import parameter_line
-from grader.evidence.recorded import Recorded, clock_step_s
+from grader.evidence.recorded import Recorded, Span, clock_step_s
 from grader.evidence.timing import Timing, timing_of
 from grader.recording.plan import MalformedPlanError, Plan, Problem, Process
 from grader.recording.session import ProcessRun
@@ -207,12 +207,6 @@ def _only_in_container(plan: Plan, node: str, executable: str) -> bool:
     return any(name == short or str(plugin).rsplit(":", 1)[-1].lower() == wanted for name, plugin in named)
 
 
-def _charged(context: Context, check: str) -> bool:
-    """Whether a check has already taken points for the fault."""
-    finding = context.findings.get(check)
-    return finding is not None and finding.outcome in (Outcome.FAILED, Outcome.PARTIAL, Outcome.NOT_REACHED)
-
-
 def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
     """Judge each node by the plan, and by the graph when it was really started."""
     expected = ", ".join(n.node for n in p.nodes)
@@ -329,7 +323,7 @@ def _judge_node(context: Context, plan: Plan, wanted: WantedNode, other_name_cre
     if context.path_of(wanted.artifact) is None:
         note = f"The file for {wanted.node} is missing, which is charged in {wanted.charged_by}."
         return _JudgedNode(1.0, note=note)
-    if entry.called in (name, None) and _charged(context, wanted.charged_by):
+    if entry.called in (name, None) and context.charged(wanted.charged_by):
         other = next(
             (n for n in context.session.nodes if n.rsplit("/", 1)[-1] == name), context.session.used(wanted.node)
         )
@@ -338,9 +332,11 @@ def _judge_node(context: Context, plan: Plan, wanted: WantedNode, other_name_cre
         return _JudgedNode(1.0, note=note)
     if (charged := _charged_alone(context, entry, wanted.artifact)) is not None:
         return _JudgedNode(1.0, note=f"{wanted.node} ended as it does by itself, which is charged in {charged}.")
-    if (gap := _environment_gap(context, wanted, entry)) is not None:
+    run = context.session.process(entry.id)
+    found = context.explain(run) if run is not None else None
+    if (gap := environment_gap(context, wanted.artifact, found)) is not None:
         return _JudgedNode(0.0, undecided=f"{wanted.node} did not come up. {gap}")
-    if wanted.types_charged_by is not None and _declares_another_type(context, entry, wanted.types_charged_by):
+    if _declares_another_type(context, found, wanted.types_charged_by):
         note = (
             f"{wanted.node} takes no value of the type that the lab asks for, as charged in {wanted.types_charged_by}."
         )
@@ -394,7 +390,7 @@ def _end_of(context: Context, run: ProcessRun) -> tuple[object, ...] | None:
     """
     if run.exited_ns is None or run.interrupted_ns is not None:
         return None
-    found = explain(run.output, [f.path for f in context.submission.files])
+    found = context.explain(run)
     if found is None:
         return (None, None, run.limit, run.exit_status)
     return (found.file, found.line, found.kind, found.exception_type)
@@ -408,7 +404,7 @@ def _why_down(context: Context, entry: Process, executable: str) -> _JudgedNode:
         return _JudgedNode(0.0, f"{executable} was not started{why}.", where=spot)
     if run.exited_ns is None or run.interrupted_ns is not None:
         return _JudgedNode(0.0, f"{executable} ran, but no such node appeared.", where=spot)
-    found = explain(run.output, [f.path for f in context.submission.files])
+    found = context.explain(run)
     if found is None:
         said = f", saying {run.output[-1].text!r}." if run.output else "."
         return _JudgedNode(0.0, f"{executable} ended with status {run.exit_status}{said}", where=spot)
@@ -421,19 +417,11 @@ def _why_down(context: Context, entry: Process, executable: str) -> _JudgedNode:
     return _JudgedNode(0.0, f"{executable} ended with status {run.exit_status}: {told(found)}", hint=hint, where=spot)
 
 
-def _environment_gap(context: Context, wanted: WantedNode, entry: Process) -> str | None:
-    run = context.session.process(entry.id)
-    found = explain(run.output, [f.path for f in context.submission.files]) if run is not None else None
-    return environment_gap(context, wanted.artifact, found)
-
-
-def _declares_another_type(context: Context, entry: Process, charged_by: str) -> bool:
+def _declares_another_type(context: Context, found: Diagnosis | None, charged_by: str | None) -> bool:
     """Whether a node ended since it declares a parameter with a wrong type, which another check has charged."""
-    run = context.session.process(entry.id)
-    found = explain(run.output, [f.path for f in context.submission.files]) if run is not None else None
-    if found is None or found.kind != "parameter-type":
+    if found is None or found.kind != "parameter-type" or not context.charged(charged_by):
         return False
-    return takes_points(context.findings.get(charged_by)) and _type_hint(found.message, found.subject)[1]
+    return _type_hint(found.message, found.subject)[1]
 
 
 _TYPES = re.compile(r"of type '(\w+)', expecting type '(\w+)'")
@@ -614,9 +602,13 @@ class LaunchTogether(Parameters):
 def launch_together(context: Context, p: LaunchTogether) -> Finding:
     """Judge what happened while all ran; a part whose node is at fault by itself is left out."""
     expected = "commands at the rate the publisher has alone, an arm that follows, a service that answers"
+    span = context.session.window(p.commands.window)
+    delay_s, length_s = (context.session.longest_delay_s(span), span.duration_s) if span is not None else (0.0, 0.0)
     parts = [
-        _commands_come(context, p.commands) if _is_up(context, p.commands.node) else None,
-        _arm_follows(context, p.follows) if _is_up(context, p.follows.node) else None,
+        _commands_come(context, p.commands, span, delay_s) if _is_up(context, p.commands.node) else None,
+        _arm_follows(context, p.follows, late=delay_s > _MANY_DELAYS * length_s)
+        if _is_up(context, p.follows.node)
+        else None,
         _service_answers(context, p.answers) if _is_up(context, p.answers.node) else None,
     ]
     judged = [part for part in parts if part is not None]
@@ -625,19 +617,25 @@ def launch_together(context: Context, p: LaunchTogether) -> Finding:
             "None of the nodes does its part, by faults that other checks charge.",
             expected=expected,
         )
-    measured = "; ".join(text for _, text, _ in judged)
-    if parts[0] is not None and (late := _late_by_the_machine(context, p.commands, parts[0][0])) is not None:
-        return inconclusive(expected, measured, late, where=(context.where(p.commands.topic),))
-    if parts[1] is not None and parts[1][0] < 1 and (late := _held_up(context, p.commands.window)) is not None:
-        return inconclusive(expected, measured, late, where=(context.where(p.follows.topic),))
-    reasons = " ".join(reason for share, _, reason in judged if share < 1)
     return graded(
-        sum(s for s, _, _ in judged) / len(judged),
+        sum(part.share for part in judged) / len(judged),
         expected,
-        measured,
-        reasons,
+        "; ".join(part.text for part in judged),
+        " ".join(part.reason for part in judged if part.share < 1),
         where=(context.where(p.commands.topic),),
+        best=sum(max(part.share, part.best) for part in judged) / len(judged),
+        doubt=kept_from_core(delay_s, length_s),
     )
+
+
+@dataclass(frozen=True)
+class _Part:
+    """What one part earns, what was seen of it, why it earns no more, and what it may earn without the delays."""
+
+    share: float
+    text: str
+    reason: str = ""
+    best: float = 0.0
 
 
 def _is_up(context: Context, node: str | None) -> bool:
@@ -652,31 +650,28 @@ def _is_up(context: Context, node: str | None) -> bool:
     return used in context.session.nodes and not _died(context, entry)
 
 
-def _commands_come(context: Context, p: TogetherCommands) -> tuple[float, str, str] | None:
-    timing = timing_of(context.session.stream(p.topic), context.session.window(p.window))
+def _commands_come(context: Context, p: TogetherCommands, span: Span | None, delay_s: float) -> _Part | None:
+    timing = timing_of(context.session.stream(p.topic), span)
     alone = context.sessions.get(p.alone_session)
     alone_timing = _timing_alone(alone, p)
     if timing is None:
-        if _charged(context, p.charged_by):
+        if context.charged(p.charged_by):
             return None
-        return (
-            0.0,
-            "no commands",
-            "No commands came while all ran together; do the nodes follow the simulation's clock?",
-        )
-    if (elsewhere := _moved_by_launch(context, alone, p)) is not None:
-        return (
-            0.0,
-            f"commands on {elsewhere}",
-            f"The launch file moves the commands to {elsewhere}, where nobody listens.",
-        )
+        reason = "No commands came while all ran together; do the nodes follow the simulation's clock?"
+        return _Part(0.0, "no commands", reason)
+    if (moved := _moved_by_launch(context, alone, p)) is not None:
+        reason = f"The launch file moves the commands to {moved}, where nobody listens."
+        return _Part(0.0, f"commands on {moved}", reason)
     if alone_timing is None:
-        return 1.0, f"commands at {timing.rate_hz:.1f} Hz", ""
-    share = 1.0 if _as_told(context, timing, p) else _share_of_rate(timing, alone_timing, p)
-    rates = (timing.rate_hz, alone_timing.rate_hz)
-    shown, alone_shown = (apart(hz, *(rates if share < 1 else ()), places=1) for hz in rates)
+        return _Part(1.0, f"commands at {timing.rate_hz:.1f} Hz")
+    told = _as_told(context, timing, p)
+    kept = 1 - min(0.5, delay_s / span.duration_s) if span is not None else 1.0
+    rates = (timing.rate_hz / alone_timing.rate_hz, timing.rate_hz / kept / alone_timing.rate_hz)
+    share, best = (1.0 if told else in_steps(min(1.0, rate / p.least_share), 2) for rate in rates)
+    both = (timing.rate_hz, alone_timing.rate_hz)
+    shown, alone_shown = (apart(hz, *(both if share < 1 else ()), places=1) for hz in both)
     text = f"commands at {shown} Hz ({alone_shown} Hz alone)"
-    return share, text, f"Commands come at {shown} Hz, while alone they come at {alone_shown} Hz."
+    return _Part(share, text, f"Commands come at {shown} Hz, while alone they come at {alone_shown} Hz.", best)
 
 
 def _timing_alone(alone: Recorded | None, p: TogetherCommands) -> Timing | None:
@@ -689,9 +684,7 @@ def _timing_alone(alone: Recorded | None, p: TogetherCommands) -> Timing | None:
 
 def _as_told(context: Context, timing: Timing, p: TogetherCommands) -> bool:
     """Whether commands come as often as the launched node's own parameter says."""
-    step = context.session.step(p.rate_step) if p.rate_step is not None else None
-    read = (step.result.get("values", {}) if step is not None else {}).get(p.rate_parameter)
-    wanted_hz = read["value"] if read is not None else None
+    wanted_hz = context.parameter(p.rate_step, p.rate_parameter)
     return isinstance(wanted_hz, (int, float)) and 0 < wanted_hz * p.least_share <= timing.rate_hz <= 2 * wanted_hz
 
 
@@ -708,39 +701,11 @@ def _moved_by_launch(context: Context, alone: Recorded | None, p: TogetherComman
     return used if named and not any(e.topic == used for e in listeners) else None
 
 
-def _share_of_rate(together: Timing, alone: Timing, p: TogetherCommands, kept: float = 1.0) -> float:
-    """Return the credit for a rate, measured in a time of which a share was kept."""
-    return in_steps(min(1.0, together.rate_hz / kept / alone.rate_hz / p.least_share), 2)
-
-
-def _late_by_the_machine(context: Context, p: TogetherCommands, share: float) -> str | None:
-    """Say that the machine kept a process from a core for so long that the commands may be fewer for that."""
-    span = context.session.window(p.window)
-    timing = timing_of(context.session.stream(p.topic), span)
-    alone = context.sessions.get(p.alone_session)
-    alone_timing = _timing_alone(alone, p)
-    if share >= 1 or span is None or timing is None or alone_timing is None or _moved_by_launch(context, alone, p):
-        return None
-    delay_s = min(context.session.longest_delay_s(span), 0.5 * span.duration_s)
-    if _share_of_rate(timing, alone_timing, p, 1 - delay_s / span.duration_s) == share:
-        return None
-    return f"The machine kept a process from a core for {delay_s:.2f} s of {span.duration_s:.1f} s, which may be why."
-
-
-#: Share of a window for which a process was kept from a core, from which what others do may hang on that.
+#: Share of a window for which a process was kept from a core, from which what others do may depend on that.
 _MANY_DELAYS = 0.25
 
 
-def _held_up(context: Context, window: str) -> str | None:
-    """Say that the machine kept a process from a core for much of a window, if it did."""
-    span = context.session.window(window)
-    delay_s = context.session.longest_delay_s(span) if span is not None else 0.0
-    if span is None or delay_s <= _MANY_DELAYS * span.duration_s:
-        return None
-    return f"The machine kept a process from a core for {delay_s:.2f} s of {span.duration_s:.1f} s, which may be why."
-
-
-def _arm_follows(context: Context, p: TogetherFollows) -> tuple[float, str, str] | None:
+def _arm_follows(context: Context, p: TogetherFollows, *, late: bool) -> _Part | None:
     command, state = (context.numeric(t, p.field) for t in (p.command, p.topic))
     if command is None or state is None or max(command.values.shape[1], state.values.shape[1]) <= p.index:
         return None
@@ -755,8 +720,10 @@ def _arm_follows(context: Context, p: TogetherFollows) -> tuple[float, str, str]
     text = f"the arm is off by {error:.3f} rad"
     # An arm that stands still is off by the whole size of the command.
     if error < 0.5 * size + 0.05:
-        return 1.0, text, ""
-    return None if _charged(context, p.charged_by) else (0.0, text, "The arm does not follow the commands.")
+        return _Part(1.0, text)
+    if context.charged(p.charged_by):
+        return None
+    return _Part(0.0, text, "The arm does not follow the commands.", float(late))
 
 
 def _never_hears(context: Context, topic: str) -> bool:
@@ -766,13 +733,11 @@ def _never_hears(context: Context, topic: str) -> bool:
     return bool(asked) and context.session.stream(topic).topic_type not in asked
 
 
-def _service_answers(context: Context, p: TogetherAnswers) -> tuple[float, str, str] | None:
+def _service_answers(context: Context, p: TogetherAnswers) -> _Part | None:
     step = context.session.step(p.step)
     calls: Sequence[Mapping[str, Any]] = step.result.get("calls", []) if step is not None else []
     if calls and calls[0]["response"] is not None:
-        return 1.0, "the service answers", ""
-    return (
-        None
-        if _charged(context, p.charged_by)
-        else (0.0, "no answer from the service", "The service does not answer while all run together.")
-    )
+        return _Part(1.0, "the service answers")
+    if context.charged(p.charged_by):
+        return None
+    return _Part(0.0, "no answer from the service", "The service does not answer while all run together.")

@@ -19,13 +19,13 @@ from grader.checks.finding import (
     failed,
     graded,
     inconclusive,
+    kept_from_core,
     measured_share,
     not_reached,
     not_seen,
     nothing_seen,
     passed,
     percent,
-    takes_points,
     told,
     unclear,
     why_nothing,
@@ -148,7 +148,7 @@ class Alternative(Parameters):
 
         Numbers of which a share is right all the same are worth at least that.
         """
-        if any(takes_points(context.findings.get(check)) for check in self.charged_by):
+        if any(map(context.charged, self.charged_by)):
             return passed(expected, measured, where=where, notes=notes)
         meant = f"These numbers fit {self.meaning}."
         reason = f"{example} {meant}".strip()
@@ -185,25 +185,26 @@ def spans_of(context: Context, p: Streams, other: Mapping[str, Any] | None = Non
     return found
 
 
+def _no_stimulus(expected: str) -> Finding:
+    reason = "Commands and states were not recorded, so there is nothing to compare with."
+    return unclear(expected, "no stimulus recorded", reason)
+
+
 def reported_series(context: Context, p: ReportedSeries) -> Finding:
     """Judge each span by the median of the reports that fall into it."""
     spans = spans_of(context, p)
     expected = f"the right value on each of {len(spans)} plateaus (times of constant messages), ± {p.tolerance:g} or 1%"
     if not spans:
-        return unclear(
-            expected,
-            "no stimulus recorded",
-            "Commands and states were not recorded, so there is nothing to compare with.",
-        )
+        return _no_stimulus(expected)
     heard = reports(context.session, p.artifact, p.pattern)
     if not heard:
         fallback, remedy = _unheard(context, p.artifact)
         if (mismatch := _deaf(context, p)) is not None:
-            spot = Where(session=context.session.record.session, process=p.artifact)
+            spot = context.output_of(p.artifact)
             return failed(expected, "no report", mismatch, hint=_DEAF_HINT, where=(spot,))
         reason, hint, where = why_nothing(context, p.artifact, fallback)
         return failed(expected, "no report", reason, hint=hint or remedy, where=where)
-    spot = Where(session=context.session.record.session, process=p.artifact)
+    spot = context.output_of(p.artifact)
     where = (spot, context.where(next(iter(p.streams.values()))))
     seen = _Seen.of(heard, spans, p)
     measured = f"right on {seen.right} of {len(spans)} plateaus ({len(heard)} reports)"
@@ -424,11 +425,7 @@ def reported_statistics(context: Context, p: ReportedStatistics) -> Finding:
     expected = f"{p.length} numbers behind '{p.label}:' at Ctrl-C, agreeing with the recording"
     streams = context.streams(p.streams, p.field)
     if len(streams) < len(p.streams):
-        return unclear(
-            expected,
-            "no stimulus recorded",
-            "Commands and states were not recorded, so there is nothing to compare with.",
-        )
+        return _no_stimulus(expected)
     processes = context.session.processes_of(p.artifact)
     stopped_ns = processes[-1].interrupted_ns if processes else None
     printed = _printed(p, context.session.output_of(p.artifact), stopped_ns)
@@ -458,7 +455,7 @@ _OTHER_FORMS = {
 def _judge_vector(
     context: Context, p: ReportedStatistics, streams: Mapping[str, Any], printed: PrintedVector, expected: str
 ) -> Finding:
-    spot = Where(session=context.session.record.session, process=p.artifact)
+    spot = context.output_of(p.artifact)
     notes = [_OTHER_FORMS[printed.form].format(p.label)] if printed.form in _OTHER_FORMS else []
     right = context.oracle(p.oracle)(streams, p.parameters, context.session.record.seed)[p.key]["value"]
     # Numbers that lose points do not read as the right ones.
@@ -521,7 +518,7 @@ _HIT_IN_A_CALL = "RuntimeError: Unable to convert call argument"
 
 def _nothing_printed(context: Context, p: ReportedStatistics, expected: str) -> Finding:
     processes = context.session.processes_of(p.artifact)
-    spot = Where(session=context.session.record.session, process=p.artifact)
+    spot = context.output_of(p.artifact)
     if any(_HIT_IN_A_CALL in line.text for process in processes[-1:] for line in process.output):
         late = "Ctrl-C came in the midst of a call into rclpy, which made another error of it; that is chance."
         return unclear(expected, "nothing", late, where=(spot,))
@@ -651,8 +648,7 @@ def _read_late(context: Context, p: Streams) -> str:
 
 def _late(context: Context, p: Streams) -> str:
     delay_s, length_s = _delay_s(context, p)
-    late = f"for {delay_s:.2f} s of {length_s:.1f} s"
-    return f"The machine kept the node from a core {late}, so it may have lost messages by that."
+    return kept_from_core(delay_s, length_s)
 
 
 def _delay_s(context: Context, p: Streams) -> tuple[float, float]:
@@ -708,7 +704,7 @@ def survives(context: Context, p: Survives) -> Finding:
     if step is None or not processes or step.outcome == "failed":
         return inconclusive(expected, "the step was not reached", "The recording does not show what the node did then.")
     first = processes[0]
-    spot = Where(session=context.session.record.session, process=p.artifact)
+    spot = context.output_of(p.artifact)
     later = context.session.step(p.until) if p.until is not None else None
     second_start_ns = processes[1].started_ns if len(processes) > 1 else 2**63
     second_start_ns = min(second_start_ns, later.started_ns) if later is not None else second_start_ns
@@ -764,7 +760,7 @@ def _early_report(context: Context, p: Survives, step: StepRun, later: StepRun |
         return None
     when_s = context.session.since_start_s(early[0].t_ns)
     reason = f"At {when_s:.1f} s it reports {early[0].value:g}, when there is nothing yet to compare with."
-    spot = Where(session=context.session.record.session, process=p.artifact)
+    spot = context.output_of(p.artifact)
     measured = f"it went on, with {len(early)} report{'s' if len(early) > 1 else ''} too early"
     return graded(p.quiet_credit, "the node goes on, and reports nothing", measured, reason, where=(spot,))
 
@@ -792,11 +788,7 @@ def report_share(context: Context, p: ReportShare) -> Finding:
     streams = context.streams(p.streams, p.field)
     expected = f"a report for at least {percent(p.full_from)} of the messages"
     if len(streams) < len(p.streams):
-        return unclear(
-            expected,
-            "no stimulus recorded",
-            "Commands and states were not recorded, so there is nothing to compare with.",
-        )
+        return _no_stimulus(expected)
     until_ns = _kept_until_ns(context, p.artifact)
     streams = {role: stream.until(until_ns) for role, stream in streams.items()}
     possible = int(context.oracle(p.oracle)(streams, p.parameters, context.session.record.seed))
@@ -806,7 +798,7 @@ def report_share(context: Context, p: ReportShare) -> Finding:
     heard = len(_without_repeats(context, p, lines))
     repeats = f", and {len(lines) - heard} that repeat one" if heard < len(lines) else ""
     measured = f"{heard} reports{repeats} for {possible} messages" + (_TOO_MUCH if until_ns < _NEVER_NS else "")
-    spot = Where(session=context.session.record.session, process=p.artifact)
+    spot = context.output_of(p.artifact)
     share, best = (n / max(1, possible) / p.full_from for n in (heard, heard + _messages_during_delay(context, p)))
     reason = f"Only {heard} of {possible} messages led to a report."
     late = _late(context, p)

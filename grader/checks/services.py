@@ -22,7 +22,6 @@ from grader.checks.finding import (
     not_reached,
     nothing_seen,
     passed,
-    takes_points,
     told,
     unclear,
 )
@@ -177,9 +176,8 @@ def _silence(context: Context, artifact: str, expected: str, problem: str, where
 
 def _given_otherwise(context: Context, given: Given) -> bool:
     """Whether a node began with another value of a parameter than the answer is asked for."""
-    step = context.session.step(given.step)
-    read = (step.result.get("values", {}) if step is not None else {}).get(given.name)
-    return read is not None and isinstance(read["value"], type(given.value)) and read["value"] != given.value
+    value = context.parameter(given.step, given.name)
+    return isinstance(value, type(given.value)) and value != given.value
 
 
 def call_answered(context: Context, p: CallAnswered) -> Finding:
@@ -202,7 +200,7 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
         swapped = _fits(_answer(context.session.step(p.opposite) if p.opposite else None)[0], p.response)
         reason = f"In the answer, {' and '.join(wrong)}.{_SWAPPED if swapped else ''}"
         return failed(expected, measured, reason, where=where)
-    charged = takes_points(context.findings.get(p.again_charged_by or ""))
+    charged = context.charged(p.again_charged_by)
     if not charged and (contrary := _contrary(context, p, response)) is not None:
         also = "" if contrary is response else "also "
         reason = f"To this request it {also}answers {_shown(contrary)}, which says the contrary."

@@ -16,22 +16,20 @@ from grader.checks.finding import (
     STEPS,
     Context,
     apart,
-    ended_already,
     failed,
     graded,
     in_steps,
+    kept_from_core,
     measured_share,
     nothing_seen,
     percent,
     ramp,
-    told,
     why_nothing,
 )
-from grader.evidence.limits import ended_by_limit, hit_limit
 from grader.evidence.recorded import Floats, NumericStream, Span
 from grader.evidence.timing import Timing, timing_of
 from grader.evidence.waves import Sinusoid, fit_sinusoid
-from grader.recording.session import Endpoint
+from grader.recording.session import Claim, Endpoint
 from grader.references import Parameters, Share
 from grader.result import Finding, Where
 
@@ -85,7 +83,7 @@ def _wrong_definition(context: Context, topic: str, endpoints: Sequence[Endpoint
 def _silent_publisher(context: Context, artifact: str, used: str) -> tuple[str, str]:
     """Say of a publisher without messages what its timers tell: reason and hint."""
     silent = f"The publisher on {used} exists, but not one message came from it."
-    timers = [c for c in context.session.record.claims if c.kind == "timer" and not c.file.startswith("/")]
+    timers = _timers(context)
     source = context.submission.texts.get(context.path_of(artifact) or "", "")
     if timers and "use_sim_time" in source and not len(context.session.stream("/clock")):
         return (
@@ -154,7 +152,9 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
     expected = (
         f"{p.rate_hz:g} Hz ± {percent(p.full_within)}; credit falls by tenths to none at ± {percent(p.zero_beyond)}"
     )
-    where = (*_timer_spot(context), *_spots(context, p.topic, span))
+    timers = _timers(context)
+    timer = [Where(file=timers[0].file, line=timers[0].line)] if len(timers) == 1 else []
+    where = (*timer, *_spots(context, p.topic, span))
     if timing is None:
         count = len(context.session.stream(p.topic))
         reason = f"Only {count} messages came, too few to speak of a rate."
@@ -175,11 +175,13 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
     silent_s, of_s = _silence_s(context, p, span)
     if silent_s - delay_s > max(_SILENT_S, _SILENT_INTERVALS * timing.median_s):
         measured = f"{timing.rate_hz:.2f} Hz for {of_s - silent_s:.1f} s, then nothing for {silent_s:.1f} s"
-        why, hint, spots = _why_silent(context, p.process)
+        run = context.session.process(p.process)
+        artifact = run.artifact if run is not None and run.artifact is not None else p.process
+        why, hint, spots = why_nothing(context, artifact, "The program ran on without publishing.")
         reason = f"Messages stop after {of_s - silent_s:.1f} s of the {of_s:.1f} s. {why}"
         share = min(best, ramp(silent_s / of_s, p.full_within, p.zero_beyond))
         where = (*spots, *_spots(context, p.topic, span))
-        return graded(in_steps(share), expected, measured, reason, hint=hint, where=where)
+        return graded(in_steps(share), expected, measured, reason, hint=hint or _SILENT_HINT, where=where)
     doubt, by_machine = _doubt(delay_s, length_s)
     return measured_share(worst, best, expected, measured, reason, doubt, by_machine=by_machine, where=where)
 
@@ -205,7 +207,7 @@ _PAUSE = 20
 
 def _by_timer(context: Context, rate_hz: float) -> str:
     """Say so if the period of the node's only timer gives the rate that was measured."""
-    timers = [c for c in context.session.record.claims if c.kind == "timer" and not c.file.startswith("/")]
+    timers = _timers(context)
     if len(timers) != 1 or not _NUMBER.fullmatch(timers[0].name):
         return ""
     period_s = float(timers[0].name)
@@ -241,23 +243,6 @@ def _silence_s(context: Context, p: TopicRate, span: Span | None) -> tuple[float
     return max(0.0, of_s - lasted_s), of_s
 
 
-def _why_silent(context: Context, process: str) -> tuple[str, str, tuple[Where, ...]]:
-    """Say why messages stopped: reason, hint, and where."""
-    run = context.session.process(process)
-    found = context.diagnosis(run.artifact) if run is not None and run.artifact is not None else None
-    spot = (Where(file=found.file, line=found.line),) if found is not None and found.file else ()
-    if run is None or run.ended_by not in ("itself", "limit"):
-        why = told(found) if found is not None else "The program ran on without publishing."
-        return why, found.remedy if found is not None else _SILENT_HINT, spot
-    if ended_by_limit(run) and (hit := hit_limit(run)) is not None:
-        return *hit, ()
-    if found is not None:
-        return told(found), found.remedy, spot
-    if run.artifact is not None and (ended := ended_already(context, run.artifact)) is not None:
-        return ended
-    return f"The program ended by itself with exit status {run.exit_status}.", _SILENT_HINT, ()
-
-
 _SILENT_HINT = "A node publishes for as long as it runs; see what ends or stops it."
 
 
@@ -272,8 +257,7 @@ _MANY_DELAYS = 0.25
 def _doubt(delay_s: float, length_s: float) -> tuple[str, bool]:
     """Say what keeps a share from being decided, and whether that is the machine's doing."""
     if delay_s > _NOTABLE_DELAY * length_s:
-        late = f"for {delay_s:.2f} s of {length_s:.1f} s"
-        return f"The machine kept the node from a core {late}, which may be why.", True
+        return kept_from_core(delay_s, length_s), True
     return "The measurement's error reaches over a step of the credit.", False
 
 
@@ -307,10 +291,9 @@ def _delay_before_s(context: Context, process: str, span: Span | None) -> float:
     return context.session.machine_delay_s(run, Span(min(run.started_ns, span.start_ns), span.start_ns))
 
 
-def _timer_spot(context: Context) -> tuple[Where, ...]:
-    """Return the source line of the student's timer, where there is only one."""
-    timers = [c for c in context.session.record.claims if c.kind == "timer" and not c.file.startswith("/")]
-    return (Where(file=timers[0].file, line=timers[0].line),) if len(timers) == 1 else ()
+def _timers(context: Context) -> list[Claim]:
+    """Return the timers that the student's nodes made, by the tap."""
+    return [c for c in context.session.record.claims if c.kind == "timer" and not c.file.startswith("/")]
 
 
 def _spots(context: Context, topic: str, span: Span | None) -> tuple[Where, ...]:

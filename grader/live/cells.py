@@ -5,24 +5,24 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import pickle
 import shutil
 import signal
 import socket
 import tempfile
 import threading
 from collections.abc import Callable, Coroutine, Iterator, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass
+from contextlib import AbstractAsyncContextManager, AbstractContextManager, contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from grader.errors import PlatformError
 from grader.live.fork_server import Cell, ForkServer
 from grader.live.isolation import Isolation
 from grader.live.ros_launch import NativeLaunch
 from grader.live.scratch import remove_tree, scratch_prefix
-from grader.live.session import SessionPlan
-from grader.live.turns import Turns
+from grader.live.session_plan import PlannedStep, SessionPlan
 from grader.recording.submission import SubmissionRecord
 from grader.rubric import Rubric, SessionSpec
 
@@ -64,6 +64,26 @@ def types_in(rubric: Rubric) -> list[str]:
     """Types of messages and services that the rubric's steps use."""
     steps = [step for session in rubric.sessions.values() for step in session.steps]
     return sorted({str(s.parameters["type"]) for s in steps if s.parameters.get("type")})
+
+
+class Turns(Protocol):
+    """When a session, or the grader's own work, may burden a machine that several submissions share."""
+
+    def cell(self, spec: SessionSpec, *, alone: bool) -> AbstractAsyncContextManager[None]:
+        """Wait until a session may run, `alone` if nothing else may meanwhile, and hold its place while it does."""
+        ...
+
+    def work(self, what: str) -> AbstractContextManager[None]:
+        """Wait until the grader's own work, such as judging, takes no core from a session that is being timed."""
+        ...
+
+
+@dataclass(frozen=True)
+class Shared:
+    """What gradings on one machine have in common: turns, and how students' code is confined here."""
+
+    turns: Turns
+    isolation: Isolation
 
 
 @dataclass(frozen=True)
@@ -142,8 +162,8 @@ class Sessions:
         try:
             with _number() as number:
                 plan = self._plan(spec, partial, scratch, number)
-                (scratch / "plan.json").touch(mode=0o600)  # the seed is in it
-                (scratch / "plan.json").write_text(json.dumps(asdict(plan)), encoding="utf-8")
+                (scratch / "plan").touch(mode=0o600)  # the seed is in it
+                (scratch / "plan").write_bytes(pickle.dumps(plan))
                 await self._run_cell(spec, scratch, on_progress)
         except BaseException:
             shutil.rmtree(partial, ignore_errors=True)
@@ -156,14 +176,11 @@ class Sessions:
     def _plan(self, spec: SessionSpec, folder: Path, scratch: Path, number: int) -> SessionPlan:
         return SessionPlan(
             session=spec.id,
-            steps=[
-                {"kind": s.kind, "parameters": s.parameters, "label": s.label, "words": s.step.describe()}
-                for s in spec.steps
-            ],
+            steps=[PlannedStep(s.kind, s.parameters, s.label, s.step.describe()) for s in spec.steps],
             seed=self.seed,
-            folder=str(folder.resolve()),
-            scratch=str(scratch),
-            staged=str(self.staged.resolve()),
+            folder=folder.resolve(),
+            scratch=scratch,
+            staged=self.staged.resolve(),
             executables=self.executables,
             sources={a.name: a.path for a in self.submission.artifacts if a.path is not None},
             reference={
@@ -171,20 +188,20 @@ class Sessions:
                 for name, ref in self.rubric.reference.items()
             },
             expected=names_in(self.rubric),
-            isolation=self.isolation.to_plain(),
-            interpreter=str(self.interpreter),
+            isolation=self.isolation,
+            interpreter=self.interpreter,
             slot=number,
             domain_id=0 if self.isolation.namespaces else number,
             timeout_s=spec.timeout_s,
             attempt=self.attempt,
             disturbed_before=spec.id in self.disturbed,
             versions=self.versions,
-            native=self.native.to_plain() if self.native is not None else None,
+            native=self.native,
         )
 
     async def _run_cell(self, spec: SessionSpec, scratch: Path, on_progress: Callable[[Progress], None]) -> None:
         on_progress(Progress(spec.id, "starting"))
-        cell = await self.forks.start(self.isolation.form, scratch / "plan.json", scratch / "stderr")
+        cell = await self.forks.start(self.isolation.form, scratch / "plan", scratch / "stderr")
         pid = asyncio.ensure_future(cell.pid())
         try:
             await asyncio.wait_for(_follow(cell, pid, spec.id, on_progress), spec.timeout_s + _GRACE_S)

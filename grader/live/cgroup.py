@@ -11,9 +11,8 @@ import re
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 #: Limit of all of a cell's student processes together.
 MEMORY_BYTES = 2 * 1024**3
@@ -42,10 +41,6 @@ class GroupPlaces:
     processes: str
     cpu: str | None
     version: int
-
-    def to_plain(self) -> dict[str, Any]:
-        """Return this as plain data."""
-        return asdict(self)
 
 
 class CellGroup:

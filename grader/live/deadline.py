@@ -12,20 +12,7 @@ _MOST_LEFT_OUT_S = 10.0
 
 
 class Deadline:
-    """A time that something may take.
-
-    Parameters
-    ----------
-    timeout_s : float
-        How long.
-    clock : callable
-        Gives the time in s.
-
-    Attributes
-    ----------
-    stood_still_s : float
-        For how long nobody looked, which does not count.
-    """
+    """A time that something may take; `stood_still_s` is for how long nobody looked, which does not count."""
 
     def __init__(self, timeout_s: float, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock

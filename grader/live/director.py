@@ -23,18 +23,16 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import rclpy
 from rclpy.client import Client
 from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
 from rclpy.service_introspection import ServiceIntrospectionState
 
 from grader.live.deadline import Deadline
-from grader.live.graph import GraphWatch
+from grader.live.graph import GraphWatch, new_context, silent_node
 from grader.live.names import Candidate, near_miss
 from grader.live.recorder import DEFAULT_LIMIT_BYTES, Recorder
 from grader.recording.bag import BagWriter
@@ -62,6 +60,7 @@ _STANDARD_SERVICES = (
     "set_parameters_atomically",
     "get_type_description",
 )
+_NO_ANSWER = "the node's parameter services do not answer"
 _STANDARD_PARAMETERS = ("use_sim_time", "start_type_description_service")
 _SPIN_S = 0.01
 #: How long a publisher of ours waits until the subscriptions of the student and the recorder are matched.
@@ -102,8 +101,8 @@ class Director:
     def __init__(
         self, folder: Path, name: str, domain_id: int, reference_nodes: list[str], expected: list[str]
     ) -> None:
-        self._context = _context(domain_id)
-        self._node = _silent_node("probe", self._context)
+        self._context = new_context(domain_id)
+        self._node = silent_node("probe", self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         self._limit_bytes = min(DEFAULT_LIMIT_BYTES, shutil.disk_usage(folder).free // _SHARE_OF_FREE)
@@ -297,12 +296,12 @@ class Director:
 
     def _publish(self, request: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
         topic = self._names.get(request["topic"], request["topic"])
-        kind = _interface(request["type"], "msg")
+        kind = _interface(request["type"])
         # Compatible with every request. All messages are kept, since the student's side may be matched later
         # than ours, and then asks for those that it has missed.
         offered = QoSProfile(depth=int(request["count"]), durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        context = _context(self._domain_id)  # its own, since the student may use another type on this topic
-        node = _silent_node("publisher", context)
+        context = new_context(self._domain_id)  # its own, since the student may use another type on this topic
+        node = silent_node("publisher", context)
         publisher = node.create_publisher(kind, topic, offered)
         self._record(topic, request["type"], "transient_local")
         data = serialize_message(_fill(kind(), request["message"]))
@@ -328,7 +327,7 @@ class Director:
     def _client(self, service: str, service_type: str, number: int) -> Client[Any, Any]:
         key = (service, service_type, number)
         if key not in self._clients:
-            client = self._node.create_client(_interface(service_type, "srv"), service)
+            client = self._node.create_client(_interface(service_type), service)
             client.configure_introspection(
                 self._node.get_clock(), QoSProfile(depth=_EVENTS_DEPTH), ServiceIntrospectionState.CONTENTS
             )
@@ -353,7 +352,7 @@ class Director:
         clients = [self._ready_client(service, request["type"], n, timeout_s) for n in range(int(request["clients"]))]
         if any(client is None for client in clients):
             return "timeout", {"service": service, "calls": [], "problem": "the service is not up"}
-        message = _fill(_interface(request["type"], "srv").Request(), request["request"])
+        message = _fill(_interface(request["type"]).Request(), request["request"])
         calls = [_Call(client, message, timeout_s) for client in clients if client is not None]
         finished: list[dict[str, Any]] = []
         started = 0
@@ -373,11 +372,14 @@ class Director:
         outcome = "done" if all(c["response"] is not None for c in finished) else "timeout"
         return outcome, {"service": service, "request": dict(request["request"]), "calls": finished}
 
-    def _ask(self, service: str, service_type: str, message: Any, timeout_s: float) -> Any:
-        client = self._ready_client(service, service_type, 0, timeout_s)
+    def _ask(self, request: Mapping[str, Any], operation: str, **fields: Any) -> Any:
+        """Call one of the parameter services of a request's node; None if there is no answer."""
+        service_type = f"rcl_interfaces/srv/{operation.title().replace('_', '')}"
+        timeout_s = float(request["timeout_s"])
+        client = self._ready_client(f"{self._node_name(request)}/{operation}", service_type, 0, timeout_s)
         if client is None:
             return None
-        future = client.call_async(message)
+        future = client.call_async(_interface(service_type).Request(**fields))
         self._until(future.done, timeout_s, self._spin)
         return future.result() if future.done() else None
 
@@ -387,25 +389,11 @@ class Director:
 
     def _get_parameters(self, request: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
         node = self._node_name(request)
-        kind = _interface("rcl_interfaces/srv/ListParameters", "srv")
-        listed = self._ask(
-            f"{node}/list_parameters",
-            "rcl_interfaces/srv/ListParameters",
-            kind.Request(),
-            float(request["timeout_s"]),
-        )
-        if listed is None:
-            return "timeout", {"node": node, "problem": "the node's parameter services do not answer"}
-        names = [n for n in request["names"] if n in listed.result.names]
-        kind = _interface("rcl_interfaces/srv/GetParameters", "srv")
-        got = self._ask(
-            f"{node}/get_parameters",
-            "rcl_interfaces/srv/GetParameters",
-            kind.Request(names=names),
-            float(request["timeout_s"]),
-        )
+        listed = self._ask(request, "list_parameters")
+        names = [n for n in request["names"] if n in listed.result.names] if listed is not None else []
+        got = self._ask(request, "get_parameters", names=names) if listed is not None else None
         if got is None:
-            return "timeout", {"node": node, "problem": "the node's parameter services do not answer"}
+            return "timeout", {"node": node, "problem": _NO_ANSWER}
         values = {n: _plain_parameter(v) for n, v in zip(names, got.values, strict=False)}
         declared = _jsonable(list(listed.result.names)[:_MOST_DECLARED])
         return "done", {"node": node, "declared": declared, "values": values}
@@ -421,7 +409,7 @@ class Director:
             refused = again if again is None else {n: r for n, r in refused.items() if n not in suited or n in again}
         meant = self._set_as_meant(request, refused, values) if refused else {}
         if refused is None:
-            return "timeout", {"node": node, "problem": "the node's parameter services do not answer"}
+            return "timeout", {"node": node, "problem": _NO_ANSWER}
         refused = {n: reason for n, reason in refused.items() if n not in meant}
         names = {"names": meant} if meant else {}
         return ("failed" if refused else "done"), {"node": node, "refused": refused, **names}
@@ -445,10 +433,8 @@ class Director:
 
     def _refused(self, request: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, str] | None:
         """Set parameters; returns the reasons for which some were refused, None if there was no answer."""
-        message = _interface("rcl_interfaces/srv/SetParameters", "srv").Request()
-        message.parameters = [Parameter(n, value=v).to_parameter_msg() for n, v in values.items()]
-        address = f"{self._node_name(request)}/set_parameters"
-        answer = self._ask(address, "rcl_interfaces/srv/SetParameters", message, float(request["timeout_s"]))
+        given = [Parameter(n, value=v).to_parameter_msg() for n, v in values.items()]
+        answer = self._ask(request, "set_parameters", parameters=given)
         if answer is None:
             return None
         return {n: r.reason for n, r in zip(values, answer.results, strict=False) if not r.successful}
@@ -494,29 +480,9 @@ class _Call:
         return {**record, "held_up_ns": held_up_ns} if held_up_ns else record
 
 
-def _context(domain_id: int) -> rclpy.Context:
-    """Make a context that leaves signals alone."""
-    context = rclpy.Context()
-    rclpy.init(args=[], context=context, domain_id=domain_id, signal_handler_options=rclpy.SignalHandlerOptions.NO)
-    return context
-
-
-def _silent_node(name: str, context: rclpy.Context) -> Node:
-    """Make a node of the grader's: nobody can ask anything of it, or find its words in the log."""
-    return Node(
-        name,
-        namespace=GRADER_NAMESPACE,
-        context=context,
-        use_global_arguments=False,
-        start_parameter_services=False,
-        enable_rosout=False,
-        parameter_overrides=[Parameter("start_type_description_service", value=False)],
-    )
-
-
-def _interface(name: str, kind: str) -> Any:
+def _interface(name: str) -> Any:
     """Import an interface by its name, e.g. ``std_srvs/srv/SetBool``."""
-    package, _, short = name.split("/")
+    package, kind, short = name.split("/")
     return getattr(importlib.import_module(f"{package}.{kind}"), short)
 
 

@@ -11,7 +11,6 @@ import subprocess
 import sys
 import sysconfig
 from collections.abc import Sequence
-from contextlib import suppress
 from importlib.machinery import PathFinder
 from pathlib import Path
 
@@ -101,6 +100,37 @@ def default_interpreter() -> Path:
     return Path(sys.executable)
 
 
+def ask_interpreter(interpreter: Path, program: str, *arguments: str, isolated: bool = True) -> str:
+    """Run a short program with an interpreter, and return what it prints.
+
+    Parameters
+    ----------
+    isolated : bool
+        Whether it gets the environment of students' processes, and nothing of the caller's.
+
+    Raises
+    ------
+    ValueError
+        If that fails, with the reason.
+    """
+    try:
+        run = subprocess.run(
+            [str(interpreter), *(["-I"] if isolated else []), "-c", program, *arguments],
+            capture_output=True,
+            text=True,
+            timeout=_IMPORT_S,
+            check=False,
+            stdin=subprocess.DEVNULL,
+            env=_ros(interpreter.parent.parent) if isolated else None,
+            cwd="/" if isolated else None,
+        )
+    except (OSError, subprocess.TimeoutExpired) as problem:
+        raise ValueError(str(problem)[:200]) from problem
+    if run.returncode != 0:
+        raise ValueError(run.stderr.strip().rsplit("\n", 1)[-1][:200] or "it does not answer")
+    return run.stdout
+
+
 def require_ros(interpreter: Path) -> None:
     """Raise unless an interpreter other than our own imports ROS 2 in the environment that students' processes get.
 
@@ -111,30 +141,16 @@ def require_ros(interpreter: Path) -> None:
     """
     if interpreter == default_interpreter():
         return
-    program = "import rclpy, std_msgs.msg, std_srvs.srv; print('imported')"
-    problem = "it does not answer"
     try:
-        run = subprocess.run(
-            [str(interpreter), "-I", "-c", program],
-            capture_output=True,
-            text=True,
-            timeout=_IMPORT_S,
-            check=False,
-            stdin=subprocess.DEVNULL,
-            env=_ros(interpreter.parent.parent),
-            cwd="/",
-        )
-        if run.stdout.strip() == "imported":
-            return
-        problem = run.stderr.strip().rsplit("\n", 1)[-1] or problem
-    except (OSError, subprocess.TimeoutExpired) as error:
-        problem = str(error)
-    raise PlatformError(
-        f"this interpreter cannot run students' nodes ({problem[:200]})",
-        where=str(interpreter),
-        remedy="Give --python an environment in which the ROS 2 packages are installed with pip, as the grader's own "
-        "constraints.txt has them. What was sourced in the terminal reaches no student's process.",
-    )
+        if not ask_interpreter(interpreter, "import rclpy, std_msgs.msg, std_srvs.srv; print('imported')"):
+            raise ValueError("it does not answer")
+    except ValueError as problem:
+        raise PlatformError(
+            f"this interpreter cannot run students' nodes ({problem})",
+            where=str(interpreter),
+            remedy="Give --python an environment in which the ROS 2 packages are installed with pip, as the grader's "
+            "own constraints.txt has them. What was sourced in the terminal reaches no student's process.",
+        ) from problem
 
 
 _FIND = "import importlib.util, sys; print(*(n for n in sys.argv[1:] if importlib.util.find_spec(n) is None))"
@@ -147,21 +163,10 @@ def absent_modules(interpreter: Path, names: Sequence[str]) -> list[str] | None:
     """
     own = [sysconfig.get_path("purelib"), sysconfig.get_path("platlib")] if interpreter == default_interpreter() else []
     unknown = [name for name in names if not own or PathFinder.find_spec(name, own) is None]
-    if not unknown:
-        return []
-    with suppress(OSError, subprocess.SubprocessError):
-        run = subprocess.run(
-            [str(interpreter), "-I", "-c", _FIND, *unknown],
-            capture_output=True,
-            text=True,
-            timeout=_IMPORT_S,
-            check=True,
-            stdin=subprocess.DEVNULL,
-            env=_ros(interpreter.parent.parent),
-            cwd="/",
-        )
-        return run.stdout.split()
-    return None
+    try:
+        return ask_interpreter(interpreter, _FIND, *unknown).split() if unknown else []
+    except ValueError:
+        return None
 
 
 def interpreter_roots(interpreter: Path) -> list[Path]:

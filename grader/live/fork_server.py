@@ -11,8 +11,8 @@ import asyncio
 import compileall
 import gc
 import importlib
-import json
 import os
+import pickle
 import resource
 import signal
 import socket
@@ -29,6 +29,7 @@ from grader.live.environment import INSIDE_FOLDER, LAUNCHING_FOLDER, trusted_env
 from grader.live.forked import Program, become, read_pipe
 from grader.live.isolation import Form
 from grader.live.namespaces import end_with_parent, enter_cell, enter_own_mounts, name_process
+from grader.live.session_plan import SessionPlan
 from grader.recording.definitions import definition_of, type_hash_of
 
 _WITHOUT_ROS = ("grader.live.session", "grader.recording.bag", "mcap.writer", "numpy", "runpy", "yaml")
@@ -113,7 +114,7 @@ class ForkServer:
         form : Form
             How namespaces are had; the same for all cells of a server.
         plan : Path
-            A `SessionPlan` as JSON.
+            A pickled `SessionPlan`.
         errors : Path
             File for what its first process writes to standard error.
         """
@@ -191,10 +192,10 @@ def _load_type(name: str) -> None:
 
 
 def _run_in_cell(form: Form, file: Path) -> None:
-    from grader.live.session import SessionPlan, run
+    from grader.live.session import run
 
     print(os.getpid(), flush=True)
-    plan = SessionPlan(**json.loads(file.read_text(encoding="utf-8")))
+    plan: SessionPlan = pickle.loads(file.read_bytes())  # the grader's own, in a folder that nobody else may enter
     enter_cell(form)
     name_process("session")
     run(plan)

@@ -9,11 +9,13 @@ import re
 import secrets
 import time
 from collections.abc import Callable, Collection
-from functools import lru_cache, partial
+from functools import partial
 from typing import Any, TypeVar
 
+import rclpy
 from rclpy.impl.implementation_singleton import rclpy_implementation as rcl
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_msgs.msg import Empty
@@ -38,6 +40,26 @@ _INFINITE_NS = 2**62
 _TOPIC_NAME = re.compile(r"(?:/[A-Za-z_][A-Za-z0-9_]*)+")
 
 T = TypeVar("T")
+
+
+def new_context(domain_id: int) -> rclpy.Context:
+    """Make a context that leaves signals alone."""
+    context = rclpy.Context()
+    rclpy.init(args=[], context=context, domain_id=domain_id, signal_handler_options=rclpy.SignalHandlerOptions.NO)
+    return context
+
+
+def silent_node(name: str, context: rclpy.Context) -> Node:
+    """Make a node of the grader's: nobody can ask anything of it, or find its words in the log."""
+    return Node(
+        name,
+        namespace=GRADER_NAMESPACE,
+        context=context,
+        use_global_arguments=False,
+        start_parameter_services=False,
+        enable_rosout=False,
+        parameter_overrides=[Parameter("start_type_description_service", value=False)],
+    )
 
 
 def full_name(namespace: str, name: str) -> str:
@@ -97,44 +119,36 @@ def qos_of(profile: QoSProfile) -> Qos:
     )
 
 
-class _Told:
-    """What rcl tells of an endpoint on a topic; two are equal if it tells the same."""
-
-    __slots__ = ("_key", "info", "topic")
-
-    def __init__(self, topic: str, info: dict[str, Any]) -> None:
-        self.topic, self.info = topic, info
-        qos, type_hash = info["qos_profile"], info["topic_type_hash"]
-        self._key = (
-            topic,
-            info["endpoint_type"],
-            info["topic_type"],
-            (type_hash["version"], type_hash["value"]),
-            info["node_namespace"],
-            info["node_name"],
-            tuple(info["endpoint_gid"]),
-            tuple(getattr(value, "nanoseconds", value) for value in qos.values()),
-        )
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Told) and self._key == other._key
-
-    def __hash__(self) -> int:
-        return hash(self._key)
+#: What rcl told of an endpoint, by which it is known again.
+_KNOWN: dict[tuple[Any, ...], Endpoint] = {}
 
 
-@lru_cache(maxsize=MAX_ENDPOINTS)
-def _endpoint(told: _Told) -> Endpoint:
-    info = TopicEndpointInfo(**told.info)
-    return Endpoint(
-        kind=info.endpoint_type.name.lower(),
-        topic=told.topic,
-        type=info.topic_type,
-        type_hash=str(info.topic_type_hash) if info.topic_type_hash else "",
-        node=full_name(info.node_namespace, info.node_name),
-        gid=_gid(info),
-        qos=qos_of(info.qos_profile),
+def _endpoint(topic: str, told: dict[str, Any]) -> Endpoint:
+    type_hash = told["topic_type_hash"]
+    key = (
+        topic,
+        told["endpoint_type"],
+        told["topic_type"],
+        (type_hash["version"], type_hash["value"]),
+        told["node_namespace"],
+        told["node_name"],
+        tuple(told["endpoint_gid"]),
+        tuple(getattr(value, "nanoseconds", value) for value in told["qos_profile"].values()),
     )
+    if key not in _KNOWN:
+        if len(_KNOWN) >= MAX_ENDPOINTS:
+            _KNOWN.clear()
+        info = TopicEndpointInfo(**told)
+        _KNOWN[key] = Endpoint(
+            kind=info.endpoint_type.name.lower(),
+            topic=topic,
+            type=info.topic_type,
+            type_hash=str(info.topic_type_hash) if info.topic_type_hash else "",
+            node=full_name(info.node_namespace, info.node_name),
+            gid=_gid(info),
+            qos=qos_of(info.qos_profile),
+        )
+    return _KNOWN[key]
 
 
 def _endpoints_of(node: Node, topic: str) -> list[Endpoint]:
@@ -146,7 +160,7 @@ def _endpoints_of(node: Node, topic: str) -> list[Endpoint]:
     with node.handle:
         for ask in (rcl.rclpy_get_publishers_info_by_topic, rcl.rclpy_get_subscriptions_info_by_topic):
             told += _readable(partial(ask, node.handle, topic, False), [])
-    return [_endpoint(_Told(topic, info)) for info in told]
+    return [_endpoint(topic, info) for info in told]
 
 
 def snapshot(

@@ -15,9 +15,8 @@ from contextlib import suppress
 from pathlib import Path
 
 from grader.live.cgroup import MEMORY_BYTES, PROCESSES, CellGroup
-from grader.live.kernel_memory import available_share, network_bytes
+from grader.live.machine import available_share, network_bytes, processes_of_user, tasks_of
 from grader.live.process import RunningProcess
-from grader.live.process_table import processes_of_user, tasks_of
 
 _PERIOD_S = 0.1
 #: Share of the limit on memory from which it is getting short.

@@ -14,7 +14,7 @@ import os
 import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -23,7 +23,7 @@ from grader.live.cgroup import PROCESSES, CellGroup, GroupPlaces
 from grader.live.confine import Confinement
 from grader.live.environment import INSIDE_FOLDER, interpreter_links, interpreter_roots
 from grader.live.landlock import confines_signals, landlock_version
-from grader.live.process_table import processes_of_user, tasks_of
+from grader.live.machine import processes_of_user, tasks_of
 
 #: Paths inside a confined student's process.
 WORKSPACE = "/ws"
@@ -143,16 +143,6 @@ class Isolation:
         if not self.own_uid and not confines_signals(landlock_version()):
             lacks.append("signals to the grader's processes")
         return covers, lacks
-
-    def to_plain(self) -> dict[str, Any]:
-        """Return this as plain data, for the session process."""
-        return {**asdict(self), "level": self.level.value, "form": self.form.value}
-
-    @classmethod
-    def from_plain(cls, plain: Mapping[str, Any]) -> Isolation:
-        """Undo `to_plain`."""
-        groups = GroupPlaces(**plain["groups"]) if plain["groups"] else None
-        return cls(**{**plain, "level": Level(plain["level"]), "form": Form(plain["form"]), "groups": groups})
 
 
 def student_uid(isolation: Isolation, slot: int) -> int | None:

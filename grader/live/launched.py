@@ -18,18 +18,15 @@ import time
 from collections.abc import Container, Coroutine, Mapping
 from contextlib import suppress
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from grader.beneath import copy_tree, is_regular_beneath
-from grader.live.isolation import LAUNCHING, PARAMETERS
+from grader.live.isolation import LAUNCHING, PARAMETERS, WORKSPACE
 from grader.live.names import LEAST_RATIO, likeness
 from grader.live.process import PipeReader, RunningProcess
-from grader.live.ros_launch import NativeLaunch
+from grader.live.sandbox import StudentSandbox
 from grader.recording.plan import PARAMETERS_PLACEHOLDER, MalformedPlanError, Plan, Problem, Process, ros2_run
 from grader.recording.session import OutputLine, ProcessRun
-
-if TYPE_CHECKING:
-    from grader.live.session import Session
 
 #: How an evaluation writes one of the plan's own files.
 _OWN_FILE = re.compile(re.escape(PARAMETERS_PLACEHOLDER) + r"/([\w-]+(?:\.\w+)?)")
@@ -45,8 +42,8 @@ _MAX_RESPAWNS = 3
 class LaunchRunner:
     """Evaluates and runs the launch file of a session."""
 
-    def __init__(self, session: Session) -> None:
-        self._session = session
+    def __init__(self, sandbox: StudentSandbox) -> None:
+        self._sandbox = sandbox
         self._ending = False
         #: Plans of files that did not come to their end: what was tried once is not waited for again.
         self._given_up: dict[str, Plan] = {}
@@ -67,7 +64,7 @@ class LaunchRunner:
 
     async def plan(self, parameters: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
         """Evaluate the launch file; returns (outcome, {"plan": ..., "mended": [problem, ...]})."""
-        source = self._session.plan.sources.get(parameters["launch"])
+        source = self._sandbox.plan.sources.get(parameters["launch"])
         if source is None:
             return "failed", {"problem": "missing artifact", "artifact": parameters["launch"]}
         arguments = dict(parameters["arguments"])
@@ -80,31 +77,23 @@ class LaunchRunner:
             problem = plan.problem
             if problem is None or len(mended) >= _MAX_MENDS or not self._mend(problem, parameters["assume"], arguments):
                 break
-            mended.append(
-                {
-                    "kind": problem.kind,
-                    "message": problem.message,
-                    "file": problem.file,
-                    "line": problem.line,
-                    "remedy": problem.remedy,
-                }
-            )
+            mended.append({key: getattr(problem, key) for key in ("kind", "message", "file", "line", "remedy")})
         return outcome, {"plan": plan.to_plain(), "mended": mended}
 
     def _mend(self, problem: Problem, assume: Mapping[str, str], arguments: dict[str, str]) -> bool:
         """Make good a problem that a check of its own charges; False if that cannot be done."""
         quoted = re.findall(r"'([^']+)'", problem.message)
-        if any(p.run.role == "student" for p in self._session.processes.values()):
+        if self._sandbox.students():
             return False  # What stands in the workspace is the student's to change by now.
         # Reading a launch file runs it: it may say anything, and without namespaces the workspace was open to it.
-        self._session.end_strays()
+        self._sandbox.end_orphans()
         if problem.kind == "unknown_executable" and len(quoted) >= 2 and "found in package" in problem.message:
-            folder, wanted = own_folder(self._session.workspace, "install", "lib", quoted[1]), quoted[0]
+            folder, wanted = own_folder(self._sandbox.workspace, "install", "lib", quoted[1]), quoted[0]
             if folder is None:
                 return False
             return self._mend_entry_point(folder, wanted) or _mend_executable(folder, wanted)
         if problem.kind == "unknown_package" and quoted:
-            return _mend_package(self._session.workspace, quoted[0])
+            return _mend_package(self._sandbox.workspace, quoted[0])
         if problem.kind == "undefined_configuration" and quoted and quoted[0] in assume and quoted[0] not in arguments:
             arguments[quoted[0]] = assume[quoted[0]]
             return True
@@ -112,11 +101,11 @@ class LaunchRunner:
 
     def _mend_entry_point(self, folder: Path, wanted: str) -> bool:
         """Install an artifact that no entry point runs, under the name of its module."""
-        plan = self._session.plan
+        plan = self._sandbox.plan
         meant = [a for a, source in plan.sources.items() if Path(source).stem == wanted.removesuffix(".py")]
         if not meant or meant[0] not in plan.executables or os.path.lexists(folder / wanted):
             return False
-        shutil.copy(Path(plan.staged) / plan.executables[meant[0]], folder / wanted)
+        shutil.copy(plan.staged / plan.executables[meant[0]], folder / wanted)
         return True
 
     async def _evaluate(
@@ -129,29 +118,29 @@ class LaunchRunner:
         left_s : float
             What is left to it of the time that is allowed, which is `timeout_s`.
         """
-        session = self._session
+        sandbox = self._sandbox
         if source in self._given_up:
             return "failed", self._given_up[source]
-        root = f"{session.seen_workspace}/src"
+        root = f"{sandbox.seen[WORKSPACE]}/src"
         trial = None
-        if session.isolation.namespaces:
-            trial = session.trial
-            session.copy_workspace(session.workspace, trial)
+        if sandbox.isolation.namespaces:
+            trial = sandbox.trial
+            sandbox.copy_workspace(sandbox.workspace, trial)
         result_read, result_write = os.pipe()
         command = [
             "prlimit",
             f"--as={_MAX_MEMORY_BYTES}",
-            session.plan.interpreter,
-            f"{session.seen_tools[LAUNCHING]}/evaluate.py",
+            str(sandbox.plan.interpreter),
+            f"{sandbox.seen[LAUNCHING]}/evaluate.py",
             "--result-fd",
             str(result_write),
         ]
-        native = NativeLaunch(**session.plan.native) if session.plan.native is not None else None
-        environment = session.student_environment({"PYTHONPATH": ""})
+        native = sandbox.plan.native
+        environment = sandbox.environment({"PYTHONPATH": ""})
         if native is not None:
-            environment |= native.environment(f"{session.seen_workspace}/install")
+            environment |= native.environment(f"{sandbox.seen[WORKSPACE]}/install")
         run = ProcessRun("launch file" + "".join(f" {k}:={v}" for k, v in arguments.items()), "student", command)
-        running = await session.start_confined(
+        running = await sandbox.start_confined(
             run,
             command,
             environment,
@@ -172,7 +161,7 @@ class LaunchRunner:
         reader.close()
         text = received[0] if received else ""
         if not text:
-            session.note_unstarted(run, "the launch file could not be evaluated")
+            sandbox.note_unstarted(run, "the launch file could not be evaluated")
         plan = _read_plan(text, in_time, timeout_s, run, source)
         if plan.problem is not None and plan.problem.kind in ("too_slow", "no_plan"):
             self._given_up[source] = plan
@@ -201,14 +190,14 @@ class LaunchRunner:
             given.update(process.parameter_files)
         self._files = given
         for name, text in self._files.items():
-            path = self._session.tools[PARAMETERS] / name
+            path = self._sandbox.tools[PARAMETERS] / name
             with suppress(OSError, ValueError):  # a name that no file can have
                 path.write_text(self._placed(text), encoding="utf-8")
                 if text.startswith("#!"):
                     path.chmod(0o755)
 
     def _placed(self, text: str) -> str:
-        return with_places(text, self._files, self._session.seen_tools[PARAMETERS])
+        return with_places(text, self._files, self._sandbox.seen[PARAMETERS])
 
     def _later(self, work: Coroutine[Any, Any, None]) -> None:
         task = asyncio.create_task(work)
@@ -220,9 +209,9 @@ class LaunchRunner:
         command = self._command(process)
         environment = {variable: self._placed(value) for variable, value in process.env.items()}
         try:
-            running = await self._session.start_student(name, command, environment=environment, cwd=process.cwd)
+            running = await self._sandbox.start(name, command, environment=environment, cwd=process.cwd)
         except (OSError, ValueError) as error:  # a command line that no system takes
-            run = self._session.record.processes[-1]
+            run = self._sandbox.record.processes[-1]
             run.exited_ns, run.exit_status = run.started_ns, 127
             run.output.append(OutputLine(run.started_ns, "stderr", f"this cannot be started: {error}"))
             return
@@ -231,13 +220,13 @@ class LaunchRunner:
 
     def _free_name(self, wanted: str) -> str:
         """Return a name that no process of the session has: who took another's place would not be looked after."""
-        taken = {"", *self._session.processes, *self._session.plan.reference}
+        taken = {"", *self._sandbox.processes, *self._sandbox.plan.reference}
         return next(name for n in itertools.count() if (name := f"{wanted} ({n})" if n else wanted) not in taken)
 
     def _command(self, process: Process) -> list[str]:
         """Return the command line, with `ros2 run` and Python as they are found here."""
-        session = self._session
-        command = process.command(session.seen_tools[PARAMETERS])
+        sandbox = self._sandbox
+        command = process.command(sandbox.seen[PARAMETERS])
         if process.shell and re.search(r"[^\w\s./:=+,@%-]", " ".join(command)):
             return ["sh", "-c", " ".join(command)]
         if process.shell:
@@ -245,17 +234,17 @@ class LaunchRunner:
         program = 0 if process.shell else len(process.prefix)
         named, rest = Path(command[program]).name, command[program + 1 :]
         if re.fullmatch(r"python3?(\.\d+)?", named):
-            return [*command[:program], session.plan.interpreter, *rest]
+            return [*command[:program], str(sandbox.plan.interpreter), *rest]
         if named == "ros2" and (run := ros2_run(rest)) is not None:
             package, executable, arguments = run
             installed = PurePosixPath("install/lib", package, executable)
-            if not is_regular_beneath(session.workspace, installed):
+            if not is_regular_beneath(sandbox.workspace, installed):
                 return ["sh", "-c", "echo No executable found >&2; exit 1"]
-            return [*command[:program], f"{session.seen_workspace}/{installed}", *arguments]
+            return [*command[:program], f"{sandbox.seen[WORKSPACE]}/{installed}", *arguments]
         return command
 
     async def _start_again(self, process: Process, running: RunningProcess, respawns: int) -> None:
-        await running.wait_exit(self._session.plan.timeout_s)
+        await running.wait_exit(self._sandbox.plan.timeout_s)
         await asyncio.sleep(process.respawn_delay_s)
         if not self._ending:
             await self._start(process, respawns)
@@ -264,10 +253,10 @@ class LaunchRunner:
         # Nobody leads a lifecycle node through its states here: what waits for one starts with the node.
         awaited = when.get("on_exit_of") or when.get("on_start_of") or when.get("on_transition_of")
         if awaited is not None and awaited not in self._absent:
-            while awaited not in self._session.processes:
+            while awaited not in self._sandbox.processes:
                 await asyncio.sleep(0.05)
             if "on_exit_of" in when:
-                await self._session.processes[awaited].wait_exit(self._session.plan.timeout_s)
+                await self._sandbox.processes[awaited].wait_exit(self._sandbox.plan.timeout_s)
         elif awaited is None and "after_s" not in when:
             return  # It waits for the shutdown, which ends the session.
         await asyncio.sleep(float(when.get("after_s", 0.0)))
@@ -336,26 +325,26 @@ def _read_plan(text: str, in_time: bool, timeout_s: float, run: ProcessRun, sour
         why = f": {malformed}"
     except (ValueError, RecursionError):
         pass
+    kind = "no_plan"
     if not in_time:
+        kind = "too_slow"
+        remedy = "Take out what waits or loops: `ros2 launch` reads the whole file before it starts anything."
         message = (
             f"the launch file was still busy after {timeout_s:g} s; it should describe processes and return at once"
         )
-        remedy = "Take out what waits or loops: `ros2 launch` reads the whole file before it starts anything."
-        return Plan("error", Problem("too_slow", message, source, None, remedy))
-    if text.strip():
+    elif text.strip():
         message = f"evaluating the launch file gave no description that can be read{why}"
         remedy = "Return a LaunchDescription of a few entities, and write to no file descriptor but your own."
-        return Plan("error", Problem("no_plan", message, source, None, remedy))
-    if run.limit is not None:
+    elif run.limit is not None:
         message = f"reading the launch file was stopped at the limit of {run.limit}, before it gave a description"
         remedy = (
             "Take out what prints, writes or starts programs without end: `ros2 launch` reads the whole file first."
         )
-        return Plan("error", Problem("no_plan", message, source, None, remedy))
-    status = run.exit_status or 0
-    number = status - 128 if status > 128 else -status
-    how = f"by signal {number}" if number > 0 else f"with status {status}"
-    said = f"; it said: {run.output[-1].text[:300]}" if run.output else ""
-    message = f"the program that reads the launch file was ended by it ({how}), before it gave a description{said}"
-    remedy = "Take out what ends or replaces the program (os._exit, exec, signals), and return a LaunchDescription."
-    return Plan("error", Problem("no_plan", message, source, None, remedy))
+    else:
+        status = run.exit_status or 0
+        number = status - 128 if status > 128 else -status
+        how = f"by signal {number}" if number > 0 else f"with status {status}"
+        said = f"; it said: {run.output[-1].text[:300]}" if run.output else ""
+        message = f"the program that reads the launch file was ended by it ({how}), before it gave a description{said}"
+        remedy = "Take out what ends or replaces the program (os._exit, exec, signals), and return a LaunchDescription."
+    return Plan("error", Problem(kind, message, source, None, remedy))

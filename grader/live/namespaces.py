@@ -11,9 +11,13 @@ unshare(2), pid_namespaces(7), user_namespaces(7), proc(5).
 from __future__ import annotations
 
 import ctypes
+import fcntl
 import os
 import select
 import signal
+import socket
+import struct
+import threading
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
@@ -25,7 +29,7 @@ _NEW_MOUNTS, _NEW_UTS, _NEW_IPC, _NEW_USER, _NEW_PIDS, _NEW_NET = (
     0x00020000, 0x04000000, 0x08000000, 0x10000000, 0x20000000, 0x40000000,
 )  # fmt: skip
 _NOSUID, _NODEV, _NOEXEC, _RECURSIVE, _PRIVATE = 0x2, 0x4, 0x8, 0x4000, 0x40000
-_SET_PDEATHSIG, _SET_NAME = 1, 15
+_SET_PDEATHSIG, _SET_NAME, _SET_CHILD_SUBREAPER = 1, 15, 36
 _STANDARD_DESCRIPTORS = 3
 #: Looked up now: a fork of a process with threads would wait for ever, if one of these held the loader's lock then.
 _CALLS: dict[str, Callable[..., int]] = {
@@ -102,6 +106,36 @@ def end_with_parent() -> None:
 def name_process(name: str) -> None:
     """Give this process another name, for people who look at the system's list of processes."""
     _call("prctl", _SET_NAME, name.encode()[:15], 0, 0, 0)
+
+
+def adopt_orphans() -> None:
+    """Become the parent of what the student's processes leave behind, so that it can be found."""
+    _call("prctl", _SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+
+
+def mount_tmpfs(target: str, size_bytes: int, files: int) -> None:
+    """Mount an empty file system of a size of its own."""
+    _call("mount", b"tmpfs", target.encode(), b"tmpfs", 0, f"size={size_bytes},nr_inodes={files},mode=0755".encode())
+
+
+def bring_loopback_up() -> None:
+    """Let a new network reach itself."""
+    get_flags, set_flags, up = 0x8913, 0x8914, 0x1
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        request = struct.pack("16sh14x", b"lo", 0)
+        flags = struct.unpack("16sh14x", fcntl.ioctl(sock, get_flags, request))[1]
+        fcntl.ioctl(sock, set_flags, struct.pack("16sh14x", b"lo", flags | up))
+
+
+def use_up_process_ids(number: int) -> None:
+    """Let our processes have other ids than the student's, which count anew in each sandbox.
+
+    The identity that Fast DDS gives a participant is made of the process id and two random bytes.
+    """
+    for _ in range(number):
+        thread = threading.Thread(target=int)  # A thread has an id of the same kind, and is cheaper than a fork.
+        thread.start()
+        thread.join()
 
 
 def open_descriptors(least: int) -> list[int]:

@@ -13,8 +13,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from grader.live.forked import ForkedProcess, Program, start_forked
+from grader.live.machine import children_of, cpu_with_children_ns, descendants_of, read_bytes_of, tasks_of
 from grader.live.priority import Priority, put_standing, put_starting, weigh_session
-from grader.live.process_table import children_of, cpu_with_children_ns, descendants_of, read_bytes_of, tasks_of
 from grader.recording.session import OutputLine, ProcessRun, Usage
 
 #: Output kept of one process, in bytes and in lines; what comes after is counted and dropped.

@@ -16,15 +16,14 @@ from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Any
 
-from rclpy.context import Context
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
+from grader.live.graph import new_context, silent_node
 from grader.recording.bag import BagWriter
 from grader.recording.definitions import DefinitionNotFound, definition_of, type_hash_of
-from grader.recording.session import GRADER_NAMESPACE, Endpoint, Unrecorded
+from grader.recording.session import Endpoint, Unrecorded
 
 NODE_NAME = "_grader_recorder"
 DEFAULT_LIMIT_BYTES = 512 * 2**20
@@ -263,17 +262,8 @@ class Recorder:
         if level >= _TYPES_PER_TOPIC:
             raise _LimitReached(f"{_TYPES_PER_TOPIC} other types of this topic are recorded already")
         if level == len(self._nodes):
-            context = Context()
-            context.init([], domain_id=self._domain_id)
-            node = Node(
-                NODE_NAME if level == 0 else f"{NODE_NAME}_{level}",
-                namespace=GRADER_NAMESPACE,
-                context=context,
-                use_global_arguments=False,
-                enable_rosout=False,
-                start_parameter_services=False,
-                parameter_overrides=[Parameter("start_type_description_service", value=False)],
-            )
+            name = NODE_NAME if level == 0 else f"{NODE_NAME}_{level}"
+            node = silent_node(name, new_context(self._domain_id))
             self._nodes.append(node)
         return self._nodes[level]
 

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from typing import Any
 
 from grader.errors import PlatformError
+from grader.live.environment import ask_interpreter
 
 _PROBE = """
 import json, os, sys
@@ -52,10 +50,6 @@ class NativeLaunch:
         """Folders that must be seen, where they are, besides those that always are."""
         return {p: Path(p) for p in [*self.prefixes, *self.python_path] if not p.startswith("/usr")}
 
-    def to_plain(self) -> dict[str, Any]:
-        """Plain data, for the session process."""
-        return asdict(self)
-
 
 def find_native_launch(interpreter: Path, choice: LaunchChoice) -> NativeLaunch | None:
     """Find the real `launch` in the environment from which the grader was started; None for the stand-in.
@@ -67,26 +61,14 @@ def find_native_launch(interpreter: Path, choice: LaunchChoice) -> NativeLaunch 
     """
     if choice is LaunchChoice.STANDIN:
         return None
-    problem = "it does not answer"
     try:
-        run = subprocess.run(
-            [str(interpreter), "-c", _PROBE],
-            capture_output=True,
-            text=True,
-            timeout=30,
-            check=False,
-            stdin=subprocess.DEVNULL,
-            env=dict(os.environ),
-        )
-        if run.returncode == 0:
-            return NativeLaunch(**json.loads(run.stdout))
-        problem = run.stderr.strip().rsplit("\n", 1)[-1] or problem
-    except (OSError, subprocess.TimeoutExpired, ValueError, TypeError) as error:
-        problem = str(error)
+        return NativeLaunch(**json.loads(ask_interpreter(interpreter, _PROBE, isolated=False)))
+    except (ValueError, TypeError) as error:
+        problem = error
     if choice is LaunchChoice.AUTO:
         return None
     raise PlatformError(
-        f"the real launch and launch_ros cannot be imported ({problem[:200]})",
+        f"the real launch and launch_ros cannot be imported ({problem})",
         where=str(interpreter),
         remedy="Source a ROS 2 installation in this terminal first. The interpreter (that of grade, or --python) "
         "must be of the Python version that the installation was built for, as 3.12 for Jazzy on Ubuntu 24.04, "

@@ -23,6 +23,7 @@ from grader.result import (
     Where,
     outcome_of_points,
 )
+from grader.steps import STEPS
 
 HEAD_LINES, TAIL_LINES = 40, 60
 PRINTED_HEAD_LINES, PRINTED_TAIL_LINES = 6, 14
@@ -289,31 +290,13 @@ def processes_of(record: SessionRecord) -> list[tuple[int, str, ProcessRun]]:
     return sorted(shown, key=lambda one: order.get(one[2].role, 3))
 
 
-_TARGETS = ("node", "publisher", "subscription", "service", "output_of", "student", "launch", "reference")
-
-
 def step_text(step: StepRun) -> str:
-    """Say what a step does."""
-    p = step.parameters
-    key = next((k for k in _TARGETS if p.get(k)), "")
-    target = f"{key.replace('output_of', 'output of')} {p[key]}" if key else ""
-    begun = {
-        "launch": "what the launch file describes",
-        "reference": f"the reference node {p.get('reference')}",
-    }
-    texts = {
-        "start": f"start {begun.get(key, p.get('name') or p.get(key))}",
-        "wait_for": f"wait for {target}" + (f" to say '{p['text']}'" if p.get("text") else ""),
-        "observe": f"observe for {p.get('duration_s')} s",
-        "publish": f"publish {p.get('count')} messages on {p.get('topic')}",
-        "call": f"call {p.get('service')}" + (f" {p['repeat']} times" if p.get("repeat", 1) != 1 else ""),
-        "get_parameters": f"read parameters of {p.get('node')}",
-        "set_parameters": f"set parameters of {p.get('node')}",
-        "interrupt": "interrupt " + ("all processes" if p.get("process") == "*" else str(p.get("process"))),
-        "wait_exit": f"wait until {p.get('process')} ends",
-        "plan": f"evaluate {p.get('launch')}",
-    }
-    return texts.get(step.kind, step.kind)
+    """Say what a step does, in the words of its progress."""
+    model = STEPS.get(step.kind)
+    try:
+        return model.model_construct(**step.parameters).describe() if model is not None else step.kind
+    except (KeyError, ValueError, TypeError):  # recorded when the step had other parameters
+        return step.kind
 
 
 def step_note(step: StepRun) -> str:

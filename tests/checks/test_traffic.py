@@ -256,7 +256,7 @@ def test_a_rate_that_the_machine_may_have_lowered_is_undecided(tmp_path: Path) -
     session = published(tmp_path, times).delayed("it", 1.6, 8.0)
     finding = judged("topic_rate", RATE, session)
     assert finding.outcome is Outcome.INCONCLUSIVE
-    assert "kept the node from a core" in finding.reason
+    assert "kept a process from a core" in finding.reason
 
 
 def test_the_machine_does_not_excuse_a_node_that_is_slow_by_itself(tmp_path: Path) -> None:
@@ -311,7 +311,11 @@ def test_a_topic_that_ends_before_its_window_loses_by_the_time_that_is_missing(
 def test_a_program_that_ends_within_the_window_loses_the_rate(tmp_path: Path) -> None:
     """A crash a second after the first message is told as the reason why the messages stop."""
     times = evenly(100, 1.0)
-    session = Session(tmp_path).endpoint("publisher", TOPIC).process("it", exit_status=139, ended_by="itself")
+    session = (
+        Session(tmp_path)
+        .endpoint("publisher", TOPIC)
+        .process("it", exit_status=139, ended_by="itself", interrupted_ns=None)
+    )
     session.messages(TOPIC, [[0.0]] * len(times), times)
     session.step("observe", "window", "cancelled", parameters={"duration_s": 6.0})
     finding = judged("topic_rate", RATE, session)

@@ -11,9 +11,8 @@ import pytest
 
 from grader.live import guard
 from grader.live.guard import Guard
-from grader.live.kernel_memory import available_share
+from grader.live.machine import available_share, processes_of_user
 from grader.live.process import RunningProcess
-from grader.live.process_table import processes_of_user
 from grader.live.scratch import remove_tree
 from grader.recording.session import ProcessRun
 from tests.live.small_lab import until

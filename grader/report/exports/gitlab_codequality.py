@@ -2,7 +2,7 @@
 
 Checks without a file are left out, since GitLab shows findings on files alone; the JUnit report has them.
 A finding's fingerprint is made of check and file, so it is the same after the student has moved the line,
-and GitLab can tell what a merge request mends.
+and GitLab can tell what a merge request fixes.
 
 References
 ----------

@@ -1,0 +1,282 @@
+"""The sandbox of one session's student: the folders, the limits, and the programs that are started in it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path, PurePosixPath
+
+from grader.beneath import copy_tree, restore_way
+from grader.live.cgroup import CellGroup
+from grader.live.claims import claims_in
+from grader.live.environment import INSIDE_FOLDER, LAUNCHING_FOLDER, student_environment
+from grader.live.guard import Guard
+from grader.live.isolation import (
+    HOME,
+    INSIDE,
+    LAUNCHING,
+    PARAMETERS,
+    SHARED_MEMORY,
+    TEMPORARY,
+    WORKSPACE,
+    Room,
+    student_argv,
+    student_uid,
+)
+from grader.live.machine import descendants_of
+from grader.live.namespaces import adopt_orphans, bring_loopback_up, mount_tmpfs, use_up_process_ids
+from grader.live.process import OutputRoom, PipeReader, RunningProcess
+from grader.live.scratch import remove_tree
+from grader.live.seccomp import open_filter
+from grader.live.session_plan import SessionPlan
+from grader.recording.session import ProcessRun, SessionRecord
+
+_WORKSPACE_BYTES = 256 * 1024 * 1024
+_SMALL_BYTES = 64 * 1024 * 1024
+_MAX_FILES = 20_000
+#: More than the processes that come before a student's program in its sandbox.
+_STUDENTS_IDS = 12
+_MAX_CLAIM_BYTES, _MOST_CLAIMS = 512 * 1024, 5000
+_CLEAN_UP_S = 5.0
+#: Rights of a folder to which both the student's user and bubblewrap, root without privileges, can change.
+_OPEN = 0o755
+#: Limits of a session's students together: where one was hit, nothing more may begin.
+_LEAVES_NO_ROOM = ("processes", "memory")
+
+
+class StudentSandbox:
+    """Where the student's programs of one session run.
+
+    Attributes
+    ----------
+    processes : dict
+        Name -> the session's processes in order of their start, reference nodes included.
+    trusted : list of RunningProcess
+        The grader's own processes, director and reference nodes.
+    areas, tools : dict
+        Folders that the student's processes may change, and those of ours that they may read: where they see them in
+        namespaces of their own -> where they are.
+    seen : dict
+        The same names -> where the student's processes see them in this session.
+    trial : Path
+        Where launch files are evaluated: a copy of the workspace, since reading one runs what it will.
+    guard : Guard
+        Watches what they take.
+    """
+
+    def __init__(self, plan: SessionPlan, record: SessionRecord) -> None:
+        self.plan, self.record, self.isolation = plan, record, plan.isolation
+        self.uid = student_uid(plan.isolation, plan.slot)
+        self.processes: dict[str, RunningProcess] = {}
+        self.trusted: list[RunningProcess] = []
+        self.workspace, self.trial = plan.scratch / "ws", plan.scratch / "trial"
+        self.areas = {
+            WORKSPACE: self.workspace,
+            HOME: plan.scratch / "home",
+            TEMPORARY: plan.scratch / "tmp",
+            SHARED_MEMORY: plan.scratch / "shm",
+        }
+        self.tools = {
+            INSIDE: INSIDE_FOLDER,
+            LAUNCHING: LAUNCHING_FOLDER,
+            PARAMETERS: plan.scratch / "parameters",
+        }
+        confined = plan.isolation.namespaces
+        self.seen = {target: target if confined else str(at) for target, at in {**self.areas, **self.tools}.items()}
+        #: Programs that never began, and how the session would be disturbed by that.
+        self._unstarted: list[tuple[ProcessRun, str]] = []
+        self._output = OutputRoom()
+        places = plan.isolation.groups
+        self._group = CellGroup(places, f"cell-{self.uid or plan.slot}") if places is not None else None
+        self.guard = Guard(
+            self.students, self._group, self.areas, sized=confined, user=self.uid, on_problem=record.problems.append
+        )
+
+    def students(self) -> list[RunningProcess]:
+        """Return the student's processes, those that have ended included."""
+        return [p for p in self.processes.values() if p.run.role == "student"]
+
+    def cpu_ns(self) -> int | None:
+        """Return the CPU time of all that the student started, in ns; None where no control group sums it up."""
+        return self._group.cpu_ns() if self._group is not None else None
+
+    # -- folders ------------------------------------------------------------------------------
+
+    def prepare(self) -> None:
+        """Bring the loopback up, and lay out the student's folders, each a file system of its own size."""
+        self.tools[PARAMETERS].mkdir()
+        for folder in (*self.areas.values(), self.trial):
+            folder.mkdir()
+        if self.isolation.namespaces:
+            bring_loopback_up()
+            use_up_process_ids(_STUDENTS_IDS)
+            mount_tmpfs("/dev/shm", _SMALL_BYTES, _MAX_FILES)
+            for folder in (*self.areas.values(), self.trial):
+                large = folder in (self.workspace, self.trial)
+                mount_tmpfs(str(folder), _WORKSPACE_BYTES if large else _SMALL_BYTES, _MAX_FILES)
+        else:
+            adopt_orphans()
+            self.plan.scratch.chmod(0o711)
+        for area in (HOME, TEMPORARY, SHARED_MEMORY):
+            self.areas[area].chmod(0o1777)
+        if self._group is not None:
+            self._group.make()
+        self.copy_workspace(self.plan.staged, self.workspace)
+
+    def copy_workspace(self, source: Path, target: Path) -> None:
+        """Make a folder a copy of a staged submission, owned by the student; links are copied as links."""
+        for left in target.iterdir():
+            if left.is_dir() and not left.is_symlink():
+                remove_tree(left)
+            else:
+                left.unlink()
+        copy_tree(source, target, self.uid)
+
+    # -- starting programs --------------------------------------------------------------------
+
+    def environment(self, more: Mapping[str, str]) -> dict[str, str]:
+        """Return the environment of a student's process, with some variables more."""
+        base = student_environment(
+            self.plan.interpreter, self.seen[HOME], self.seen[WORKSPACE], self.seen[INSIDE], self.plan.domain_id
+        )
+        return {**base, "TMPDIR": self.seen[TEMPORARY], **more}
+
+    async def start(
+        self,
+        name: str,
+        command: list[str],
+        *,
+        artifact: str | None = None,
+        cwd: str | None = None,
+        environment: Mapping[str, str] | None = None,
+    ) -> RunningProcess:
+        """Start one of the student's processes, confined and with the tap."""
+        run = ProcessRun(name, "student", command, artifact)
+        tap_read, tap_write = os.pipe()
+        variables = self.environment({"GRADER_TAP_FD": str(tap_write), **(environment or {})})
+        try:
+            running = await self.start_confined(run, command, variables, cwd, pass_fds=(tap_write,))
+        except BaseException:
+            os.close(tap_read)
+            raise
+        finally:
+            os.close(tap_write)
+        PipeReader(tap_read, _MAX_CLAIM_BYTES, lambda text: self._note_claims(run, text))
+        self.processes[name] = running
+        return running
+
+    async def start_confined(
+        self,
+        run: ProcessRun,
+        command: list[str],
+        environment: Mapping[str, str],
+        cwd: str | None,
+        *,
+        workspace: Path | None = None,
+        folders: Mapping[str, Path] | None = None,
+        pass_fds: tuple[int, ...] = (),
+        with_input: bool = False,
+    ) -> RunningProcess:
+        """Start a command of the student's, confined, and record it as `run`.
+
+        Parameters
+        ----------
+        workspace : Path or None
+            What it sees as the workspace, instead of the session's.
+        folders : mapping or None
+            Folders that it may read besides: where it sees them -> where they are.
+        """
+        self.record.processes.append(run)
+        if workspace is None and cwd is not None and PurePosixPath(cwd).is_relative_to(self.seen[WORKSPACE]):
+            # An earlier program may have made of it what it liked, which must not keep this one from its beginning.
+            try:
+                restore_way(self.workspace, PurePosixPath(cwd).relative_to(self.seen[WORKSPACE]), _OPEN)
+            except OSError:
+                cwd = self.seen[WORKSPACE]
+        areas = {**self.areas, WORKSPACE: workspace or self.workspace}
+        with _descriptors_of_bubblewrap(self.isolation.namespaces) as (info_read, passed):
+            argv = student_argv(
+                self.isolation,
+                command,
+                environment=environment,
+                room=Room(areas, {**self.tools, **(folders or {})}, self.plan.interpreter),
+                slot=self.plan.slot,
+                descriptors=passed,
+                cwd=cwd or self.seen[HOME],
+                group=self._group,
+            )
+            return await RunningProcess.start(
+                run,
+                argv,
+                environment={"PATH": os.environ.get("PATH", "/usr/bin:/bin")},
+                cwd="/",
+                pass_fds=(*passed, *pass_fds),
+                child_pid_fd=info_read,
+                with_input=with_input,
+                room=self._output,
+            )
+
+    def _note_claims(self, run: ProcessRun, text: str) -> None:
+        if run.artifact is not None and not text.startswith('{"kind": "started"'):
+            self.note_unstarted(run, f"{run.name} could not be started")
+        claims = claims_in(text, run.name, f"{self.seen[WORKSPACE]}/src/")
+        self.record.claims += claims[: max(0, _MOST_CLAIMS - len(self.record.claims))]
+
+    def note_unstarted(self, run: ProcessRun, what: str) -> None:
+        """Note that a program of the student's never began; `blame_unstarted` says in the end whose doing that is."""
+        said = run.output[-1].text if run.output else "nothing"
+        self._unstarted.append((run, f"{what} in its cell: {said}"))
+
+    def blame_unstarted(self) -> None:
+        """Lay it at the student's door where its own processes left no room for more; else it is a problem."""
+        limits = (run.limit for run in self.record.processes if run.role == "student")
+        filled = next((limit for limit in limits if limit in _LEAVES_NO_ROOM), None)
+        for run, problem in self._unstarted:
+            run.limit = run.limit or filled
+            if filled is None:
+                self.record.problems.append(problem)
+
+    # -- the end ------------------------------------------------------------------------------
+
+    def clean_up(self) -> None:
+        """See to it that none of the student's processes is left."""
+        if self._group is not None:
+            self._group.remove()
+        self.end_orphans()
+
+    def end_orphans(self) -> None:
+        """End what the student's processes left behind, where no namespace does; none of them may be running."""
+        if self.isolation.namespaces:
+            return
+        end_s = time.monotonic() + _CLEAN_UP_S
+        while (left := self._orphans()) and time.monotonic() < end_s:
+            for pid in left:
+                with suppress(ProcessLookupError, PermissionError):
+                    os.kill(pid, signal.SIGKILL)
+                with suppress(ChildProcessError):
+                    os.waitpid(pid, os.WNOHANG)
+
+    def _orphans(self) -> list[int]:
+        """Return the processes below this one that are none of the grader's."""
+        roots = [root for p in self.trusted if p.alive and (root := p.root_pid()) is not None]
+        ours = {os.getpid(), *(pid for root in roots for pid in descendants_of(root))}
+        return [pid for pid in descendants_of(os.getpid()) if pid not in ours]
+
+
+@contextmanager
+def _descriptors_of_bubblewrap(used: bool) -> Iterator[tuple[int | None, tuple[int, ...]]]:
+    """Give where bubblewrap's child is told, and what to pass on to bubblewrap; where it is not used, nothing."""
+    if not used:
+        yield None, ()
+        return
+    info_read, info_write = os.pipe()
+    os.set_blocking(info_read, False)
+    seccomp = open_filter()
+    try:
+        yield info_read, (info_write, seccomp)
+    finally:
+        os.close(info_write)
+        os.close(seccomp)
