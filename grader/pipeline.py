@@ -8,17 +8,19 @@ import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from grader import kept_lab
 from grader.attempts import retry_undecided
+from grader.bounded import Bound
 from grader.cohort.overrides import Overrides
 from grader.desk import made_from
 from grader.errors import UsageError, described
 from grader.exporting import ExportTarget
 from grader.files import UNFINISHED, beside, replace_files
-from grader.intake import Handed, Intake, taken_in
+from grader.intake import Handed, Intake, confined, taken_in
 from grader.judgement import Judgement, judge_bounded
 from grader.recording.submission import SubmissionRecord, write_submission
 from grader.result import CheckResult, Result
@@ -35,6 +37,8 @@ if TYPE_CHECKING:
 _PARTS = (RUBRIC_COPY, kept_lab.KEPT, RECORDINGS, REPORT_FILE, RESULT_FILE)
 #: Among recordings: stands there until all sessions have been recorded.
 _BEGUN = ".begun"
+#: What each step of reading and staging a submission may take, which takes the solution 0.02 s.
+_READING_BOUND = Bound(what="reading the submission", cpu_s=20.0, wall_s=100.0, memory_bytes=1024**3)
 
 
 @dataclass(frozen=True)
@@ -143,7 +147,7 @@ def grade(
     with ExitStack() as stack:
         with watch.stage("taking the submission in"):
             intake = stack.enter_context(taking)
-            submission = read_submission(intake, rubric)
+            submission = confined(partial(read_submission, intake, rubric), intake.where, _READING_BOUND)
         submission.sessions = list(options.sessions) if options.sessions is not None else None
         with LiveExports(options.exports, results, options.path_prefix) as exports:
             follow = exports.follow(on_progress)
@@ -226,11 +230,13 @@ def record(
         chosen = chosen_sessions(rubric, options, submission)
         for name in [name for name in options.sessions_of(rubric) if name not in chosen]:
             on_progress(Progress(name, "left out, since its file is missing", ended=True))
-        submission.absent_modules = absent_modules(options.interpreter, modules_to_look_for(submission))
+        wanted = confined(partial(modules_to_look_for, submission), submission.source, _READING_BOUND)
+        submission.absent_modules = absent_modules(options.interpreter, wanted)
         _start_afresh(recordings, submission, rubric)
         with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as scratch:
             with _work(shared, watch)("staging"):
-                workspace = stage(folder, submission, rubric, Path(scratch), str(options.interpreter))
+                staging = partial(stage, folder, submission, rubric, Path(scratch), str(options.interpreter))
+                workspace = confined(staging, submission.source, _READING_BOUND)
             sessions = Sessions(
                 rubric,
                 submission,

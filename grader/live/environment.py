@@ -92,6 +92,7 @@ def student_environment(interpreter: Path, home: str, workspace: str, inside: st
         "ROS_VERSION": "2",
         "AMENT_PREFIX_PATH": f"{workspace}/install:{prefix}",
         "PYTHONDONTWRITEBYTECODE": "1",
+        "PYTHONNOUSERSITE": "1",  # what an earlier program left at home must not run before the tap does
         "PYTHONPATH": inside,
         "FASTRTPS_DEFAULT_PROFILES_FILE": f"{inside}/discovery.xml",
         "RCUTILS_COLORIZED_OUTPUT": "0",
