@@ -17,8 +17,7 @@ from grader.beneath import is_regular_beneath
 from grader.cohort.overrides import OVERRIDES_FILE
 from grader.errors import UsageError
 from grader.recording.submission import SUBMISSION_FILE, read_submission
-
-_RECORDINGS = "recordings"
+from grader.result_folder import RECORDINGS
 
 
 def lies_within(folder: Path, sources: Iterable[str]) -> bool:
@@ -72,10 +71,10 @@ def uncounted_overrides(results: Path, sources: Iterable[str]) -> str | None:
 def made_from(folder: Path) -> str:
     """Return the path that a submission's results were made from; empty where that is not known."""
     # Where results lie in a submission, this too may be anything.
-    if not is_regular_beneath(folder, f"{_RECORDINGS}/{SUBMISSION_FILE}"):
+    if not is_regular_beneath(folder, f"{RECORDINGS}/{SUBMISSION_FILE}"):
         return ""
     try:
-        return str(read_submission(folder / _RECORDINGS).source)
+        return str(read_submission(folder / RECORDINGS).source)
     except (OSError, ValueError, RecursionError):
         return ""
 

@@ -10,7 +10,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 sys.path.append(str(ROOT))
 
-from grader import pipeline  # noqa: E402
+from grader import rubrics  # noqa: E402
 from grader.rubric import Rubric  # noqa: E402
 from tests.live.attacks import HONEST, SOLUTION, Attack, read_corpus  # noqa: E402
 
@@ -22,7 +22,7 @@ LIMITS = {"memory", "processes", "disk", "files", "output", "recording", "time"}
 @pytest.fixture(scope="module")
 def rubric() -> Rubric:
     """Give the lab's own rubric."""
-    return pipeline.read_rubric(None)
+    return rubrics.read_rubric(None)
 
 
 def test_all_parts_are_attacked() -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from grader import pipeline
+from grader import judgement, pipeline, result_folder, rubrics
 from grader.batch.regrade import recorded_in, regrade
 from grader.bounded import Bound, in_process, in_processes
 from grader.errors import BoundError, RecordingError
@@ -87,18 +87,18 @@ def endless(tmp_path: Path) -> Rubric:
     oracles = tmp_path / "lab/reference/oracles.py"
     oracles.write_text(oracles.read_text(encoding="utf-8") + "while True:\n    pass\n", encoding="utf-8")
     shutil.copy(ROOT / "rubric.yaml", tmp_path / "lab")
-    return load_rubric(tmp_path / "lab/rubric.yaml", pipeline.rubric_kinds())
+    return load_rubric(tmp_path / "lab/rubric.yaml", rubrics.rubric_kinds())
 
 
 def test_judging_without_end_keeps_the_recordings(
     endless: Rubric, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Judging is given up in time; recordings and the earlier result stay, and the error says what to do."""
-    monkeypatch.setattr(pipeline, "JUDGING_BOUND", dataclasses.replace(pipeline.JUDGING_BOUND, cpu_s=2.0))
+    monkeypatch.setattr(judgement, "JUDGING_BOUND", dataclasses.replace(judgement.JUDGING_BOUND, cpu_s=2.0))
     results = tmp_path / "results/ann"
-    shutil.copytree(ROOT / "tests/recordings/solution", results / pipeline.RECORDINGS)
-    shutil.copy(ROOT / "rubric.yaml", results / pipeline.RECORDINGS / pipeline.RUBRIC_COPY)
-    before = pipeline.judge_results(results, pipeline.read_rubric(None))
+    shutil.copytree(ROOT / "tests/recordings/solution", results / result_folder.RECORDINGS)
+    shutil.copy(ROOT / "rubric.yaml", results / result_folder.RECORDINGS / result_folder.RUBRIC_COPY)
+    before = pipeline.judge_results(results, rubrics.read_rubric(None))
     with pytest.raises(BoundError, match="judging the submission took more than 2 s"):
         pipeline.judge_results(results, endless)
     assert regraded(results).score == before.score
@@ -107,9 +107,9 @@ def test_judging_without_end_keeps_the_recordings(
 def test_a_class_is_judged_but_for_the_one_that_breaks(tmp_path: Path) -> None:
     """Of a class, only the submission whose judging breaks is named as not judged."""
     for name in ("ann", "bob"):
-        folder = tmp_path / name / pipeline.RECORDINGS
+        folder = tmp_path / name / result_folder.RECORDINGS
         shutil.copytree(ROOT / "tests/recordings/solution", folder)
-        shutil.copy(ROOT / "rubric.yaml", folder / pipeline.RUBRIC_COPY)
+        shutil.copy(ROOT / "rubric.yaml", folder / result_folder.RUBRIC_COPY)
     shutil.rmtree(tmp_path / "bob/recordings/publisher")
     (tmp_path / "bob/recordings/publisher").mkdir()
     (tmp_path / "bob/recordings/publisher/session.json").write_text("{", encoding="utf-8")

@@ -11,9 +11,10 @@ import pytest
 from grader.batch.found import TAKEN_NAMES, Found, Shape, find_submissions
 from grader.desk import lies_within, require_no_links, require_same_source, uncounted_overrides
 from grader.errors import UsageError
-from grader.pipeline import RECORDINGS, read_overrides, read_rubric
 from grader.recording.submission import SubmissionRecord, write_submission
+from grader.result_folder import RECORDINGS
 from grader.rubric import Rubric
+from grader.rubrics import read_overrides, read_rubric
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="links are made otherwise on Windows")
 

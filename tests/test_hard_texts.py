@@ -18,9 +18,9 @@ from grader.live.launching import parameter_text
 from grader.live.names import likeness
 from grader.packages import find_packages
 from grader.patterns import Budget, patterns_bounded, search
-from grader.pipeline import read_rubric
 from grader.recording.session import OutputLine
 from grader.report.untrusted import shown
+from grader.rubrics import read_rubric
 
 NAMES = ("best_effort", "reliable")
 TOPICS = [prose.TopicWords("a", ("publisher",), ("node",)), prose.TopicWords("b", ("subscriber",))]

@@ -12,13 +12,14 @@ from types import FrameType
 import pytest
 
 from grader.cmake_script import data_files_of_cmake
+from grader.judgement import report_page
 from grader.judging import Recordings, judge, open_recordings
 from grader.live.stage import stage
 from grader.packages import find_packages
-from grader.pipeline import read_rubric, report_page
 from grader.recording.submission import FileFact, SubmissionRecord
 from grader.result import Outcome
 from grader.rubric import Rubric
+from grader.rubrics import read_rubric
 from tests.hostile_texts import TEXTS
 
 ROOT = Path(__file__).resolve().parents[1]

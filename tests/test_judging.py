@@ -15,16 +15,17 @@ from typing import Any
 
 import pytest
 
+from grader.attempts import undecided_sessions
 from grader.batch.expectations import Verdict, compare, load_fixture
 from grader.checks import PARAMETERS_OF, REGISTRY, Check, traffic
 from grader.checks.finding import passed
 from grader.errors import RecordingError
 from grader.judging import Recordings, judge, judge_checks, open_recordings
-from grader.pipeline import read_rubric, undecided_sessions
 from grader.recording.session import OutputLine, SessionRecord, Usage, read_session, write_session
 from grader.recording.submission import SUBMISSION_FILE, read_submission, write_submission
 from grader.result import CheckResult, Outcome, Result, Score, to_json
 from grader.rubric import CheckSpec, Rubric
+from grader.rubrics import read_rubric
 
 ROOT = Path(__file__).resolve().parents[1]
 KEPT = ROOT / "tests/recordings"
@@ -135,7 +136,7 @@ JUDGE = """
 import sys
 from pathlib import Path
 from grader.judging import judge, open_recordings
-from grader.pipeline import read_rubric
+from grader.rubrics import read_rubric
 from grader.result import to_json
 rubric = read_rubric(None)
 for name in sys.argv[2:]:
@@ -404,7 +405,7 @@ def test_judging_and_reporting_load_neither_ros_nor_processes() -> None:
         "import sys\nbefore = set(sys.modules)\n"
         "from pathlib import Path\n"
         "from grader.judging import judge, open_recordings\n"
-        "from grader.pipeline import read_rubric, report_page\n"
+        "from grader.judgement import report_page\nfrom grader.rubrics import read_rubric\n"
         "from grader.report import html\nfrom grader.result import to_json\n"
         "rubric = read_rubric(None)\n"
         "recordings = open_recordings(Path(sys.argv[1]), rubric)\n"

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from grader.evidence.printed import printed_vector, reports
-from grader.pipeline import read_rubric
 from grader.recording.session import OutputLine
 from grader.rubric import Rubric
+from grader.rubrics import read_rubric
 from tests.synthetic import Session, at
 
 

@@ -7,41 +7,44 @@ import json
 import shutil
 import subprocess
 import sys
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import pytest
 
-from grader import pipeline
+from grader import attempts, judgement, pipeline, result_folder, rubrics
 from grader.cohort.overrides import Overrides
 from grader.errors import GraderError, RubricError
 from grader.judging import judge, open_recordings
+from grader.live import environment
 from grader.recording.session import read_session, write_session
 from grader.recording.submission import ArtifactFact, SubmissionRecord
 from grader.rubric import Rubric
 from tests.regraded import regraded
 
 ROOT = Path(__file__).resolve().parents[1]
-SHIPPED = pipeline.lab_folder() / "rubric.yaml"
+SHIPPED = rubrics.lab_folder() / "rubric.yaml"
 
 
 @pytest.fixture(scope="module")
 def rubric() -> Rubric:
     """Give the lab's own rubric."""
-    return pipeline.read_rubric(None)
+    return rubrics.read_rubric(None)
 
 
 @pytest.fixture
 def results(tmp_path: Path) -> Path:
     """Lay out a results folder with the solution's recordings."""
     folder = tmp_path / "results/solution"
-    shutil.copytree(ROOT / "tests/recordings/solution", folder / pipeline.RECORDINGS)
-    shutil.copy(SHIPPED, folder / pipeline.RECORDINGS / pipeline.RUBRIC_COPY)
+    shutil.copytree(ROOT / "tests/recordings/solution", folder / result_folder.RECORDINGS)
+    shutil.copy(SHIPPED, folder / result_folder.RECORDINGS / result_folder.RUBRIC_COPY)
     return folder
 
 
 def written(results: Path) -> dict[str, bytes]:
     """Give the files that judging writes."""
-    return {name: (results / name).read_bytes() for name in (pipeline.RESULT_FILE, pipeline.REPORT_FILE)}
+    return {name: (results / name).read_bytes() for name in (result_folder.RESULT_FILE, result_folder.REPORT_FILE)}
 
 
 def test_regrading_twice_gives_equal_bytes(results: Path) -> None:
@@ -54,6 +57,7 @@ def test_regrading_twice_gives_equal_bytes(results: Path) -> None:
 
 WITHOUT_ROS = """
 import sys
+from collections.abc import Sequence
 
 class Missing:
     def find_spec(self, name, path=None, target=None):
@@ -91,7 +95,7 @@ def test_another_rubric_changes_the_points(results: Path) -> None:
     after = regraded(results, mended)
     assert before.score.earned - after.score.earned == 6
     assert before.provenance["rubric_sha256"] != after.provenance["rubric_sha256"]
-    kept = (results / pipeline.RECORDINGS / pipeline.RUBRIC_COPY).read_text(encoding="utf-8")
+    kept = (results / result_folder.RECORDINGS / result_folder.RUBRIC_COPY).read_text(encoding="utf-8")
     assert kept == SHIPPED.read_text(encoding="utf-8")
 
 
@@ -109,20 +113,20 @@ def test_a_broken_rubric_leaves_the_old_result(results: Path) -> None:
 def test_results_are_replaced_in_one_step(results: Path) -> None:
     """A reader of the old file keeps the whole of it, and nothing half-written is left."""
     regraded(results)
-    (results / pipeline.RESULT_FILE).write_text("old")
-    with (results / pipeline.RESULT_FILE).open() as old:
+    (results / result_folder.RESULT_FILE).write_text("old")
+    with (results / result_folder.RESULT_FILE).open() as old:
         regraded(results)
         assert old.read() == "old"
-    assert json.loads((results / pipeline.RESULT_FILE).read_text())["score"]["earned"] == 100
+    assert json.loads((results / result_folder.RESULT_FILE).read_text())["score"]["earned"] == 100
     assert sorted(path.name for path in results.iterdir()) == sorted(
-        [pipeline.RECORDINGS, pipeline.RESULT_FILE, pipeline.REPORT_FILE]
+        [result_folder.RECORDINGS, result_folder.RESULT_FILE, result_folder.REPORT_FILE]
     )
 
 
 def test_files_have_unix_line_ends(results: Path) -> None:
     """Results are the same bytes on every system."""
     regraded(results)
-    assert b"\r" not in written(results)[pipeline.RESULT_FILE]
+    assert b"\r" not in written(results)[result_folder.RESULT_FILE]
 
 
 # -- which sessions run ----------------------------------------------------------------------------
@@ -156,21 +160,21 @@ def test_unknown_sessions_are_refused(rubric: Rubric) -> None:
 
 def test_what_no_other_run_can_decide_is_not_run_again(results: Path, rubric: Rubric) -> None:
     """A launch file that the grader cannot evaluate leaves points undecided, and its session as it is."""
-    path = results / pipeline.RECORDINGS / "launch/session.json"
+    path = results / result_folder.RECORDINGS / "launch/session.json"
     record = json.loads(path.read_text(encoding="utf-8"))
     for step in record["steps"]:
         if step["kind"] == "plan":
             problem = {"kind": "module", "message": "needs xacro", "module": "xacro"}
             step["result"]["plan"] |= {"outcome": "not_assessable", "problem": problem}
     path.write_text(json.dumps(record), encoding="utf-8")
-    result = judge(open_recordings(results / pipeline.RECORDINGS, rubric), rubric)
+    result = judge(open_recordings(results / result_folder.RECORDINGS, rubric), rubric)
     assert result.score.undecided == 15
-    assert pipeline.undecided_sessions(result, list(rubric.sessions)) == []
+    assert attempts.undecided_sessions(result, list(rubric.sessions)) == []
 
 
 def test_versions_name_what_a_recording_depends_on() -> None:
     """Grader, interpreter, kernel and middleware are named, installed or not."""
-    assert {"grader", "python", "kernel", "ros-jazzy-rclpy", "mcap"} <= set(pipeline.versions())
+    assert {"grader", "python", "kernel", "ros-jazzy-rclpy", "mcap"} <= set(environment.versions())
 
 
 @pytest.mark.parametrize(("again", "kept"), [("spoilt", 1), ("sound", 2)])
@@ -178,16 +182,32 @@ def test_a_recording_that_leaves_more_undecided_does_not_take_the_place_of_anoth
     results: Path, rubric: Rubric, again: str, kept: int
 ) -> None:
     """On a machine that is busier the second time, the first recording counts; else the second does."""
-    recordings = results / pipeline.RECORDINGS
-    before = pipeline.judgement_of(recordings, rubric, Overrides())
-    pipeline.set_aside(recordings, ["publisher", "not recorded"])
+    recordings, retry = results / result_folder.RECORDINGS, results / "retry"
+    judged = partial(judgement.judge_bounded, recordings, rubric, Overrides())
+    before = judged()
     second = dataclasses.replace(read_session(recordings / "publisher"), attempt=2, complete=again == "sound")
-    shutil.copytree(recordings / "publisher", recordings / "new")
-    write_session(recordings / "new", second)
-    shutil.rmtree(recordings / "publisher")
-    (recordings / "new").rename(recordings / "publisher")
-    after = pipeline.keep_clearer(recordings, rubric, ["publisher", "not recorded"], before, Overrides())
+    shutil.copytree(recordings / "publisher", retry / "publisher")
+    write_session(retry / "publisher", second)
+    after = attempts.keep_better(recordings, retry, ["publisher"], before, judged)
     assert after.result.score == before.result.score
     assert read_session(recordings / "publisher").attempt == kept
     assert read_session(recordings / "publisher").times_recorded == 2
-    assert not list(recordings.glob(".*"))
+    assert not list(retry.iterdir())
+
+
+def test_a_session_is_recorded_again_until_its_checks_are_decided(results: Path, rubric: Rubric) -> None:
+    """The first retry that decides them counts; what it replaced is gone, and no session is recorded once more."""
+    recordings, sound = results / result_folder.RECORDINGS, results / "sound"
+    shutil.copytree(recordings / "publisher", sound)
+    write_session(recordings / "publisher", dataclasses.replace(read_session(sound), complete=False))
+    asked = []
+
+    def record(sessions: Sequence[str], folder: Path, attempt: int, disturbed: frozenset[str]) -> None:
+        asked.append((list(sessions), attempt))
+        shutil.copytree(sound, folder / "publisher")
+
+    judged = partial(judgement.judge_bounded, recordings, rubric, Overrides())
+    result = attempts.retry_undecided(recordings, list(rubric.sessions), record, judged).result
+    assert asked == [(["publisher"], 2)]
+    assert result.score.earned == 100
+    assert sorted(path.name for path in results.iterdir()) == [result_folder.RECORDINGS, "sound"]

@@ -14,9 +14,9 @@ import pytest
 from grader import submission as module
 from grader.errors import SubmissionError
 from grader.intake import Intake, taken_in
-from grader.pipeline import read_rubric
 from grader.recording.submission import SubmissionRecord
 from grader.rubric import Rubric
+from grader.rubrics import read_rubric
 from grader.submission import decode_text, read_submission, read_submission_folder
 
 SOLUTION = Path(__file__).resolve().parents[1] / "reference/solution"

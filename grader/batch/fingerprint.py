@@ -12,7 +12,8 @@ from typing import Any
 import grader
 from grader.intake import Intake
 from grader.kept_lab import named_files
-from grader.pipeline import Options, versions
+from grader.live.environment import versions
+from grader.pipeline import Options
 from grader.rubric import Rubric
 
 

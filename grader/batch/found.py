@@ -51,7 +51,8 @@ from grader.intake import Handed, Piece, names_in, text_of, texts_in
 from grader.intake.members import is_folder
 from grader.intake.names import TOOL_FOLDERS, displayed, is_archive, is_litter, is_packed, without_archive_suffix
 from grader.kept_lab import KEPT
-from grader.pipeline import (
+from grader.report.changes import CHANGES_FILE
+from grader.result_folder import (
     ANONYMOUS_GRADES_FILE,
     ANONYMOUS_PAGE,
     CLASS_PAGE,
@@ -61,7 +62,6 @@ from grader.pipeline import (
     RESULT_FILE,
     RUBRIC_COPY,
 )
-from grader.report.changes import CHANGES_FILE
 from grader.rubric import Rubric
 
 #: Names in one submission that are looked at to tell what it is.

@@ -21,9 +21,9 @@ from pathlib import Path
 from typing import Any
 
 from grader.errors import GraderError
-from grader.pipeline import RECORDINGS
 from grader.recording.session import SESSION_FILE
 from grader.recording.submission import read_submission
+from grader.result_folder import RECORDINGS
 
 JOURNAL_FILE = "journal.jsonl"
 #: Where results stand until they are whole.

@@ -22,7 +22,7 @@ from contextlib import asynccontextmanager, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from grader import pipeline
+from grader import pipeline, result_folder
 from grader.batch.order import Ending, Order, problem_of
 from grader.live.cells import Progress, Shared
 from grader.recording.submission import read_submission, write_submission
@@ -63,7 +63,7 @@ def _carry_out(order: Order, turns: _TurnsByPipe) -> Result:
 
 
 def _state_submission_time(order: Order) -> None:
-    recordings = order.results / pipeline.RECORDINGS
+    recordings = order.results / result_folder.RECORDINGS
     record = read_submission(recordings)
     if record.submitted_at != order.submitted_at:
         record.submitted_at = order.submitted_at

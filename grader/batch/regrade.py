@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from grader import pipeline
+from grader import judgement
 from grader.batch.audit import Occasion, note_replaced, text_of
 from grader.bounded import in_processes
 from grader.cohort.changes import Changes, changes_between
@@ -19,13 +19,22 @@ from grader.cohort.overrides import Overrides
 from grader.desk import made_from, uncounted_overrides
 from grader.errors import GraderError, RecordingError, described
 from grader.files import replace_files, uninterrupted
-from grader.judging import open_recordings
 from grader.kept_lab import kept_files
 from grader.result import Result, result_of_text, to_json
+from grader.result_folder import RECORDINGS, REPORT_FILE, RESULT_FILE
 from grader.rubric import Rubric
+from grader.rubrics import (
+    chosen_rubric,
+    lab_remarks,
+    read_overrides,
+    recorded_rubric,
+    require_lab,
+    rubric_copy,
+    rubric_files_of_result,
+)
 
 _NEW = ".new"
-_FILES = (pipeline.REPORT_FILE, pipeline.RESULT_FILE)
+_FILES = (REPORT_FILE, RESULT_FILE)
 
 #: What to judge by: a rubric, and what people decided.
 Measure = tuple[Rubric, Overrides]
@@ -33,14 +42,14 @@ Measure = tuple[Rubric, Overrides]
 
 def is_class(folder: Path) -> bool:
     """Whether a folder holds results of submissions, and is not itself those of one."""
-    return not (folder / pipeline.RECORDINGS).is_dir() and bool(recorded_in(folder))
+    return not (folder / RECORDINGS).is_dir() and bool(recorded_in(folder))
 
 
 def recorded_in(results: Path) -> list[Path]:
     """Return the folders of the submissions that were recorded, in the order of their names."""
     if not results.is_dir():
         return []
-    return sorted(p for p in results.iterdir() if not p.name.startswith(".") and (p / pipeline.RECORDINGS).is_dir())
+    return sorted(p for p in results.iterdir() if not p.name.startswith(".") and (p / RECORDINGS).is_dir())
 
 
 @dataclass(frozen=True)
@@ -76,9 +85,9 @@ class Regrade:
         """Put the new results, which were prepared, in place of the old, and note it in the trail."""
         for name, judged in self.judged.items():
             folder = self.results / name
-            before = text_of(folder / pipeline.RESULT_FILE)
+            before = text_of(folder / RESULT_FILE)
             with uninterrupted():  # so that no result is replaced without being kept
-                pipeline.keep_rubric(folder, judged.rubric)
+                replace_files(rubric_files_of_result(folder, judged.rubric))
                 for file in _FILES:
                     (folder / (file + _NEW)).replace(folder / file)
                 note_replaced(self.results, name, before, to_json(judged.result), occasion)
@@ -99,7 +108,7 @@ class Regrade:
         remarks += [ignored] if ignored is not None and not self.overrides.sha256 else []
         about: dict[str, list[str]] = {}
         for name, judged in self.judged.items():
-            for remark in pipeline.lab_remarks(self.results / name, judged.rubric):
+            for remark in lab_remarks(self.results / name, judged.rubric):
                 about.setdefault(remark, []).append(name)
         return remarks + [f"{', '.join(of)}: {remark}" if whole_class else remark for remark, of in about.items()]
 
@@ -149,7 +158,7 @@ def regrade(
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     judged: dict[Path, Judged] = {}
     try:
-        for folder, outcome in in_processes(works, pipeline.JUDGING_BOUND, jobs or cores):
+        for folder, outcome in in_processes(works, judgement.JUDGING_BOUND, jobs or cores):
             if isinstance(outcome, Exception):
                 failed[folder] = described(outcome)
             else:
@@ -170,7 +179,7 @@ def _measures(
     results: Path, folders: Sequence[Path], rubric: Path | None, overrides: Path | None, *, trusted: bool
 ) -> tuple[dict[Path, Measure], dict[Path, GraderError]]:
     """Load each rubric once; returns by what each folder is judged, and why which cannot be."""
-    given = pipeline.chosen_rubric(folders, rubric) if rubric is not None else None
+    given = chosen_rubric(folders, rubric) if rubric is not None else None
     rubrics: dict[str, Rubric] = {} if given is None else {"": given}
     chosen: dict[Path, str] = {}
     failed: dict[Path, GraderError] = {}
@@ -178,30 +187,26 @@ def _measures(
         try:
             key = ""
             if given is not None:
-                pipeline.require_lab(folder, given)
+                require_lab(folder, given)
             else:
-                copy = pipeline.rubric_copy(folder)
+                copy = rubric_copy(folder)
                 # Equal texts are one rubric only with equal files beside them.
                 key = repr((copy.read_text(encoding="utf-8"), kept_files(copy)))
                 if key not in rubrics:
-                    rubrics[key] = pipeline.recorded_rubric(copy, trusted=trusted)
+                    rubrics[key] = recorded_rubric(copy, trusted=trusted)
             chosen[folder] = key
         except (GraderError, OSError, UnicodeDecodeError) as error:
             failed[folder] = described(error)
     sources = [made_from(folder) for folder in folders]
-    measures = {k: (own, pipeline.read_overrides(overrides, results, own, sources)) for k, own in rubrics.items()}
+    measures = {k: (own, read_overrides(overrides, results, own, sources)) for k, own in rubrics.items()}
     return {folder: measures[key] for folder, key in chosen.items()}, failed
 
 
 def _judge(folder: Path, measure: Measure, prepare: bool) -> tuple[Result, Changes]:
     """Judge one folder; returns its result now, and what that changes."""
-    rubric, overrides = measure
-    recordings = open_recordings(folder / pipeline.RECORDINGS, rubric)
-    result = pipeline.judge_with_policy(recordings, rubric, overrides)
-    text = to_json(result)
+    new = judgement.judge_recordings(folder / RECORDINGS, *measure, page=prepare)
     if prepare:
-        page = pipeline.report_page(result, recordings, rubric)
-        replace_files({folder / (pipeline.REPORT_FILE + _NEW): page, folder / (pipeline.RESULT_FILE + _NEW): text})
-    written = result_of_text(text)
+        replace_files({folder / (REPORT_FILE + _NEW): new.page, folder / (RESULT_FILE + _NEW): new.text})
+    written = result_of_text(new.text)
     assert written is not None
-    return result, changes_between(result_of_text(text_of(folder / pipeline.RESULT_FILE)), written)
+    return new.result, changes_between(result_of_text(text_of(folder / RESULT_FILE)), written)

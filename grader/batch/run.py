@@ -23,8 +23,9 @@ from grader.intake import Handed, taken_in
 from grader.live.cells import run_to_an_end
 from grader.live.isolation import Isolation, Level
 from grader.live.scratch import scratch_prefix
-from grader.pipeline import RECORDINGS, REPORT_FILE, RESULT_FILE, Options
+from grader.pipeline import Options
 from grader.result import Result, load_result
+from grader.result_folder import RECORDINGS, REPORT_FILE, RESULT_FILE
 from grader.rubric import Rubric
 
 

@@ -37,7 +37,7 @@ from grader.evidence.result_rows import (
 )
 from grader.evidence.timing import timing_of
 from grader.patterns import Match, compiled, search
-from grader.recording.session import OutputLine, Qos
+from grader.recording.session import OutputLine, ProcessRun, Qos
 from grader.references import Parameters, Pattern, Share
 from grader.result import Finding, Where
 
@@ -64,40 +64,25 @@ def ends_by_itself(context: Context, p: EndsByItself) -> Finding:
     printed = _without_tracebacks(run.output)
     said = search(p.output, printed) is not None
     ran_s = ((run.exited_ns or context.session.record.ended_ns) - run.started_ns) / 1e9
+    half, spots = (p.half_credit if said else 0.0), (spot,)
     if run.interrupted_ns is not None or run.ended_by != "itself":
         stopped_s = ((run.interrupted_ns or run.started_ns) - run.started_ns) / 1e9
         reason = f"It was still running after {stopped_s:.0f} s and had to be stopped."
-        return graded(
-            p.half_credit if said else 0.0,
-            expected,
-            "had to be stopped",
-            reason,
-            hint="End rclpy.spin after 10 s: count the time in a timer, or spin_once in a loop.",
-            where=(spot,),
-        )
-    measured = f"ended after {apart(ran_s, p.least_s, places=1)} s with status {run.exit_status}" + (
-        "" if said else ", no results"
-    )
+        hint = "End rclpy.spin after 10 s: count the time in a timer, or spin_once in a loop."
+        return graded(half, expected, "had to be stopped", reason, hint=hint, where=spots)
+    shown_s = apart(ran_s, p.least_s, places=1)
+    measured = f"ended after {shown_s} s with status {run.exit_status}" + ("" if said else ", no results")
     if said and ran_s >= p.least_s:
-        return passed(
-            expected,
-            measured,
-            where=(spot,),
-            notes=() if run.exit_status == 0 else (_bad_end(run.exit_status),),
-        )
+        notes = () if run.exit_status == 0 else (_bad_end(run.exit_status),)
+        return passed(expected, measured, where=spots, notes=notes)
     if said:
-        return graded(
-            p.half_credit,
-            expected,
-            measured,
-            f"It ended after {apart(ran_s, p.least_s, places=1)} s already, which is too soon.",
-            where=(spot,),
-        )
-    if printed.strip() and run.exit_status == 0 and ran_s >= p.least_s:
-        reason = "It ended in time, but nothing that it printed could be read as results."
-        return graded(p.half_credit, expected, measured, reason, hint=_RESULTS_HINT, where=(spot,))
+        reason = f"It ended after {shown_s} s already, which is too soon."
+        return graded(half, expected, measured, reason, where=spots)
     if run.exit_status == 0 and ran_s >= p.least_s:
-        return failed(expected, measured, "It ended in time, and printed nothing.", hint=_RESULTS_HINT, where=(spot,))
+        unread = bool(printed.strip())
+        reason = "It ended in time, but nothing that it printed could be read as results."
+        reason = reason if unread else "It ended in time, and printed nothing."
+        return graded(p.half_credit * unread, expected, measured, reason, hint=_RESULTS_HINT, where=spots)
     reason, hint, where = why_nothing(context, p.artifact, "It ended without results.")
     return failed(expected, measured, reason, hint=hint, where=where)
 
@@ -160,11 +145,16 @@ _MANY_DELAYS = 0.25
 def _held_up(context: Context) -> str:
     """Say that the machine kept a student's program from a core for much of its time, if it did."""
     for run in (run for run in context.session.record.processes if run.role == "student"):
-        span = Span(run.started_ns, run.exited_ns or context.session.record.ended_ns)
-        delay_s = context.session.machine_delay_s(run, span)
-        if delay_s > _MANY_DELAYS * span.duration_s:
-            return kept_from_core(delay_s, span.duration_s)
+        delay_s, length_s = _delay_s(context, run)
+        if delay_s > _MANY_DELAYS * length_s:
+            return kept_from_core(delay_s, length_s)
     return ""
+
+
+def _delay_s(context: Context, run: ProcessRun) -> tuple[float, float]:
+    """Return for how long the machine kept a process from its core, and how long it ran, in s."""
+    span = Span(run.started_ns, run.exited_ns or context.session.record.ended_ns)
+    return context.session.machine_delay_s(run, span), span.duration_s
 
 
 def _written(context: Context, topic: str, until_ns: int | None = None) -> int:
@@ -406,14 +396,9 @@ def _late_by_the_machine(context: Context, p: ReportedTraffic, row: Row, got: Re
     run = context.session.process(p.artifact)
     if got.mean_s is None or got.max_s is None or run is None or not len(latencies):
         return False
-    span = Span(run.started_ns, run.exited_ns or context.session.record.ended_ns)
-    delay_s = context.session.machine_delay_s(run, span)
-    notable = delay_s > _NOTABLE_DELAY * span.duration_s
-    return (
-        notable
-        and float(np.mean(latencies)) <= got.mean_s <= float(np.mean(latencies)) + delay_s
-        and (got.mean_s <= got.max_s + 1e-5)
-    )
+    delay_s, length_s = _delay_s(context, run)
+    explained = float(np.mean(latencies)) <= got.mean_s <= float(np.mean(latencies)) + delay_s
+    return delay_s > _NOTABLE_DELAY * length_s and explained and got.mean_s <= got.max_s + 1e-5
 
 
 def _self_clash(context: Context, topic: str) -> str | None:
@@ -442,8 +427,7 @@ def _overwritten(context: Context, p: ReportedTraffic, row: Row) -> float:
     run = context.session.process(p.artifact)
     if timing is None or run is None:
         return 0.0
-    span = Span(run.started_ns, run.exited_ns or context.session.record.ended_ns)
-    return timing.rate_hz * context.session.machine_delay_s(run, span)
+    return timing.rate_hz * _delay_s(context, run)[0]
 
 
 def _latency_problem(context: Context, p: ReportedTraffic, row: Row, got: ResultRow) -> str:

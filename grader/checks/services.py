@@ -22,8 +22,8 @@ from grader.checks.finding import (
     not_reached,
     nothing_seen,
     passed,
-    told,
     unclear,
+    why_nothing,
 )
 from grader.evidence.recorded import Span
 from grader.patterns import search, without
@@ -155,23 +155,13 @@ _STUCK_HINT = (
 
 def _silence(context: Context, artifact: str, expected: str, problem: str, where: tuple[Where, ...]) -> Finding:
     """Explain why a call had no answer: an exception, a node that does not spin, or a callback that never returns."""
-    found = context.diagnosis(artifact)
-    if found is not None:
-        spot = (Where(file=found.file, line=found.line),) if found.file else ()
-        return failed(expected, "no answer", f"{problem} {told(found)}", hint=found.remedy, where=(*spot, *where))
-    if (ended := ended_already(context, artifact)) is not None:
-        reason, hint, spots = ended
-        return failed(expected, "no answer", reason, hint=hint, where=(*spots, *where))
-    if any(s.kind == "get_parameters" and s.outcome == "timeout" for s in context.session.record.steps):
-        reason = f"{problem} The node does not answer questions for its parameters either: {_STUCK}"
-        return failed(expected, "no answer", reason, hint=_STUCK_HINT, where=where)
-    return failed(
-        expected,
-        "no answer",
-        problem,
-        hint="A service callback must return its response, and soon.",
-        where=where,
-    )
+    if context.diagnosis(artifact) is None and (ended := ended_already(context, artifact)) is not None:
+        return failed(expected, "no answer", ended[0], hint=ended[1], where=(*ended[2], *where))
+    stuck = any(s.kind == "get_parameters" and s.outcome == "timeout" for s in context.session.record.steps)
+    unknown = f"The node does not answer questions for its parameters either: {_STUCK}" if stuck else ""
+    reason, hint, spots = why_nothing(context, artifact, unknown)
+    hint = hint or (_STUCK_HINT if stuck else "A service callback must return its response, and soon.")
+    return failed(expected, "no answer", f"{problem} {reason}".strip(), hint=hint, where=(*spots, *where))
 
 
 def _given_otherwise(context: Context, given: Given) -> bool:

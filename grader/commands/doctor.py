@@ -20,7 +20,7 @@ _STYLES = {"PASS": "green", "CAUTION": "yellow", "FAIL": "red"}
 
 def run(arguments: Sequence[str], console: Console) -> int:
     """Examine the machine; returns the exit status."""
-    from grader import pipeline
+    from grader import rubrics
     from grader.doctor.examination import Verdict, calibrate, examine
 
     parser = argparse.ArgumentParser(
@@ -39,7 +39,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
     interpreter = options.python.absolute() if options.python else Path(sys.executable)
     signs = examine(interpreter)
     if options.calibrate:
-        signs = itertools.chain(signs, calibrate(interpreter, pipeline.read_rubric(options.rubric)))
+        signs = itertools.chain(signs, calibrate(interpreter, rubrics.read_rubric(options.rubric)))
     verdicts = []
     for sign in signs:
         verdicts.append(sign.verdict)

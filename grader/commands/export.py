@@ -87,7 +87,8 @@ def run(arguments: Sequence[str], console: Console) -> int:
 
 
 def _export(results: Path, targets: Sequence[ExportTarget], options: argparse.Namespace, console: Console) -> None:
-    from grader.pipeline import RESULT_FILE, judge_so_far
+    from grader.pipeline import judge_so_far
+    from grader.result_folder import RESULT_FILE
 
     try:
         result = judge_so_far(results) if options.so_far else load_result(results / RESULT_FILE)

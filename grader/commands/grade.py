@@ -137,14 +137,14 @@ def _add_class(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: Sequence[str], console: Console, epilog: str = "") -> int:
     """Grade the submissions; returns the exit status."""
-    from grader import pipeline
+    from grader import pipeline, rubrics
     from grader.batch.regrade import recorded_in
     from grader.commands.meant import require_submissions
     from grader.live.scratch import remove_leavings
 
     parser = _parser(epilog)
     options = parser.parse_args(arguments)
-    rubric = pipeline.read_rubric(options.rubric)
+    rubric = rubrics.read_rubric(options.rubric)
     pipeline.require_sessions(_sessions(options) or (), rubric)
     require_submissions(options.submissions, rubric)
     found = _found(options, rubric)
@@ -152,7 +152,7 @@ def run(arguments: Sequence[str], console: Console, epilog: str = "") -> int:
     sources = [handed.source for handed in found.submissions]
     require_no_links(options.output, sources)
     for folder in recorded_in(options.output):
-        pipeline.require_lab(folder, rubric, "Give another folder for these results by -o.")
+        rubrics.require_lab(folder, rubric, "Give another folder for these results by -o.")
     for target in options.exports:
         require_no_links(target.path(options.output).parent, sources, inside=False)
     if options.overrides is None and (ignored := uncounted_overrides(options.output, sources)) is not None:
@@ -215,7 +215,7 @@ def _tell_of_single_files(paths: Sequence[Path], rubric: Rubric, console: Consol
 
 
 def _live_options(options: argparse.Namespace, rubric: Rubric, sources: Sequence[str], *, several: bool) -> Options:
-    from grader import pipeline
+    from grader import pipeline, rubrics
 
     return pipeline.Options(
         _interpreter(options.python),
@@ -224,7 +224,7 @@ def _live_options(options: argparse.Namespace, rubric: Rubric, sources: Sequence
         options.jobs,
         options.launch,
         least_isolation(options, several=several),
-        pipeline.read_overrides(options.overrides, options.output, rubric, sources),
+        rubrics.read_overrides(options.overrides, options.output, rubric, sources),
         options.exports,
         options.path_prefix,
     )
@@ -250,7 +250,7 @@ def _interpreter(chosen: Path | None) -> Path:
 
 
 def _grade_one(handed: Handed, rubric: Rubric, live: Options, options: argparse.Namespace, console: Console) -> Decimal:
-    from grader import pipeline
+    from grader import pipeline, result_folder
     from grader.batch import audit
     from grader.report.terminal import ProgressDisplay, print_result
     from grader.timings import Stopwatch
@@ -259,7 +259,7 @@ def _grade_one(handed: Handed, rubric: Rubric, live: Options, options: argparse.
     results, now = output / handed.name, datetime.now(timezone.utc)
     if not options.replace:
         require_same_source(results, handed.source)
-    before = audit.text_of(results / pipeline.RESULT_FILE)
+    before = audit.text_of(results / result_folder.RESULT_FILE)
     with ProgressDisplay(console, handed.name, live.sessions or list(rubric.sessions)) as display:
         result = pipeline.grade(
             handed,
@@ -270,7 +270,7 @@ def _grade_one(handed: Handed, rubric: Rubric, live: Options, options: argparse.
             watch=watch,
         )
     if live.overrides.sha256:  # Else nobody decides anything here, and a student's tries need no trail.
-        after = (results / pipeline.RESULT_FILE).read_text(encoding="utf-8")
+        after = (results / result_folder.RESULT_FILE).read_text(encoding="utf-8")
         occasion = audit.Occasion(now, "grade", live.overrides.sha256)
         audit.note_replaced(output, handed.name, before, after, occasion)
     print_result(console, result)
@@ -279,7 +279,7 @@ def _grade_one(handed: Handed, rubric: Rubric, live: Options, options: argparse.
         console.print(Text(told, "yellow"))
     if options.timings:
         _print_timings(console, watch, result)
-    console.print(f"Report: {results / pipeline.REPORT_FILE}", soft_wrap=True, markup=False)
+    console.print(f"Report: {results / result_folder.REPORT_FILE}", soft_wrap=True, markup=False)
     return result.final
 
 
@@ -324,15 +324,15 @@ def _grade_class(found: Found, rubric: Rubric, live: Options, options: argparse.
 
 def _where(options: argparse.Namespace, live: Options) -> tuple[Isolation | str, Admission]:
     """Return where to grade (how code is confined here, or a scheduler), and who may use this machine when."""
-    from grader import pipeline
     from grader.batch.admission import Admission
+    from grader.live import environment
     from grader.live.isolation import Isolation, Level
     from grader.live.probing import probe_isolation, require
 
     if options.scheduler is not None:
         # Only judging is left to this machine, which needs no confinement.
         return str(options.scheduler), Admission.on_this_machine(Isolation(Level.FULL))
-    pipeline.require_platform(live.interpreter)
+    environment.require_platform(live.interpreter)
     isolation = probe_isolation(live.interpreter)
     require(isolation, Level.of(live.least_isolation))
     return isolation, Admission.on_this_machine(isolation, live.jobs)
@@ -369,10 +369,9 @@ def _report_class(
     rows: Sequence[Row], missing: Sequence[str], rubric: Rubric, options: argparse.Namespace, console: Console
 ) -> None:
     """Write the class page and the table of grades, over all results that lie in the folder."""
-    from grader import pipeline
     from grader.batch.class_entries import entries_of
     from grader.cohort.roster import read_class_list, with_roster
-    from grader.commands.report import print_class_files
+    from grader.commands.report import print_class_files, report_class
 
     entries = entries_of(options.output, rows, missing)
     known = {*(row.handed.name for row in rows), *missing}
@@ -381,10 +380,10 @@ def _report_class(
         console.print(Text(told, "yellow"), soft_wrap=True)
     if options.class_list is not None:
         entries = with_roster(entries, read_class_list(options.class_list))
-    pipeline.report_class(options.output, entries, rubric)
+    report_class(options.output, entries, rubric)
     print_class_files(options.output, console)
     if options.anonymous:
-        pipeline.report_class(options.output, entries, rubric, anonymous=True)
+        report_class(options.output, entries, rubric, anonymous=True)
         print_class_files(options.output, console, anonymous=True)
 
 

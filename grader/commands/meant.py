@@ -11,8 +11,8 @@ from grader.batch.audit import HISTORY
 from grader.commands import COMMANDS
 from grader.errors import UsageError
 from grader.intake.names import is_packed
-from grader.pipeline import RECORDINGS
 from grader.recording.submission import SUBMISSION_FILE
+from grader.result_folder import RECORDINGS
 from grader.rubric import Rubric
 
 

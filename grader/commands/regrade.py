@@ -125,7 +125,7 @@ def _regrade_one(folder: Path, options: argparse.Namespace, console: Console) ->
 
 
 def _regrade_class(folder: Path, options: argparse.Namespace, console: Console) -> int:
-    from grader import pipeline
+    from grader import result_folder
     from grader.batch.audit import Occasion
     from grader.batch.regrade import recorded_in, regrade
     from grader.report.changes import CHANGES_FILE, changes_csv, print_changes
@@ -154,7 +154,7 @@ def _regrade_class(folder: Path, options: argparse.Namespace, console: Console) 
     written = "The results are written." if options.apply else "No result is written yet; --apply writes them."
     console.print(f"Judged in {took_s:.1f} s. {written if matter or options.apply else ''}".rstrip())
     console.print(f"Table: {folder / CHANGES_FILE}", soft_wrap=True, markup=False)
-    if options.apply and matter and (folder / pipeline.CLASS_PAGE).exists():
+    if options.apply and matter and (folder / result_folder.CLASS_PAGE).exists():
         console.print(
             f"The class page is of before; `grade report {folder}` makes it anew.", soft_wrap=True, markup=False
         )

@@ -5,8 +5,24 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.console import Console
+
+from grader.files import replace_file
+from grader.result_folder import (
+    ANONYMOUS_GRADES_FILE,
+    ANONYMOUS_PAGE,
+    CLASS_PAGE,
+    GRADES_FILE,
+    RECORDINGS,
+    REPORT_FILE,
+)
+
+if TYPE_CHECKING:
+    from grader.cohort.entries import ClassEntry
+    from grader.cohort.summary import ClassSummary
+    from grader.rubric import Rubric
 
 _DESCRIPTION = """\
 Write index.html, a page over a class, and grades.csv, a line a student, into the folder of a class's results.
@@ -40,7 +56,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def run(arguments: Sequence[str], console: Console) -> int:
     """Write page and table; returns the exit status."""
-    from grader import pipeline
+    from grader import rubrics
     from grader.cohort.entries import entries_in
     from grader.cohort.roster import read_class_list, with_roster
     from grader.errors import SubmissionError
@@ -50,20 +66,20 @@ def run(arguments: Sequence[str], console: Console) -> int:
     entries = entries_in(options.results)
     if not entries:
         remedy = "Give the folder that holds a folder of results for each submission, e.g. results/."
-        if (options.results / pipeline.RECORDINGS).is_dir():
-            remedy = f"These are the results of one submission, whose page is {pipeline.REPORT_FILE}. {remedy}"
+        if (options.results / RECORDINGS).is_dir():
+            remedy = f"These are the results of one submission, whose page is {REPORT_FILE}. {remedy}"
         raise SubmissionError(
             "there are no results of submissions in it" if options.results.is_dir() else "there is no such folder",
             where=str(options.results),
             remedy=remedy,
         )
-    copy = None if options.rubric else pipeline.rubric_of_class(options.results, entries)
-    rubric = pipeline.recorded_rubric(copy) if copy else pipeline.read_rubric(options.rubric)
+    copy = None if options.rubric else rubrics.rubric_of_class(options.results, entries)
+    rubric = rubrics.recorded_rubric(copy) if copy else rubrics.read_rubric(options.rubric)
     for entry in entries:
-        pipeline.require_lab(options.results / entry.name, rubric, "Part the results of the labs into two folders.")
+        rubrics.require_lab(options.results / entry.name, rubric, "Part the results of the labs into two folders.")
     if options.class_list is not None:
         entries = with_roster(entries, read_class_list(options.class_list))
-    summary = pipeline.report_class(options.results, entries, rubric, anonymous=options.anonymous)
+    summary = report_class(options.results, entries, rubric, anonymous=options.anonymous)
     graded = sum(row.result is not None for row in summary.rows)
     needy = len({todo.row for todo in summary.todos})
     median = f", median {tenths(summary.spread.median)} of {tenths(summary.spread.possible)}" if summary.spread else ""
@@ -73,11 +89,28 @@ def run(arguments: Sequence[str], console: Console) -> int:
     return 0
 
 
+def report_class(
+    results: Path, entries: Sequence[ClassEntry], rubric: Rubric, *, anonymous: bool = False
+) -> ClassSummary:
+    """Sum up a class and write its page and its table of grades, or both under pseudonyms and names of their own."""
+    from grader.cohort.anonymous import anonymous as under_pseudonyms
+    from grader.cohort.summary import summarise
+    from grader.report import class_page, grades_csv
+
+    summary = summarise(under_pseudonyms(entries, rubric) if anonymous else entries, rubric)
+    page, grades = _class_files(results, anonymous)
+    replace_file(page, class_page.render(summary, anonymous=anonymous))
+    replace_file(grades, grades_csv.render(summary))
+    return summary
+
+
+def _class_files(results: Path, anonymous: bool) -> tuple[Path, Path]:
+    names = (ANONYMOUS_PAGE, ANONYMOUS_GRADES_FILE) if anonymous else (CLASS_PAGE, GRADES_FILE)
+    return results / names[0], results / names[1]
+
+
 def print_class_files(results: Path, console: Console, *, anonymous: bool = False) -> None:
     """Print where the page over a class and the table of grades lie."""
-    from grader import pipeline
-
-    page = pipeline.ANONYMOUS_PAGE if anonymous else pipeline.CLASS_PAGE
-    grades = pipeline.ANONYMOUS_GRADES_FILE if anonymous else pipeline.GRADES_FILE
-    console.print(f"Class: {results / page}", soft_wrap=True, markup=False)
-    console.print(f"Grades: {results / grades}", soft_wrap=True, markup=False)
+    page, grades = _class_files(results, anonymous)
+    console.print(f"Class: {page}", soft_wrap=True, markup=False)
+    console.print(f"Grades: {grades}", soft_wrap=True, markup=False)

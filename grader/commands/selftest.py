@@ -57,12 +57,13 @@ def _parser() -> argparse.ArgumentParser:
 
 def run(arguments: Sequence[str], console: Console) -> int:
     """Grade the fixtures and compare; returns the exit status."""
-    from grader import pipeline
+    from grader import rubrics
     from grader.batch.selftest import print_fixtures
+    from grader.live import environment
 
     parser = _parser()
     options = parser.parse_args(arguments)
-    rubric = pipeline.read_rubric(options.rubric)
+    rubric = rubrics.read_rubric(options.rubric)
     fixtures = _fixtures(options, rubric, console)
     unknown = [name for name in options.names if name not in {fixture.name for fixture in fixtures}]
     if unknown:
@@ -71,7 +72,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
         parser.error(f"there is no fixture {terminal_text(unknown[0], 80)!r}{meant}")
     if options.names:
         fixtures = [fixture for fixture in fixtures if fixture.name in options.names]
-    pipeline.require_platform()
+    environment.require_platform()
     began_s = time.monotonic()
     found = _run(fixtures, rubric, options, console)
     took_s = time.monotonic() - began_s

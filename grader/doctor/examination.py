@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 
-from grader import pipeline
+from grader import pipeline, result_folder, rubrics
 from grader.evidence.recorded import Recorded, Span
 from grader.evidence.timing import timing_of
 from grader.live.cells import cells_at_a_time
@@ -217,7 +217,7 @@ def calibrate(interpreter: Path, rubric: Rubric) -> Iterator[Sign]:
             rubric.folder / rubric.lab.solution, rubric, Path(scratch), options, lambda progress: None
         )
         took_s = time.monotonic() - started
-        sessions = {name: Recorded.open(Path(scratch) / pipeline.RECORDINGS / name) for name in rubric.sessions}
+        sessions = {name: Recorded.open(Path(scratch) / result_folder.RECORDINGS / name) for name in rubric.sessions}
     score = result.score
     found = f"{score.earned} of {score.possible} points, {score.undecided} undecided, in {took_s:.1f} s"
     whole = score.earned == score.possible
@@ -245,8 +245,8 @@ def _steadiness(recorded: Recorded) -> Sign:
 
 
 def _record(interpreter: Path, scratch: Path) -> Recorded:
-    rubric = pipeline.read_rubric(_LAB / "rubric.yaml")
+    rubric = rubrics.read_rubric(_LAB / "rubric.yaml")
     submission = read_submission_folder(_LAB / "submission", rubric)
     options = pipeline.Options(interpreter, least_isolation="none")
     pipeline.record(_LAB / "submission", submission, rubric, scratch, options, lambda progress: None)
-    return Recorded.open(scratch / pipeline.RECORDINGS / _SESSION)
+    return Recorded.open(scratch / result_folder.RECORDINGS / _SESSION)

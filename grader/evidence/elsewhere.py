@@ -114,11 +114,14 @@ _IMPORT_LINE = re.compile(r"^[ \t]*(?:from|import)[ \t](.*)$", re.MULTILINE)
 def _reached_from(program: str | None, submission: SubmissionRecord) -> set[str]:
     """Return a program's file, and those of the submission that it imports: others excuse nothing."""
     texts, found = _sources(submission), {program} if program else set()
+    by_stem: dict[str, list[str]] = {}
+    for path in texts:
+        by_stem.setdefault(PurePosixPath(path).stem, []).append(path)
     queue = list(found)
     while queue:
         lines = " ".join(_IMPORT_LINE.findall(texts.get(queue.pop(), "")))
-        named = set(re.findall(r"\w+", lines))
-        new = {path for path in texts if PurePosixPath(path).stem in named} - found
+        # What a name stands for is queued once, however many files import it.
+        new = {path for name in set(re.findall(r"\w+", lines)) for path in by_stem.pop(name, ())} - found
         found |= new
         queue += new
     return found

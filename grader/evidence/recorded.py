@@ -40,6 +40,10 @@ _IDLE_ERROR_S = 0.02
 #: span, which is more than what samples leave open, are waits of several at once.
 _AT_ONCE = 0.25
 
+#: The machine is sampled at even times: what comes later than this many intervals after the last was held up, if there
+#: are samples enough to tell how far apart they are to be.
+_LATE_SAMPLE, _FEWEST_SAMPLES = 1.5, 4
+
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
@@ -265,7 +269,7 @@ class Recorded:
         if delay_s > idle_s + _AT_ONCE * span.duration_s and others_s < float("inf"):
             # Several waited at once, for each other too: of that others have the share in which they had the core.
             others_s *= others_s / max(span.duration_s, others_s)
-        delay_s = min(delay_s, others_s) + _stolen_s(self.record, span)
+        delay_s = min(delay_s, others_s) + self._stolen_s(span)
         return min(max(delay_s, self.stalled_s(span)), idle_s)
 
     def _others_s(self, run: ProcessRun, span: Span) -> float:
@@ -295,6 +299,15 @@ class Recorded:
         before, after = np.interp([span.start_ns, span.end_ns], times, counted)
         seen_s = sum(self.cpu_s(run, span) for run in self.record.processes if run.role == "student")
         return max(0.0, float(after - before) / 1e9 - seen_s)
+
+    def _stolen_s(self, span: Span) -> float:
+        """Return the time within a span that the host took from the machine's cores, in s."""
+        samples = self.record.machine
+        if len(samples) < 2:
+            return 0.0
+        ends, times = [span.start_ns, span.end_ns], [s.t_ns for s in samples]
+        before, after = np.interp(ends, times, [s.stolen_ns for s in samples])
+        return float(after - before) / 1e9
 
     def cpu_s(self, run: ProcessRun, span: Span) -> float:
         """Return the CPU time that a process took within a span, in s, interpolated between samples."""
@@ -337,7 +350,12 @@ class Recorded:
 
     def stalled_s(self, span: Span) -> float:
         """Return for how long within a span the grader itself stood still, in s, by samples that came late."""
-        return _stalled_s(self.record, span)
+        times = [s.t_ns for s in self.record.machine]
+        if len(times) < _FEWEST_SAMPLES:
+            return 0.0
+        usual_ns = float(np.median(np.diff(times)))
+        late = [(a, b) for a, b in itertools.pairwise(times) if b - a > _LATE_SAMPLE * usual_ns]
+        return float(sum(min(b - a - usual_ns, _shared_ns(a, b, span)) for a, b in late)) / 1e9
 
     def output_of(self, artifact: str) -> list[OutputLine]:
         """Return the output of the last process that ran an artifact, without colours."""
@@ -383,33 +401,6 @@ def _delay_ns(run: ProcessRun, span: Span) -> float:
 def _shared_ns(begin_ns: int, end_ns: int, span: Span) -> int:
     """Return how long a time lies within a span, in ns."""
     return max(0, min(end_ns, span.end_ns) - max(begin_ns, span.start_ns))
-
-
-#: The machine is sampled at even times; what comes later than this many of their intervals after the last was held up.
-_LATE_SAMPLE = 1.5
-
-
-def _stalled_s(record: SessionRecord, span: Span) -> float:
-    """Return for how long within a span the grader itself stood still, in s, by its samples that came late."""
-    times = np.array([s.t_ns for s in record.machine], dtype=np.int64)
-    if len(times) < _FEWEST_SAMPLES:
-        return 0.0
-    usual_ns = float(np.median(np.diff(times)))
-    late = [(a, b) for a, b in itertools.pairwise(times.tolist()) if b - a > _LATE_SAMPLE * usual_ns]
-    return float(sum(min(b - a - usual_ns, _shared_ns(a, b, span)) for a, b in late)) / 1e9
-
-
-#: With fewer samples nothing tells how far apart they are to be.
-_FEWEST_SAMPLES = 4
-
-
-def _stolen_s(record: SessionRecord, span: Span) -> float:
-    """Return the time within a span that the host took from the machine's cores, in s."""
-    if len(record.machine) < 2:
-        return 0.0
-    times, stolen = [s.t_ns for s in record.machine], [s.stolen_ns for s in record.machine]
-    ends = np.interp([span.start_ns, span.end_ns], times, stolen)
-    return float(ends[1] - ends[0]) / 1e9
 
 
 def _numbers(value: Any) -> Floats | None:

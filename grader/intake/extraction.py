@@ -95,8 +95,13 @@ _BOUND = Bound("unpacking it", cpu_s=20, wall_s=600, memory_bytes=128 * 1024**2,
 T = TypeVar("T")
 
 
-def _confined(work: Callable[[], T], where: str) -> T:
+def confined(work: Callable[[], T], where: str, bound: Bound = _BOUND) -> T:
     """Return what work on a submission returns, done in a bounded process.
+
+    Parameters
+    ----------
+    where : str
+        Where the submission comes from, for messages.
 
     Raises
     ------
@@ -104,7 +109,7 @@ def _confined(work: Callable[[], T], where: str) -> T:
         If it raises that, or exceeds the bound.
     """
     try:
-        return in_process(work, _BOUND)
+        return in_process(work, bound)
     except BoundError as error:
         raise SubmissionError(error.problem, where=where, remedy=too_much("").remedy) from None
     except SubmissionError as error:
@@ -231,7 +236,7 @@ def taken_in(handed: Handed | Path, *, prefix: str = "grade-", limits: Limits = 
     if isinstance(handed, Path):
         handed = Handed.of(handed)
     with tempfile.TemporaryDirectory(prefix=f"{prefix}intake-") as scratch:
-        yield _confined(partial(_extracted, handed, Path(scratch), limits), handed.where)
+        yield confined(partial(_extracted, handed, Path(scratch), limits), handed.where)
 
 
 def _extracted(handed: Handed, scratch: Path, limits: Limits) -> Intake:
@@ -496,7 +501,7 @@ def names_in(path: Path, within: str = "") -> list[str] | None:
         None if it is no archive, or cannot be read, or holds more than a class hands in.
     """
     with suppress(OSError, SubmissionError):
-        return _confined(partial(_names_in, path, within), str(path))
+        return confined(partial(_names_in, path, within), str(path))
     return None
 
 
@@ -536,7 +541,7 @@ def texts_in(path: Path, wanted: Collection[str], most_bytes: int) -> dict[str, 
     What cannot be read is left out; the members' sizes together are limited.
     """
     with suppress(OSError, SubmissionError):
-        return _confined(partial(_texts_in, path, wanted, most_bytes), str(path))
+        return confined(partial(_texts_in, path, wanted, most_bytes), str(path))
     return {}
 
 

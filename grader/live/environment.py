@@ -6,7 +6,10 @@ reaches no process of a session.
 
 from __future__ import annotations
 
+import importlib.metadata
+import importlib.util
 import os
+import platform
 import subprocess
 import sys
 import sysconfig
@@ -14,6 +17,7 @@ from collections.abc import Sequence
 from importlib.machinery import PathFinder
 from pathlib import Path
 
+import grader
 from grader.errors import PlatformError
 
 #: What of ours stands in a student's sandbox: the tap and the settings of discovery.
@@ -88,6 +92,7 @@ def student_environment(interpreter: Path, home: str, workspace: str, inside: st
         "ROS_VERSION": "2",
         "AMENT_PREFIX_PATH": f"{workspace}/install:{prefix}",
         "PYTHONDONTWRITEBYTECODE": "1",
+        "PYTHONNOUSERSITE": "1",  # what an earlier program left at home must not run before the tap does
         "PYTHONPATH": inside,
         "FASTRTPS_DEFAULT_PROFILES_FILE": f"{inside}/discovery.xml",
         "RCUTILS_COLORIZED_OUTPUT": "0",
@@ -97,6 +102,45 @@ def student_environment(interpreter: Path, home: str, workspace: str, inside: st
 def default_interpreter() -> Path:
     """Python of the grader itself: not resolved, since a virtual environment is known by its link."""
     return Path(sys.executable)
+
+
+def require_platform(interpreter: Path | None = None) -> None:
+    """Raise unless ROS 2 nodes can run here.
+
+    Parameters
+    ----------
+    interpreter : Path, optional
+        What runs students' code, if that is looked at too.
+
+    Raises
+    ------
+    PlatformError
+        With what is missing.
+    """
+    if platform.system() != "Linux" or platform.machine() != "x86_64":
+        raise PlatformError(
+            f"ROS 2 nodes cannot run on {platform.system()} {platform.machine()}",
+            remedy="The ROS 2 wheels exist for Linux x86-64. Grade there or in the container; "
+            "`grade regrade` works on every system.",
+        )
+    if importlib.util.find_spec("rclpy") is None:
+        raise PlatformError(
+            "the Python package rclpy is not installed",
+            remedy="pip install 'ros-jazzy-rclpy[fastrtps]' ros-jazzy-common-interfaces",
+        )
+    if interpreter is not None:
+        require_ros(interpreter)
+
+
+def versions() -> dict[str, str]:
+    """Return the versions that a recording keeps."""
+    named = {"grader": grader.__version__, "python": platform.python_version(), "kernel": platform.release()}
+    for package in ("ros-jazzy-rclpy", "ros-fastrtps", "ros-rmw-fastrtps-cpp", "mcap", "rosbags", "numpy"):
+        try:
+            named[package] = importlib.metadata.version(package)
+        except importlib.metadata.PackageNotFoundError:
+            named[package] = "not installed"
+    return named
 
 
 def ask_interpreter(interpreter: Path, program: str, *arguments: str, isolated: bool = True) -> str:

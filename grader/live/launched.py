@@ -15,7 +15,7 @@ import os
 import re
 import shutil
 import time
-from collections.abc import Coroutine, Mapping
+from collections.abc import Container, Coroutine, Mapping
 from contextlib import suppress
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -28,6 +28,8 @@ from grader.live.sandbox import StudentSandbox
 from grader.recording.plan import PARAMETERS_PLACEHOLDER, MalformedPlanError, Plan, Problem, Process, ros2_run
 from grader.recording.session import OutputLine, ProcessRun
 
+#: How an evaluation writes one of the plan's own files.
+_OWN_FILE = re.compile(re.escape(PARAMETERS_PLACEHOLDER) + r"/([\w-]+(?:\.\w+)?)")
 _MAX_PLAN_BYTES = 4 * 1024 * 1024
 _MAX_MENDS = 6
 #: What a second evaluation gets in any case: the mistake that the first one found is mended to see the rest.
@@ -195,11 +197,7 @@ class LaunchRunner:
                     path.chmod(0o755)
 
     def _placed(self, text: str) -> str:
-        """Return a text in which each of the plan's own files stands under the path that it has here."""
-        folder = self._sandbox.seen[PARAMETERS]
-        for name in self._files:
-            text = text.replace(f"{PARAMETERS_PLACEHOLDER}/{name}", f"{folder}/{name}")
-        return text
+        return with_places(text, self._files, self._sandbox.seen[PARAMETERS])
 
     def _later(self, work: Coroutine[Any, Any, None]) -> None:
         task = asyncio.create_task(work)
@@ -266,6 +264,11 @@ class LaunchRunner:
             await self._start(process)
 
 
+def with_places(text: str, names: Container[str], folder: str) -> str:
+    """Return a text in which each of the plan's own files stands under its path in a folder."""
+    return _OWN_FILE.sub(lambda match: f"{folder}/{match[1]}" if match[1] in names else match[0], text)
+
+
 def own_folder(above: Path, *names: str) -> Path | None:
     """Return the folder that some names lead to from another; None where one of them is a link, or leads elsewhere."""
     folder = above
@@ -316,7 +319,8 @@ def _read_plan(text: str, in_time: bool, timeout_s: float, run: ProcessRun, sour
     """Make a plan out of what the evaluation wrote, or of its silence."""
     why = ""
     try:
-        return Plan.from_plain(_read_json(text))
+        plan = Plan.from_plain(_read_json(text))
+        return Plan.from_plain(plan.to_plain())  # what the recording keeps must be a plan too
     except MalformedPlanError as malformed:
         why = f": {malformed}"
     except (ValueError, RecursionError):

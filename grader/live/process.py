@@ -197,13 +197,15 @@ class RunningProcess:
         for reader in self._readers:
             reader.cancel()
         self._note_last_usage()
+        if self._child_pid_fd is not None:  # A launch file may start more programs than one may have files open.
+            os.close(self._child_pid_fd)
         return status
 
     def _pid(self) -> int | None:
         """Process id of the student's program: bubblewrap's child's child, or the process itself."""
         if self._child_pid_fd is None:
             return self._process.pid
-        if self._sandbox_pid is None:
+        if self._sandbox_pid is None and self.alive:
             with suppress(BlockingIOError):
                 self._sandbox_told += os.read(self._child_pid_fd, 4096)
             with suppress(ValueError, KeyError):  # It is written in pieces.

@@ -157,8 +157,13 @@ class StudentSandbox:
         run = ProcessRun(name, "student", command, artifact)
         tap_read, tap_write = os.pipe()
         variables = self.environment({"GRADER_TAP_FD": str(tap_write), **(environment or {})})
-        running = await self.start_confined(run, command, variables, cwd, pass_fds=(tap_write,))
-        os.close(tap_write)
+        try:
+            running = await self.start_confined(run, command, variables, cwd, pass_fds=(tap_write,))
+        except BaseException:
+            os.close(tap_read)
+            raise
+        finally:
+            os.close(tap_write)
         PipeReader(tap_read, _MAX_CLAIM_BYTES, lambda text: self._note_claims(run, text))
         self.processes[name] = running
         return running
@@ -186,9 +191,11 @@ class StudentSandbox:
         """
         self.record.processes.append(run)
         if workspace is None and cwd is not None and PurePosixPath(cwd).is_relative_to(self.seen[WORKSPACE]):
-            # An earlier program may have made of it what it liked; what cannot be restored, bubblewrap names.
-            with suppress(OSError):
+            # An earlier program may have made of it what it liked, which must not keep this one from its beginning.
+            try:
                 restore_way(self.workspace, PurePosixPath(cwd).relative_to(self.seen[WORKSPACE]), _OPEN)
+            except OSError:
+                cwd = self.seen[WORKSPACE]
         areas = {**self.areas, WORKSPACE: workspace or self.workspace}
         with _descriptors_of_bubblewrap(self.isolation.namespaces) as (info_read, passed):
             argv = student_argv(

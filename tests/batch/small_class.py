@@ -14,7 +14,7 @@ from typing import Any
 
 from grader.batch.journal import JOURNAL_FILE
 from grader.files import UNFINISHED
-from grader.pipeline import RECORDINGS, RESULT_FILE
+from grader.result_folder import RECORDINGS, RESULT_FILE
 from tests.live.small_lab import TALKER, TEXT, below, command_of, make_lab, published
 
 #: The talker on another topic than the rubric's, for which there is part of the credit.

@@ -12,9 +12,9 @@ from grader.batch.order import Row
 from grader.cohort.roster import NOTHING_HANDED_IN
 from grader.errors import GraderError
 from grader.intake import Handed, Piece
-from grader.pipeline import RECORDINGS
 from grader.recording.submission import read_submission, write_submission
 from grader.result import Result, Score, to_json
+from grader.result_folder import RECORDINGS
 
 KEPT = Path(__file__).resolve().parents[1] / "recordings/wrong_topic"
 NOON = datetime(2026, 11, 21, 12, tzinfo=timezone.utc)

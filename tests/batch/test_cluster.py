@@ -26,7 +26,8 @@ from grader.errors import GraderError
 from grader.intake import Handed
 from grader.live.isolation import Level
 from grader.live.probing import probe_isolation
-from grader.pipeline import Options, read_rubric
+from grader.pipeline import Options
+from grader.rubrics import read_rubric
 from tests.batch.small_class import ASTRAY, CRASHES, SLEEPS, Family, SmallClass, make_class
 from tests.live.small_lab import TALKER, below, command_of, until
 

@@ -12,8 +12,9 @@ import pytest
 
 from grader.batch import fingerprint
 from grader.intake import Intake, taken_in
-from grader.pipeline import Options, read_overrides, read_rubric
+from grader.pipeline import Options
 from grader.rubric import Rubric
+from grader.rubrics import read_overrides, read_rubric
 
 ROOT = Path(__file__).parents[2]
 OPTIONS = Options(Path(sys.executable))

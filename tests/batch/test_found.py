@@ -18,8 +18,8 @@ from hypothesis import strategies as st
 from grader.batch.found import Found, Shape, find_submissions
 from grader.errors import SubmissionError
 from grader.intake import Handed, Piece, taken_in
-from grader.pipeline import read_rubric
 from grader.rubric import Rubric
+from grader.rubrics import read_rubric
 from grader.submission import read_submission
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -10,7 +10,7 @@ import pytest
 
 from grader.batch.journal import JOURNAL_FILE, OUTDATED, UNFINISHED, Journal
 from grader.errors import GraderError
-from grader.pipeline import RECORDINGS, RESULT_FILE
+from grader.result_folder import RECORDINGS, RESULT_FILE
 
 KEPT = Path(__file__).parents[1] / "recordings" / "wrong_topic"
 

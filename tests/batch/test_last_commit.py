@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import shutil
+import struct
 import subprocess
+import time
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
@@ -195,3 +197,17 @@ def test_a_commit_that_never_ends(tmp_path: Path) -> None:
 def test_a_folder_that_cannot_be_looked_into_has_no_commit(tmp_path: Path) -> None:
     """Whatever the system says to a path (here that its name is too long), it is no reason to stop."""
     assert last_commit_time(tmp_path / ("x" * 300)) is None
+
+
+def test_a_difference_that_lies_without_end_behind(tmp_path: Path) -> None:
+    """How far back a difference's base lies may be written as a number of a megabyte; nobody computes it."""
+    folder = repository(tmp_path / "ann")
+    name = git(folder, "rev-parse", "HEAD")
+    (folder / ".git/objects" / name[:2] / name[2:]).unlink()
+    fan_out = struct.pack(">256I", *(int(first >= int(name[:2], 16)) for first in range(256)))
+    offset = struct.pack(">II", 0, 12)
+    (folder / ".git/objects/pack/a.idx").write_bytes(b"\xfftOc\0\0\0\2" + fan_out + bytes.fromhex(name) + offset)
+    (folder / ".git/objects/pack/a.pack").write_bytes(b"PACK" + bytes(8) + b"\x60" + b"\xff" * 1024 * 1024)
+    began_s = time.monotonic()
+    assert last_commit_time(folder) is None
+    assert time.monotonic() - began_s < 12.0

@@ -12,7 +12,8 @@ from grader.batch.order import Order, problem_of
 from grader.errors import GraderError, RubricError, SubmissionError
 from grader.intake import Handed
 from grader.live.isolation import Isolation, Level
-from grader.pipeline import Options, read_rubric
+from grader.pipeline import Options
+from grader.rubrics import read_rubric
 
 
 def test_an_order_arrives_as_it_was_sent(tmp_path: Path) -> None:

@@ -11,14 +11,14 @@ from typing import Any
 
 import pytest
 
-from grader import pipeline
+from grader import pipeline, result_folder, rubrics
 from grader.batch.audit import AUDIT_FILE, HISTORY, Occasion, note_replaced
 from grader.batch.regrade import Regrade, is_class, recorded_in, regrade
 from grader.errors import RecordingError, RubricError
 from tests.regraded import regraded
 
 ROOT = Path(__file__).resolve().parents[2]
-SHIPPED = pipeline.lab_folder() / "rubric.yaml"
+SHIPPED = rubrics.lab_folder() / "rubric.yaml"
 NAMES = ("alice", "bob", "carol")
 AT = datetime(2026, 11, 21, 10, tzinfo=timezone.utc)
 OCCASION = Occasion(AT, "regrade", "0" * 64)
@@ -28,9 +28,9 @@ WHY = "reason: it was so, who: J. Smith, when: 2026-11-21"
 def add(results: Path, name: str, recording: str = "missing_service_file", **facts: Any) -> Path:
     """Add a submission with kept recordings to a class."""
     folder = results / name
-    shutil.copytree(ROOT / "tests/recordings" / recording, folder / pipeline.RECORDINGS)
-    shutil.copy(SHIPPED, folder / pipeline.RECORDINGS / pipeline.RUBRIC_COPY)
-    path = folder / pipeline.RECORDINGS / "submission.json"
+    shutil.copytree(ROOT / "tests/recordings" / recording, folder / result_folder.RECORDINGS)
+    shutil.copy(SHIPPED, folder / result_folder.RECORDINGS / result_folder.RUBRIC_COPY)
+    path = folder / result_folder.RECORDINGS / "submission.json"
     path.write_text(json.dumps({**json.loads(path.read_text(encoding="utf-8")), "name": name, **facts}))
     return folder
 
@@ -40,7 +40,7 @@ def judged(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Lay out a class of three with their results, once."""
     folder = tmp_path_factory.mktemp("judged")
     for name in NAMES:
-        pipeline.judge_results(add(folder, name), pipeline.read_rubric(None))
+        pipeline.judge_results(add(folder, name), rubrics.read_rubric(None))
     return folder
 
 
@@ -87,10 +87,10 @@ def test_a_class_is_a_folder_of_recorded_submissions(results: Path) -> None:
     """A submission's own folder is no class, and neither is one without recordings."""
     assert is_class(results)
     assert not is_class(results / "alice")
-    assert not is_class(results / "alice" / pipeline.RECORDINGS)
+    assert not is_class(results / "alice" / result_folder.RECORDINGS)
     assert not is_class(results.parent / "none")
     (results / "history").mkdir()
-    (results / ".partial" / pipeline.RECORDINGS).mkdir(parents=True)
+    (results / ".partial" / result_folder.RECORDINGS).mkdir(parents=True)
     assert [folder.name for folder in recorded_in(results)] == list(NAMES)
 
 
@@ -143,25 +143,25 @@ def test_processes_side_by_side_find_the_same(results: Path, stricter: Path) -> 
 
 def test_one_that_cannot_be_judged_does_not_stop_the_others(results: Path, stricter: Path) -> None:
     """A damaged recording keeps its old result, and is told with its exit status."""
-    old = (results / "bob" / pipeline.RESULT_FILE).read_bytes()
-    (results / "bob" / pipeline.RECORDINGS / "publisher/session.json").write_text("{")
+    old = (results / "bob" / result_folder.RESULT_FILE).read_bytes()
+    (results / "bob" / result_folder.RECORDINGS / "publisher/session.json").write_text("{")
     found = rejudge(results, stricter, None, prepare=True)
     found.apply(OCCASION)
     assert list(found.changes) == ["alice", "carol"]
     assert {name: failed.exit_status for name, failed in found.failed.items()} == {"bob": 6}
-    assert (results / "bob" / pipeline.RESULT_FILE).read_bytes() == old
+    assert (results / "bob" / result_folder.RESULT_FILE).read_bytes() == old
 
 
 def test_one_without_its_rubric_needs_another(results: Path, stricter: Path) -> None:
     """Recordings without a copy of the rubric cannot be judged by it, but by one that is given."""
-    (results / "bob" / pipeline.RECORDINGS / pipeline.RUBRIC_COPY).unlink()
+    (results / "bob" / result_folder.RECORDINGS / result_folder.RUBRIC_COPY).unlink()
     assert list(rejudge(results, None, None, prepare=False).failed) == ["bob"]
     assert rejudge(results, stricter, None, prepare=False).failed == {}
 
 
 def test_each_is_judged_by_its_own_rubric(results: Path, stricter: Path) -> None:
     """Where the copies differ, each folder's counts."""
-    shutil.copy(stricter, results / "carol" / pipeline.RECORDINGS / pipeline.RUBRIC_COPY)
+    shutil.copy(stricter, results / "carol" / result_folder.RECORDINGS / result_folder.RUBRIC_COPY)
     found = rejudge(results, None, None, prepare=False)
     assert {name: changes.difference for name, changes in found.changes.items()} == {"alice": 0, "bob": 0, "carol": -6}
 
@@ -172,7 +172,7 @@ def test_results_remember_the_rubric_that_was_applied(results: Path, stricter: P
     again = rejudge(results, None, None, prepare=False)
     assert not any(changes.matters or changes.words for changes in again.changes.values())
     rejudge(results, SHIPPED, None, prepare=True).apply(OCCASION)
-    assert not [path for path in files(results) if path.endswith(f"alice/{pipeline.RUBRIC_COPY}")]
+    assert not [path for path in files(results) if path.endswith(f"alice/{result_folder.RUBRIC_COPY}")]
 
 
 def test_a_broken_rubric_is_told_before_anything_is_judged(results: Path, tmp_path: Path) -> None:
@@ -205,12 +205,12 @@ def test_decisions_survive_every_regrade(results: Path, stricter: Path) -> None:
     for rubric in (None, stricter, None):
         found = rejudge(results, rubric, None, prepare=True)
         found.apply(OCCASION)
-        plain = json.loads((results / "bob" / pipeline.RESULT_FILE).read_text())
+        plain = json.loads((results / "bob" / result_folder.RESULT_FILE).read_text())
         assert plain["score"]["final"] == plain["score"]["earned"] + 2.5
         assert [a["kind"] for a in plain["adjustments"]] == ["bonus"]
         alone = regraded(results / "bob", rubric)
         assert alone.final == found.changes["bob"].after
-    assert json.loads((results / "alice" / pipeline.RESULT_FILE).read_text())["adjustments"] == []
+    assert json.loads((results / "alice" / result_folder.RESULT_FILE).read_text())["adjustments"] == []
 
 
 def test_another_file_of_decisions(results: Path, tmp_path: Path) -> None:
@@ -257,7 +257,7 @@ def test_lateness_by_the_recorded_time(tmp_path: Path) -> None:
     add(results, "bob", "wrong_topic", submitted_at="2026-11-22T00:00:00+01:00")
     add(results, "carol", "wrong_topic")
     rejudge(results, rubric, None, prepare=True).apply(OCCASION)
-    found = {name: json.loads((results / name / pipeline.RESULT_FILE).read_text()) for name in NAMES}
+    found = {name: json.loads((results / name / result_folder.RESULT_FILE).read_text()) for name in NAMES}
     earned = found["alice"]["score"]["earned"]
     assert {name: plain["score"]["final"] for name, plain in found.items()} == {
         "alice": earned,
@@ -272,14 +272,14 @@ def test_lateness_by_the_recorded_time(tmp_path: Path) -> None:
 
 def test_each_replaced_result_is_kept_and_noted(results: Path, stricter: Path) -> None:
     """The old file lies under its hash, byte for byte; the line says when, by what, and from what to what."""
-    old = {name: (results / name / pipeline.RESULT_FILE).read_bytes() for name in NAMES}
+    old = {name: (results / name / result_folder.RESULT_FILE).read_bytes() for name in NAMES}
     rejudge(results, stricter, None, prepare=True).apply(OCCASION)
     lines = trail(results)
     assert [line["submission"] for line in lines] == list(NAMES)
     for line in lines:
         name = line["submission"]
         assert (results / line["kept"]).read_bytes() == old[name]
-        new = (results / name / pipeline.RESULT_FILE).read_bytes()
+        new = (results / name / result_folder.RESULT_FILE).read_bytes()
         assert line["result_sha256"] == [hashlib.sha256(text).hexdigest() for text in (old[name], new)]
         assert line["final"][0] - line["final"][1] == 6
         assert line["checks"]["publisher.rate"]["points"] == [6, 0]
@@ -320,7 +320,7 @@ def test_the_first_result_with_a_decision_is_noted(tmp_path: Path) -> None:
 
 def test_something_else_in_place_of_a_result(results: Path) -> None:
     """A damaged old file counts as none, and is not kept as a result."""
-    after = (results / "alice" / pipeline.RESULT_FILE).read_text()
+    after = (results / "alice" / result_folder.RESULT_FILE).read_text()
     changes = note_replaced(results, "alice", "\x00{", after, OCCASION)
     assert changes.before is None
     assert trail(results) == []

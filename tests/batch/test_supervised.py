@@ -27,8 +27,9 @@ from grader.errors import GraderError
 from grader.intake import Handed
 from grader.live.isolation import Level
 from grader.live.probing import probe_isolation
-from grader.pipeline import Options, read_rubric
+from grader.pipeline import Options
 from grader.result import Result, Score
+from grader.rubrics import read_rubric
 from tests.batch.small_class import SLEEPS, Family, SmallClass, make_class
 from tests.live.small_lab import TALKER, command_of, leavings, until
 

@@ -18,8 +18,8 @@ from grader.batch.order import Row
 from grader.cli import main
 from grader.commands.grade import _report_class, _tell_found
 from grader.intake import Handed
-from grader.pipeline import read_rubric
 from grader.result import Result, Score
+from grader.rubrics import read_rubric
 
 ROOT = Path(__file__).parents[2]
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, expect
 
-from grader import pipeline
+from grader import pipeline, result_folder, rubrics
 from tests.browser.chromium import DESK, PHONE, browser, visit
 
 pytestmark = pytest.mark.browser
@@ -34,14 +34,14 @@ def chromium() -> Iterator[Browser]:
 @pytest.fixture(scope="module")
 def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Give the reports of some kept recordings."""
-    rubric = pipeline.read_rubric(None)
+    rubric = rubrics.read_rubric(None)
     folder = tmp_path_factory.mktemp("reports")
     (folder / "overrides.yaml").write_text(OVERRIDES, encoding="utf-8")
-    overrides = pipeline.read_overrides(None, folder, rubric)
+    overrides = rubrics.read_overrides(None, folder, rubric)
     for name in NAMES:
-        shutil.copytree(KEPT / name, folder / name / pipeline.RECORDINGS)
+        shutil.copytree(KEPT / name, folder / name / result_folder.RECORDINGS)
         pipeline.judge_results(folder / name, rubric, overrides)
-    return {name: folder / name / pipeline.REPORT_FILE for name in NAMES}
+    return {name: folder / name / result_folder.REPORT_FILE for name in NAMES}
 
 
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])

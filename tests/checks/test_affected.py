@@ -11,12 +11,13 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
+from grader.attempts import undecided_sessions
 from grader.judging import judge, open_recordings
-from grader.pipeline import read_rubric, undecided_sessions
 from grader.recording.session import Endpoint, SessionRecord, Unrecorded, read_session, write_session
 from grader.recording.told import DIGEST_DIGITS
 from grader.result import CheckResult, Outcome, Result, ViolationKind
 from grader.rubric import Rubric
+from grader.rubrics import read_rubric
 from tests.synthetic import ROOT
 
 #: Messages of the arm that the tests make another's, by their place.

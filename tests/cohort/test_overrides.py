@@ -10,8 +10,8 @@ import pytest
 
 from grader.cohort.overrides import Overrides, load_overrides, moment_of
 from grader.errors import RubricError
-from grader.pipeline import read_rubric
 from grader.rubric import Rubric
+from grader.rubrics import read_rubric
 
 WHY = "reason: it was so, who: J. Smith, when: 2026-11-21"
 

@@ -9,7 +9,8 @@ import pytest
 
 from grader.cli import main
 from grader.commands.meant import is_results
-from grader.pipeline import RECORDINGS, RUBRIC_COPY, lab_folder, read_rubric
+from grader.result_folder import RECORDINGS, RUBRIC_COPY
+from grader.rubrics import lab_folder, read_rubric
 
 ROOT = Path(__file__).resolve().parents[2]
 

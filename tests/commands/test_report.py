@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from grader import pipeline
+from grader import pipeline, result_folder, rubrics
 from grader.cli import main
 from grader.rubric import Rubric
 
@@ -18,7 +18,7 @@ KEPT = Path(__file__).resolve().parents[1] / "recordings"
 @pytest.fixture(scope="module")
 def rubric() -> Rubric:
     """Give the lab's own rubric."""
-    return pipeline.read_rubric(None)
+    return rubrics.read_rubric(None)
 
 
 @pytest.fixture(scope="module")
@@ -26,8 +26,10 @@ def judged(rubric: Rubric, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Give the results of three kept recordings."""
     results = tmp_path_factory.mktemp("results")
     for name in ("solution", "wrong_topic", "best_effort_publisher"):
-        shutil.copytree(KEPT / name, results / name / pipeline.RECORDINGS)
-        (results / name / pipeline.RECORDINGS / pipeline.RUBRIC_COPY).write_text(rubric.text, encoding="utf-8")
+        shutil.copytree(KEPT / name, results / name / result_folder.RECORDINGS)
+        (results / name / result_folder.RECORDINGS / result_folder.RUBRIC_COPY).write_text(
+            rubric.text, encoding="utf-8"
+        )
         pipeline.judge_results(results / name, rubric)
     return results
 
@@ -49,7 +51,7 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> tuple[int
 
 def grades(results: Path) -> dict[str, dict[str, str]]:
     """Read the table that was written."""
-    with (results / pipeline.GRADES_FILE).open(encoding="utf-8-sig", newline="") as stream:
+    with (results / result_folder.GRADES_FILE).open(encoding="utf-8-sig", newline="") as stream:
         return {row["submission"]: row for row in csv.DictReader(stream)}
 
 
@@ -64,13 +66,13 @@ def test_page_and_table_are_written_and_told(results: Path, capsys: pytest.Captu
         "solution": "100",
         "wrong_topic": "17",
     }
-    page = (results / pipeline.CLASS_PAGE).read_text(encoding="utf-8")
+    page = (results / result_folder.CLASS_PAGE).read_text(encoding="utf-8")
     assert 'href="wrong_topic/report.html"' in page
 
 
 def test_writing_it_again_gives_the_same_bytes(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Its own files are no submissions, and nothing depends on the time."""
-    files = [results / name for name in (pipeline.CLASS_PAGE, pipeline.GRADES_FILE)]
+    files = [results / name for name in (result_folder.CLASS_PAGE, result_folder.GRADES_FILE)]
     run(capsys, results)
     first = [file.read_bytes() for file in files]
     run(capsys, results)
@@ -94,7 +96,7 @@ def test_a_list_adds_ids_and_who_is_missing(results: Path, tmp_path: Path, capsy
 def test_no_name_is_in_an_anonymous_page_or_table(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Both are written under pseudonyms, beside the real page and the grade book, which stay as they are."""
     run(capsys, results)
-    real = {name: (results / name).read_bytes() for name in (pipeline.CLASS_PAGE, pipeline.GRADES_FILE)}
+    real = {name: (results / name).read_bytes() for name in (result_folder.CLASS_PAGE, result_folder.GRADES_FILE)}
     status, output, _ = run(capsys, results, "--anonymous")
     assert status == 0
     with (results / "grades-anonymous.csv").open(encoding="utf-8-sig", newline="") as stream:
@@ -112,11 +114,11 @@ def test_results_of_two_labs_are_not_summed_up(
 ) -> None:
     """Which is of another is named, and nothing is written."""
     other = rubric.text.replace('id: "09-01"', 'id: "other"')
-    (results / "wrong_topic" / pipeline.RECORDINGS / pipeline.RUBRIC_COPY).write_text(other, encoding="utf-8")
+    (results / "wrong_topic" / result_folder.RECORDINGS / result_folder.RUBRIC_COPY).write_text(other, encoding="utf-8")
     status, _, errors = run(capsys, results)
     assert status == 2
     assert f"{results / 'wrong_topic'}: these are results of Lab other, and the rubric is of Lab 09-01" in errors
-    assert not (results / pipeline.CLASS_PAGE).exists()
+    assert not (results / result_folder.CLASS_PAGE).exists()
 
 
 def test_results_of_one_submission_are_no_class(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -132,8 +134,8 @@ def test_the_rubric_is_that_of_most(
     """One judged by another rubric is told; with that rubric given, the two others are."""
     other = tmp_path / "other.yaml"
     other.write_text(rubric.text + "\n# Changed since.\n", encoding="utf-8")
-    shutil.copy(other, results / "solution" / pipeline.RECORDINGS / pipeline.RUBRIC_COPY)
-    pipeline.judge_results(results / "solution", pipeline.read_rubric(other))
+    shutil.copy(other, results / "solution" / result_folder.RECORDINGS / result_folder.RUBRIC_COPY)
+    pipeline.judge_results(results / "solution", rubrics.read_rubric(other))
     run(capsys, results)
     assert {name: row["needs"] for name, row in grades(results).items() if row["needs"]} == {"solution": "other rubric"}
     run(capsys, results, "--rubric", other)
@@ -149,7 +151,7 @@ def test_the_rubric_is_the_one_that_was_applied_last(
     assert main(["regrade", str(results), "--rubric", str(new), "--apply"]) == 0
     run(capsys, results)
     assert not [name for name, row in grades(results).items() if row["needs"] == "other rubric"]
-    page = (results / pipeline.CLASS_PAGE).read_text(encoding="utf-8")
+    page = (results / result_folder.CLASS_PAGE).read_text(encoding="utf-8")
     assert "Commands are quick" in page
     assert "Commands arrive at 100 Hz" not in page
 
@@ -174,4 +176,4 @@ def test_a_wrong_list_is_refused_before_anything_is_written(
     status, _, errors = run(capsys, results, "--class-list", tmp_path / "class.csv")
     assert status == 3
     assert "no column 'name'" in errors
-    assert not (results / pipeline.CLASS_PAGE).exists()
+    assert not (results / result_folder.CLASS_PAGE).exists()

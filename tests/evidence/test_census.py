@@ -12,7 +12,6 @@ import pytest
 
 from grader.evidence.census import Touched, census
 from grader.evidence.recorded import Recorded
-from grader.pipeline import read_rubric
 from grader.recording.session import (
     SESSION_FILE,
     UNKNOWN_NODE,
@@ -28,6 +27,7 @@ from grader.recording.session import (
 )
 from grader.recording.told import digest
 from grader.result import ViolationKind, Where
+from grader.rubrics import read_rubric
 from tests.synthetic import FLOATS, ROOT, Session, at, floats
 
 KEPT = sorted(path.parent for path in (ROOT / "tests/recordings").glob(f"*/*/{SESSION_FILE}"))

@@ -14,7 +14,7 @@ from typing import Any
 
 import yaml
 
-from grader import pipeline
+from grader import pipeline, result_folder, rubrics
 from grader.evidence.recorded import Recorded
 from grader.live.cells import Progress
 from grader.rubric import Rubric
@@ -59,11 +59,11 @@ class Lab:
     @property
     def recordings(self) -> Path:
         """Folder of the recorded sessions."""
-        return self.results / pipeline.RECORDINGS
+        return self.results / result_folder.RECORDINGS
 
     def rubric(self) -> Rubric:
         """Load the rubric."""
-        return pipeline.read_rubric(self.rubric_file)
+        return rubrics.read_rubric(self.rubric_file)
 
     def record(self, on_progress: Callable[[Progress], None] = lambda progress: None) -> dict[str, Recorded]:
         """Record all sessions as `grade` does, and open them."""

@@ -34,7 +34,7 @@ pytest.importorskip("rclpy")
 ROOT = Path(__file__).parents[2]
 sys.path.append(str(ROOT))
 
-from grader import pipeline  # noqa: E402
+from grader import rubrics  # noqa: E402
 from grader.intake import Handed  # noqa: E402
 from grader.live.isolation import STUDENT_UIDS  # noqa: E402
 from grader.result import result_schema  # noqa: E402
@@ -337,7 +337,7 @@ def faults_of_result(result: dict[str, Any], most: float) -> list[str]:
 
 def outcomes(result: dict[str, Any], sessions: tuple[str, ...]) -> dict[str, str]:
     """Return the outcome of each check of the sessions; what a busy machine leaves undecided is as good as passed."""
-    rubric = pipeline.read_rubric(None)
+    rubric = rubrics.read_rubric(None)
     chosen = {c.id for c in rubric.checks() if c.session in sessions}
     checks = [check for criterion in result["criteria"] for check in criterion["checks"]]
     return {
@@ -423,7 +423,7 @@ def test_an_attack_gains_nothing_and_breaks_nothing(graded: Graded, attack: Atta
         assert not (folder / "report.html").exists()
         return
     result = graded.result_of(attack.name)
-    most = attack.most_points(pipeline.read_rubric(None))
+    most = attack.most_points(rubrics.read_rubric(None))
     faults = faults_of_result(result, float(most)) + faults_of_page(folder / "report.html")
     honest = Page((graded.results[HONEST] / "report.html").read_text(encoding="utf-8"))
     scripts = scripts_of(Page((folder / "report.html").read_text(encoding="utf-8")))

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from grader.live.environment import interpreter_links, interpreter_roots
+from grader.live.environment import interpreter_links, interpreter_roots, student_environment
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the live half runs on Linux alone")
 
@@ -48,3 +49,14 @@ def test_a_link_in_somebodys_home_does_not_open_the_home(tmp_path: Path, install
     assert interpreter_links(python) == {link: str(installed)}
     assert tmp_path / "home" not in interpreter_roots(link)
     assert interpreter_links(link) == {link: str(installed)}
+
+
+def test_what_a_program_left_at_home_does_not_run_in_the_next(tmp_path: Path) -> None:
+    """An interpreter outside of any virtual environment reads what lies in its user's home; a student's does not."""
+    python = Path(sys.base_prefix, "bin", f"python{sys.version_info.major}.{sys.version_info.minor}")
+    environment = student_environment(python, str(tmp_path), "/ws", "/inside", 0)
+    own = Path(tmp_path, ".local/lib", f"python{sys.version_info.major}.{sys.version_info.minor}", "site-packages")
+    own.mkdir(parents=True)
+    Path(own, "left.pth").write_text("import os; os.write(1, b'it runs')\n")
+    run = subprocess.run([python, "-c", "pass"], env=environment, capture_output=True, check=True)
+    assert run.stdout == b""

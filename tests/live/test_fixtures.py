@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from grader import pipeline
+from grader import pipeline, result_folder, rubrics
 from grader.batch.expectations import Verdict, compare, load_fixture
 from grader.judging import judge, open_recordings
 from grader.rubric import Rubric
@@ -26,7 +26,7 @@ FIXTURES = sorted(path.parent for path in (ROOT / "fixtures").glob("*/expected.y
 @pytest.fixture(scope="module")
 def rubric() -> Rubric:
     """Give the lab's own rubric."""
-    return pipeline.read_rubric(None)
+    return rubrics.read_rubric(None)
 
 
 @contextmanager
@@ -50,7 +50,7 @@ def test_fixture_gets_its_verdict(folder: Path, tmp_path: Path, rubric: Rubric) 
         record.sessions = list(fixture.expectation.sessions)
         options = pipeline.Options(Path(sys.executable), record.sessions, jobs=1)
         pipeline.record(submission, record, rubric, results, options, lambda progress: None)
-        result = judge(open_recordings(results / pipeline.RECORDINGS, rubric), rubric)
+        result = judge(open_recordings(results / result_folder.RECORDINGS, rubric), rubric)
         assert result is not None
         return compare(fixture.expectation, result, rubric)
 

@@ -16,10 +16,10 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from grader import pipeline
 from grader.errors import IsolationError
 from grader.evidence.limits import ended_by_limit
 from grader.evidence.recorded import Recorded
+from grader.live import environment
 from grader.live.cells import Sessions
 from grader.live.fork_server import ForkServer
 from grader.live.isolation import STUDENT_UIDS, Form, Isolation, Level, Room, first_student_uid, student_argv
@@ -152,7 +152,7 @@ def record_at(lab: Lab, isolation: Isolation) -> Recorded:
             isolation,
             PYTHON,
             1,
-            pipeline.versions(),
+            environment.versions(),
             forks,
         )
         sessions.record(["only"], lambda progress: None)

@@ -16,7 +16,7 @@ pytest.importorskip("rclpy")
 
 sys.path.append(str(Path(__file__).parents[2]))
 
-from grader import pipeline
+from grader import pipeline, result_folder
 from grader.cli import main
 from grader.recording.session import read_session
 from tests.batch.small_class import make_class
@@ -67,7 +67,7 @@ def test_what_breaks_after_the_sessions_leaves_the_recordings(
         mended = shutil.copytree(tmp_path, tmp_path / f"mended-{status}", ignore=lambda *_: {"results", "mended-70"})
         with_figure(Path(mended) / "rubric.yaml", SOUND)
         assert main(["regrade", str(results), "--rubric", str(Path(mended) / "rubric.yaml")]) == 0
-        assert json.loads((results / pipeline.RESULT_FILE).read_text(encoding="utf-8"))["score"]["earned"] == 1
+        assert json.loads((results / result_folder.RESULT_FILE).read_text(encoding="utf-8"))["score"]["earned"] == 1
         assert read_session(results / "recordings/only").started_ns == recorded.started_ns
 
 

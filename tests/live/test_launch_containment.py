@@ -17,7 +17,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from grader import pipeline
+from grader import pipeline, rubrics
 from grader.live.cells import Progress
 from grader.live.probing import probe_isolation
 from grader.result import CheckResult, Outcome, Result
@@ -139,7 +139,7 @@ def record_and_judge(
     submission: Path, results: Path, on_progress: Callable[[Progress], None] = lambda progress: None
 ) -> Result:
     """Record the launch session alone, and judge it."""
-    rubric = pipeline.read_rubric(None)
+    rubric = rubrics.read_rubric(None)
     record = read_submission_folder(submission, rubric)
     record.sessions = [CRITERION]
     options = pipeline.Options(Path(sys.executable), [CRITERION], jobs=1)

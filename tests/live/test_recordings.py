@@ -24,7 +24,7 @@ from rosbags.highlevel import AnyReader
 ROOT = Path(__file__).parents[2]
 sys.path.append(str(ROOT))
 
-from grader import pipeline  # noqa: E402
+from grader import judgement, pipeline, result_folder, rubrics  # noqa: E402
 from grader.errors import BoundError  # noqa: E402
 from grader.evidence.recorded import Recorded  # noqa: E402
 from grader.judging import judge, open_recordings  # noqa: E402
@@ -52,7 +52,7 @@ SESSIONS = ("publisher", "subscriber", "service", "launch", "qos")
 @pytest.fixture(scope="module")
 def rubric() -> Rubric:
     """Give the lab's own rubric."""
-    return pipeline.read_rubric(None)
+    return rubrics.read_rubric(None)
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +77,7 @@ def solution(rubric: Rubric, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize("session", SESSIONS)
 def test_other_readers_agree_with_ours(session: str, solution: Path) -> None:
     """`rosbags`, `mcap` and our own reader give the same counts, times and bytes, and every message decodes."""
-    folder = solution / pipeline.RECORDINGS / session
+    folder = solution / result_folder.RECORDINGS / session
     recorded = Recorded.open(folder)
     assert recorded.record.complete
     assert not recorded.record.problems
@@ -108,10 +108,10 @@ def test_other_readers_agree_with_ours(session: str, solution: Path) -> None:
 
 def test_values_are_those_that_were_published(solution: Path) -> None:
     """The first joint's command in the bag is the solution's sinusoid, as read by `rosbags`."""
-    with AnyReader([solution / pipeline.RECORDINGS / "publisher"]) as bag:
+    with AnyReader([solution / result_folder.RECORDINGS / "publisher"]) as bag:
         connections = [c for c in bag.connections if c.topic == "/joint_commands"]
         messages: list[Any] = [bag.deserialize(data, c.msgtype) for c, _, data in bag.messages(connections)]
-    ours = Recorded.open(solution / pipeline.RECORDINGS / "publisher").numeric("/joint_commands", "data")
+    ours = Recorded.open(solution / result_folder.RECORDINGS / "publisher").numeric("/joint_commands", "data")
     assert ours is not None
     values = np.array([message.data for message in messages])
     assert len(values) > 100
@@ -123,13 +123,13 @@ def test_values_are_those_that_were_published(solution: Path) -> None:
 
 def test_all_traffic_is_recorded(solution: Path) -> None:
     """Logs, the clock, the grader's own publications and its service calls are in the bags too."""
-    topics = {s: {t.topic for t in Recorded.open(solution / pipeline.RECORDINGS / s).bag.topics} for s in SESSIONS}
+    topics = {s: {t.topic for t in Recorded.open(solution / result_folder.RECORDINGS / s).bag.topics} for s in SESSIONS}
     assert {"/joint_commands", "/rosout", "/parameter_events"} <= topics["publisher"]
     assert {"/joint_commands", "/joint_states", "/rosout"} <= topics["subscriber"]
     assert {"/robot/enable/_service_event", "/parameter_events"} <= topics["service"]
     assert {"/clock", "/joint_states", "/joint_commands"} <= topics["launch"]
     assert {"/test_best_effort", "/test_reliable", "/test_sensor_data", "/test_control_command"} <= topics["qos"]
-    early = Recorded.open(solution / pipeline.RECORDINGS / "subscriber").stream("/joint_states").field("data")
+    early = Recorded.open(solution / result_folder.RECORDINGS / "subscriber").stream("/joint_states").field("data")
     assert [list(data) for data in early[:20]] == [[0.1, 0.2, 0.3, 0.1, 0.2, 0.3, 0.1]] * 20
 
 
@@ -140,7 +140,7 @@ def test_judging_a_recording_twice_gives_the_same_bytes(solution: Path, tmp_path
         shutil.copytree(solution, tmp_path / name / "solution")
         for _ in range(2):
             regraded(tmp_path / name / "solution")
-            files = [tmp_path / name / "solution" / f for f in (pipeline.RESULT_FILE, pipeline.REPORT_FILE)]
+            files = [tmp_path / name / "solution" / f for f in (result_folder.RESULT_FILE, result_folder.REPORT_FILE)]
             pages.append([path.read_bytes() for path in files])
     assert all(page == pages[0] for page in pages)
 
@@ -194,12 +194,12 @@ def test_a_grading_whose_judging_fails_keeps_its_recordings(tmp_path: Path, monk
     ]
     lab = make_lab(tmp_path, {"talker": TALKER}, {"only": steps}, checks=[published("/chatter")])
     lab.results.mkdir()
-    (lab.results / pipeline.RESULT_FILE).write_text("of an earlier grading")
+    (lab.results / result_folder.RESULT_FILE).write_text("of an earlier grading")
     options = pipeline.Options(Path(sys.executable))
     with monkeypatch.context() as small:
-        small.setattr(pipeline, "JUDGING_BOUND", dataclasses.replace(pipeline.JUDGING_BOUND, memory_bytes=4096))
+        small.setattr(judgement, "JUDGING_BOUND", dataclasses.replace(judgement.JUDGING_BOUND, memory_bytes=4096))
         with pytest.raises(BoundError, match="judging the submission took more than") as caught:
             pipeline.grade(lab.submission, lab.rubric(), lab.results, options, lambda progress: None)
     assert f"grade regrade {lab.results}" in caught.value.remedy
-    assert [path.name for path in lab.results.iterdir()] == [pipeline.RECORDINGS]
+    assert [path.name for path in lab.results.iterdir()] == [result_folder.RECORDINGS]
     assert regraded(lab.results).score.earned == 1

@@ -11,8 +11,8 @@ import pytest
 
 from grader.live.stage import Workspace, stage
 from grader.packages import find_packages
-from grader.pipeline import read_rubric
 from grader.recording.submission import ArtifactFact, FileFact, SubmissionRecord
+from grader.rubrics import read_rubric
 from grader.submission import decode_text
 
 SAYS = 'import sys\nprint("{0}", __name__, sys.argv[1:])\n'

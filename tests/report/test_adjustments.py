@@ -15,12 +15,12 @@ import pytest
 from rich.console import Console
 
 from grader.judging import judge, open_recordings
-from grader.pipeline import read_rubric
 from grader.recording.submission import SubmissionRecord
 from grader.report import html
 from grader.report.terminal import print_result
 from grader.report.views import adjustments_of, final_share
 from grader.result import Adjustment, AdjustmentKind, Result, result_schema, to_json, to_plain
+from grader.rubrics import read_rubric
 from tests.report.untrusted_texts import FRAGMENTS
 
 KEPT = Path(__file__).resolve().parents[1] / "recordings"

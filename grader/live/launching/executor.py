@@ -757,6 +757,7 @@ class Executor:
 
     def _added(self, path: str, text: str) -> str:
         stem, suffix = os.path.splitext(os.path.basename(path))  # noqa: PTH119, PTH122
+        suffix = suffix if suffix[1:].isalnum() else ""
         if stem.startswith("launch_params_") and path in self._labels:
             stem, suffix = self._labels[path], ".yaml"
         return self.add_file(stem, suffix, text)

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 
 from grader.json_text import json_text
 from grader.judging import judge, open_recordings
-from grader.pipeline import read_rubric
 from grader.report.exports import render_export
 from grader.result import Result, read_result, to_json
+from grader.rubrics import read_rubric
 from tests.report.untrusted_texts import MEGABYTE, hostile
 
 ROOT = Path(__file__).resolve().parents[3]

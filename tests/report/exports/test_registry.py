@@ -6,8 +6,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 
 from grader.errors import GraderError
-from grader.pipeline import REPORT_FILE, RESULT_FILE
 from grader.report.exports import EXPORTS
+from grader.result_folder import REPORT_FILE, RESULT_FILE
 from tests.report.exports.sample_results import (
     VARIABLES,
     adjusted_and_touched,

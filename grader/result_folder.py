@@ -1,0 +1,12 @@
+"""The names of what lies in a folder of results: a submission's, and a class's around it."""
+
+from __future__ import annotations
+
+RECORDINGS = "recordings"
+RUBRIC_COPY = "rubric.yaml"
+RESULT_FILE = "result.json"
+REPORT_FILE = "report.html"
+CLASS_PAGE = "index.html"
+GRADES_FILE = "grades.csv"
+ANONYMOUS_PAGE = "index-anonymous.html"
+ANONYMOUS_GRADES_FILE = "grades-anonymous.csv"

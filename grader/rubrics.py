@@ -1,0 +1,224 @@
+"""Finds the rubric that counts: the user's, that of the grader's own lab, or the copy that lies with results."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+import yaml
+
+import grader
+from grader import kept_lab
+from grader.checks import PARAMETERS_OF
+from grader.cohort.entries import ClassEntry
+from grader.cohort.overrides import OVERRIDES_FILE, Overrides, load_overrides
+from grader.desk import lies_within
+from grader.errors import RecordingError, RubricError, UsageError
+from grader.evidence.figures import FIGURES
+from grader.result_folder import RECORDINGS, RUBRIC_COPY
+from grader.rubric import Kinds, Rubric, load_rubric
+
+
+def lab_folder() -> Path:
+    """Return the folder of the lab that travels with the grader: the checkout's root, or inside the package."""
+    package = Path(grader.__file__).parent
+    inside = package / "lab"
+    return inside if (inside / "rubric.yaml").is_file() else package.parent
+
+
+def read_rubric(path: Path | None, kept: Path | None = None) -> Rubric:
+    """Load a rubric that the user names, by default that of the lab which travels with the grader.
+
+    A copy that lies elsewhere finds the files that it names in the folder of that lab, if it is of the same lab.
+
+    Parameters
+    ----------
+    kept : Path, optional
+        The copy of a rubric with its own files kept beside it, to be used before those.
+
+    Raises
+    ------
+    RubricError
+        With all its mistakes.
+    """
+    shipped = lab_folder() / "rubric.yaml"
+    path = path or shipped
+    if (path.parent / kept_lab.KEPT).is_dir():
+        return recorded_rubric(path)
+    own = kept if kept is not None and _lab_id(kept) == _lab_id(path) and kept_lab.kept_files(kept) else None
+    if own is not None:
+        kept_lab.require_known(own, lab_folder())
+    same = path == shipped or _lab_id(path) == _lab_id(shipped)
+    fallback = own.parent / kept_lab.KEPT if own is not None else lab_folder() if same else None
+    rubric = load_rubric(path, rubric_kinds(), fallback)
+    kept_lab.trust(kept_lab.files_of(rubric))
+    return rubric
+
+
+def recorded_rubric(copy: Path, *, trusted: bool = False) -> Rubric:
+    """Load the copy of a rubric that lies with results, and the files that it names from beside it.
+
+    Parameters
+    ----------
+    trusted : bool
+        Whether these may be executed though they are not known here; see `grader.kept_lab`.
+
+    Raises
+    ------
+    RecordingError
+        If they may not be executed, or an earlier version of the grader has not kept them.
+    RubricError
+        With all mistakes of the rubric.
+    """
+    files = kept_lab.kept_files(copy)
+    if trusted:
+        kept_lab.trust(files)
+    elif files:
+        kept_lab.require_known(copy, lab_folder())
+    # Before they were kept, those of the grader's own lab were used; for another lab they would be the wrong ones.
+    shipped = not files and _lab_id(copy) == _lab_id(lab_folder() / "rubric.yaml")
+    folder = lab_folder() if shipped else copy.parent / kept_lab.KEPT
+    try:
+        return load_rubric(copy, rubric_kinds(), folder, only=True)
+    except RubricError as error:
+        if not files and not shipped:
+            error.remedy = "The recordings are without the files of their lab; give its rubric by --rubric."
+        raise
+
+
+@functools.lru_cache(maxsize=16)
+def _lab_id_in(text: str) -> str:
+    with suppress(yaml.YAMLError, RecursionError, TypeError, KeyError):
+        found = yaml.load(text, yaml.CSafeLoader)["lab"]["id"]
+        # Written out, nested aliases have no end.
+        return str(found) if isinstance(found, (str, int, float)) else ""
+    return ""
+
+
+def _lab_id(rubric: Path) -> str:
+    with suppress(OSError, UnicodeDecodeError):
+        return _lab_id_in(rubric.read_text(encoding="utf-8"))
+    return ""
+
+
+def rubric_kinds() -> Kinds:
+    """Return the checks and figures that a rubric can use."""
+    return Kinds(PARAMETERS_OF, {name: kind.parameters for name, kind in FIGURES.items()})
+
+
+def read_overrides(path: Path | None, results: Path, rubric: Rubric, sources: Iterable[str] = ()) -> Overrides:
+    """Load the file of overrides that is given, or else the one beside the results, if there is one.
+
+    Parameters
+    ----------
+    results : Path
+        Folder with a folder of results for each submission.
+    sources : iterable of str
+        Where the submissions lie. If the results lie in one of them, the file beside them may be a student's, and
+        does not count.
+
+    Raises
+    ------
+    RubricError
+        With all its mistakes.
+    """
+    beside = results / OVERRIDES_FILE
+    if path is None and lies_within(results, sources):
+        return Overrides()
+    if path is None and not beside.is_file():
+        misnamed = beside.with_suffix(".yml")
+        if misnamed.is_file():
+            problem = f"the file of overrides is called {OVERRIDES_FILE}; under this name nothing in it would count"
+            raise RubricError(
+                problem, [], where=str(misnamed), remedy=f"Rename it, or give it with --overrides {misnamed}."
+            )
+        return Overrides()
+    return load_overrides(path or beside, rubric)
+
+
+def chosen_rubric(folders: Sequence[Path], path: Path) -> Rubric:
+    """Load a rubric that the user names for results; see `read_rubric`."""
+    copies = (copy for folder in folders for copy in _rubric_copies(folder))
+    return read_rubric(path, next(copies, None))
+
+
+def require_lab(results: Path, rubric: Rubric, remedy: str = "Name a rubric of that lab, or none.") -> None:
+    """Raise if results are of another lab than a rubric.
+
+    Parameters
+    ----------
+    remedy : str
+        What the user can do about it.
+
+    Raises
+    ------
+    UsageError
+        With both labs.
+    """
+    recorded = next(map(_lab_id, _rubric_copies(results)), "")
+    if recorded not in ("", rubric.lab.id):
+        problem = f"these are results of Lab {recorded}, and the rubric is of Lab {rubric.lab.id}"
+        raise UsageError(problem, where=str(results), remedy=remedy)
+
+
+def lab_remarks(results: Path, rubric: Rubric) -> list[str]:
+    """Say where results are judged by other files of the lab than they were made with, or the lab has others now."""
+    shipped = lab_folder() if rubric.lab.id == _lab_id(lab_folder() / "rubric.yaml") else None
+    return kept_lab.remarks(results / RECORDINGS, rubric, shipped)
+
+
+def rubric_copy(results: Path) -> Path:
+    """Return the rubric by which a results folder was judged last.
+
+    Raises
+    ------
+    RecordingError
+        If it is no results folder.
+    """
+    found = _rubric_copies(results)
+    if found:
+        return found[0]
+    raise RecordingError(
+        "there are no recordings to judge" if results.is_dir() else "there is no such folder",
+        where=str(results),
+        remedy="Give a folder of results, e.g. results/ for a class or results/alice for one submission.",
+    )
+
+
+def _rubric_copies(results: Path) -> list[Path]:
+    """Return the rubric of a result, if it was judged by another since, and the one that it was recorded with."""
+    return [copy for copy in (results / RUBRIC_COPY, results / RECORDINGS / RUBRIC_COPY) if copy.is_file()]
+
+
+def rubric_files_of_result(results: Path, rubric: Rubric) -> dict[Path, str | None]:
+    """Return what is to lie beside a result of its rubric, by its place; None for what is not to."""
+    recorded, files = results / RECORDINGS / RUBRIC_COPY, kept_lab.files_of(rubric)
+    before = {results / kept_lab.KEPT / name: None for name in kept_lab.kept_files(results / RUBRIC_COPY)}
+    same = recorded.is_file() and recorded.read_bytes().decode() == rubric.text
+    # Earlier versions kept no files.
+    if same and kept_lab.kept_files(recorded) in (files, {}):
+        return {results / RUBRIC_COPY: None, **before}
+    return {**before, **rubric_files(results, rubric)}
+
+
+def rubric_files(folder: Path, rubric: Rubric) -> dict[Path, str | None]:
+    """Return the texts of a rubric and of what it names, by their places, in folders that are there."""
+    files = {folder / kept_lab.KEPT / name: text for name, text in kept_lab.files_of(rubric).items()}
+    for file in files:
+        file.parent.mkdir(parents=True, exist_ok=True)
+    return {folder / RUBRIC_COPY: rubric.text, **files}
+
+
+def rubric_of_class(results: Path, entries: Sequence[ClassEntry]) -> Path | None:
+    """Return the copy of the rubric by which most of a class were judged; None if there is no copy of it."""
+    judged_by = {entry.name: entry.result.rubric_sha256 for entry in entries if entry.result is not None}
+    for sha256, _ in Counter(judged_by.values()).most_common():
+        for name in (name for name, by in judged_by.items() if by == sha256):
+            for copy in _rubric_copies(results / name):
+                if hashlib.sha256(copy.read_bytes()).hexdigest() == sha256:
+                    return copy
+    return None
