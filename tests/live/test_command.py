@@ -116,7 +116,7 @@ def test_one_session_can_be_chosen(tmp_path: Path) -> None:
     assert run.returncode == 1, run.stderr
     result = json.loads((tmp_path / "out" / "alice" / "result.json").read_text(encoding="utf-8"))
     recordings = tmp_path / "out" / "alice" / "recordings"
-    assert [p.name for p in recordings.iterdir() if p.is_dir()] == ["publisher"]
+    assert [p.parent.name for p in recordings.glob("*/session.json")] == ["publisher"]
     judged = {check["id"].split(".")[0] for c in result["criteria"] for check in c["checks"]}
     assert "publisher" in judged
     assert not {"subscriber", "service"} & judged
