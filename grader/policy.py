@@ -49,7 +49,7 @@ def parse_time(text: str) -> datetime | None:
     """Read a date with its time from ISO 8601, also with "UTC" at its end, as GitHub and Canvas write it."""
     try:
         return datetime.fromisoformat(
-            re.sub(r"([Zz]|UTC)$", "+00:00", re.sub(r"\s+(?=[+-]|([Zz]|UTC)$)", "", text.strip()))
+            re.sub(r"([Zz]|UTC)$", "+00:00", re.sub(r"(?<!\s)\s+(?=[+-]|([Zz]|UTC)$)", "", text.strip()))
         )
     except ValueError:
         return None

@@ -153,7 +153,7 @@ _VALUE = re.compile(
     rf"|(?<![\w.]){_NUMBER}"
 )
 #: Words that look like names of the student's and are not: constants, and kinds of exception.
-_WORD = re.compile(r"[A-Z0-9_]*[A-Z][A-Z0-9_]*|\w*(?:Error|Exception|Warning|Interrupt)")
+_WORD = re.compile(r"(?=[A-Z0-9_]*[A-Z])[A-Z0-9_]+|\w*(?:Error|Exception|Warning|Interrupt)")
 _END = re.compile(r"[.;?!](?=\s|$)")
 _LIST = re.compile(rf"{_HOLE}(?:(?:, and |, or |, | and | or ){_HOLE})+")
 #: Words that change with the number of things that are spoken of.

@@ -127,7 +127,7 @@ def _reached_from(program: str | None, submission: SubmissionRecord) -> set[str]
     return found
 
 
-_TYPE_ALIAS = re.compile(r"^([ \t]*)type[ \t]+(\w+)[ \t]*(?:\[[^\]\n]*\])?[ \t]*=", re.MULTILINE)
+_TYPE_ALIAS = re.compile(r"^([ \t]*)type[ \t]+(\w+)[ \t]*(?:\[[^\]\n]*\][ \t]*)?=", re.MULTILINE)
 _TYPE_PARAMETERS = re.compile(r"^([ \t]*(?:async[ \t]+)?(?:def|class)[ \t]+\w+)[ \t]*\[[^\]\n]*\]", re.MULTILINE)
 _F_STRING = re.compile(r"(?<!\w)(?:[fF][rR]?|[rR][fF])(\"\"\"|'''|\"|')")
 _MOST_STRINGS = 2000
@@ -197,7 +197,7 @@ def _field_end(text: str, start: int) -> int:
     return at
 
 
-_CONVERSION = re.compile(r"(?<![!=<>])=?\s*(?:![rsa])?(?::(?!=).*)?$", re.DOTALL)
+_CONVERSION = re.compile(r"(?<![!=<>])=?\s{0,9}(?:![rsa])?(?::(?!=).*)?$", re.DOTALL)
 
 
 def _is_expression(field: str) -> bool:

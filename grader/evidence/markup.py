@@ -21,12 +21,12 @@ LINE_LIMIT = 20_000
 _MARKDOWN = MarkdownIt("commonmark").disable(["inline", "html_block"])
 
 #: Comments, and what a text tells programs in its first lines.
-_NOT_SEEN = re.compile(r"<!--.*?(?:-->|\Z)|\A---\n(?:(?:[\w-]+:|[ #-])[^\n]*\n){1,60}?---\n", re.DOTALL)
+_NOT_SEEN = re.compile(r"<!--.*?(?:-->|\Z)|\A---\n(?:(?:\w[\w-]*:|[ #-])[^\n]*\n){1,60}?---\n", re.DOTALL)
 _HEADING_WITHOUT_BLANK = re.compile(r"^( {0,3}#{1,6})(?=[^\s#!a-z])", re.MULTILINE)
 _BULLET = re.compile(r"^([ \t]*)[•‣–](?=[ \t])", re.MULTILINE)
 _OPTION = re.compile(r"^[ \t]+:[\w-]+:.*$", re.MULTILINE)
 _UNDERLINE = re.compile(r"([=\-~^\"'*+#])\1{2,}")
-_DIRECTIVE = re.compile(r"[ \t]*\.\.[ \t]+([\w-]+)::[ \t]*(.*)")
+_DIRECTIVE = re.compile(r"[ \t]*\.\.[ \t]+([\w-]+)::[ \t]*(?![ \t])(.*)")
 _CODE_DIRECTIVES = frozenset(["code", "code-block", "sourcecode", "parsed-literal"])
 _HTML_HEADING = re.compile(r"[ \t]*<h([1-6])\b[^>]{0,200}>(.*)", re.IGNORECASE)
 _BOLD_HEADING = re.compile(r"(?:\*\*|__)(?=\S)([^*_].{0,100}?)(?:\*\*|__):?[ \t]*")

@@ -197,7 +197,7 @@ def _rounding(texts: Sequence[str]) -> float:
 #: A letter of any script, and an element's name with its number.
 _LETTER = r"[^\W\d_]"
 _NAMED_NUMBER = re.compile(
-    rf"['\"]?{_LETTER}{{0,10}}[ _]?\d{{1,2}}['\"]?\s?[:=]\s?({_NUMBER.pattern})(?:\s?(?:rad|deg|°))?[\s,;|]*",
+    rf"['\"]?(?:{_LETTER}{{1,10}}[ _]?|_)?\d{{1,2}}['\"]?\s?[:=]\s?({_NUMBER.pattern})(?:\s?(?:rad|deg|°))?[\s,;|]*",
     re.IGNORECASE,
 )
 _NAMED_NUMBERS = re.compile(rf"[\s({{]*(?:{_NAMED_NUMBER.pattern}){{2,64}}[)}}]?", re.IGNORECASE)
@@ -210,7 +210,7 @@ def _bare(line: str, label: str) -> list[str]:
     if match is not None and _ONLY_NUMBERS.fullmatch(_NUMBER.sub(" ", _WRAPPING.sub(" ", match[1]))):
         return _NUMBER.findall(match[1])
     # Or each number stands behind the name of its element, as in ``Mean: j1=0.1, j2=0.2``.
-    match = re.search(rf"{words}[:=：](.*)$", line, re.IGNORECASE)
+    match = re.search(rf"{words}[:=：](.*)", line, re.IGNORECASE)
     named = _NAMED_NUMBERS.fullmatch(match[1]) if match is not None else None
     return [found[1] for found in _NAMED_NUMBER.finditer(named[0])] if named is not None else []
 

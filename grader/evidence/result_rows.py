@@ -211,7 +211,7 @@ def _header(line: str, width: int) -> dict[str, tuple[int, float]] | None:
         elif re.search(_MEAN, title, re.IGNORECASE):
             found.setdefault("mean", (place, unit_s))
         elif place > -width and not _NOT_RECEIVED.search(title) and "count" not in found:
-            counts = re.search(rf"{_RECEIVED}|{_MESSAGES}|^\W*[nN#]\W*$", title, re.IGNORECASE)
+            counts = re.search(rf"{_RECEIVED}|{_MESSAGES}|^\W{{0,9}}[nN#]\W{{0,9}}$", title, re.IGNORECASE)
             found.update({"count": (place, 1.0)} if counts else {})
     return found if {"mean", "max", "count"} <= set(found) else None
 
@@ -272,7 +272,7 @@ def _count(text: str) -> int | None:
 def _time(text: str, label: str) -> _Time | None:
     """Return the time behind a label, in s."""
     between = r"((?:[^\d\n+-]|-(?=[A-Za-z ])){0,40}?)"
-    behind = rf"\s*({_UNIT})?(\s*(?:milli|micro|nano|second))?"
+    behind = rf"\s{{0,9}}({_UNIT})?(\s{{0,9}}(?:milli|micro|nano|second))?"
     pattern = rf"(?<![A-Za-z]){label}{between}({NUMBER}){behind}"
     match = re.search(pattern, text, re.IGNORECASE)
     if match is None:
@@ -281,7 +281,7 @@ def _time(text: str, label: str) -> _Time | None:
     return _time_of(match[2], unit_s)
 
 
-_BEFORE_LABEL = rf"({NUMBER})\s*({_UNIT})?(\s*(?:milli|micro|nano|second)[a-z]*)?[\s(]{{0,2}}(?:on )?(?<![A-Za-z])"
+_BEFORE_LABEL = rf"({NUMBER})\s{{0,9}}({_UNIT})?(\s{{0,9}}(?:milli|micro|nano|second)[a-z]*)?[\s(]{{0,2}}(?:on )?(?<![A-Za-z])"
 
 
 def _labels_follow(text: str) -> bool:

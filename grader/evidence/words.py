@@ -33,7 +33,7 @@ UNDONE_LIMIT_WORDS = 12
 
 _PLACEHOLDER = re.compile(rf"\W*{one_of('placeholders')}\b", re.IGNORECASE)
 _PLACEHOLDER_LIMIT_WORDS = 6
-_BRACKETED = re.compile(r"^\W*[<\[{][^<>\[\]{}]{0,80}[>\]}]\W*$")
+_BRACKETED = re.compile(r"^\W{0,80}[<\[{][^<>\[\]{}]{0,80}[>\]}]\W*$")
 _LOREM = words_of("blind_text")
 
 

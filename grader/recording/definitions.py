@@ -23,7 +23,7 @@ _PRIMITIVES = frozenset(
     {"bool", "byte", "char", "string", "wstring", "float32", "float64"}
     | {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)}
 )
-_CHAR_FIELD = re.compile(r"^\s*char\b", re.MULTILINE)
+_CHAR_FIELD = re.compile(r"^[ \t]*char\b", re.MULTILINE)
 # Values of type_description_interfaces/msg/FieldType, as IDL spells the types.
 _IDL_TYPES = {
     2: "int8", 3: "uint8", 4: "int16", 5: "uint16", 6: "int32", 7: "uint32", 8: "int64", 9: "uint64",

@@ -12,7 +12,7 @@ from itertools import takewhile
 from grader.batch.lms.system import Delivered, System, local_time, matches
 
 _NAME = re.compile(
-    r"(?P<head>.+?_.+?)_attempt_(?P<time>\d{4}-\d\d-\d\d-\d\d-\d\d-\d\d)(?:_(?P<file>.+)|(?P<about>\.txt))", re.DOTALL
+    r"(?P<head>.[^_]*_.+?)_attempt_(?P<time>\d{4}-\d\d-\d\d-\d\d-\d\d-\d\d)(?:_(?P<file>.+)|(?P<about>\.txt))", re.DOTALL
 )
 
 

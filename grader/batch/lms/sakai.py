@@ -10,7 +10,7 @@ from datetime import datetime, timezone
 from grader.batch.lms.system import Delivered, System, matches
 from grader.policy import parse_time
 
-_NAME = re.compile(r"(?P<name>[^()]+, ?[^()]+)\((?P<id>[^()\s]+)\)")
+_NAME = re.compile(r"(?P<name>[^()][^(),]*,[^()]+)\((?P<id>[^()\s]+)\)")
 
 
 class Sakai(System):

@@ -52,4 +52,4 @@ def markup_of(text: str) -> str | None:
     """The language in which a text seems to be written: `xml`, `yaml`, or none of them."""
     if text.lstrip("\ufeff \t\r\n").startswith("<"):
         return "xml"
-    return "yaml" if re.match(r"\ufeff?\s*(#.*\s+)*(%YAML|---|launch\s*:)", text) else None
+    return "yaml" if re.match(r"\ufeff?\s*(#.*\n\s*)*(%YAML|---|launch\s*:)", text) else None

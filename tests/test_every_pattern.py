@@ -1,0 +1,154 @@
+"""No regular expression of the grader takes time that grows faster than a text; they are found, not listed."""
+
+from __future__ import annotations
+
+import ast
+import builtins
+import re
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from grader.bounded import Bound, in_processes
+from tests.hard_for_patterns import hard_texts
+
+ROOT = Path(__file__).resolve().parents[1]
+#: Function -> where its flags stand among the arguments.
+FUNCTIONS = {
+    **dict.fromkeys(("search", "match", "fullmatch", "findall", "finditer"), 2),
+    **{"compile": 1, "split": 3, "sub": 4, "subn": 4},
+}
+CHARACTERS = 4000
+#: Less is no wait, and too little to be compared.
+SOON_S = 0.01
+#: How many times longer four times the text may take: 4 where it is linear, 16 where it is the square.
+MOST_TIMES = 9.0
+BOUND = Bound("trying it", cpu_s=10.0, wall_s=120.0, memory_bytes=2**30)
+
+
+@dataclass(frozen=True)
+class Use:
+    """A regular expression in the source, and how it is used."""
+
+    place: str
+    pattern: str
+    flags: int
+    how: frozenset[str]
+
+
+class _Names(dict[str, Any]):
+    """Names as far as they can be known without running anything; what is not known may be any word."""
+
+    def __init__(self, module: Mapping[str, Any]) -> None:
+        super().__init__()
+        self.module = module
+
+    def __missing__(self, name: str) -> Any:
+        return self.module.get(name, getattr(builtins, name, "x"))
+
+
+def uses() -> Iterator[Use]:
+    """Find all regular expressions in the source."""
+    texts = {path: path.read_text(encoding="utf-8") for path in sorted((ROOT / "grader").rglob("*.py"))}
+    everything = "\n".join(texts.values())
+    for path, text in texts.items():
+        tree = ast.parse(text)
+        calls = {node: node.func.attr for node in ast.walk(tree) if isinstance(node, ast.Call) and _is_of_re(node)}
+        module = _constants(tree) if calls else {}
+        for call in calls:
+            names = _names_at(call, tree, module)
+            place = f"{path.relative_to(ROOT)}:{call.lineno}"
+            position = FUNCTIONS[calls[call]]
+            given = [k.value for k in call.keywords if k.arg == "flags"] + call.args[position : position + 1]
+            with suppress(AttributeError, TypeError):  # A parameter's: an attribute, or a function's result.
+                pattern = _value(call.args[0], names)
+                yield Use(place, pattern, int(_value(given[0], names)) if given else 0, _how(call, tree, everything))
+
+
+def _is_of_re(node: ast.Call) -> bool:
+    of_module = isinstance(node.func, ast.Attribute) and isinstance(node.func.value, ast.Name)
+    return of_module and node.func.value.id == "re" and node.func.attr in FUNCTIONS
+
+
+def _value(node: ast.expr, names: _Names) -> Any:
+    return eval(compile(ast.Expression(node), "", "eval"), {}, names)
+
+
+def _constants(tree: ast.Module) -> Mapping[str, Any]:
+    """Return what a module imports, and its constants as far as they need nothing else of it."""
+    module: dict[str, Any] = {}
+    for node in tree.body:
+        if isinstance(node, (ast.Import, ast.ImportFrom, ast.Assign, ast.AnnAssign)):
+            with suppress(Exception):
+                exec(compile(ast.Module([node], []), "", "exec"), module)
+    return module
+
+
+def _names_at(call: ast.Call, tree: ast.Module, module: Mapping[str, Any]) -> _Names:
+    """Return what is known at a call: the module's constants, and what its function assigns before it."""
+    names = _Names(module)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef) and node.lineno <= call.lineno <= (node.end_lineno or 0):
+            for inner in ast.walk(node):
+                if isinstance(inner, ast.Assign) and inner.lineno < call.lineno:
+                    target = inner.targets[0]
+                    with suppress(Exception):
+                        if isinstance(target, ast.Name):
+                            names[target.id] = _value(inner.value, names)
+    return names
+
+
+def _how(call: ast.Call, tree: ast.Module, everything: str) -> frozenset[str]:
+    """Return the functions by which a pattern is used; all that look anywhere, where this cannot be told."""
+    assert isinstance(call.func, ast.Attribute)
+    if call.func.attr != "compile":
+        return frozenset({call.func.attr})
+    named = [n.targets[0].id for n in tree.body if isinstance(n, ast.Assign) and n.value is call]
+    where = ast.unparse(tree) if named and named[0].startswith("_") else everything
+    found = re.findall(rf"\b{named[0]}\.(\w+)\b", where) if named else []
+    return frozenset(FUNCTIONS.keys() & found) or frozenset({"match", "fullmatch"})
+
+
+def slowness(use: Use) -> str:
+    """Say for which text a pattern takes too long; nothing if there is none."""
+    compiled = re.compile(use.pattern, use.flags)
+    for begin, again, end in hard_texts(use.pattern, use.flags):
+        text, quarter = (begin + (again * size)[:size] + end for size in (CHARACTERS, CHARACTERS // 4))
+        for how in use.how:
+            if _took_s(compiled, how, text) > SOON_S:
+                # The machine may be busy with something else, which takes longer, never less long.
+                long_s, short_s = (min(_took_s(compiled, how, t) for _ in range(4)) for t in (text, quarter))
+                if long_s > SOON_S and long_s > MOST_TIMES * short_s:
+                    return f"{how}: {begin!r} {again!r} {end!r} takes {long_s:.3f} s, a quarter {short_s:.4f} s"
+    return ""
+
+
+def _took_s(compiled: re.Pattern[str], how: str, text: str) -> float:
+    began_s = time.thread_time()
+    if how in ("sub", "subn"):
+        compiled.sub("", text)
+    elif how == "finditer":
+        list(compiled.finditer(text))
+    else:
+        getattr(compiled, how)(text)
+    return time.thread_time() - began_s
+
+
+def test_no_pattern_takes_longer_than_its_text_is_long() -> None:
+    """What a text of 4,000 characters that is hardest for a pattern takes is no more than that of a few quarters."""
+    found = list(uses())
+    assert len(found) > 150
+    outcomes = in_processes({use: partial(slowness, use) for use in found}, BOUND, at_a_time=2)
+    slow = [f"{use.place} {use.pattern!r}\n  {told}" for use, told in outcomes if told]
+    assert not slow, "\n" + "\n".join(sorted(slow))
+
+
+def test_slow_patterns_are_noticed() -> None:
+    """What is known to grow too fast is found to do so: by the square, and without end."""
+    for pattern, how in ((r"\s+$", "search"), (r"(\w*)*\d", "match"), (r"\w+\d+\w+x", "fullmatch"), (r"<[^>]*>", "sub")):
+        ((_, told),) = in_processes({0: partial(slowness, Use("", pattern, 0, frozenset({how})))}, BOUND)
+        assert told, pattern
