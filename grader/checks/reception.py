@@ -579,8 +579,8 @@ def _agreement(
     printed: PrintedVector,
 ) -> float:
     """Return the share of elements that lie within the oracle's bounds."""
-    right = context.oracle(p.oracle)(streams, {**p.parameters, **other}, context.session.record.seed)[p.key]
-    if len(printed.values) != len(right["value"]):
+    right = context.oracle(p.oracle)(streams, {**p.parameters, **other}, context.session.record.seed).get(p.key)
+    if right is None or len(printed.values) != len(right["value"]):
         return 0.0
     slack = [max(p.tolerance, 0.01 * abs(v), 1.01 * printed.rounding) for v in right["value"]]
     bounds = zip(printed.values, right["low"], right["high"], slack, strict=True)
