@@ -287,7 +287,8 @@ def tracking_statistics(
     -------
     dict
         `mean` and `max` of |error|, `rms` of the error, each over the history and with a number a joint (rad)
-        under `value`, and under `low` and `high` the bounds between which doubtful states can move it.
+        under `value`, and under `low` and `high` the bounds between which doubtful states can move it. Nothing if
+        no report shows a state's error.
 
     Raises
     ------
@@ -298,6 +299,8 @@ def tracking_statistics(
     tracking = _tracking(streams, parameters.get("command", "latest"))
     if parameters.get("reports") is not None:
         tracking = _reported(tracking, parameters["reports"])
+        if not len(tracking.source_ns):
+            return {}
     if parameters.get("keep", "last") == "first":
         tracking = _Tracking(tracking.source_ns[:history], tracking.commands[:history], tracking.states[:history])
     if not len(tracking.source_ns):

@@ -138,7 +138,7 @@ def test_each_policy_is_a_part(tmp_path: Path, qos: Qos, claim: Qos, credit: str
 
 
 def test_a_history_that_nobody_knows_is_left_to_a_person(tmp_path: Path) -> None:
-    """Discovery does not carry it; where neither the run nor the source says it, nothing is guessed."""
+    """Discovery does not carry it; where the tap noted nothing, nothing is guessed."""
     finding = profiled(tmp_path, RELIABLE, None)
     assert finding.outcome is Outcome.INCONCLUSIVE
     assert "history and depth" in finding.reason
