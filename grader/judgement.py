@@ -55,7 +55,7 @@ def judge_bounded(folder: Path, rubric: Rubric, overrides: Overrides, *, page: b
 
 def report_page(result: Result, recordings: Recordings, rubric: Rubric) -> str:
     """Return the HTML report of a result."""
-    from grader.evidence.figures import draw
+    from grader.report.figures import draw
     from grader.report.html import render
 
     figures = {}

@@ -14,9 +14,8 @@ from pathlib import PurePosixPath
 from xml.etree import ElementTree
 
 from grader.cmake_script import Command, commands_of, data_files_of_cmake
-from grader.python_source import NotRecognisedError
 from grader.recording.submission import PackageFact
-from grader.setup_script import data_files_of_setup, keyword_of_setup
+from grader.setup_script import NotRecognisedError, data_files_of_setup, keyword_of_setup
 
 _MOST_SCRIPTS = 200
 _MOST_PACKAGES = 100

@@ -18,7 +18,7 @@ from grader.cohort.entries import ClassEntry
 from grader.cohort.overrides import OVERRIDES_FILE, Overrides, load_overrides
 from grader.desk import lies_within
 from grader.errors import RecordingError, RubricError, UsageError
-from grader.evidence.figures import FIGURES
+from grader.report.figures import FIGURES
 from grader.result_folder import RECORDINGS, RUBRIC_COPY
 from grader.rubric import Kinds, Rubric, load_rubric
 
@@ -107,7 +107,7 @@ def _lab_id(rubric: Path) -> str:
 
 def rubric_kinds() -> Kinds:
     """Return the checks and figures that a rubric can use."""
-    return Kinds(PARAMETERS_OF, {name: kind.parameters for name, kind in FIGURES.items()})
+    return Kinds(PARAMETERS_OF, FIGURES)
 
 
 def read_overrides(path: Path | None, results: Path, rubric: Rubric, sources: Iterable[str] = ()) -> Overrides:

@@ -12,7 +12,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from grader.evidence import diagnosis, elsewhere, launch_source, markup, printed, prose, result_rows, source
-from grader.evidence.calls import asked_qos
 from grader.intake.names import UnfitNameError, clean_parts, displayed
 from grader.live.launching import parameter_text
 from grader.live.names import likeness
@@ -44,7 +43,6 @@ def _read_source(text: str) -> None:
     facts = source.parse("a.py", text)
     source.docstring_share([facts])
     prose.source_passages(facts)
-    asked_qos(text, "publisher", "/chatter")
     elsewhere.is_newer_python(text)
     launch_source.parameter_line(text, 1, "p")
 

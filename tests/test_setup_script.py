@@ -6,8 +6,7 @@ from typing import Any
 
 import pytest
 
-from grader.python_source import NotRecognisedError
-from grader.setup_script import keyword_of_setup
+from grader.setup_script import NotRecognisedError, keyword_of_setup
 
 PATHS = ["setup.py", "arm/__init__.py", "arm/talk.py", "arm/hear.py", "arm/.hidden.py"]
 CONSTANTS = "NAME: str = 'arm'\nNODES = ['talk', 'hear']\nTABLE = {'a': 'talk', 'b': 'hear'}\n"
@@ -22,9 +21,10 @@ def value(expression: str, before: str = CONSTANTS) -> Any:
     ("expression", "expected"),
     [
         ("TABLE", {"a": "talk", "b": "hear"}),
+        ("[f'{n}={NAME}.{n}:main' for n in NODES]", None),
+        ("dict(a=NODES + ['x'])", None),
+        ("{'a': NODES + ['x']}", {"a": ["talk", "hear", "x"]}),
         ("('x', NAME + '/' + 'y')", ["x", "arm/y"]),
-        ("[f'{n}={NAME}.{n}:main' for n in NODES]", ["talk=arm.talk:main", "hear=arm.hear:main"]),
-        ("dict(a=NODES + ['x'])", {"a": ["talk", "hear", "x"]}),
         ("os.path.join('share', NAME)", "share/arm"),
         ("sorted(glob(os.path.join('arm', '[th]*.py')))", ["arm/hear.py", "arm/talk.py"]),
         ("glob('arm/*')", ["arm/__init__.py", "arm/talk.py", "arm/hear.py"]),

@@ -23,7 +23,6 @@ from grader.checks.finding import (
     percent,
     why_nothing,
 )
-from grader.evidence.calls import asked_qos
 from grader.evidence.chance import is_believed
 from grader.evidence.printed import text_of
 from grader.evidence.recorded import Floats, Span, clock_step_s
@@ -185,7 +184,7 @@ def qos_profiles(context: Context, p: QosProfiles) -> Finding:
     parts: list[float] = []
     reasons, texts, spots, unknown = [], [], [], []
     for wanted in p.profiles:
-        sides = [_Side.of(context, p.artifact, kind, wanted.topic) for kind in ("publisher", "subscription")]
+        sides = [_Side.of(context, kind, wanted.topic) for kind in ("publisher", "subscription")]
         lacking = [side.kind for side in sides if not side.seen]
         if len(lacking) == 1 and _was_made(context, lacking[0], wanted.topic):
             reason = f"A {lacking[0]} on {wanted.topic} was made, but was not seen in the graph."
@@ -206,7 +205,7 @@ def qos_profiles(context: Context, p: QosProfiles) -> Finding:
     expected = "; ".join(f"{w.topic}: {w.reliability}, {w.history} {w.depth}, {w.durability}" for w in p.profiles)
     where = (*dict.fromkeys(spots), context.where())
     if unknown and not reasons:
-        reason = f"Neither the run nor the source says which history and depth {unknown[0]} has."
+        reason = f"The run does not say which history and depth {unknown[0]} has."
         return inconclusive(expected, "; ".join(texts), reason, where=where, retry=False)
     return graded(sum(parts) / len(parts), expected, "; ".join(texts), " ".join(reasons), where=where)
 
@@ -220,7 +219,7 @@ def _was_made(context: Context, kind: str, topic: str) -> bool:
 
 @dataclass(frozen=True)
 class _Side:
-    """One side of a topic: what the graph shows of its QoS, and what its source asks for."""
+    """One side of a topic: what the graph shows of its QoS, and what the program asked for as the tap noted."""
 
     kind: str
     seen: tuple[Qos, ...]
@@ -228,8 +227,8 @@ class _Side:
     where: Where | None
 
     @classmethod
-    def of(cls, context: Context, artifact: str, kind: str, topic: str) -> _Side:
-        claim, where = _claim(context, artifact, kind, topic)
+    def of(cls, context: Context, kind: str, topic: str) -> _Side:
+        claim, where = claimed_qos(context, kind, topic)
         return cls(kind, tuple(e.qos for e in student_endpoints(context, topic, kind)), claim, where)
 
     def policies(self, policy: str) -> list[str | int | None]:
@@ -253,16 +252,6 @@ def _judge_policy(wanted: WantedProfile, policy: str, sides: Sequence[_Side]) ->
     kinds = list(dict.fromkeys(kind for kind, _ in wrong))
     which = f"The {kinds[0]} on {wanted.topic}" if len(kinds) == 1 else wanted.topic
     return 1 - len(wrong) / len(got), which, f"{policy} {wrong[0][1]}, not {value}"
-
-
-def _claim(context: Context, artifact: str, kind: str, topic: str) -> tuple[Qos | None, Where | None]:
-    """Return what the node asked for, by the tap, or else by its source."""
-    qos, spot = claimed_qos(context, kind, topic)
-    if qos is not None:
-        return qos, spot
-    path = context.path_of(artifact) or ""
-    asked = asked_qos(context.submission.texts.get(path, ""), kind, topic)
-    return (asked[0], Where(file=path, line=asked[1])) if asked is not None else (None, None)
 
 
 def _shown(topic: str, sides: Sequence[_Side]) -> str:

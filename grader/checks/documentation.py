@@ -157,6 +157,8 @@ def docstrings(context: Context, p: Docstrings) -> Finding:
     expected += f"; no credit up to {percent(p.zero_to)}" if p.zero_to else ""
     if not facts:
         return failed(expected, "no source files", "There is no source to read.")
+    if unread := [f.path for f in facts if not f.readable]:
+        return _for_a_person(expected, unread)
     share = docstring_share(facts)
     weight = apart(100 * float(share.share), 100 * p.full_from, 100 * p.zero_to, places=0)
     measured = f"{share.documented} of {share.needed} documented ({weight}% by weight)"

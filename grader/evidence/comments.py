@@ -7,14 +7,14 @@ to parse (`x` and `not used` are Python as well as English).
 from __future__ import annotations
 
 import ast
-import keyword
 import re
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 
 from grader.evidence.lexicon import words_of
-from grader.evidence.syntax import Span, expression_tree
+from grader.evidence.syntax import expression_tree, spans
 from grader.evidence.words import is_placeholder, measure, normal_form, words
 
 PARSE_BUDGET = 2000
@@ -29,110 +29,90 @@ _MARKER = re.compile(
 )
 _UNDONE = re.compile(r"\s*(?:todo|fixme|xxx|hack|bug)\b[\s:.!()\w]{0,20}$|\s*(?:todo|fixme|xxx)\b\W*$", re.IGNORECASE)
 _LICENCE = re.compile(r"copyright|\(c\) ?\d{4}|spdx-|licen[cs]ed under|all rights reserved", re.IGNORECASE)
-_RULED = re.compile(r"[-=*#~_+<>/|.\s]{3,}")
+_RULE = re.compile(r"[-=*#~_+<>/|.\s]{3}")
 _BANNER_WORDS = 4
 _UNDONE_WORDS = 5
 _CODE_HINT = re.compile(r"[=(\[{@]|\bimport\b|:$|^\W*(?:return|raise|del|pass|break|continue|else|try|finally)\b")
-_DECORATOR = re.compile(r"@[A-Za-z_][\w.]{0,80}(?:\(.*\))?$")
+_LONGEST_FRAGMENT = 4000
 _FORMULA_NAMES, _PACKAGES, _TYPES = map(words_of, ("formula_names", "imported_packages", "annotation_types"))
 
 
-@dataclass(frozen=True)
+@dataclass
 class Comment:
-    """A comment, without its `#` and outer blanks.
+    """A comment.
 
     Attributes
     ----------
+    line, column : int
+        Where it stands; its line counts from 1.
+    body : str
+        All behind its `#`.
+    inline : bool
+        Whether code stands before it on its line.
     kind : str
         "explains", "code" (commented-out code), "banner" (rules, headings of a word), "marker" (for tools:
         shebang, encoding, noqa; licence; a bare TODO), "repeated" (same text as an earlier comment),
         "echo" (says the code on its line again) or "empty".
-    inline : bool
-        Whether code stands before it on its line.
     """
 
     line: int
-    text: str
-    kind: str
-    inline: bool = False
-
-
-@dataclass
-class _Raw:
-    line: int
     column: int
     body: str
-    inline: bool
+    inline: bool = False
     kind: str = ""
 
     @property
     def text(self) -> str:
+        """The comment without its outer marks and blanks."""
         return self.body.lstrip("#!:").strip()
 
 
-class _Budget:
-    """How many fragments may still be parsed."""
-
-    def __init__(self, left: int) -> None:
-        self.left = left
-
-    def tree(self, text: str) -> ast.Module | None:
-        """Tree of `text`, None also when the budget is spent."""
-        if self.left <= 0 or len(text) > 4000:
-            return None
-        self.left -= 1
-        return expression_tree(text)
-
-
-def comments_of(text: str, found: Sequence[Span], blank: str) -> tuple[Comment, ...]:
-    """Comments of normalised `text`, given its spans and its code with comments blanked out."""
+def comments_of(text: str, blank: str) -> tuple[Comment, ...]:
+    """Comments of normalised `text`, given its code with comments blanked out."""
     lines = blank.split("\n")
-    raw = [_raw(text, span, lines) for span in found if span.kind == "comment"]
+    comments: list[Comment] = []
+    line, position = 1, 0
+    for span in spans(text):
+        line += text.count("\n", position, position := span.start())
+        if (body := span["comment"]) is not None:
+            column = position - text.rfind("\n", 0, position) - 1
+            comments.append(Comment(line, column, body[1:], bool(lines[line - 1].strip())))
     budget = _Budget(PARSE_BUDGET)
-    for block in _blocks(raw):
+    for block in _blocks(comments):
         _mark_code(block, budget)
         if block[0].line <= 10 and any(_LICENCE.search(comment.body[:300]) for comment in block):
             for comment in block:
                 comment.kind = "marker"
     seen: set[str] = set()
-    for comment in raw:
+    for comment in comments:
         comment.kind = comment.kind or _kind(comment, lines, seen)
-    return tuple(Comment(c.line, c.text, c.kind, c.inline) for c in raw)
+    return tuple(comments)
 
 
-def _raw(text: str, span: Span, lines: Sequence[str]) -> _Raw:
-    start = text.rfind("\n", 0, span.start) + 1
-    inline = bool(lines[span.line - 1].strip())
-    return _Raw(span.line, span.start - start, text[span.start + 1 : span.end], inline)
-
-
-def _blocks(raw: Sequence[_Raw]) -> list[list[_Raw]]:
+def _blocks(comments: Sequence[Comment]) -> list[list[Comment]]:
     """Comments on consecutive lines at the same column; a comment behind code is a block of its own."""
-    blocks: list[list[_Raw]] = []
-    for comment in raw:
-        last = blocks[-1][-1] if blocks else None
-        if (
-            last is not None
-            and not comment.inline
-            and not last.inline
-            and comment.line == last.line + 1
-            and comment.column == last.column
-        ):
+    blocks: list[list[Comment]] = []
+    for comment in comments:
+        last = blocks[-1][-1] if blocks else comment
+        follows = (comment.line, comment.column) == (last.line + 1, last.column)
+        if follows and not comment.inline and not last.inline:
             blocks[-1].append(comment)
         else:
             blocks.append([comment])
     return blocks
 
 
-def _kind(comment: _Raw, lines: Sequence[str], seen: set[str]) -> str:
+def _kind(comment: Comment, lines: Sequence[str], seen: set[str]) -> str:
     body, text = comment.body, comment.text
     if not any(character.isalnum() for character in text):
         return "banner" if body.strip() and not body.startswith("!") else "empty"
-    if (comment.line <= 2 and body.startswith("!")) or _MARKER.match(body[:300]) or _is_undone(text):
+    is_undone = _UNDONE.match(text[:200]) or is_placeholder(text, _UNDONE_WORDS)
+    if (comment.line <= 2 and body.startswith("!")) or _MARKER.match(body[:300]) or is_undone:
         return "marker"
     found = words(text[:2000])
     amount = measure(found)
-    if amount == 0 or amount < 2 or (_is_ruled(text) and amount <= _BANNER_WORDS):
+    is_ruled = _RULE.fullmatch(text[:3]) or _RULE.fullmatch(text[-3:])
+    if amount < 2 or (amount <= _BANNER_WORDS and is_ruled):
         return "banner"
     form = normal_form(text[:2000])
     if form in seen:
@@ -141,17 +121,7 @@ def _kind(comment: _Raw, lines: Sequence[str], seen: set[str]) -> str:
     return "echo" if _is_echo(comment, found, lines) else "explains"
 
 
-def _is_undone(text: str) -> bool:
-    return bool(_UNDONE.match(text[:200])) or is_placeholder(text, _UNDONE_WORDS)
-
-
-def _is_ruled(text: str) -> bool:
-    """Whether a rule of dashes or the like stands before or behind the words."""
-    head, tail = text[:3], text[-3:]
-    return bool(_RULED.fullmatch(head) or _RULED.fullmatch(tail)) and len(text) > 3
-
-
-def _is_echo(comment: _Raw, found: Sequence[str], lines: Sequence[str]) -> bool:
+def _is_echo(comment: Comment, found: Sequence[str], lines: Sequence[str]) -> bool:
     """Whether it says no word that the code beside it, or exactly the words of the line below it."""
     if comment.inline:
         code = set(_code_words(lines[comment.line - 1]))
@@ -165,150 +135,103 @@ def _code_words(line: str) -> list[str]:
     return words(spread)
 
 
-def _mark_code(block: Sequence[_Raw], budget: _Budget) -> None:
-    """Mark the lines of a block that are code: first what is surely code, then what leans on it."""
-    position = 0
-    leaning: set[int] = set()
-    depths = [_depth(comment.body) for comment in block]
-    while position < len(block):
-        size, certainty = _code_from(block, depths, position, budget)
-        for index in range(position, position + size):
-            if certainty == "sure":
-                block[index].kind = "code"
-            elif certainty == "leaning":
-                leaning.add(index)
-        position += max(size, 1)
-    for order in (range(len(block)), range(len(block) - 1, -1, -1)):
-        for index in order:
-            near = [block[i].kind for i in (index - 1, index + 1) if 0 <= i < len(block)]
-            if index in leaning and "code" in near:
-                block[index].kind = "code"
+# -- commented-out code ------------------------------------------------------------------------------------
 
 
-def _code_from(block: Sequence[_Raw], depths: Sequence[int], position: int, budget: _Budget) -> tuple[int, str]:
-    """How many lines from `position` on belong to one statement, and whether it is code."""
-    line = block[position].text
-    if not _CODE_HINT.search(line[:400]):
-        return 1, ""
-    depth, size = depths[position], 1
-    while depth > 0 and size < SPAN_LINES and position + size < len(block):
-        depth += depths[position + size]
-        size += 1
-    if size > 1 and depth == 0:
-        certainty = _certainty("\n".join(c.text for c in block[position : position + size]), budget)
-        if certainty:
-            return size, certainty
-    return 1, _certainty(line, budget)
+class _Budget:
+    """How many fragments may still be parsed."""
+
+    def __init__(self, left: int) -> None:
+        self.left = left
+
+    def last_statement(self, text: str) -> ast.stmt | None:
+        """Return the last statement of a text that is Python; None also where the budget is spent."""
+        self.left -= 1
+        tree = expression_tree(text) if self.left >= 0 and len(text) <= _LONGEST_FRAGMENT else None
+        return tree.body[-1] if tree is not None and tree.body else None
+
+
+def _mark_code(block: Sequence[Comment], budget: _Budget) -> None:
+    """Mark what is surely code, and what parses and stands beside it."""
+    depths = [_depth(comment.text[:400]) for comment in block]
+    parses: list[int] = []
+    at = 0
+    while at < len(block):
+        size, statement = 1, None
+        if _CODE_HINT.search(block[at].text[:400]):
+            for size in dict.fromkeys((_closed_after(depths[at : at + SPAN_LINES]), 1)):
+                fragment = "\n".join(comment.text for comment in block[at : at + size])
+                if (statement := budget.last_statement(_completed(fragment))) is not None:
+                    break
+        if statement is not None:
+            parses += range(at, at + size)
+            for comment in block[at : at + size] if _is_surely_code(statement, fragment) else ():
+                comment.kind = "code"
+        at += size
+    for index in (*parses, *reversed(parses)):
+        if any(near.kind == "code" for near in block[max(index - 1, 0) : index + 2]):
+            block[index].kind = "code"
 
 
 def _depth(line: str) -> int:
-    line = line[:400]
     return sum(line.count(c) for c in "([{") - sum(line.count(c) for c in ")]}")
 
 
-def _certainty(fragment: str, budget: _Budget) -> str:
-    """How certainly the fragment is a statement of Python: "sure", "leaning", or "" for prose."""
-    if _DECORATOR.match(fragment):
-        return "sure"
-    tree = budget.tree(_completed(fragment))
-    if tree is None or not tree.body:
-        return ""
-    return _statement(tree.body[-1], fragment)
+def _closed_after(depths: Sequence[int]) -> int:
+    """How many lines there are up to the one that closes what the first one opens; one if none does."""
+    return next((size for size, depth in enumerate(accumulate(depths), 1) if depth <= 0), 1)
 
 
 def _completed(fragment: str) -> str:
     """The head of a compound statement completed to a whole one, an item of a list taken out of it."""
-    fragment = fragment.rstrip(", ")
+    fragment = re.sub(r"^elif\b", "if", fragment.rstrip(", "))
     if not fragment.endswith(":"):
-        return fragment
+        return f"{fragment}\ndef f(): pass" if fragment.startswith("@") else fragment
+    before = {"else": "if x: pass\n", "except": "try: pass\n", "finally": "try: pass\n"}
     first = fragment.split(None, 1)[0].rstrip(":")
-    if first == "elif":
-        return fragment[2:] + " pass"
-    if first in ("else",):
-        return f"if x: pass\n{fragment} pass"
-    if first in ("except", "finally"):
-        return f"try: pass\n{fragment} pass"
-    if first == "try":
-        return f"{fragment} pass\nfinally: pass"
-    return fragment + " pass"
+    return f"{before.get(first, '')}{fragment} pass" + ("\nfinally: pass" if first == "try" else "")
 
 
-def _statement(node: ast.stmt, fragment: str) -> str:
-    if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.ImportFrom, ast.Raise)):
-        return "sure"
-    if isinstance(node, ast.Import):
-        return _import(node)
-    if isinstance(node, ast.AugAssign):
-        return "sure"
-    if isinstance(node, ast.Assign):
-        return _assignment(node)
-    if isinstance(node, ast.AnnAssign):
-        typed = not isinstance(node.annotation, ast.Name) or node.annotation.id in _TYPES
-        return "sure" if node.value is not None and typed and _is_technical(node.target) else ""
-    if isinstance(node, ast.Expr):
-        return _expression(node.value, fragment)
-    if isinstance(node, ast.Return):
-        return "sure" if node.value is not None and _has_code(node.value) else "leaning"
-    if isinstance(node, (ast.If, ast.While)):
-        return "sure" if _has_code(node.test) else "leaning"
-    if isinstance(node, (ast.For, ast.AsyncFor)):
-        return "sure" if _has_code(node.iter) else "leaning"
-    if isinstance(node, (ast.With, ast.AsyncWith)):
-        return "sure" if any(_has_code(item.context_expr) for item in node.items) else "leaning"
-    if isinstance(node, ast.Try):
-        return "sure" if any(h.type is not None for h in node.handlers) else "leaning"
-    return "leaning"
-
-
-def _import(node: ast.Import) -> str:
-    known = _PACKAGES | sys.stdlib_module_names
-    for alias in node.names:
-        root = alias.name.split(".")[0]
-        if alias.asname or "." in alias.name or root in known or root.endswith(("_msgs", "_srvs", "_interfaces")):
-            return "sure"
-    return "leaning"
-
-
-def _assignment(node: ast.Assign) -> str:
-    """`self.x = 1` is code; `error = command - state` may explain."""
-    if any(isinstance(n, ast.Constant) and n.value is ... for n in ast.walk(node.value)):
-        return ""
-    if all(isinstance(target, (ast.Attribute, ast.Subscript)) for target in node.targets):
-        return "sure" if _is_technical(node.targets[0]) else "leaning"
-    if _has_code(node.value):
-        return "sure"
-    target = node.targets[0]
-    if isinstance(target, ast.Name) and "_" in target.id and isinstance(node.value, ast.Constant):
-        return "sure"
-    return "leaning"
-
-
-def _expression(node: ast.expr, fragment: str) -> str:
-    if isinstance(node, ast.Await):
-        return "sure"
-    if not isinstance(node, ast.Call) or not _has_code(node):
-        return ""
-    opening = fragment.find("(")
-    return "sure" if opening > 0 and not fragment[opening - 1].isspace() else ""
-
-
-def _has_code(node: ast.expr) -> bool:
-    """Whether an expression has what prose and formulas lack: calls (but of mathematics), `self.`, lists."""
-    for part in ast.walk(node):
-        if isinstance(part, ast.Call) and _is_technical(part.func) and _last_name(part.func) not in _FORMULA_NAMES:
+def _is_surely_code(statement: ast.stmt, fragment: str) -> bool:
+    """Whether a statement is none that may be prose or a formula, as `return value` or `error = command - state`."""
+    nodes = list(ast.walk(statement))
+    if not all(_name(node).isascii() for node in nodes):
+        return False
+    match statement:
+        case ast.FunctionDef() | ast.AsyncFunctionDef() | ast.ClassDef() | ast.ImportFrom() | ast.Raise():
             return True
-        if isinstance(part, ast.Attribute) and isinstance(part.value, ast.Name) and part.value.id in ("self", "msg"):
+        case ast.AugAssign() | ast.Assign(targets=[ast.Attribute() | ast.Subscript(), *_]) | ast.Expr(ast.Await()):
             return True
-        if isinstance(part, (ast.List, ast.Dict)) and any(isinstance(c, ast.Constant) for c in ast.walk(part)):
+        case ast.Import(names=names):
+            roots = [alias.name.partition(".")[0] for alias in names]
+            known = _PACKAGES | sys.stdlib_module_names
+            return any(root in known or root.endswith(("_msgs", "_srvs", "_interfaces")) for root in roots)
+        case ast.AnnAssign(annotation=annotation, value=value):
+            return value is not None and (not isinstance(annotation, ast.Name) or annotation.id in _TYPES)
+        case ast.Assign(targets=[ast.Name(name)], value=ast.Constant()) if "_" in name:
             return True
-    return False
+        case ast.Expr(ast.Call()) if not re.search(r"\s\(|^\(", fragment[: fragment.find("(") + 1]):
+            return any(map(_is_technical, nodes))
+        case ast.Expr():
+            return False
+        case ast.Try(handlers=[ast.ExceptHandler(type=ast.expr()), *_]):
+            return True
+        case _:
+            return any(map(_is_technical, nodes))
 
 
-def _last_name(node: ast.expr) -> str:
-    return node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""
+def _name(node: ast.AST) -> str:
+    return getattr(node, "attr", "") or str(getattr(node, "id", ""))
 
 
-def _is_technical(node: ast.expr) -> bool:
-    """Whether all names in it are ASCII, as those of code nearly always are."""
-    names = [_last_name(part) for part in ast.walk(node) if isinstance(part, (ast.Name, ast.Attribute))]
-    return all(name.isascii() and not keyword.iskeyword(name) for name in names)
+def _is_technical(node: ast.AST) -> bool:
+    """Whether it is what prose and formulas lack: a call (but of mathematics), `self.`, a list of values."""
+    match node:
+        case ast.Call(func=function):
+            return _name(function) not in _FORMULA_NAMES
+        case ast.Attribute(value=ast.Name("self" | "msg")):
+            return True
+        case ast.List() | ast.Dict():
+            return any(isinstance(part, ast.Constant) and part.value is not ... for part in ast.walk(node))
+        case _:
+            return False

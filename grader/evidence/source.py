@@ -1,22 +1,22 @@
 """What a student's Python source says of itself: definitions, docstrings, comments.
 
-Text is parsed, never imported or run. A text that Python refuses still yields its comments, and the
-definitions that can be told from its lines, so that a typing error is not charged a
-second time as missing documentation.
+Text is parsed, never imported or run. A text that Python refuses still yields its comments, and is read without the
+lines that it refuses, so that a typing error is not charged a second time as missing documentation.
 """
 
 from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import PurePosixPath
 
 from grader.evidence.comments import Comment, comments_of
-from grader.evidence.syntax import Span, blank_out, normalise, spans, tree_of
+from grader.evidence.syntax import blank_out, normalise, tree_of
 from grader.evidence.words import is_placeholder, normal_form, substance, words
+from grader.python_source import parse_python
 
 DOCSTRING_WORDS = 3
 """Distinct words from which a docstring says something."""
@@ -24,11 +24,13 @@ DOCSTRING_WORDS = 3
 TRIVIAL_LINES = 3
 """A function this short, docstring aside, speaks for itself."""
 
-_DEFINITION_LINE = re.compile(r"^([ \t]*)(?:async[ \t]+)?(def|class)[ \t]+([^\W\d]\w*)", re.MULTILINE)
+_DEFINITION_LINE = re.compile(r" *(?:async +)?(?:def|class) +[^\W\d]\w*")
 _NAME_PARTS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[^\W\d_a-zA-Z]+")
 _NEEDED = {"module": Decimal(1), "class": Decimal(2), "function": Decimal(1), "method": Decimal(1)}
 _BONUS = Decimal("0.5")
-_HEADER_SPAN_LINES = 12
+#: Lines of a file that are left out for being no Python, and characters that are parsed to find them.
+_MOST_REPAIRS, _MOST_PARSED = 20, 400_000
+_EMPTY_BLOCK = re.compile(r"expected an indented block after .* on line (\d+)")
 
 
 @dataclass(frozen=True)
@@ -82,12 +84,15 @@ class SourceFacts:
         All comments, each with what it is worth.
     code_lines : int
         Lines with code on them; blank lines, comments and docstrings are none.
+    readable : bool
+        Whether the definitions are known: Python takes the file, or all of it but for a few lines.
     """
 
     path: str
     definitions: tuple[Definition, ...]
     comments: tuple[Comment, ...]
     code_lines: int
+    readable: bool = True
 
     @property
     def explaining(self) -> tuple[Comment, ...]:
@@ -98,26 +103,58 @@ class SourceFacts:
 def parse(path: str, text: str) -> SourceFacts:
     """Read the Python file `text`, which stands at `path` in the submission. Never raises."""
     whole = normalise(text)
-    tree = tree_of(whole)
-    found = spans(whole)
-    blank = blank_out(whole, found)
+    blank = blank_out(whole)
+    tree = tree_of(whole) or _repaired(whole, blank)
     module = path.rsplit("/", 1)[-1].removesuffix(".py")
-    if tree is None:
-        definitions = _definitions_by_line(module, whole, blank, found)
-        docstring_lines: set[int] = set()
-    else:
-        docstring_lines = _docstring_lines(tree)
-        definitions = list(_definitions(module, tree))
-    definitions = _with_header_comment(definitions, comments := comments_of(whole, found, blank), blank)
+    definitions = list(_definitions(module, tree or ast.Module([], [])))
+    docstring_lines = _docstring_lines(tree) if tree is not None else set()
+    comments = comments_of(whole, blank)
+    first_code = next((number for number, line in enumerate(blank.split("\n"), 1) if line.strip()), 0)
+    header = [c.text for c in comments if c.line < first_code and c.kind == "explains"]
+    if header and definitions[0].docstring is None:
+        definitions[0] = replace(definitions[0], docstring="\n".join(header))
     code_lines = sum(
         1 for number, line in enumerate(blank.split("\n"), 1) if line.strip() and number not in docstring_lines
     )
-    return SourceFacts(path, tuple(definitions), comments, code_lines)
+    return SourceFacts(path, tuple(definitions), comments, code_lines, tree is not None)
+
+
+def _repaired(text: str, blank: str) -> ast.Module | None:
+    """Tree of a text that Python refuses, without what it refuses; None where that is more than slips of typing."""
+    lines, bare = text.replace("\0", " ").expandtabs(4).split("\n"), blank.split("\n")
+    replaced: set[int] = set()
+    for _ in range(min(_MOST_REPAIRS, 1 + _MOST_PARSED // (len(text) + 1))):
+        try:
+            return parse_python("\n".join(lines))
+        except SyntaxError as problem:
+            empty = _EMPTY_BLOCK.search(problem.msg)
+            at = int(empty[1]) - 1 if empty else (problem.lineno or 0) - 1
+        except (ValueError, RecursionError, MemoryError):
+            return None
+        if not 0 <= at < len(lines):
+            return None
+        head = _DEFINITION_LINE.match(lines[at])
+        indent = _indent(lines[at])
+        if empty:
+            lines[at] = f"{bare[at]} pass"
+        elif at in replaced:
+            lines[at] = ""
+        elif head is not None:
+            lines[at] = f"{head[0]}():"
+        else:
+            below = next((line for line in lines[at + 1 :] if line.strip()), "")
+            lines[at] = " " * indent + ("if 1:" if _indent(below) > indent else "pass")
+        replaced.add(at)
+    return None
+
+
+def _indent(line: str) -> int:
+    return len(line) - len(line.lstrip(" "))
 
 
 def _definitions(module: str, tree: ast.Module) -> Iterator[Definition]:
     """Definitions of a tree in the order of their lines; without recursion, as trees may be deep."""
-    yield Definition("module", module, 1, _docstring(tree), True, not tree.body)
+    yield Definition("module", module, 1, ast.get_docstring(tree), True, not tree.body)
     stack: list[tuple[ast.stmt, ast.AST | None, bool]] = [(node, None, True) for node in reversed(tree.body)]
     while stack:
         node, owner, public = stack.pop()
@@ -139,7 +176,7 @@ def _inner_public(node: ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef) -
 def _definition(
     node: ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef, owner: ast.AST | None, public: bool
 ) -> Definition:
-    body = node.body[1:] if _docstring(node) is not None else node.body
+    body = node.body[1:] if ast.get_docstring(node) is not None else node.body
     last = body[-1].end_lineno or 0 if body else 0
     body_lines = last - body[0].lineno + 1 if body else 0
     if isinstance(node, ast.ClassDef):
@@ -153,7 +190,7 @@ def _definition(
         kind=kind,
         name=node.name,
         line=node.lineno,
-        docstring=_docstring(node),
+        docstring=ast.get_docstring(node),
         public=public and (not node.name.startswith("_") or _is_self_evident(node.name)),
         trivial=trivial,
         owner=name if isinstance(name, str) else None,
@@ -164,13 +201,6 @@ def _is_self_evident(name: str) -> bool:
     return name == "main" or (name.startswith("__") and name.endswith("__"))
 
 
-def _docstring(node: ast.Module | ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef) -> str | None:
-    try:
-        return ast.get_docstring(node)
-    except (TypeError, ValueError):
-        return None
-
-
 def _docstring_lines(tree: ast.Module) -> set[int]:
     """Lines taken by strings that stand alone as statements: docstrings and strings used as comments."""
     found: set[int] = set()
@@ -178,73 +208,6 @@ def _docstring_lines(tree: ast.Module) -> set[int]:
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
             found.update(range(node.lineno, (node.end_lineno or node.lineno) + 1))
     return found
-
-
-def _definitions_by_line(module: str, text: str, blank: str, found: Sequence[Span]) -> list[Definition]:
-    """Definitions of a text that Python refuses, told from its lines.
-
-    A docstring is the first string literal below a definition's line that stands at a line's beginning, with
-    nothing but the rest of the header between.
-    """
-    strings = {span.line: span for span in found if span.kind == "string"}
-    lines = blank.split("\n")
-    heads = [(text_line, match) for match, text_line in _numbered(blank, _DEFINITION_LINE)]
-    first = next((number for number, line in enumerate(lines, 1) if line.strip()), 0)
-    whole = _literal(text, strings.get(first)) if lines[first - 1].startswith("_") else None
-    definitions = [Definition("module", module, 1, whole, True)]
-    owners: list[tuple[int, str, str]] = []
-    for place, (number, match) in enumerate(heads):
-        indent, keyword, name = len(match[1].expandtabs(4)), match[2], match[3]
-        while owners and owners[-1][0] >= indent:
-            owners.pop()
-        owner = owners[-1] if owners else None
-        owners.append((indent, keyword, name))
-        last = heads[place + 1][0] - 1 if place + 1 < len(heads) else len(lines)
-        kind = "class" if keyword == "class" else "method" if owner and owner[1] == "class" else "function"
-        public = not name.startswith("_") and (owner is None or owner[1] == "class")
-        docstring = _docstring_below(text, lines, number, last, strings)
-        trivial = kind != "class" and (_is_self_evident(name) or last - number <= TRIVIAL_LINES)
-        definitions.append(Definition(kind, name, number, docstring, public, trivial, owner[2] if owner else None))
-    return definitions
-
-
-def _numbered(text: str, pattern: re.Pattern[str]) -> Iterator[tuple[re.Match[str], int]]:
-    """Matches of `pattern` with the lines that they begin on."""
-    line, position = 1, 0
-    for match in pattern.finditer(text):
-        line += text.count("\n", position, match.start())
-        position = match.start()
-        yield match, line
-
-
-def _docstring_below(text: str, lines: Sequence[str], number: int, last: int, strings: dict[int, Span]) -> str | None:
-    header_open = True
-    for below in range(number, min(last, number + _HEADER_SPAN_LINES, len(lines)) + 1):
-        line = lines[below - 1].strip()
-        if not header_open and line:
-            return _literal(text, strings.get(below)) if line.startswith("_") else None
-        if line.endswith(":"):
-            header_open = False
-    return None
-
-
-def _literal(text: str, span: Span | None) -> str | None:
-    if span is None:
-        return None
-    return text[span.start : span.end].strip("\"'").strip()
-
-
-def _with_header_comment(definitions: list[Definition], comments: Sequence[Comment], blank: str) -> list[Definition]:
-    """Take an explaining comment above the first line of code for the docstring of a module that has none."""
-    module = definitions[0]
-    if module.docstring is not None:
-        return definitions
-    first_code = next((number for number, line in enumerate(blank.split("\n"), 1) if line.strip()), 0)
-    header = [c.text for c in comments if c.line < first_code and c.kind == "explains"]
-    if not header:
-        return definitions
-    described = Definition("module", module.name, 1, "\n".join(header), True, module.trivial)
-    return [described, *definitions[1:]]
 
 
 def spin_lines(text: str, others: Iterable[str]) -> tuple[int, ...] | None:

@@ -9,31 +9,19 @@ import ast
 import functools
 import re
 import warnings
-from dataclasses import dataclass
 
 from grader.python_source import parse_python
 
 SIZE_LIMIT = 200_000
 """Characters that are read; no file written by hand comes near."""
 
-_OUTSIDE = re.compile(r"#|'''|\"\"\"|'|\"")
-_INSIDE = {
-    "'": re.compile(r"\\.|'|\n", re.DOTALL),
-    '"': re.compile(r"\\.|\"|\n", re.DOTALL),
-    "'''": re.compile(r"\\.|'''", re.DOTALL),
-    '"""': re.compile(r"\\.|\"\"\"", re.DOTALL),
-}
-
-
-@dataclass(frozen=True)
-class Span:
-    """A comment or a string literal in a text, with its place in characters and its first and last line."""
-
-    kind: str  # "comment" or "string"
-    start: int
-    end: int
-    line: int
-    end_line: int
+#: A comment or a string literal; one that is not closed goes to the end of its line, or of the text.
+_SPAN = re.compile(
+    r"""(?P<comment>\#[^\n]*)
+    | \"{3} (?: [^"\\] | \\. | "(?!"") )* (?:\"{3}|\\?\Z)  | \'{3} (?: [^'\\] | \\. | '(?!'') )* (?:\'{3}|\\?\Z)
+    | " (?: [^"\\\n] | \\. )* "?                      | ' (?: [^'\\\n] | \\. )* '?""",
+    re.DOTALL | re.VERBOSE,
+)
 
 
 def normalise(text: str) -> str:
@@ -83,50 +71,17 @@ def expression_tree(text: str) -> ast.Module | None:
         return None
 
 
-def spans(text: str) -> list[Span]:
-    """Comments and string literals of normalised `text`, in order, also where it is not valid Python.
+def spans(text: str) -> list[re.Match[str]]:
+    """Comments (whose group `comment` matches) and string literals of normalised `text`, whether it is Python or not.
 
     Notes
     -----
     A literal in an f-string's replacement field that reuses the string's own quotes (Python 3.12) is taken
     for the string's end; such a mistake ends with the line.
     """
-    found: list[Span] = []
-    position, line = 0, 1
-    while match := _OUTSIDE.search(text, position):
-        line += text.count("\n", position, match.start())
-        opening = match.group()
-        end = _comment_end(text, match.start()) if opening == "#" else _string_end(text, match.end(), opening)
-        end_line = line + text.count("\n", match.start(), end)
-        found.append(Span("comment" if opening == "#" else "string", match.start(), end, line, end_line))
-        position, line = end, end_line
-    return found
+    return list(_SPAN.finditer(text))
 
 
-def _comment_end(text: str, start: int) -> int:
-    end = text.find("\n", start)
-    return len(text) if end < 0 else end
-
-
-def _string_end(text: str, position: int, quotes: str) -> int:
-    """Where the literal that opened with `quotes` before `position` ends, behind its closing quotes."""
-    while match := _INSIDE[quotes].search(text, position):
-        if match.group() == quotes:
-            return match.end()
-        if match.group() == "\n":
-            return match.start()
-        position = match.end()
-    return len(text)
-
-
-def blank_out(text: str, found: list[Span]) -> str:
-    """`text` with comments blanked out and strings replaced by underscores, line for line."""
-    pieces: list[str] = []
-    position = 0
-    for span in found:
-        pieces.append(text[position : span.start])
-        if span.kind == "string":
-            pieces.append("_" + "\n_" * (span.end_line - span.line))
-        position = span.end
-    pieces.append(text[position:])
-    return "".join(pieces)
+def blank_out(text: str) -> str:
+    """`text` without comments, and with strings replaced by underscores, line for line."""
+    return _SPAN.sub(lambda span: "" if span["comment"] else "_" + "\n_" * span[0].count("\n"), text)

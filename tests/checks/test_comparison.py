@@ -138,7 +138,7 @@ def test_each_policy_is_a_part(tmp_path: Path, qos: Qos, claim: Qos, credit: str
 
 
 def test_a_history_that_nobody_knows_is_left_to_a_person(tmp_path: Path) -> None:
-    """Discovery does not carry it; where neither the run nor the source says it, nothing is guessed."""
+    """Discovery does not carry it; where the tap noted nothing, nothing is guessed."""
     finding = profiled(tmp_path, RELIABLE, None)
     assert finding.outcome is Outcome.INCONCLUSIVE
     assert "history and depth" in finding.reason
@@ -163,19 +163,6 @@ def test_sides_that_differ_are_told_apart(tmp_path: Path) -> None:
 def test_no_endpoint_earns_nothing(tmp_path: Path) -> None:
     """A topic that is not there has no profile."""
     assert profiled(tmp_path, RELIABLE, kinds=()).outcome is Outcome.FAILED
-
-
-def test_without_the_tap_the_source_is_read(tmp_path: Path) -> None:
-    """History and depth come from the source where the tap noted nothing."""
-    source = (
-        "from rclpy.qos import QoSProfile\n"
-        "class N(Node):\n    def __init__(self):\n"
-        f"        self.create_publisher(T, '{TOPIC}', QoSProfile(depth=3))\n"
-    )
-    session = Session(tmp_path).endpoint("publisher", TOPIC).endpoint("subscription", TOPIC)
-    finding = judged("qos_profiles", PROFILES, session, submission({"it.py": source}))
-    assert "depth 3, not 10" in finding.reason
-    assert finding.where[0].line == 4
 
 
 # -- honesty ---------------------------------------------------------------------------------------

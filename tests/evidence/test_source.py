@@ -171,6 +171,33 @@ def test_a_syntax_error_is_not_charged_as_missing_documentation() -> None:
     assert docstring_share([broken]).share == 1
 
 
+@pytest.mark.parametrize(
+    ("right", "wrong"),
+    [
+        ("class JointPublisher(Node):", "class JointPublisher(Node)"),
+        ("def on_timer(self):", "def on_timer(self:"),
+        ("self.t = 0.0", "print 'hello'"),
+        ("self.t = 0.0", "if self.t = 0.0:\n            self.t = 1.0\n            self.u = 2.0"),
+        ("        rclpy.spin(node)", "    \trclpy.spin(node)"),
+        ("def main():", "def empty():\n    # later\n\n\ndef main():"),
+        ("    rclpy.init()", "    rclpy.init(\n        args=args"),
+    ],
+)
+def test_slips_of_typing_hide_no_definition(right: str, wrong: str) -> None:
+    """Without the lines that Python refuses, the others say what they said."""
+    broken = facts(DOCUMENTED.replace(right, wrong))
+    names = [(d.kind, d.name, d.docstring) for d in facts(DOCUMENTED).definitions]
+    assert broken.readable
+    assert [(d.kind, d.name, d.docstring) for d in broken.definitions if d.name != "empty"] == names
+
+
+def test_what_is_no_python_at_all_is_not_readable() -> None:
+    """Then nobody knows what it defines, and nothing is made up."""
+    prose = facts("This is not what\nwas asked for, is it?\n" * 30)
+    assert not prose.readable
+    assert docstring_share([prose]).needed == 0
+
+
 def test_line_ends_and_marks_do_not_matter() -> None:
     """Windows line ends and a byte order mark change nothing."""
     windows = "\ufeff" + DOCUMENTED.replace("\n", "\r\n")

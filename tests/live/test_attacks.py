@@ -15,7 +15,6 @@ import re
 import shutil
 import subprocess
 import sys
-import tempfile
 import unicodedata
 import urllib.parse
 from collections.abc import Iterator
@@ -74,9 +73,9 @@ class Environment(str, Enum):
 
 #: What is tried otherwise: another part in each environment, since all would take too long for every run.
 PARTS = {
-    Environment.ROOT: slice(0, None, 5),
-    Environment.USER: slice(2, None, 5),
-    Environment.CONTAINER: slice(4, None, 15),
+    Environment.ROOT: slice(0, None, 7),
+    Environment.USER: slice(2, None, 7),
+    Environment.CONTAINER: slice(4, None, 21),
 }
 
 
@@ -231,14 +230,6 @@ def run_in(environment: Environment, folder: Path, command: list[str], limit_s: 
 
 
 @contextmanager
-def beside_others() -> Iterator[None]:
-    """Share this machine with other tests, but not with one that needs it alone."""
-    with (Path(tempfile.gettempdir()) / "grade-fixtures-lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_SH)
-        yield
-
-
-@contextmanager
 def caller_account() -> Iterator[tuple[int, int]]:
     """Give the caller's own ids."""
     yield os.getuid(), os.getgid()
@@ -274,8 +265,7 @@ def graded(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
     with (shared / ("container.lock" if together else f"{batch.name}.lock")).open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not told.exists():
-            with beside_others():
-                found = run_batch(batch, folder)
+            found = run_batch(batch, folder)
             plain = {**asdict(found), "results": {name: str(path) for name, path in found.results.items()}}
             told.write_text(json.dumps(plain), encoding="utf-8")
     plain = json.loads(told.read_text(encoding="utf-8"))
@@ -336,7 +326,7 @@ def faults_of_result(result: dict[str, Any], most: float) -> list[str]:
 
 
 def outcomes(result: dict[str, Any], sessions: tuple[str, ...]) -> dict[str, str]:
-    """Return the outcome of each check of the sessions; what a busy machine leaves undecided is as good as passed."""
+    """Return the outcome of each check of the sessions; what a busy machine leaves undecided counts as passed."""
     rubric = rubrics.read_rubric(None)
     chosen = {c.id for c in rubric.checks() if c.session in sessions}
     checks = [check for criterion in result["criteria"] for check in criterion["checks"]]
@@ -356,8 +346,11 @@ def faults_of_verdict(attack: Attack, result: dict[str, Any]) -> list[str]:
     wanted = dict(expect.checks)
     if expect.all == "passed":
         wanted = dict.fromkeys(found, "passed")
+    excused = {c["id"] for criterion in result["criteria"] for c in criterion["checks"] if is_excused(c)}
     faults = [
-        f"{name} is {found.get(name)}, not {outcome}" for name, outcome in wanted.items() if found.get(name) != outcome
+        f"{name} is {found.get(name)}, not {outcome}"
+        for name, outcome in wanted.items()
+        if found.get(name) != outcome and name not in excused
     ]
     if expect.all == "failed":
         faults += [

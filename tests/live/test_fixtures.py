@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import fcntl
 import sys
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -16,9 +12,10 @@ from grader.batch.expectations import Verdict, compare, load_fixture
 from grader.judging import judge, open_recordings
 from grader.rubric import Rubric
 from grader.submission import read_submission_folder
+from tests.machine import alone
 
 ROOT = Path(__file__).parents[2]
-#: How often a fixture is graded without other fixtures beside it, where the machine is busy all the same.
+#: How often a fixture is graded without other tests beside it, where the machine is busy all the same.
 MOST_ALONE = 3
 FIXTURES = sorted(path.parent for path in (ROOT / "fixtures").glob("*/expected.yaml"))
 
@@ -27,14 +24,6 @@ FIXTURES = sorted(path.parent for path in (ROOT / "fixtures").glob("*/expected.y
 def rubric() -> Rubric:
     """Give the lab's own rubric."""
     return rubrics.read_rubric(None)
-
-
-@contextmanager
-def machine(*, alone: bool) -> Iterator[None]:
-    """Hold this machine together with the other tests of this module, or alone."""
-    with (Path(tempfile.gettempdir()) / "grade-fixtures-lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX if alone else fcntl.LOCK_SH)
-        yield
 
 
 @pytest.mark.live
@@ -54,11 +43,10 @@ def test_fixture_gets_its_verdict(folder: Path, tmp_path: Path, rubric: Rubric) 
         assert result is not None
         return compare(fixture.expectation, result, rubric)
 
-    with machine(alone=False):
-        verdict = graded()
+    verdict = graded()
     for _ in range(MOST_ALONE):
         if verdict.undecided:
             # Several tests at a time can be more than the machine takes; undecided is then the right answer.
-            with machine(alone=True):
+            with alone():
                 verdict = graded()
     assert verdict.differences == ()
