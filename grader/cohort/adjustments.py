@@ -38,8 +38,9 @@ def adjust(
     without it. The total is never below 0.
     """
     listed = list(entries)
-    earned = {_part(each): each.earned for each in (*result.criteria, *result.checks)}
-    possible = {_part(each): each.possible for each in (*result.criteria, *result.checks)}
+    parts: list[CheckResult | CriterionResult] = [*result.criteria, *result.checks]
+    earned = {_part(each): each.earned for each in parts}
+    possible = {_part(each): each.possible for each in parts}
     criterion_of = {check.id: criterion.id for criterion in result.criteria for check in criterion.checks}
     made: list[Adjustment] = []
     for entry in sorted(listed, key=lambda entry: entry.check is None):
