@@ -21,16 +21,9 @@ JUDGING_BOUND = Bound(what="judging the submission", cpu_s=30.0, wall_s=100.0, m
 
 @dataclass(frozen=True)
 class Judgement:
-    """What recordings were judged to be.
+    """What recordings were judged to be: by the rubric alone, and with what people and the rubric's policy make of it.
 
-    Attributes
-    ----------
-    by_rubric : Result
-        By the rubric alone.
-    result : Result
-        With the points that people and the rubric's policy make of it.
-    page, text : str
-        The report, empty where none was wanted, and `result.json`.
+    `page` is the report, empty where none was wanted, and `text` is `result.json`.
     """
 
     by_rubric: Result
