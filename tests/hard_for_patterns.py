@@ -82,8 +82,17 @@ def _letter(code: Any, value: Any, chance: random.Random) -> str:
         return chance.choice("a1 ")
     members = [(codes.NEGATE, None), (codes.LITERAL, value)] if code is codes.NOT_LITERAL else value
     there = [c for c, v in members if c is codes.NEGATE]
-    named = [chr(v if c is codes.LITERAL else v[end]) for c, v in members if c in (codes.LITERAL, codes.RANGE) for end in (0, 1)[: 1 + (c is codes.RANGE)]]
-    fitting = [letter for letter in {*_LETTERS, *named} if any(_is(letter, *m) for m in members if m[0] is not codes.NEGATE) != bool(there)]
+    named = [
+        chr(v if c is codes.LITERAL else v[end])
+        for c, v in members
+        if c in (codes.LITERAL, codes.RANGE)
+        for end in (0, 1)[: 1 + (c is codes.RANGE)]
+    ]
+    fitting = [
+        letter
+        for letter in {*_LETTERS, *named}
+        if any(_is(letter, *m) for m in members if m[0] is not codes.NEGATE) != bool(there)
+    ]
     return chance.choice(sorted(fitting) or ["a"])
 
 

@@ -281,7 +281,9 @@ def _time(text: str, label: str) -> _Time | None:
     return _time_of(match[2], unit_s)
 
 
-_BEFORE_LABEL = rf"({NUMBER})\s{{0,9}}({_UNIT})?(\s{{0,9}}(?:milli|micro|nano|second)[a-z]*)?[\s(]{{0,2}}(?:on )?(?<![A-Za-z])"
+_BEFORE_LABEL = (
+    rf"({NUMBER})\s{{0,9}}({_UNIT})?(\s{{0,9}}(?:milli|micro|nano|second)[a-z]*)?[\s(]{{0,2}}(?:on )?(?<![A-Za-z])"
+)
 
 
 def _labels_follow(text: str) -> bool:
