@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import random
 import re
+import sys
 from collections.abc import Iterator, Sequence
-from re import _constants as codes
-from re import _parser as parser
+from importlib import import_module
 from typing import Any
+
+#: What `re` makes of a pattern, which it shows nobody.
+_NEWER = sys.version_info >= (3, 11)
+codes: Any = import_module("re._constants" if _NEWER else "sre_constants")
+parser: Any = import_module("re._parser" if _NEWER else "sre_parse")
 
 #: A text of these three: a beginning, what follows again and again, and the end.
 Parts = tuple[str, str, str]
@@ -80,25 +85,19 @@ def _sample(items: Sequence[Any], chance: random.Random) -> str:
 def _letter(code: Any, value: Any, chance: random.Random) -> str:
     if code is codes.ANY:
         return chance.choice("a1 ")
-    members = [(codes.NEGATE, None), (codes.LITERAL, value)] if code is codes.NOT_LITERAL else value
-    there = [c for c, v in members if c is codes.NEGATE]
-    named = [
-        chr(v if c is codes.LITERAL else v[end])
-        for c, v in members
-        if c in (codes.LITERAL, codes.RANGE)
-        for end in (0, 1)[: 1 + (c is codes.RANGE)]
-    ]
-    fitting = [
-        letter
-        for letter in {*_LETTERS, *named}
-        if any(_is(letter, *m) for m in members if m[0] is not codes.NEGATE) != bool(there)
-    ]
-    return chance.choice(sorted(fitting) or ["a"])
+    members = [(codes.NEGATE, None), (codes.LITERAL, value)] if code is codes.NOT_LITERAL else list(value)
+    negated = members[0][0] is codes.NEGATE
+    members = members[negated:]
+    letters = set(_LETTERS)
+    for kind, what in members:
+        letters |= {chr(what)} if kind is codes.LITERAL else {*map(chr, what)} if kind is codes.RANGE else set()
+    fitting = [letter for letter in sorted(letters) if any(_is(letter, *member) for member in members) is not negated]
+    return str(chance.choice(fitting or ["a"]))
 
 
 def _is(letter: str, code: Any, value: Any) -> bool:
     if code is codes.LITERAL:
-        return ord(letter) == value
+        return bool(ord(letter) == value)
     if code is codes.RANGE:
         return bool(value[0] <= ord(letter) <= value[1])
     return re.match(_CLASSES[value], letter) is not None

@@ -57,7 +57,7 @@ def uses() -> Iterator[Use]:
     everything = "\n".join(texts.values())
     for path, text in texts.items():
         tree = ast.parse(text)
-        calls = {node: node.func.attr for node in ast.walk(tree) if isinstance(node, ast.Call) and _is_of_re(node)}
+        calls = {node: name for node in ast.walk(tree) if isinstance(node, ast.Call) and (name := _function(node))}
         module = _constants(tree) if calls else {}
         for call in calls:
             names = _names_at(call, tree, module)
@@ -83,9 +83,10 @@ def _passed(call: ast.Call, tree: ast.Module) -> list[ast.expr]:
     return [pattern]
 
 
-def _is_of_re(node: ast.Call) -> bool:
-    of_module = isinstance(node.func, ast.Attribute) and isinstance(node.func.value, ast.Name)
-    return of_module and node.func.value.id == "re" and node.func.attr in FUNCTIONS
+def _function(call: ast.Call) -> str:
+    """Return the function of `re` that is called; nothing if it is another's."""
+    module, _, name = ast.unparse(call.func).rpartition(".")
+    return name if module == "re" and name in FUNCTIONS else ""
 
 
 def _value(node: ast.expr, names: _Names) -> Any:
@@ -118,10 +119,9 @@ def _names_at(call: ast.Call, tree: ast.Module, module: Mapping[str, Any]) -> _N
 
 def _how(call: ast.Call, tree: ast.Module, everything: str) -> frozenset[str]:
     """Return the functions by which a pattern is used; all that look anywhere, where this cannot be told."""
-    assert isinstance(call.func, ast.Attribute)
-    if call.func.attr != "compile":
-        return frozenset({call.func.attr})
-    named = [n.targets[0].id for n in tree.body if isinstance(n, ast.Assign) and n.value is call]
+    if (function := _function(call)) != "compile":
+        return frozenset({function})
+    named = [ast.unparse(n.targets[0]) for n in tree.body if isinstance(n, ast.Assign) and n.value is call]
     where = ast.unparse(tree) if named and named[0].startswith("_") else everything
     found = re.findall(rf"\b{named[0]}\.(\w+)\b", where) if named else []
     return frozenset(FUNCTIONS.keys() & found) or frozenset({"match", "fullmatch"})
