@@ -6,7 +6,6 @@ import asyncio
 from collections.abc import Callable, Coroutine, Iterable, Sequence
 from contextlib import AbstractAsyncContextManager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
-from datetime import datetime, timezone
 from functools import partial
 from typing import Any, Protocol, TypeVar
 
@@ -156,10 +155,10 @@ class ClassRun:
             else:
                 others[task.handed.name] = task, entry
                 self._state_submission_time(task)
-        now, results = datetime.now(timezone.utc), self.journal.results
+        results = self.journal.results
         measure = self.rubric, self.options.overrides
-        found = judge_again(results, {results / name: measure for name in others}, prepare=True)
-        found.apply(audit.Occasion(now, "grade", self.options.overrides.sha256))
+        found = judge_again(results, {results / name: measure for name in others}, pages=True)
+        found.apply("grade")
         for name, (task, entry) in others.items():
             if name in found.judged:
                 self.journal.note(name, task.key, task.policy, entry.isolation)
@@ -204,13 +203,12 @@ class ClassRun:
         self._end(Row(task.handed, ending, took_s=self.display.took_s(name)))
 
     async def _grade(self, task: _Task, job: Job, site: Site) -> Ending:
-        name, now = task.handed.name, datetime.now(timezone.utc)
+        name, decided_by = task.handed.name, self.options.overrides.sha256
         before, recorded = audit.text_of(job.results / RESULT_FILE), recordings_sha256(job.results)
         ending, isolation = await site.grade(job, partial(self.display.phase, name))
         if not isinstance(ending, GraderError):
             after = (job.results / RESULT_FILE).read_text(encoding="utf-8")
-            occasion = audit.Occasion(now, "grade", self.options.overrides.sha256)
-            audit.note_replaced(self.journal.results, name, before, after, occasion)
+            audit.note_replaced(self.journal.results, name, before, after, "grade", overrides_sha256=decided_by)
             self.journal.note(name, task.key, task.policy, isolation.value)
             return ending
         if recordings_sha256(job.results) in ("", recorded) or ending.exit_status == RecordingError.exit_status:
