@@ -7,6 +7,7 @@ from collections.abc import Callable, Coroutine, Iterable, Sequence
 from contextlib import AbstractAsyncContextManager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
+from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from grader.batch import audit, fingerprint
@@ -17,6 +18,8 @@ from grader.batch.machine import Machine
 from grader.batch.progress import RunProgress
 from grader.batch.regrade import judge_again
 from grader.batch.worker import grade_in_process
+from grader.cohort.entries import ClassEntry, entries_in
+from grader.cohort.roster import NOTHING_HANDED_IN
 from grader.errors import GraderError, RecordingError
 from grader.intake import Handed, taken_in
 from grader.live.cells import run_to_an_end
@@ -223,3 +226,29 @@ class ClassRun:
         with suppress(OSError):  # Such as a full disk, which is likely to be the reason itself.
             self.journal.abandon(task.handed.name, why)
         return why
+
+
+def entries_of(results: Path, rows: Sequence[Row], missing: Sequence[str]) -> list[ClassEntry]:
+    """Return an entry for each submission of the run, for each other result in the folder, and for who is missing.
+
+    Parameters
+    ----------
+    missing : sequence of str
+        Who has not handed in.
+    """
+    entries = {entry.name: entry for entry in entries_in(results)}
+    for name in missing:
+        entries.setdefault(name, ClassEntry(name, None, NOTHING_HANDED_IN))
+    for row in rows:
+        handed = row.handed
+        entry = entries.get(handed.name)
+        if isinstance(row.ending, GraderError) or entry is None:
+            problem = row.ending.problem if isinstance(row.ending, GraderError) else "Its results are not there."
+            entry = ClassEntry(handed.name, None, problem)
+        entries[handed.name] = replace(
+            entry,
+            # What only the archive tells stands in the record.
+            submitted_at=handed.submitted_at or entry.submitted_at,
+            student_id=handed.student_id or entry.student_id,
+        )
+    return sorted(entries.values(), key=lambda entry: entry.name)

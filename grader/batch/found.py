@@ -550,16 +550,12 @@ def _with_class_list(
     names : mapping
         Where each submission lies -> its name without a mark.
     """
-    found = matches(students, [(h.student_id, (h.name, h.student, names[_origin(h)])) for h in submissions])
-    completed, unclear = [], []
-    for handed, match in zip(submissions, found, strict=True):
-        if match.student is not None:
-            student_id = match.student.student_id or handed.student_id
-            submitted_at = match.student.submitted_at or handed.submitted_at
-            handed = replace(handed, student_id=student_id, submitted_at=submitted_at)
-        elif match.may_be:
-            unclear.append(f"{handed.where}: by the name alone, the class list does not tell who this is")
-        completed.append(handed)
-    there = frozenset[int]().union(*(match.may_be for match in found))
+    found = matches(students, submissions, lambda handed: (handed.name, handed.student, names[_origin(handed)]))
+    unclear = [
+        f"{handed.where}: by the name alone, the class list does not tell who this is"
+        for handed, place, may_be in found
+        if place is None and may_be
+    ]
+    there = frozenset[int]().union(*(may_be for _, _, may_be in found))
     missing = tuple(displayed(s.name or s.student_id or "") for n, s in enumerate(students) if n not in there)
-    return completed, missing, unclear
+    return [handed for handed, _, _ in found], missing, unclear

@@ -328,7 +328,7 @@ def _report_class(
     rows: Sequence[Row], missing: Sequence[str], rubric: Rubric, options: argparse.Namespace, console: Console
 ) -> None:
     """Write the class page and the table of grades, over all results that lie in the folder."""
-    from grader.batch.class_entries import entries_of
+    from grader.batch.class_run import entries_of
     from grader.cohort.roster import read_class_list, with_roster
     from grader.commands.report import report_class
 
