@@ -208,7 +208,7 @@ class Session:
         for number, planned in enumerate(self.plan.steps, 1):
             step = StepRun(planned.kind, planned.parameters, planned.label, started_ns=time.time_ns())
             self.record.steps.append(step)
-            _tell({"event": "step", "text": planned.words, "index": number, "of": len(self.plan.steps)})
+            _tell({"text": planned.words, "index": number, "of": len(self.plan.steps)})
             # What is not done here is an operation of the director's.
             action = getattr(self, f"_step_{step.kind}", None) or partial(self._direct, step.kind)
             step.outcome, step.result = await action(step.parameters)
@@ -339,4 +339,3 @@ def run(plan: SessionPlan) -> None:
     """Run a session; this process must be the first of its sandbox."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     asyncio.run(Session(plan).run())
-    _tell({"event": "ended"})
