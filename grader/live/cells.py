@@ -206,13 +206,7 @@ class Sessions:
 
 
 async def first_word(said: asyncio.StreamReader) -> int:
-    """Return the process id by which a cell ends.
-
-    Raises
-    ------
-    PlatformError
-        If the cell could not be made.
-    """
+    """Return the process id by which a cell ends, or raise `PlatformError` with why it could not be made."""
     word = (await said.readline()).decode("utf-8", "replace").strip()
     if not word.isdecimal():
         reason = word or "the process that starts cells has ended"

@@ -81,18 +81,10 @@ class ForkServer:
             self._process.wait()
 
     async def start(self, form: Form, plan: Path, errors: Path) -> asyncio.StreamReader:
-        """Start the session of a plan in a cell of its own; returns what its first process says, until all has ended.
+        """Start the session of a pickled `SessionPlan` in a cell of its own, with a file for its standard error.
 
-        First it says the process id by which the cell ends, or why the cell could not be made.
-
-        Parameters
-        ----------
-        form : Form
-            How namespaces are had; the same for all cells of a server.
-        plan : Path
-            A pickled `SessionPlan`.
-        errors : Path
-            File for what its first process writes to standard error.
+        Returns what its first process says, until all has ended: first the process id by which the cell ends, or why
+        the cell could not be made. `form` must be the same for all cells of a server.
         """
         said, says = os.pipe()
         with errors.open("wb") as file, suppress(ConnectionError):  # Then nothing will be said.

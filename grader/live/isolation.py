@@ -179,8 +179,6 @@ def free_slot() -> Iterator[int]:
 def first_student_uid() -> int:
     """Return the user id from which those of cells in this network are counted.
 
-    Notes
-    -----
     Cells are numbered within a network. A grader in another container numbers its own alike, and where both have the
     users of the machine, the kernel would count the processes of both students as one's, and each could signal the
     other where process ids are shared too. So each network has its own ids, by the number of its namespace. In a

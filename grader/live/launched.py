@@ -128,13 +128,7 @@ class LaunchRunner:
     async def _evaluate(
         self, source: str, arguments: dict[str, str], left_s: float, timeout_s: float
     ) -> tuple[str, Plan]:
-        """Execute the launch file, confined, and read its plan from a pipe of its own.
-
-        Parameters
-        ----------
-        left_s : float
-            What is left to it of the time that is allowed, which is `timeout_s`.
-        """
+        """Execute the launch file, confined, and read its plan from a pipe; of the time allowed there is `left_s`."""
         sandbox = self._sandbox
         if source in self._given_up:
             return "failed", self._given_up[source]
@@ -159,7 +153,6 @@ class LaunchRunner:
         run = ProcessRun("launch file" + "".join(f" {k}:={v}" for k, v in arguments.items()), "student", command)
         running = await sandbox.start_confined(
             run,
-            command,
             environment,
             f"{root}/{Path(source).parent}",
             workspace=trial,
@@ -171,8 +164,7 @@ class LaunchRunner:
         received: list[str] = []
         reader = PipeReader(result_read, _MAX_PLAN_BYTES, received.append)
         request = {"file": f"{root}/{source}", "arguments": arguments, "root": root, "native": native is not None}
-        running.write(json.dumps(request).encode())
-        running.close_input()
+        running.write(json.dumps(request).encode(), last=True)
         in_time = await running.wait_exit(left_s)
         await running.kill()
         reader.close()
@@ -223,12 +215,11 @@ class LaunchRunner:
 
     async def _start(self, process: Process, respawns: int = 0) -> None:
         name = self._free_name(process.id + (f" (start {respawns + 1})" if respawns else ""))
-        command = self._command(process)
+        run = ProcessRun(name, "student", self._command(process))
         environment = {variable: self._placed(value) for variable, value in process.env.items()}
         try:
-            running = await self._sandbox.start(name, command, environment=environment, cwd=process.cwd)
+            running = await self._sandbox.start(run, environment=environment, cwd=process.cwd)
         except (OSError, ValueError) as error:  # a command line that no system takes
-            run = self._sandbox.record.processes[-1]
             run.exited_ns, run.exit_status = run.started_ns, 127
             run.output.append(OutputLine(run.started_ns, "stderr", f"this cannot be started: {error}"))
             return
@@ -269,13 +260,13 @@ class LaunchRunner:
     async def _start_when(self, process: Process, when: Mapping[str, Any]) -> None:
         # Nobody leads a lifecycle node through its states here: what waits for one starts with the node.
         awaited = when.get("on_exit_of") or when.get("on_start_of") or when.get("on_transition_of")
+        if awaited is None and "after_s" not in when:
+            return  # It waits for the shutdown, which ends the session.
         if awaited is not None and awaited not in self._absent:
             while awaited not in self._sandbox.processes:
                 await asyncio.sleep(0.05)
             if "on_exit_of" in when:
                 await self._sandbox.processes[awaited].wait_exit(self._sandbox.plan.timeout_s)
-        elif awaited is None and "after_s" not in when:
-            return  # It waits for the shutdown, which ends the session.
         await asyncio.sleep(float(when.get("after_s", 0.0)))
         if not self._ending:
             await self._start(process)

@@ -134,33 +134,25 @@ class StudentSandbox:
         return {**base, "TMPDIR": self.seen[TEMPORARY], **more}
 
     async def start(
-        self,
-        name: str,
-        command: list[str],
-        *,
-        artifact: str | None = None,
-        cwd: str | None = None,
-        environment: Mapping[str, str] | None = None,
+        self, run: ProcessRun, *, cwd: str | None = None, environment: Mapping[str, str] | None = None
     ) -> RunningProcess:
         """Start one of the student's processes, confined and with the tap."""
-        run = ProcessRun(name, "student", command, artifact)
         tap_read, tap_write = os.pipe()
         variables = self.environment({"GRADER_TAP_FD": str(tap_write), **(environment or {})})
         try:
-            running = await self.start_confined(run, command, variables, cwd, pass_fds=(tap_write,))
+            running = await self.start_confined(run, variables, cwd, pass_fds=(tap_write,))
         except BaseException:
             os.close(tap_read)
             raise
         finally:
             os.close(tap_write)
         PipeReader(tap_read, _MAX_CLAIM_BYTES, lambda text: self._note_claims(run, text))
-        self.processes[name] = running
+        self.processes[run.name] = running
         return running
 
     async def start_confined(
         self,
         run: ProcessRun,
-        command: list[str],
         environment: Mapping[str, str],
         cwd: str | None,
         *,
@@ -169,14 +161,9 @@ class StudentSandbox:
         pass_fds: tuple[int, ...] = (),
         with_input: bool = False,
     ) -> RunningProcess:
-        """Start a command of the student's, confined, and record it as `run`.
+        """Start a command of the student's, confined, and record it.
 
-        Parameters
-        ----------
-        workspace : Path or None
-            What it sees as the workspace, instead of the session's.
-        folders : mapping or None
-            Folders that it may read besides: where it sees them -> where they are.
+        It sees another `workspace` instead of the session's, and `folders` besides, if these are given.
         """
         self.record.processes.append(run)
         if workspace is None and cwd is not None and PurePosixPath(cwd).is_relative_to(self.seen[WORKSPACE]):
@@ -192,7 +179,7 @@ class StudentSandbox:
         )
         with confined(
             self.isolation,
-            command,
+            run.argv,
             environment=environment,
             room=room,
             slot=self.plan.slot,
