@@ -17,7 +17,7 @@ settings.register_profile("any machine", deadline=None, suppress_health_check=[H
 settings.load_profile("any machine")
 
 
-class InTurn(LoadScopeScheduling):
+class InTurn(LoadScopeScheduling):  # type: ignore[misc]
     """Gives a worker a module at a time, or one of the long tests: a live fixture, or a batch of attacks."""
 
     def _split_scope(self, nodeid: str) -> str:
