@@ -22,7 +22,7 @@ from grader.errors import GraderError
 from grader.intake import Handed
 from grader.live.isolation import Isolation
 from grader.pipeline import Options
-from grader.report.plain import terminal_text
+from grader.report.escape import terminal_text
 from grader.report.views import points
 from grader.rubric import Rubric
 

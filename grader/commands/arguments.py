@@ -11,7 +11,7 @@ from decimal import Decimal, InvalidOperation
 from typing import TypeVar
 
 from grader.errors import GraderError, RubricError
-from grader.report.plain import terminal_text
+from grader.report.escape import terminal_text
 
 _Submission = TypeVar("_Submission")
 

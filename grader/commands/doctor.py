@@ -11,7 +11,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.text import Text
 
-from grader.report.plain import terminal_text
+from grader.report.escape import terminal_text
 
 #: Exit status when something keeps this machine from grading.
 _UNFIT = 1

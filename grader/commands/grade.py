@@ -20,7 +20,7 @@ from grader.commands.arguments import BELOW, add_fail_under, add_isolation, coun
 from grader.commands.export import add_exports
 from grader.desk import require_no_links, require_same_source, uncounted_overrides
 from grader.errors import GraderError, UsageError
-from grader.report.plain import terminal_text
+from grader.report.escape import terminal_text
 
 if TYPE_CHECKING:
     from decimal import Decimal
@@ -266,7 +266,7 @@ def _grade_one(handed: Handed, rubric: Rubric, live: Options, options: argparse.
             rubric,
             results,
             live,
-            lambda p: display.update(p.session, p.text, p.step, p.steps, p.ended),
+            lambda p: display.note(p.session, p.text, p.step, p.steps, p.ended),
             watch=watch,
         )
     if live.overrides.sha256:  # Else nobody decides anything here, and a student's tries need no trail.

@@ -16,7 +16,7 @@ from rich.text import Text
 
 from grader.commands.arguments import BELOW, add_fail_under, count, each, print_error
 from grader.files import replace_file
-from grader.report.plain import terminal_text
+from grader.report.escape import terminal_text
 
 if TYPE_CHECKING:
     from grader.batch.regrade import Regrade

@@ -18,7 +18,7 @@ from rich.text import Text
 
 from grader.commands.arguments import BELOW, count
 from grader.errors import SubmissionError
-from grader.report.plain import terminal_text
+from grader.report.escape import terminal_text
 
 if TYPE_CHECKING:
     from grader.batch.expectations import Fixture
