@@ -19,7 +19,7 @@ from grader.batch.progress import RunProgress
 from grader.errors import GraderError
 from grader.intake import Handed
 from grader.pipeline import Options
-from grader.report.plain import terminal_text
+from grader.report.escape import terminal_text
 from grader.report.views import points
 from grader.rubric import Rubric
 

@@ -235,7 +235,7 @@ def _grade_one(handed: Handed, rubric: Rubric, live: Options, options: argparse.
             rubric,
             results,
             live,
-            lambda p: display.update(p.session, p.text, p.step, p.steps, p.ended),
+            lambda p: display.note(p.session, p.text, p.step, p.steps, p.ended),
             watch=watch,
         )
     if live.overrides.sha256:  # Else nobody decides anything here, and a student's tries need no trail.

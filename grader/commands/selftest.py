@@ -18,7 +18,7 @@ from rich.text import Text
 
 from grader.commands.arguments import BELOW, add_flag, add_jobs, add_path, parser_of, print_note
 from grader.errors import SubmissionError
-from grader.report.plain import terminal_text
+from grader.report.escape import terminal_text
 
 if TYPE_CHECKING:
     from grader.batch.expectations import Fixture
