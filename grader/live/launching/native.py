@@ -84,8 +84,8 @@ def _replace(executor: Executor) -> None:
         ros_actions.LifecycleNode: executor.start_lifecycle,
         ros_actions.SetUseSimTime: executor.follow_sim_time,
     }.items():
-        _set(kind, "execute", _as_method(execute))
-    _set(Action, "visit", _as_method(executor.visit_action))
+        _set(kind, "execute", lambda action, context, execute=execute: execute(action, context))
+    _set(Action, "visit", lambda action, context: executor.visit_action(action, context))
     declare, include = actions.DeclareLaunchArgument.execute, actions.IncludeLaunchDescription.execute
 
     def note_argument(action: Any, context: Any) -> Any:
@@ -104,7 +104,3 @@ def _replace(executor: Executor) -> None:
     _set(actions.DeclareLaunchArgument, "execute", note_argument)
     _set(actions.IncludeLaunchDescription, "execute", note_include)
     _set(ExecutableInPackage, "perform", found)
-
-
-def _as_method(function: Any) -> Any:
-    return lambda action, context: function(action, context)
