@@ -92,9 +92,12 @@ class Field:
     attribute : str
         Its name in XML and YAML; empty if it cannot stand there.
     kind : type
-        The type that it has; `read_as` is the one as which XML and YAML read it, if that is another.
+        The type that it has; `read_as` is the one as which XML and YAML read it, if that is another, and
+        `can_be_str` says whether a text may stand there where `kind` is another type.
     types, remedy
         What may be given, and what to do if something else is; empty if anything may.
+    read : callable
+        The value that an attribute of XML or YAML stands for, with the parser's help.
     """
 
     def __init__(
@@ -107,14 +110,14 @@ class Field:
         types: Any = (),
         remedy: str = "",
         read_as: Any = None,
+        can_be_str: bool = True,
+        read: Callable[[Any, Any], Any] | None = None,
     ) -> None:
-        self.read_as = kind if read_as is None else read_as
+        self.read_as, self.can_be_str = kind if read_as is None else read_as, can_be_str
+        self.read = type(self).reading if read is None else read
         self.default, self.positional = default, positional
         self.attribute, self.kind, self.types, self.remedy = attribute, kind, types, remedy
         self.name = ""
-
-    #: Whether a text may stand in XML and YAML where `kind` is another type.
-    can_be_str = True
 
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name
@@ -127,13 +130,7 @@ class Field:
         return made.given[self.name]
 
     def checked(self, value: Any, made: Any) -> Any:
-        """The value as it is kept.
-
-        Raises
-        ------
-        TypeError
-            It cannot be one of this field.
-        """
+        """The value as it is kept."""
         if self.types:
             ensure_argument_type(value, self.types, self.name, type(made).__name__, self.remedy)
         return None if value is None and self.default is None else self.normal(value)
@@ -142,8 +139,9 @@ class Field:
         """The value in the form in which it is used."""
         return value
 
-    def read(self, value: Any, parser: Any) -> Any:
-        """The value that an attribute of XML or YAML stands for."""
+    @staticmethod
+    def reading(value: Any, parser: Any) -> Any:
+        """How it is read where nothing else is said."""
         return parser.escape_characters(value) if isinstance(value, str) else value
 
 
@@ -153,7 +151,8 @@ class Text(Field):
     def normal(self, value: Any) -> Any:
         return normalize_to_list_of_substitutions(value)
 
-    def read(self, value: Any, parser: Any) -> Any:
+    @staticmethod
+    def reading(value: Any, parser: Any) -> Any:
         return parser.parse_substitution(value)
 
 
@@ -166,7 +165,8 @@ class Typed(Field):
         super().checked(value, made)
         return normalize_typed_substitution(value, self.kind)
 
-    def read(self, value: Any, parser: Any) -> Any:
+    @staticmethod
+    def reading(value: Any, parser: Any) -> Any:
         return parser.parse_if_substitutions(value)
 
 
@@ -413,7 +413,7 @@ class Action(LaunchDescriptionEntity):
 class Event(Located):
     """Something that happened."""
 
-    name = "launch.Event"
+    name: Any = property(lambda self: f"{type(self).__module__}.{type(self).__name__}")
 
 
 SomeSubstitutionsType = Any
@@ -425,13 +425,7 @@ SomeEntitiesType_types_tuple = (LaunchDescriptionEntity, collections.abc.Iterabl
 def ensure_argument_type(
     argument: Any, types: Any, argument_name: str, caller: str | None = None, remedy: str = ""
 ) -> None:
-    """Check the type of an argument.
-
-    Raises
-    ------
-    TypeError
-        It is none of `types`.
-    """
+    """Check the type of an argument."""
     wanted = tuple(types) if isinstance(types, collections.abc.Iterable) else (types,)
     if not isinstance(argument, wanted):
         names = list(dict.fromkeys(getattr(t, "__name__", str(t)) for t in wanted))
@@ -471,13 +465,7 @@ def is_a_subclass(obj: Any, entity_type: type) -> bool:
 
 
 def normalize_to_list_of_substitutions(subs: Any) -> list[Substitution]:
-    """Bring text, a path, a substitution, or a list of them into the form of a list of substitutions.
-
-    Raises
-    ------
-    TypeError
-        Something else is in it.
-    """
+    """Bring text, a path, a substitution, or a list of them into the form of a list of substitutions."""
     if isinstance(subs, (str, Path, Substitution)):
         return [_as_substitution(subs)]
     if isinstance(subs, collections.abc.Iterable):

@@ -74,13 +74,7 @@ class ParameterFile(Located):
         super().__init__(param_file, allow_substs=allow_substs)
 
     def evaluate(self, context: Any) -> Path:
-        """The path; of a file with substitutions, that of a copy in which they are resolved.
-
-        Raises
-        ------
-        SubstitutionFailure
-            The text is no YAML.
-        """
+        """The path; of a file with substitutions, that of a copy in which they are resolved."""
         path = Path(perform_substitutions(context, self.param_file))
         if not perform_typed_substitution(context, self.allow_substs, bool):
             return path

@@ -156,7 +156,7 @@ class TimerAction(Action):
         self.given["canceled"] = True
 
 
-def _on_exit(value: str) -> list[Action]:
+def _on_exit(value: str, parser: Any) -> list[Action]:
     """What follows the end of a process, as XML and YAML write it."""
     if value != "shutdown":
         message = f"the attribute 'on_exit' can only be 'shutdown', but it is '{value}'"
@@ -164,40 +164,16 @@ def _on_exit(value: str) -> list[Action]:
     return [Shutdown()]
 
 
-class _OnExit(Field):
-    def read(self, value: Any, parser: Any) -> Any:
-        return _on_exit(value)
+def _not_negative(value: float, parser: Any) -> float:
+    if value < 0:
+        message = f"a time must not be negative, but it is {value}"
+        raise mistake(ValueError, message, "bad_markup", "Correct this element of the file.")
+    return value
 
 
-class _Number(Field):
-    """A number, which must not be negative where it is a time."""
-
-    can_be_str = False
-
-    def read(self, value: Any, parser: Any) -> Any:
-        if self.kind is float and value < 0:
-            message = f"the attribute '{self.attribute}' must not be negative, but it is {value}"
-            raise mistake(ValueError, message, "bad_markup", "Correct this element of the file.")
-        return value
-
-
-class _Seconds(Text):
-    can_be_str = False
-
-    def read(self, value: Any, parser: Any) -> Any:
-        return str(_Number(attribute=self.attribute, kind=float).read(value, parser))
-
-
-class _Word(Text):
-    """A text that may be a dictionary instead."""
-
-    def normal(self, value: Any) -> Any:
-        return value if isinstance(value, dict) else super().normal(value)
-
-
-class _Respawn(Typed):
-    def read(self, value: Any, parser: Any) -> Any:
-        return parser.parse_substitution(value)
+def _timeout(attribute: str) -> Any:
+    read = {"kind": float, "can_be_str": False, "read": lambda value, parser: str(_not_negative(value, parser))}
+    return Text(None, attribute=attribute, **read)
 
 
 class ExecuteLocal(Action):
@@ -207,17 +183,17 @@ class ExecuteLocal(Action):
 
     process_description: Any = Field()
     shell = Field(False, attribute="shell", kind=bool)
-    sigterm_timeout = _Seconds(None, attribute="sigterm_timeout", kind=float)
-    sigkill_timeout = _Seconds(None, attribute="sigkill_timeout", kind=float)
+    sigterm_timeout = _timeout("sigterm_timeout")
+    sigkill_timeout = _timeout("sigkill_timeout")
     emulate_tty = Field(False, attribute="emulate_tty", kind=bool)
     output = _Word("log", attribute="output")
     output_format = Field("")
     cached_output = Field(False)
     log_cmd = Field(False)
-    on_exit = _OnExit(None, attribute="on_exit")
-    respawn = _Respawn(False, attribute="respawn", kind=bool, read_as=str)
-    respawn_delay = _Number(None, attribute="respawn_delay", kind=float)
-    respawn_max_retries = _Number(-1, attribute="respawn_max_retries", kind=int)
+    on_exit = Field(None, attribute="on_exit", read=_on_exit)
+    respawn = Typed(False, attribute="respawn", kind=bool, read_as=str, read=Text.reading)
+    respawn_delay = Field(None, attribute="respawn_delay", kind=float, can_be_str=False, read=_not_negative)
+    respawn_max_retries = Field(-1, attribute="respawn_max_retries", kind=int, can_be_str=False)
 
     def __init__(self, **kwargs: Any) -> None:
         for name in ("sigterm_timeout", "sigkill_timeout"):

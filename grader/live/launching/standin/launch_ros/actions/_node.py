@@ -35,13 +35,6 @@ from ..utilities import (
 )
 
 
-class _Words(Field):
-    """Arguments of a program; in XML and YAML a command line."""
-
-    def read(self, value: Any, parser: Any) -> Any:
-        return ExecuteProcess.parse_words(value, parser)
-
-
 @expose_action("node")
 class Node(ExecuteProcess):
     """Would start a node; notes it instead."""
@@ -57,8 +50,8 @@ class Node(ExecuteProcess):
     exec_name = Text(None, attribute="exec_name")
     parameters = Field(None, types=(list, type(None)), remedy="Put the parameters into a list: parameters=[{...}].")
     remappings = Field(None)
-    ros_arguments = _Words(None, attribute="ros_args")
-    arguments = _Words(None, attribute="args")
+    ros_arguments = Field(None, attribute="ros_args", read=ExecuteProcess.parse_words)
+    arguments = Field(None, attribute="args", read=ExecuteProcess.parse_words)
 
     node_package = property(lambda self: self.package)
     node_executable = property(lambda self: self.executable)

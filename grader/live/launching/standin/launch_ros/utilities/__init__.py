@@ -44,13 +44,7 @@ class InvalidNamespaceException(ValueError):
 
 
 def validate_node_name(name: str) -> None:
-    """Check the name of a node.
-
-    Raises
-    ------
-    InvalidNodeNameException
-        It has other signs than letters, digits and underscores, begins with a digit, or is too long.
-    """
+    """Check the name of a node."""
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) or len(name) > 255:
         message = (
             f"invalid node name '{name}': it may hold only letters, digits and '_', and may not begin with a digit"
@@ -60,13 +54,7 @@ def validate_node_name(name: str) -> None:
 
 
 def validate_namespace(namespace: str) -> None:
-    """Check an absolute namespace.
-
-    Raises
-    ------
-    InvalidNamespaceException
-        It is none.
-    """
+    """Check an absolute namespace."""
     if namespace != "/" and not re.fullmatch(r"(/[A-Za-z_][A-Za-z0-9_]*)+", namespace):
         message = f"invalid namespace '{namespace}': its parts may hold only letters, digits and '_', "
         message += "may not begin with a digit, and are parted by one '/' each"
@@ -101,13 +89,7 @@ def prefix_namespace(base_ns: str | None, ns: str | None) -> str | None:
 
 
 def normalize_remap_rule(remap_rule: Any) -> tuple[list[Substitution], list[Substitution]]:
-    """A remapping as two lists of substitutions.
-
-    Raises
-    ------
-    TypeError
-        It is not a tuple of two.
-    """
+    """A remapping as two lists of substitutions."""
     if not isinstance(remap_rule, tuple):
         raise _no_rule(shown(remap_rule))
     if len(remap_rule) != 2:
@@ -126,13 +108,7 @@ def normalize_remap_rules(remap_rules: Any) -> Iterator[tuple[list[Substitution]
 
 
 def normalize_parameters(parameters: Any) -> tuple[Any, ...]:
-    """Parameters in normal form.
-
-    Raises
-    ------
-    TypeError
-        They are not a list of dicts, files, or `Parameter`s.
-    """
+    """Parameters in normal form."""
     if isinstance(parameters, str) or not isinstance(parameters, Sequence):
         remedy = "Put the parameters into a list: parameters=[{...}]."
         message = f"argument 'parameters' must be a list, but {shown(parameters)}"
@@ -149,13 +125,7 @@ def normalize_parameters(parameters: Any) -> tuple[Any, ...]:
 
 
 def normalize_parameter_dict(parameters: Any, *, _prefix: Any = None) -> dict[Any, Any]:
-    """A dict of parameters in normal form: flat, with names joined by dots.
-
-    Raises
-    ------
-    TypeError
-        A value cannot be one of a parameter.
-    """
+    """A dict of parameters in normal form: flat, with names joined by dots."""
     if not isinstance(parameters, Mapping):
         raise TypeError(f"a dict of parameters is wanted, but {parameters!r} is given")
     normal: dict[Any, Any] = {}
