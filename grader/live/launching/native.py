@@ -9,8 +9,9 @@ from __future__ import annotations
 import sys
 from typing import Any
 
-from .executor import Executor, text_of
-from .installed import SubmittedModules, find_executable
+from .executor import Executor
+from .installed import find_executable
+from .processes import text_of
 
 
 def evaluate(file: str, arguments: dict[str, Any], root: str) -> dict[str, Any]:
@@ -33,12 +34,9 @@ def evaluate(file: str, arguments: dict[str, Any], root: str) -> dict[str, Any]:
     from launch import LaunchContext
 
     executor = Executor(root)
-    sys.meta_path.append(SubmittedModules(root))
     _remember_lines(root)
     _replace(executor)
-    given = [f"{name}:={value}" for name, value in arguments.items()]
-    sys.argv = ["ros2", "launch", file, *given]
-    context = LaunchContext(argv=given)
+    context = LaunchContext(argv=[f"{name}:={value}" for name, value in arguments.items()])
     _set(context, "emit_event_sync", lambda event: executor.emit(event, context))
     return executor.evaluate(context, file, arguments)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import collections
 import itertools
 import os
-import sys
 from collections.abc import MutableMapping
 from typing import Any
 
@@ -32,9 +31,7 @@ def evaluate(file: str, arguments: dict[str, Any], root: str) -> Any:
         The plan, ready for JSON.
     """
     context = LaunchContext()
-    context.session.root = root
-    sys.meta_path.append(shared("installed").SubmittedModules(root))
-    sys.argv = ["ros2", "launch", file, *(f"{name}:={value}" for name, value in arguments.items())]
+    context.session = _executor.Executor(root)
     return context.session.evaluate(context, file, arguments)
 
 

@@ -87,4 +87,4 @@ class ParameterFile(Located):
         except Exception as error:
             message = f"the parameter file '{path}' is not valid YAML after its substitutions"
             raise SubstitutionFailure(message) from error
-        return Path(context.session.add_file(path.stem, ".yaml", resolved))
+        return Path(context.session.files.add(path.stem, ".yaml", resolved))

@@ -171,6 +171,13 @@ def _not_negative(value: float, parser: Any) -> float:
     return value
 
 
+class _Word(Text):
+    """A text that may be a dictionary instead."""
+
+    def normal(self, value: Any) -> Any:
+        return value if isinstance(value, dict) else super().normal(value)
+
+
 def _timeout(attribute: str) -> Any:
     read = {"kind": float, "can_be_str": False, "read": lambda value, parser: str(_not_negative(value, parser))}
     return Text(None, attribute=attribute, **read)

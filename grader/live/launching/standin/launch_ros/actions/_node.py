@@ -142,7 +142,7 @@ class Node(ExecuteProcess):
                 key = self.node_name if self.is_node_name_fully_specified() else "/**"
                 plain = {name: list(value) if isinstance(value, tuple) else value for name, value in item.items()}
                 text = yaml.dump({key: {"ros__parameters": plain}}, default_flow_style=False)
-                path = context.session.add_file(self.__expanded_name.strip("<>"), ".yaml", text, of_node=True)
+                path = context.session.files.add(self.__expanded_name.strip("<>"), ".yaml", text, of_node=True)
                 self._extend("--params-file", path)
             elif isinstance(item, Parameter):
                 name, value = item.evaluate(context)
