@@ -20,7 +20,7 @@ from typing import Any
 
 from .files import PlanFiles
 from .installed import SubmittedModules, missing_data_file
-from .problems import LimitExceededError, blame, mistake, no_action, problem_of, relative
+from .problems import LimitExceededError, blame, blaming, mistake, no_action, problem_of, relative
 from .processes import Describer, private, text_of
 
 SCHEMA = "ros-lab-grader/launch-plan/v1"
@@ -167,14 +167,12 @@ class Executor:
                 raise no_action(entity, position, parent)
             included = len(self._open_includes)
             try:
-                self._visited += 1
-                if self._visited > ENTITY_LIMIT:
-                    raise LimitExceededError(f"the launch description has more than {ENTITY_LIMIT} actions")
-                self._current = entity
-                self.visit_all(entity.visit(context), context, entity, depth + 1)
-            except Exception as error:
-                blame(error, entity)
-                raise
+                with blaming(entity):
+                    self._visited += 1
+                    if self._visited > ENTITY_LIMIT:
+                        raise LimitExceededError(f"the launch description has more than {ENTITY_LIMIT} actions")
+                    self._current = entity
+                    self.visit_all(entity.visit(context), context, entity, depth + 1)
             finally:
                 del self._open_includes[included:]
 
@@ -243,12 +241,10 @@ class Executor:
             context._push_locals()
             context.extend_locals({"event": event})
             try:
-                entities = handler.handle(event, context)
-                listed = entities if isinstance(entities, (list, tuple)) else [entities]
-                self.visit_all([entity for entity in listed if entity is not None], context, handler)
-            except Exception as error:
-                blame(error, handler)
-                raise
+                with blaming(handler):
+                    entities = handler.handle(event, context)
+                    listed = entities if isinstance(entities, (list, tuple)) else [entities]
+                    self.visit_all([entity for entity in listed if entity is not None], context, handler)
             finally:
                 context._pop_locals()
 
@@ -359,10 +355,8 @@ class Executor:
             context.launch_configurations.clear()
             context.launch_configurations.update(kept)
             try:
-                self.visit_all(list(action.actions), context, action)
-            except Exception as error:
-                blame(error, action)
-                raise
+                with blaming(action):
+                    self.visit_all(list(action.actions), context, action)
             finally:
                 context._pop_launch_configurations()
                 context._pop_locals()
@@ -427,11 +421,8 @@ class Executor:
             return
         if len(self.found["processes"]) >= PROCESS_LIMIT:
             raise LimitExceededError(f"the launch description starts more than {PROCESS_LIMIT} processes")
-        described = {
-            **self._describer.process(action, context),
-            "condition_note": self._condition_of.get(id(action), ""),
-        }
-        entry = self._entries[id(action)] = self.note("processes", described, action)
+        entry = {"condition_note": self._condition_of.get(id(action), ""), **self._describer.process(action, context)}
+        entry = self._entries[id(action)] = self.note("processes", entry, action)
         on_exit = private(action, "ExecuteLocal", "on_exit")
         if on_exit is not None:
             context.register_event_handler(OnProcessExit(target_action=action, on_exit=on_exit))
@@ -448,12 +439,9 @@ class Executor:
 
         if "emulate_tty" not in context.launch_configurations:
             return
-        try:
+        with blaming(action):
             text = normalize_to_list_of_substitutions(context.launch_configurations["emulate_tty"])
             entry["emulate_tty"] = evaluate_condition_expression(context, text)
-        except Exception as error:
-            blame(error, action)
-            raise
 
     def load(self, action: Any, context: Any) -> None:
         """Note the nodes that `LoadComposableNodes` would load into a container."""

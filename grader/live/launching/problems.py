@@ -12,7 +12,8 @@ import os
 import re
 import sys
 import traceback
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +57,16 @@ def blame(error: BaseException, source: Any) -> None:
     line = getattr(source, "source_line", None)
     if line is not None and not hasattr(error, "launch_source"):
         error.__dict__.update(launch_source=line, launch_object=type(source).__name__)
+
+
+@contextmanager
+def blaming(source: Any) -> Iterator[None]:
+    """Note on an exception which object of the launch file it came from."""
+    try:
+        yield
+    except Exception as error:
+        blame(error, source)
+        raise
 
 
 def shown(value: Any) -> str:

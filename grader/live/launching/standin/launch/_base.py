@@ -32,7 +32,7 @@ def shared(name: str) -> Any:
 
 problems = shared("problems")
 UnsupportedByStandin: type[ImportError] = problems.UnsupportedByStandin
-blame, mistake, no_action, shown = problems.blame, problems.mistake, problems.no_action, problems.shown
+blaming, mistake, no_action, shown = problems.blaming, problems.mistake, problems.no_action, problems.shown
 
 SourceLine = tuple[str, int]
 REQUIRED: Any = object()
@@ -327,11 +327,8 @@ class Condition(Located):
 
     def evaluate(self, context: Any) -> bool:
         """Whether the action is carried out."""
-        try:
+        with blaming(self):
             return self.holds(context)
-        except Exception as error:
-            blame(error, self)
-            raise
 
 
 class LaunchDescriptionEntity(Located):
@@ -490,11 +487,8 @@ def _no_text(message: str) -> Any:
 
 def perform_substitution(context: Any, substitution: Substitution) -> str:
     """Resolve one substitution, noting the line that wrote it if that fails."""
-    try:
+    with blaming(substitution):
         return substitution.perform(context)
-    except Exception as error:
-        blame(error, substitution)
-        raise
 
 
 def perform_substitutions(context: Any, subs: Iterable[Substitution]) -> str:

@@ -14,12 +14,12 @@ from .._base import (
     Substitution,
     Text,
     Typed,
-    blame,
     expose_action,
     mistake,
     no_action,
     normalize_to_list_of_substitutions,
     perform_substitutions,
+    problems,
 )
 from .._description import LaunchDescriptionSource
 from ..launch_description_sources import AnyLaunchDescriptionSource
@@ -296,5 +296,5 @@ class IncludeLaunchDescription(Action):
                 message += f"({argument.description}); it was given: {', '.join(given) or 'nothing'}"
                 remedy = "Give it: a default_value, name:=value when launching, or launch_arguments when including."
                 error = mistake(RuntimeError, message, "required_argument", remedy)
-                blame(error, (includes or [argument])[0] if outermost else self)
+                problems.blame(error, (includes or [argument])[0] if outermost else self)
                 raise error

@@ -10,7 +10,7 @@ from launch._base import (
     Action,
     Field,
     Text,
-    blame,
+    blaming,
     ensure_argument_type,
     expose_action,
     mistake,
@@ -207,11 +207,8 @@ def _type_named(name: str | None) -> Any:
 
 
 def _parse_param_at_its_line(param: Any, parser: Any) -> Any:
-    try:
+    with blaming(param):
         return _parse_param(param, parser)
-    except Exception as error:
-        blame(error, param)
-        raise
 
 
 def _parse_param(param: Any, parser: Any) -> Any:
