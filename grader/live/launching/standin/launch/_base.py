@@ -98,6 +98,8 @@ class Field:
         What may be given, and what to do if something else is; empty if anything may.
     read : callable
         The value that an attribute of XML or YAML stands for, with the parser's help.
+    nested : callable
+        The value that elements inside of the one of XML or YAML stand for, with the parser's help.
     """
 
     def __init__(
@@ -112,9 +114,10 @@ class Field:
         read_as: Any = None,
         can_be_str: bool = True,
         read: Callable[[Any, Any], Any] | None = None,
+        nested: Callable[[Any, Any], Any] | None = None,
     ) -> None:
         self.read_as, self.can_be_str = kind if read_as is None else read_as, can_be_str
-        self.read = type(self).reading if read is None else read
+        self.read, self.nested = type(self).reading if read is None else read, nested
         self.default, self.positional = default, positional
         self.attribute, self.kind, self.types, self.remedy = attribute, kind, types, remedy
         self.name = ""
@@ -178,7 +181,7 @@ class Texts(Field):
 
 
 class Pairs(Field):
-    """Texts by texts; in XML and YAML a list of elements inside, each with a name and a value."""
+    """Texts by texts."""
 
     def normal(self, value: Any) -> Any:
         normal = normalize_to_list_of_substitutions
@@ -256,6 +259,22 @@ def _bound(cls: type, args: tuple[Any, ...], kwargs: dict[str, Any]) -> dict[str
         message = f"{name}() got an unexpected keyword argument '{title}'"
         raise mistake(TypeError, message, "unknown_keyword", problems.keyword_remedy(title, fields))
     return {title: given.get(title, field.default) for title, field in fields.items()}
+
+
+def read_element(cls: type, entity: Any, parser: Any) -> dict[str, Any]:
+    """The arguments of a class, of an element of XML or YAML."""
+    kwargs: dict[str, Any] = parser.condition(entity)
+    for name, field in fields_of(cls).items():
+        value = None
+        if field.nested is not None:
+            value = field.nested(entity, parser)
+        elif field.attribute:
+            optional, kind = field.default is not REQUIRED, field.read_as
+            value = entity.get_attr(field.attribute, optional=optional, data_type=kind, can_be_str=field.can_be_str)
+            value = None if value is None else field.read(value, parser)
+        if value is not None:
+            kwargs[name] = value
+    return kwargs
 
 
 class InvalidLaunchFileError(Exception):
@@ -359,20 +378,7 @@ class Action(LaunchDescriptionEntity):
     @classmethod
     def parse(cls, entity: Any, parser: Any) -> tuple[Any, dict[str, Any]]:
         """The class and its arguments, of an element of XML or YAML."""
-        kwargs = parser.condition(entity)
-        for name, field in fields_of(cls).items():
-            if field.attribute and isinstance(field, Pairs):
-                value = parser.pairs(entity, field.attribute) or None
-            elif field.attribute:
-                optional = field.default is not REQUIRED
-                how = {"data_type": field.read_as, "can_be_str": field.can_be_str}
-                value = entity.get_attr(field.attribute, optional=optional, **how)
-                value = None if value is None else field.read(value, parser)
-            else:
-                continue
-            if value is not None:
-                kwargs[name] = value
-        return cls, kwargs
+        return cls, read_element(cls, entity, parser)
 
     def get_sub_entities(self) -> list[Any]:
         """Entities inside this action."""

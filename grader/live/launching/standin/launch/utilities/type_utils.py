@@ -51,7 +51,9 @@ def extract_type(data_type: Any) -> tuple[Any, bool]:
 
 def _type_of_items(items: list[Any], data_type: Any) -> Any:
     """The type that each item of a list must have, if one is wanted."""
-    scalar, is_list = (None, True) if data_type is None else extract_type(data_type)
+    if data_type is None:
+        return None
+    scalar, is_list = extract_type(data_type)
     if not is_list:
         message = f"the list {items!r} is given where one {scalar.__name__} is wanted"
         raise mistake(TypeError, message, "bad_type", "Give one value, not a list.")
@@ -84,7 +86,7 @@ def coerce_to_type(value: str, data_type: Any = None, can_be_str: bool = False) 
 
     ensure_argument_type(value, str, "value", "coerce_to_type")
     scalar, is_list = (None, False) if data_type is None else extract_type(data_type)
-    aim = "a parameter value" if scalar is None else "true or false" if scalar is bool else scalar.__name__
+    aim: str = "a parameter value" if scalar is None else "true or false" if scalar is bool else scalar.__name__
     if is_list:
         aim = f"a list of {scalar.__name__}"
     elif scalar is str:

@@ -173,14 +173,8 @@ def _normalize_value(name: Any, value: Any) -> Any:
 
 def evaluate_parameters(context: Any, parameters: Any) -> tuple[Any, ...]:
     """Normal parameters, resolved: dicts of values, paths of files, or `Parameter`s."""
-    return tuple(
-        evaluate_parameter_dict(context, item)
-        if isinstance(item, Mapping)
-        else item.evaluate(context)
-        if isinstance(item, ParameterFile)
-        else item
-        for item in parameters
-    )
+    files = [item.evaluate(context) if isinstance(item, ParameterFile) else item for item in parameters]
+    return tuple(evaluate_parameter_dict(context, item) if isinstance(item, Mapping) else item for item in files)
 
 
 def evaluate_parameter_dict(context: Any, parameters: Any) -> dict[str, Any]:
