@@ -354,7 +354,7 @@ class _Finding:
         own = self._artifacts(name for name, folder in entries.items() if not folder)
         # What a system writes beside submissions lies in no repository, and beside no student's files.
         download = recognised(entries)
-        if download is not None and not place.is_repository and not (own and download.own):
+        if download is not None and not place.is_repository and not (own and download.system.own & entries.keys()):
             return True
         folders = [name for name, folder in entries.items() if folder]
         held = {name: self._artifacts(place.below(name).files) for name in folders}
@@ -431,11 +431,11 @@ class _Finding:
 
     def _add_download(self, place: _Place, download: Download) -> None:
         students: dict[tuple[str, str], dict[str, Delivered]] = defaultdict(dict)
-        known = download.system.entries(download.known, place.texts)
+        known = download.system.details(download.known, place.texts)
         for entry, is_a_folder in place.entries.items():
             if entry in known:
                 students[known[entry].student, known[entry].student_id][entry] = known[entry]
-            elif entry not in download.own and (is_a_folder or not is_table(entry)):
+            elif entry not in download.system.own and (is_a_folder or not is_table(entry)):
                 told = f"{place.where}: {displayed(entry)}: not named as {download.system.name} names files"
                 self.not_understood.append(told)
         for (student, student_id), entries in students.items():
@@ -550,16 +550,12 @@ def _with_class_list(
     names : mapping
         Where each submission lies -> its name without a mark.
     """
-    found = matches(students, [(h.student_id, (h.name, h.student, names[_origin(h)])) for h in submissions])
-    completed, unclear = [], []
-    for handed, match in zip(submissions, found, strict=True):
-        if match.student is not None:
-            student_id = match.student.student_id or handed.student_id
-            submitted_at = match.student.submitted_at or handed.submitted_at
-            handed = replace(handed, student_id=student_id, submitted_at=submitted_at)
-        elif match.may_be:
-            unclear.append(f"{handed.where}: by the name alone, the class list does not tell who this is")
-        completed.append(handed)
-    there = frozenset[int]().union(*(match.may_be for match in found))
+    found = matches(students, submissions, lambda handed: (handed.name, handed.student, names[_origin(handed)]))
+    unclear = [
+        f"{handed.where}: by the name alone, the class list does not tell who this is"
+        for handed, place, may_be in found
+        if place is None and may_be
+    ]
+    there = frozenset[int]().union(*(may_be for _, _, may_be in found))
     missing = tuple(displayed(s.name or s.student_id or "") for n, s in enumerate(students) if n not in there)
-    return completed, missing, unclear
+    return [handed for handed, _, _ in found], missing, unclear
