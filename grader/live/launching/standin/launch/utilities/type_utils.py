@@ -85,8 +85,11 @@ def coerce_to_type(value: str, data_type: Any = None, can_be_str: bool = False) 
     import yaml
 
     ensure_argument_type(value, str, "value", "coerce_to_type")
-    scalar, is_list = (None, False) if data_type is None else extract_type(data_type)
-    aim: str = "a parameter value" if scalar is None else "true or false" if scalar is bool else scalar.__name__
+    scalar: Any = None
+    is_list = False
+    if data_type is not None:
+        scalar, is_list = extract_type(data_type)
+    aim = "a parameter value" if scalar is None else "true or false" if scalar is bool else scalar.__name__
     if is_list:
         aim = f"a list of {scalar.__name__}"
     elif scalar is str:
