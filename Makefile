@@ -15,11 +15,11 @@ alice: $(STAMP) system
 	$(BIN)/grade submissions/alice/
 
 test: $(DEV_STAMP) system-dev lint types layers house
-	$(BIN)/python -m pytest -n 4 --dist worksteal
+	$(BIN)/python -m pytest -n 4
 
 # Every attack of fixtures/attacks in all three environments; some twelve minutes. `make test` tries a part of them.
 attacks: $(DEV_STAMP) system
-	ATTACKS=all $(BIN)/python -m pytest -n 3 --dist worksteal tests/live/test_attacks.py
+	ATTACKS=all $(BIN)/python -m pytest -n 3 tests/live/test_attacks.py
 
 # What grading costs and how sure it is, on this machine; some ten minutes. Run it while nothing else runs.
 bench: $(STAMP) system

@@ -32,8 +32,6 @@ def retry_undecided(
         Sessions that may be recorded again.
     record : callable
         Records sessions in a folder, as an attempt of this number; told too in which the grader was interfered with.
-    judged : callable
-        Judges the recordings as they are.
     """
     judgement = judged()
     disturbed: frozenset[str] = frozenset()
@@ -52,8 +50,7 @@ def retry_undecided(
 
 def undecided_sessions(result: Result, chosen: Sequence[str]) -> list[str]:
     """Return the recorded sessions with a check whose outcome the recording leaves open."""
-    checks = [check for criterion in result.criteria for check in criterion.checks]
-    undecided = {check.session for check in checks if not check.outcome.decided and check.retry}
+    undecided = {check.session for check in result.checks if not check.outcome.decided and check.retry}
     return [session for session in chosen if session in undecided]
 
 
@@ -63,11 +60,6 @@ def keep_better(
     """Put what was recorded again in its place, unless it leaves more undecided than what lies there.
 
     On a machine that is busier the second time, what was decided before must not become undecided.
-
-    Parameters
-    ----------
-    before : Judgement
-        What the recordings were judged to be until now.
     """
     _exchange(recordings, retry, sessions)
     try:
@@ -102,5 +94,4 @@ def _note_attempt(folder: Path) -> None:
 
 
 def _undecided_points(result: Result, session: str) -> Decimal:
-    checks = (check for criterion in result.criteria for check in criterion.checks)
-    return sum((check.undecided for check in checks if check.session == session), Decimal(0))
+    return sum((check.undecided for check in result.checks if check.session == session), Decimal(0))

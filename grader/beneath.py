@@ -1,46 +1,30 @@
 """Opens what somebody else has named, by descriptors: never anything outside of the folder in which it was named.
 
 Paths that come out of a launch plan, an archive, a repository or a workspace are a student's, and what they lead to
-may change between two looks at it. So no such path is looked at first and used afterwards: the kernel resolves it
-beneath a folder that is open already, follows no link on the way, and what is done is done to what it has opened.
-
-References
-----------
-openat2(2), path_resolution(7).
+may change between two looks at it. So no such path is looked at first and used afterwards: it is opened a folder at a
+time, each beneath the one before and none over a link, and what is done is done to what was opened (openat(2)).
 """
 
 from __future__ import annotations
 
-import ctypes
 import errno
 import os
 import shutil
 import stat
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path, PurePath, PurePosixPath
 
-#: The call's number on every architecture, and RESOLVE_NO_MAGICLINKS | RESOLVE_NO_SYMLINKS | RESOLVE_BENEATH.
-_OPENAT2, _RESOLVE = 437, 0x02 | 0x04 | 0x08
-#: Where the kernel does not have the call (before Linux 5.6), and where a container's filter does not know it.
-_NOT_THERE = (errno.ENOSYS, errno.EPERM)
-#: Looked up now: after a fork, the loader's lock may be held by a thread that is no more.
-_syscall: Callable[..., int] | None = ctypes.CDLL(None, use_errno=True).syscall if sys.platform == "linux" else None
-_FOLDER = getattr(os, "O_DIRECTORY", 0) | getattr(os, "O_CLOEXEC", 0)
+_CLOSED_ON_EXEC = getattr(os, "O_CLOEXEC", 0)
+_FOLDER = getattr(os, "O_DIRECTORY", 0) | _CLOSED_ON_EXEC
 _NO_LINK = getattr(os, "O_NOFOLLOW", 0)
+_FOLDER_BY_NAME = getattr(os, "O_PATH", os.O_RDONLY) | _FOLDER | _NO_LINK
 #: Without waiting for a pipe's other end, and without becoming a terminal's owner.
-_WITHOUT_WAITING = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0) | getattr(os, "O_CLOEXEC", 0)
+_WITHOUT_WAITING = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0)
 #: Folders within each other that are copied: nobody's workspace has more, and each takes a descriptor.
 _DEEPEST = 100
 #: What the kernel says of a name that is gone, or that is a link, a folder, a pipe or none of it by now.
 _CHANGED = (errno.ENOENT, errno.ENOTDIR, errno.ELOOP, errno.ENXIO, errno.EINVAL, errno.EISDIR, errno.EEXIST)
-
-
-class _How(ctypes.Structure):
-    """The kernel's `struct open_how`."""
-
-    _fields_ = (("flags", ctypes.c_uint64), ("mode", ctypes.c_uint64), ("resolve", ctypes.c_uint64))
 
 
 def open_beneath(top: int | Path, path: str | PurePath, flags: int = os.O_RDONLY, mode: int = 0) -> int:
@@ -58,21 +42,25 @@ def open_beneath(top: int | Path, path: str | PurePath, flags: int = os.O_RDONLY
     OSError
         If it cannot be opened, and where it is absolute, has a step upwards or leads over a link.
     """
-    with _opened(top) as folder:
-        parts = _parts(path)
-        try:
-            return _openat2(folder, "/".join(parts) or ".", flags, mode)
-        except OSError as error:
-            if error.errno not in _NOT_THERE:
-                raise
-        return _walk(folder, parts or ["."], flags, mode)
+    *way, last = _parts(path) or ["."]
+    with ExitStack() as opened:
+        folder = opened.enter_context(_opened(top))
+        for part in way:
+            folder = os.open(part, _FOLDER_BY_NAME, dir_fd=folder)
+            opened.pop_all().close()
+            opened.callback(os.close, folder)
+        found = os.open(last, flags | _NO_LINK | _CLOSED_ON_EXEC, mode, dir_fd=folder)
+    if stat.S_ISLNK(os.fstat(found).st_mode):  # O_PATH opens the link itself.
+        os.close(found)
+        raise OSError(errno.ELOOP, os.strerror(errno.ELOOP), last)
+    return found
 
 
 def _parts(path: str | PurePath) -> list[str]:
-    parts = list(PurePosixPath(path).parts)
-    if parts[:1] == ["/"] or ".." in parts or "\0" in str(path):
+    found = PurePosixPath(path)
+    if found.is_absolute() or ".." in found.parts or "\0" in str(path):
         raise OSError(errno.EXDEV, "this path leads outside of its folder", str(path))
-    return parts
+    return list(found.parts)
 
 
 @contextmanager
@@ -85,31 +73,6 @@ def _opened(top: int | Path) -> Iterator[int]:
         yield folder
     finally:
         os.close(folder)
-
-
-def _openat2(folder: int, path: str, flags: int, mode: int) -> int:
-    how = _How(flags | getattr(os, "O_CLOEXEC", 0), mode, _RESOLVE)
-    if _syscall is None:
-        raise OSError(errno.ENOSYS, os.strerror(errno.ENOSYS))
-    size = ctypes.c_size_t(ctypes.sizeof(how))
-    found = _syscall(ctypes.c_long(_OPENAT2), ctypes.c_int(folder), os.fsencode(path), ctypes.byref(how), size)
-    if found < 0:
-        number = ctypes.get_errno()
-        raise OSError(number, os.strerror(number), path)
-    return found
-
-
-def _walk(folder: int, parts: list[str], flags: int, mode: int) -> int:
-    """Do as `openat2`, a folder at a time."""
-    with ExitStack() as opened:
-        for part in parts[:-1]:
-            folder = os.open(part, os.O_RDONLY | _FOLDER | _NO_LINK, dir_fd=folder)
-            opened.callback(os.close, folder)
-        found = os.open(parts[-1], flags | _NO_LINK, mode, dir_fd=folder)
-    if stat.S_ISLNK(os.fstat(found).st_mode):  # O_PATH opens the link itself.
-        os.close(found)
-        raise OSError(errno.ELOOP, os.strerror(errno.ELOOP), parts[-1])
-    return found
 
 
 def open_regular_beneath(top: int | Path, path: str | PurePath) -> int:

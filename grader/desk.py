@@ -34,18 +34,7 @@ def _way_to(folder: Path) -> Iterator[Path]:
 
 
 def require_no_links(results: Path, sources: Iterable[str], *, inside: bool = True) -> None:
-    """Raise if a submission brought a link along where results go, or anywhere in there.
-
-    Parameters
-    ----------
-    inside : bool
-        Whether what lies in the folder matters too; else only the way to it does.
-
-    Raises
-    ------
-    UsageError
-        With the link.
-    """
+    """Raise UsageError if a submission brought a link along where results go, or anywhere `inside` of that."""
     known = [source for source in sources if source]
     if not lies_within(results, known):
         return
@@ -80,13 +69,7 @@ def made_from(folder: Path) -> str:
 
 
 def require_same_source(folder: Path, source: str) -> None:
-    """Raise if a submission's results were made from another path.
-
-    Raises
-    ------
-    UsageError
-        With both paths.
-    """
+    """Raise UsageError if a submission's results were made from another path."""
     before = made_from(folder)
     if before and source and before != source:
         raise UsageError(

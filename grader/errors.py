@@ -8,25 +8,13 @@ from __future__ import annotations
 
 
 class GraderError(Exception):
-    """Base of all errors that end a grading without a score.
-
-    Parameters
-    ----------
-    problem : str
-        What is wrong, in the present tense.
-    where : str
-        File, line or part concerned.
-    remedy : str
-        What the reader can do about it.
-    """
+    """Base of all errors that end a grading without a score: what is wrong, where, and what can be done about it."""
 
     exit_status = 70
 
     def __init__(self, problem: str, *, where: str = "", remedy: str = "") -> None:
         super().__init__(problem)
-        self.problem = problem
-        self.where = where
-        self.remedy = remedy
+        self.problem, self.where, self.remedy = problem, where, remedy
 
 
 class UsageError(GraderError):
@@ -42,13 +30,7 @@ class SubmissionError(GraderError):
 
 
 class RubricError(GraderError):
-    """The rubric is not usable; all its mistakes are listed at once.
-
-    Parameters
-    ----------
-    mistakes : list of str
-        One line each, with file and line number.
-    """
+    """The rubric is not usable; all its mistakes are listed at once, a line each, with file and line number."""
 
     exit_status = 4
 

@@ -20,28 +20,14 @@ _DEVICES = ("/dev/", "/proc/")
 
 @dataclass(frozen=True)
 class ExportTarget:
-    """An export and the file it goes to.
-
-    Attributes
-    ----------
-    name : str
-        A key of `EXPORTS`.
-    file : str or None
-        By default the export's own name in the results folder; "-" is the standard output.
-    """
+    """An export, by its key in `EXPORTS`, and the file it goes to; by default one in the results folder."""
 
     name: str
     file: str | None = None
 
     @classmethod
     def parse(cls, text: str) -> ExportTarget:
-        """Read `NAME` or `NAME=FILE`.
-
-        Raises
-        ------
-        ValueError
-            If there is no such export.
-        """
+        """Read `NAME` or `NAME=FILE`; raises ValueError if there is no such export."""
         name, _, file = text.partition("=")
         if name not in EXPORTS:
             raise ValueError(f"there is no export {name!r}; there are {', '.join(EXPORTS)}")
@@ -58,20 +44,7 @@ class ExportTarget:
 
 
 def write_exports(targets: Sequence[ExportTarget], result: Result, results: Path, path_prefix: str = "") -> list[Path]:
-    """Write a result's exports; returns the files.
-
-    Parameters
-    ----------
-    results : Path
-        Folder of the submission's results.
-    path_prefix : str
-        Folder of the submission in its repository.
-
-    Raises
-    ------
-    GraderError
-        If one of them cannot be made.
-    """
+    """Write a result's exports; returns the files. Raises GraderError if one of them cannot be made."""
     written = []
     for target in targets:
         text = render_export(target.name, result, path_prefix=path_prefix, environment=os.environ)

@@ -13,7 +13,6 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from types import FrameType
 
 #: Within a folder of results: those that are being made.
 UNFINISHED = ".unfinished"
@@ -28,14 +27,10 @@ def uninterrupted() -> Iterator[None]:
         yield
         return
     received: list[int] = []
-
-    def note(number: int, frame: FrameType | None) -> None:
-        received.append(number)
-
     # None is a handler that is not Python's, and could not be put back.
     heeded = {n: before for n in _ASKING if (before := signal.getsignal(n)) not in (signal.SIG_IGN, None)}
     for number in heeded:
-        signal.signal(number, note)
+        signal.signal(number, lambda received_one, frame: received.append(received_one))
     try:
         yield
     finally:
@@ -73,12 +68,8 @@ def replace_files(texts: Mapping[Path, str | None]) -> None:
             partial.unlink(missing_ok=True)
 
 
-def _never(new: Path) -> bool:
-    return False
-
-
 @contextmanager
-def beside(results: Path, parts: Sequence[str], keep: Callable[[Path], bool] = _never) -> Iterator[Path]:
+def beside(results: Path, parts: Sequence[str], keep: Callable[[Path], bool] = lambda new: False) -> Iterator[Path]:
     """Give an empty folder within a folder of results to make new ones in; its parts take their places in the end.
 
     If the work is broken off, or a part cannot be put in its place, what was there before stays as it was. Who is

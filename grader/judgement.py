@@ -15,22 +15,15 @@ from grader.result import Result, to_json
 from grader.rubric import Rubric
 
 #: What judging one submission may take. The solution takes 0.25 s and 0.1 GiB on a core of today; more than a hundred
-#: times that is no fair wait. In a class, a piece of work is given up after 120 s in any case (`batch.supervised`).
+#: times that is no fair wait. In a class, a process that says nothing is given up in any case (`batch.worker`).
 JUDGING_BOUND = Bound(what="judging the submission", cpu_s=30.0, wall_s=100.0, memory_bytes=2 * 1024**3)
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """What recordings were judged to be.
+    """What recordings were judged to be: by the rubric alone, and with what people and the rubric's policy make of it.
 
-    Attributes
-    ----------
-    by_rubric : Result
-        By the rubric alone.
-    result : Result
-        With the points that people and the rubric's policy make of it.
-    page, text : str
-        The report, empty where none was wanted, and `result.json`.
+    `page` is the report, empty where none was wanted, and `text` is `result.json`.
     """
 
     by_rubric: Result
@@ -55,7 +48,7 @@ def judge_bounded(folder: Path, rubric: Rubric, overrides: Overrides, *, page: b
 
 def report_page(result: Result, recordings: Recordings, rubric: Rubric) -> str:
     """Return the HTML report of a result."""
-    from grader.evidence.figures import draw
+    from grader.report.figures import draw
     from grader.report.html import render
 
     figures = {}

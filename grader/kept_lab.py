@@ -10,10 +10,9 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 from grader.errors import RecordingError
 from grader.recording.submission import read_submission
@@ -21,26 +20,16 @@ from grader.rubric import Rubric
 
 #: Folder beside the copy of a rubric, in which the files that it names lie as they do beside the rubric itself.
 KEPT = "rubric.files"
-_FUNCTION = re.compile(r"(.+\.py):\w+")
+#: `file.py:name`, as a whole value in JSON.
+_FUNCTION = re.compile(r'"([^"\\]+\.py):\w+"')
 
 
 def named_files(rubric: Rubric, *, figures: bool = True) -> list[str]:
     """Return the files beside a rubric that it names: reference programs and oracles, also those of figures."""
-    named = [spec.file for spec in rubric.reference.values()]
     models = [*rubric.reference.values(), *(check.parameters for check in rubric.checks())]
     models += [figure for criterion in rubric.criteria for figure in criterion.figures if figures]
-    texts = (text for model in models for text in _texts_in(model.model_dump()))
-    named += [found[1] for text in texts if (found := _FUNCTION.fullmatch(text))]
-    return list(dict.fromkeys(named))
-
-
-def _texts_in(value: Any) -> Iterator[str]:
-    if isinstance(value, str):
-        yield value
-    elif isinstance(value, Mapping):
-        yield from (text for part in value.values() for text in _texts_in(part))
-    elif isinstance(value, (list, tuple)):
-        yield from (text for part in value for text in _texts_in(part))
+    functions = (file for model in models for file in _FUNCTION.findall(model.model_dump_json()))
+    return list(dict.fromkeys([*(spec.file for spec in rubric.reference.values()), *functions]))
 
 
 def files_of(rubric: Rubric) -> dict[str, str]:
@@ -89,21 +78,12 @@ def _known_folder() -> Path:
 
 
 def require_known(copy: Path, shipped: Path) -> None:
-    """Raise if code beside a copy of a rubric may not be executed here.
+    """Raise RecordingError if code beside a copy of a rubric may not be executed here.
 
-    Parameters
-    ----------
-    shipped : Path
-        Folder of the lab that ships with the grader; others may lie in its folder `labs`.
-
-    Raises
-    ------
-    RecordingError
-        With the files, and how to judge nevertheless.
+    Known is what lies in the lab that ships with the grader, and in others in its folder `labs`.
     """
     hashes = sha256s(kept_files(copy))
-    unknown = [name for name, sha256 in hashes.items() if not _is_known(name, sha256, shipped)]
-    if unknown:
+    if unknown := [name for name, sha256 in hashes.items() if not _is_known(name, sha256, shipped)]:
         raise RecordingError(
             f"{', '.join(unknown)} came with the recordings and is not known on this machine, so it is not executed",
             where=str(copy.parent / KEPT),
@@ -115,10 +95,7 @@ def require_known(copy: Path, shipped: Path) -> None:
 def remarks(recordings: Path, rubric: Rubric, shipped: Path | None) -> list[str]:
     """Say where recordings are judged by other files of the lab than they were made with, or the lab has others now.
 
-    Parameters
-    ----------
-    shipped : Path or None
-        Folder of the lab that ships with the grader, if the rubric is of that one.
+    If the rubric is of the lab that ships with the grader, `shipped` is the folder of that.
     """
     submission = read_submission(recordings)
     made_with = submission.lab_files
@@ -126,13 +103,10 @@ def remarks(recordings: Path, rubric: Rubric, shipped: Path | None) -> list[str]
         return [f"judged by another {other} than it was recorded with"]
     labs = (lab for lab in (Path(submission.lab_folder), shipped) if lab is not None and lab.is_absolute())
     lab = next((lab for lab in labs if lab.is_dir()), None)
-    if lab is not None and (changed := _differing(made_with, sha256s(_texts(lab, made_with)))):
-        return [
-            f"{changed} in {lab} has changed since it was recorded; name the rubric there by --rubric to judge by it"
-        ]
-    return []
+    if lab is None or not (changed := _differing(made_with, sha256s(_texts(lab, made_with)))):
+        return []
+    return [f"{changed} in {lab} has changed since it was recorded; name the rubric there by --rubric to judge by it"]
 
 
 def _differing(made_with: Mapping[str, str], others: Mapping[str, str]) -> str:
-    names = [name for name, sha256 in others.items() if made_with.get(name, sha256) != sha256]
-    return " and ".join(names)
+    return " and ".join(name for name, sha256 in others.items() if made_with.get(name, sha256) != sha256)

@@ -26,18 +26,7 @@ _CHILD_ENDS_S = 5.0
 
 
 class LiveExports:
-    """The exports of one submission while it is being graded.
-
-    Parameters
-    ----------
-    results : Path
-        Folder of the submission's results.
-
-    Raises
-    ------
-    UsageError
-        If one of them cannot be made here.
-    """
+    """The exports of one submission while it is being graded; raises UsageError if one cannot be made here."""
 
     def __init__(self, targets: Sequence[ExportTarget], results: Path, path_prefix: str = "") -> None:
         self._targets = targets

@@ -6,7 +6,7 @@ import random
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from grader.live.cells import Shared
 
 #: What a grading makes, the file that says that it is whole last.
-_PARTS = (RUBRIC_COPY, kept_lab.KEPT, RECORDINGS, REPORT_FILE, RESULT_FILE)
+PARTS = (RUBRIC_COPY, kept_lab.KEPT, RECORDINGS, REPORT_FILE, RESULT_FILE)
 #: Among recordings: stands there until all sessions have been recorded.
 _BEGUN = ".begun"
 #: What each step of reading and staging a submission may take, which takes the solution 0.02 s.
@@ -43,39 +43,24 @@ _READING_BOUND = Bound(what="reading the submission", cpu_s=20.0, wall_s=100.0, 
 
 @dataclass(frozen=True)
 class Options:
-    """What the user chose for the live half.
+    """What the user chose for the live half; by default all sessions, with a new seed, as many as the cores allow."""
 
-    Attributes
-    ----------
-    interpreter : Path
-        Python that runs students' code.
-    sessions : sequence of str or None
-        Sessions to run; all by default.
-    seed : int or None
-        For the stimuli; drawn anew by default.
-    jobs : int or None
-        Sessions side by side; as many as the cores allow by default.
-    launch : str
-        What evaluates launch files: "standin", "native" (the real `launch`, as the interpreter finds it) or
-        "auto" (the real one where there is one).
-    least_isolation : str
-        The level of confinement below which nothing is run: "full", "no-cgroup", "reduced" or "none".
-    overrides : Overrides
-        What people decided about single submissions.
-    exports : sequence of ExportTarget
-        Forms for other systems in which the result is written too; anew after each session, with what is known.
-    path_prefix : str
-        Folder of the submission in its repository.
-    """
-
+    #: Python that runs students' code.
     interpreter: Path
     sessions: Sequence[str] | None = None
+    #: For the stimuli.
     seed: int | None = None
+    #: Sessions side by side.
     jobs: int | None = None
+    #: What evaluates launch files, see `LaunchChoice`.
     launch: str = "standin"
+    #: The level of confinement below which nothing is run, see `Level`.
     least_isolation: str = "reduced"
+    #: What people decided about single submissions.
     overrides: Overrides = field(default_factory=Overrides)
+    #: Forms for other systems in which the result is written too; anew after each session, with what is known.
     exports: Sequence[ExportTarget] = ()
+    #: Folder of the submission in its repository.
     path_prefix: str = ""
 
     def sessions_of(self, rubric: Rubric) -> list[str]:
@@ -84,13 +69,7 @@ class Options:
 
 
 def require_sessions(names: Sequence[str], rubric: Rubric) -> None:
-    """Raise unless the rubric has all of these sessions.
-
-    Raises
-    ------
-    UsageError
-        With the sessions that there are.
-    """
+    """Raise UsageError unless the rubric has all of these sessions."""
     for name in names:
         if name not in rubric.sessions:
             remedy = f"Sessions of this rubric are {', '.join(rubric.sessions)}."
@@ -98,13 +77,7 @@ def require_sessions(names: Sequence[str], rubric: Rubric) -> None:
 
 
 def chosen_sessions(rubric: Rubric, options: Options, submission: SubmissionRecord) -> list[str]:
-    """Return the sessions to run: those chosen whose first file was handed in.
-
-    Raises
-    ------
-    UsageError
-        If a session is chosen that the rubric does not have.
-    """
+    """Return the sessions to run: those chosen whose first file was handed in; raises UsageError for unknown ones."""
     require_sessions(options.sessions or (), rubric)
     there = {a.name for a in submission.artifacts if a.path is not None}
     return [s for s in options.sessions_of(rubric) if there.issuperset(rubric.sessions[s].needs[:1])]
@@ -129,8 +102,6 @@ def grade(
         Folder of this submission's results. Those of an earlier grading stay until all sessions have been recorded.
     shared : Shared, optional
         What other submissions on this machine have to do with it.
-    watch : Stopwatch, optional
-        Told what takes its time.
 
     Raises
     ------
@@ -152,7 +123,7 @@ def grade(
         with LiveExports(options.exports, results, options.path_prefix) as exports:
             follow = exports.follow(on_progress)
             # The recordings take their place first: no fault in what comes after them throws them away.
-            with beside(results, _PARTS, lambda new: _is_recorded(new / RECORDINGS)) as new, _naming_kept(new, results):
+            with beside(results, PARTS, lambda new: _is_recorded(new / RECORDINGS)) as new, _naming_kept(new, results):
                 judgement = record(intake.folder, submission, rubric, new, options, follow, shared, watch)
             with _naming_kept(results, results):
                 replace_files(_files_of(judgement, results, rubric))
@@ -181,17 +152,6 @@ def _is_recorded(recordings: Path) -> bool:
     return recordings.is_dir() and not (recordings / _BEGUN).exists()
 
 
-def _work(shared: Shared | None, watch: Stopwatch) -> Callable[[str], AbstractContextManager[None]]:
-    """Return what measures a piece of work, and has it wait for its turn where the machine is shared."""
-
-    @contextmanager
-    def work(what: str) -> Iterator[None]:
-        with shared.turns.work(what) if shared is not None else nullcontext(), watch.stage(what):
-            yield
-
-    return work
-
-
 def record(
     folder: Path,
     submission: SubmissionRecord,
@@ -204,10 +164,7 @@ def record(
 ) -> Judgement:
     """Run the live half: stage, isolate, run the sessions, and again those whose checks are undecided.
 
-    Returns
-    -------
-    Judgement
-        What the last recordings were judged to be.
+    Returns what the last recordings were judged to be.
     """
     from grader.evidence.elsewhere import modules_to_look_for
     from grader.live.cells import Progress, Sessions, types_in
@@ -220,6 +177,14 @@ def record(
     from grader.live.stage import stage
 
     watch = watch or Stopwatch()
+    turns = shared.turns if shared is not None else None
+
+    @contextmanager
+    def work(what: str) -> Iterator[None]:
+        """Measure a piece of work, and have it wait for its turn where the machine is shared."""
+        with turns.work(what) if turns is not None else nullcontext(), watch.stage(what):
+            yield
+
     # It begins to import while the isolation is tried.
     with ForkServer(types_in(rubric)) as forks:
         with watch.stage("trying the isolation"):
@@ -234,7 +199,7 @@ def record(
         submission.absent_modules = absent_modules(options.interpreter, wanted)
         _start_afresh(recordings, submission, rubric)
         with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as scratch:
-            with _work(shared, watch)("staging"):
+            with work("staging"):
                 staging = partial(stage, folder, submission, rubric, Path(scratch), str(options.interpreter))
                 workspace = confined(staging, submission.source, _READING_BOUND)
             sessions = Sessions(
@@ -249,9 +214,9 @@ def record(
                 versions() | {"launch": "native" if native is not None else "stand-in"},
                 forks,
                 native,
-                turns=shared.turns if shared is not None else None,
+                turns=turns,
             )
-            on_progress, work = watch.follow(on_progress), _work(shared, watch)
+            on_progress = watch.follow(on_progress)
             with watch.stage("sessions"):
                 sessions.record(chosen, on_progress, at_a_time=options.jobs if sessions.isolation.namespaces else None)
             (recordings / _BEGUN).unlink()
@@ -281,21 +246,9 @@ def _start_afresh(recordings: Path, submission: SubmissionRecord, rubric: Rubric
 
 
 def judge_results(results: Path, rubric: Rubric, overrides: Overrides | None = None) -> Result:
-    """Run the judging half on a results folder and write `result.json` and `report.html`.
+    """Run the judging half on a results folder and write `result.json` and `report.html`; see `judge_bounded`.
 
     The rubric is kept with them, if it is another than the submission was recorded with.
-
-    Parameters
-    ----------
-    overrides : Overrides, optional
-        What people decided about single submissions.
-
-    Raises
-    ------
-    RecordingError
-        If there is nothing to judge.
-    BoundError
-        If judging takes more time or memory than it may.
     """
     judgement = judge_bounded(results / RECORDINGS, rubric, overrides or Overrides())
     replace_files(_files_of(judgement, results, rubric))
@@ -310,12 +263,7 @@ def _files_of(judgement: Judgement, results: Path, rubric: Rubric) -> dict[Path,
 def judge_so_far(results: Path) -> Result:
     """Judge what has been recorded until now of a submission that is still being graded, and write nothing.
 
-    Checks of sessions that have not ended are undecided, and say so.
-
-    Raises
-    ------
-    RecordingError
-        If nothing has been begun there.
+    Checks of sessions that have not ended are undecided, and say so. Raises RecordingError if nothing has begun there.
     """
     new = results / UNFINISHED
     folder = new if (new / RECORDINGS).is_dir() else results

@@ -97,15 +97,6 @@ class Scope:
         """Return what is defined in a part of the rubric: artifacts, reference nodes, sessions."""
         return [str(name) for name in _mapping(self.plain.get(part))]
 
-    def missing_in(self, folder: Path) -> int:
-        """Count the files beside the rubric that a folder does not have."""
-        keys = ("oracle", "settings")
-        files = [
-            part[key].partition(":")[0] for part in _parts(self.plain) for key in keys if isinstance(part.get(key), str)
-        ]
-        files += [str(_mapping(entry).get("file")) for entry in _mapping(self.plain.get("reference")).values()]
-        return sum(not (folder / file).is_file() for file in files)
-
     @cached_property
     def check_ids(self) -> list[str]:
         """Return the ids of all checks."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from decimal import Decimal
 from enum import Enum
@@ -29,10 +30,6 @@ def number(value: Decimal) -> int | float:
     return int(value) if value == value.to_integral_value() else float(value)
 
 
-def _milliseconds(value: float) -> float:
-    return round(value, 3)
-
-
 _NUMBER = PlainSerializer(number)
 #: Points that somebody has, and the change of points by an adjustment.
 Points = Annotated[Decimal, Field(ge=0), _NUMBER, WithJsonSchema({"type": "number", "minimum": 0})]
@@ -40,7 +37,7 @@ Change = Annotated[Decimal, _NUMBER, WithJsonSchema({"type": "number"})]
 #: A share of a check's points, from 0 to 1.
 Credit = Annotated[Decimal, Field(ge=0, le=1), _NUMBER, WithJsonSchema({"type": "number", "minimum": 0, "maximum": 1})]
 #: Seconds since the session's start.
-Seconds = Annotated[float, PlainSerializer(_milliseconds), WithJsonSchema({"type": "number"})]
+Seconds = Annotated[float, PlainSerializer(lambda value: round(value, 3)), WithJsonSchema({"type": "number"})]
 
 
 class Outcome(str, Enum):
@@ -71,22 +68,9 @@ def outcome_of_points(earned: Decimal, possible: Decimal, undecided: Decimal) ->
 
 @dataclass(frozen=True)
 class Where:
-    """Where the proof of a finding lies: a span of a recorded topic, a source line, an output line.
+    """Where the proof of a finding lies: a line, from 1, of a file in the submission, or a place in a recording.
 
-    Attributes
-    ----------
-    file : str or None
-        Path relative to the submission's root.
-    line : int or None
-        Line of `file`, counted from 1.
-    session : str or None
-        The session whose recording holds the proof.
-    topic : str or None
-        Topic or service name in that recording.
-    process : str or None
-        Process of that session whose output holds the proof.
-    start_s, end_s : float or None
-        Time span, in seconds since the session's start.
+    There that is a topic or service, or the output of a process, in a span in seconds since the session's start.
     """
 
     file: str | None = None
@@ -120,18 +104,13 @@ class Finding:
 
     Attributes
     ----------
-    outcome : Outcome
-        See `Outcome`.
     credit : Decimal
-        Share of the check's points, from 0 to 1. 1 when passed, 0 when failed.
+        Share of the check's points: 1 when passed, 0 when failed.
     expected, measured : str
         One line each, with units and the error of the measurement.
-    reason : str
-        Why points were lost, in a sentence; empty when passed.
-    hint : str
-        How to mend it; empty when passed. Overrides the rubric's hint where the check knows better.
-    where : tuple of Where
-        Where the proof lies.
+    reason, hint : str
+        Why points were lost, in a sentence, and how to fix it; empty when passed. A check's hint goes before the
+        rubric's.
     notes : tuple of str
         Advisories that cost nothing.
     retry : bool
@@ -178,14 +157,8 @@ class Violation:
 
     Attributes
     ----------
-    session : str
-        The session in whose recording it was seen.
-    text : str
-        What was seen, in a sentence.
     evidence : tuple of str
         What shows it: nodes, gids, counts, times.
-    where : Where
-        Where it lies in the recording.
     certain : bool
         Whether the recording leaves no other explanation than the submission's own processes.
     checks : tuple of str
@@ -203,14 +176,12 @@ class Violation:
 
 @dataclass(frozen=True)
 class CheckResult:
-    """What one check found, with the points that the rubric gives it.
+    """What one check found, as in `Finding`, with the points that the rubric gives it.
 
     Attributes
     ----------
-    earned, possible, undecided : Decimal
-        Points; those that nobody could decide are neither earned nor lost.
-    expected, measured, reason, hint, where, notes, credit, retry
-        As in `Finding`.
+    undecided : Decimal
+        Points that nobody could decide: neither earned nor lost.
     session : str or None
         The session that it judges.
     """
@@ -286,10 +257,6 @@ class Adjustment:
     ----------
     what : str
         What it concerns: id of a check or a criterion, a due date, or "score" for the whole.
-    points : Decimal
-        What it adds to the score, or takes from it.
-    reason : str
-        Why, in a sentence.
     who, when : str
         Who decided it, and when; empty where the rubric's policy did.
     """
@@ -348,20 +315,12 @@ class Result:
     ----------
     submission : str
         Name of the submission's folder.
-    score : Score
-        Sums over all criteria.
-    criteria : tuple of CriterionResult
-        In the rubric's order.
     advisories : tuple of str
         Remarks for the student that cost nothing.
     problems : tuple of str
         What went wrong on the grader's side; never costs points.
-    provenance : mapping
-        Hashes of submission and rubric, versions, isolation level, times of the recordings.
     adjustments : tuple of Adjustment
-        What changed the points after the judgement, in the order in which it was applied.
-    violations : tuple of Violation
-        What of the grader's own was touched, session by session.
+        In the order in which they were applied.
     """
 
     submission: str
@@ -423,55 +382,39 @@ def to_json(result: Result) -> str:
 
 
 def read_result(plain: Any) -> Result:
-    """Read the plain data of `result.json`.
+    """Read the plain data of `result.json`; raises RecordingError if it is no result of this version.
 
     Keys that this version does not know are passed over, so that a later `result.json` can be read too.
-
-    Raises
-    ------
-    RecordingError
-        If the data is no result of this version.
     """
     try:
         if not isinstance(plain, Mapping) or plain.get("schema") != RESULT_SCHEMA:
             raise ValueError(f"its schema is not {RESULT_SCHEMA}")
         return _adapter().validate_python(plain)
-    except ValidationError as problem:
-        first = problem.errors(include_url=False, include_input=False)[0]
-        words = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
     except ValueError as problem:
         words = str(problem)
-    raise RecordingError(
-        "this is no result of this version of grade", remedy=f"Run `grade regrade` on the results folder. ({words})"
-    )
+        if isinstance(problem, ValidationError):
+            first = problem.errors(include_url=False, include_input=False)[0]
+            words = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+        remedy = f"Run `grade regrade` on the results folder. ({words})"
+        raise RecordingError("this is no result of this version of grade", remedy=remedy) from None
 
 
 def load_result(file: Path) -> Result:
-    """Read a file `result.json`.
-
-    Raises
-    ------
-    FileNotFoundError
-        If it is not there.
-    RecordingError
-        If it cannot be read, or is no result of this version.
-    """
+    """Read a file `result.json`; raises RecordingError if it cannot be read, FileNotFoundError if it is not there."""
     try:
         return read_result(json.loads(file.read_text(encoding="utf-8")))
     except FileNotFoundError:
         raise
     except (OSError, ValueError, RecursionError) as problem:
-        raise RecordingError(
-            f"{file.name} cannot be read", where=str(file), remedy="Run `grade regrade` on the results folder."
-        ) from problem
+        remedy = "Run `grade regrade` on the results folder."
+        raise RecordingError(f"{file.name} cannot be read", where=str(file), remedy=remedy) from problem
 
 
 def result_of_text(text: str | None) -> Result | None:
     """Return the result of a `result.json`'s text; None if there is none, or none of this version."""
-    try:
+    with suppress(RecordingError, ValueError, RecursionError):
         return None if text is None else read_result(json.loads(text))
-    except (RecordingError, ValueError, RecursionError):
-        return None
+    return None
 
 
 def result_schema() -> dict[str, Any]:

@@ -37,6 +37,8 @@ from grader.yaml_with_lines import Loc, Strict, cannot_be_read, parse_yaml, sugg
 if TYPE_CHECKING:
     from typing_extensions import Self
 
+_REMEDY = "`grade checks` lists every check with its parameters."
+
 
 def _number(value: Any) -> Decimal | None:
     known = isinstance(value, (int, float, Decimal)) and not isinstance(value, bool)
@@ -327,38 +329,28 @@ class Kinds:
     figures: Mapping[str, type[Parameters]]
 
 
-def load_rubric(path: Path, kinds: Kinds, folder: Path | None = None, *, only: bool = False) -> Rubric:
-    """Read and validate a rubric.
+def load_rubric(path: Path, kinds: Kinds, *folders: Path) -> Rubric:
+    """Read and validate a rubric; raises RubricError with every mistake, each with file and line.
 
-    Parameters
-    ----------
-    path : Path
-        The YAML file.
-    folder : Path, optional
-        Where files beside the rubric are looked up if they are not there.
-    only : bool
-        Whether they are looked up in `folder` alone, since what lies beside the rubric is not to be executed.
-
-    Raises
-    ------
-    RubricError
-        With every mistake, each with file and line.
+    The files that it names are looked up in the first of the folders in which all is right; by default, beside it.
     """
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as problem:
         raise cannot_be_read("the rubric", path, problem, "Check --rubric.") from problem
     plain, mistakes = parse_yaml(path, text, "the rubric")
-    scope = Scope(plain, path.resolve().parent, kinds.checks, kinds.figures)
-    if folder is not None and (only or scope.missing_in(folder) < scope.missing_in(scope.folder)):
-        scope.folder = folder
-    try:
-        found = RubricFile.model_validate(plain, context=scope)
-    except ValidationError as error:
-        mistakes.add_validation((), error)
-    mistakes.raise_any("`grade checks` lists every check with its parameters.")
-    parts = (found.lab, found.artifacts, found.reference, found.sessions, found.criteria)
-    return Rubric(*parts, scope.folder, text, found.policy)
+    errors = []
+    for folder in folders or (path.resolve().parent,):
+        try:
+            found = RubricFile.model_validate(plain, context=Scope(plain, folder, kinds.checks, kinds.figures))
+        except ValidationError as error:
+            errors.append(error)
+            continue
+        mistakes.raise_any(_REMEDY)
+        parts = (found.lab, found.artifacts, found.reference, found.sessions, found.criteria)
+        return Rubric(*parts, folder, text, found.policy)
+    mistakes.add_validation((), min(errors, key=lambda error: error.error_count()))
+    raise mistakes.error(_REMEDY)
 
 
 def json_schema(kinds: Kinds) -> dict[str, Any]:

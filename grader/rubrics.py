@@ -18,7 +18,7 @@ from grader.cohort.entries import ClassEntry
 from grader.cohort.overrides import OVERRIDES_FILE, Overrides, load_overrides
 from grader.desk import lies_within
 from grader.errors import RecordingError, RubricError, UsageError
-from grader.evidence.figures import FIGURES
+from grader.report.figures import FIGURES
 from grader.result_folder import RECORDINGS, RUBRIC_COPY
 from grader.rubric import Kinds, Rubric, load_rubric
 
@@ -33,28 +33,19 @@ def lab_folder() -> Path:
 def read_rubric(path: Path | None, kept: Path | None = None) -> Rubric:
     """Load a rubric that the user names, by default that of the lab which travels with the grader.
 
-    A copy that lies elsewhere finds the files that it names in the folder of that lab, if it is of the same lab.
-
-    Parameters
-    ----------
-    kept : Path, optional
-        The copy of a rubric with its own files kept beside it, to be used before those.
-
-    Raises
-    ------
-    RubricError
-        With all its mistakes.
+    A copy that lies elsewhere finds the files that it names beside `kept`, which is the copy of a rubric among results,
+    or in the grader's own lab, if these are of the same lab. Raises RubricError with all its mistakes.
     """
-    shipped = lab_folder() / "rubric.yaml"
-    path = path or shipped
+    path = path or lab_folder() / "rubric.yaml"
     if (path.parent / kept_lab.KEPT).is_dir():
         return recorded_rubric(path)
-    own = kept if kept is not None and _lab_id(kept) == _lab_id(path) and kept_lab.kept_files(kept) else None
-    if own is not None:
-        kept_lab.require_known(own, lab_folder())
-    same = path == shipped or _lab_id(path) == _lab_id(shipped)
-    fallback = own.parent / kept_lab.KEPT if own is not None else lab_folder() if same else None
-    rubric = load_rubric(path, rubric_kinds(), fallback)
+    folders = [path.resolve().parent]
+    if kept is not None and _lab_id(kept) == _lab_id(path) and kept_lab.kept_files(kept):
+        kept_lab.require_known(kept, lab_folder())
+        folders.append(kept.parent / kept_lab.KEPT)
+    elif _is_shipped(path):
+        folders.append(lab_folder())
+    rubric = load_rubric(path, rubric_kinds(), *folders)
     kept_lab.trust(kept_lab.files_of(rubric))
     return rubric
 
@@ -62,17 +53,8 @@ def read_rubric(path: Path | None, kept: Path | None = None) -> Rubric:
 def recorded_rubric(copy: Path, *, trusted: bool = False) -> Rubric:
     """Load the copy of a rubric that lies with results, and the files that it names from beside it.
 
-    Parameters
-    ----------
-    trusted : bool
-        Whether these may be executed though they are not known here; see `grader.kept_lab`.
-
-    Raises
-    ------
-    RecordingError
-        If they may not be executed, or an earlier version of the grader has not kept them.
-    RubricError
-        With all mistakes of the rubric.
+    Raises RubricError with all its mistakes, and RecordingError if the files may not be executed: they are not known
+    here, and not `trusted` (see `grader.kept_lab`), or an earlier version of the grader has not kept them.
     """
     files = kept_lab.kept_files(copy)
     if trusted:
@@ -80,14 +62,24 @@ def recorded_rubric(copy: Path, *, trusted: bool = False) -> Rubric:
     elif files:
         kept_lab.require_known(copy, lab_folder())
     # Before they were kept, those of the grader's own lab were used; for another lab they would be the wrong ones.
-    shipped = not files and _lab_id(copy) == _lab_id(lab_folder() / "rubric.yaml")
-    folder = lab_folder() if shipped else copy.parent / kept_lab.KEPT
+    shipped = not files and _is_shipped(copy)
     try:
-        return load_rubric(copy, rubric_kinds(), folder, only=True)
+        return load_rubric(copy, rubric_kinds(), lab_folder() if shipped else copy.parent / kept_lab.KEPT)
     except RubricError as error:
         if not files and not shipped:
             error.remedy = "The recordings are without the files of their lab; give its rubric by --rubric."
         raise
+
+
+def _is_shipped(rubric: Path) -> bool:
+    """Whether a rubric is of the lab that travels with the grader."""
+    return _lab_id(rubric) == _lab_id(lab_folder() / "rubric.yaml")
+
+
+def _lab_id(rubric: Path) -> str:
+    with suppress(OSError, UnicodeDecodeError):
+        return _lab_id_in(rubric.read_text(encoding="utf-8"))
+    return ""
 
 
 @functools.lru_cache(maxsize=16)
@@ -99,43 +91,24 @@ def _lab_id_in(text: str) -> str:
     return ""
 
 
-def _lab_id(rubric: Path) -> str:
-    with suppress(OSError, UnicodeDecodeError):
-        return _lab_id_in(rubric.read_text(encoding="utf-8"))
-    return ""
-
-
 def rubric_kinds() -> Kinds:
     """Return the checks and figures that a rubric can use."""
-    return Kinds(PARAMETERS_OF, {name: kind.parameters for name, kind in FIGURES.items()})
+    return Kinds(PARAMETERS_OF, FIGURES)
 
 
 def read_overrides(path: Path | None, results: Path, rubric: Rubric, sources: Iterable[str] = ()) -> Overrides:
     """Load the file of overrides that is given, or else the one beside the results, if there is one.
 
-    Parameters
-    ----------
-    results : Path
-        Folder with a folder of results for each submission.
-    sources : iterable of str
-        Where the submissions lie. If the results lie in one of them, the file beside them may be a student's, and
-        does not count.
-
-    Raises
-    ------
-    RubricError
-        With all its mistakes.
+    If the results lie in one of the `sources`, which are where the submissions lie, the file beside them may be a
+    student's, and does not count. Raises RubricError with all its mistakes.
     """
     beside = results / OVERRIDES_FILE
-    if path is None and lies_within(results, sources):
-        return Overrides()
-    if path is None and not beside.is_file():
+    if path is None and (lies_within(results, sources) or not beside.is_file()):
         misnamed = beside.with_suffix(".yml")
-        if misnamed.is_file():
+        if misnamed.is_file() and not lies_within(results, sources):
             problem = f"the file of overrides is called {OVERRIDES_FILE}; under this name nothing in it would count"
-            raise RubricError(
-                problem, [], where=str(misnamed), remedy=f"Rename it, or give it with --overrides {misnamed}."
-            )
+            remedy = f"Rename it, or give it with --overrides {misnamed}."
+            raise RubricError(problem, [], where=str(misnamed), remedy=remedy)
         return Overrides()
     return load_overrides(path or beside, rubric)
 
@@ -147,18 +120,7 @@ def chosen_rubric(folders: Sequence[Path], path: Path) -> Rubric:
 
 
 def require_lab(results: Path, rubric: Rubric, remedy: str = "Name a rubric of that lab, or none.") -> None:
-    """Raise if results are of another lab than a rubric.
-
-    Parameters
-    ----------
-    remedy : str
-        What the user can do about it.
-
-    Raises
-    ------
-    UsageError
-        With both labs.
-    """
+    """Raise UsageError if results are of another lab than a rubric."""
     recorded = next(map(_lab_id, _rubric_copies(results)), "")
     if recorded not in ("", rubric.lab.id):
         problem = f"these are results of Lab {recorded}, and the rubric is of Lab {rubric.lab.id}"
@@ -172,21 +134,12 @@ def lab_remarks(results: Path, rubric: Rubric) -> list[str]:
 
 
 def rubric_copy(results: Path) -> Path:
-    """Return the rubric by which a results folder was judged last.
-
-    Raises
-    ------
-    RecordingError
-        If it is no results folder.
-    """
-    found = _rubric_copies(results)
-    if found:
-        return found[0]
-    raise RecordingError(
-        "there are no recordings to judge" if results.is_dir() else "there is no such folder",
-        where=str(results),
-        remedy="Give a folder of results, e.g. results/ for a class or results/alice for one submission.",
-    )
+    """Return the rubric by which a results folder was judged last; raises RecordingError if it is none."""
+    for copy in _rubric_copies(results):
+        return copy
+    problem = "there are no recordings to judge" if results.is_dir() else "there is no such folder"
+    remedy = "Give a folder of results, e.g. results/ for a class or results/alice for one submission."
+    raise RecordingError(problem, where=str(results), remedy=remedy)
 
 
 def _rubric_copies(results: Path) -> list[Path]:
@@ -215,10 +168,7 @@ def rubric_files(folder: Path, rubric: Rubric) -> dict[Path, str | None]:
 
 def rubric_of_class(results: Path, entries: Sequence[ClassEntry]) -> Path | None:
     """Return the copy of the rubric by which most of a class were judged; None if there is no copy of it."""
-    judged_by = {entry.name: entry.result.rubric_sha256 for entry in entries if entry.result is not None}
-    for sha256, _ in Counter(judged_by.values()).most_common():
-        for name in (name for name, by in judged_by.items() if by == sha256):
-            for copy in _rubric_copies(results / name):
-                if hashlib.sha256(copy.read_bytes()).hexdigest() == sha256:
-                    return copy
-    return None
+    judged_by = Counter(entry.result.rubric_sha256 for entry in entries if entry.result is not None)
+    copies = [copy for entry in entries for copy in _rubric_copies(results / entry.name)]
+    hashes = {hashlib.sha256(copy.read_bytes()).hexdigest(): copy for copy in reversed(copies)}
+    return next((hashes[sha256] for sha256, _ in judged_by.most_common() if sha256 in hashes), None)

@@ -39,13 +39,7 @@ class _Loader(_SAFE):  # type: ignore[misc]
 
 
 def cannot_be_read(what: str, path: Path, problem: Exception, remedy: str) -> RubricError:
-    """Return the error of a file that is not there, or is no text.
-
-    Parameters
-    ----------
-    what : str
-        What the file is, in words, e.g. "the rubric".
-    """
+    """Return the error of a file (in words, e.g. "the rubric") that is not there, or is no text."""
     reason = problem.strerror if isinstance(problem, OSError) and problem.strerror else str(problem)
     return RubricError(f"{what} cannot be read", [reason], where=str(path), remedy=remedy)
 
@@ -75,13 +69,7 @@ def suggestion(word: str, known: Iterable[str]) -> str:
 
 
 def mistakes_at(found: Iterable[tuple[Loc, str]]) -> ValidationError:
-    """Return the error that has pydantic report mistakes below the value that is being validated.
-
-    Parameters
-    ----------
-    found : iterable of (tuple, str)
-        Place below that value, and what is wrong there.
-    """
+    """Return the error that has pydantic report mistakes at places below the value that is being validated."""
     details: list[InitErrorDetails] = [
         {"type": PydanticCustomError("mistake", "{words}", {"words": words}), "loc": loc, "input": None}
         for loc, words in found
@@ -125,16 +113,12 @@ class Strict(BaseModel):
 
 
 class Mistakes:
-    """Collects mistakes with the line of the YAML node that they concern.
+    """Collects mistakes in a file with the line, from 1, of the YAML node that they concern.
 
     Parameters
     ----------
-    path : Path
-        The file.
     what : str
         What the file is, in words, e.g. "the rubric".
-    lines : mapping
-        Place of each node -> its line, from 1.
     """
 
     def __init__(self, path: Path, what: str, lines: Mapping[Loc, int]) -> None:
@@ -147,8 +131,7 @@ class Mistakes:
 
     def add(self, loc: Loc, message: str) -> None:
         """Note a mistake at a node."""
-        line = self.line_of(loc)
-        place = ".".join(str(part) for part in loc)
+        line, place = self.line_of(loc), ".".join(map(str, loc))
         self.found.append((line, f"{self.path.name}:{line}: {place + ': ' if place else ''}{message}"))
 
     def add_validation(self, loc: Loc, error: ValidationError) -> None:
@@ -156,55 +139,30 @@ class Mistakes:
         for item in error.errors():
             self.add(loc + tuple(item["loc"]), item["msg"])
 
-    def raise_any(self, remedy: str) -> None:
-        """Raise if there are mistakes.
+    def error(self, remedy: str) -> RubricError:
+        """Return the error with all of them, in the order of their lines."""
+        problem = f"{self.what} has {len(self.found)} mistake{'s' * (len(self.found) != 1)}"
+        return RubricError(problem, [m for _, m in sorted(self.found)], where=str(self.path), remedy=remedy)
 
-        Raises
-        ------
-        RubricError
-            With all of them, in the order of their lines.
-        """
-        if not self.found:
-            return
-        listed = [message for _, message in sorted(self.found)]
-        raise RubricError(
-            f"{self.what} has {len(listed)} mistake{'s' * (len(listed) != 1)}",
-            listed,
-            where=str(self.path),
-            remedy=remedy,
-        )
+    def raise_any(self, remedy: str) -> None:
+        """Raise `error` if there are mistakes."""
+        if self.found:
+            raise self.error(remedy)
 
 
 def parse_yaml(path: Path, text: str, what: str) -> tuple[dict[str, Any], Mistakes]:
-    """Parse a mapping into plain data; a repeated key is the first mistake.
-
-    Parameters
-    ----------
-    what : str
-        What the file is, in words, e.g. "the rubric".
-
-    Raises
-    ------
-    RubricError
-        If it is no YAML, or no mapping.
-    """
+    """Parse a mapping into plain data; raises RubricError if it is none. A repeated key is the first mistake."""
     try:
         root = yaml.compose(text, Loader=_Loader)
         plain = yaml.load(text, Loader=_Loader)
     except (yaml.YAMLError, ValueError) as problem:
         mark = getattr(problem, "problem_mark", None)
-        line = mark.line + 1 if mark else 1
         detail = getattr(problem, "problem", None) or str(problem)
-        raise RubricError(
-            f"{what} is not valid YAML",
-            [f"{path.name}:{line}: {detail}"],
-            where=str(path),
-            remedy="Fix the line named.",
-        ) from problem
+        wrong, remedy = f"{path.name}:{mark.line + 1 if mark else 1}: {detail}", "Fix the line named."
+        raise RubricError(f"{what} is not valid YAML", [wrong], where=str(path), remedy=remedy) from problem
     if not isinstance(plain, dict) or root is None:
-        raise RubricError(
-            f"{what} is empty or not a mapping", [f"{path.name}:1: a mapping is expected"], where=str(path)
-        )
+        wrong = f"{path.name}:1: a mapping is expected"
+        raise RubricError(f"{what} is empty or not a mapping", [wrong], where=str(path))
     lines: dict[Loc, int] = {}
     repeated: list[Loc] = []
     _note_lines(root, (), lines, repeated)

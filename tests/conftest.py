@@ -8,12 +8,35 @@ from collections.abc import Generator, Iterator
 
 import pytest
 from hypothesis import HealthCheck, settings
+from xdist.scheduler import LoadScopeScheduling
 
 from tests.machine import beside_others
 
 # How long an example takes says more about the machine than about the code.
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")
+
+
+class InTurn(LoadScopeScheduling):  # type: ignore[misc]
+    """Gives a worker a module at a time, or one of the long tests: a live fixture, or a batch of attacks."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        module, _, test = nodeid.partition("::")
+        if module.endswith("test_fixtures.py"):
+            return nodeid
+        return "-".join(test.partition("[")[2].split("-")[:2]) if module.endswith("test_attacks.py") else module
+
+
+def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> InTurn:
+    """Let workers take tests in the order in which `pytest_collection_modifyitems` puts them."""
+    config.option.loadscopereorder = False
+    return InTurn(config, log)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put live tests behind those that only compute, and would keep them from a core."""
+    last = ("test_fixtures.py", "test_attacks.py")
+    items.sort(key=lambda item: (item.get_closest_marker("live") is not None, *(item.path.name == n for n in last)))
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from grader.evidence import diagnosis, elsewhere, launch_source, markup, printed, prose, result_rows, source
-from grader.intake.names import UnfitNameError, clean_parts, displayed
+from grader.intake.names import UnfitError, clean_parts, displayed
 from grader.live.launching import parameter_text
 from grader.live.names import likeness
 from grader.packages import find_packages
@@ -77,7 +77,7 @@ def _read_parameters(text: str) -> None:
 
 
 def _read_names(text: str) -> None:
-    with suppress(UnfitNameError):
+    with suppress(UnfitError):
         clean_parts(text[:5000])
     displayed(text[:5000])
     likeness("/joint_states", text[:5000])

@@ -21,10 +21,11 @@ def main() -> None:
     """Record until standard input ends."""
     with tempfile.TemporaryDirectory(prefix="bench-bag-") as scratch:
         folder = Path(scratch) / "bag"
-        with Recorder(BagWriter(folder, "bench"), int(os.environ["ROS_DOMAIN_ID"])) as recorder:
-            offered = Qos("reliable", "volatile")
-            recorder.follow([Endpoint("publisher", TOPIC, "std_msgs/msg/Float64MultiArray", "", "/x", "", offered)])
-            until_told(sys.argv[1] == "busy")
+        recorder = Recorder(BagWriter(folder, "bench"), int(os.environ["ROS_DOMAIN_ID"]))
+        offered = Qos("reliable", "volatile")
+        recorder.follow([Endpoint("publisher", TOPIC, "std_msgs/msg/Float64MultiArray", "", "/x", "", offered)])
+        until_told(sys.argv[1] == "busy")
+        recorder.stop()
         stream = Bag.open(folder).stream(TOPIC)
         timing = timing_of(stream, None)
     rate_hz = timing.rate_hz if timing is not None else 0.0

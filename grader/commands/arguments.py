@@ -1,4 +1,4 @@
-"""What several commands share: arguments with points and counts, and a turn for each submission."""
+"""What several commands share: options, what they print of notes and errors, and a turn for each submission."""
 
 from __future__ import annotations
 
@@ -8,16 +8,44 @@ import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from decimal import Decimal, InvalidOperation
-from typing import TypeVar
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+from rich.console import Console
+from rich.text import Text
 
 from grader.errors import GraderError, RubricError
 from grader.report.plain import terminal_text
+
+if TYPE_CHECKING:
+    from argparse import _ActionsContainer
 
 _Submission = TypeVar("_Submission")
 
 #: Exit status when the score is below --fail-under.
 BELOW = 1
 _TRUE = ("1", "true", "yes")
+
+
+def parser_of(command: str, description: str, epilog: str = "") -> argparse.ArgumentParser:
+    """Return the parser of a command, whose texts are shown in the lines in which they stand."""
+    form = argparse.RawDescriptionHelpFormatter
+    return argparse.ArgumentParser(prog=command, description=description, epilog=epilog, formatter_class=form)
+
+
+def add_path(parser: _ActionsContainer, option: str, words: str, metavar: str = "FILE") -> None:
+    """Add an option that names a file or a folder."""
+    parser.add_argument(option, type=Path, metavar=metavar, help=words)
+
+
+def add_flag(parser: _ActionsContainer, option: str, words: str) -> None:
+    """Add an option without a value."""
+    parser.add_argument(option, action="store_true", help=words)
+
+
+def add_jobs(parser: _ActionsContainer, words: str) -> None:
+    """Add `--jobs`."""
+    parser.add_argument("-j", "--jobs", type=count, metavar="N", help=words)
 
 
 def add_fail_under(parser: argparse.ArgumentParser) -> None:
@@ -34,11 +62,8 @@ def add_isolation(parser: argparse.ArgumentParser) -> None:
         help="run nothing unless students' code is confined at least so: full, no-cgroup or reduced (default: "
         "no-cgroup for several submissions and in CI jobs, reduced for one; `grade doctor` shows what there is)",
     )
-    parser.add_argument(
-        "--trust-code",
-        action="store_true",
-        help="run the submissions even where they cannot be confined at all: I know and trust their code",
-    )
+    words = "run the submissions even where they cannot be confined at all: I know and trust their code"
+    add_flag(parser, "--trust-code", words)
 
 
 def least_isolation(options: argparse.Namespace, *, several: bool) -> str:
@@ -63,6 +88,11 @@ def count(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text!r} is no number from 1 on")
     return int(text)
+
+
+def print_note(console: Console, text: str, style: str = "yellow") -> None:
+    """Print what the user should know, which may hold anything."""
+    console.print(Text(terminal_text(text), style), soft_wrap=True)
 
 
 def print_error(error: GraderError) -> None:

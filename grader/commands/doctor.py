@@ -11,6 +11,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.text import Text
 
+from grader.commands.arguments import add_flag, add_path
 from grader.report.plain import terminal_text
 
 #: Exit status when something keeps this machine from grading.
@@ -28,13 +29,9 @@ def run(arguments: Sequence[str], console: Console) -> int:
         description="Examine this machine: can it grade, how well does it confine students' code, how quiet is it? "
         "Exit status 1 if it cannot grade.",
     )
-    parser.add_argument("--python", type=Path, metavar="FILE", help="interpreter for students' code")
-    parser.add_argument(
-        "--calibrate",
-        action="store_true",
-        help="also grade the lab's own solution: what can be decided here?",
-    )
-    parser.add_argument("--rubric", type=Path, metavar="FILE", help="rubric whose solution is graded")
+    add_path(parser, "--python", "interpreter for students' code")
+    add_flag(parser, "--calibrate", "also grade the lab's own solution: what can be decided here?")
+    add_path(parser, "--rubric", "rubric whose solution is graded")
     options = parser.parse_args(arguments)
     interpreter = options.python.absolute() if options.python else Path(sys.executable)
     signs = examine(interpreter)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from grader.commands.arguments import print_error
+from grader.commands.arguments import add_flag, parser_of, print_error
 from grader.errors import GraderError, RecordingError
 from grader.exporting import STANDARD_OUTPUT, ExportTarget, write_exports
 from grader.report.exports import EXPORTS
@@ -53,20 +53,13 @@ def _target(text: str) -> ExportTarget:
 
 def _parser() -> argparse.ArgumentParser:
     forms = "\n".join(f"  {export.name:<19}{export.description} ({export.file_name})" for export in EXPORTS.values())
-    parser = argparse.ArgumentParser(
-        prog="grade export",
-        description="Write results in the forms of CI systems and learning platforms.",
-        epilog=f"forms (and their files):\n{forms}",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument(
-        "results", nargs="+", type=Path, metavar="RESULTS_DIR", help="results of a submission, e.g. results/alice"
-    )
+    words = "Write results in the forms of CI systems and learning platforms."
+    parser = parser_of("grade export", words, f"forms (and their files):\n{forms}")
+    results = "results of a submission, e.g. results/alice"
+    parser.add_argument("results", nargs="+", type=Path, metavar="RESULTS_DIR", help=results)
     add_exports(parser, "--to")
     parser.add_argument("-o", "--output", metavar="FILE", help="the file for a single form; - is the standard output")
-    parser.add_argument(
-        "--so-far", action="store_true", help="of a grading that still runs: judge what has been recorded until now"
-    )
+    add_flag(parser, "--so-far", "of a grading that still runs: judge what has been recorded until now")
     return parser
 
 
@@ -93,11 +86,8 @@ def _export(results: Path, targets: Sequence[ExportTarget], options: argparse.Na
     try:
         result = judge_so_far(results) if options.so_far else load_result(results / RESULT_FILE)
     except FileNotFoundError as problem:
-        raise RecordingError(
-            f"there is no {RESULT_FILE} to export",
-            where=str(results),
-            remedy="Give the folder of one submission's results, e.g. results/alice.",
-        ) from problem
+        remedy = "Give the folder of one submission's results, e.g. results/alice."
+        raise RecordingError(f"there is no {RESULT_FILE} to export", where=str(results), remedy=remedy) from problem
     written = write_exports(targets, result, results, options.path_prefix)
     if not any(target.file == STANDARD_OUTPUT for target in targets):
         for path in written:

@@ -16,25 +16,34 @@ from rich.console import Console
 from rich.text import Text
 
 from grader import __version__
-from grader.commands.arguments import BELOW, add_fail_under, add_isolation, count, each, least_isolation, print_error
+from grader.commands.arguments import (
+    BELOW,
+    add_fail_under,
+    add_flag,
+    add_isolation,
+    add_jobs,
+    add_path,
+    each,
+    least_isolation,
+    parser_of,
+    print_error,
+    print_note,
+)
 from grader.commands.export import add_exports
 from grader.desk import require_no_links, require_same_source, uncounted_overrides
 from grader.errors import GraderError, UsageError
-from grader.report.plain import terminal_text
 
 if TYPE_CHECKING:
     from decimal import Decimal
 
-    from grader.batch.admission import Admission
+    from grader.batch.class_run import ClassRun
     from grader.batch.found import Found
-    from grader.batch.order import Row
-    from grader.batch.run import ClassRun
+    from grader.batch.job import Row
+    from grader.batch.machine import Machine
     from grader.intake import Handed
     from grader.live.isolation import Isolation
     from grader.pipeline import Options
-    from grader.result import Result
     from grader.rubric import Rubric
-    from grader.timings import Stopwatch
 
 _INTERRUPTED = 130
 #: Files that belong to no submission are listed up to so many.
@@ -50,38 +59,18 @@ interruption, and it goes on; unchanged submissions are not graded a second time
 
 
 def _parser(epilog: str) -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="grade", description=_DESCRIPTION, epilog=epilog, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of("grade", _DESCRIPTION, epilog)
     parser.add_argument("submissions", nargs="+", type=Path, metavar="PATH", help="a submission, or a folder of them")
     parser.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        default=Path("results"),
-        metavar="DIR",
-        help="where results go (default: results)",
+        "-o", "--output", type=Path, default="results", metavar="DIR", help="where results go (default: results)"
     )
-    parser.add_argument(
-        "--rubric",
-        type=Path,
-        metavar="FILE",
-        help="rubric (default: that of the lab which travels with grade)",
-    )
-    parser.add_argument(
-        "--overrides",
-        type=Path,
-        metavar="FILE",
-        help="decisions of people, see `grade regrade --help` (default: overrides.yaml where results go)",
-    )
+    add_path(parser, "--rubric", "rubric (default: that of the lab which travels with grade)")
+    overrides = "decisions of people, see `grade regrade --help` (default: overrides.yaml where results go)"
+    add_path(parser, "--overrides", overrides)
     parser.add_argument("--sessions", metavar="A,B", help="run only these sessions of the rubric")
-    parser.add_argument(
-        "--python", type=Path, metavar="FILE", help="interpreter for students' code (default: grade's own)"
-    )
+    add_path(parser, "--python", "interpreter for students' code (default: grade's own)")
     parser.add_argument("--seed", type=int, help="seed of the stimuli (default: drawn anew)")
-    parser.add_argument(
-        "-j", "--jobs", type=count, metavar="N", help="sessions side by side (default: as the cores allow)"
-    )
+    add_jobs(parser, "sessions side by side (default: as the cores allow)")
     parser.add_argument(
         "--launch",
         choices=("standin", "native", "auto"),
@@ -93,9 +82,7 @@ def _parser(epilog: str) -> argparse.ArgumentParser:
     add_isolation(parser)
     add_exports(parser, "--export")
     add_fail_under(parser)
-    parser.add_argument(
-        "--timings", action="store_true", help="also tell where the time went (for a single submission)"
-    )
+    add_flag(parser, "--timings", "also tell where the time went (for a single submission)")
     parser.add_argument("--version", action="version", version=f"grade {__version__}")
     return parser
 
@@ -103,36 +90,19 @@ def _parser(epilog: str) -> argparse.ArgumentParser:
 def _add_class(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("several submissions")
     shape = group.add_mutually_exclusive_group()
-    shape.add_argument("--one", action="store_true", help="each PATH is one submission, whatever it looks like")
-    shape.add_argument("--each", action="store_true", help="each folder and archive in PATH is a submission")
-    group.add_argument(
-        "--class-list",
-        type=Path,
-        metavar="CSV",
-        help="who is in the class: columns name, student_id, submitted_at; who has not handed in is listed too",
-    )
+    add_flag(shape, "--one", "each PATH is one submission, whatever it looks like")
+    add_flag(shape, "--each", "each folder and archive in PATH is a submission")
+    listed = "who is in the class: columns name, student_id, submitted_at; who has not handed in is listed too"
+    add_path(group, "--class-list", listed, "CSV")
     again = group.add_mutually_exclusive_group()
-    again.add_argument(
-        "--resume",
-        action="store_true",
-        help="keep what has been graded from the same files, rubric and options (the default)",
-    )
-    again.add_argument("--afresh", action="store_true", help="grade all again")
-    group.add_argument(
-        "--replace",
-        action="store_true",
-        help="let results take the place of those that were made from another path under the same name",
-    )
-    group.add_argument(
-        "--anonymous",
-        action="store_true",
-        help="also write index-anonymous.html and grades-anonymous.csv, with pseudonyms instead of names",
-    )
-    group.add_argument(
-        "--scheduler",
-        metavar="ADDRESS",
-        help="grade on the workers of this Dask scheduler (an address, or the file that it wrote)",
-    )
+    add_flag(again, "--resume", "keep what has been graded from the same files, rubric and options (the default)")
+    add_flag(again, "--afresh", "grade all again")
+    replace = "let results take the place of those that were made from another path under the same name"
+    add_flag(group, "--replace", replace)
+    pseudonyms = "also write index-anonymous.html and grades-anonymous.csv, with pseudonyms instead of names"
+    add_flag(group, "--anonymous", pseudonyms)
+    workers = "grade on the workers of this Dask scheduler (an address, or the file that it wrote)"
+    group.add_argument("--scheduler", metavar="ADDRESS", help=workers)
 
 
 def run(arguments: Sequence[str], console: Console, epilog: str = "") -> int:
@@ -156,7 +126,7 @@ def run(arguments: Sequence[str], console: Console, epilog: str = "") -> int:
     for target in options.exports:
         require_no_links(target.path(options.output).parent, sources, inside=False)
     if options.overrides is None and (ignored := uncounted_overrides(options.output, sources)) is not None:
-        console.print(Text(f"Note: {terminal_text(ignored)}", "yellow"), soft_wrap=True)
+        print_note(console, f"Note: {ignored}")
     if several and options.timings:
         parser.error("--timings is for one submission")
     if several and options.exports:
@@ -210,8 +180,7 @@ def _tell_of_single_files(paths: Sequence[Path], rubric: Rubric, console: Consol
     names = {artifact.file for artifact in rubric.artifacts.values()}
     for path in paths:
         if path.name in names and path.is_file() and any((path.parent / n).is_file() for n in names - {path.name}):
-            told = f"Of the lab's files only {path.name} is graded; for all of them: grade {path.parent}"
-            console.print(Text(terminal_text(told), "yellow"), soft_wrap=True)
+            print_note(console, f"Of the lab's files only {path.name} is graded; for all of them: grade {path.parent}")
 
 
 def _live_options(options: argparse.Namespace, rubric: Rubric, sources: Sequence[str], *, several: bool) -> Options:
@@ -253,6 +222,7 @@ def _grade_one(handed: Handed, rubric: Rubric, live: Options, options: argparse.
     from grader import pipeline, result_folder
     from grader.batch import audit
     from grader.report.terminal import ProgressDisplay, print_result
+    from grader.report.timings import print_timings
     from grader.timings import Stopwatch
 
     output, watch = options.output, Stopwatch()
@@ -275,88 +245,79 @@ def _grade_one(handed: Handed, rubric: Rubric, live: Options, options: argparse.
         audit.note_replaced(output, handed.name, before, after, occasion)
     print_result(console, result)
     if live.sessions is not None:
-        told = f"Of the sessions only {', '.join(live.sessions)}; what others show is not part of this score."
-        console.print(Text(told, "yellow"))
+        only = ", ".join(live.sessions)
+        print_note(console, f"Of the sessions only {only}; what others show is not part of this score.")
     if options.timings:
-        _print_timings(console, watch, result)
+        children = resource.getrusage(resource.RUSAGE_CHILDREN)
+        print_timings(console, watch, result.provenance, children.ru_utime + children.ru_stime)
     console.print(f"Report: {results / result_folder.REPORT_FILE}", soft_wrap=True, markup=False)
     return result.final
-
-
-def _print_timings(console: Console, watch: Stopwatch, result: Result) -> None:
-    from grader.report.timings import print_timings
-
-    children = resource.getrusage(resource.RUSAGE_CHILDREN)
-    print_timings(console, watch, result.provenance, children.ru_utime + children.ru_stime)
 
 
 # -- a class --------------------------------------------------------------------------------------
 
 
 def _grade_class(found: Found, rubric: Rubric, live: Options, options: argparse.Namespace, console: Console) -> int:
+    from grader.batch.class_run import ClassRun
     from grader.batch.journal import Journal
     from grader.batch.progress import RunProgress, print_class, summary
-    from grader.batch.run import ClassRun
 
     began_s = time.monotonic()
-    where, admission = _where(options, live)
+    where, machine = _where(options, live)
     _tell_found(found, console)
     with Journal.open(options.output, afresh=options.afresh) as journal:
-        with RunProgress(console, admission.places) as display:
-            run = ClassRun(rubric, live, journal, admission, display)
+        with RunProgress(console, machine.places) as display:
+            run = ClassRun(rubric, live, journal, machine, display)
             try:
                 run.grade(found.submissions, where)
             except (KeyboardInterrupt, SystemExit) as end:
                 return _interrupted(run, len(found.submissions), end)
         rows = sorted(run.rows, key=lambda row: (row.handed.name.casefold(), row.handed.name))
         print_class(console, rows)
-        console.print(Text(f"{summary(rows)}; {_duration(time.monotonic() - began_s)}."))
+        took_s = time.monotonic() - began_s
+        took = f"{took_s / 60:.1f} min" if took_s >= 120 else f"{took_s:.0f} s"
+        console.print(Text(f"{summary(rows)}; {took}."))
         names = [*(row.handed.name for row in rows), *found.missing]
         for remark in live.overrides.remarks(names, times_matter=rubric.policy.late is not None):
-            console.print(Text(f"Note: {terminal_text(remark)}", "yellow"))
-        below = [row.handed.name for row in rows if _status(row, options.fail_under) == BELOW]
-        if below:
-            told = f"Below {options.fail_under} points: {terminal_text(', '.join(below))}"
-            console.print(Text(told, "yellow"), soft_wrap=True)
+            print_note(console, f"Note: {remark}")
+        if below := [row.handed.name for row in rows if _status(row, options.fail_under) == BELOW]:
+            print_note(console, f"Below {options.fail_under} points: {', '.join(below)}")
         _report_class(rows, found.missing, rubric, options, console)
     return max(_status(row, options.fail_under) for row in rows)
 
 
-def _where(options: argparse.Namespace, live: Options) -> tuple[Isolation | str, Admission]:
-    """Return where to grade (how code is confined here, or a scheduler), and who may use this machine when."""
-    from grader.batch.admission import Admission
+def _where(options: argparse.Namespace, live: Options) -> tuple[Isolation | str, Machine]:
+    """Return where to grade (how code is confined here, or a scheduler), and this machine's places."""
+    from grader.batch.machine import Machine
     from grader.live import environment
     from grader.live.isolation import Isolation, Level
     from grader.live.probing import probe_isolation, require
 
     if options.scheduler is not None:
-        # Only judging is left to this machine, which needs no confinement.
-        return str(options.scheduler), Admission.on_this_machine(Isolation(Level.FULL))
+        return str(options.scheduler), Machine.of(Isolation(Level.FULL))
     environment.require_platform(live.interpreter)
     isolation = probe_isolation(live.interpreter)
     require(isolation, Level.of(live.least_isolation))
-    return isolation, Admission.on_this_machine(isolation, live.jobs)
+    return isolation, Machine.of(isolation, live.jobs)
 
 
 def _tell_found(found: Found, console: Console) -> None:
     for line in found.understood:
-        console.print(Text(terminal_text(line)), soft_wrap=True)
+        print_note(console, line, "")
     for line in found.not_understood[:_MOST_LISTED]:
-        console.print(Text(f"Belongs to no submission: {terminal_text(line)}", "yellow"), soft_wrap=True)
+        print_note(console, f"Belongs to no submission: {line}")
     if len(found.not_understood) > _MOST_LISTED:
-        console.print(Text(f"and {len(found.not_understood) - _MOST_LISTED} more.", "yellow"))
+        print_note(console, f"and {len(found.not_understood) - _MOST_LISTED} more.")
     late = [handed.name for handed in found.submissions if handed.late and handed.submitted_at is None]
     if late:
         told = "Marked as late, but the download does not tell when they were handed in; --class-list can"
-        console.print(Text(f"{told}: {terminal_text(', '.join(late))}", "yellow"), soft_wrap=True)
+        print_note(console, f"{told}: {', '.join(late)}")
     if found.missing:
-        console.print(Text(f"Nothing handed in: {terminal_text(', '.join(found.missing))}", "yellow"), soft_wrap=True)
+        print_note(console, f"Nothing handed in: {', '.join(found.missing)}")
 
 
 def _interrupted(run: ClassRun, of: int, end: BaseException) -> int:
-    from grader.result import Result
-
-    kept = sum(isinstance(row.ending, Result) for row in run.rows)
+    kept = sum(not isinstance(row.ending, GraderError) for row in run.rows)
     print(
         f"grade: interrupted; {kept} of {of} submissions are graded and kept.\n"
         "  The same command goes on with the others.",
@@ -371,27 +332,19 @@ def _report_class(
     """Write the class page and the table of grades, over all results that lie in the folder."""
     from grader.batch.class_entries import entries_of
     from grader.cohort.roster import read_class_list, with_roster
-    from grader.commands.report import print_class_files, report_class
+    from grader.commands.report import report_class
 
     entries = entries_of(options.output, rows, missing)
     known = {*(row.handed.name for row in rows), *missing}
     if earlier := [entry.name for entry in entries if entry.name not in known]:
-        told = f"Of earlier runs, and not among these: {terminal_text(', '.join(earlier))}. They are on the page too."
-        console.print(Text(told, "yellow"), soft_wrap=True)
+        print_note(console, f"Of earlier runs, and not among these: {', '.join(earlier)}. They are on the page too.")
     if options.class_list is not None:
         entries = with_roster(entries, read_class_list(options.class_list))
-    report_class(options.output, entries, rubric)
-    print_class_files(options.output, console)
-    if options.anonymous:
-        report_class(options.output, entries, rubric, anonymous=True)
-        print_class_files(options.output, console, anonymous=True)
+    for anonymous in (False, True)[: 1 + options.anonymous]:
+        report_class(options.output, entries, rubric, console, anonymous=anonymous)
 
 
 def _status(row: Row, least: Decimal | None) -> int:
     if isinstance(row.ending, GraderError):
         return row.ending.exit_status
     return BELOW if least is not None and row.ending.final < least else 0
-
-
-def _duration(seconds: float) -> str:
-    return f"{seconds / 60:.1f} min" if seconds >= 120 else f"{seconds:.0f} s"

@@ -12,11 +12,19 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import Progress
-from rich.text import Text
 
-from grader.commands.arguments import BELOW, add_fail_under, count, each, print_error
+from grader.commands.arguments import (
+    BELOW,
+    add_fail_under,
+    add_flag,
+    add_jobs,
+    add_path,
+    each,
+    parser_of,
+    print_error,
+    print_note,
+)
 from grader.files import replace_file
-from grader.report.plain import terminal_text
 
 if TYPE_CHECKING:
     from grader.batch.regrade import Regrade
@@ -54,36 +62,19 @@ exit status:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="grade regrade",
-        description=_DESCRIPTION,
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument(
-        "results",
-        nargs="+",
-        type=Path,
-        metavar="RESULTS_DIR",
-        help="results of a submission, e.g. results/alice, or of a class, e.g. results/",
-    )
-    parser.add_argument("--rubric", type=Path, metavar="FILE", help="rubric (default: the one it was judged by last)")
-    parser.add_argument(
-        "--overrides",
-        type=Path,
-        metavar="FILE",
-        help="decisions of people (default: overrides.yaml beside the results)",
-    )
-    parser.add_argument(
+    parser = parser_of("grade regrade", _DESCRIPTION, _EPILOG)
+    results = "results of a submission, e.g. results/alice, or of a class, e.g. results/"
+    parser.add_argument("results", nargs="+", type=Path, metavar="RESULTS_DIR", help=results)
+    add_path(parser, "--rubric", "rubric (default: the one it was judged by last)")
+    add_path(parser, "--overrides", "decisions of people (default: overrides.yaml beside the results)")
+    add_flag(
+        parser,
         "--trust-lab",
-        action="store_true",
-        help="execute the lab's files that came with the recordings though this machine does not know them: I know "
+        "execute the lab's files that came with the recordings though this machine does not know them: I know "
         "where they come from",
     )
-    parser.add_argument("--apply", action="store_true", help="write the new results of a class")
-    parser.add_argument(
-        "-j", "--jobs", type=count, metavar="N", help="processes side by side for a class (default: one a core)"
-    )
+    add_flag(parser, "--apply", "write the new results of a class")
+    add_jobs(parser, "processes side by side for a class (default: one a core)")
     add_fail_under(parser)
     return parser
 
@@ -117,7 +108,7 @@ def _regrade_one(folder: Path, options: argparse.Namespace, console: Console) ->
     ((name, judged),) = found.judged.items()
     print_result(console, judged.result)
     for remark in found.remarks(whole_class=False):
-        console.print(Text(f"Note: {terminal_text(remark)}", "yellow"), soft_wrap=True)
+        print_note(console, f"Note: {remark}")
     if judged.changes.before is not None and judged.changes.matters:
         console.print()
         console.print(changes_table({name: judged.changes}))
@@ -150,14 +141,12 @@ def _regrade_class(folder: Path, options: argparse.Namespace, console: Console) 
     if options.apply:
         found.apply(Occasion(datetime.now(timezone.utc), "regrade", found.overrides.sha256))
     for remark in found.remarks():
-        console.print(Text(f"Note: {terminal_text(remark)}", "yellow"))
+        print_note(console, f"Note: {remark}")
     written = "The results are written." if options.apply else "No result is written yet; --apply writes them."
     console.print(f"Judged in {took_s:.1f} s. {written if matter or options.apply else ''}".rstrip())
     console.print(f"Table: {folder / CHANGES_FILE}", soft_wrap=True, markup=False)
     if options.apply and matter and (folder / result_folder.CLASS_PAGE).exists():
-        console.print(
-            f"The class page is of before; `grade report {folder}` makes it anew.", soft_wrap=True, markup=False
-        )
+        print_note(console, f"The class page is of before; `grade report {folder}` makes it anew.", "")
     return _status(found, matter, options)
 
 

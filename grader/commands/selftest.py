@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.text import Text
 
-from grader.commands.arguments import BELOW, count
+from grader.commands.arguments import BELOW, add_flag, add_jobs, add_path, parser_of, print_note
 from grader.errors import SubmissionError
 from grader.report.plain import terminal_text
 
@@ -38,19 +38,12 @@ exit status:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="grade selftest",
-        description=_DESCRIPTION,
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = parser_of("grade selftest", _DESCRIPTION, _EPILOG)
     parser.add_argument("names", nargs="*", metavar="NAME", help="only these fixtures; 'solution' is the lab's own")
-    parser.add_argument("--rubric", type=Path, metavar="FILE", help="rubric (default: that of the lab)")
-    parser.add_argument(
-        "--fixtures", type=Path, metavar="DIR", help="folder of fixtures (default: fixtures/ beside the rubric)"
-    )
-    parser.add_argument("--quick", action="store_true", help="only a few, in about a minute")
-    parser.add_argument("-j", "--jobs", type=count, metavar="N", help="sessions side by side (default: as cores allow)")
+    add_path(parser, "--rubric", "rubric (default: that of the lab)")
+    add_path(parser, "--fixtures", "folder of fixtures (default: fixtures/ beside the rubric)", "DIR")
+    add_flag(parser, "--quick", "only a few, in about a minute")
+    add_jobs(parser, "sessions side by side (default: as cores allow)")
     parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="keep submissions and results there")
     return parser
 
@@ -99,12 +92,10 @@ def _fixtures(options: argparse.Namespace, rubric: Rubric, console: Console) -> 
     if options.fixtures is not None or folder.is_dir():
         found += fixtures_in(folder)
     else:
-        told = f"Lab {rubric.lab.id} has no fixtures here; --fixtures names a folder of them."
-        console.print(Text(terminal_text(told)), soft_wrap=True)
+        print_note(console, f"Lab {rubric.lab.id} has no fixtures here; --fixtures names a folder of them.", "")
     if not found:
-        raise SubmissionError(
-            "there is nothing to grade", remedy="Name a folder of fixtures, or a solution in the rubric."
-        )
+        remedy = "Name a folder of fixtures, or a solution in the rubric."
+        raise SubmissionError("there is nothing to grade", remedy=remedy)
     return quick(found, rubric) if options.quick else found
 
 
@@ -112,21 +103,20 @@ def _run(
     fixtures: Sequence[Fixture], rubric: Rubric, options: argparse.Namespace, console: Console
 ) -> list[FixtureRun]:
     from grader import pipeline
-    from grader.batch.admission import Admission
+    from grader.batch.class_run import Here
     from grader.batch.machine import Machine
     from grader.batch.progress import RunProgress
     from grader.batch.selftest import Selftest
-    from grader.live.cells import cells_at_a_time
     from grader.live.probing import probe_isolation
 
     interpreter = Path(sys.executable)
     isolation = probe_isolation(interpreter)
-    places = options.jobs or cells_at_a_time(isolation)
+    machine = Machine.of(isolation, options.jobs)
     # What is run is known: it needs no more confinement than there is.
     live = pipeline.Options(interpreter, least_isolation="none")
     if options.output is not None:
         options.output.mkdir(parents=True, exist_ok=True)
     folder = tempfile.TemporaryDirectory() if options.output is None else nullcontext(str(options.output))
-    with folder as path, RunProgress(console, places, "fixtures") as display:
-        selftest = Selftest(rubric, live, Admission(places, Machine(places)), isolation, Path(path), display)
+    with folder as path, RunProgress(console, machine.places, "fixtures") as display:
+        selftest = Selftest(rubric, live, Here(isolation, machine), Path(path), display)
         return asyncio.run(selftest.run(fixtures))

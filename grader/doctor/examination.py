@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
-import importlib.util
 import os
 import platform
 import shutil
@@ -13,12 +11,15 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
+from importlib.metadata import version
 from pathlib import Path
 
 from grader import pipeline, result_folder, rubrics
+from grader.errors import PlatformError
 from grader.evidence.recorded import Recorded, Span
 from grader.evidence.timing import timing_of
 from grader.live.cells import cells_at_a_time
+from grader.live.environment import ask_interpreter, require_platform
 from grader.live.isolation import Isolation, Level
 from grader.live.machine import stolen_ns
 from grader.live.probing import probe_isolation
@@ -34,8 +35,8 @@ _SLOW_DISCOVERY_S = 2.0
 _BUSY_S = 1.0
 _BUSY_SHARE = 0.10
 _UNSTEADY_SHARE = 0.05
-_LEAST_DISK_BYTES = 2 * 1024**3
-_LEAST_MEMORY_BYTES = 2 * 1024**3
+#: Of disk, and of memory.
+_LEAST_BYTES = 2 * 1024**3
 
 
 class Verdict(str, Enum):
@@ -48,15 +49,7 @@ class Verdict(str, Enum):
 
 @dataclass(frozen=True)
 class Sign:
-    """One line of the examination.
-
-    Attributes
-    ----------
-    found : str
-        What was seen, with its figures.
-    remedy : str
-        The one thing that mends it; empty where nothing has to be mended.
-    """
+    """One line of the examination: what was seen, with its figures, and the one thing that would fix it."""
 
     verdict: Verdict
     subject: str
@@ -64,43 +57,37 @@ class Sign:
     remedy: str = ""
 
 
+def _sign(good: bool, subject: str, found: str, remedy: str) -> Sign:
+    return Sign(Verdict.PASS, subject, found) if good else Sign(Verdict.CAUTION, subject, found, remedy)
+
+
 def examine(interpreter: Path) -> Iterator[Sign]:
     """Look at one thing after another; ends early where nothing more can be found out."""
-    yield _platform()
-    wheels = _wheels(interpreter)
-    yield wheels
+    platform_sign = _platform(interpreter)
+    yield platform_sign
     isolation = probe_isolation(interpreter)
     yield from _confinement(isolation)
-    yield _cores(isolation)
+    cores, places = len(os.sched_getaffinity(0)), cells_at_a_time(isolation)
+    found = f"{cores} for this process; {f'{places} sessions side by side' if places > 1 else 'one session at a time'}"
+    yield _sign(cores >= 2, "cores", found, "Two cores or more make grading faster and surer.")
     yield _noise()
     yield _space()
-    if wheels.verdict is not Verdict.FAIL:
+    if platform_sign.verdict is Verdict.PASS:
         yield from _traffic(interpreter)
 
 
-def _platform() -> Sign:
-    named = f"{platform.system()} {platform.machine()}, kernel {platform.release()}, Python {platform.python_version()}"
-    if platform.system() != "Linux" or platform.machine() != "x86_64":
-        return Sign(Verdict.FAIL, "platform", named, "Grade on Linux x86-64; `grade regrade` works everywhere.")
-    return Sign(Verdict.PASS, "platform", named)
-
-
-def _wheels(interpreter: Path) -> Sign:
-    program = "import rclpy, std_msgs.msg; rclpy.init(); rclpy.create_node('doctor'); print('stands')"
-    missing = [p for p in ("rclpy", "std_msgs", "std_srvs") if importlib.util.find_spec(p) is None]
-    remedy = "pip install 'ros-jazzy-rclpy[fastrtps]' ros-jazzy-common-interfaces"
-    if missing:
-        return Sign(Verdict.FAIL, "ROS 2", f"not installed: {', '.join(missing)}", remedy)
-    with tempfile.TemporaryDirectory(prefix="grade-doctor-") as home:
-        environment = {"PATH": os.environ.get("PATH", ""), "HOME": home, "ROS_LOG_DIR": home, "ROS_DOMAIN_ID": "101"}
-        run = subprocess.run(
-            [str(interpreter), "-c", program], capture_output=True, text=True, env=environment, timeout=60, check=False
-        )
-    if "stands" not in run.stdout:
-        last = (run.stderr.strip().splitlines() or ["it said nothing"])[-1]
-        return Sign(Verdict.FAIL, "ROS 2", f"no node can be made: {last[:200]}", f"Reinstall: {remedy}")
-    versions = [f"{name} {importlib.metadata.version(name)}" for name in ("ros-jazzy-rclpy", "ros-fastrtps")]
-    return Sign(Verdict.PASS, "ROS 2", ", ".join(versions))
+def _platform(interpreter: Path) -> Sign:
+    found = f"{platform.system()} {platform.machine()}, kernel {platform.release()}, Python {platform.python_version()}"
+    try:
+        require_platform(interpreter)
+        ask_interpreter(interpreter, "import rclpy, std_msgs.msg, std_srvs.srv")
+    except PlatformError as error:
+        return Sign(Verdict.FAIL, "platform", f"{found}; {error.problem}", error.remedy)
+    except ValueError as problem:
+        remedy = "Reinstall: pip install 'ros-jazzy-rclpy[fastrtps]' ros-jazzy-common-interfaces"
+        return Sign(Verdict.FAIL, "platform", f"{found}; no node can be run: {problem}", remedy)
+    wheels = (f"{name} {version(name)}" for name in ("ros-jazzy-rclpy", "ros-fastrtps"))
+    return Sign(Verdict.PASS, "platform", ", ".join((found, *wheels)))
 
 
 def _confinement(isolation: Isolation) -> Iterator[Sign]:
@@ -110,32 +97,19 @@ def _confinement(isolation: Isolation) -> Iterator[Sign]:
         said = subprocess.run(["bwrap", "--version"], capture_output=True, text=True, check=False).stdout.strip()
         old = " (old: nested user namespaces are left to the system call filter)" if isolation.old_bubblewrap else ""
         yield Sign(Verdict.PASS, "bubblewrap", said + old)
-    if isolation.namespaces:
-        how = "as root, a user id for each cell" if isolation.own_uid else "in a user namespace"
-        yield Sign(Verdict.PASS, "namespaces", f"network, processes, mounts: {how}")
-    else:
-        yield Sign(Verdict.CAUTION, "namespaces", "not to be had", isolation.remedy)
+    how = "as root, a user id for each cell" if isolation.own_uid else "in a user namespace"
+    found = f"network, processes, mounts: {how}" if isolation.namespaces else "not to be had"
+    yield _sign(isolation.namespaces, "namespaces", found, isolation.remedy)
     if isolation.groups is not None:
         yield Sign(Verdict.PASS, "control groups", f"version {isolation.groups.version}: memory and processes")
     elif isolation.namespaces:
         found = "not to be had; memory is watched by the grader instead, which suffices for a class"
         yield Sign(Verdict.PASS, "control groups", found)
-    level = f"{isolation.level.value}" + (
-        f"; lacks: {', '.join(isolation.describe()['lacks'])}" * (isolation.level in (Level.REDUCED, Level.NONE))
-    )
     verdict = Verdict.PASS if isolation.level.at_least(Level.NO_CGROUP) else Verdict.CAUTION
-    if isolation.level is Level.NONE:
-        verdict = Verdict.FAIL
-    yield Sign(verdict, "confinement", level, "" if verdict is Verdict.PASS else isolation.remedy)
-
-
-def _cores(isolation: Isolation) -> Sign:
-    cores = len(os.sched_getaffinity(0))
-    places = cells_at_a_time(isolation)
-    found = f"{cores} for this process; {f'{places} sessions side by side' if places > 1 else 'one session at a time'}"
-    if cores < 2:
-        return Sign(Verdict.CAUTION, "cores", found, "Two cores or more make grading faster and surer.")
-    return Sign(Verdict.PASS, "cores", found)
+    verdict = Verdict.FAIL if isolation.level is Level.NONE else verdict
+    lacks = "" if verdict is Verdict.PASS else f"; lacks: {', '.join(isolation.describe()['lacks'])}"
+    remedy = "" if verdict is Verdict.PASS else isolation.remedy
+    yield Sign(verdict, "confinement", f"{isolation.level.value}{lacks}", remedy)
 
 
 def _noise() -> Sign:
@@ -147,12 +121,8 @@ def _noise() -> Sign:
     waited_s = (_own_wait_ns() - stat) / 1e9
     steal_s = (stolen_ns() - steal_before) / 1e9
     found = f"{waited_s * 1000:.0f} ms of {_BUSY_S:g} s waiting for a core, {steal_s * 1000:.0f} ms taken by the host"
-    if max(waited_s, steal_s) > _BUSY_SHARE * _BUSY_S:
-        remedy = (
-            "End what else is running; what the machine delays is left undecided and run again, which takes longer."
-        )
-        return Sign(Verdict.CAUTION, "noise", found, remedy)
-    return Sign(Verdict.PASS, "noise", found)
+    remedy = "End what else is running; what the machine delays is left undecided and run again, which takes longer."
+    return _sign(max(waited_s, steal_s) <= _BUSY_SHARE * _BUSY_S, "noise", found, remedy)
 
 
 def _own_wait_ns() -> int:
@@ -164,11 +134,10 @@ def _space() -> Sign:
     lines = Path("/proc/meminfo").read_text().splitlines()
     memory = next((int(line.split()[1]) * 1024 for line in lines if line.startswith("MemAvailable")), 0)
     found = f"{disk / 1024**3:.1f} GiB free for temporary files, {memory / 1024**3:.1f} GiB of memory"
-    if disk < _LEAST_DISK_BYTES:
-        return Sign(Verdict.CAUTION, "space", found, "Make room, or set TMPDIR to a larger disk.")
-    if memory < _LEAST_MEMORY_BYTES:
-        return Sign(Verdict.CAUTION, "space", found, "End what takes memory, or grade with --jobs 1.")
-    return Sign(Verdict.PASS, "space", found)
+    remedy = "End what takes memory, or grade with --jobs 1."
+    if disk < _LEAST_BYTES:
+        remedy = "Make room, or set TMPDIR to a larger disk."
+    return _sign(min(disk, memory) >= _LEAST_BYTES, "space", found, remedy)
 
 
 def _traffic(interpreter: Path) -> Iterator[Sign]:
@@ -183,12 +152,9 @@ def _traffic(interpreter: Path) -> Iterator[Sign]:
             yield Sign(Verdict.FAIL, "discovery", said[:300], "Look for a firewall on the loopback interface.")
             return
         waited_s = float(step.result["waited_s"])
-        yield Sign(
-            Verdict.PASS if waited_s < _SLOW_DISCOVERY_S else Verdict.CAUTION,
-            "discovery",
-            f"a node in a real cell was heard {waited_s:.2f} s after its start, by unicast on loopback",
-            "" if waited_s < _SLOW_DISCOVERY_S else "The machine is slow to start programs; expect longer gradings.",
-        )
+        found = f"a node in a real cell was heard {waited_s:.2f} s after its start, by unicast on loopback"
+        remedy = "The machine is slow to start programs; expect longer gradings."
+        yield _sign(waited_s < _SLOW_DISCOVERY_S, "discovery", found, remedy)
         timing = timing_of(recorded.stream(_TOPIC), window)
         if timing is None:
             yield Sign(Verdict.FAIL, "100 Hz", "next to nothing was recorded", "Run `grade doctor` again.")
@@ -201,8 +167,8 @@ def _traffic(interpreter: Path) -> Iterator[Sign]:
             f"lost, {delay_s * 1000:.0f} ms of machine delay; the session took {took_s:.1f} s"
         )
         good = abs(timing.rate_hz / _RATE_HZ - 1) < _RATE_OFF and jitter_s < _JITTER_S and timing.lost == 0
-        remedy = "" if good else "Grade when less is running; timing that the machine spoils is left undecided."
-        yield Sign(Verdict.PASS if good else Verdict.CAUTION, "100 Hz", found, remedy)
+        remedy = "Grade when less is running; timing that the machine spoils is left undecided."
+        yield _sign(good, "100 Hz", found, remedy)
 
 
 def calibrate(interpreter: Path, rubric: Rubric) -> Iterator[Sign]:
@@ -213,35 +179,27 @@ def calibrate(interpreter: Path, rubric: Rubric) -> Iterator[Sign]:
     with tempfile.TemporaryDirectory(prefix="grade-doctor-") as scratch:
         options = pipeline.Options(interpreter, least_isolation="none")
         started = time.monotonic()
-        result = pipeline.grade(
-            rubric.folder / rubric.lab.solution, rubric, Path(scratch), options, lambda progress: None
-        )
+        solution = rubric.folder / rubric.lab.solution
+        result = pipeline.grade(solution, rubric, Path(scratch), options, lambda progress: None)
         took_s = time.monotonic() - started
         sessions = {name: Recorded.open(Path(scratch) / result_folder.RECORDINGS / name) for name in rubric.sessions}
     score = result.score
     found = f"{score.earned} of {score.possible} points, {score.undecided} undecided, in {took_s:.1f} s"
-    whole = score.earned == score.possible
     remedy = "Grade when less is running, or on a faster machine; what it cannot decide costs nobody points."
-    yield Sign(Verdict.PASS if whole else Verdict.CAUTION, "solution", found, "" if whole else remedy)
+    yield _sign(score.earned == score.possible, "solution", found, remedy)
     for recorded in sessions.values():
-        yield _steadiness(recorded)
-    for check in (c for criterion in result.criteria for c in criterion.checks):
+        record = recorded.record
+        span = Span(record.started_ns, record.ended_ns)
+        delays = [recorded.machine_delay_s(run, span) for run in record.processes if run.role == "student"]
+        share = max(delays, default=0.0) / max(span.duration_s, 1e-9)
+        again = f", recorded {record.attempt} times" if record.attempt > 1 else ""
+        found = f"a student's process waited for a core {share:.1%} of {span.duration_s:.1f} s at most{again}"
+        remedy = "Timing may be left undecided; end what else is running."
+        yield _sign(share <= _UNSTEADY_SHARE, f"session {record.session}", found, remedy)
+    for check in result.checks:
         if check.outcome is not Outcome.PASSED:
             said = f"{check.outcome.value}: {check.measured}. {check.reason}"
             yield Sign(Verdict.CAUTION, check.id, said, "This check cannot be trusted on this machine as it is now.")
-
-
-def _steadiness(recorded: Recorded) -> Sign:
-    record = recorded.record
-    span = Span(record.started_ns, record.ended_ns)
-    delays = [recorded.machine_delay_s(run, span) for run in record.processes if run.role == "student"]
-    share = max(delays, default=0.0) / max(span.duration_s, 1e-9)
-    again = f", recorded {record.attempt} times" if record.attempt > 1 else ""
-    found = f"a student's process waited for a core {share:.1%} of {span.duration_s:.1f} s at most{again}"
-    subject = f"session {record.session}"
-    if share > _UNSTEADY_SHARE:
-        return Sign(Verdict.CAUTION, subject, found, "Timing may be left undecided; end what else is running.")
-    return Sign(Verdict.PASS, subject, found)
 
 
 def _record(interpreter: Path, scratch: Path) -> Recorded:

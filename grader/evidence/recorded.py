@@ -112,6 +112,11 @@ class Recorded:
         """Convert a time of the system clock to seconds since the session's start."""
         return (t_ns - self.record.started_ns) / 1e9
 
+    def seconds(self, times_ns: Integers) -> Floats:
+        """Convert times of the system clock to seconds since the session's start."""
+        seconds: Floats = (times_ns - self.record.started_ns) / 1e9
+        return seconds
+
     def step(self, label: str) -> StepRun | None:
         """Return the step of this label, if it was reached."""
         return next((s for s in self.record.steps if s.label == label), None)

@@ -13,15 +13,4 @@ from grader.intake.extraction import (
     texts_in,
 )
 
-__all__ = [
-    "LIMITS",
-    "Handed",
-    "Intake",
-    "Limits",
-    "Piece",
-    "confined",
-    "names_in",
-    "taken_in",
-    "text_of",
-    "texts_in",
-]
+__all__ = ["LIMITS", "Handed", "Intake", "Limits", "Piece", "confined", "names_in", "taken_in", "text_of", "texts_in"]

@@ -15,7 +15,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import partial
-from itertools import chain, islice
+from itertools import chain
 from pathlib import Path, PurePosixPath
 from typing import BinaryIO, TypeVar
 
@@ -23,9 +23,18 @@ from grader.beneath import open_regular_beneath
 from grader.bounded import Bound, in_process
 from grader.errors import BoundError, SubmissionError
 from grader.intake import names
-from grader.intake.archives import HEAD_BYTES, MOST_RATIO, format_of, members_of_archive
-from grader.intake.members import Kind, Member, is_folder, members_of_folder, open_regular, pieces_of, too_much
-from grader.intake.notes import Notes
+from grader.intake.members import (
+    HEAD_BYTES,
+    Kind,
+    Member,
+    format_of,
+    is_folder,
+    members_of_archive,
+    members_of_folder,
+    open_regular,
+    pieces_of,
+    too_much,
+)
 
 #: What submissions are made of. These files have room of their own, so that a student's recordings and pictures,
 #: however many, do not crowd them out.
@@ -48,44 +57,29 @@ _COMPILED_MAGIC = (
     b"\x00asm",
     b"!<arch>\n",
 )
-#: Up to here, any compression is believed.
-_RATIO_FROM_BYTES = 1024 * 1024
+#: Left-out files that are named for one reason; of others, how many there are is said.
+_MOST_NAMED = 10
 _MOST_UNREADABLE = 1000
 _WITHIN = "an archive within the submission"
-_FULL = "no room left for files of its kind"
 #: Files of a whole class in one archive.
 _MOST_LISTED = 200_000
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What is taken in at most; the rest is left out and listed, unless it says otherwise.
+    """What is taken in at most; the rest is left out and listed."""
 
-    Attributes
-    ----------
-    members : int
-        Files and folders that are looked at; with more, the submission is refused.
-    files : int
-        Sources and texts; and as many files of other kinds.
-    folders : int
-        Folders that hold what is taken in.
-    source_bytes, other_bytes : int
-        Sources and texts in all; files of other kinds in all.
-    file_bytes : int
-        One file.
-    archive_bytes : int
-        An archive within an archive.
-    depth : int
-        Folders within each other.
-    """
-
+    #: Files and folders that are looked at; with more, the submission is refused.
     members: int = 50_000
+    #: Sources and texts; and as many files of other kinds.
     files: int = 2_000
-    folders: int = 2_000
+    #: Sources and texts in all; files of other kinds in all.
     source_bytes: int = 32 * 1024**2
     other_bytes: int = 96 * 1024**2
     file_bytes: int = 8 * 1024**2
+    #: An archive within an archive.
     archive_bytes: int = 128 * 1024**2
+    #: Folders within each other.
     depth: int = 20
 
 
@@ -98,15 +92,10 @@ T = TypeVar("T")
 def confined(work: Callable[[], T], where: str, bound: Bound = _BOUND) -> T:
     """Return what work on a submission returns, done in a bounded process.
 
-    Parameters
-    ----------
-    where : str
-        Where the submission comes from, for messages.
-
     Raises
     ------
     SubmissionError
-        If it raises that, or exceeds the bound.
+        If it raises that, or exceeds the bound; with where the submission comes from.
     """
     try:
         return in_process(work, bound)
@@ -119,12 +108,10 @@ def confined(work: Callable[[], T], where: str, bound: Bound = _BOUND) -> T:
 
 @dataclass(frozen=True)
 class Piece:
-    """Something that was handed in.
+    """Something that was handed in: a folder, an archive, a file, or a part of an archive.
 
     Attributes
     ----------
-    path : Path
-        A folder, an archive or a file.
     member : str
         What of the archive is meant, as `names_in` tells it: a file, or a folder with a slash at its end; everything
         if empty.
@@ -145,16 +132,12 @@ class Handed:
     ----------
     name : str
         Under which its results are known: fit for a file's name, and of one submission only.
-    pieces : tuple of Piece
-        What it consists of.
-    student_id : str or None
-        By which a learning-management system knows the student.
+    student_id, student : str
+        By which a learning-management system knows the student, and the name that it writes; None and empty if none.
     submitted_at : datetime or None
         With its offset from UTC, where anything but the archive itself tells it.
     late : bool
         Whether a learning-management system marked it so.
-    student : str
-        The student's name as a learning-management system writes it; empty where none has.
     where : str
         Where it comes from, in words; written by students, so not to be trusted.
     source : str
@@ -180,7 +163,7 @@ class Handed:
 
 @dataclass(frozen=True)
 class Intake:
-    """A submission that was taken in.
+    """A submission that was taken in; what is not said here is as in `Handed`.
 
     Attributes
     ----------
@@ -190,14 +173,8 @@ class Intake:
         What was not taken in, a line each with its reason.
     submitted_at : datetime or None
         When it was handed in; else the newest time of a file in the archive, which is what a student's machine said.
-    where : str
-        Where it comes from, in words.
     unreadable : tuple of str
         Files, and folders with a slash at the end, that are there and may not be read; some of many.
-    student_id : str or None
-        By which a learning-management system or a class list knows the student.
-    source : str
-        The path that it was found by, see `Handed`.
     """
 
     folder: Path
@@ -212,14 +189,7 @@ class Intake:
 
 @contextmanager
 def taken_in(handed: Handed | Path, *, prefix: str = "grade-", limits: Limits = LIMITS) -> Iterator[Intake]:
-    """Take a submission in, for as long as the context lasts.
-
-    Parameters
-    ----------
-    handed : Handed or Path
-        A path stands for `Handed.of` it.
-    prefix : str
-        How the name of the temporary folder begins.
+    """Take a submission (a path stands for `Handed.of` it) in, for as long as the context lasts.
 
     Raises
     ------
@@ -245,12 +215,15 @@ def _extracted(handed: Handed, scratch: Path, limits: Limits) -> Intake:
         extraction.take_piece(piece, alone=len(handed.pieces) == 1)
     for _ in range(_MOST_NESTED):
         extraction.unpack_single_archive()
-    extraction.leave_archives_out()
-    extraction.require_files()
+    left_out = extraction.left_out()
+    if not extraction.kept:
+        problem = "nothing of the submission could be taken in" if left_out else "the submission is empty"
+        remedy = f"Left out: {'; '.join(left_out[:3])}." if left_out else "Put the lab's files into it."
+        raise SubmissionError(problem, remedy=remedy)
     return Intake(
         extraction.folder,
         handed.name,
-        extraction.notes.lines(),
+        left_out,
         handed.submitted_at or extraction.newest,
         handed.where,
         tuple(extraction.unreadable),
@@ -259,46 +232,29 @@ def _extracted(handed: Handed, scratch: Path, limits: Limits) -> Intake:
     )
 
 
-@dataclass
-class _Room:
-    """What is left of the room for files of a kind."""
-
-    files: int
-    size_bytes: int
-
-
 class _Extraction:
     """A submission that is being taken in."""
 
     def __init__(self, scratch: Path, limits: Limits) -> None:
         self.folder = scratch / "submission"
         self.folder.mkdir()
-        self.notes = Notes()
         self.newest: datetime | None = None
         self.unreadable: list[str] = []
-        self._scratch, self._limits = scratch, limits
+        self.kept: dict[str, str] = {}  # collision key -> the name it came under
+        self._limits = limits
         self._members = 0
-        self._kept: dict[str, str] = {}  # collision key -> the name it came under
-        self._folders: set[str] = set()  # collision keys
-        self._sources = _Room(limits.files, limits.source_bytes)
-        self._others = _Room(limits.files, limits.other_bytes)
+        self._reasons: dict[str, list[str]] = {}  # why something was left out -> its names
+        self._tool_folders: set[str] = set()
+        self._room = {True: [limits.files, limits.source_bytes], False: [limits.files, limits.other_bytes]}
         self._has_programs = False
-        self._archives: list[tuple[str, Path]] = []
-        self._partial = scratch / "partial"
-
-    # -- pieces and archives ---------------------------------------------------------------------
+        self._archives: list[str] = []
+        self._partial, self._archive = scratch / "partial", scratch / "archive-0"
 
     def take_piece(self, piece: Piece, *, alone: bool) -> None:
-        """Take in a folder, an archive, a file, or a part of an archive.
-
-        Parameters
-        ----------
-        alone : bool
-            Whether it is the only piece, so that an archive is the submission.
-        """
+        """Take a piece in; if it is the only one, an archive is the submission."""
         try:
             if is_folder(piece.path):
-                self._take_all(members_of_folder(piece.path, self._limits.members, self._limits.depth))
+                self._take_all(members_of_folder(piece.path, self._limits.depth))
             else:
                 with _opened(piece.path) as file:
                     self._take_file(file, piece, alone=alone)
@@ -322,31 +278,26 @@ class _Extraction:
 
     def unpack_single_archive(self) -> None:
         """Unpack an archive that was handed in within the archive or beside documents."""
-        if len(self._archives) != 1 or self._has_programs:
-            return
-        _, path = self._archives.pop()
-        with path.open("rb") as file:
-            self._take_all(members_of_archive(file), timed=True)
-        path.unlink()
+        if len(self._archives) == 1 and not self._has_programs:
+            self._archives.clear()
+            with self._archive.open("rb") as file:
+                self._archive.unlink()  # Another may be in it.
+                self._take_all(members_of_archive(file), timed=True)
 
-    def leave_archives_out(self) -> None:
-        """Note archives that were not unpacked."""
+    def left_out(self) -> tuple[str, ...]:
+        """Return a line for each file that was left out; for those that would be too many, one for each reason."""
         several = len(self._archives) > 1 and not self._has_programs
-        reason = f"{_WITHIN}, one of several; nothing says which of them counts" if several else _WITHIN
-        for name, _ in self._archives:
-            self.notes.add(name, reason)
+        for name in self._archives:
+            self._note(name, _WITHIN + ", one of several; nothing says which of them counts" * several)
+        lines = []
+        for reason, left_out in self._reasons.items():
+            lines += [f"{names.displayed(name)}: {reason}" for name in left_out[:_MOST_NAMED]]
+            if len(left_out) > _MOST_NAMED:
+                lines.append(f"and {len(left_out) - _MOST_NAMED:,} more: {reason}")
+        return tuple(lines)
 
-    def require_files(self) -> None:
-        """Refuse a submission of which nothing could be taken in."""
-        if self._kept:
-            return
-        lines = self.notes.lines()
-        if lines:
-            remedy = f"Left out: {'; '.join(lines[:3])}."
-            raise SubmissionError("nothing of the submission could be taken in", remedy=remedy)
-        raise SubmissionError("the submission is empty", remedy="Put the lab's files into it.")
-
-    # -- members -----------------------------------------------------------------------------------
+    def _note(self, name: str, reason: str) -> None:
+        self._reasons.setdefault(reason, []).append(name)
 
     def _take_all(self, members: Iterable[Member], *, timed: bool = False) -> None:
         for member in members:
@@ -354,122 +305,91 @@ class _Extraction:
             if self._members > self._limits.members:
                 raise too_much(f"more than {self._limits.members:,} files and folders")
             try:
-                parts = names.clean_parts(member.name)
-            except names.UnfitNameError as reason:
-                self.notes.add(member.name, str(reason))
+                taken = self._take(member, names.clean_parts(member.name))
+            except names.UnfitError as reason:
+                self._note(member.name, str(reason))
                 continue
-            if self._is_of_interest(member, parts) and self._take(member, parts) and timed and member.modified:
+            if taken and timed and member.modified:
                 self.newest = max(self.newest or member.modified, member.modified)
 
-    def _is_of_interest(self, member: Member, parts: tuple[str, ...]) -> bool:
-        """Whether a member is something that a student may have meant to hand in."""
+    def _take(self, member: Member, parts: tuple[str, ...]) -> bool:
+        """Take a file in, if it is one that a student may have meant to hand in; returns whether it was."""
         is_folder = member.kind is Kind.FOLDER
         made = names.tool_folder((*parts, "") if is_folder else parts)
-        if made is not None:
-            self.notes.add_tool_folder(made, 0 if is_folder else 1)
-        return made is None and not is_folder and not names.is_litter(parts[-1])
-
-    def _take(self, member: Member, parts: tuple[str, ...]) -> bool:
-        """Take a file in; returns whether it was, and notes why not."""
+        if made is not None and made not in self._tool_folders:
+            self._tool_folders.add(made)
+            self._note(f"{made}/", "made by a tool")
+        if made is not None or is_folder or names.is_litter(parts[-1]):
+            return False
         if member.kind in (Kind.UNREADABLE, Kind.CLOSED) and len(self.unreadable) < _MOST_UNREADABLE:
             self.unreadable.append("/".join(parts) + "/" * (member.kind is Kind.CLOSED))
-        reason = self._reason_against(member, parts) or self._copy(member, parts)
-        if reason is not None:
-            self.notes.add(member.name, reason)
-        return reason is None
-
-    def _reason_against(self, member: Member, parts: tuple[str, ...]) -> str | None:
-        """Say why a file is not even opened."""
-        if member.kind is not Kind.FILE:
-            return str(member.kind.value)
-        if len(parts) > self._limits.depth + 1:
-            return str(Kind.DEEP.value)
-        if names.is_compiled(parts[-1]):
-            return "compiled code"
-        if member.packed_bytes is not None and member.size_bytes > max(
-            MOST_RATIO * member.packed_bytes, _RATIO_FROM_BYTES
-        ):
-            return f"more than {MOST_RATIO} times its own size when unpacked"
-        key = names.collision_key(parts)
-        if key in self._folders or any(names.collision_key(parts[:n]) in self._kept for n in range(1, len(parts))):
-            return "a file where another has a folder"
-        if len(self._folders) + len(_folders_above(parts) - self._folders) > self._limits.folders:
-            return f"more than {self._limits.folders:,} folders"
-        if self._kept.get(key, member.name) != member.name:
-            return "its name differs from another only in case or in the form of its letters"
-        return None
-
-    def _copy(self, member: Member, parts: tuple[str, ...]) -> str | None:
-        """Copy a file into the clean folder; says why, if it does not belong there."""
+        if member.kind is not Kind.FILE or len(parts) > self._limits.depth + 1:
+            raise names.UnfitError((Kind.DEEP if member.kind is Kind.FILE else member.kind).value)
+        if self.kept.get(names.collision_key(parts), member.name) != member.name:
+            raise names.UnfitError("its name differs from another only in case or in the form of its letters")
         pieces = member.pieces()
         head = next(pieces, b"")
-        content = chain([head], pieces)
         suffix = PurePosixPath(parts[-1]).suffix.lower()
         if (names.is_packed(parts[-1]) or suffix in ("", ".py")) and format_of(head[:HEAD_BYTES]) is not None:
-            return self._put_aside(member, content)
-        if head.startswith(_COMPILED_MAGIC) or (head.startswith(b"MZ") and b"\0" in head):
-            return "compiled code"
-        room = self._sources if suffix in _SOURCE_SUFFIXES else self._others
-        if room.files <= 0:
-            return f"more than {self._limits.files:,} files of its kind"
-        most = min(self._limits.file_bytes, room.size_bytes)
-        size = self._write(content, most) if member.size_bytes <= most else None
-        if size is None:
-            return f"larger than {_mebibytes(self._limits.file_bytes)}" if most == self._limits.file_bytes else _FULL
-        room.files -= 1
-        room.size_bytes -= size
-        self._keep(member.name, parts)
+            self._put_aside(member, chain([head], pieces))
+            return False
+        if (
+            names.is_compiled(parts[-1])
+            or head.startswith(_COMPILED_MAGIC)
+            or (head.startswith(b"MZ") and b"\0" in head)
+        ):
+            raise names.UnfitError("compiled code")
+        self._copy(member, parts, chain([head], pieces), self._room[suffix in _SOURCE_SUFFIXES])
         self._has_programs = self._has_programs or suffix in _PROGRAM_SUFFIXES
-        return None
+        return True
 
-    def _put_aside(self, member: Member, content: Iterator[bytes]) -> str | None:
+    def _copy(self, member: Member, parts: tuple[str, ...], content: Iterator[bytes], room: list[int]) -> None:
+        """Copy a file into the clean folder, as far as there is room for files and bytes of its kind."""
+        if room[0] <= 0:
+            raise names.UnfitError(f"more than {self._limits.files:,} files of its kind")
+        if room[1] < self._limits.file_bytes:
+            size = self._write(member, content, room[1], "no room left for files of its kind")
+        else:
+            most = self._limits.file_bytes
+            size = self._write(member, content, most, f"larger than {most // 1024**2} MiB")
+        target, key = self.folder.joinpath(*parts), names.collision_key(parts)
+        try:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            self._partial.replace(target)
+        except (FileExistsError, NotADirectoryError, IsADirectoryError):
+            raise names.UnfitError("a file where another has a folder") from None
+        room[0], room[1] = room[0] - 1, room[1] - size
+        if key in self.kept:
+            self._note(member.name, "an earlier file of the same name")
+        elif names.differ(member.name, parts):
+            self._note(member.name, "taken in without the characters in its name that cannot be shown")
+        self.kept[key] = member.name
+
+    def _put_aside(self, member: Member, content: Iterator[bytes]) -> None:
         """Keep an archive until it is known whether it is the only one; of others the name is enough."""
-        most = self._limits.archive_bytes
-        if not self._archives and (member.size_bytes > most or self._write(content, most) is None):
-            return f"an archive larger than {_mebibytes(most)}"
-        aside = self._scratch / f"archive-{self._members}"
         if not self._archives:
-            self._partial.rename(aside)
-        self._archives.append((member.name, aside))
-        return None
+            most = self._limits.archive_bytes
+            self._write(member, content, most, f"an archive larger than {most // 1024**2} MiB")
+            self._partial.rename(self._archive)
+        self._archives.append(member.name)
 
-    def _write(self, content: Iterator[bytes], most: int) -> int | None:
-        """Write a file, to be put in its place later; returns its size, or None if it is too large."""
-        size = 0
+    def _write(self, member: Member, content: Iterator[bytes], most: int, otherwise: str) -> int:
+        """Write a file of at most so many bytes, to be put in its place later; returns its size."""
+        size = member.size_bytes
         with self._partial.open("wb") as file:
-            for piece in content:
-                size += len(piece)
-                if size > most:
-                    return None
+            for piece in content if size <= most else ():
                 file.write(piece)
+                size = max(size, file.tell())
+                if size > most:
+                    break
+        if size > most:
+            raise names.UnfitError(otherwise)
         return size
-
-    def _keep(self, name: str, parts: tuple[str, ...]) -> None:
-        """Put the file that was written last in its place."""
-        key = names.collision_key(parts)
-        if key in self._kept:
-            self.notes.add(name, "an earlier file of the same name")
-        elif names.differ(name, parts):
-            self.notes.add(name, "taken in without the characters in its name that cannot be shown")
-        target = self.folder.joinpath(*parts)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        self._partial.replace(target)
-        self._kept[key] = name
-        self._folders.update(_folders_above(parts))
-
-
-def _folders_above(parts: tuple[str, ...]) -> set[str]:
-    """Return the collision keys of the folders that a file lies in."""
-    return {names.collision_key(parts[:depth]) for depth in range(1, len(parts))}
-
-
-def _mebibytes(size: int) -> str:
-    return f"{size // 1024**2} MiB"
 
 
 def _opened(path: Path) -> BinaryIO:
     try:
-        return os.fdopen(open_regular(os.path.realpath(path)), "rb")
+        return open_regular(os.path.realpath(path))
     except (FileNotFoundError, PermissionError):
         raise
     except OSError:
@@ -485,6 +405,9 @@ def _part_of(members: Iterable[Member], part: str, name: str) -> Iterator[Member
             yield replace(member, name=name or PurePosixPath(part).name)
         elif part.endswith("/") and len(path) > len(part) and path.startswith(part):
             yield replace(member, name=path[len(part) :])
+
+
+# -- what a system packed for a whole class --------------------------------------------------------
 
 
 def names_in(path: Path, within: str = "") -> list[str] | None:
@@ -506,24 +429,26 @@ def names_in(path: Path, within: str = "") -> list[str] | None:
 
 
 def _names_in(path: Path, within: str) -> list[str] | None:
-    with _opened(path) as file:
+    with _opened(path) as file, tempfile.TemporaryFile() as inner:
         if not within:
-            return _names_of(file)
-        for member in islice(members_of_archive(file), _MOST_LISTED):
-            if names.slashed(member.name) == within and member.kind is Kind.FILE:
-                with tempfile.TemporaryFile() as inner:
-                    inner.writelines(member.pieces())
-                    inner.seek(0)
-                    return _names_of(inner)
+            return [_listed(member) for member in _members_of_class(file)]
+        for member in _members_of_class(file):
+            if _listed(member) == within:
+                inner.writelines(member.pieces())
+                inner.seek(0)
+                return [_listed(member) for member in _members_of_class(inner)]
     return None
 
 
-def _names_of(file: BinaryIO) -> list[str] | None:
-    found = []
-    for member in islice(members_of_archive(file), _MOST_LISTED + 1):
-        name = names.slashed(member.name).rstrip("/")
-        found.append(f"{name}/" if member.kind is Kind.FOLDER else name)
-    return found if len(found) <= _MOST_LISTED else None
+def _members_of_class(file: BinaryIO) -> Iterator[Member]:
+    for number, member in enumerate(members_of_archive(file)):
+        if number >= _MOST_LISTED:
+            raise too_much(f"more than {_MOST_LISTED:,} files")
+        yield member
+
+
+def _listed(member: Member) -> str:
+    return names.slashed(member.name).rstrip("/") + "/" * (member.kind is Kind.FOLDER)
 
 
 def text_of(folder: Path, name: str, most_bytes: int) -> str | None:
@@ -548,30 +473,21 @@ def texts_in(path: Path, wanted: Collection[str], most_bytes: int) -> dict[str, 
 def _texts_in(path: Path, wanted: Collection[str], most_bytes: int) -> dict[str, str]:
     found: dict[str, str] = {}
     with _opened(path) as file, suppress(SubmissionError):
-        for member in islice(members_of_archive(file), _MOST_LISTED):
-            name = names.slashed(member.name)
-            if name in wanted and member.kind is Kind.FILE:
-                content = _read(member, most_bytes)
+        for member in _members_of_class(file):
+            if (name := _listed(member)) in wanted:
+                content = b""
+                for piece in member.pieces():
+                    content += piece[: most_bytes - len(content)]
                 most_bytes -= len(content)
                 found[name] = content.decode("utf-8", "replace")
     return found
 
 
-def _read(member: Member, most_bytes: int) -> bytes:
-    content = bytearray()
-    for piece in member.pieces():
-        content += piece[: most_bytes - len(content)]
-        if len(content) >= most_bytes:
-            break
-    return bytes(content)
-
-
 def _neighbours(path: Path) -> str:
     """Name what lies where something was looked for."""
-    parent = path.parent
-    if not os.access(parent, os.R_OK | os.X_OK) or not is_folder(parent):
-        return ""
-    found = (p for p in parent.iterdir() if not p.name.startswith("."))
+    found = []
+    with suppress(OSError):
+        found = [p for p in path.parent.iterdir() if not p.name.startswith(".")]
     there = sorted(p.name for p in found if p.is_dir() or names.is_packed(p.name))
     near = difflib.get_close_matches(path.name, there, n=3, cutoff=0.5) or there[:5]
-    return f"In {parent}/ there is: {', '.join(near)}." if near else ""
+    return f"In {path.parent}/ there is: {', '.join(near)}." if near else ""

@@ -1,22 +1,41 @@
-"""What a folder or an archive holds, one member after another; and the folders among the two."""
+"""What a folder, a zip or a tar holds, one member after another, as the standard library reads them.
+
+Its readers take directories and extended headers into memory whatever their size, and unpack whatever is claimed.
+So they run only where the kernel bounds time and memory: as in `grader.intake.extraction`.
+"""
 
 from __future__ import annotations
 
+import bz2
+import gzip
+import io
+import lzma
 import os
 import stat
-from collections.abc import Callable, Iterator
+import struct
+import tarfile
+import zipfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import datetime, timedelta, timezone
 from enum import Enum
 from functools import partial
-from itertools import islice
 from pathlib import Path
-from typing import IO
+from typing import IO, BinaryIO, cast
 
-from grader.errors import SubmissionError
-from grader.intake.names import TOOL_FOLDERS
+from grader.errors import GraderError, SubmissionError
+from grader.intake.names import TOOL_FOLDERS, displayed
 
+#: Bytes of a file by which `format_of` tells what it is.
+HEAD_BYTES = 512
 _PIECE_BYTES = 64 * 1024
+#: Of a tar, which can only be read from its beginning to its end.
+_MOST_UNPACKED_BYTES = 512 * 1024 * 1024
+_GET_ANOTHER = "Get it once more, or unpack it."
+#: The time that zip tools write when they know none.
+_ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)
+_ZIP_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)
 
 
 class Kind(Enum):
@@ -44,8 +63,6 @@ class Member:
         As it stands there; not to be trusted.
     size_bytes : int
         What is claimed.
-    packed_bytes : int or None
-        What it takes in the archive, if that is known.
     modified : datetime or None
         With its offset from UTC.
     pieces : callable
@@ -55,7 +72,6 @@ class Member:
     name: str
     kind: Kind
     size_bytes: int = 0
-    packed_bytes: int | None = None
     modified: datetime | None = None
     pieces: Callable[[], Iterator[bytes]] = lambda: iter(())
 
@@ -72,6 +88,9 @@ def too_much(what: str) -> SubmissionError:
     )
 
 
+# -- folders ---------------------------------------------------------------------------------------
+
+
 def is_folder(path: Path) -> bool:
     """Whether a path leads to a folder; never fails."""
     try:
@@ -80,13 +99,8 @@ def is_folder(path: Path) -> bool:
         return False
 
 
-def open_regular(path: str | Path, folder: int | None = None) -> int:
-    """Open a file for reading if it is a regular one, without waiting for and without following anything.
-
-    Parameters
-    ----------
-    folder : int or None
-        Open folder that the path is relative to.
+def open_regular(path: str | Path, folder: int | None = None) -> BinaryIO:
+    """Open a file (relative to an open folder) for reading, if it is a regular one; waits for and follows nothing.
 
     Raises
     ------
@@ -97,73 +111,204 @@ def open_regular(path: str | Path, folder: int | None = None) -> int:
     if not stat.S_ISREG(os.fstat(file).st_mode):
         os.close(file)
         raise OSError("not a regular file")
-    return file
+    return os.fdopen(file, "rb")
 
 
-def members_of_folder(path: Path, most: int, most_depth: int) -> Iterator[Member]:
-    """Go through a folder: its files by name, then its folders. Folders that tools made are named, not entered.
-
-    Parameters
-    ----------
-    most : int
-        Names in one folder that are read.
-    most_depth : int
-        Folders within each other that are entered.
+def members_of_folder(path: Path, most_depth: int) -> Iterator[Member]:
+    """Go through a folder, up to so many folders within each other. Those that tools made are named, not entered.
 
     Raises
     ------
     OSError
         If the folder itself cannot be read.
-    SubmissionError
-        If there is more than that in one folder.
     """
-    folder = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    try:
-        yield from _below(folder, (), most, most_depth)
-    finally:
-        os.close(folder)
+    for above, folders, files, folder in os.fwalk(os.path.realpath(path)):
+        inside = os.path.relpath(above, os.path.realpath(path))
+        depth = 0 if inside == "." else inside.count("/") + 1
+        for name in (*sorted(files), *sorted(folders)):
+            yield from _entry(folder, name, name if depth == 0 else f"{inside}/{name}", depth == most_depth)
+        folders[:] = sorted(set(folders) - TOOL_FOLDERS) if depth < most_depth else []
 
 
-def _below(folder: int, above: tuple[str, ...], most: int, most_depth: int) -> Iterator[Member]:
-    with os.scandir(folder) as entries:
-        found = [(entry.is_dir(follow_symlinks=False), entry.name) for entry in islice(entries, most + 1)]
-    if len(found) > most:
-        raise too_much(f"more than {most:,} files")
-    for is_folder, name in sorted(found):
-        path = "/".join((*above, name))
-        if not is_folder:
-            yield from _file(folder, name, path)
-            continue
-        yield Member(path, Kind.FOLDER)
-        if name in TOOL_FOLDERS:
-            continue
-        if len(above) >= most_depth:
-            yield Member(path, Kind.DEEP)
-        else:
-            yield from _folder(folder, (*above, name), most, most_depth)
-
-
-def _folder(folder: int, parts: tuple[str, ...], most: int, most_depth: int) -> Iterator[Member]:
-    try:
-        inner = os.open(parts[-1], os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC, dir_fd=folder)
-    except OSError:
-        yield Member("/".join(parts), Kind.CLOSED)
-        return
-    try:
-        yield from _below(inner, parts, most, most_depth)
-    finally:
-        os.close(inner)
-
-
-def _file(folder: int, name: str, path: str) -> Iterator[Member]:
+def _entry(folder: int, name: str, path: str, is_deepest: bool) -> Iterator[Member]:
     try:
         mode = os.stat(name, dir_fd=folder, follow_symlinks=False).st_mode
-        if not stat.S_ISREG(mode):
+        if stat.S_ISREG(mode):
+            with open_regular(name, folder) as file:
+                yield Member(path, Kind.FILE, os.fstat(file.fileno()).st_size, pieces=partial(pieces_of, file))
+        elif not stat.S_ISDIR(mode):
             yield Member(path, Kind.LINK if stat.S_ISLNK(mode) else Kind.SPECIAL)
-            return
-        file = open_regular(name, folder)
+        else:
+            yield Member(path, Kind.FOLDER)
+            if is_deepest and name not in TOOL_FOLDERS:
+                yield Member(path, Kind.DEEP)
+            elif not os.access(name, os.R_OK | os.X_OK, dir_fd=folder, effective_ids=True):
+                yield Member(path, Kind.CLOSED)
     except OSError:
         yield Member(path, Kind.UNREADABLE)
-        return
-    with os.fdopen(file, "rb", buffering=0) as content:
-        yield Member(path, Kind.FILE, os.fstat(file).st_size, pieces=partial(pieces_of, content))
+
+
+# -- archives --------------------------------------------------------------------------------------
+
+
+class Format(Enum):
+    """What kind of archive a file is."""
+
+    ZIP = "zip"
+    TAR = "tar"
+    GZIP = "tar.gz"
+    BZIP2 = "tar.bz2"
+    XZ = "tar.xz"
+    SEVEN_ZIP = "7z"
+    RAR = "rar"
+    ZSTANDARD = "zstd"
+
+
+_OPENED: Mapping[Format | None, Callable[[BinaryIO], IO[bytes]]] = {
+    Format.TAR: lambda file: file,
+    Format.GZIP: lambda file: cast("IO[bytes]", gzip.GzipFile(fileobj=file)),
+    Format.BZIP2: bz2.open,
+    Format.XZ: partial(lzma.open, format=lzma.FORMAT_XZ),
+}
+_MAGIC = {
+    b"PK\x03\x04": Format.ZIP,
+    b"PK\x05\x06": Format.ZIP,
+    b"PK\x07\x08": Format.ZIP,
+    b"\x1f\x8b": Format.GZIP,
+    b"BZh": Format.BZIP2,
+    b"\xfd7zXZ\x00": Format.XZ,
+    b"7z\xbc\xaf\x27\x1c": Format.SEVEN_ZIP,
+    b"Rar!\x1a\x07": Format.RAR,
+    b"\x28\xb5\x2f\xfd": Format.ZSTANDARD,
+}
+
+
+def format_of(head: bytes) -> Format | None:
+    """Tell an archive by its first `HEAD_BYTES` bytes; None for anything else."""
+    for magic, kind in _MAGIC.items():
+        if head.startswith(magic):
+            return kind
+    with suppress(tarfile.TarError, ValueError):
+        tarfile.TarInfo.frombuf(head, "utf-8", "surrogateescape")
+        return Format.TAR
+    return None
+
+
+def members_of_archive(file: BinaryIO) -> Iterator[Member]:
+    """Go through an archive, a regular file open at its beginning, in its own order.
+
+    Raises
+    ------
+    SubmissionError
+        If it is none that is read here, truncated, damaged, has a password, or is larger than anything handed in.
+    """
+    kind = format_of(file.read(HEAD_BYTES))
+    file.seek(0)
+    with _damage_reported():
+        if kind is Format.ZIP:
+            yield from _members_of_zip(file)
+        elif kind in _OPENED:
+            yield from _members_of_tar(_OPENED[kind](file))
+        elif kind is None:
+            raise SubmissionError("this is not a zip or tar archive", remedy=_GET_ANOTHER)
+        else:
+            remedy = "Pack it as .zip or .tar.gz, or give the folder."
+            raise SubmissionError(f"a {kind.value} archive is not read here", remedy=remedy)
+
+
+@contextmanager
+def _damage_reported() -> Iterator[None]:
+    """Report whatever the readers raise on what they did not expect."""
+    try:
+        yield
+    except (GraderError, MemoryError):
+        raise
+    except Exception as problem:
+        words = displayed(str(problem) or "it ends too early")
+        raise SubmissionError(f"the archive is damaged: {words}", remedy=_GET_ANOTHER) from problem
+
+
+def _pieces(opened: Callable[[], IO[bytes] | None]) -> Iterator[bytes]:
+    with _damage_reported(), opened() or io.BytesIO() as content:
+        yield from pieces_of(content)
+
+
+def _utc(seconds: float) -> datetime | None:
+    with suppress(OverflowError, ValueError):
+        return datetime(1970, 1, 1, tzinfo=timezone.utc) + timedelta(seconds=seconds)
+    return None
+
+
+def _members_of_zip(file: BinaryIO) -> Iterator[Member]:
+    with zipfile.ZipFile(file) as archive:
+        for info in archive.infolist():
+            pieces = partial(_pieces, partial(_open_zipped, archive, info))
+            yield Member(zip_name(info), _zip_kind(info), info.file_size, _zip_time(info), pieces)
+
+
+def _open_zipped(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> IO[bytes]:
+    if info.flag_bits & 0x1:
+        remedy = "Pack it without, or unpack it and give the folder."
+        raise SubmissionError("the archive is protected by a password", remedy=remedy)
+    return archive.open(info)
+
+
+def zip_name(info: zipfile.ZipInfo) -> str:
+    """Return a member's name; bytes of which nothing says how to read them are UTF-8, as macOS writes, or CP437."""
+    name = info.orig_filename
+    if not info.flag_bits & 0x800 and not name.isascii():
+        with suppress(UnicodeError):
+            return name.encode("cp437").decode("utf-8")
+    return name
+
+
+def _zip_kind(info: zipfile.ZipInfo) -> Kind:
+    mode = stat.S_IFMT(info.external_attr >> 16)
+    if info.orig_filename.endswith(("/", "\\")) or mode == stat.S_IFDIR:
+        return Kind.FOLDER
+    if mode not in (0, stat.S_IFREG):
+        return Kind.LINK if mode == stat.S_IFLNK else Kind.SPECIAL
+    return Kind.FILE if info.compress_type in _ZIP_METHODS else Kind.METHOD
+
+
+def _zip_time(info: zipfile.ZipInfo) -> datetime | None:
+    """Return a member's time: from Unix's or NTFS's field, which are in UTC, else as local time of this machine."""
+    extra = info.extra
+    while len(extra) >= 4:
+        field, length = struct.unpack_from("<HH", extra)
+        data, extra = extra[4 : 4 + length], extra[4 + length :]
+        if field == 0x5455 and len(data) >= 5 and data[0] & 1:
+            return _utc(struct.unpack_from("<i", data, 1)[0])
+        if field == 0x000A and len(data) >= 16 and data[4:6] == b"\x01\x00":
+            return _utc(struct.unpack_from("<Q", data, 8)[0] / 1e7 - 11_644_473_600)
+    with suppress(ValueError, OverflowError, OSError):
+        return None if tuple(info.date_time) == _ZIP_EPOCH else datetime(*info.date_time).astimezone()
+    return None
+
+
+def _members_of_tar(stream: IO[bytes]) -> Iterator[Member]:
+    with stream, tarfile.open(fileobj=stream, mode="r:") as archive:
+        for info in archive:
+            if archive.offset < info.offset_data:
+                raise ValueError("a file's size is below zero")
+            _require_at_most(archive.offset)
+            pieces = partial(_pieces, partial(archive.extractfile, info))
+            yield Member(info.name, _tar_kind(info), info.size, _utc(info.mtime), pieces)
+        # What follows the last file is nothing but zeros at first, then goes on to the checksum of what is packed.
+        stream.seek(archive.offset)
+        if stream.read(tarfile.BLOCKSIZE).strip(b"\0"):
+            raise ValueError("a header is not valid")
+        while stream.read(_PIECE_BYTES):
+            _require_at_most(stream.tell())
+
+
+def _require_at_most(size: int) -> None:
+    if size > _MOST_UNPACKED_BYTES:
+        raise too_much(f"more than {_MOST_UNPACKED_BYTES // 1024**2} MiB when it is unpacked")
+
+
+def _tar_kind(info: tarfile.TarInfo) -> Kind:
+    kinds = {tarfile.DIRTYPE: Kind.FOLDER, tarfile.SYMTYPE: Kind.LINK, tarfile.LNKTYPE: Kind.HARD_LINK}
+    if info.issparse():
+        return Kind.SPARSE
+    return kinds.get(info.type, Kind.FILE if info.isreg() else Kind.SPECIAL)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from pathlib import PurePosixPath
 
 #: Folders that tools make; a copy of a student's file in them is not the student's file.
 TOOL_FOLDERS = frozenset(
@@ -14,19 +13,10 @@ TOOL_FOLDERS = frozenset(
 )
 #: Files that file managers and version control leave behind, and that nobody means to hand in.
 _LITTER = frozenset({".ds_store", "thumbs.db", "desktop.ini", "icon", ".git", ".gitkeep", ".directory"})
-
-COMPILED_SUFFIXES = frozenset(
-    {".pyc", ".pyo", ".pyd", ".so", ".dll", ".dylib", ".o", ".a", ".lib", ".exe", ".class", ".wasm"}
-)
-_SHARED_OBJECT = re.compile(r"\.so(\.\d+)+$")
-_PACKED_SUFFIXES = frozenset(
-    {".zip", ".tar", ".gz", ".tgz", ".bz2", ".tbz", ".tbz2", ".xz", ".txz", ".zst", ".7z", ".rar"}
-    | {".whl", ".egg", ".jar"}
-)
-#: `alice.tar.gz` is called `alice`.
-_ARCHIVE_ENDING = re.compile(r"(\.tar)?(\.(zip|tar|gz|tgz|bz2|tbz2?|xz|txz|zst|7z|rar))$", re.IGNORECASE)
-
+_COMPILED = re.compile(r"\.(py[cod]|so(\.\d+)*|dll|dylib|o|a|lib|exe|class|wasm)$", re.IGNORECASE)
+#: `alice.tar.gz` is called `alice`; a wheel is packed, and nobody's submission.
 _ARCHIVE = re.compile(r"\.(zip|tar|tgz|tbz2?|txz|7z|rar|tar\.(gz|bz2|xz|zst))$", re.IGNORECASE)
+_PACKED = re.compile(r"\.(zip|tar|gz|tgz|bz2|tbz2?|xz|txz|zst|7z|rar|whl|egg|jar)$", re.IGNORECASE)
 
 #: Characters of a raw name beyond which nobody looks at it.
 _MOST_CHARACTERS = 1_000
@@ -40,22 +30,17 @@ _JOINERS = "\u200c\u200d"
 _DRIVE = re.compile(r"[A-Za-z]:")
 
 
-class UnfitNameError(ValueError):
-    """A name under which nothing can be taken in; its text says why."""
+class UnfitError(ValueError):
+    """Something that is not taken in; its text says why."""
 
 
 def clean_parts(name: str) -> tuple[str, ...]:
-    """Return the parts of the path under which a file is kept.
+    """Return the parts of the path under which a file is kept; raises UnfitError if there is none.
 
     Parameters
     ----------
     name : str
         As it stands in the archive or folder. Undecodable bytes are lone surrogates, as `os.fsdecode` leaves them.
-
-    Raises
-    ------
-    UnfitNameError
-        If the path leads outside, is too long, or nothing is left of it.
 
     Notes
     -----
@@ -64,20 +49,24 @@ def clean_parts(name: str) -> tuple[str, ...]:
     at the end of a name (which Windows cannot have) are dropped; letters of any script stay.
     """
     if len(name) > _MOST_CHARACTERS:
-        raise UnfitNameError("its path is too long")
-    text = unicodedata.normalize("NFC", _decoded(name)).replace("\\", "/")
-    parts = [part for part in text.split("/") if part not in ("", ".")]
+        raise UnfitError("its path is too long")
+    parts = _parts(_decoded(name))
     if ".." in parts:
-        raise UnfitNameError("a path that leads outside the submission")
+        raise UnfitError("a path that leads outside the submission")
     cleaned = tuple(_clean_part(part) for part in parts)
-    if text.startswith("/") or (cleaned and _DRIVE.match(cleaned[0])):
-        raise UnfitNameError("an absolute path, which leads outside the submission")
+    if name.startswith(("/", "\\")) or (cleaned and _DRIVE.match(cleaned[0])):
+        raise UnfitError("an absolute path, which leads outside the submission")
     if not cleaned or "" in cleaned:
-        raise UnfitNameError("nothing is left of its name without what cannot be shown")
+        raise UnfitError("nothing is left of its name without what cannot be shown")
     lengths = [len(part.encode()) for part in cleaned]
     if max(lengths) > _MOST_PART_BYTES or sum(lengths) + len(lengths) > _MOST_PATH_BYTES:
-        raise UnfitNameError("its path is too long")
+        raise UnfitError("its path is too long")
     return cleaned
+
+
+def _parts(name: str) -> tuple[str, ...]:
+    text = unicodedata.normalize("NFC", name).replace("\\", "/")
+    return tuple(part for part in text.split("/") if part not in ("", "."))
 
 
 def _clean_part(part: str) -> str:
@@ -86,25 +75,20 @@ def _clean_part(part: str) -> str:
 
 
 def _decoded(name: str) -> str:
-    """Read bytes that are no UTF-8 as Western Windows and, failing that, old zip tools write them."""
-    if name.isascii():
-        return name
+    """Read bytes that are no UTF-8 as Western Windows writes them."""
     try:
         raw = name.encode("utf-8", "surrogateescape")
     except UnicodeEncodeError:
         return name.encode("utf-8", "replace").decode()
-    for encoding in ("utf-8", "cp1252"):
-        try:
-            return raw.decode(encoding)
-        except UnicodeDecodeError:
-            continue
-    return raw.decode("cp437")
+    try:
+        return raw.decode()
+    except UnicodeDecodeError:
+        return raw.decode("cp1252", "replace")
 
 
 def differ(name: str, parts: tuple[str, ...]) -> bool:
     """Whether a name came with characters that its clean parts do not have; how folders are separated is no matter."""
-    text = unicodedata.normalize("NFC", name).replace("\\", "/")
-    return parts != tuple(part for part in text.split("/") if part not in ("", "."))
+    return parts != _parts(name)
 
 
 def collision_key(parts: tuple[str, ...]) -> str:
@@ -119,10 +103,8 @@ def slashed(name: str) -> str:
 
 def tool_folder(parts: tuple[str, ...]) -> str | None:
     """Return the outermost folder of a file's path that a tool has made, if there is one."""
-    for depth, part in enumerate(parts[:-1]):
-        if part in TOOL_FOLDERS:
-            return "/".join(parts[: depth + 1])
-    return None
+    made = (depth for depth, part in enumerate(parts[:-1], 1) if part in TOOL_FOLDERS)
+    return next(("/".join(parts[:depth]) for depth in made), None)
 
 
 def is_litter(name: str) -> bool:
@@ -132,12 +114,12 @@ def is_litter(name: str) -> bool:
 
 def is_compiled(name: str) -> bool:
     """Whether a file's name says that it holds compiled code."""
-    return PurePosixPath(name).suffix.lower() in COMPILED_SUFFIXES or _SHARED_OBJECT.search(name.lower()) is not None
+    return _COMPILED.search(name) is not None
 
 
 def is_packed(name: str) -> bool:
     """Whether a file's name says that it is an archive, or a file that is packed in some way."""
-    return PurePosixPath(name).suffix.lower() in _PACKED_SUFFIXES
+    return _PACKED.search(name) is not None
 
 
 def is_archive(name: str) -> bool:
@@ -147,7 +129,7 @@ def is_archive(name: str) -> bool:
 
 def without_archive_suffix(name: str) -> str:
     """Return a file's name without the suffixes that archives have."""
-    return _ARCHIVE_ENDING.sub("", name) or name
+    return _ARCHIVE.sub("", name) or name
 
 
 def displayed(name: str) -> str:

@@ -1,17 +1,17 @@
 """The director: one trusted process in a cell that probes the ROS graph and records all traffic.
 
-It reads one JSON request a line from standard input and answers with one JSON line each on standard
-output; snapshots of the graph come in between. It starts no process and parses no file of a student's.
+It reads one JSON request a line from standard input, and writes lines of JSON to standard output: the name of a list of
+the session's record with an entry for it, or "answer" with outcome ("done", "timeout", "cancelled" or "failed") and
+result. It answers once when it is ready, and then to each request but the last. It starts no process and parses no
+file of a student's.
 
 Requests: ``{"op": "wait_for", ...}``, ``observe``, ``publish``, ``call``, ``get_parameters``,
-``set_parameters``, ``forget``, ``stop``; ``{"op": "cancel"}`` ends the one under way. Every answer has ``outcome``
-("done", "timeout", "cancelled" or "failed") and ``result``.
+``set_parameters``, ``forget``, ``stop``; ``{"op": "cancel"}`` ends the one under way.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import importlib
 import json
 import queue
 import shutil
@@ -32,7 +32,7 @@ from rclpy.serialization import serialize_message
 from rclpy.service_introspection import ServiceIntrospectionState
 
 from grader.live.deadline import Deadline
-from grader.live.graph import GraphWatch, new_context, silent_node
+from grader.live.graph import GraphWatch, interface_named, new_context, silent_node
 from grader.live.names import Candidate, near_miss
 from grader.live.recorder import DEFAULT_LIMIT_BYTES, Recorder
 from grader.recording.bag import BagWriter
@@ -79,6 +79,10 @@ _ENOUGH_BYTES = 64 * 2**20
 _LONGEST_TEXT, _MOST_ELEMENTS, _MOST_DECLARED = 10_000, 1000, 200
 
 
+#: Outcome and result of a request.
+Answer = tuple[str, dict[str, Any]]
+
+
 class Cancelled(Exception):
     """The session no longer needs the answer, for the student's processes are gone."""
 
@@ -116,32 +120,32 @@ class Director:
         self._forgotten: set[str] = set()
         self._clients: dict[tuple[str, str, int], Client[Any, Any]] = {}
         self._requests: queue.Queue[dict[str, Any] | None] = queue.Queue()
-        # Requests are numbered as they come, so that one can be cancelled before its turn.
-        self._received = self._current = self._cancelled_to = 0
+        self._cancelled = False
 
     def serve(self) -> None:
         """Answer requests until `stop` or the end of input."""
         self._require_empty_graph()
         threading.Thread(target=self._listen, daemon=True).start()
-        ours = Trusted("director", self._watch.own_prefix)
-        _say({"event": "ready", "trusted": dataclasses.asdict(ours)})
+        _say("trusted", Trusted("director", self._watch.own_prefix))
+        _say("answer", ("done", {}))
         while True:
             try:
                 request = self._requests.get(timeout=GraphWatch.PERIOD_S)
             except queue.Empty:
                 self._watch.look()
                 continue
-            if request is None or request["op"] == "stop":
+            if request is None:
                 break
-            if request["op"] != "cancel":
-                self._answer(request)
+            _say("answer", self._answer(request))
         self._watch.close()
         self._recorder.stop()
         unrecorded = self._recorder.unrecorded
         if self._limit_bytes < _ENOUGH_BYTES and any(left_out.messages for left_out in unrecorded):
             self._problems.append(f"the disk had room for a recording of {self._limit_bytes / 1e6:.0f} MB only")
-        problems = self._problems + self._recorder.problems
-        _say({"event": "stopped", "problems": problems, "unrecorded": [dataclasses.asdict(u) for u in unrecorded]})
+        for problem in self._problems + self._recorder.problems:
+            _say("problems", problem)
+        for left_out in unrecorded:
+            _say("unrecorded", left_out)
 
     def _require_empty_graph(self) -> None:
         """See to it that nothing is in the graph before the first process is started: it would be taken for its."""
@@ -160,42 +164,29 @@ class Director:
             self._problems.append(f"before anything was started, there were other ROS nodes in its network: {who}")
 
     def _listen(self) -> None:
+        """Take requests as they come; the session sends one only when the one before was answered."""
         for line in sys.stdin:
             request = json.loads(line)
-            if request["op"] in ("cancel", "stop"):
-                self._cancelled_to = self._received
-            else:
-                self._received += 1
-            self._requests.put(request)
-        self._cancelled_to = self._received
+            self._cancelled = request["op"] in ("cancel", "stop")
+            if request["op"] == "stop":
+                break
+            if not self._cancelled:
+                self._requests.put(request)
+        self._cancelled = True
         self._requests.put(None)
 
-    @property
-    def _cancelled(self) -> bool:
-        return self._current <= self._cancelled_to
-
-    def _answer(self, request: dict[str, Any]) -> None:
-        self._current += 1
-        operations: dict[str, Callable[[dict[str, Any]], tuple[str, dict[str, Any]]]] = {
-            "wait_for": self._wait_for,
-            "observe": self._observe,
-            "forget": self._forget,
-            "publish": self._publish,
-            "call": self._call,
-            "get_parameters": self._get_parameters,
-            "set_parameters": self._set_parameters,
-        }
+    def _answer(self, request: dict[str, Any]) -> Answer:
         try:
-            outcome, result = operations[request["op"]](request)
+            answer: Answer = getattr(self, f"_do_{request['op']}")(request)
         except Cancelled:
-            outcome, result = "cancelled", {}
+            return "cancelled", {}
         except Exception as problem:  # Whatever it is, the session must hear of it and go on.
-            outcome, result = "failed", {"problem": f"{type(problem).__name__}: {problem}"}
-        _say({"event": "answer", "outcome": outcome, "result": result})
+            return "failed", {"problem": f"{type(problem).__name__}: {problem}"}
+        return answer
 
     def _on_change(self, graph: GraphSnapshot) -> None:
         self._recorder.follow(graph.endpoints)
-        _say({"event": "graph", "graph": dataclasses.asdict(graph)})
+        _say("graph", graph)
 
     def _tick(self) -> None:
         # Only answers to our own calls need an executor, and spinning one costs some thirty times as much as this.
@@ -218,7 +209,7 @@ class Director:
 
     # -- waiting ------------------------------------------------------------------------------
 
-    def _wait_for(self, request: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+    def _do_wait_for(self, request: Mapping[str, Any]) -> Answer:
         kind = next(k for k in ("node", "publisher", "subscription", "service") if request.get(k))
         wanted, wanted_type = request[kind], request.get("type")
         started_s = time.monotonic()
@@ -276,12 +267,12 @@ class Director:
             and e.gid not in self._forgotten
         ]
 
-    def _forget(self, request: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+    def _do_forget(self, request: Mapping[str, Any]) -> Answer:
         """Take the endpoints that are there as those of a dead process, which may stay in the graph for a while."""
         self._forgotten = {e.gid for e in self._watch.look(now=True).endpoints}
         return "done", {}
 
-    def _observe(self, request: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+    def _do_observe(self, request: Mapping[str, Any]) -> Answer:
         topic = request.get("first_message_on")
         if topic:
             actual = self._names.get(topic, topic)
@@ -294,9 +285,9 @@ class Director:
         self._until(lambda: False, float(request["duration_s"]))
         return "done", {"opened_ns": opened_ns, "closed_ns": time.time_ns()}
 
-    def _publish(self, request: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+    def _do_publish(self, request: Mapping[str, Any]) -> Answer:
         topic = self._names.get(request["topic"], request["topic"])
-        kind = _interface(request["type"])
+        kind = interface_named(request["type"])
         # Compatible with every request. All messages are kept, since the student's side may be matched later
         # than ours, and then asks for those that it has missed.
         offered = QoSProfile(depth=int(request["count"]), durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -316,8 +307,7 @@ class Director:
                 self._until(lambda: False, 1.0 / float(request["rate_hz"]))
             publisher.wait_for_all_acked(Duration(seconds=_ACKNOWLEDGED_S))
         finally:
-            published = Published("director", topic, request["type"], digest(data) * sent)
-            _say({"event": "published", "published": dataclasses.asdict(published)})
+            _say("published", Published("director", topic, request["type"], digest(data) * sent))
             node.destroy_node()
             context.shutdown()
         return "done", {"topic": topic, "matched": matched}
@@ -327,7 +317,7 @@ class Director:
     def _client(self, service: str, service_type: str, number: int) -> Client[Any, Any]:
         key = (service, service_type, number)
         if key not in self._clients:
-            client = self._node.create_client(_interface(service_type), service)
+            client = self._node.create_client(interface_named(service_type), service)
             client.configure_introspection(
                 self._node.get_clock(), QoSProfile(depth=_EVENTS_DEPTH), ServiceIntrospectionState.CONTENTS
             )
@@ -346,13 +336,13 @@ class Director:
         client = self._client(service, service_type, number)
         return client if self._until(client.service_is_ready, timeout_s) else None
 
-    def _call(self, request: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+    def _do_call(self, request: Mapping[str, Any]) -> Answer:
         service = self._names.get(request["service"], request["service"])
         timeout_s = float(request["timeout_s"])
         clients = [self._ready_client(service, request["type"], n, timeout_s) for n in range(int(request["clients"]))]
         if any(client is None for client in clients):
             return "timeout", {"service": service, "calls": [], "problem": "the service is not up"}
-        message = _fill(_interface(request["type"]).Request(), request["request"])
+        message = _fill(interface_named(request["type"]).Request(), request["request"])
         calls = [_Call(client, message, timeout_s) for client in clients if client is not None]
         finished: list[dict[str, Any]] = []
         started = 0
@@ -379,7 +369,7 @@ class Director:
         client = self._ready_client(f"{self._node_name(request)}/{operation}", service_type, 0, timeout_s)
         if client is None:
             return None
-        future = client.call_async(_interface(service_type).Request(**fields))
+        future = client.call_async(interface_named(service_type).Request(**fields))
         self._until(future.done, timeout_s, self._spin)
         return future.result() if future.done() else None
 
@@ -387,49 +377,36 @@ class Director:
         wanted = request["node"] if request["node"].startswith("/") else "/" + request["node"]
         return str(self._names.get(request["node"], self._names.get(wanted, wanted)))
 
-    def _get_parameters(self, request: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+    def _do_get_parameters(self, request: Mapping[str, Any]) -> Answer:
         node = self._node_name(request)
         listed = self._ask(request, "list_parameters")
-        names = [n for n in request["names"] if n in listed.result.names] if listed is not None else []
+        declared = list(listed.result.names)[:_MOST_DECLARED] if listed is not None else []
+        names = [n for n in request.get("names", declared) if n in declared]
         got = self._ask(request, "get_parameters", names=names) if listed is not None else None
         if got is None:
             return "timeout", {"node": node, "problem": _NO_ANSWER}
         values = {n: _plain_parameter(v) for n, v in zip(names, got.values, strict=False)}
-        declared = _jsonable(list(listed.result.names)[:_MOST_DECLARED])
-        return "done", {"node": node, "declared": declared, "values": values}
+        return "done", {"node": node, "declared": _jsonable(declared), "values": values}
 
-    def _set_parameters(self, request: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
-        values: dict[str, Any] = dict(request["values"])
-        node, refused = self._node_name(request), self._refused(request, values)
+    def _do_set_parameters(self, request: Mapping[str, Any]) -> Answer:
+        """Set parameters; one of another type, or of a misspelt name, as the student has it.
+
+        Either is charged where it is looked for; here it is seen what the parameter does.
+        """
+        meant: dict[str, str] = {}
+        node, refused = self._node_name(request), self._refused(request, request["values"])
         if refused:
-            # A parameter of another type is charged where its type is looked at; what it does is seen in its own type.
-            held = self._get_parameters({**request, "names": list(refused)})[1].get("values", {})
-            suited = {n: in_type_of(v["value"], values[n]) for n, v in held.items()}
-            again = self._refused(request, suited) if suited else refused
-            refused = again if again is None else {n: r for n, r in refused.items() if n not in suited or n in again}
-        meant = self._set_as_meant(request, refused, values) if refused else {}
+            everything = {key: value for key, value in request.items() if key != "names"}
+            held = {n: v["value"] for n, v in self._do_get_parameters(everything)[1].get("values", {}).items()}
+            for name in tuple(refused):
+                value, own = request["values"][name], name if name in held else _misspelt(name, request["values"], held)
+                if own is not None and self._refused(request, {own: in_type_of(held[own], value)}) == {}:
+                    del refused[name]
+                    meant |= {name: own} if own != name else {}
         if refused is None:
             return "timeout", {"node": node, "problem": _NO_ANSWER}
-        refused = {n: reason for n, reason in refused.items() if n not in meant}
         names = {"names": meant} if meant else {}
         return ("failed" if refused else "done"), {"node": node, "refused": refused, **names}
-
-    def _set_as_meant(
-        self, request: Mapping[str, Any], refused: Mapping[str, str], values: Mapping[str, Any]
-    ) -> dict[str, str]:
-        """Set parameters under the names that the student misspelt; returns those names by the right ones.
-
-        That a parameter is not declared is charged where it is looked for; here it is seen what it does.
-        """
-        declared = self._get_parameters({**request, "names": list(refused)})[1].get("declared", [])
-        held = self._get_parameters({**request, "names": declared})[1].get("values", {})
-        meant: dict[str, str] = {}
-        for name in (n for n in refused if n not in declared):
-            fitting = [n for n, v in held.items() if type(v["value"]) is type(values[name]) and n not in values]
-            near = near_miss(name, "", [Candidate(n, "") for n in fitting if n not in _STANDARD_PARAMETERS])
-            if near is not None and self._refused(request, {near.name: values[name]}) == {}:
-                meant[name] = near.name
-        return meant
 
     def _refused(self, request: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, str] | None:
         """Set parameters; returns the reasons for which some were refused, None if there was no answer."""
@@ -438,6 +415,13 @@ class Director:
         if answer is None:
             return None
         return {n: r.reason for n, r in zip(values, answer.results, strict=False) if not r.successful}
+
+
+def _misspelt(name: str, values: Mapping[str, Any], held: Mapping[str, Any]) -> str | None:
+    """Return the declared parameter that was meant by a name, if one of the value's type is like it."""
+    fitting = [n for n, v in held.items() if type(v) is type(values[name]) and n not in values]
+    near = near_miss(name, "", [Candidate(n, "") for n in fitting if n not in _STANDARD_PARAMETERS])
+    return near.name if near is not None else None
 
 
 class _Call:
@@ -480,12 +464,6 @@ class _Call:
         return {**record, "held_up_ns": held_up_ns} if held_up_ns else record
 
 
-def _interface(name: str) -> Any:
-    """Import an interface by its name, e.g. ``std_srvs/srv/SetBool``."""
-    package, kind, short = name.split("/")
-    return getattr(importlib.import_module(f"{package}.{kind}"), short)
-
-
 def _fill(message: Any, values: Mapping[str, Any]) -> Any:
     for name, value in values.items():
         if isinstance(value, Mapping):
@@ -523,21 +501,15 @@ def _jsonable(value: Any) -> Any:
     return str(value)[:_LONGEST_TEXT]
 
 
-def _say(event: dict[str, Any]) -> None:
-    sys.stdout.write(json.dumps(event) + "\n")
+def _say(kind: str, what: Any) -> None:
+    sys.stdout.write(json.dumps([kind, what], default=dataclasses.asdict) + "\n")
     sys.stdout.flush()
 
 
 def main() -> None:
-    """Run the director; its configuration is a JSON object in argv[1]."""
+    """Run the director; argv[1] is a JSON object of its parameters."""
     settings = json.loads(sys.argv[1])
-    Director(
-        Path(settings["folder"]),
-        settings["name"],
-        settings["domain_id"],
-        settings["reference_nodes"],
-        settings["expected"],
-    ).serve()
+    Director(**{**settings, "folder": Path(settings["folder"])}).serve()
 
 
 if __name__ == "__main__":

@@ -12,6 +12,11 @@ from grader.recording.session import GraphSnapshot, ProcessRun, Published, Sessi
 
 _START_S = 20.0
 _STOP_S = 8.0
+#: What it reports: list of the record -> kind of its entries, if that is a dataclass.
+_REPORTED = {"graph": GraphSnapshot, "trusted": Trusted, "published": Published, "unrecorded": Unrecorded}
+
+#: Outcome and result of a request, or of a step.
+Answer = tuple[str, dict[str, Any]]
 
 
 class DirectorClient:
@@ -30,8 +35,7 @@ class DirectorClient:
     def __init__(self, record: SessionRecord) -> None:
         self._record = record
         self.run = ProcessRun("director", "grader", ["python", "-m", "grader.live.director"])
-        self._ready, self._stopped = asyncio.Event(), asyncio.Event()
-        self._answer: asyncio.Future[dict[str, Any]] | None = None
+        self._answer: asyncio.Future[Answer] = asyncio.get_running_loop().create_future()
 
     async def wait_ready(self) -> None:
         """Wait until it is ready.
@@ -41,41 +45,26 @@ class DirectorClient:
         RuntimeError
             If it does not get ready.
         """
-        await self._wait(self._ready, _START_S)
-        if not self._ready.is_set():
+        if (await self._answered(_START_S))[0] != "done":
             raise RuntimeError(f"the director did not start: {self._last_words(5)}")
         self.running.put_standing()
 
     def hear(self, line: bytes) -> None:
         """Take a message of its, which is a line of JSON."""
-        event = json.loads(line)
-        if event["event"] == "graph":
-            self._record.graph.append(from_plain(GraphSnapshot, event["graph"]))
-        elif event["event"] == "ready":
-            self._record.trusted.append(from_plain(Trusted, event["trusted"]))
-            self._ready.set()
-        elif event["event"] == "published":
-            self._record.published.append(from_plain(Published, event["published"]))
-        elif event["event"] == "stopped":
-            self._record.problems += event["problems"]
-            self._record.unrecorded += [from_plain(Unrecorded, plain) for plain in event["unrecorded"]]
-            self._stopped.set()
-        elif self._answer is not None and not self._answer.done():
-            self._answer.set_result(event)
+        kind, what = json.loads(line)
+        if kind != "answer":
+            getattr(self._record, kind).append(from_plain(_REPORTED[kind], what) if kind in _REPORTED else what)
+        elif not self._answer.done():
+            self._answer.set_result((what[0], what[1]))
 
     def _last_words(self, lines: int) -> str:
         return "; ".join(line.text for line in self.run.output[-lines:])
 
-    async def ask(self, request: dict[str, Any]) -> tuple[str, dict[str, Any]]:
-        """Have it carry out a request; returns the outcome and the result."""
+    async def ask(self, request: dict[str, Any]) -> Answer:
+        """Have it carry out a request."""
         self._answer = asyncio.get_running_loop().create_future()
         self._send(request)
-        either: list[asyncio.Future[Any]] = [self._answer, self.running.exited]
-        await asyncio.wait(either, return_when=asyncio.FIRST_COMPLETED)
-        if not self._answer.done():
-            return "failed", {"problem": "the director ended"}
-        answer = self._answer.result()
-        return answer["outcome"], answer["result"]
+        return await self._answered()
 
     def cancel(self) -> None:
         """End the request that is under way."""
@@ -86,17 +75,16 @@ class DirectorClient:
         if not self.running.alive:
             self._record.problems.append(f"the recorder died: {self._last_words(3)}")
         self._send({"op": "stop"})
-        await self._wait(self._stopped, _STOP_S)
-        if not self._stopped.is_set():
-            self._record.problems.append("the recorder did not end in order; its bag was recovered")
-        await self.running.wait_exit(1.0)
+        await self.running.wait_exit(_STOP_S)
         await self.running.kill()
+        if self.run.exit_status != 0:
+            self._record.problems.append("the recorder did not end in order; its bag was recovered")
 
-    async def _wait(self, event: asyncio.Event, timeout_s: float) -> None:
-        waiting = asyncio.create_task(event.wait())
-        either: set[asyncio.Task[Any]] = {waiting, self.running.exited}
+    async def _answered(self, timeout_s: float | None = None) -> Answer:
+        answer = self._answer
+        either: list[asyncio.Future[Any]] = [answer, self.running.exited]
         await asyncio.wait(either, timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED)
-        waiting.cancel()
+        return answer.result() if answer.done() else ("failed", {"problem": "the director ended"})
 
     def _send(self, request: dict[str, Any]) -> None:
         self.running.write((json.dumps(request) + "\n").encode())

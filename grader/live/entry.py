@@ -1,7 +1,4 @@
-"""Whether a Python file starts its node by itself, or is written for an entry point that calls a function of it.
-
-Told from its syntax tree: students' code is not imported here.
-"""
+"""Whether a Python file starts its node by itself, or is written for an entry point that calls a function of it."""
 
 from __future__ import annotations
 
@@ -12,16 +9,17 @@ from grader.python_source import parse_python
 
 #: What only a program calls that runs a node.
 _STARTING = frozenset(["spin", "spin_once", "spin_until_future_complete", "create_node", "MultiThreadedExecutor"])
+_RCLPY_INIT = "rclpy.init"
 _FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 
 
 def function_to_call(text: str, entry_points: Sequence[str] = ()) -> str | None:
     """Return the function that must be called for the file to do anything; None where it runs by itself.
 
+    It is told from the syntax tree: students' code is not imported here.
+
     Parameters
     ----------
-    text : str
-        The file.
     entry_points : sequence of str
         Functions of the file that the package's entry points name. Without any, `main` is meant.
     """
@@ -29,49 +27,35 @@ def function_to_call(text: str, entry_points: Sequence[str] = ()) -> str | None:
         tree = parse_python(text)
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         return None
-    defined = {n.name for n in tree.body if isinstance(n, _FUNCTIONS)}
-    meant = next((name for name in (*entry_points, "main") if name in defined), None)
-    return None if meant is None or _runs_by_itself(tree, meant) else meant
-
-
-def _runs_by_itself(tree: ast.Module, function: str) -> bool:
-    """Whether the file, run as a program, calls the function or starts a node in another way."""
-    own = {n.name: n for n in tree.body if isinstance(n, (*_FUNCTIONS, ast.ClassDef))}
+    defined = [n for n in tree.body if isinstance(n, (*_FUNCTIONS, ast.ClassDef))]
+    functions = {n.name for n in defined if isinstance(n, _FUNCTIONS)}
+    meant = next((name for name in (*entry_points, "main") if name in functions), None)
+    statements = [n for n in tree.body if n not in defined]
+    if meant is None or any(_is_guard(n) for n in statements):
+        return None
     callers: dict[str, list[str]] = {}
-    waiting, starting = [function], set[str]()
-    for name, node in own.items():
-        at_once, called = _called(ast.walk(node))
-        waiting += [name] if at_once else []
-        for other in called:
-            callers.setdefault(other, []).append(name)
+    for node in defined:
+        for name in _called(ast.walk(node)):
+            callers.setdefault(name, []).append(node.name)
+    starting, waiting = set[str](), [meant, _RCLPY_INIT, *_STARTING]
     while waiting:
-        name = waiting.pop()
-        if name not in starting:
+        if (name := waiting.pop()) not in starting:
             starting.add(name)
             waiting += callers.get(name, ())
-    statements = [n for n in tree.body if not isinstance(n, (*_FUNCTIONS, ast.ClassDef))]
-    return any(_is_guard(n) or _starts(_outside_of_functions(n), starting) for n in statements)
+    called = {name for n in statements for name in _called(_outside_of_functions(n))}
+    return meant if starting.isdisjoint(called) else None
 
 
-def _starts(nodes: Iterator[ast.AST], starting: set[str]) -> bool:
-    """Whether any of the nodes calls rclpy to run a node, or something that does."""
-    at_once, called = _called(nodes)
-    return at_once or not called.isdisjoint(starting)
-
-
-def _called(nodes: Iterator[ast.AST]) -> tuple[bool, set[str]]:
-    """Return whether rclpy is called to run a node, and the names of what else is called."""
-    called: set[str] = set()
-    for node in nodes:
-        if isinstance(node, ast.Call):
-            function = node.func
-            name = function.attr if isinstance(function, ast.Attribute) else getattr(function, "id", "")
-            of_rclpy = isinstance(function, ast.Attribute) and getattr(function.value, "id", "") == "rclpy"
-            if name in _STARTING or (name == "init" and of_rclpy):
-                return True, called
-            if isinstance(function, ast.Name):
-                called.add(name)
-    return False, called
+def _called(nodes: Iterator[ast.AST]) -> set[str]:
+    """Return the names of what is called: of methods those that run a node."""
+    found = set()
+    for function in (node.func for node in nodes if isinstance(node, ast.Call)):
+        if isinstance(function, ast.Name):
+            found.add(function.id)
+        elif isinstance(function, ast.Attribute):
+            found |= {function.attr} & _STARTING
+            found |= {f"{getattr(function.value, 'id', '')}.{function.attr}"} & {_RCLPY_INIT}
+    return found
 
 
 def _outside_of_functions(node: ast.AST) -> Iterator[ast.AST]:

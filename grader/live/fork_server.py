@@ -183,10 +183,9 @@ def _load_ros(types: Sequence[str]) -> None:
 
 def _load_type(name: str) -> None:
     """Import a type of messages or services with its libraries, and look up its definition."""
-    package, kind, short = name.split("/")
-    interface = getattr(importlib.import_module(f"{package}.{kind}"), short)
+    interface = importlib.import_module("grader.live.graph").interface_named(name)
     importlib.import_module("rclpy.type_support").check_for_type_support(interface)
-    recorded = f"{name}_Event" if kind == "srv" else name
+    recorded = f"{name}_Event" if "/srv/" in name else name
     definition_of(recorded)
     type_hash_of(recorded)
 

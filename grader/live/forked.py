@@ -20,9 +20,9 @@ from dataclasses import dataclass
 from typing import NoReturn
 
 from grader.live.namespaces import close_descriptors, end_with_parent, name_process, open_descriptors
-from grader.live.priority import put_starting
 
-_READ_BYTES = 64 * 1024
+#: The longest message of a program: a snapshot of a graph that somebody floods.
+_LONGEST_LINE_BYTES = 64 * 2**20
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ async def start_forked(program: Program) -> ForkedProcess:
 
 async def read_pipe(descriptor: int) -> asyncio.StreamReader:
     """Return what reads a pipe, and closes it at its end."""
-    reader = asyncio.StreamReader(limit=_READ_BYTES)
+    reader = asyncio.StreamReader(limit=_LONGEST_LINE_BYTES)
     protocol = asyncio.StreamReaderProtocol(reader)
     await asyncio.get_running_loop().connect_read_pipe(lambda: protocol, os.fdopen(descriptor, "rb", 0))
     return reader
@@ -144,7 +144,6 @@ def _leave_everything(program: Program, parent: int, descriptors: Sequence[int])
         os._exit(1)
     name_process(program.name)
     os.setsid()
-    put_starting(os.getpid())  # Only now: before, the weight would be that of the other process's session.
     signal.set_wakeup_fd(-1)
     for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGCHLD):
         signal.signal(number, signal.SIG_DFL)

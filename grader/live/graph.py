@@ -5,6 +5,7 @@ What is ours is known by its gid: a student's node may have any name.
 
 from __future__ import annotations
 
+import importlib
 import re
 import secrets
 import time
@@ -60,6 +61,12 @@ def silent_node(name: str, context: rclpy.Context) -> Node:
         enable_rosout=False,
         parameter_overrides=[Parameter("start_type_description_service", value=False)],
     )
+
+
+def interface_named(name: str) -> Any:
+    """Import the class of a message or service type, e.g. ``std_srvs/srv/SetBool``."""
+    package, kind, short = name.split("/")
+    return getattr(importlib.import_module(f"{package}.{kind}"), short)
 
 
 def full_name(namespace: str, name: str) -> str:

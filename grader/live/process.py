@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from grader.live.forked import ForkedProcess, Program, start_forked
 from grader.live.machine import children_of, cpu_with_children_ns, descendants_of, read_bytes_of, tasks_of
-from grader.live.priority import Priority, put_standing, put_starting, weigh_session
+from grader.live.priority import put_standing
 from grader.recording.session import OutputLine, ProcessRun, Usage
 
 #: Output kept of one process, in bytes and in lines; what comes after is counted and dropped.
@@ -27,8 +27,6 @@ MAX_LINE_BYTES = 8 * 1024
 _READ_BYTES = 64 * 1024
 #: After SIGINT, how long a process may take to SIGTERM and then to SIGKILL.
 _TERMINATE_GRACE_S = 1.0
-#: How often, and how many times, to look whether a sandbox stands.
-_SANDBOX_LOOK_S, _SANDBOX_LOOKS = 0.01, 100
 #: After its exit, how long what it wrote last may take to be read on a busy machine.
 _LAST_OUTPUT_S = 2.0
 #: What holding a process to a core by another program may take; it takes a few ms.
@@ -82,16 +80,11 @@ class RunningProcess:
         self._usage: dict[int, tuple[int, int]] = {}
         self._kept = self._written = 0
         self._room = room
-        self._on_message = on_message
         self.on_line: Callable[[OutputLine], None] | None = None
-        #: Kept, since the event loop keeps no task from being collected.
-        self.weighing: asyncio.Task[None] | None = None
         assert process.stdout is not None
         assert process.stderr is not None
-        self._readers = [
-            asyncio.create_task(self._read(process.stdout, "stdout")),
-            asyncio.create_task(self._read(process.stderr, "stderr")),
-        ]
+        said = self._read(process.stdout, "stdout") if on_message is None else self._hear(process.stdout, on_message)
+        self._readers = [asyncio.create_task(said), asyncio.create_task(self._read(process.stderr, "stderr"))]
         self.exited = asyncio.create_task(self._wait())
 
     @classmethod
@@ -120,11 +113,7 @@ class RunningProcess:
             start_new_session=True,
             limit=_READ_BYTES,
         )
-        put_starting(process.pid)
-        running = cls(run, process, child_pid_fd, None, room or OutputRoom())
-        if child_pid_fd is not None:
-            running.weighing = asyncio.create_task(running._weigh_sandbox())
-        return running
+        return cls(run, process, child_pid_fd, None, room or OutputRoom())
 
     @classmethod
     async def fork(
@@ -151,27 +140,27 @@ class RunningProcess:
         if self._process.stdin is not None:
             self._process.stdin.close()
 
+    async def _hear(self, stream: asyncio.StreamReader, on_message: Callable[[bytes], None]) -> None:
+        async for line in stream:
+            on_message(line)
+
     async def _read(self, stream: asyncio.StreamReader, name: str) -> None:
         rest = b""
         while block := await stream.read(_READ_BYTES):
             now = time.time_ns()
             self._written += len(block)
-            if self._written > MAX_FLOOD_BYTES and self._on_message is None:
+            if self._written > MAX_FLOOD_BYTES:
                 self.run.limit = "output"
                 self._end_group()
-            if self._on_message is None and (len(self.run.output) >= MAX_OUTPUT_LINES or not self._room.lines):
+            if len(self.run.output) >= MAX_OUTPUT_LINES or not self._room.lines:
                 self.run.output_dropped_bytes += len(rest) + len(block)
                 rest = b""
                 continue
             *lines, rest = (rest + block).split(b"\n")
+            if len(rest) > MAX_LINE_BYTES:
+                lines, rest = [*lines, rest], b""
             for line in lines:
-                if self._on_message is not None and name == "stdout":
-                    self._on_message(line)
-                else:
-                    self._keep(now, name, line)
-            if len(rest) > MAX_LINE_BYTES and self._on_message is None:
-                self._keep(now, name, rest)
-                rest = b""
+                self._keep(now, name, line)
         if rest:
             self._keep(time.time_ns(), name, rest)
 
@@ -214,16 +203,6 @@ class RunningProcess:
             return None
         children = children_of(self._sandbox_pid)
         return children[0] if children else None
-
-    async def _weigh_sandbox(self) -> None:
-        """Give its sandbox the weight of what is starting, as soon as that has begun a session of its own."""
-        for _ in range(_SANDBOX_LOOKS):
-            pid = self._pid()
-            with suppress(ProcessLookupError):
-                if pid is not None and os.getsid(pid) != self._process.pid:
-                    weigh_session(pid, Priority.STARTING)
-                    return
-            await asyncio.sleep(_SANDBOX_LOOK_S)
 
     def interrupt(self) -> bool:
         """Send SIGINT to the program itself, as Ctrl-C would; False if there is nothing to send it to."""

@@ -8,21 +8,19 @@ each message does, and leaves the cores to the experiment.
 
 from __future__ import annotations
 
-import importlib
 import threading
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from types import TracebackType
 from typing import Any
 
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from grader.live.graph import new_context, silent_node
+from grader.live.graph import interface_named, new_context, silent_node
 from grader.recording.bag import BagWriter
-from grader.recording.definitions import DefinitionNotFound, definition_of, type_hash_of
+from grader.recording.definitions import definition_of, type_hash_of
 from grader.recording.session import Endpoint, Unrecorded
 
 NODE_NAME = "_grader_recorder"
@@ -36,10 +34,9 @@ _DEPTH = 10_000
 # Each message has its times from the middleware already.
 _POLL_S = 0.05
 _FLUSH_S = 0.5
-# A subscription that takes over from another runs beside it until it has surely been matched.
-_OVERLAP_S, _LONGEST_OVERLAP_S = 2.0, 6.0
+# Of a topic with several subscriptions, the messages by which repeats are known: what all their queues hold at a time.
+_REMEMBERED = 4 * _DEPTH
 _TYPES_PER_TOPIC = 4
-_MOST_PROBLEMS = 100
 _MOST_UNRECORDED = 5000
 # What the bag needs for a message beside its data: record head and index entry.
 _MESSAGE_OVERHEAD_BYTES = 47
@@ -91,7 +88,6 @@ class _Tap:
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
         )
         self._take = self._subscription.handle.take_message
-        self.opened_s = time.monotonic()
 
     def take(self) -> tuple[bytes, dict[str, Any]] | None:
         taken: tuple[bytes, dict[str, Any]] | None = self._take(self._message_type, True)
@@ -106,7 +102,7 @@ class _Tap:
 
 @dataclass
 class _Line:
-    """A topic of one type under record: its channel, and its subscription (two while one takes over)."""
+    """A topic of one type under record: its channel, and its subscriptions, the weakest last."""
 
     topic: str
     topic_type: str
@@ -114,21 +110,22 @@ class _Line:
     node: Node
     message_type: type
     request: _Request
-    tap: _Tap
-    retiring: list[_Tap] = field(default_factory=list)
-    seen: set[tuple[int, int]] = field(default_factory=set)
-    overlapping: bool = False
-    changed_s: float = 0.0  # when a subscription came or went
+    taps: list[_Tap]
+    seen: dict[tuple[int, int], None] = field(default_factory=dict)
     stopped: bool = False
     count: int = 0
     written_bytes: int = 0
 
     def is_repeat(self, source_ns: int, sequence: int) -> bool:
-        """Whether a message came already, while two subscriptions receive it, or lately did."""
+        """Whether another subscription has received a message already, if there are several."""
         key = (source_ns, sequence)
+        if len(self.taps) == 1:
+            return False
         if key in self.seen:
             return True
-        self.seen.add(key)
+        self.seen[key] = None
+        if len(self.seen) > _REMEMBERED:
+            del self.seen[next(iter(self.seen))]
         return False
 
 
@@ -139,20 +136,14 @@ class Recorder:
     ----------
     writer : BagWriter
         The bag to write to; closed by `stop`.
-    domain_id : int
-        ROS domain to record.
     limit_bytes : int
         The bag's size at most. A topic may take as much of it as is left for the others; past that it is
         no longer recorded, so that a flood cannot cost the evidence of other topics.
-    limit_topics : int
-        Number of topics at most.
 
     Attributes
     ----------
-    problems : list of str
-        What went wrong on the recorder's side.
-    unrecorded : list of Unrecorded
-        What it left out.
+    problems, unrecorded : list
+        What went wrong on the recorder's side, and what it left out.
     """
 
     def __init__(
@@ -173,18 +164,9 @@ class Recorder:
         self._refused: set[tuple[str, str]] = set()
         self._nodes: list[Node] = []
         self._lock = threading.Lock()
-        self._following = threading.Lock()
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()
-
-    def __enter__(self) -> Recorder:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.stop()
 
     @property
     def counts(self) -> Mapping[tuple[str, str], int]:
@@ -196,18 +178,13 @@ class Recorder:
         """How many publishers the recorder receives a topic from at this moment."""
         with self._lock:
             line = self._lines.get((topic, topic_type))
-            return 0 if line is None or line.stopped else line.tap.matched()
-
-    def _report(self, problem: str) -> None:
-        if len(self.problems) < _MOST_PROBLEMS:
-            self.problems.append(problem)
+            return 0 if line is None or line.stopped else line.taps[-1].matched()
 
     def _leave_out(
-        self, topic: str, topic_type: str, reason: str, *, limit: bool, messages: int = 0, size_bytes: int = 0
+        self, key: tuple[str, str], reason: str, limit: bool, messages: int = 0, size_bytes: int = 0
     ) -> None:
         if len(self.unrecorded) < _MOST_UNRECORDED:
-            left_out = Unrecorded(topic, topic_type, time.time_ns(), messages, size_bytes, reason, limit)
-            self.unrecorded.append(left_out)
+            self.unrecorded.append(Unrecorded(*key, time.time_ns(), messages, size_bytes, reason, limit))
 
     # -- subscribing: on the caller's thread ---------------------------------------------------
 
@@ -221,33 +198,29 @@ class Recorder:
         for publisher in publishers:
             if publisher.kind == "publisher":
                 topics.setdefault((publisher.topic, publisher.type), []).append(publisher)
-        with self._following:
-            for key, endpoints in topics.items():
-                if key in self._refused or self._ending.is_set():
-                    continue
-                request = _Request.suiting(endpoints)
-                if line := self._lines.get(key):
-                    self._weaken(line, request)
-                else:
-                    self._begin(*key, endpoints, request)
-
-    def _begin(self, topic: str, topic_type: str, publishers: list[Endpoint], request: _Request) -> None:
-        try:
-            line = self._open(topic, topic_type, publishers, request)
-        except Exception as error:
-            # Names and types are a student's: there are many ways in which rclpy can refuse them.
-            self._refused.add((topic, topic_type))
-            self._leave_out(topic, topic_type, str(error), limit=isinstance(error, _LimitReached))
-            return
-        with self._lock:
-            self._lines[topic, topic_type] = line
+        for key, endpoints in topics.items():
+            if key in self._refused or self._ending.is_set():
+                continue
+            request = _Request.suiting(endpoints)
+            if line := self._lines.get(key):
+                self._weaken(line, request)
+                continue
+            try:
+                line = self._open(*key, endpoints, request)
+            except Exception as error:
+                # Names and types are a student's: there are many ways in which rclpy can refuse them.
+                self._refused.add(key)
+                self._leave_out(key, str(error), isinstance(error, _LimitReached))
+            else:
+                with self._lock:
+                    self._lines[key] = line
 
     def _open(self, topic: str, topic_type: str, publishers: list[Endpoint], request: _Request) -> _Line:
         if len(self._lines) >= self._limit_topics:
             raise _LimitReached(f"{self._limit_topics} topics are recorded already")
         definition = definition_of(topic_type)
         # Only what an installed package defines is imported, as the name comes from outside.
-        message_type = _message_type(topic_type)
+        message_type = interface_named(topic_type)
         node = self._node(sum(known == topic for known, _ in self._lines))
         tap = _Tap(node, message_type, topic, request)
         # The hash of the definition in the bag, whatever publishers announce: with another one, readers refuse the bag.
@@ -255,7 +228,7 @@ class Recorder:
         with self._lock:
             offered = [publisher.qos for publisher in publishers]
             channel = self._writer.add_channel(topic, topic_type, type_hash, definition, offered)
-        return _Line(topic, topic_type, channel, node, message_type, request, tap)
+        return _Line(topic, topic_type, channel, node, message_type, request, [tap])
 
     def _node(self, level: int) -> Node:
         """The node whose participant holds the type number `level` of a topic."""
@@ -268,16 +241,13 @@ class Recorder:
         return self._nodes[level]
 
     def _weaken(self, line: _Line, request: _Request) -> None:
-        """Take over with a weaker request, so that a publisher that offers less is received too."""
+        """Add a weaker subscription, so that a publisher that offers less is received too."""
         weaker = line.request.weakened(request)
-        if weaker == line.request or line.stopped:
-            return
-        with self._lock:
-            line.overlapping, line.changed_s = True, time.monotonic()
-        tap = _Tap(line.node, line.message_type, line.topic, weaker)
-        with self._lock:
-            line.retiring.append(line.tap)
-            line.tap, line.request = tap, weaker
+        if weaker != line.request and not line.stopped:
+            # No message is taken meanwhile: it could come by both.
+            with self._lock:
+                line.taps.append(_Tap(line.node, line.message_type, line.topic, weaker))
+                line.request = weaker
 
     # -- taking: on the recorder's thread ------------------------------------------------------
 
@@ -285,12 +255,9 @@ class Recorder:
         """Write what has arrived, finish the bag, and leave the graph."""
         self._ending.set()
         self._thread.join()
-        with self._following:
-            for node in self._nodes:
-                context = node.context
-                node.destroy_node()
-                context.try_shutdown()
-            self._nodes.clear()
+        for node in self._nodes:
+            node.destroy_node()
+            node.context.try_shutdown()
 
     def _run(self) -> None:
         try:
@@ -299,41 +266,34 @@ class Recorder:
                 self._poll()
                 if time.monotonic() >= flush_s:
                     flush_s = time.monotonic() + _FLUSH_S
-                    self._tidy()
+                    with self._lock:
+                        self._writer.flush()
             self._poll()
         except Exception as error:
-            self._report(f"recording stopped early: {error}")
-        self._close()
-
-    def _close(self) -> None:
+            self.problems.append(f"recording stopped early: {error}")
         try:
             with self._lock:
                 self._writer.close()
         except OSError as error:
-            self._report(f"the bag is not finished: {error}")
+            self.problems.append(f"the bag is not finished: {error}")
 
-    def _poll(self) -> int:
-        """Empty all queues; returns the number of messages taken."""
+    def _poll(self) -> None:
+        """Empty all queues."""
         with self._lock:
-            taken = 0
             for line in self._lines.values():
-                if not line.stopped:
-                    taken += self._empty(line, line.tap)
-                    for tap in line.retiring:
-                        taken += self._empty(line, tap)
-            return taken
+                for tap in tuple(line.taps):
+                    self._empty(line, tap)
 
-    def _empty(self, line: _Line, tap: _Tap) -> int:
+    def _empty(self, line: _Line, tap: _Tap) -> None:
         # Never more at a time than the queue holds, so that one topic cannot keep the others waiting.
-        for taken in range(_DEPTH):
+        for _ in range(_DEPTH):
             if line.stopped or (message := tap.take()) is None:
-                return taken
+                return
             self._write(line, *message)
-        return _DEPTH
 
     def _write(self, line: _Line, data: bytes, info: Mapping[str, Any]) -> None:
         source_ns, sequence = info["source_timestamp"], info["publication_sequence_number"] or 0
-        if line.overlapping and line.is_repeat(source_ns, sequence):
+        if line.is_repeat(source_ns, sequence):
             return
         cost_bytes = len(data) + _MESSAGE_OVERHEAD_BYTES
         if line.written_bytes + cost_bytes > self._left_bytes:
@@ -348,52 +308,7 @@ class Recorder:
     def _cut(self, line: _Line) -> None:
         """Record this topic no longer."""
         line.stopped = True
-        self._leave_out(
-            line.topic,
-            line.topic_type,
-            "they fill as much as is left for all other topics",
-            limit=True,
-            messages=line.count,
-            size_bytes=line.written_bytes,
-        )
-        for tap in [line.tap, *line.retiring]:
+        reason = "they fill as much as is left for all other topics"
+        self._leave_out((line.topic, line.topic_type), reason, True, line.count, line.written_bytes)
+        for tap in line.taps:
             tap.close()
-        line.retiring.clear()
-
-    def _tidy(self) -> None:
-        with self._lock:
-            self._writer.flush()
-            for line in self._lines.values():
-                if line.retiring and _has_taken_over(line):
-                    self._retire(line)
-                # What the one had received, the other may still hold, or be about to receive.
-                elif line.overlapping and not line.retiring and _age_s(line.changed_s) > _LONGEST_OVERLAP_S:
-                    line.overlapping = False
-                    line.seen.clear()
-
-    def _retire(self, line: _Line) -> None:
-        for tap in line.retiring:
-            self._empty(line, tap)
-            tap.close()
-        line.retiring.clear()
-        line.changed_s = time.monotonic()
-
-
-def _has_taken_over(line: _Line) -> bool:
-    age_s = _age_s(line.tap.opened_s)
-    matched = all(line.tap.matched() >= tap.matched() for tap in line.retiring)
-    return age_s > _LONGEST_OVERLAP_S or (age_s > _OVERLAP_S and matched)
-
-
-def _age_s(since_s: float) -> float:
-    return time.monotonic() - since_s
-
-
-def _message_type(topic_type: str) -> type:
-    """Import the class of a type."""
-    package, folder, name = topic_type.split("/")
-    try:
-        found: type = getattr(importlib.import_module(f"{package}.{folder}"), name)
-    except (ImportError, AttributeError) as error:
-        raise DefinitionNotFound(topic_type) from error
-    return found

@@ -22,7 +22,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from grader.live.director_client import DirectorClient
+from grader.live.director_client import Answer, DirectorClient
 from grader.live.environment import trusted_environment
 from grader.live.forked import Program, script
 from grader.live.isolation import WORKSPACE
@@ -46,9 +46,6 @@ _SAMPLED_SHARE = 0.7
 #: After the last of the student's processes has ended, how long its traffic may still be on its way.
 _AFTER_EXIT_S = 0.3
 _NAMED = ("node", "publisher", "subscription", "service")
-
-#: Outcome and result of a step.
-Answer = tuple[str, dict[str, Any]]
 
 
 class Session:

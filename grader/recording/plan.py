@@ -156,6 +156,11 @@ class Parameter:
     content: _Value = None
     wildcard: _Flag = False
 
+    def sections(self) -> list[tuple[str, dict[str, Any]]]:
+        """What a file sets: for each pattern of nodes the values by name."""
+        listed = _sections(self.content, "") if isinstance(self.content, Mapping) else []
+        return [(pattern, _flat(values, "")) for pattern, values in listed]
+
 
 @dataclass(frozen=True)
 class Component:
@@ -293,9 +298,8 @@ class Process:
             if parameter.name is not None:
                 pattern = full_name if named and not parameter.wildcard else "/**"
                 by_pattern.setdefault(pattern.strip("/"), {})[parameter.name] = parameter.value
-            elif isinstance(parameter.content, Mapping):
-                for section, content in _sections(parameter.content, ""):
-                    by_pattern.setdefault(section.strip("/"), {}).update(_flat(content, ""))
+            for section, values in parameter.sections() if parameter.name is None else ():
+                by_pattern.setdefault(section.strip("/"), {}).update(values)
         return {
             name: value
             for pattern, values in by_pattern.items()

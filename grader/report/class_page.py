@@ -10,7 +10,8 @@ from datetime import timedelta, timezone
 from decimal import Decimal
 
 from grader.cohort.summary import CheckStatistics, ClassSummary, Need, Row
-from grader.report import charts, views
+from grader.report import views
+from grader.report.figures.scores import scores_figure
 from grader.report.page import render_page
 from grader.report.untrusted import line
 from grader.report.views import Badge, Share
@@ -70,7 +71,7 @@ def render(summary: ClassSummary, *, anonymous: bool = False) -> str:
         summary=summary,
         anonymous=anonymous,
         graded=summary.spread.count if summary.spread else 0,
-        chart=charts.scores_chart(summary.spread, "scores") if summary.spread else None,
+        chart=scores_figure(summary.spread) if summary.spread else None,
         tasks=[(*words, [todo for todo in summary.todos if todo.need is need]) for need, words in needs.items()],
         badges=[[needs[todo.need][2] for todo in summary.todos if todo.row == n] for n in rows],
         shared=[(n, mistake) for n, mistake in enumerate(summary.mistakes) if len(mistake.made_by) > 1],

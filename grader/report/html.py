@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from grader.evidence.figures import Figure
 from grader.recording.session import SessionRecord
 from grader.recording.submission import SubmissionRecord
-from grader.report import charts, views, violations
+from grader.report import views, violations
+from grader.report.figures.svg import Figure
 from grader.report.page import render_page
 from grader.result import Outcome, Result
 
@@ -30,13 +30,6 @@ def render(
         Whose texts are quoted where a finding points at a line.
     """
     anchors = views.anchors_of(sessions)
-    pictures = {
-        name: [
-            (type(figure).__name__, figure, charts.chart_of(figure, f"{views.anchor('figure', name)}-{n}"))
-            for n, figure in enumerate(listed)
-        ]
-        for name, listed in figures.items()
-    }
     return render_page(
         "report.html.j2",
         ("report.css",),
@@ -48,7 +41,7 @@ def render(
         recorded=views.recorded_at(result, sessions),
         lost=views.lost_by(result, (Outcome.FAILED, Outcome.PARTIAL)),
         unreached=views.lost_by(result, (Outcome.NOT_REACHED,)),
-        pictures=pictures,
+        figures=figures,
         sessions=sessions,
         isolations=views.isolations_of(sessions),
         versions=views.versions_of(result),

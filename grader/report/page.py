@@ -17,7 +17,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from grader.report import views
-from grader.report.charts import duration
+from grader.report.figures.svg import HALF, NARROW, WIDE, duration
 from grader.report.untrusted import line, shown
 
 _FOLDER = Path(__file__).parent / "templates"
@@ -49,9 +49,11 @@ def _template(name: str, styles: tuple[str, ...], script: str) -> Template:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters.update(line=line, duration=duration, prose=prose, breakable=breakable)
+    environment.filters.update(line=line, duration=duration, prose=prose, breakable=breakable, fields=views.fields)
     environment.filters.update(points=views.points, tenths=views.tenths, signed=views.signed)
-    environment.globals.update(anchor=views.anchor, badge_of=views.badge_of, share_of=views.share_of)
+    environment.globals.update(
+        widths=(WIDE, HALF, NARROW), anchor=views.anchor, badge_of=views.badge_of, share_of=views.share_of
+    )
     css, js = "".join(map(_read, styles)), _read(script)
     environment.globals.update(
         css=Markup(css),

@@ -38,6 +38,7 @@ def test_a_parameters_default_is_kept(value: object) -> None:
         json.dumps([NOTE]),
         json.dumps({**NOTE, "kind": 1}),
         json.dumps({**NOTE, "name": None}),
+        json.dumps({**NOTE, "name": "/\ud800"}),
         json.dumps({**NOTE, "line": -1}),
         json.dumps({**NOTE, "line": 1e300}),
         json.dumps({**NOTE, "line": 10**400}),
@@ -54,11 +55,10 @@ def test_what_is_none_of_the_taps_notes_is_passed_over(line: str) -> None:
     assert len(claims_in(f"{line}\n{json.dumps(NOTE)}", "it", "")) == 1
 
 
-def test_half_characters_and_long_texts_can_be_written_to_files() -> None:
-    """A text that is no text is mended, and one that never ends is cut."""
-    (claim,) = claims_in(json.dumps({**NOTE, "name": "/\ud800" + "x" * 10_000}), "it", "")
-    claim.name.encode()
-    assert len(claim.name) < 1000
+def test_long_texts_are_cut() -> None:
+    """A text that never ends is kept in part."""
+    (claim,) = claims_in(json.dumps({**NOTE, "name": "/" + "x" * 10_000}), "it", "")
+    assert 100 < len(claim.name) < 1000
 
 
 def test_notes_without_end_are_cut_off() -> None:

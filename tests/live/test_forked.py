@@ -10,9 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from grader.live.priority import Priority
 from tests.live.small_lab import until
-from tests.live.test_priority import may_raise
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the live half runs on Linux alone")
 
@@ -60,11 +58,9 @@ def test_a_fork_keeps_no_descriptor_and_no_signal_of_the_other_process() -> None
     assert forked(main)[1] == "False True True\n"
 
 
-def test_a_fork_goes_first_in_a_session_of_its_own() -> None:
-    """It sees to that itself, so that the weight is never that of the session that it comes from."""
-    nice = int(Priority.STARTING) if may_raise() else os.getpriority(os.PRIO_PROCESS, 0)
-    main = "def main(): print(os.getpriority(os.PRIO_PROCESS, 0), os.getsid(0) == os.getpid())"
-    assert forked(main)[1] == f"{nice} True\n"
+def test_a_fork_has_a_session_of_its_own() -> None:
+    """Its weight, and its signals, are not those of the session that it comes from."""
+    assert forked("def main(): print(os.getsid(0) == os.getpid())")[1] == "True\n"
 
 
 def test_a_fork_goes_by_its_name() -> None:

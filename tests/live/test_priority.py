@@ -1,4 +1,4 @@
-"""Cells go before other work, where the system permits it."""
+"""Sandboxes go before other work, where the system permits it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from grader.live.priority import Priority, put_standing, put_starting
+from grader.live.priority import STANDING, put_standing
 
 pytestmark = pytest.mark.live
 
@@ -46,24 +46,22 @@ def nice_of(pid: int) -> int:
 
 
 def test_what_stands_goes_before_what_starts() -> None:
-    """A process gets the nice value of its phase where that is permitted, and keeps its own elsewhere."""
+    """A process gets another nice value once it stands where that is permitted, and keeps its own elsewhere."""
     own = nice_of(0)
     with waiting() as pid:
-        put_starting(pid)
-        assert nice_of(pid) == (Priority.STARTING if may_raise() else own)
+        assert nice_of(pid) == own
         put_standing([pid])
-        assert nice_of(pid) == (Priority.STANDING if may_raise() else own)
+        assert nice_of(pid) == (STANDING if may_raise() else own)
 
 
 def test_children_of_a_session_do_not_inherit_its_priority() -> None:
     """What a session's process starts begins as any other."""
     said = subprocess.check_output([sys.executable, "-c", _FIRST], text=True).split()
-    assert said == [str(int(Priority.STANDING)) if may_raise() else str(nice_of(0)), str(max(0, nice_of(0)))]
+    assert said == [str(STANDING) if may_raise() else str(nice_of(0)), str(max(0, nice_of(0)))]
 
 
 def test_a_process_that_is_gone_is_no_error() -> None:
     """A student's process may end at any moment."""
     with waiting() as pid:
         pass
-    put_starting(pid)
     put_standing([pid])

@@ -13,21 +13,10 @@ from typing import Any
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grader.evidence.figures import (
-    Branch,
-    Call,
-    CallGroup,
-    Calls,
-    Figure,
-    Item,
-    Line,
-    PlanTree,
-    QosRow,
-    QosTable,
-    Series,
-)
-from grader.recording.session import OutputLine, ProcessRun, SessionRecord, StepRun
+from grader.recording.session import OutputLine, ProcessRun, Qos, SessionRecord, StepRun
 from grader.recording.submission import ArtifactFact, FileFact, SubmissionRecord
+from grader.report.figures.graph import Call
+from grader.report.figures.svg import Figure, text
 from grader.report.html import render
 from grader.report.views import place_of
 from grader.result import (
@@ -220,24 +209,26 @@ def test_nothing_is_fetched() -> None:
         assert f"'sha256-{digest}'" in policy
 
 
-FIGURES: tuple[Figure, ...] = (
-    Series("Joints", "alone", "data", "rad", (Line("command", EVIL, 0, (0.0, 1.0), (0.0, 1.0)),), 0),
-    Calls("Calls", "alone", EVIL, (CallGroup(EVIL, EVIL, (Call(0.0, 0.001, EVIL, True),)),), ()),
-    PlanTree(
-        "Plan",
-        "alone",
-        "error",
-        EVIL,
-        (Item(EVIL, EVIL, EVIL),),
-        (Item(EVIL, EVIL, EVIL),),
-        (Branch(EVIL, EVIL, EVIL, (EVIL,), (Item(EVIL, EVIL),), (Item(EVIL, EVIL),)),),
-        (EVIL,),
-    ),
-    QosTable(
-        "QoS",
-        "alone",
-        (QosRow(EVIL, "publisher", EVIL, "reliable", "volatile", "keep_last", None, EVIL, 3),),
-    ),
+_ITEM = (EVIL, EVIL, EVIL)
+_PROCESS = {
+    **dict.fromkeys(("name", "runs", "where"), EVIL),
+    **{key: [EVIL] for key in ("conditions", "words")},
+    **{key: [_ITEM] for key in ("parameters", "environment")},
+    "remappings": [(EVIL, EVIL)],
+}
+_PLAN = {
+    "outcome": "error",
+    "problem": EVIL,
+    **{key: [_ITEM] for key in ("arguments", "includes", "environment", "not_started")},
+    "processes": [_PROCESS],
+    "warnings": [(EVIL, EVIL)],
+}
+_QOS = {"topic": EVIL, "kind": "publisher", "qos": Qos(EVIL, EVIL, EVIL), "where": EVIL, "messages": 3}
+FIGURES = (
+    Figure(EVIL, lambda width: (90, [text(1, 2, EVIL)]), (("line-0", EVIL),), title="Joints", session="alone"),
+    Figure(table="calls_table", content=[(EVIL, EVIL, [Call(0.0, 0.001, {EVIL: EVIL})])], title="Calls"),
+    Figure(table="plan", content=_PLAN, title="Plan"),
+    Figure(table="qos", content=[_QOS], title="QoS"),
 )
 
 

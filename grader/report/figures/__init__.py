@@ -1,0 +1,33 @@
+"""The figures of a report: a class a kind, with its settings in the rubric and how it is drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from grader.evidence.recorded import Recorded
+from grader.report.figures.graph import Calls, QosTable
+from grader.report.figures.plan import PlanTree
+from grader.report.figures.svg import Figure, FigureKind
+from grader.report.figures.timing import Intervals, Latency, Rate
+from grader.report.figures.values import Reports, Series
+from grader.rubric import FigureSpec
+
+FIGURES: Mapping[str, type[FigureKind]] = {
+    "intervals": Intervals,
+    "rate": Rate,
+    "series": Series,
+    "reports": Reports,
+    "calls": Calls,
+    "plan": PlanTree,
+    "qos_table": QosTable,
+    "latency": Latency,
+}
+
+
+def draw(spec: FigureSpec, recorded: Recorded, lab_folder: Path) -> Figure | None:
+    """Draw what a rubric asks for; None where nothing was recorded that could be shown."""
+    assert isinstance(spec.parameters, FigureKind)
+    figure = spec.parameters.draw(recorded, lab_folder)
+    return replace(figure, title=spec.title, session=spec.session) if figure is not None else None

@@ -1,0 +1,195 @@
+"""Numbers over time: elements of messages, and what a program reported against what is right."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+from pydantic import Field
+
+from grader import references as ref
+from grader.evidence.oracle import load_oracle
+from grader.evidence.printed import reports
+from grader.evidence.recorded import Floats, Recorded
+from grader.references import Patterns
+from grader.report.figures.svg import (
+    BOTTOM,
+    LEFT,
+    MOST_POINTS,
+    NARROW,
+    NARROW_POINTS,
+    RIGHT,
+    SINCE,
+    TOP,
+    Figure,
+    FigureKind,
+    Frame,
+    frame_in,
+    padded,
+    rule,
+    short,
+    tag,
+    text,
+)
+from grader.report.figures.timing import FAR_NS
+
+MOST_ELEMENTS = 16
+#: A number that is larger than any that is meant cannot be drawn to scale.
+_FAR = 1e9
+
+
+def _thinned(times: Floats, values: Floats) -> tuple[Floats, Floats]:
+    """Return at most `MOST_POINTS` points: of each stretch its lowest and highest, so no peak is lost."""
+    if len(times) <= MOST_POINTS:
+        return times, values
+    kept: list[int] = []
+    for part in np.array_split(np.arange(len(times)), MOST_POINTS // 2):
+        kept += sorted({int(part[np.argmin(values[part])]), int(part[np.argmax(values[part])])})
+    return times[kept], values[kept]
+
+
+@dataclass(frozen=True)
+class _Line:
+    """One element of one topic's messages over time."""
+
+    role: str
+    index: int
+    times: Floats
+    values: Floats
+
+    @property
+    def moves(self) -> bool:
+        return bool(self.values.max() > self.values.min())
+
+
+class Series(FigureKind):
+    """Elements of an array in the messages of some topics."""
+
+    topics: dict[str, ref.Topic] = Field(description="Role -> topic.")
+    field: ref.FieldPath
+    indices: tuple[int, ...] | None = None
+    unit: str = ""
+
+    def draw(self, recorded: Recorded, lab_folder: Path) -> Figure | None:
+        """Draw one frame an element, the roles in it over each other."""
+        lines: list[_Line] = []
+        left_out = 0
+        for role, topic in self.topics.items():
+            stream = recorded.numeric(topic, self.field)
+            if stream is None:
+                continue
+            length = stream.values.shape[1]
+            wanted = range(length) if self.indices is None else [i for i in self.indices if i < length]
+            left_out = max(left_out, len(wanted) - MOST_ELEMENTS)
+            near = np.abs(stream.source_ns - stream.received_ns) < FAR_NS
+            for index in wanted[:MOST_ELEMENTS]:
+                shown = near & (np.abs(stream.values[:, index]) < _FAR)
+                if shown.any():
+                    times = recorded.seconds(stream.source_ns[shown])
+                    lines.append(_Line(role, index, *_thinned(times, stream.values[shown, index])))
+        if not lines:
+            return None
+        roles = list(dict.fromkeys(line.role for line in lines))
+        key = tuple((f"line-{i % 4}", f"{role}: {recorded.used(self.topics[role])}") for i, role in enumerate(roles))
+        return Figure(self._caption(lines, left_out), lambda width: self._paint(lines, roles, width), key)
+
+    def _paint(self, lines: Sequence[_Line], roles: Sequence[str], width: int) -> tuple[float, list[Markup]]:
+        """Paint the frames one below the other, on one scale; elements that never move get a low one."""
+        indices = sorted({line.index for line in lines})
+        ends = [t for line in lines for t in (line.times[0], line.times[-1])]
+        x = (min(ends), max(ends))
+        moving = {line.index for line in lines if line.moves}
+        y = padded([v for line in lines for v in (line.values.min(), line.values.max())], 0.08, 0.05)
+        row = 220 if len(indices) == 1 else 130 if len(moving) == 2 else 88
+        parts: list[Markup] = []
+        top = float(TOP + 8)
+        for n, index in enumerate(indices):
+            here = [line for line in lines if line.index == index]
+            high = row if index in moving or len(indices) == 1 else 26
+            middle = here[0].values[0]
+            frame = Frame(LEFT, top, width - RIGHT, top + high - 12, x, y if high > 26 else (middle, middle))
+            parts += frame.y_axis(4 if high > 100 else 3)
+            for line in here:
+                step = max(1, len(line.times) // NARROW_POINTS) if width == NARROW else 1
+                style = f"line line-{roles.index(line.role) % 4}"
+                parts.append(frame.path(line.times[::step], line.values[::step], style))
+            label = f"{self.field}[{index}]" + (f", {self.unit}" if self.unit and n == 0 else "")
+            parts.append(text(frame.left + 6, top + (1 if high > 26 else 6), label, "start", "label"))
+            top += high
+        return top + BOTTOM, parts + Frame(LEFT, 0, width - RIGHT, top, x, y).x_axis(SINCE)
+
+    def _caption(self, lines: Sequence[_Line], left_out: int) -> str:
+        moving = [
+            f"{line.role} {self.field}[{line.index}] {short(line.values.min())} to {short(line.values.max())}"
+            for line in lines
+            if line.moves
+        ]
+        still = len(lines) - len(moving)
+        shown = "; ".join(moving[:6]) + ("; …" if len(moving) > 6 else "")
+        caption = f"Range in {self.unit or 'numbers'}: {shown}." if moving else "Nothing moves."
+        caption += f" {still} of {len(lines)} lines do not move." if still else ""
+        return caption + (f" {left_out} further elements are not shown." if left_out > 0 else "")
+
+
+class Reports(FigureKind):
+    """What a process reports, and the oracle that knows what is right."""
+
+    artifact: ref.Artifact
+    pattern: Patterns
+    streams: dict[str, ref.Topic]
+    field: ref.FieldPath
+    oracle: ref.Loadable
+    parameters: dict[str, Any] = Field(default_factory=dict)
+    unit: str = ""
+
+    def draw(self, recorded: Recorded, lab_folder: Path) -> Figure | None:
+        """Draw reported numbers over the values that are right."""
+        said = [r for r in reports(recorded, self.artifact, self.pattern) if abs(r.value) < _FAR]
+        plateaus = self._plateaus(recorded, lab_folder)
+        if not said and not plateaus:
+            return None
+        shown = _thinned(recorded.seconds(np.array([r.t_ns for r in said])), np.array([r.value for r in said]))
+        spans = [*shown[0], *(t for start_s, end_s, _ in plateaus for t in (start_s, end_s))]
+        right = [value for _, _, value in plateaus]
+        # One absurd report must not press all others flat.
+        limit = max(right) * 4 if right and max(right) > 0 else math.inf
+        within = np.abs(shown[1]) <= limit
+        far = int(np.sum(~within))
+
+        def paint(width: int) -> tuple[float, list[Markup]]:
+            y_range = padded([0.0, *shown[1][within], *right], 0.06, 1e-3)
+            frame = frame_in(width, 290, (min(spans), max(spans)), y_range, top=30)
+            parts = [*frame.y_axis(5), text(4, 16, self.unit or "value", "start", "label")]
+            for start_s, end_s, value in plateaus:
+                parts.append(rule(frame.px(start_s), frame.py(value), frame.px(end_s), frame.py(value), "plateau"))
+            step = 2 if width == NARROW and len(within) > NARROW_POINTS else 1
+            for t, v, near in list(zip(*shown, within, strict=True))[::step]:
+                if near:
+                    parts.append(tag("circle", cx=frame.px(t), cy=frame.py(v), r=2.4, class_="dot"))
+            return 290, parts + frame.x_axis(SINCE)
+
+        caption = f"{len(said)} reported numbers"
+        caption += f" and {len(right)} spans in which the right value is known." if right else "."
+        caption += f" {far} lie far outside and are not drawn." if far else ""
+        return Figure(caption, paint, (("dot", "reported by the program"), ("plateau", "right value")))
+
+    def _plateaus(self, recorded: Recorded, lab_folder: Path) -> list[tuple[float, float, float]]:
+        """Return the spans in which the right report is one value: start, end, value."""
+        oracle = load_oracle(lab_folder, self.oracle)
+        found = {role: recorded.numeric(topic, self.field) for role, topic in self.streams.items()}
+        streams = {role: stream for role, stream in found.items() if stream is not None}
+        try:
+            plateaus = oracle(streams, self.parameters, recorded.record.seed)
+        except Exception:
+            # Commands and states that do not fit together are judged by the checks; here is no line to draw.
+            return []
+        return [
+            (recorded.since_start_s(s["start_ns"]), recorded.since_start_s(s["end_ns"]), float(s["value"]))
+            for s in plateaus[:MOST_POINTS]
+            if abs(s["value"]) < _FAR
+        ]
