@@ -214,10 +214,10 @@ def _from_table(lines: Sequence[str], start: int, behind: str) -> list[_Field]:
     """Read a row of a table by its header; without one, count, mean and maximum stand in this order."""
     cells = _cells(lines[start])
     above = reversed(lines[max(0, start - _HEADER_ABOVE) : start])
-    titles = next((found for line in above if _is_header(found := _cells(line), len(cells))), None)
+    titles = next((each for line in above if _is_header(each := _cells(line), len(cells))), None)
     if titles is not None:
-        found = [(title, _MEASURED.match(cell.lstrip("'\" "))) for title, cell in zip(titles, cells, strict=True)]
-        return [_Field.of(title, measured) for title, measured in found[1:] if measured is not None]
+        measured = ((title, _MEASURED.match(cell.lstrip("'\" "))) for title, cell in zip(titles, cells, strict=True))
+        return [_Field.of(title, match) for title, match in itertools.islice(measured, 1, None) if match is not None]
     cells = [c for c in re.split(rf"[\s:\"'`*]+|\s*{_CELL_BORDER}\s*", behind) if c]
     if len(cells) < 3 or not all(re.fullmatch(rf"{NUMBER}%?|%|-", c) for c in cells) or not cells[0].isdecimal():
         return []

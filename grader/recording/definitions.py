@@ -14,7 +14,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
+
+if TYPE_CHECKING:
+    from rosbags.interfaces.typing import Typesdict
 
 SEPARATOR = "=" * 80
 
@@ -56,7 +59,7 @@ class MessageDefinition:
     encoding: Literal["ros2msg", "ros2idl"]
     text: str
 
-    def types(self, topic_type: str) -> Mapping[str, Any]:
+    def types(self, topic_type: str) -> Typesdict:
         """Return the types in it by their names, as `rosbags` describes them.
 
         Raises
@@ -109,7 +112,7 @@ def fields_of(name: str) -> Mapping[str, str] | None:
         Field -> type as `.msg` files spell it, e.g. "float64[]"; None where the type is not known here.
     """
     try:
-        known = definition_of(name).types(name)
+        known: Mapping[str, Any] = definition_of(name).types(name)
     except DefinitionNotFound:
         known = _types_of_rosbags()  # ROS itself is known also where one only judges again.
     return {field: _spelled(*kind) for field, kind in known[name][1]} if name in known else None
