@@ -12,6 +12,7 @@ import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 
 from grader.evidence.markup import Block, Document, Section, code_spans, own_text, plain_text
 from grader.evidence.source import SourceFacts
@@ -241,22 +242,12 @@ def document_passages(document: Document, file: str) -> tuple[Passage, ...]:
     """
     passages: list[Passage] = []
     for section in document.sections:
-        run: list[Block] = []
-        for block in section.blocks:
-            joins = run and block.kind == run[-1].kind and block.kind in ("item", "row")
-            if run and not joins:
-                passages.append(_joined(run, file, section.title))
-                run = []
-            if block.kind != "code":
-                run.append(block)
-        if run:
-            passages.append(_joined(run, file, section.title))
+        runs = groupby(section.blocks, lambda block: block.kind if block.kind in ("item", "row") else block.line)
+        for blocks in (list(run) for _, run in runs):
+            if blocks[0].kind != "code":
+                text = "\n\n".join(block.text for block in blocks)
+                passages.append(Passage(text, file, blocks[0].line, section.title))
     return tuple(passages)
-
-
-def _joined(blocks: Sequence[Block], file: str, heading: str) -> Passage:
-    separator = "\n" if blocks[0].kind == "paragraph" else "\n\n"
-    return Passage(separator.join(block.text for block in blocks), file, blocks[0].line, heading)
 
 
 def source_passages(facts: SourceFacts) -> tuple[Passage, ...]:
