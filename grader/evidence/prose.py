@@ -197,13 +197,10 @@ def _lines_of(block: Block) -> Iterator[tuple[int, str]]:
 def _about(text: str, topics: Sequence[_Topic]) -> tuple[str, ...]:
     """The topics that a text names, or else those that it calls by a synonym, in the text's order."""
     plain = plain_text(text)
-    named = _in_order(plain, [(t.id, t.names) for t in topics])
-    return named or _in_order(plain, [(t.id, t.synonyms) for t in topics])
-
-
-def _in_order(text: str, terms: Sequence[tuple[str, Terms]]) -> tuple[str, ...]:
-    places = [(place, name) for name, term in terms if (place := term.place(text)) is not None]
-    return tuple(name for _, name in sorted(places))
+    for terms in ([(t.id, t.names) for t in topics], [(t.id, t.synonyms) for t in topics]):
+        if places := sorted((place, name) for name, term in terms if (place := term.place(plain)) is not None):
+            return tuple(name for _, name in places)
+    return ()
 
 
 # -- how to run it -------------------------------------------------------------------------------------
@@ -343,11 +340,6 @@ def _discussing(passages: Iterable[Passage], every: Terms, min_words: int) -> It
                 fresh.append(sentence)
         text = plain_text("\n".join(fresh))
         own = words(every.without(own_text("\n".join(fresh))))
-        if every.found(text) and measure(own) >= max(min_words, 1) and _is_speech(text, own, every):
+        # The concepts' names stand among words, rather than being strewn or listed.
+        if 0 < every.count(text) <= measure(own) * _STUFFING_RATIO and measure(own) >= max(min_words, 1):
             yield passage, text, own
-
-
-def _is_speech(text: str, own: Sequence[str], every: Terms) -> bool:
-    """Whether the concepts' names stand among words, rather than being strewn or listed."""
-    named = every.count(text)
-    return measure(own) * _STUFFING_RATIO >= named

@@ -109,7 +109,7 @@ def result_row(
         name_at = name_at or spelt(name).search(lines[start])
         behind = lines[start][name_at.end() :] if name_at is not None else ""
         below = lines[start + 1 : start + _MOST_LINES_OF_A_BLOCK]
-        fields = _from_table(lines, start, behind), _from_block(below, behind, [spelt(n) for n in (name, *others)])
+        fields = _from_table(lines, start), _from_block(below, behind, [spelt(n) for n in (name, *others)])
         found.append([_row_of(output[start].t_ns, each) for each in fields])
     rows = [row for kind in zip(*found, strict=True) for row in kind if row is not None]
     return next((row for row in rows if row.mean_s is not None), rows[0] if rows else None)
@@ -200,8 +200,11 @@ def _row_of(t_ns: int, fields: Sequence[_Field]) -> ResultRow | None:
     count = said.get("received") or said.get("messages") or bare
     if count is None:
         return None
-    most = said.get("max")
-    mean = said.get("mean") or (said.get("latency") if most is None else None)
+    mean, most = said.get("mean"), said.get("max")
+    if len(fields) > 2 and not any(each.has_label or each.kind for each in fields):
+        mean, most = fields[1:3]  # As in a table without a header.
+    elif mean is None and most is None:
+        mean = said.get("latency")
     mean_s, max_s = (float(each.number) * each.unit_s if each is not None else None for each in (mean, most))
     rounding_s = rounding_of(mean.number, mean.unit_s) if mean is not None else 0.0
     return ResultRow(t_ns, int(float(count.number)), mean_s, max_s, rounding_s)
@@ -210,20 +213,15 @@ def _row_of(t_ns: int, fields: Sequence[_Field]) -> ResultRow | None:
 # -- tables ----------------------------------------------------------------------------------------
 
 
-def _from_table(lines: Sequence[str], start: int, behind: str) -> list[_Field]:
-    """Read a row of a table by its header; without one, count, mean and maximum stand in this order."""
+def _from_table(lines: Sequence[str], start: int) -> list[_Field]:
+    """Read a row of a table by its header."""
     cells = _cells(lines[start])
     above = reversed(lines[max(0, start - _HEADER_ABOVE) : start])
     titles = next((each for line in above if _is_header(each := _cells(line), len(cells))), None)
     if titles is not None:
         measured = ((title, _MEASURED.match(cell.lstrip("'\" "))) for title, cell in zip(titles, cells, strict=True))
         return [_Field.of(title, match) for title, match in itertools.islice(measured, 1, None) if match is not None]
-    cells = [c for c in re.split(rf"[\s:\"'`*]+|\s*{_CELL_BORDER}\s*", behind) if c]
-    if len(cells) < 3 or not all(re.fullmatch(rf"{NUMBER}%?|%|-", c) for c in cells) or not cells[0].isdecimal():
-        return []
-    kinds = zip(cells, ("received", "mean", "max"), strict=False)
-    fields = [_Field(cell, kind) for cell, kind in kinds if re.fullmatch(NUMBER, cell)]
-    return fields if len(fields) == 3 else []
+    return []
 
 
 def _cells(line: str) -> list[str]:
