@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import PurePosixPath
 from typing import Any
 
+from grader.checks.endpoints import claimed_at
 from grader.checks.finding import Context, Unexplained, failed, inconclusive, told, undecided
 from grader.evidence.diagnosis import Diagnosis
 from grader.evidence.elsewhere import only_elsewhere
@@ -48,7 +50,7 @@ def explained(context: Context, p: Any, finding: Finding) -> Finding:
     students = (run.artifact for run in context.session.record.processes if run.role == "student")
     artifact = getattr(p, "artifact", None) or (run.artifact if run is not None else next(students, None))
     reason, hint, where = (artifact and why_nothing(context, artifact)) or (finding.reason, "", ())
-    where = (*where, *(spot for spot in finding.where if spot not in where))
+    where = (*where, *(spot for spot in finding.where or proof(context, p) if spot not in where))
     return Finding(**{**vars(finding), "reason": reason, "hint": hint or finding.hint, "where": where})
 
 
@@ -79,18 +81,13 @@ def _ended_already(context: Context, artifact: str) -> Explanation | None:
         reason = f"Your {artifact} node had already ended, with exit status {run.exit_status} after {after_s:.1f} s."
         return reason, "See in its output what ended it.", (output,)
     path = context.path_of(artifact) or ""
-    spins = spin_lines(context.submission.texts.get(path, ""), context.submission.texts)
     ended = f"Your {artifact} node had already ended (exit status 0 after {after_s:.1f} s, no error)"
-    if spins is None or not path:
-        return f"{ended}.", _KEEP_HINT, (output,)
-    if not spins:
+    if path and spin_lines(context.submission.texts.get(path, ""), context.submission.texts) == ():
         return f"{ended}: main() never reaches rclpy.spin(node).", _SPIN_HINT, (Where(file=path), output)
-    reason = f"{ended}: what spins in line {spins[0]} was not reached, or came back."
-    return reason, _KEEP_HINT, (Where(file=path, line=spins[0]), output)
+    return f"{ended}.", "See that main() goes on to spin the node until Ctrl-C.", (output,)
 
 
 _SPIN_HINT = "Call rclpy.spin(node) in main() once the node is made: it serves the node's callbacks until Ctrl-C."
-_KEEP_HINT = "See that main() is called, and that it goes on to spin the node until Ctrl-C."
 
 
 def runs_elsewhere(context: Context, artifact: str, expected: str) -> Finding | None:
@@ -118,29 +115,31 @@ def environment_gap(context: Context, artifact: str, found: Diagnosis | None) ->
     return reason if alike else None
 
 
-def unseen(context: Context, finding: Finding, sought: Sequence[tuple[str, str]]) -> Finding | None:
+def unseen(context: Context, p: Any, finding: Finding, kinds: Sequence[str]) -> Finding | None:
     """State that a program which went on asked for something that the graph never showed, or None if that is not so.
 
     Then the discovery failed, or the program forged its request: both leave open what it would have done.
-
-    Parameters
-    ----------
-    sought : sequence of tuple
-        Kind and name of each endpoint or node, as the tap notes them.
     """
-    for kind, name in sought:
-        used = context.session.used(name)
+    for kind, wanted in itertools.product(kinds, _wanted(p)):
+        used = context.session.used(wanted[_NAMED_BY[kind]])
         claims = [] if _is_in_graph(context, kind, used) else context.session.record.claims
         claim = next((c for c in claims if _asks_for(c, kind, used) and _went_on(context, c)), None)
         if claim is not None:
             reason = (
                 f"The node asked for the {kind} {used} ({claim.file}:{claim.line}), but it was not seen in the graph."
             )
-            # What hit a limit or an exception is no matter of the discovery.
-            return undecided(
-                replace(finding, where=(Where(file=claim.file, line=claim.line),)), reason, settled=finding
-            )
+            return undecided(replace(finding, where=claimed_at(claim)), reason, settled=finding)
     return None
+
+
+#: What names an endpoint of a kind in a check's parameters.
+_NAMED_BY = {"publisher": "topic", "subscription": "topic", "service": "service", "node": "node"}
+
+
+def _wanted(p: Any) -> list[dict[str, Any]]:
+    """Return what each of several parts asks for, or the check itself."""
+    plain = p.model_dump()
+    return next((list(plain[name]) for name in ("topics", "nodes", "profiles") if name in plain), [plain])
 
 
 def _is_in_graph(context: Context, kind: str, name: str) -> bool:

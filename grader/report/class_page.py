@@ -7,15 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from datetime import timedelta, timezone
-from decimal import Decimal
 
 from grader.cohort.summary import CheckStatistics, ClassSummary, Need, Row
 from grader.report import views
 from grader.report.figures.scores import scores_figure
 from grader.report.page import render_page
-from grader.report.untrusted import line
-from grader.report.views import Badge, Share
-from grader.result import Adjustment, Outcome
+from grader.report.views import Badge
+from grader.result import Outcome
 
 #: Letters by which the page's script knows outcomes.
 CODES: Mapping[Outcome | None, str] = {
@@ -78,11 +76,11 @@ def render(summary: ClassSummary, *, anonymous: bool = False) -> str:
         single=[(n, mistake) for n, mistake in enumerate(summary.mistakes) if len(mistake.made_by) == 1],
         mistakes=[[k for k, m in enumerate(summary.mistakes) if any(one.row == n for one in m.made_by)] for n in rows],
         codes=[_codes(row, summary) for row in summary.rows],
-        wholes=[_whole(row) for row in summary.rows],
+        wholes=[views.final_share(row.total, row.possible, row.undecided) for row in summary.rows],
         titles={check.id: check.title for check in summary.checks} | {c.id: c.title for c in summary.columns},
         criteria={check.id: summary.columns[check.column].title for check in summary.checks},
         remarks=[_remark(check, summary.chance) for check in summary.checks],
-        adjustment_text=_adjustment_text,
+        adjustment_text=views.adjustment_text,
         zone=_zone(summary),
     )
 
@@ -94,24 +92,11 @@ def _codes(row: Row, summary: ClassSummary) -> str:
     return "".join(CODES[outcome] for outcome in outcomes)
 
 
-def _whole(row: Row) -> Share:
-    """Describe the points with all adjustments, which may make them more than are possible."""
-    total = max(Decimal(0), min(row.total, row.possible))
-    return views.share_of(total, row.possible, min(row.undecided, row.possible - total))
-
-
 def _zone(summary: ClassSummary) -> timezone | None:
     """Return the zone that times are shown in: the one that all were given in, or else UTC; None without times."""
     times = [row.entry.submitted_at for row in summary.rows if row.entry.submitted_at is not None]
     offsets = {time.utcoffset() or timedelta() for time in times}
     return (timezone(offsets.pop()) if len(offsets) == 1 else timezone.utc) if offsets else None
-
-
-def _adjustment_text(adjustment: Adjustment, titles: Mapping[str, str]) -> str:
-    title = views.adjustment_title(adjustment, titles.get(adjustment.what, "")).rstrip(": ")
-    by = ", ".join(part for part in (adjustment.who, adjustment.when) if part)
-    head = f"{views.signed(adjustment.points)} {title}".rstrip()
-    return line(head + (f": {adjustment.reason}" if adjustment.reason else "") + (f" ({by})" if by else ""), 400)
 
 
 def _remark(check: CheckStatistics, chance: float | None) -> str:

@@ -271,6 +271,14 @@ def test_a_pattern_without_its_groups_is_a_mistake_of_the_rubric(tmp_path: Path)
         judged("reported_traffic", {**REPORTED, "pattern": "(x)"}, Session(tmp_path))
 
 
+def test_a_line_in_the_form_asked_for_counts_before_others(tmp_path: Path) -> None:
+    """What else begins with a row's name, behind it or before it, is no result."""
+    for n, lines in enumerate(([row(), "fast | 1 | x"], ["fast | 1 | x", row()])):
+        session = Session(tmp_path, f"s{n}").endpoint("publisher", TOPIC).endpoint("subscription", TOPIC)
+        session.messages(TOPIC, [[0.0]] * 1000, evenly(100, 9.99), latency_s=0.001).process("it", lines)
+        assert judged("reported_traffic", REPORTED, session).outcome is Outcome.PASSED
+
+
 @pytest.mark.parametrize(
     ("check", "parameters"),
     [
