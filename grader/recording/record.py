@@ -35,7 +35,10 @@ def read_record(file: Path, kind: type[T], schema: str) -> T:
     ValueError
         If it is not of this schema.
     """
-    plain = json.loads(file.read_text(encoding="utf-8"))
+    try:
+        plain = json.loads(file.read_text(encoding="utf-8"))
+    except RecursionError as problem:
+        raise ValueError("it is nested too deeply") from problem
     found = plain.get("schema") if isinstance(plain, dict) else None
     if found != schema:
         raise ValueError(f"schema {schema} expected, found {found!r}")
@@ -74,8 +77,15 @@ def _convert(hint: Any, value: Any) -> Any:
     if origin in (types.UnionType, typing.Union):
         inner = [a for a in arguments if a is not type(None)]
         return None if value is None else _convert(inner[0], value)
-    if origin is list:
-        return [_convert(arguments[0], item) for item in value]
     if dataclasses.is_dataclass(hint):
         return from_plain(hint, value)  # type: ignore[arg-type]
-    return value
+    kind = origin or hint
+    if kind is Any:
+        return value
+    if not isinstance(value, (int, float) if kind is float else kind) or (kind is int and isinstance(value, bool)):
+        raise ValueError(f"{kind.__name__} expected, found {type(value).__name__}")
+    if kind is int and not -(2**63) <= value < 2**63:
+        raise ValueError("a number is larger than any")
+    if kind is list:
+        return [_convert(arguments[0], item) for item in value]
+    return {name: _convert(arguments[1], item) for name, item in value.items()} if kind is dict else value

@@ -1,0 +1,79 @@
+"""Records that were changed on disk are refused, or are of their types."""
+
+from __future__ import annotations
+
+import copy
+import json
+import typing
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from grader.recording.record import read_record
+from grader.recording.session import SESSION_SCHEMA, SessionRecord, read_session
+from grader.recording.submission import SUBMISSION_SCHEMA, SubmissionRecord
+
+RECORDINGS = Path(__file__).parents[1] / "recordings/solution"
+VALUES: list[Any] = [None, True, 0, 10**400, 1e308, "", "a", [], {}, [[]], [None], {"a": {}}, float("nan")]
+KINDS: dict[str, tuple[type[Any], str]] = {
+    "submission.json": (SubmissionRecord, SUBMISSION_SCHEMA),
+    "publisher/session.json": (SessionRecord, SESSION_SCHEMA),
+    "launch/session.json": (SessionRecord, SESSION_SCHEMA),
+}
+PLAIN = {name: json.loads((RECORDINGS / name).read_text(encoding="utf-8")) for name in KINDS}
+
+
+def _places(value: Any, above: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Name the places of data: of what lies in a list, the first two."""
+    parts = value.items() if isinstance(value, dict) else enumerate(value[:2]) if isinstance(value, list) else ()
+    for key, part in parts:
+        yield (*above, key)
+        yield from _places(part, (*above, key))
+
+
+PLACES = {name: list(_places(plain)) for name, plain in PLAIN.items()}
+
+
+def _are_typed(value: Any) -> bool:
+    """Whether the fields of a record that are texts, numbers and lists are such."""
+    for hint, part in ((typing.get_type_hints(type(value))[f.name], getattr(value, f.name)) for f in fields(value)):
+        kind = typing.get_origin(hint) or hint
+        if kind in (str, bool, list, dict) and not isinstance(part, kind):
+            return False
+        inner = part if isinstance(part, list) else [part]
+        if not all(_are_typed(item) for item in inner if is_dataclass(item)):
+            return False
+    return True
+
+
+@pytest.mark.parametrize("name", KINDS)
+@settings(max_examples=100)
+@given(data=st.data())
+def test_a_record_with_other_values_is_refused_or_sound(name: str, data: st.DataObject, tmp_path_factory: Any) -> None:
+    """Whatever stands in a place of a record, it is a ValueError, or a record of which each field has its type."""
+    plain = copy.deepcopy(PLAIN[name])
+    place = data.draw(st.sampled_from(PLACES[name]))
+    part = plain
+    for key in place[:-1]:
+        part = part[key]
+    part[place[-1]] = data.draw(st.sampled_from(VALUES))
+    file = tmp_path_factory.getbasetemp() / "record.json"
+    file.write_text(json.dumps(plain), encoding="utf-8")
+    try:
+        record = read_record(file, *KINDS[name])
+    except ValueError:
+        return
+    assert _are_typed(record)
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, '{"schema": ' * 50_000, "\0", '"\\ud800"', "1" * 5000])
+def test_what_is_no_record_is_refused(text: str, tmp_path: Path) -> None:
+    """Text that is no record, however deep or long, raises the one error that is documented."""
+    (tmp_path / "session.json").write_text(text, encoding="utf-8")
+    with pytest.raises(ValueError, match=r".+"):
+        read_session(tmp_path)
