@@ -15,7 +15,7 @@ from grader.result import Result, to_json
 from grader.rubric import Rubric
 
 #: What judging one submission may take. The solution takes 0.25 s and 0.1 GiB on a core of today; more than a hundred
-#: times that is no fair wait. In a class, a piece of work is given up after 120 s in any case (`batch.supervised`).
+#: times that is no fair wait. In a class, a process that says nothing is given up in any case (`batch.worker`).
 JUDGING_BOUND = Bound(what="judging the submission", cpu_s=30.0, wall_s=100.0, memory_bytes=2 * 1024**3)
 
 

@@ -16,7 +16,8 @@ import numpy as np
 from grader import __version__
 from grader.checks import REGISTRY, Context
 from grader.checks.affected import is_timed, named, not_measurable, with_checks, without_rest
-from grader.checks.finding import inconclusive, missing_artifact, not_reached, undecided
+from grader.checks.circumstances import missing_artifact
+from grader.checks.finding import inconclusive, not_reached, undecided
 from grader.errors import RecordingError
 from grader.evidence.census import census
 from grader.evidence.chance import is_believed, may_be_chance

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from grader.live.cells import Shared
 
 #: What a grading makes, the file that says that it is whole last.
-_PARTS = (RUBRIC_COPY, kept_lab.KEPT, RECORDINGS, REPORT_FILE, RESULT_FILE)
+PARTS = (RUBRIC_COPY, kept_lab.KEPT, RECORDINGS, REPORT_FILE, RESULT_FILE)
 #: Among recordings: stands there until all sessions have been recorded.
 _BEGUN = ".begun"
 #: What each step of reading and staging a submission may take, which takes the solution 0.02 s.
@@ -123,7 +123,7 @@ def grade(
         with LiveExports(options.exports, results, options.path_prefix) as exports:
             follow = exports.follow(on_progress)
             # The recordings take their place first: no fault in what comes after them throws them away.
-            with beside(results, _PARTS, lambda new: _is_recorded(new / RECORDINGS)) as new, _naming_kept(new, results):
+            with beside(results, PARTS, lambda new: _is_recorded(new / RECORDINGS)) as new, _naming_kept(new, results):
                 judgement = record(intake.folder, submission, rubric, new, options, follow, shared, watch)
             with _naming_kept(results, results):
                 replace_files(_files_of(judgement, results, rubric))

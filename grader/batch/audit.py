@@ -10,12 +10,11 @@ import json
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 import grader
 from grader.cohort.changes import Changes, changes_between, plain_changes
 from grader.files import replace_file
-from grader.result import Result, read_result, result_of_text
+from grader.result import read_result, result_of_text
 
 AUDIT_FILE = "audit.jsonl"
 HISTORY = "history"
@@ -66,45 +65,34 @@ def note_replaced(results: Path, name: str, before: str | None, after: str, occa
     """
     old, new = result_of_text(before), read_result(json.loads(after))
     changes = changes_between(old, new)
-    adjusted = changes.before is None and new.adjustments
-    if (changes.before is not None and before != after) or adjusted:
-        kept = _keep(results, name, before) if before is not None and changes.before is not None else None
-        line = _line(name, (before, after), (old, new), changes, kept, occasion)
+    replaced = old is not None and before != after
+    if replaced or (old is None and new.adjustments):
+        texts, results_of = (before, after), (old, new)
+        line = {
+            "schema": AUDIT_SCHEMA,
+            "at": occasion.at.isoformat(timespec="seconds"),
+            "command": occasion.command,
+            "grader": grader.__version__,
+            "submission": name,
+            "overrides_sha256": occasion.overrides_sha256 or None,
+            "rubric_sha256": [result.rubric_sha256 if result is not None else None for result in results_of],
+            "result_sha256": [_sha256(text) if text is not None else None for text in texts],
+            "kept": keep(results, name, before) if replaced and before is not None else None,
+            **plain_changes(changes),
+        }
         with (results / AUDIT_FILE).open("a", encoding="utf-8", newline="\n") as trail:
             trail.write(json.dumps(line, ensure_ascii=True) + "\n")
     return changes
 
 
-def _keep(results: Path, name: str, text: str) -> str:
-    """Keep a text under its hash; returns the path relative to the results."""
+def keep(results: Path, name: str, text: str) -> str:
+    """Keep the text of a result under its hash; returns the path relative to the results."""
     folder = results / HISTORY / name
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{_sha256(text)[:16]}.json"
     if not path.exists():
         replace_file(path, text)
     return path.relative_to(results).as_posix()
-
-
-def _line(
-    name: str,
-    texts: tuple[str | None, str],
-    results: tuple[Result | None, Result],
-    changes: Changes,
-    kept: str | None,
-    occasion: Occasion,
-) -> dict[str, Any]:
-    return {
-        "schema": AUDIT_SCHEMA,
-        "at": occasion.at.isoformat(timespec="seconds"),
-        "command": occasion.command,
-        "grader": grader.__version__,
-        "submission": name,
-        "overrides_sha256": occasion.overrides_sha256 or None,
-        "rubric_sha256": [result.rubric_sha256 if result is not None else None for result in results],
-        "result_sha256": [_sha256(text) if text is not None else None for text in texts],
-        "kept": kept,
-        **plain_changes(changes),
-    }
 
 
 def _sha256(text: str) -> str:

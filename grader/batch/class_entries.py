@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from grader.batch.order import Row
+from grader.batch.job import Row
 from grader.cohort.entries import ClassEntry, entries_in
 from grader.cohort.roster import NOTHING_HANDED_IN
 from grader.errors import GraderError

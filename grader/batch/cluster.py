@@ -1,42 +1,46 @@
 """Other machines, through a Dask scheduler: a submission goes there as bytes, its results come back as bytes.
 
-Each worker grades as this machine would: in a process of its own for each submission, and by the admission rule of
-the worker's machine. The scheduler gives the submissions of a worker that is lost to others.
+Each worker grades as this machine would: in a process of its own for each submission, and within the places of the
+worker's machine. The scheduler gives the submissions of a worker that is lost to others.
 """
 
 from __future__ import annotations
 
 import asyncio
+import io
 import pickle
 import sys
+import tarfile
 import tempfile
 import uuid
 from collections.abc import AsyncIterator, Callable
 from concurrent.futures import CancelledError
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field, replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from grader.batch import fingerprint
-from grader.batch.admission import Admission, Use
-from grader.batch.one import make_durable
-from grader.batch.order import Ending, Order, Phase
-from grader.batch.parcel import packed, packed_files, unpack
-from grader.batch.supervised import grade_in_process
+from grader.batch.job import Ending, Job, Phase
+from grader.batch.machine import Machine
+from grader.batch.worker import grade_in_process
 from grader.errors import GraderError, PlatformError
+from grader.files import beside
 from grader.intake import Handed, Intake, taken_in
 from grader.live.isolation import Level
 from grader.live.probing import probe_isolation
 from grader.live.scratch import scratch_prefix
+from grader.pipeline import PARTS
+from grader.rubric import Rubric
 
 _CONNECT_S = 10
 _WATCH_S = 1.0
+_POLL_S = 0.2
 _LOST = "Look at the workers' logs, and give the same command again: what is graded is kept."
 
 
 @dataclass(frozen=True)
-class Parcel:
+class Bundle:
     """What another machine needs to grade a submission.
 
     Attributes
@@ -50,13 +54,45 @@ class Parcel:
     """
 
     engine: str
-    order: Order
+    job: Job
     submission: bytes
     lab: bytes
     own_interpreter: bool
 
 
-def grade_parcel(parcel: bytes) -> tuple[Ending, str, bytes]:
+def packed(files: dict[str, Path]) -> bytes:
+    """Return files as an archive, by the names that they shall have."""
+    stream = io.BytesIO()
+    with tarfile.open(fileobj=stream, mode="w:gz", compresslevel=1, format=tarfile.PAX_FORMAT) as archive:
+        for name, path in files.items():
+            archive.add(path, name, recursive=False)
+    return stream.getvalue()
+
+
+def files_in(folder: Path) -> dict[str, Path]:
+    """Return the regular files below a folder by their paths within it."""
+    return {path.relative_to(folder).as_posix(): path for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+def unpack(content: bytes, folder: Path) -> None:
+    """Write the files of an archive below an empty folder.
+
+    Raises
+    ------
+    ValueError
+        If there is anything but regular files with plain names.
+    """
+    with tarfile.open(fileobj=io.BytesIO(content), mode="r:gz") as archive:
+        for member in archive:
+            path = PurePosixPath(member.name)
+            file = archive.extractfile(member) if member.isreg() else None
+            if file is None or path.is_absolute() or ".." in path.parts:
+                raise ValueError(f"{member.name!r} has no place in a bundle")
+            (folder / path).parent.mkdir(parents=True, exist_ok=True)
+            (folder / path).write_bytes(file.read())
+
+
+def grade_bundle(bundle: bytes) -> tuple[Ending, str, bytes]:
     """Grade a submission on the machine where this is called: what a worker does.
 
     Returns
@@ -64,36 +100,37 @@ def grade_parcel(parcel: bytes) -> tuple[Ending, str, bytes]:
     tuple
         How it ended, the level of confinement, and the packed results: without points too, for what was recorded.
     """
-    sent: Parcel = pickle.loads(parcel)
+    sent: Bundle = pickle.loads(bundle)
     if sent.engine != fingerprint.engine_sha256():
         remedy = "Install the same version of grade, Python and the ROS 2 packages on all machines."
         return PlatformError("a worker's grade differs from the one here", remedy=remedy), Level.NONE.value, b""
     with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as scratch:
-        order = _laid_out(sent, Path(scratch))
-        isolation = probe_isolation(order.options.interpreter)
-        admission = Admission.on_this_machine(isolation, order.options.jobs)
-        order = replace(order, isolation=isolation)
-        ending = asyncio.run(grade_in_process(order, admission, 0, lambda phase: None))
-        return ending, isolation.level.value, packed(order.results)
+        job = _laid_out(sent, Path(scratch))
+        isolation = probe_isolation(job.options.interpreter)
+        job = replace(job, isolation=isolation, machine=Machine.of(isolation, job.options.jobs))
+        ending = asyncio.run(grade_in_process(job, lambda phase: None))
+        made = files_in(job.results)
+        return ending, isolation.level.value, packed(made) if made else b""
 
 
-def _laid_out(sent: Parcel, scratch: Path) -> Order:
-    lab, submission, results = (scratch / name for name in ("lab", "submission", "results"))
-    for folder in (lab, submission, results):
+def _laid_out(sent: Bundle, scratch: Path) -> Job:
+    lab, submission = scratch / "lab", scratch / "submission"
+    for folder, content in ((lab, sent.lab), (submission, sent.submission)):
         folder.mkdir()
-    unpack(sent.lab, lab)
-    unpack(sent.submission, submission)
-    assert isinstance(sent.order.handed, Intake)
-    handed = replace(sent.order.handed, folder=submission)
-    options = sent.order.options
-    if sent.own_interpreter:
-        options = replace(options, interpreter=Path(sys.executable))
-    rubric = replace(sent.order.rubric, folder=lab)
-    return replace(sent.order, handed=handed, results=results, rubric=rubric, options=options)
+        unpack(content, folder)
+    assert isinstance(sent.job.handed, Intake)
+    options = sent.job.options
+    return replace(
+        sent.job,
+        handed=replace(sent.job.handed, folder=submission),
+        results=scratch / "results",
+        rubric=replace(sent.job.rubric, folder=lab),
+        options=replace(options, interpreter=Path(sys.executable)) if sent.own_interpreter else options,
+    )
 
 
 @asynccontextmanager
-async def cluster(address: str, least_isolation: Level) -> AsyncIterator[Cluster]:
+async def cluster(address: str, note: Callable[[str], None]) -> AsyncIterator[Cluster]:
     """Connect to a scheduler, by its address or by the file that it wrote.
 
     Raises
@@ -113,9 +150,14 @@ async def cluster(address: str, least_isolation: Level) -> AsyncIterator[Cluster
     except (OSError, ValueError, asyncio.TimeoutError) as problem:
         remedy = f"Check --scheduler, and that the scheduler runs. ({problem})"
         raise PlatformError("the scheduler cannot be reached", where=address, remedy=remedy) from problem
+    opened = Cluster(client)
+    if not await opened.workers():
+        note("The scheduler has no workers yet; waiting for them.")
+    watching = asyncio.ensure_future(opened.watch())
     try:
-        yield Cluster(client, least_isolation)
+        yield opened
     finally:
+        watching.cancel()
         with suppress(Exception):  # A scheduler that is gone needs no farewell.
             await client.close()
 
@@ -125,24 +167,25 @@ class Cluster:
     """The machines of a scheduler's workers."""
 
     client: Any
-    least_isolation: Level
     # As many submissions as the workers have threads, earlier ones first. A scheduler that had more of them would give
     # them out in advance, by the time that it expects them to take; the next one would then wait behind one that
     # hangs, beside a worker that has nothing to do.
-    _room: Admission = field(default_factory=lambda: Admission(0))
-    _waiting: dict[str, Callable[[Phase], None]] = field(default_factory=dict)
+    _threads: int = 0
+    _next: asyncio.Lock = field(default_factory=asyncio.Lock)
+    _under_way: dict[str, Callable[[Phase], None]] = field(default_factory=dict)
     _labs: dict[str, bytes] = field(default_factory=dict)
     _engine: str = field(default_factory=fingerprint.engine_sha256)
 
-    async def grade(self, order: Order, number: int, on_phase: Callable[[Phase], None]) -> tuple[Ending, Level]:
+    async def grade(self, job: Job, on_phase: Callable[[Phase], None]) -> tuple[Ending, Level]:
         """Grade a submission on one of the workers."""
-        place = await self._room.take(Use.START, number)
+        key = f"grade-{uuid.uuid4().hex}"
+        async with self._next:
+            while len(self._under_way) >= self._threads:
+                await asyncio.sleep(_POLL_S)
+            self._under_way[key] = on_phase
         try:
             on_phase(Phase("", "waits for a worker"))
-            parcel = await asyncio.to_thread(self._parcel, order)
-            key = f"grade-{uuid.uuid4().hex}"
-            self._waiting[key] = on_phase
-            future = self.client.submit(grade_parcel, parcel, key=key, pure=False, priority=-number)
+            future = self.client.submit(grade_bundle, await asyncio.to_thread(self._bundle, job), key=key, pure=False)
             try:
                 ending, level, results = await future
             except asyncio.CancelledError:
@@ -151,13 +194,12 @@ class Cluster:
                 raise
             except (Exception, CancelledError) as problem:
                 return _lost(problem), Level.NONE
-            finally:
-                del self._waiting[key]
-            if results:
-                await asyncio.to_thread(_take_over, results, order.results)
-            return ending, Level(level)
         finally:
-            place.release()
+            del self._under_way[key]
+        if results:
+            with beside(job.results, PARTS) as new:
+                await asyncio.to_thread(unpack, results, new)
+        return ending, Level(level)
 
     async def workers(self) -> int:
         """Return how many submissions the workers can grade at a time."""
@@ -167,24 +209,22 @@ class Cluster:
         """Follow which workers there are and what they do, until cancelled."""
         while True:
             with suppress(OSError, asyncio.TimeoutError):
-                self._room.resize(await self.workers())
+                self._threads = await self.workers()
                 for worker, keys in (await self.client.processing()).items():
-                    for on_phase in filter(None, (self._waiting.get(str(key)) for key in keys)):
+                    for on_phase in filter(None, (self._under_way.get(str(key)) for key in keys)):
                         on_phase(Phase("", f"with {worker}"))
             await asyncio.sleep(_WATCH_S)
 
-    def _parcel(self, order: Order) -> bytes:
-        lab = self._labs.setdefault(order.rubric.sha256, packed_files(fingerprint.lab_files(order.rubric)))
-        own = order.options.interpreter == Path(sys.executable)
-        assert isinstance(order.handed, Handed)
-        with taken_in(order.handed, prefix=scratch_prefix()) as intake:
-            parcel = Parcel(self._engine, replace(order, handed=intake), packed(intake.folder), lab, own)
-            return pickle.dumps(parcel)
+    def _bundle(self, job: Job) -> bytes:
+        lab = self._lab(job.rubric)
+        assert isinstance(job.handed, Handed)
+        with taken_in(job.handed, prefix=scratch_prefix()) as intake:
+            own = job.options.interpreter == Path(sys.executable)
+            sent = replace(job, handed=intake)
+            return pickle.dumps(Bundle(self._engine, sent, packed(files_in(intake.folder)), lab, own))
 
-
-def _take_over(results: bytes, folder: Path) -> None:
-    unpack(results, folder)
-    make_durable(folder)
+    def _lab(self, rubric: Rubric) -> bytes:
+        return self._labs.setdefault(rubric.sha256, packed(fingerprint.lab_files(rubric)))
 
 
 def _lost(problem: BaseException) -> GraderError:

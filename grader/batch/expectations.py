@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Iterator
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
@@ -18,17 +19,15 @@ from grader.yaml_with_lines import Strict, cannot_be_read, parse_yaml
 EXPECTED_FILE = "expected.yaml"
 
 
-def _empty(value: Any) -> Any:
-    return {} if value is None else value
-
-
 def _rising(value: Any) -> Any:
     if isinstance(value, (list, tuple)) and len(value) == 2 and value[0] <= value[1]:
         return tuple(Decimal(str(number)) for number in value)
     raise ValueError("the least and the most points are expected, such as [1, 5]")
 
 
+_OR_EMPTY = BeforeValidator(lambda value: {} if value is None else value)
 Bounds = Annotated[tuple[Decimal, Decimal], BeforeValidator(_rising)]
+_NOTHING = (Decimal(0), Decimal(0))
 
 
 class ExpectedCheck(Strict):
@@ -46,11 +45,24 @@ class ExpectedCheck(Strict):
     earned: Bounds | None = None
     reason_has: str = ""
 
+    def differences(self, check: CheckResult) -> Iterator[str]:
+        """Say in what a check's result differs from this."""
+        found = " | ".join(part for part in (check.measured, check.reason) if part)
+        if check.outcome.value != self.outcome:
+            is_now, wanted = (outcome.replace("_", " ") for outcome in (check.outcome.value, self.outcome))
+            yield f"{check.id} is {is_now}, not {wanted}: {found}"
+        loses_all = check.outcome in (Outcome.FAILED, Outcome.NOT_REACHED)
+        bounds = self.earned or (_NOTHING if loses_all else (check.earned, check.earned))
+        if not bounds[0] <= check.earned <= bounds[1]:
+            yield f"{check.id} earns {check.earned}, not {_span(*bounds)}: {found}"
+        if self.reason_has.lower() not in f"{check.reason} {check.hint}".lower():
+            yield f"{check.id} does not mention {self.reason_has!r}: {check.reason} {check.hint}"
+
 
 class ExpectedCriterion(Strict):
     """The checks of a criterion that do not pass; the others must."""
 
-    checks: Annotated[dict[str, ExpectedCheck], BeforeValidator(_empty)] = Field(default_factory=dict)
+    checks: Annotated[dict[str, ExpectedCheck], _OR_EMPTY] = Field(default_factory=dict)
 
 
 class Expectation(Strict):
@@ -74,7 +86,7 @@ class Expectation(Strict):
     sessions: tuple[str, ...]
     with_files_of: str | None = None
     without: tuple[str, ...] = ()
-    criteria: Annotated[dict[str, ExpectedCriterion], BeforeValidator(_empty)]
+    criteria: Annotated[dict[str, ExpectedCriterion], _OR_EMPTY]
     total: Bounds | None = None
 
     @model_validator(mode="after")
@@ -107,28 +119,21 @@ class Fixture:
 
     Attributes
     ----------
-    folder : Path
-        Where `expected.yaml` and `submission/` lie.
-    root : Path
-        From which `with_files_of` is meant.
+    layers : tuple of Path
+        Folders of files, each laid over those before it.
     """
 
     name: str
-    folder: Path
-    root: Path
+    layers: tuple[Path, ...]
     expectation: Expectation
 
     def lay_out(self, target: Path) -> Path:
-        """Make the submission below a folder: its own files over those that it builds on; returns its folder."""
-        submission = target / self.name
-        expected = self.expectation
-        if expected.with_files_of is not None:
-            base = self.root / expected.with_files_of
-            shutil.copytree(base, submission, ignore=shutil.ignore_patterns("__pycache__"))
-            for name in expected.without:
+        """Make the submission below a folder; returns its folder."""
+        submission, left_out = target / self.name, shutil.ignore_patterns("__pycache__")
+        for number, layer in enumerate(self.layers):
+            shutil.copytree(layer, submission, ignore=left_out, dirs_exist_ok=True)
+            for name in self.expectation.without if number == 0 else ():
                 (submission / name).unlink()
-        if (self.folder / "submission").is_dir():
-            shutil.copytree(self.folder / "submission", submission, dirs_exist_ok=True)
         return submission
 
 
@@ -152,7 +157,9 @@ def load_fixture(folder: Path) -> Fixture:
     except ValidationError as error:
         mistakes.add_validation((), error)
     mistakes.raise_any("fixtures/README.md says what stands in it.")
-    return Fixture(folder.name, folder, folder.resolve().parent.parent, expectation)
+    base, own = expectation.with_files_of, folder / "submission"
+    layers = [folder.resolve().parent.parent / base] if base is not None else []
+    return Fixture(folder.name, (*layers, *([own] if own.is_dir() else [])), expectation)
 
 
 def fixtures_in(folder: Path) -> list[Fixture]:
@@ -167,33 +174,20 @@ def fixtures_in(folder: Path) -> list[Fixture]:
     """
     found = sorted(path.parent for path in folder.glob(f"*/{EXPECTED_FILE}"))
     if not found:
-        raise SubmissionError(
-            "there are no fixtures",
-            where=str(folder),
-            remedy="They come with a checkout of the grader; --fixtures names the folder that holds them.",
-        )
+        remedy = "They come with a checkout of the grader; --fixtures names the folder that holds them."
+        raise SubmissionError("there are no fixtures", where=str(folder), remedy=remedy)
     return [load_fixture(path) for path in found]
 
 
 def solution(folder: Path, rubric: Rubric) -> Fixture:
     """Return the lab's own solution as a fixture: every check of the rubric passes, and all points are earned."""
-    criteria = {criterion.id: ExpectedCriterion() for criterion in rubric.criteria}
     expectation = Expectation(
         about="The lab's own solution has all points.",
         sessions=tuple(rubric.sessions),
-        criteria=criteria,
+        criteria={criterion.id: ExpectedCriterion() for criterion in rubric.criteria},
         total=(rubric.lab.points, rubric.lab.points),
     )
-    return _Whole("solution", folder, folder, expectation)
-
-
-class _Whole(Fixture):
-    """A fixture whose folder is the submission itself."""
-
-    def lay_out(self, target: Path) -> Path:
-        """Copy the submission below a folder; returns the copy."""
-        ignored = shutil.ignore_patterns("__pycache__")
-        return Path(shutil.copytree(self.folder, target / self.name, ignore=ignored))
+    return Fixture("solution", (folder,), expectation)
 
 
 @dataclass(frozen=True)
@@ -211,20 +205,24 @@ class Verdict:
 
 
 def compare(expectation: Expectation, result: Result, rubric: Rubric) -> Verdict:
-    """Say in which points a result differs from what is expected."""
+    """Say in which points a result differs from what is expected.
+
+    Checks by the files alone are asserted where they are named, or where their criterion has no others.
+    """
     differences: list[str] = []
     undecided = False
-    judged = {criterion.id: criterion.checks for criterion in result.criteria}
+    judged = {criterion.id: {check.id: check for check in criterion.checks} for criterion in result.criteria}
+    in_sessions = {check.id for check in rubric.checks() if check.session is not None}
     for name, expected in expectation.criteria.items():
-        checks = judged.get(name, ())
-        known = {check.id for check in checks}
-        differences += [
-            f"{identity} is expected, but was not judged" for identity in expected.checks if identity not in known
-        ]
+        checks = judged.get(name, {})
+        absent = [check for check in expected.checks if check not in checks]
+        differences += [f"{check} is expected, but was not judged" for check in absent]
         if not checks:
             differences.append(f"{name} is expected, but nothing of it was judged")
-        for check, wanted in _asserted(name, expected, checks, rubric):
-            differences += _differences(check, wanted)
+        asserted = (checks.keys() & in_sessions or checks.keys()) | expected.checks.keys()
+        for check in (check for check in checks.values() if check.id in asserted):
+            wanted = expected.checks.get(check.id, ExpectedCheck(outcome="passed"))
+            differences += wanted.differences(check)
             undecided = undecided or not check.outcome.decided
     if expectation.total is not None:
         least, most = expectation.total
@@ -232,42 +230,6 @@ def compare(expectation: Expectation, result: Result, rubric: Rubric) -> Verdict
         if not least <= result.score.earned <= most:
             differences.append(f"it earns {result.score.earned} points in all, not {_span(least, most)}")
     return Verdict(tuple(differences), undecided)
-
-
-def _asserted(
-    criterion: str, expected: ExpectedCriterion, checks: tuple[CheckResult, ...], rubric: Rubric
-) -> list[tuple[CheckResult, ExpectedCheck]]:
-    """Pair each check that the fixture speaks of with what it expects."""
-    by_files = {check.id for check in rubric.checks() if check.session is None}
-    whole = all(check.session is None for c in rubric.criteria if c.id == criterion for check in c.checks)
-    passed = ExpectedCheck(outcome="passed")
-    return [
-        (check, expected.checks.get(check.id, passed))
-        for check in checks
-        if whole or check.id not in by_files or check.id in expected.checks
-    ]
-
-
-def _differences(check: CheckResult, wanted: ExpectedCheck) -> list[str]:
-    found = []
-    if check.outcome.value != wanted.outcome:
-        found.append(f"{check.id} is {_word(check.outcome.value)}, not {_word(wanted.outcome)}: {_said(check)}")
-    bounds = wanted.earned
-    if bounds is None and check.outcome in (Outcome.FAILED, Outcome.NOT_REACHED):
-        bounds = (Decimal(0), Decimal(0))
-    if bounds is not None and not bounds[0] <= check.earned <= bounds[1]:
-        found.append(f"{check.id} earns {check.earned}, not {_span(*bounds)}: {_said(check)}")
-    if wanted.reason_has.lower() not in f"{check.reason} {check.hint}".lower():
-        found.append(f"{check.id} does not mention {wanted.reason_has!r}: {check.reason} {check.hint}")
-    return found
-
-
-def _said(check: CheckResult) -> str:
-    return " | ".join(part for part in (check.measured, check.reason) if part)
-
-
-def _word(outcome: str) -> str:
-    return outcome.replace("_", " ")
 
 
 def _span(least: Decimal, most: Decimal) -> str:

@@ -354,7 +354,7 @@ class _Finding:
         own = self._artifacts(name for name, folder in entries.items() if not folder)
         # What a system writes beside submissions lies in no repository, and beside no student's files.
         download = recognised(entries)
-        if download is not None and not place.is_repository and not (own and download.own):
+        if download is not None and not place.is_repository and not (own and download.system.own & entries.keys()):
             return True
         folders = [name for name, folder in entries.items() if folder]
         held = {name: self._artifacts(place.below(name).files) for name in folders}
@@ -431,11 +431,11 @@ class _Finding:
 
     def _add_download(self, place: _Place, download: Download) -> None:
         students: dict[tuple[str, str], dict[str, Delivered]] = defaultdict(dict)
-        known = download.system.entries(download.known, place.texts)
+        known = download.system.details(download.known, place.texts)
         for entry, is_a_folder in place.entries.items():
             if entry in known:
                 students[known[entry].student, known[entry].student_id][entry] = known[entry]
-            elif entry not in download.own and (is_a_folder or not is_table(entry)):
+            elif entry not in download.system.own and (is_a_folder or not is_table(entry)):
                 told = f"{place.where}: {displayed(entry)}: not named as {download.system.name} names files"
                 self.not_understood.append(told)
         for (student, student_id), entries in students.items():

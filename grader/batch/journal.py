@@ -15,7 +15,7 @@ import random
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
@@ -26,12 +26,10 @@ from grader.recording.submission import read_submission
 from grader.result_folder import RECORDINGS
 
 JOURNAL_FILE = "journal.jsonl"
-#: Where results stand until they are whole.
-UNFINISHED = ".unfinished"
 #: Earlier results of submissions whose present state could not be graded.
 OUTDATED = ".outdated"
-#: In place of the hash of a policy: another needs another judgement.
-_UNJUDGED = ""
+#: In place of the hash of a policy: what was recorded has not been judged yet.
+UNJUDGED = ""
 _SCHEMA = "ros-lab-grader/journal/v1"
 
 
@@ -79,7 +77,7 @@ class Journal:
     @classmethod
     @contextmanager
     def open(cls, results: Path, *, afresh: bool = False) -> Iterator[Journal]:
-        """Open a results folder for a run, and remove what an interrupted one left half done.
+        """Open a results folder for a run.
 
         Parameters
         ----------
@@ -95,94 +93,43 @@ class Journal:
         file = os.open(results / JOURNAL_FILE, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
         try:
             _lock(file, results)
-            shutil.rmtree(results / UNFINISHED, ignore_errors=True)
-            try:
-                yield cls(results, file, afresh=afresh)
-            finally:
-                shutil.rmtree(results / UNFINISHED, ignore_errors=True)
+            yield cls(results, file, afresh=afresh)
         finally:
             os.close(file)
 
     def holds(self, name: str, key: str) -> Entry | None:
         """Return the entry of a submission that was graded from the same, if its recordings are still there."""
         entry = self._entries.get(name)
-        if entry is None or entry.key != key:
-            return None
-        try:
-            return entry if recordings_sha256(self.results / name) == entry.recordings else None
-        except (OSError, ValueError, KeyError):
-            return None
+        there = entry is not None and entry.key == key and recordings_sha256(self.results / name) == entry.recordings
+        return entry if there else None
 
-    def unfinished(self, name: str) -> Path:
-        """Return an empty folder for a submission's results until they are whole."""
-        folder = self._new(name)
-        shutil.rmtree(folder, ignore_errors=True)
-        folder.mkdir(parents=True)
-        return folder
-
-    def finish(self, name: str, key: str, policy: str, isolation: str) -> None:
-        """Put a submission's whole results, which are on the disk, in their place, and note that.
+    def note(self, name: str, key: str, policy: str, isolation: str) -> None:
+        """Note that the results of a submission are whole, and lie on the disk.
 
         Raises
         ------
         OSError
-            If they are not whole, or cannot be put there.
+            If they cannot be brought there.
         """
-        new, before = self._new(name), self.results / UNFINISHED / "before" / name
-        entry = Entry(key, policy, isolation, recordings_sha256(new))
-        before.parent.mkdir(exist_ok=True)
-        with suppress(FileNotFoundError):
-            (self.results / name).rename(before)
-        new.rename(self.results / name)
-        _sync(self.results)
-        self._note(name, entry)
-        shutil.rmtree(before, ignore_errors=True)
-
-    def judged_again(self, name: str, policy: str) -> None:
-        """Note that a submission's recordings, which the journal holds, were judged by another policy."""
-        self._note(name, replace(self._entries[name], policy=policy))
+        for path in [*(self.results / name).rglob("*"), self.results / name, self.results]:
+            _sync(path)
+        self._entries[name] = Entry(key, policy, isolation, recordings_sha256(self.results / name))
+        self._append({"graded": name, **asdict(self._entries[name])})
 
     def abandon(self, name: str, why: GraderError) -> None:
         """Note that a submission could not be graded; the next run tries again.
 
         Earlier results of it are put aside, since they are not of what was handed in.
         """
-        shutil.rmtree(self._new(name), ignore_errors=True)
-        self._put_outdated(name)
-        self._entries.pop(name, None)
-        self._append({"not graded": name, **vars(why), "exit_status": why.exit_status})
-
-    def keep_unjudged(self, name: str, key: str, isolation: str) -> None:
-        """Put recordings in their place that could not be judged; the next run judges them.
-
-        Raises
-        ------
-        OSError
-            If they are not whole, or cannot be put there.
-        """
-        new = self._new(name)
-        entry = Entry(key, _UNJUDGED, isolation, recordings_sha256(new))
-        self._put_outdated(name)
-        new.rename(self.results / name)
-        _sync(self.results)
-        self._note(name, entry)
-
-    def _put_outdated(self, name: str) -> None:
         shutil.rmtree(self.results / OUTDATED / name, ignore_errors=True)
         if (self.results / name).is_dir():
             (self.results / OUTDATED).mkdir(exist_ok=True)
             (self.results / name).rename(self.results / OUTDATED / name)
-
-    def _note(self, name: str, entry: Entry) -> None:
-        self._entries[name] = entry
-        self._append({"graded": name, **asdict(entry)})
-
-    def _new(self, name: str) -> Path:
-        return self.results / UNFINISHED / "new" / name
+        self._entries.pop(name, None)
+        self._append({"not graded": name, **vars(why), "exit_status": why.exit_status})
 
     def _read(self) -> None:
-        with (self.results / JOURNAL_FILE).open("rb") as file:
-            content = file.read()
+        content = (self.results / JOURNAL_FILE).read_bytes()
         for line in content.split(b"\n"):
             with suppress(ValueError, KeyError, TypeError, AttributeError):
                 self._take(json.loads(line))
@@ -208,35 +155,29 @@ def _lock(file: int, results: Path) -> None:
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        raise GraderError(
-            "another run of grade is at work in this results folder",
-            where=str(results),
-            remedy="Wait until it has ended, or give another folder by -o.",
-        ) from None
+        remedy = "Wait until it has ended, or give another folder by -o."
+        problem = "another run of grade is at work in this results folder"
+        raise GraderError(problem, where=str(results), remedy=remedy) from None
 
 
 def recordings_sha256(folder: Path) -> str:
-    """Return the hash that tells the recordings of a submission's results from any others.
+    """Return the hash that tells the recordings of a submission's results from any others; empty without such.
 
     The records hold their own times, so no two are equal; of the bags, which are large, the sizes must do.
-
-    Raises
-    ------
-    OSError
-        If there are none.
-    ValueError
-        If they are damaged.
     """
     recordings = folder / RECORDINGS
-    digest = hashlib.sha256(read_submission(recordings).sha256.encode())
-    for path in sorted(path for path in recordings.glob("*/*") if path.is_file()):
-        content = path.read_bytes() if path.name == SESSION_FILE else str(path.stat().st_size).encode()
-        digest.update(f"\0{path.relative_to(recordings)}\0".encode() + content)
+    try:
+        digest = hashlib.sha256(read_submission(recordings).sha256.encode())
+        for path in sorted(path for path in recordings.glob("*/*") if path.is_file()):
+            content = path.read_bytes() if path.name == SESSION_FILE else str(path.stat().st_size).encode()
+            digest.update(f"\0{path.relative_to(recordings)}\0".encode() + content)
+    except (OSError, ValueError, KeyError):
+        return ""
     return digest.hexdigest()
 
 
-def _sync(folder: Path) -> None:
-    file = os.open(folder, os.O_RDONLY)
+def _sync(path: Path) -> None:
+    file = os.open(path, os.O_RDONLY | os.O_NOFOLLOW)
     try:
         os.fsync(file)
     finally:

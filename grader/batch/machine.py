@@ -1,10 +1,13 @@
-"""Places for cells on this machine, shared by all gradings of many submissions that run on it at a time."""
+"""Places for cells on this machine, shared by all gradings that run on it at a time."""
 
 from __future__ import annotations
 
 import asyncio
 import socket
 from collections.abc import Callable, Iterable
+
+from grader.live.cells import cells_at_a_time
+from grader.live.isolation import Isolation
 
 _POLL_S = 0.1
 #: The most places there are; what runs alone holds all of them.
@@ -29,8 +32,16 @@ class Machine:
     """
 
     def __init__(self, places: int, name: str = "grade") -> None:
-        self._places = range(1, min(places, MOST_PLACES) + 1)
+        self.places = min(places, MOST_PLACES)
         self._name = name
+
+    @classmethod
+    def of(cls, isolation: Isolation, jobs: int | None = None) -> Machine:
+        """Return this machine's places: so many as are wanted, or as its cores allow.
+
+        Where cells share a network, one could speak in another's, so that there is one place.
+        """
+        return cls(jobs if jobs is not None and isolation.namespaces else cells_at_a_time(isolation))
 
     async def take(self, *, alone: bool = False) -> Callable[[], None]:
         """Wait for a place, or for all; returns what gives them back."""
@@ -41,7 +52,7 @@ class Machine:
                 for number in range(1, MOST_PLACES + 1):
                     held.append(await self._bind([f"place-{number}"]))
             else:
-                held.append(await self._bind([f"place-{number}" for number in self._places]))
+                held.append(await self._bind([f"place-{number}" for number in range(1, self.places + 1)]))
         except BaseException:
             _close(held)
             raise

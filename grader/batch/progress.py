@@ -13,7 +13,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from grader.batch.order import Phase, Row
+from grader.batch.job import Phase, Row
 from grader.errors import GraderError
 from grader.report.in_place import InPlace
 from grader.report.plain import terminal_text
@@ -45,6 +45,7 @@ class RunProgress(InPlace):
         self._work_s: dict[str, float] = {}
         self._done_s = 0.0
         self._phases: dict[str, dict[str, str]] = {}
+        self._since_s: dict[str, float] = {}
         self._ended: deque[Text] = deque(maxlen=_SHOWN_ENDED)
         self._done = 0
         self._remarks: Counter[str] = Counter()
@@ -56,6 +57,7 @@ class RunProgress(InPlace):
 
     def phase(self, name: str, phase: Phase) -> None:
         """Take note of what a submission is doing."""
+        self._since_s.setdefault(name, time.monotonic())
         phases = self._phases.setdefault(name, {})
         if phase.session:
             phases.pop("", None)  # The grader's own work comes before or after all sessions.
@@ -63,6 +65,11 @@ class RunProgress(InPlace):
             phases.pop(phase.session, None)
         else:
             phases[phase.session] = phase.text
+
+    def took_s(self, name: str) -> float:
+        """Return how long ago a submission was first heard of; 0 if that was not yet."""
+        now_s = time.monotonic()
+        return now_s - self._since_s.get(name, now_s)
 
     def done(self, name: str, line: Text | None, remark: str = "") -> None:
         """Take note that a submission needs no more; remarks of a kind are counted."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -154,35 +154,48 @@ def regrade(
         )
     results = folders[0].resolve().parent
     measures, failed = _measures(results, folders, rubric, overrides, trusted=trusted)
+    found = judge_again(results, measures, prepare=prepare, jobs=jobs, on_judged=on_judged)
+    return replace(found, failed=dict(sorted({**failed, **found.failed}.items())))
+
+
+def judge_again(
+    results: Path,
+    measures: Mapping[Path, Measure],
+    *,
+    prepare: bool,
+    jobs: int | None = None,
+    on_judged: Callable[[str], None] = lambda name: None,
+) -> Regrade:
+    """Judge recordings, each by its measure; see `regrade`."""
     works = {folder: partial(_judge, folder, measure, prepare) for folder, measure in measures.items()}
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    judged: dict[Path, Judged] = {}
+    outcomes: dict[Path, tuple[Result, Changes] | Exception] = {}
     try:
         for folder, outcome in in_processes(works, judgement.JUDGING_BOUND, jobs or cores):
-            if isinstance(outcome, Exception):
-                failed[folder] = described(outcome)
-            else:
-                judged[folder] = Judged(*outcome, *measures[folder])
+            outcomes[folder] = outcome
             on_judged(folder.name)
     except BaseException:
-        for path in (folder / (file + _NEW) for folder in folders for file in _FILES):
+        for path in (folder / (file + _NEW) for folder in measures for file in _FILES):
             path.unlink(missing_ok=True)
         raise
-    return Regrade(
-        results,
-        {folder.resolve().name: judged[folder] for folder in folders if folder in judged},
-        {folder.resolve().name: failed[folder] for folder in folders if folder in failed},
-    )
+    judged, failed = {}, {}
+    for folder, measure in measures.items():
+        outcome, name = outcomes[folder], folder.resolve().name
+        if isinstance(outcome, Exception):
+            failed[name] = described(outcome)
+        else:
+            judged[name] = Judged(*outcome, *measure)
+    return Regrade(results, judged, failed)
 
 
 def _measures(
     results: Path, folders: Sequence[Path], rubric: Path | None, overrides: Path | None, *, trusted: bool
-) -> tuple[dict[Path, Measure], dict[Path, GraderError]]:
-    """Load each rubric once; returns by what each folder is judged, and why which cannot be."""
+) -> tuple[dict[Path, Measure], dict[str, GraderError]]:
+    """Load each rubric once; returns by what each folder is judged, and why which, by its name, cannot be."""
     given = chosen_rubric(folders, rubric) if rubric is not None else None
     rubrics: dict[str, Rubric] = {} if given is None else {"": given}
     chosen: dict[Path, str] = {}
-    failed: dict[Path, GraderError] = {}
+    failed: dict[str, GraderError] = {}
     for folder in folders:
         try:
             key = ""
@@ -196,7 +209,7 @@ def _measures(
                     rubrics[key] = recorded_rubric(copy, trusted=trusted)
             chosen[folder] = key
         except (GraderError, OSError, UnicodeDecodeError) as error:
-            failed[folder] = described(error)
+            failed[folder.resolve().name] = described(error)
     sources = [made_from(folder) for folder in folders]
     measures = {k: (own, read_overrides(overrides, results, own, sources)) for k, own in rubrics.items()}
     return {folder: measures[key] for folder, key in chosen.items()}, failed

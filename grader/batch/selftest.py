@@ -1,26 +1,23 @@
-"""Fixtures graded side by side under the machine's admission rule, each compared with what it expects."""
+"""Fixtures graded side by side, each compared with what it expects."""
 
 from __future__ import annotations
 
-import asyncio
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
+from functools import partial
 from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from grader.batch.admission import Admission
+from grader.batch.class_run import Here, side_by_side
 from grader.batch.expectations import Fixture, compare
-from grader.batch.order import Order, Phase, problem_of
+from grader.batch.job import Job, problem_of
 from grader.batch.progress import RunProgress
-from grader.batch.supervised import grade_in_process
 from grader.errors import GraderError
 from grader.intake import Handed
-from grader.live.isolation import Isolation
 from grader.pipeline import Options
 from grader.report.plain import terminal_text
 from grader.report.views import points
@@ -65,8 +62,7 @@ class Selftest:
 
     rubric: Rubric
     options: Options
-    admission: Admission
-    isolation: Isolation
+    here: Here
     folder: Path
     display: RunProgress
 
@@ -75,45 +71,32 @@ class Selftest:
         for fixture in fixtures:
             sessions = (self.rubric.sessions[s] for s in fixture.expectation.sessions if s in self.rubric.sessions)
             self.display.expect(fixture.name, sum(session.typical_s for session in sessions))
-        running = [asyncio.ensure_future(self._one(number, fixture)) for number, fixture in enumerate(fixtures)]
-        try:
-            return await asyncio.gather(*running)
-        finally:
-            # The first that is cancelled ends `gather`; the others are still cleaning up.
-            if running:
-                await asyncio.wait(running)
+        return await side_by_side(self._one(fixture) for fixture in fixtures)
 
-    async def _one(self, number: int, fixture: Fixture) -> FixtureRun:
-        began_s: list[float] = []
-
-        def on_phase(phase: Phase) -> None:
-            began_s[:] = began_s or [time.monotonic()]
-            self.display.phase(fixture.name, phase)
-
-        if unfit := fixture.expectation.unfit(self.rubric):
-            found = FixtureRun(fixture.name, "✗", tuple(unfit))
-        else:
-            try:
-                submission = fixture.lay_out(self.folder / "submissions")
-                options = replace(self.options, sessions=list(fixture.expectation.sessions))
-                results = self.folder / fixture.name
-                order = Order(Handed.of(submission), results, self.rubric, options, self.isolation)
-                ending = await grade_in_process(order, self.admission, number, on_phase)
-            except OSError as error:
-                ending = problem_of(error)
-            if isinstance(ending, GraderError):
-                where = f"{ending.where}: " if ending.where else ""
-                found = FixtureRun(fixture.name, "!", (f"not graded: {where}{ending.problem}",))
-            else:
-                verdict = compare(fixture.expectation, ending, self.rubric)
-                sign = "✓" if not verdict.differences else "?" if verdict.undecided else "✗"
-                score = ending.score
-                found = FixtureRun(fixture.name, sign, verdict.differences, ending.final, score.possible)
-        found = replace(found, took_s=time.monotonic() - began_s[0] if began_s else 0.0)
+    async def _one(self, fixture: Fixture) -> FixtureRun:
+        unfit = tuple(fixture.expectation.unfit(self.rubric))
+        found = FixtureRun(fixture.name, "✗", unfit) if unfit else await self._graded(fixture)
+        found = replace(found, took_s=self.display.took_s(fixture.name))
         line = Text(f"{found.sign} ", _STYLES.get(found.sign, "red")).append(terminal_text(found.name, 40), "default")
         line.append(f": {found.points} ({found.took_s:.0f} s)", "dim")
         self.display.done(found.name, line, "" if found.sign == "✓" else "not as expected")
         return found
+
+    async def _graded(self, fixture: Fixture) -> FixtureRun:
+        name = fixture.name
+        try:
+            handed = Handed.of(fixture.lay_out(self.folder / "submissions"))
+            options = replace(self.options, sessions=list(fixture.expectation.sessions))
+            job = Job(handed, self.folder / name, self.rubric, options)
+            ending, _ = await self.here.grade(job, partial(self.display.phase, name))
+        except OSError as error:
+            ending = problem_of(error)
+        if isinstance(ending, GraderError):
+            where = f"{ending.where}: " if ending.where else ""
+            return FixtureRun(name, "!", (f"not graded: {where}{ending.problem}",))
+        verdict = compare(fixture.expectation, ending, self.rubric)
+        sign = "✓" if not verdict.differences else "?" if verdict.undecided else "✗"
+        return FixtureRun(name, sign, verdict.differences, ending.final, ending.score.possible)
 
 
 def print_fixtures(console: Console, found: Sequence[FixtureRun]) -> None:

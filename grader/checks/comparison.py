@@ -9,21 +9,19 @@ import numpy as np
 from pydantic import Field, field_validator
 
 from grader import references as ref
-from grader.checks.endpoints import claimed_qos, clash, student_endpoints
+from grader.checks.endpoints import claim_of, claimed_at, clash, student_endpoints
 from grader.checks.finding import (
     Context,
     apart,
-    failed,
     graded,
     in_steps,
     inconclusive,
     kept_from_core,
     not_reached,
-    passed,
     percent,
-    why_nothing,
+    unexplained,
+    without_delay,
 )
-from grader.evidence.chance import is_believed
 from grader.evidence.printed import text_of
 from grader.evidence.recorded import Floats, Span, clock_step_s
 from grader.evidence.result_rows import (
@@ -34,7 +32,6 @@ from grader.evidence.result_rows import (
     result_row,
     rounding_of,
 )
-from grader.evidence.timing import timing_of
 from grader.patterns import Match, compiled, search
 from grader.recording.session import OutputLine, ProcessRun, Qos
 from grader.references import Parameters, Pattern, Share
@@ -59,33 +56,30 @@ def ends_by_itself(context: Context, p: EndsByItself) -> Finding:
     if not processes:
         return inconclusive(expected, "not started", "The recording does not show the program.")
     run = processes[-1]
-    spot = context.output_of(p.artifact)
     printed = _without_tracebacks(run.output)
     said = search(p.output, printed) is not None
-    ran_s = ((run.exited_ns or context.session.record.ended_ns) - run.started_ns) / 1e9
-    half, spots = (p.half_credit if said else 0.0), (spot,)
+    half = p.half_credit if said else 0.0
     if run.interrupted_ns is not None or run.ended_by != "itself":
         stopped_s = ((run.interrupted_ns or run.started_ns) - run.started_ns) / 1e9
         reason = f"It was still running after {stopped_s:.0f} s and had to be stopped."
         hint = "End rclpy.spin after 10 s: count the time in a timer, or spin_once in a loop."
-        return graded(half, expected, "had to be stopped", reason, hint=hint, where=spots)
+        return graded(half, expected, "had to be stopped", reason, hint=hint)
+    ran_s = ((run.exited_ns or context.session.record.ended_ns) - run.started_ns) / 1e9
     shown_s = apart(ran_s, p.least_s, places=1)
     measured = f"ended after {shown_s} s with status {run.exit_status}" + ("" if said else ", no results")
-    if said and ran_s >= p.least_s:
-        notes = () if run.exit_status == 0 else (_bad_end(run.exit_status),)
-        return passed(expected, measured, where=spots, notes=notes)
     if said:
         reason = f"It ended after {shown_s} s already, which is too soon."
-        return graded(half, expected, measured, reason, where=spots)
+        share = half if ran_s < p.least_s else 1.0
+        return graded(share, expected, measured, reason, notes=[] if run.exit_status == 0 else [_BAD_END])
     if run.exit_status == 0 and ran_s >= p.least_s:
         unread = bool(printed.strip())
-        reason = "It ended in time, but nothing that it printed could be read as results."
-        reason = reason if unread else "It ended in time, and printed nothing."
-        return graded(p.half_credit * unread, expected, measured, reason, hint=_RESULTS_HINT, where=spots)
-    reason, hint, where = why_nothing(context, p.artifact, "It ended without results.")
-    return failed(expected, measured, reason, hint=hint, where=where)
+        what = "but nothing that it printed could be read as results" if unread else "and printed nothing"
+        reason = f"It ended in time, {what}."
+        return graded(p.half_credit * unread, expected, measured, reason, hint=_RESULTS_HINT)
+    return unexplained(graded(0.0, expected, measured, "It ended without results."))
 
 
+_BAD_END = "It does not end with exit status 0; stop executors and threads before rclpy.shutdown()."
 _RESULTS_HINT = "Print the results before the program ends, with print() or the logger."
 
 
@@ -104,13 +98,6 @@ def _without_tracebacks(output: Sequence[OutputLine]) -> str:
     return text_of(kept)
 
 
-def _bad_end(status: int | None) -> str:
-    """Say how a program ended that had done its work; shells give 128 and more for a signal that ended it."""
-    if status is None or 0 < status <= 128:
-        return f"Its exit status is {status}."
-    return f"It crashes when it ends (exit status {status}); stop executors and threads before rclpy.shutdown()."
-
-
 class TopicsCarryTraffic(Parameters):
     """Messages flow on each topic; each is a part."""
 
@@ -124,30 +111,23 @@ def topics_carry_traffic(context: Context, p: TopicsCarryTraffic) -> Finding:
 
     Too few earn their share of it.
     """
-    counts = {t: _written(context, t) for t in p.topics}
-    few = {t: in_steps(n / p.least_messages) for t, n in counts.items() if n < p.least_messages}
-    renamed = [t for t in p.topics if counts[t] and context.session.used(t) != t]
+    runs = [run for run in context.session.record.processes if run.role == "student"]
+    delay_s, length_s = max((_delay_s(context, run) for run in runs), default=(0.0, 0.0))
     expected = f"at least {p.least_messages} messages on each of {', '.join(p.topics)}"
-    measured = ", ".join(f"{context.session.used(t)} {n}" for t, n in counts.items())
-    reasons = [f"Too little came on {', '.join(few)}."] if few else []
-    reasons += [f"{t} is named {context.session.used(t)}; the rest is judged on that." for t in renamed]
-    shares = [max(0.0, few.get(t, 1.0) - p.other_name_costs * (t in renamed)) for t in p.topics]
-    share, late, where = sum(shares) / len(shares), _held_up(context), (context.where(),)
-    best = 1.0 if few and late else share
-    return graded(share, expected, measured, " ".join(reasons), where=where, best=best, doubt=late)
-
-
-#: Share of its time for which a program was kept from a core, from which that may be why it sent so little.
-_MANY_DELAYS = 0.25
-
-
-def _held_up(context: Context) -> str:
-    """Say that the machine kept a student's program from a core for much of its time, if it did."""
-    for run in (run for run in context.session.record.processes if run.role == "student"):
-        delay_s, length_s = _delay_s(context, run)
-        if delay_s > _MANY_DELAYS * length_s:
-            return kept_from_core(delay_s, length_s)
-    return ""
+    share, best, texts, reasons = 0.0, 0.0, [], []
+    for topic in p.topics:
+        used, count = context.session.used(topic), _written(context, topic)
+        texts.append(f"{used} {count}")
+        costs = p.other_name_costs if count and used != topic else 0.0
+        if costs:
+            reasons.append(f"{topic} is named {used}; the rest is judged on that.")
+        if count < p.least_messages:
+            reasons.insert(0, f"Too little came on {topic}.")
+        least, most = (in_steps(n / p.least_messages) for n in (count, without_delay(count, delay_s, length_s)))
+        share += max(0.0, min(1.0, least) - costs) / len(p.topics)
+        best += max(0.0, min(1.0, most) - costs) / len(p.topics)
+    doubt = kept_from_core(delay_s, length_s)
+    return graded(share, expected, ", ".join(texts), " ".join(reasons), best=best, doubt=doubt)
 
 
 def _delay_s(context: Context, run: ProcessRun) -> tuple[float, float]:
@@ -179,86 +159,72 @@ class QosProfiles(Parameters):
     profiles: tuple[WantedProfile, ...]
 
 
-def qos_profiles(context: Context, p: QosProfiles) -> Finding:
-    """Judge reliability and durability from discovery, history and depth from what the program asked rclpy for."""
-    parts: list[float] = []
-    reasons, texts, spots, unknown = [], [], [], []
-    for wanted in p.profiles:
-        sides = [_Side.of(context, kind, wanted.topic) for kind in ("publisher", "subscription")]
-        lacking = [side.kind for side in sides if not side.seen]
-        if len(lacking) == 1 and _was_made(context, lacking[0], wanted.topic):
-            reason = f"A {lacking[0]} on {wanted.topic} was made, but was not seen in the graph."
-            return inconclusive(wanted.topic, f"no {lacking[0]} in the graph", reason, where=(context.where(),))
-        if lacking:
-            reasons.append(f"There is no {' and no '.join(lacking)} on {wanted.topic}.")
-        told: dict[str, list[str]] = {}
-        for policy in ("reliability", "durability", "history", "depth"):
-            share, which, reason = _judge_policy(wanted, policy, sides)
-            parts.append(share * (1 - len(lacking) / 2))
-            if reason:
-                told.setdefault(which, []).append(reason)
-                wrong = [s for s in sides if any(value != getattr(wanted, policy) for value in s.policies(policy))]
-                spots += [side.where for side in wrong if side.where is not None][:1]
-        reasons += [f"{which} has {', and '.join(each)}." for which, each in told.items() if len(lacking) < len(sides)]
-        texts.append(_shown(wanted.topic, sides))
-        unknown += [f"the {s.kind} on {wanted.topic}" for s in sides if s.seen and s.claim is None]
-    expected = "; ".join(f"{w.topic}: {w.reliability}, {w.history} {w.depth}, {w.durability}" for w in p.profiles)
-    where = (*dict.fromkeys(spots), context.where())
-    if unknown and not reasons:
-        reason = f"The run does not say which history and depth {unknown[0]} has."
-        return inconclusive(expected, "; ".join(texts), reason, where=where, retry=False)
-    return graded(sum(parts) / len(parts), expected, "; ".join(texts), " ".join(reasons), where=where)
-
-
-def _was_made(context: Context, kind: str, topic: str) -> bool:
-    """Whether a student's program made an endpoint, as the tap notes, if that is to be believed."""
-    used = context.session.used(topic).lstrip("/")
-    claims = context.session.record.claims if is_believed(context.session) else []
-    return any(claim.kind == kind and claim.name.lstrip("/") == used for claim in claims)
+_POLICIES = ("reliability", "durability", "history", "depth")
 
 
 @dataclass(frozen=True)
 class _Side:
-    """One side of a topic: what the graph shows of its QoS, and what the program asked for as the tap noted."""
+    """One side of a topic: what the graph shows of its QoS, and what the program asked rclpy for."""
 
     kind: str
     seen: tuple[Qos, ...]
-    claim: Qos | None
-    where: Where | None
+    asked: Qos | None
+    where: tuple[Where, ...]
 
     @classmethod
     def of(cls, context: Context, kind: str, topic: str) -> _Side:
-        claim, where = claimed_qos(context, kind, topic)
-        return cls(kind, tuple(e.qos for e in student_endpoints(context, topic, kind)), claim, where)
+        claim = claim_of(context, kind, topic)
+        seen = tuple(e.qos for e in student_endpoints(context, topic, kind))
+        return cls(kind, seen, claim.qos if claim is not None else None, claimed_at(claim))
 
-    def policies(self, policy: str) -> list[str | int | None]:
-        """Return a policy's values: those on the wire as seen, those of the queue as claimed."""
+    def values(self, policy: str) -> list[str | int | None]:
+        """Return a policy's values: those on the wire as seen, those of the queue as asked for."""
         if policy in ("reliability", "durability"):
             return [getattr(qos, policy) for qos in self.seen]
-        return [getattr(self.claim, policy)] if self.claim is not None else []
+        return [getattr(self.asked, policy)] if self.asked is not None else []
+
+    def wrong(self, wanted: WantedProfile) -> str:
+        """Say which policies are others than wanted, and how."""
+        each = [(policy, value) for policy in _POLICIES for value in self.values(policy)]
+        others = [(policy, value) for policy, value in each if value != getattr(wanted, policy)]
+        return ", and ".join(f"{policy} {value}, not {getattr(wanted, policy)}" for policy, value in others)
 
     def __str__(self) -> str:
-        history = f"{self.claim.history} {self.claim.depth}" if self.claim is not None else "history unknown"
+        history = f"{self.asked.history} {self.asked.depth}" if self.asked is not None else "history unknown"
         return f"{self.seen[0].reliability}, {history}, {self.seen[0].durability}" if self.seen else "nothing"
 
 
-def _judge_policy(wanted: WantedProfile, policy: str, sides: Sequence[_Side]) -> tuple[float, str, str]:
-    """Return the share of a policy, and where it is wrong, on which side or sides and how."""
-    value = getattr(wanted, policy)
-    got = [each for side in sides for each in side.policies(policy)]
-    wrong = [(side.kind, each) for side in sides for each in side.policies(policy) if each != value]
-    if not wrong:
-        return 1.0, "", ""
-    kinds = list(dict.fromkeys(kind for kind, _ in wrong))
-    which = f"The {kinds[0]} on {wanted.topic}" if len(kinds) == 1 else wanted.topic
-    return 1 - len(wrong) / len(got), which, f"{policy} {wrong[0][1]}, not {value}"
-
-
-def _shown(topic: str, sides: Sequence[_Side]) -> str:
-    told = dict.fromkeys(str(side) for side in sides)
-    if len(told) == 1:
-        return f"{topic}: {sides[0]}"
-    return f"{topic}: " + " / ".join(f"{side.kind} {side}" for side in sides)
+def qos_profiles(context: Context, p: QosProfiles) -> Finding:
+    """Judge reliability and durability from discovery, history and depth from what the program asked rclpy for."""
+    share = 0.0
+    reasons, texts, unknown = [], [], []
+    spots: list[Where] = []
+    for wanted in p.profiles:
+        topic = wanted.topic
+        sides = [_Side.of(context, kind, topic) for kind in ("publisher", "subscription")]
+        lacking = [side.kind for side in sides if not side.seen]
+        if lacking:
+            reasons.append(f"There is no {' and no '.join(lacking)} on {topic}.")
+        for policy in _POLICIES:
+            values = [value for side in sides for value in side.values(policy)]
+            right = values.count(getattr(wanted, policy)) / len(values) if values else 1.0
+            share += right * (1 - len(lacking) / 2) / len(_POLICIES) / len(p.profiles)
+        wrong = {side.kind: side.wrong(wanted) for side in sides}
+        alike = len(set(wrong.values())) == 1
+        for side in (sides[:1] if alike else sides) if len(lacking) < len(sides) else ():
+            if wrong[side.kind]:
+                reasons.append(f"{topic if alike else f'The {side.kind} on {topic}'} has {wrong[side.kind]}.")
+                spots += side.where
+        shown = dict.fromkeys(map(str, sides))
+        by_side = " / ".join(f"{side.kind} {side}" for side in sides)
+        texts.append(f"{topic}: {next(iter(shown)) if len(shown) == 1 else by_side}")
+        unknown += [f"the {side.kind} on {topic}" for side in sides if side.seen and side.asked is None]
+    expected = "; ".join(f"{w.topic}: {w.reliability}, {w.history} {w.depth}, {w.durability}" for w in p.profiles)
+    where = (*dict.fromkeys(spots), context.where())
+    if unknown and not reasons:
+        reason = f"The run does not show which history and depth {unknown[0]} has."
+        return inconclusive(expected, "; ".join(texts), reason, where=where, retry=False)
+    return graded(share, expected, "; ".join(texts), " ".join(reasons), where=where)
 
 
 class Row(Parameters):
@@ -289,15 +255,9 @@ class ReportedTraffic(Parameters):
         return value
 
 
-#: Share of its time for which a program was kept from a core, from which that may explain a high latency.
-_NOTABLE_DELAY = 0.01
-#: By how much counts excused by the machine may raise the credit before the report counts as undecided.
-_DOUBTFUL_SHARE = 0.1
-
-
 def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
     """Judge each row: half for the count, half for the latency."""
-    parts, best, reasons, texts = [], [], [], []
+    share, best, reasons, texts = 0.0, 0.0, [], []
     untold: list[str] = []
     claims = {row.name: _claimed(context, p, row) for row in p.rows}
     # Where nothing was sent, and nothing is said to have come, that is charged with the traffic.
@@ -307,26 +267,36 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
     )
     if not rows:
         return not_reached("Nothing was sent on any of the topics, which is charged above.", expected=expected)
+    run = context.session.process(p.artifact)
+    delay_s, length_s = _delay_s(context, run) if run is not None else (0.0, 1.0)
     for row in rows:
         claim = claims[row.name]
         if claim is None:
-            parts.append(0.0)
-            best.append(0.0)
             untold.append(row.name)
             continue
-        shares, text, reason = _judge_row(context, p, row, claim)
-        parts.append(shares[0])
-        best.append(shares[1])
-        texts.append(text)
+        written = min((_written(context, row.topic, t) for t in (None, claim.t_ns)), key=lambda n: abs(n - claim.count))
+        worst, reason = _judge_row(context, p, row, claim, written)
+        # What waits for a core comes late, and may push out of a short queue what waits already.
+        late_s, pushed_out = delay_s**2 / length_s, written * delay_s / length_s
+        most, _ = _judge_row(context, p, row, claim, written, late_s=late_s, pushed_out=pushed_out)
+        share, best = share + worst / len(rows), best + max(worst, most) / len(rows)
+        latency = "no latency" if claim.mean_s is None else f"{claim.mean_s * 1e3:.2f} ms"
+        texts.append(f"{row.name} {claim.count} of {written}, {latency}")
         reasons += [reason] if reason else []
     reasons += [f"There is no line with count and latency for {', '.join(untold)}."] if untold else []
     hint = _ROW_HINT.format(untold[0]) if untold else _SIDES_HINT if all("incompatible" in r for r in reasons) else ""
+    doubt = kept_from_core(delay_s, length_s)
     measured = "; ".join(texts) or "no results"
-    spot = context.output_of(p.artifact)
-    if sum(best) - sum(parts) > _DOUBTFUL_SHARE * len(parts):
-        late = "The machine kept the program from a core for times in which it may have lost what it did not count."
-        return inconclusive(expected, measured, late, where=(spot,))
-    return graded(sum(best) / len(best), expected, measured, " ".join(reasons), hint=hint, where=(spot,))
+    return graded(
+        share,
+        expected,
+        measured,
+        " ".join(reasons),
+        hint=hint,
+        where=(context.output_of(p.artifact),),
+        best=best,
+        doubt=doubt,
+    )
 
 
 _ROW_HINT = "Print a line for each profile, as '{}: 1000 msgs, avg latency: 0.50ms, max: 2.00ms'."
@@ -355,39 +325,36 @@ def _signed(match: Match[str], name: str) -> float:
     return -value if value > 0 and match.string[: match.start(name)].endswith("-") else value
 
 
-def _judge_row(context: Context, p: ReportedTraffic, row: Row, got: ResultRow) -> tuple[tuple[float, float], str, str]:
-    """Judge a row: half for the count, half for the latency; numbers that cannot be are worth nothing together.
+def _judge_row(
+    context: Context,
+    p: ReportedTraffic,
+    row: Row,
+    got: ResultRow,
+    written: int,
+    *,
+    late_s: float = 0.0,
+    pushed_out: float = 0.0,
+) -> tuple[float, str]:
+    """Return what a row earns, and why no more; numbers that cannot be are worth nothing together.
 
-    The first share takes the count as it is, the second excuses what the machine may have kept from the program.
+    Parameters
+    ----------
+    written : int
+        Messages that were published until the row was printed.
+    late_s, pushed_out : float
+        By how much the machine may have made the mean later, and how many messages it may have cost.
     """
-    written = min((_written(context, row.topic, t) for t in (None, got.t_ns)), key=lambda n: abs(n - got.count))
-    latency = "no latency" if got.mean_s is None else f"{got.mean_s * 1e3:.2f} ms"
-    text = f"{row.name} {got.count} of {written}, {latency}"
     counted = f"{row.name} reports {got.count} messages"
     if not student_endpoints(context, row.topic, "subscription"):
-        return (0.0, 0.0), text, f"{counted}, but nothing subscribes to {row.topic}."
+        return 0.0, f"{counted}, but nothing subscribes to {row.topic}."
     if not got.count and (policy := _self_clash(context, row.topic)):
-        return (0.5, 0.5), text, f"{counted}, as its own two sides are incompatible in {policy}: none can arrive."
+        return 0.5, f"{counted}, as its own two sides are incompatible in {policy}: none can arrive."
     slack = max(3.0, p.count_tolerance * written)
-    if not written - slack - _overwritten(context, p, row) <= got.count <= written + slack:
-        return (0.0, 0.0), text, f"{counted}; {written} were published.{_all_together(context, p, got.count)}"
-    problem = _latency_problem(context, p, row, got)
-    share = 0.5 if problem else 1.0
-    if not problem and got.max_s is None:
-        share, problem = 0.75, f"{row.name} reports no largest latency."
-    best = 1.0 if _late_by_the_machine(context, p, row, got) else share
-    return (share if got.count >= written - slack else 0.0, best), text, problem
-
-
-def _late_by_the_machine(context: Context, p: ReportedTraffic, row: Row, got: ResultRow) -> bool:
-    """Whether a mean latency is only higher than what was recorded, and by no more than the machine held it up."""
-    latencies = _latencies_s(context, row.topic)
-    run = context.session.process(p.artifact)
-    if got.mean_s is None or got.max_s is None or run is None or not len(latencies):
-        return False
-    delay_s, length_s = _delay_s(context, run)
-    explained = float(np.mean(latencies)) <= got.mean_s <= float(np.mean(latencies)) + delay_s
-    return delay_s > _NOTABLE_DELAY * length_s and explained and got.mean_s <= got.max_s + 1e-5
+    if not written - slack - pushed_out <= got.count <= written + slack:
+        return 0.0, f"{counted}; {written} were published."
+    if problem := _latency_problem(context, p, row, got, late_s):
+        return 0.5, problem
+    return (0.75, f"{row.name} reports no largest latency.") if got.max_s is None else (1.0, "")
 
 
 def _self_clash(context: Context, topic: str) -> str | None:
@@ -399,27 +366,7 @@ def _self_clash(context: Context, topic: str) -> str | None:
     return clash(requests[0], offers[0].qos)
 
 
-def _all_together(context: Context, p: ReportedTraffic, count: int) -> str:
-    """Say so if a count is that of all rows together: their callbacks share a loop's variable."""
-    every = sum(_written(context, row.topic) for row in p.rows)
-    if len(p.rows) < 2 or abs(count - every) > p.count_tolerance * every:
-        return ""
-    return (
-        " That is as many as on all topics together: a lambda made in a loop sees the loop's last name, "
-        "unless it is bound as in `lambda msg, name=name: ...`."
-    )
-
-
-def _overwritten(context: Context, p: ReportedTraffic, row: Row) -> float:
-    """Return how many messages may have been overwritten in a short queue while the machine held the tool up."""
-    timing = timing_of(context.session.stream(row.topic), None)
-    run = context.session.process(p.artifact)
-    if timing is None or run is None:
-        return 0.0
-    return timing.rate_hz * _delay_s(context, run)[0]
-
-
-def _latency_problem(context: Context, p: ReportedTraffic, row: Row, got: ResultRow) -> str:
+def _latency_problem(context: Context, p: ReportedTraffic, row: Row, got: ResultRow, late_s: float) -> str:
     """Say why a reported latency cannot be, or nothing.
 
     Nothing is delivered much sooner than the soonest that was recorded; later is a matter of the machine.
@@ -433,17 +380,14 @@ def _latency_problem(context: Context, p: ReportedTraffic, row: Row, got: Result
         return f"What is sent on {row.topic} carries time stamps that are not those of its sending."
     truth_s = float(np.mean(latencies))
     least_s = float(np.min(latencies)) / p.latency_factor
-    most_s = max(truth_s * p.latency_factor, truth_s + p.latency_slack_s)
+    most_s = max(truth_s * p.latency_factor, truth_s + p.latency_slack_s) + late_s
     in_order = got.max_s is None or got.mean_s <= got.max_s + 1e-5
     if least_s - got.rounding_s <= got.mean_s <= most_s + got.rounding_s and got.mean_s >= 0 and in_order:
         return ""
     most = f" (max {got.max_s * 1e3:.2f} ms)" if got.max_s is not None else ""
     mean_ms = apart(got.mean_s * 1e3, *([] if got.max_s is None else [got.max_s * 1e3]), places=2)
-    reported = f"{row.name} reports a mean latency of {mean_ms} ms{most}"
-    slip = " No message arrives before it was sent: subtract the other way round." if got.mean_s < 0 else ""
-    if least_s <= 1e3 * got.mean_s <= most_s:
-        slip = " It would be right in s: times 1000, it is in ms."
-    return f"{reported}; recorded was {truth_s * 1e3:.2f} ms.{slip}"
+    slip = " It would be right in s: times 1000, it is in ms." if least_s <= 1e3 * got.mean_s <= most_s else ""
+    return f"{row.name} reports a mean latency of {mean_ms} ms{most}; recorded was {truth_s * 1e3:.2f} ms.{slip}"
 
 
 #: Median latencies that no message has within a machine, unless the recorder lacked a core for this share of the time.

@@ -84,20 +84,13 @@ def clash(requested: Endpoint, offered: OfferedProfile | Qos) -> str | None:
     return None
 
 
-def _claims(context: Context, kind: str, name: str) -> list[Claim]:
-    plain = name.rsplit("/", 1)[-1]
-    return [c for c in context.session.record.claims if c.kind == kind and c.name.rsplit("/", 1)[-1] == plain]
+def claim_of(context: Context, kind: str, name: str) -> Claim | None:
+    """Return the first call by which the student's node asked for an endpoint, by the tap."""
+    plain = context.session.used(name).rsplit("/", 1)[-1]
+    claims = context.session.record.claims
+    return next((c for c in claims if c.kind == kind and c.name.rsplit("/", 1)[-1] == plain), None)
 
 
-def claimed_at(context: Context, kind: str, name: str) -> tuple[Where, ...]:
-    """Return the source line at which the student's node asked for an endpoint, by the tap."""
-    found = (c for c in _claims(context, kind, context.session.used(name)) if not c.file.startswith("/"))
-    return tuple(Where(file=claim.file, line=claim.line) for claim in found)[:1]
-
-
-def claimed_qos(context: Context, kind: str, name: str) -> tuple[Qos | None, Where | None]:
-    """Return the QoS with which the student's node asked for an endpoint, by the tap, and where."""
-    for claim in _claims(context, kind, context.session.used(name)):
-        if claim.qos is not None:
-            return claim.qos, None if claim.file.startswith("/") else Where(file=claim.file, line=claim.line)
-    return None, None
+def claimed_at(claim: Claim | None) -> tuple[Where, ...]:
+    """Return the source line of a call, if it is the student's."""
+    return (Where(file=claim.file, line=claim.line),) if claim is not None and not claim.file.startswith("/") else ()

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from pydantic import Field
 
 from grader import references as ref
+from grader.checks.circumstances import environment_gap
 from grader.checks.finding import (
     Context,
     apart,
-    environment_gap,
     failed,
     graded,
     in_steps,
@@ -23,13 +23,12 @@ from grader.checks.finding import (
     not_reached,
     passed,
     told,
+    without_delay,
 )
-from grader.evidence.chance import is_believed
-from grader.evidence.diagnosis import Diagnosis
 from grader.evidence.elsewhere import is_newer_python, missing_here
 from grader.evidence.launch_source import parameter_line
 from grader.evidence.recorded import Recorded, Span, clock_step_s
-from grader.evidence.timing import Timing, timing_of
+from grader.evidence.timing import timing_of
 from grader.recording.plan import MalformedPlanError, Plan, Problem, Process
 from grader.recording.session import ProcessRun
 from grader.references import Parameters, Share
@@ -68,27 +67,24 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
     if plan is None:
         return inconclusive(expected, "not evaluated", "The recording does not hold an evaluation of the launch file.")
     problem = plan.problem
-    where = (
-        (Where(file=problem.file, line=problem.line),) if problem is not None and problem.file else (context.where(),)
-    )
-    if plan.outcome == "not_assessable" and problem is not None and not _is_made_up(problem, context):
+    if problem is None or problem.kind in ("unknown_executable", "unknown_package"):
+        notes = [f"{w.message} ({w.file}:{w.line})" if w.file else w.message for w in plan.warnings]
+        measured = f"{len(plan.processes)} processes, {len(plan.arguments)} arguments"
+        return passed(expected, measured, where=_at(context, problem), notes=[*notes, *_silent(plan)])
+    newer = problem.kind == "syntax_error" and is_newer_python(context.submission.texts.get(problem.file or "", ""))
+    if newer or (plan.outcome == "not_assessable" and not _is_made_up(problem, context)):
         reason = "The grader cannot evaluate this launch file."
-        return inconclusive(expected, problem.message, reason, where=where, retry=False)
-    text = context.submission.texts.get(problem.file or "", "") if problem is not None else ""
-    if problem is not None and problem.kind == "syntax_error" and is_newer_python(text):
-        reason = "It is written in Python 3.12 or later, and was read with an older one. A person has to decide."
-        return inconclusive(expected, problem.message, reason, where=where, retry=False)
-    if problem is not None and problem.kind not in ("unknown_executable", "unknown_package"):
-        place = f" ({problem.file}, line {problem.line})" if problem.file and problem.line else ""
-        return failed(expected, problem.message, _sentence(problem.message) + place, hint=problem.remedy, where=where)
-    notes = [f"{w.message} ({w.file}:{w.line})" if w.file else w.message for w in plan.warnings]
-    notes += _silent(plan)
-    return passed(
-        expected,
-        f"{len(plan.processes)} processes, {len(plan.arguments)} arguments",
-        where=where,
-        notes=notes,
-    )
+        if newer:
+            reason = "It is written in Python 3.12 or later, and was read with an older one. A person has to decide."
+        return inconclusive(expected, problem.message, reason, where=_at(context, problem), retry=False)
+    place = f" ({problem.file}, line {problem.line})" if problem.file and problem.line else ""
+    reason = _sentence(problem.message) + place
+    return failed(expected, problem.message, reason, hint=problem.remedy, where=_at(context, problem))
+
+
+def _at(context: Context, problem: Problem | None) -> tuple[Where, ...]:
+    at_line = problem is not None and problem.file
+    return (Where(file=problem.file, line=problem.line) if problem is not None and at_line else context.where(),)
 
 
 def _is_made_up(problem: Problem, context: Context) -> bool:
@@ -145,20 +141,16 @@ def launch_arguments(context: Context, p: LaunchArguments) -> Finding:
     expected = ", ".join(f"{a.name} = {a.default!r}" for a in p.arguments)
     plan = plan_of(context, p.step)
     declared = {a.name: a for a in plan.arguments} if plan is not None else {}
-    parts, reasons, spots = [], [], []
+    share, reasons, spots = 0.0, [], []
     for wanted in p.arguments:
         got = declared.get(wanted.name)
         if got is None:
-            parts.append(0.0)
-            others = [n for n in declared if n not in {a.name for a in p.arguments}]
-            reasons.append(
-                f"The argument {wanted.name} is not declared"
-                + (f"; declared are {', '.join(others)}." if others else ".")
-            )
+            others = ", ".join(n for n in declared if n not in {a.name for a in p.arguments})
+            reasons.append(f"The argument {wanted.name} is not declared{f'; declared are {others}' if others else ''}.")
             continue
         spots.append(Where(file=got.file, line=got.line))
         right = got.default is not None and _same(got.default, wanted.default)
-        parts.append(1.0 if right else p.other_default_credit)
+        share += (1.0 if right else p.other_default_credit) / len(p.arguments)
         if not right:
             default = "no default" if got.default is None else f"the default {got.default!r}"
             reasons.append(f"The argument {wanted.name} has {default}; {wanted.default!r} is asked for.")
@@ -166,7 +158,7 @@ def launch_arguments(context: Context, p: LaunchArguments) -> Finding:
         reasons.append(_sentence(problem["message"]))
         spots.append(Where(file=problem["file"], line=problem["line"]))
     measured = ", ".join(f"{n} = {a.default!r}" for n, a in declared.items()) or "no arguments"
-    return graded(sum(parts) / len(parts), expected, measured, " ".join(reasons), where=spots or (context.where(),))
+    return graded(share, expected, measured, " ".join(reasons), where=spots)
 
 
 class WantedNode(Parameters):
@@ -197,108 +189,52 @@ def _entry_for(plan: Plan, node: str, executable: str) -> Process | None:
     return by_name or next((e for e in plan.processes if e.runs.removesuffix(".py") == stem), None)
 
 
-def _only_in_container(plan: Plan, node: str, executable: str) -> bool:
-    """Whether a node is to be loaded into a container, which is not run here."""
-    short = node.rsplit("/", 1)[-1]
-    listed = [c for process in plan.processes for c in process.components]
-    named = [(c.name, c.plugin) for c in listed]
-    named += [(c.get("name"), c.get("plugin")) for each in plan.loaded_components for c in each.get("components") or []]
-    wanted = executable.removesuffix(".py").replace("_", "").lower()
-    return any(name == short or str(plugin).rsplit(":", 1)[-1].lower() == wanted for name, plugin in named)
-
-
 def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
     """Judge each node by the plan, and by the graph when it was really started."""
     expected = ", ".join(n.node for n in p.nodes)
     plan = plan_of(context, p.step)
     if plan is None or plan.problem is not None:
-        return _nothing_started(context, plan, expected)
-    if (contained := _contained(context, plan, p, expected)) is not None:
-        return contained
-    if unseen := [wanted.node for wanted in p.nodes if _is_unseen(context, plan, wanted)]:
-        reason = f"{', '.join(unseen)} was made, and goes on, but was not seen in the graph."
-        return inconclusive(expected, _in_the_graph(context, plan), reason, where=(context.where(),))
+        problem = plan.problem if plan is not None else None
+        reason = _sentence(problem.message) if problem is not None else "The launch file could not be evaluated."
+        reason, hint = f"{reason} {_STOPS}", problem.remedy if problem is not None else ""
+        return failed(expected, "nothing was started", reason, hint=hint, where=_at(context, problem))
+    absent = [n.node for n in p.nodes if _entry_for(plan, n.node, n.executable) is None]
+    absent = [node for node in absent if node not in context.session.nodes]
+    if absent and (plan.loaded_components or any(process.components for process in plan.processes)):
+        reason = "The grader cannot evaluate nodes that are loaded into a container of components: it runs none."
+        return inconclusive(expected, f"no {', '.join(absent)}, but components", reason, retry=False)
     judged = [_judge_node(context, plan, wanted, p.other_name_credit) for wanted in p.nodes]
-    share = sum(j.share for j in judged)
-    reasons = [j.reason for j in judged if j.reason]
-    hints = [j.hint for j in judged if j.hint]
     notes = [j.note for j in judged if j.note]
-    spots = [spot for j in judged for spot in j.where]
-    stopping: list[Mapping[str, Any]] = []
+    stopping = []
     for noted in mended(context, p.step, "unknown_executable", "unknown_package"):
-        if any(
-            a.path is None and a.expected.removesuffix(".py") in noted["message"] for a in context.submission.artifacts
-        ):
+        missing = [a.expected.removesuffix(".py") for a in context.submission.artifacts if a.path is None]
+        if any(name in noted["message"] for name in missing):
             notes.append(f"{_sentence(noted['message'])} Its file is missing, which is charged elsewhere.")
-            continue
-        share -= 1.0
-        stopping.append(noted)
-    if stopping:
-        at = "there" if len(stopping) == 1 else "at the first of them"
-        said = " ".join(_sentence(noted["message"]) for noted in stopping)
-        reasons.insert(0, f"{said} `ros2 launch` stops {at} and starts nothing.")
-        hints = [str(noted["remedy"]) for noted in stopping] + hints
-        spots = [Where(file=noted["file"], line=noted["line"]) for noted in stopping] + spots
-    measured = _in_the_graph(context, plan, mended_first=bool(stopping))
-    undecided = [j.undecided for j in judged if j.undecided]
-    if share + len(undecided) > max(0.0, share):
-        return inconclusive(expected, measured, " ".join(undecided), where=spots or (context.where(),), retry=False)
-    return graded(
+        else:
+            stopping.append(noted)
+    reasons = [*(_sentence(noted["message"]) for noted in stopping), *([_STOPS] if stopping else [])]
+    reasons += [j.reason for j in judged if j.reason]
+    hints = [*(str(noted["remedy"]) for noted in stopping), *(j.hint for j in judged if j.hint)]
+    spots = [Where(file=noted["file"], line=noted["line"]) for noted in stopping]
+    seen = (n for n in context.session.nodes if n not in context.reference_nodes)
+    up = ", ".join(n + " (ended)" * _died(context, _entry_for(plan, n, "")) for n in seen)
+    measured = f"your file starts nothing; with the names corrected by the grader: {up}" if stopping and up else up
+    share, undecided = sum(j.share for j in judged) - len(stopping), [j.undecided for j in judged if j.undecided]
+    finding = graded(
         max(0.0, share / len(p.nodes)),
         expected,
-        measured,
+        measured or "no node of the student's in the graph",
         " ".join(reasons),
         hint=hints[0] if hints else "",
-        where=spots or (context.where(),),
+        where=[*spots, *(spot for j in judged for spot in j.where)],
         notes=notes,
+        best=max(0.0, (share + len(undecided)) / len(p.nodes)),
+        doubt=" ".join(undecided),
     )
+    return replace(finding, retry=not undecided)
 
 
-def _in_the_graph(context: Context, plan: Plan, *, mended_first: bool = False) -> str:
-    """Name the student's nodes that were seen, and how those ended that did not stay.
-
-    Where the grader put something right for them to come up, that is said.
-    """
-    seen = (n for n in context.session.nodes if n not in context.reference_nodes)
-    up = ", ".join(node + _end_shown(context, _entry_for(plan, node, "")) for node in seen)
-    if not up:
-        return "no node of the student's in the graph"
-    return f"your file starts nothing; with the names corrected by the grader: {up}" if mended_first else up
-
-
-def _end_shown(context: Context, entry: Process | None) -> str:
-    run = context.session.process(entry.id) if entry is not None and _died(context, entry) else None
-    if run is None or run.exited_ns is None:
-        return ""
-    return f" (ended after {(run.exited_ns - run.started_ns) / 1e9:.1f} s with status {run.exit_status})"
-
-
-def _contained(context: Context, plan: Plan, p: LaunchNodes, expected: str) -> Finding | None:
-    """State that nodes are loaded into a container, so that the grader cannot see them, or None if none is."""
-    absent = [n for n in p.nodes if n.node not in context.session.nodes]
-    contained = [n.node for n in absent if _only_in_container(plan, n.node, n.executable)]
-    if not contained:
-        return None
-    return inconclusive(
-        expected,
-        f"{', '.join(contained)} in a container of components",
-        "The grader cannot evaluate nodes that are loaded into a container of components: it runs none.",
-        where=(context.where(),),
-        retry=False,
-    )
-
-
-def _nothing_started(context: Context, plan: Plan | None, expected: str) -> Finding:
-    problem = plan.problem if plan is not None else None
-    spot = Where(file=problem.file, line=problem.line) if problem is not None and problem.file else context.where()
-    reason = _sentence(problem.message) if problem is not None else "The launch file could not be evaluated."
-    return failed(
-        expected,
-        "nothing was started",
-        f"{reason} `ros2 launch` stops there and starts nothing.",
-        hint=problem.remedy if problem is not None else "",
-        where=(spot,),
-    )
+_STOPS = "`ros2 launch` stops there and starts nothing."
 
 
 @dataclass(frozen=True)
@@ -324,11 +260,7 @@ def _judge_node(context: Context, plan: Plan, wanted: WantedNode, other_name_cre
         note = f"The file for {wanted.node} is missing, which is charged in {wanted.charged_by}."
         return _JudgedNode(1.0, note=note)
     if entry.called in (name, None) and context.charged(wanted.charged_by):
-        other = next(
-            (n for n in context.session.nodes if n.rsplit("/", 1)[-1] == name), context.session.used(wanted.node)
-        )
-        how = f"came up as {other}" if other != wanted.node else "did not come up"
-        note = f"{wanted.node} {how} by its own fault, which is charged in {wanted.charged_by}."
+        note = f"{wanted.node} did not come up as such by its own fault, which is charged in {wanted.charged_by}."
         return _JudgedNode(1.0, note=note)
     if (charged := _charged_alone(context, entry, wanted.artifact)) is not None:
         return _JudgedNode(1.0, note=f"{wanted.node} ended as it does by itself, which is charged in {charged}.")
@@ -336,10 +268,8 @@ def _judge_node(context: Context, plan: Plan, wanted: WantedNode, other_name_cre
     found = context.explain(run) if run is not None else None
     if (gap := environment_gap(context, wanted.artifact, found)) is not None:
         return _JudgedNode(0.0, undecided=f"{wanted.node} did not come up. {gap}")
-    if _declares_another_type(context, found, wanted.types_charged_by):
-        note = (
-            f"{wanted.node} takes no value of the type that the lab asks for, as charged in {wanted.types_charged_by}."
-        )
+    if found is not None and found.kind == "parameter-type" and context.charged(wanted.types_charged_by):
+        note = f"{wanted.node} ended for a parameter's type, which is charged in {wanted.types_charged_by}."
         return _JudgedNode(1.0, note=note)
     used = context.session.used(wanted.node)
     if not _died(context, entry) and (entry.called not in (name, None) or used != wanted.node):
@@ -347,17 +277,6 @@ def _judge_node(context: Context, plan: Plan, wanted: WantedNode, other_name_cre
         reason = f"{wanted.executable} runs under the name {shown}, not {wanted.node}."
         return _JudgedNode(other_name_credit, reason, where=(Where(file=entry.file, line=entry.line),))
     return _why_down(context, entry, wanted.executable)
-
-
-def _is_unseen(context: Context, plan: Plan, wanted: WantedNode) -> bool:
-    """Whether a launched program made the node under its name, as the tap notes, and the graph never showed it."""
-    entry = _entry_for(plan, wanted.node, wanted.executable)
-    run = context.session.process(entry.id) if entry is not None else None
-    if run is None or run.interrupted_ns is None or run.limit is not None or not is_believed(context.session):
-        return False
-    if wanted.node in context.session.nodes:
-        return False
-    return any(claim.process == run.name and claim.node == wanted.node for claim in context.session.record.claims)
 
 
 def _died(context: Context, entry: Process | None) -> bool:
@@ -417,13 +336,6 @@ def _why_down(context: Context, entry: Process, executable: str) -> _JudgedNode:
     return _JudgedNode(0.0, f"{executable} ended with status {run.exit_status}: {told(found)}", hint=hint, where=spot)
 
 
-def _declares_another_type(context: Context, found: Diagnosis | None, charged_by: str | None) -> bool:
-    """Whether a node ended since it declares a parameter with a wrong type, which another check has charged."""
-    if found is None or found.kind != "parameter-type" or not context.charged(charged_by):
-        return False
-    return _type_hint(found.message, found.subject)[1]
-
-
 _TYPES = re.compile(r"of type '(\w+)', expecting type '(\w+)'")
 _PYTHON_TYPES = {"bool": "bool", "double": "float", "integer": "int"}
 
@@ -432,16 +344,11 @@ def _type_hint(message: str, name: str) -> tuple[str, bool]:
     """Say how to fix a parameter given in another type than declared, and whether that is to be done in the node."""
     match = _TYPES.search(message)
     given, declared = match[0].lower().split("'")[1::2] if match is not None else ("", "")
-    if (given, declared) == ("double", "integer"):
-        return f"Declare {name} with a float, as 100.0: one declared with an integer takes no 100.0.", True
-    if given == "string":
-        kind = _PYTHON_TYPES.get(declared, "str")
-        written = f"ParameterValue(LaunchConfiguration(...), value_type={kind})"
-        return f"Write the value without quotation marks; for a launch argument, {written}.", False
-    if declared == "string":
-        return f"Declare {name} with a default of the type that the lab gives it, not with a string.", True
+    if declared == "string" or (given, declared) == ("double", "integer"):
+        return f"Declare {name} with a default of the type that the lab gives it, as 100.0 for a float.", True
     kind = _PYTHON_TYPES.get(declared, "str")
-    return f"Give it the type that is declared: ParameterValue(LaunchConfiguration(...), value_type={kind}).", False
+    wired = f"for a launch argument, ParameterValue(LaunchConfiguration(...), value_type={kind})"
+    return f"Give the value as {kind}, without quotation marks; {wired}.", False
 
 
 class WantedNodeParameter(Parameters):
@@ -474,9 +381,7 @@ def launch_parameters(context: Context, p: LaunchParameters) -> Finding:
         entry = _entry_for(plan, wanted.node, wanted.executable) if plan is not None else None
         if plan is not None and entry is None:
             continue  # The node is not started, which is charged with the nodes.
-        share, reason, text = _judge_parameter(context, wanted, plan, other, p.unwired_credit)
-        if plan is not None and reason and _planned(plan, wanted) is _MISSING:
-            reason += _misdirected(plan, wanted, p.parameters)
+        share, reason, text = _judge_parameter(context, p, wanted, plan, other)
         parts.append(share)
         texts.append(text)
         reasons += [reason] if reason else []
@@ -485,7 +390,7 @@ def launch_parameters(context: Context, p: LaunchParameters) -> Finding:
             spots.append(Where(file=entry.file, line=line))
     if not parts:
         return not_reached("None of the nodes is started.", expected=expected)
-    where = tuple(dict.fromkeys(spots)) or (context.where(),)
+    where = tuple(dict.fromkeys(spots))
     return graded(sum(parts) / len(parts), expected, ", ".join(texts), " ".join(reasons), where=where)
 
 
@@ -499,59 +404,43 @@ def _planned(plan: Plan | None, wanted: WantedNodeParameter) -> Any:
 
 
 def _judge_parameter(
-    context: Context, wanted: WantedNodeParameter, plan: Plan | None, other: Plan | None, unwired_credit: float
+    context: Context, p: LaunchParameters, wanted: WantedNodeParameter, plan: Plan | None, other: Plan | None
 ) -> tuple[float, str, str]:
+    """Return what a parameter earns, why no more, and what it is."""
     planned = _planned(plan, wanted)
     step = context.session.step(wanted.step)
-    running = (step.result.get("values", {}) if step is not None else {}).get(wanted.name)
+    result = step.result if step is not None else {}
+    running = result.get("values", {}).get(wanted.name)
     short = wanted.node.rsplit("/", 1)[-1]
-    value = running["value"] if running is not None else planned
-    if value is _MISSING:
-        return 0.0, f"The launch file gives {short} no {wanted.name}.", f"{short}.{wanted.name} missing"
-    text = f"{short}.{wanted.name} = {value!r}"
-    if (
-        running is None
-        and step is not None
-        and step.outcome == "done"
-        and wanted.name in step.result.get("declared", [])
-    ):
-        return 0.0, f"{wanted.name} of {short} could not be read.", f"{short}.{wanted.name} unreadable"
+    subject, value = f"{wanted.name} of {short}", running["value"] if running is not None else planned
+    text = f"{short}.{wanted.name} {'missing' if value is _MISSING else f'= {value!r}'}"
     if planned is _MISSING:
-        own = f"{value!r} is the node's own default"
-        return 0.0, f"The launch file gives {short} no {wanted.name}; {own}.", f"{text} (its own default)"
-    if not _same(value, wanted.value) and not _follows_default(plan, wanted, value):
-        return 0.0, f"{wanted.name} of {short} is {value!r}, not {wanted.value!r}.", text
-    if wanted.other is None or _lacks_argument(plan, wanted):
-        return 1.0, "", text
-    changed = _planned(other, wanted)
-    if changed is not _MISSING and _same(changed, wanted.other):
-        return 1.0, "", text
-    subject = f"{wanted.name} of {short}"
-    shown = "nothing" if changed is _MISSING else repr(changed)
-    instead = f"with another argument it is {shown}, not {wanted.other!r}."
-    reason = f"{subject} is not wired to its launch argument: {instead}"
-    if changed is not _MISSING and not _same(changed, planned):
-        reason = f"{subject} follows its launch argument, but not as it should: {instead}"
-    return unwired_credit, reason, f"{text} ({shown} with another argument)"
-
-
-def _misdirected(plan: Plan, wanted: WantedNodeParameter, all_wanted: Sequence[WantedNodeParameter]) -> str:
-    """Say which node gets a parameter in place of the one that is to have it, if one does."""
-    due = {w.node.rsplit("/", 1)[-1] for w in all_wanted if w.name == wanted.name}
-    others = (e for e in plan.processes if e.called not in due and wanted.name in e.effective_parameters())
-    found = next((e.called or e.runs for e in others), None)
-    return f" It gives it to {found} instead." if found is not None else ""
-
-
-def _lacks_argument(plan: Plan | None, wanted: WantedNodeParameter) -> bool:
-    """Whether the launch file declares no argument of this name for the parameter to follow, which is charged there."""
-    return plan is not None and wanted.argument is not None and wanted.argument not in {a.name for a in plan.arguments}
-
-
-def _follows_default(plan: Plan | None, wanted: WantedNodeParameter, value: Any) -> bool:
-    """Whether a value is the default that the launch file gives the argument, which is charged with the arguments."""
+        own = f"; {value!r} is the node's own default" if value is not _MISSING else ""
+        return 0.0, f"The launch file gives {short} no {wanted.name}{own}.{_misdirected(plan, p, wanted)}", text
+    if running is None and step is not None and step.outcome == "done" and wanted.name in result.get("declared", []):
+        return 0.0, f"{subject} could not be read.", f"{short}.{wanted.name} unreadable"
+    # What default the launch file gives the argument is charged with the arguments, and so is one that is missing.
     declared = {a.name: a.default for a in plan.arguments} if plan is not None else {}
-    return wanted.argument is not None and _same(value, declared.get(wanted.argument))
+    follows = wanted.argument is not None and _same(value, declared.get(wanted.argument))
+    if not _same(value, wanted.value) and not follows:
+        return 0.0, f"{subject} is {value!r}, not {wanted.value!r}.", text
+    changed = _planned(other, wanted)
+    no_argument = plan is not None and wanted.argument is not None and wanted.argument not in declared
+    if wanted.other is None or no_argument or (changed is not _MISSING and _same(changed, wanted.other)):
+        return 1.0, "", text
+    shown = "nothing" if changed is _MISSING else repr(changed)
+    moves = changed is not _MISSING and not _same(changed, planned)
+    how = "follows its launch argument, but not as it should" if moves else "is not wired to its launch argument"
+    reason = f"{subject} {how}: with another argument it is {shown}, not {wanted.other!r}."
+    return p.unwired_credit, reason, f"{text} ({shown} with another argument)"
+
+
+def _misdirected(plan: Plan | None, p: LaunchParameters, wanted: WantedNodeParameter) -> str:
+    """Say which node gets a parameter in place of the one that is to have it, if one does."""
+    due = {w.node.rsplit("/", 1)[-1] for w in p.parameters if w.name == wanted.name}
+    others = (e for e in (plan.processes if plan is not None else ()) if e.called not in due)
+    found = next((e.called or e.runs for e in others if wanted.name in e.effective_parameters()), None)
+    return f" It gives it to {found} instead." if found is not None else ""
 
 
 _NODE: Any = Field(None, description="The node that does it; if it is not up, the check of the nodes charges that.")
@@ -605,18 +494,14 @@ def launch_together(context: Context, p: LaunchTogether) -> Finding:
     span = context.session.window(p.commands.window)
     delay_s, length_s = (context.session.longest_delay_s(span), span.duration_s) if span is not None else (0.0, 0.0)
     parts = [
-        _commands_come(context, p.commands, span, delay_s) if _is_up(context, p.commands.node) else None,
-        _arm_follows(context, p.follows, late=delay_s > _MANY_DELAYS * length_s)
-        if _is_up(context, p.follows.node)
-        else None,
-        _service_answers(context, p.answers) if _is_up(context, p.answers.node) else None,
+        _commands_come(context, p.commands, span, delay_s),
+        _arm_follows(context, p.follows, late=delay_s > _MANY_DELAYS * length_s),
+        _service_answers(context, p.answers),
     ]
-    judged = [part for part in parts if part is not None]
+    nodes = (p.commands.node, p.follows.node, p.answers.node)
+    judged = [part for part, node in zip(parts, nodes, strict=True) if part is not None and _is_up(context, node)]
     if not judged:
-        return not_reached(
-            "None of the nodes does its part, by faults that other checks charge.",
-            expected=expected,
-        )
+        return not_reached("None of the nodes does its part, by faults that other checks charge.", expected=expected)
     return graded(
         sum(part.share for part in judged) / len(judged),
         expected,
@@ -652,53 +537,33 @@ def _is_up(context: Context, node: str | None) -> bool:
 
 def _commands_come(context: Context, p: TogetherCommands, span: Span | None, delay_s: float) -> _Part | None:
     timing = timing_of(context.session.stream(p.topic), span)
-    alone = context.sessions.get(p.alone_session)
-    alone_timing = _timing_alone(alone, p)
     if timing is None:
         if context.charged(p.charged_by):
             return None
         reason = "No commands came while all ran together; do the nodes follow the simulation's clock?"
         return _Part(0.0, "no commands", reason)
-    if (moved := _moved_by_launch(context, alone, p)) is not None:
-        reason = f"The launch file moves the commands to {moved}, where nobody listens."
-        return _Part(0.0, f"commands on {moved}", reason)
-    if alone_timing is None:
+    alone_hz, wanted_hz = (
+        _rate_alone_hz(context.sessions.get(p.alone_session), p),
+        context.parameter(p.rate_step, p.rate_parameter),
+    )
+    as_set = isinstance(wanted_hz, (int, float)) and 0 < wanted_hz * p.least_share <= timing.rate_hz <= 2 * wanted_hz
+    if alone_hz is None or as_set:
         return _Part(1.0, f"commands at {timing.rate_hz:.1f} Hz")
-    told = _as_told(context, timing, p)
-    kept = 1 - min(0.5, delay_s / span.duration_s) if span is not None else 1.0
-    rates = (timing.rate_hz / alone_timing.rate_hz, timing.rate_hz / kept / alone_timing.rate_hz)
-    share, best = (1.0 if told else in_steps(min(1.0, rate / p.least_share), 2) for rate in rates)
-    both = (timing.rate_hz, alone_timing.rate_hz)
+    most_hz = without_delay(timing.rate_hz, delay_s, span.duration_s) if span is not None else timing.rate_hz
+    share, best = (in_steps(min(1.0, hz / alone_hz / p.least_share), 2) for hz in (timing.rate_hz, most_hz))
+    both = (timing.rate_hz, alone_hz)
     shown, alone_shown = (apart(hz, *(both if share < 1 else ()), places=1) for hz in both)
-    text = f"commands at {shown} Hz ({alone_shown} Hz alone)"
-    return _Part(share, text, f"Commands come at {shown} Hz, while alone they come at {alone_shown} Hz.", best)
+    reason = f"Commands come at {shown} Hz, while alone they come at {alone_shown} Hz."
+    return _Part(share, f"commands at {shown} Hz ({alone_shown} Hz alone)", reason, best)
 
 
-def _timing_alone(alone: Recorded | None, p: TogetherCommands) -> Timing | None:
+def _rate_alone_hz(alone: Recorded | None, p: TogetherCommands) -> float | None:
     """Measure the commands of the session in which they come alone; None where its clock was set meanwhile."""
     span = alone.window(p.window) if alone is not None else None
     if alone is None or (span is not None and clock_step_s(alone.record, span)):
         return None
-    return timing_of(alone.stream(p.topic), span)
-
-
-def _as_told(context: Context, timing: Timing, p: TogetherCommands) -> bool:
-    """Whether commands come as often as the launched node's own parameter says."""
-    wanted_hz = context.parameter(p.rate_step, p.rate_parameter)
-    return isinstance(wanted_hz, (int, float)) and 0 < wanted_hz * p.least_share <= timing.rate_hz <= 2 * wanted_hz
-
-
-def _moved_by_launch(context: Context, alone: Recorded | None, p: TogetherCommands) -> str | None:
-    """Return the topic on which the commands come if the launch file alone gives it another name than the lab's.
-
-    A namespace is charged with the names of the nodes.
-    """
-    used = context.session.used(p.topic)
-    if alone is None or used == p.topic or alone.used(p.topic) != p.topic:
-        return None
-    named = p.node is None or context.session.used(p.node) == p.node
-    listeners = context.session.endpoints_on(p.topic, "subscription", context.reference_nodes)
-    return used if named and not any(e.topic == used for e in listeners) else None
+    timing = timing_of(alone.stream(p.topic), span)
+    return timing.rate_hz if timing is not None else None
 
 
 #: Share of a window for which a process was kept from a core, from which what others do may depend on that.

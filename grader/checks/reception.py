@@ -2,38 +2,33 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from grader import references as ref
-from grader.checks.endpoints import OfEndpoint, OfferedProfile, claimed_at, claimed_qos, clash, student_endpoints
+from grader.checks.endpoints import OfEndpoint, OfferedProfile, claim_of, claimed_at, clash, student_endpoints
 from grader.checks.finding import (
+    STEPS,
     Context,
     apart,
     failed,
     graded,
     inconclusive,
     kept_from_core,
-    measured_share,
     not_reached,
-    not_seen,
-    nothing_seen,
     passed,
     percent,
-    told,
     unclear,
-    why_nothing,
+    unexplained,
 )
 from grader.evidence.printed import PrintedVector, Report, printed_vector, reports
-from grader.evidence.recorded import Span
+from grader.evidence.recorded import NumericStream, Span
 from grader.patterns import search
-from grader.recording.session import Endpoint, OutputLine, ProcessRun, StepRun
+from grader.recording.session import ProcessRun, StepRun
 from grader.references import Parameters, Pattern, Patterns, Share
 from grader.result import Finding, Outcome, Where
 
@@ -61,56 +56,38 @@ class TopicsSubscribed(OfEndpoint):
 def topics_subscribed(context: Context, p: TopicsSubscribed) -> Finding:
     """Judge the subscriptions from discovery."""
     expected = ", ".join(f"{t.type} from {t.topic}" for t in p.topics)
-    shares, texts, reasons, absent = [], [], [], []
+    share = 0.0
+    texts, reasons, notes, nodes = [], [], [], []
     spots: list[Where] = []
-    nodes: list[str] = []
-    notes: list[str] = []
-    for topic in p.topics:
-        endpoints = student_endpoints(context, topic.topic, "subscription")
-        absent += [] if endpoints else [topic.topic]
-        nodes += [e.node for e in endpoints]
-        notes += _weaker_requests(context, topic.topic, endpoints, p.reliability)
-        share, text, reason = _judge_subscription(context, p, topic, endpoints)
-        shares.append(share)
-        texts.append(text)
-        reasons += [reason] if reason else []
-        spots += claimed_at(context, "subscription", topic.topic)
-    if not any(shares):
-        fallback = "The node subscribed to none of the topics, nor to any of a similar name."
-        return nothing_seen(context, p.artifact, expected, fallback, "subscription", absent)
-    if (asked := not_seen(context, p.artifact, "subscription", absent, expected)) is not None:
-        return asked
-    other_node = p.node_faults(p.node, nodes)
-    share = sum(shares) / len(shares) - sum(costs for costs, _ in other_node)
-    reasons += [reason for _, reason in other_node]
-    return graded(share, expected, ", ".join(texts), " ".join(reasons), where=(*spots, context.where()), notes=notes)
-
-
-def _weaker_requests(context: Context, topic: str, endpoints: Sequence[Endpoint], wanted: str | None) -> list[str]:
-    """Note a request for less than the lab asks for: it is compatible, but a lost message is not sent again."""
-    if wanted != "reliable" or not any(e.qos.reliability == "best_effort" for e in endpoints):
-        return []
-    used = context.session.used(topic)
-    return [f"The subscription on {used} requests BEST_EFFORT; with RELIABLE a lost message would be sent again."]
-
-
-def _judge_subscription(
-    context: Context, p: TopicsSubscribed, wanted: WantedTopic, endpoints: Sequence[Endpoint]
-) -> tuple[float, str, str]:
-    used = context.session.used(wanted.topic)
-    if not endpoints:
-        return (
-            0.0,
-            f"nothing on {wanted.topic}",
-            f"There is no subscription on {wanted.topic}, nor on a similar name.",
+    for wanted in p.topics:
+        used, endpoints = (
+            context.session.used(wanted.topic),
+            student_endpoints(context, wanted.topic, "subscription"),
         )
-    endpoint = next((e for e in endpoints if e.type == wanted.type), endpoints[0])
-    text = f"{endpoint.type} from {used} ({endpoint.qos.reliability}, {endpoint.qos.durability})"
-    wrong = p.faults("topic", (wanted.topic, wanted.type), (used, endpoint.type), [endpoint.node])
-    if (policy := clash(endpoint, p.offered)) is not None:
-        arrives = "so no message would arrive from the lab's publisher."
-        wrong.append((p.incompatible_costs, f"On {used} the two sides are incompatible in {policy}, {arrives}"))
-    return max(0.0, 1 - sum(costs for costs, _ in wrong)), text, " ".join(reason for _, reason in wrong)
+        if not endpoints:
+            texts.append(f"nothing on {wanted.topic}")
+            reasons.append(f"There is no subscription on {wanted.topic}, nor on a similar name.")
+            continue
+        endpoint = next((e for e in endpoints if e.type == wanted.type), endpoints[0])
+        wrong = p.faults("topic", (wanted.topic, wanted.type), (used, endpoint.type), [endpoint.node])
+        if (policy := clash(endpoint, p.offered)) is not None:
+            arrives = "so no message would arrive from the lab's publisher."
+            wrong.append((p.incompatible_costs, f"On {used} the two sides are incompatible in {policy}, {arrives}"))
+        share += max(0.0, 1 - sum(costs for costs, _ in wrong)) / len(p.topics)
+        reasons += [reason for _, reason in wrong]
+        texts.append(f"{endpoint.type} from {used} ({endpoint.qos.reliability}, {endpoint.qos.durability})")
+        nodes += [e.node for e in endpoints]
+        spots += claimed_at(claim_of(context, "subscription", wanted.topic))
+        if p.reliability == "reliable" and any(e.qos.reliability == "best_effort" for e in endpoints):
+            lost = "with RELIABLE a lost message would be sent again"
+            notes.append(f"The subscription on {used} requests BEST_EFFORT; {lost}.")
+    if not nodes:
+        fallback = "The node subscribed to none of the topics, nor to any of a similar name."
+        return unexplained(failed(expected, "no subscription in the graph", fallback))
+    for costs, reason in p.node_faults(p.node, nodes):
+        share -= costs
+        reasons.append(reason)
+    return graded(share, expected, ", ".join(texts), " ".join(reasons), where=(*spots, context.where()), notes=notes)
 
 
 class Streams(Parameters):
@@ -121,6 +98,20 @@ class Streams(Parameters):
     field: ref.FieldPath
     oracle: ref.Loadable = Field(description="file.py:function beside the rubric.")
     parameters: Mapping[str, Any] = Field(default_factory=dict, description="Passed on to the oracle.")
+
+    def answer(
+        self, context: Context, streams: Mapping[str, NumericStream], other: Mapping[str, Any] | None = None
+    ) -> Any:
+        """Return what the oracle says over some streams, with the check's parameters and others."""
+        return context.oracle(self.oracle)(streams, {**self.parameters, **(other or {})}, context.session.record.seed)
+
+    def recorded(self, context: Context) -> dict[str, NumericStream] | None:
+        """Return the streams by role, or None where one of them was not recorded."""
+        streams = context.streams(self.streams, self.field)
+        return streams if len(streams) == len(self.streams) else None
+
+
+_NO_STIMULUS = "Commands and states were not recorded, so there is nothing to compare with."
 
 
 class Alternative(Parameters):
@@ -141,7 +132,7 @@ class Alternative(Parameters):
         least: float = 0.0,
         *,
         example: str = "",
-        where: Sequence[Where],
+        where: Sequence[Where] = (),
         notes: Sequence[str] = (),
     ) -> Finding:
         """State what numbers are worth that fit it; where another check has charged the mistake, that says it.
@@ -151,9 +142,9 @@ class Alternative(Parameters):
         if any(map(context.charged, self.charged_by)):
             return passed(expected, measured, where=where, notes=notes)
         meant = f"These numbers fit {self.meaning}."
-        reason = f"{example} {meant}".strip()
         more = [*notes, meant] if self.credit >= 1 else notes
-        return graded(max(self.credit, least), expected, measured, reason, where=where, notes=more)
+        share = max(self.credit, least)
+        return graded(share, expected, measured, f"{example} {meant}".strip(), where=where, notes=more)
 
 
 class ReportedSeries(Streams):
@@ -169,229 +160,175 @@ class ReportedSeries(Streams):
     )
 
 
-def spans_of(context: Context, p: Streams, other: Mapping[str, Any] | None = None) -> list[dict[str, Any]]:
-    """Return the oracle's spans (``start_ns``, ``end_ns``, ``value``), none if the stimulus was not recorded.
+@dataclass(frozen=True)
+class _Plateau:
+    """A span of the oracle's with its value, and what a node reported within it."""
 
-    Parameters
-    ----------
-    other : mapping, optional
-        Parameters for the oracle besides the check's own.
-    """
-    streams = context.streams(p.streams, p.field)
-    if len(streams) < len(p.streams):
-        return []
-    parameters = {**p.parameters, **(other or {})}
-    found: list[dict[str, Any]] = context.oracle(p.oracle)(streams, parameters, context.session.record.seed)
+    span: Span
+    right: float
+    reports: tuple[Report, ...]
+
+    @property
+    def value(self) -> float | None:
+        """The median of the reports; None without any."""
+        return float(np.median([r.value for r in self.reports])) if self.reports else None
+
+    def shows(self, value: float | None, p: ReportedSeries) -> bool:
+        """Whether a value is the right one; what was printed with two places cannot be known better."""
+        rounding = min((r.rounding for r in self.reports if r.rounding), default=0.0)
+        return value is not None and abs(value - self.right) <= max(
+            p.tolerance, 0.01 * abs(self.right), rounding * 1.01
+        )
+
+
+def _plateaus(
+    context: Context, p: ReportedSeries, heard: Sequence[Report], other: Mapping[str, Any] | None = None
+) -> list[_Plateau]:
+    """Return the oracle's spans with what was reported in each; none if the stimulus was not recorded."""
+    streams, found = p.recorded(context), []
+    for each in p.answer(context, streams, other) if streams is not None else ():
+        span = Span(each["start_ns"] + int(p.settle_s * 1e9), each["end_ns"] - int(p.settle_s * 1e9))
+        inside = tuple(r for r in heard if span.start_ns <= r.t_ns <= span.end_ns)
+        found.append(_Plateau(span, float(each["value"]), inside))
     return found
-
-
-def _no_stimulus(expected: str) -> Finding:
-    reason = "Commands and states were not recorded, so there is nothing to compare with."
-    return unclear(expected, "no stimulus recorded", reason)
 
 
 def reported_series(context: Context, p: ReportedSeries) -> Finding:
     """Judge each span by the median of the reports that fall into it."""
-    spans = spans_of(context, p)
-    expected = f"the right value on each of {len(spans)} plateaus (times of constant messages), ± {p.tolerance:g} or 1%"
-    if not spans:
-        return _no_stimulus(expected)
     heard = reports(context.session, p.artifact, p.pattern)
+    plateaus = _plateaus(context, p, heard)
+    count = len(plateaus)
+    expected = f"the right value on each of {count} plateaus (times of constant messages), ± {p.tolerance:g} or 1%"
+    if not plateaus:
+        return unclear(expected, "no stimulus recorded", _NO_STIMULUS)
     if not heard:
-        fallback, remedy = _unheard(context, p.artifact)
-        if (mismatch := _deaf(context, p)) is not None:
-            spot = context.output_of(p.artifact)
-            return failed(expected, "no report", mismatch, hint=_DEAF_HINT, where=(spot,))
-        reason, hint, where = why_nothing(context, p.artifact, fallback)
-        return failed(expected, "no report", reason, hint=hint or remedy, where=where)
-    spot = context.output_of(p.artifact)
-    where = (spot, context.where(next(iter(p.streams.values()))))
-    seen = _Seen.of(heard, spans, p)
-    measured = f"right on {seen.right} of {len(spans)} plateaus ({len(heard)} reports)"
-    if seen.right < len(spans) and (unread := _read_late(context, p)):
-        return inconclusive(expected, measured, unread, where=(spot,))
-    if seen.right < len(spans) and (other := _other_series(context, p, heard)) is not None:
-        example = _first_wrong(context, seen)
-        return other.finding(context, expected, measured, seen.right / len(spans), example=example, where=where)
-    held_up = sum(_is_held_up(context, p, span) for span in spans[len(spans) - seen.silent :])
-    if held_up and seen.right + seen.silent == len(spans):
-        best = (seen.right + held_up) / len(spans)
-        reason = _first_wrong(context, seen)
-        return measured_share(
-            seen.right / len(spans), best, expected, measured, reason, _late(context, p), steps=len(spans), where=where
-        )
-    if seen.right == len(spans) and (smoothed := _smoothed(context, p, heard, spans)):
+        return unexplained(failed(expected, "no report", _unheard(context, p.artifact)))
+    fits = [plateau.shows(plateau.value, p) for plateau in plateaus]
+    right, reached = sum(fits), max((n for n, each in enumerate(plateaus, 1) if each.reports), default=0)
+    where = (context.output_of(p.artifact), context.where(next(iter(p.streams.values()))))
+    measured = f"right on {right} of {count} plateaus ({len(heard)} reports)"
+    if right == count:
+        smoothed = _smoothed(context, p, plateaus)
         hint = "Report the error of each message by itself, without those before it."
-        return graded(p.smoothed_credit, expected, measured, smoothed, hint=hint, where=where)
-    notes = []
-    if p.end_charged_by is not None and seen.silent and _ended_ns(context, p.artifact) is not None:
-        notes = [f"The node ended before the last {seen.silent} plateaus, which is charged in {p.end_charged_by}."]
-        seen = replace(seen, left_out=seen.left_out + min(seen.silent, len(spans) // 2))
-    judged = max(seen.right, len(spans) - seen.left_out)
-    # A formula that is right somewhere is none that is always wrong by the same factor.
-    formula = "" if seen.right else _formula(seen.ratios, len(spans), context, p)
-    reason = f"{_first_wrong(context, seen)}{formula}"
-    return graded(seen.right / judged, expected, measured, reason, where=where, notes=notes)
+        return graded(p.smoothed_credit if smoothed else 1.0, expected, measured, smoothed, hint=hint, where=where)
+    example = _wrong(context, plateaus[fits.index(False)])
+    for other in p.alternatives:
+        others = _plateaus(context, p, heard, other.parameters)
+        alike = [plateau.shows(plateau.value, p) for plateau in others if plateau.reports]
+        if all(alike) and 2 * len(alike) >= count:
+            return other.finding(context, expected, measured, right / count, example=example, where=where)
+    # Spans without a report before the last that is right are charged by the share of reports.
+    last_right = max((n for n, fit in enumerate(fits, 1) if fit), default=0)
+    elsewhere, notes = sum(not plateau.reports for plateau in plateaus[:last_right]), []
+    if p.end_charged_by is not None and reached < count and _ended(context, p.artifact):
+        notes = [f"The node ended before the last {count - reached} plateaus, which is charged in {p.end_charged_by}."]
+        elsewhere += min(count - reached, count // 2)
+    judged = max(right, count - elsewhere)
+    kept, doubt = _kept_silent(context, p, plateaus[reached:])
+    best = min(1.0, (right + kept) / judged)
+    return graded(right / judged, expected, measured, example, where=where, notes=notes, best=best, doubt=doubt)
 
 
-#: So many lines are more than what a node says of itself when it starts.
-_MANY_LINES = 20
+#: So long the grader may stand still without reading a report at another value than that for which it was printed.
+_READ_LATE_S = 0.3
 
 
-def _unheard(context: Context, artifact: str) -> tuple[str, str]:
-    """Say of a node without reports what else it did: reason and hint."""
-    reason = "The node reported no tracking error at all, neither on its output nor in its log."
-    source = context.submission.texts.get(context.path_of(artifact) or "", "")
+def _kept_silent(context: Context, p: ReportedSeries, silent: Sequence[_Plateau]) -> tuple[float, str]:
+    """Return on how many plateaus the machine may have kept a node from what is right, and say so.
+
+    Those are the silent ones at the end for half of which it had no core; and any, where the grader stood still and
+    read too late what was printed.
+    """
+    run, span = context.session.processes_of(p.artifact)[-1:], _stimulus(context, p)
+    if not run or _ended(context, p.artifact):
+        return 0.0, ""
+    doubt = kept_from_core(context.session.machine_delay_s(run[0], span), span.duration_s)
+    if context.session.stalled_s(span) > _READ_LATE_S and run[0].limit is None and not run[0].output_dropped_bytes:
+        return float("inf"), doubt
+    halves = (
+        context.session.machine_delay_s(run[0], plateau.span) >= plateau.span.duration_s / 2 for plateau in silent
+    )
+    return float(sum(halves)), doubt
+
+
+def _stimulus(context: Context, p: Streams) -> Span:
+    """Return the time in which messages came."""
+    times = [stream.source_ns for stream in context.streams(p.streams, p.field).values()]
+    return Span(min(int(each[0]) for each in times), max(int(each[-1]) for each in times))
+
+
+def _unheard(context: Context, artifact: str) -> str:
+    """Say of a node without reports what it printed instead."""
     processes = context.session.processes_of(artifact)
     until_ns = (processes[-1].interrupted_ns if processes else None) or 2**63
     lines = [line.text for line in processes[-1].output if line.t_ns < until_ns] if processes else []
-    if len(lines) >= _MANY_LINES:
-        shown = re.sub(r"^(\[[^\]]{0,80}\]:?\s*){1,3}", "", lines[-1])[:100]
-        return f"None of the {len(lines)} lines that it printed has the form asked for; the last is {shown!r}.", ""
-    if re.search(r"logger\w{0,20}(?:\(\))?\.debug\(", source):
-        return f"{reason} What it logs with debug() is not shown.", "Log with info(), as the lab asks for."
-    return reason, ""
-
-
-@dataclass(frozen=True)
-class _Seen:
-    """How a node's reports agree with the spans.
-
-    Attributes
-    ----------
-    right : int
-        Spans with the right value.
-    silent : int
-        Spans without a report, after the last that has one.
-    left_out : int
-        Spans without a report before another that is right: the share of reports charges for them.
-    ratios : tuple of float
-        Of a wrong value to the right one.
-    first_wrong : tuple or None
-        Start (ns) of the first span that is not right, what is reported there (None if nothing) and what is right.
-    """
-
-    right: int
-    silent: int
-    left_out: int
-    ratios: tuple[float, ...]
-    first_wrong: tuple[int, float | None, float] | None
-
-    @classmethod
-    def of(cls, heard: Sequence[Report], spans: Sequence[Mapping[str, Any]], p: ReportedSeries) -> _Seen:
-        """Judge each span by the median of the reports within it."""
-        rounding = _rounding(heard)
-        right, silent, left_out, ratios, wrong = 0, 0, 0, [], []
-        for span in spans:
-            inside = _inside(heard, span, p.settle_s)
-            value = float(np.median([r.value for r in inside])) if inside else None
-            if value is not None and _shows(value, span, p, rounding):
-                right += 1
-                left_out, silent = left_out + silent, 0
-                continue
-            wrong.append((span["start_ns"], value, span["value"]))
-            if value is not None:
-                ratios.append(value / span["value"])
-            else:
-                silent += 1
-        return cls(right, silent, left_out, tuple(ratios), wrong[0] if wrong else None)
-
-
-def _rounding(heard: Sequence[Report]) -> float:
-    """Return how far rounding may move a report: what was printed with two places cannot be known better."""
-    return min((r.rounding for r in heard if r.rounding), default=0.0)
-
-
-def _shows(value: float, span: Mapping[str, Any], p: ReportedSeries, rounding: float) -> bool:
-    right = float(span["value"])
-    return abs(value - right) <= max(p.tolerance, 0.01 * abs(right), rounding * 1.01)
+    if lines:
+        return (
+            f"None of the {len(lines)} lines that it printed has the form asked for; the last is {lines[-1][:100]!r}."
+        )
+    return "The node reported no tracking error at all, neither on its output nor in its log."
 
 
 #: Share of the reports that may fit no span: the few of messages that came while the value changed.
 _SMOOTHED_SHARE = 0.1
 
 
-def _smoothed(context: Context, p: ReportedSeries, heard: Sequence[Report], spans: Sequence[Mapping[str, Any]]) -> str:
+def _smoothed(context: Context, p: ReportedSeries, plateaus: Sequence[_Plateau]) -> str:
     """Say that many reports fit no span, each before the first that is right in its own, if that is so.
 
     A node that is late shows the value of an earlier span, and one that reports a second number besides shows the
     right one from the first message on.
     """
-    rounding, right, between = _rounding(heard), 0, []
-    for span in spans:
-        inside = _inside(heard, span, p.settle_s)
-        fits = [_shows(report.value, span, p, rounding) for report in inside]
+    right, between = 0, []
+    for plateau in plateaus:
+        fits = [plateau.shows(report.value, p) for report in plateau.reports]
         right += sum(fits)
-        before = inside[: fits.index(True)] if True in fits else []
-        between += [(r, span) for r in before if not any(_shows(r.value, other, p, rounding) for other in spans)]
-    messages = max(
-        sum(_sent_inside(stream.source_ns, span, p.settle_s) for span in spans)
-        for stream in context.streams(p.streams, p.field).values()
-    )
-    if len(between) <= _SMOOTHED_SHARE * (right + len(between)) or right >= (1 - _SMOOTHED_SHARE) * messages:
+        before = plateau.reports[: fits.index(True)] if True in fits else ()
+        between += [(r, plateau) for r in before if not any(other.shows(r.value, p) for other in plateaus)]
+    times = [stream.source_ns for stream in context.streams(p.streams, p.field).values()]
+    spans = [plateau.span for plateau in plateaus]
+    sent = max(sum(int(((t >= s.start_ns) & (t <= s.end_ns)).sum()) for s in spans) for t in times)
+    if len(between) <= _SMOOTHED_SHARE * (right + len(between)) or right >= (1 - _SMOOTHED_SHARE) * sent:
         return ""
-    report, span = between[0]
-    example = f"At {context.session.since_start_s(report.t_ns):.1f} s it reports {report.value:.4f}"
+    report, plateau = between[0]
     return (
         f"{len(between)} of {right + len(between)} reports fit no plateau: after each change the number goes over to "
-        f"the right one step by step, as a mean or a filter over several messages does. {example}; right is "
-        f"{span['value']:.4f}."
+        f"the right one step by step, as a mean or a filter over several messages does. "
+        f"At {context.session.since_start_s(report.t_ns):.1f} s it reports {report.value:.4f}; right is "
+        f"{plateau.right:.4f}."
     )
 
 
-def _sent_inside(source_ns: NDArray[np.int64], span: Mapping[str, Any], settle_s: float) -> int:
-    settle_ns = settle_s * 1e9
-    return int(((source_ns >= span["start_ns"] + settle_ns) & (source_ns <= span["end_ns"] - settle_ns)).sum())
-
-
-def _first_wrong(context: Context, seen: _Seen) -> str:
-    if seen.first_wrong is None:
-        return ""
-    start_ns, value, right = seen.first_wrong
-    begin_s = context.session.since_start_s(start_ns)
+def _wrong(context: Context, plateau: _Plateau) -> str:
+    """Say what is reported on a plateau, and what is right."""
+    begin_s, value = context.session.since_start_s(plateau.span.start_ns), plateau.value
     if value is None:
         return f"From {begin_s:.1f} s on there is no report on a whole plateau."
-    shown, wanted = apart(value, right, places=4), apart(right, value, places=4)
+    shown, wanted = apart(value, plateau.right, places=4), apart(plateau.right, value, places=4)
     return f"At {begin_s:.1f} s it reports {shown}; right is {wanted}."
 
 
-def _other_series(context: Context, p: ReportedSeries, heard: Sequence[Report]) -> Alternative | None:
-    """Return the alternative that fits all that was reported."""
-    for other in p.alternatives:
-        spans = spans_of(context, p, other.parameters)
-        seen = _Seen.of(heard, spans, p)
-        if spans and 2 * seen.right >= len(spans) and seen.right + seen.silent + seen.left_out == len(spans):
-            return other
-    return None
+def _ended(context: Context, artifact: str) -> bool:
+    """Whether the artifact's last process ended without having been told to: one that ended did not wait."""
+    run = context.session.processes_of(artifact)[-1:]
+    return bool(run) and run[0].exited_ns is not None and run[0].interrupted_ns is None and run[0].ended_by != "kill"
 
 
-def _ended_ns(context: Context, artifact: str) -> int | None:
-    """Return when the artifact's last process ended without having been told to, None if it did not."""
-    processes = context.session.processes_of(artifact)
-    run = processes[-1] if processes else None
-    return run.exited_ns if run is not None and run.interrupted_ns is None and run.ended_by != "kill" else None
+def _lost_to_machine(context: Context, p: Streams) -> tuple[float, str]:
+    """Return which share of the messages the machine may have kept from a node, and say so.
 
-
-def _inside(heard: Sequence[Report], span: Mapping[str, Any], settle_s: float) -> list[Report]:
-    settle_ns = settle_s * 1e9
-    return [r for r in heard if span["start_ns"] + settle_ns <= r.t_ns <= span["end_ns"] - settle_ns]
-
-
-def _formula(ratios: Sequence[float], spans: int, context: Context, p: Streams) -> str:
-    """Recognise a wrong formula by a constant ratio to the right values."""
-    if len(ratios) < max(2, spans // 2) or not np.ptp(ratios) <= 0.02 * abs(np.mean(ratios)):
-        return ""
-    streams = context.streams(p.streams, p.field)
-    count = next(iter(streams.values())).values.shape[1]
-    ratio = float(np.mean(ratios))
-    if abs(ratio / np.sqrt(count) - 1) < 0.02:
-        root = f"the root of {count}: the sum was taken where the mean belongs"
-        return f" It is always {ratio:.2f} times the right value, {root}."
-    if abs(ratio * np.sqrt(count) - 1) < 0.02:
-        return f" It is always {ratio:.2f} times the right value: divide by {count} under the root, not after it."
-    if abs(ratio / np.degrees(1) - 1) < 0.02:
-        return f" It is always {ratio:.2f} times the right value: it is in degrees, not in rad."
-    return f" It is always {ratio:.2f} times the right value."
+    While its queue has room, nothing is lost, and nothing by a node that had ended.
+    """
+    processes = context.session.processes_of(p.artifact)
+    if not processes or _ended(context, p.artifact):
+        return 0.0, ""
+    most = max((s.source_ns for s in context.streams(p.streams, p.field).values()), key=len)
+    span = Span(int(most[0]), int(most[-1]))
+    length_s = max(span.duration_s, 1e-9)
+    claims = [claim_of(context, "subscription", topic) for topic in p.streams.values()]
+    room = min(c.qos.depth if c is not None and c.qos is not None else 1 for c in claims) - 1
+    lost_s = context.session.long_delays_s(processes[-1], span, max(0, room) * length_s / len(most))
+    return lost_s / length_s, kept_from_core(context.session.machine_delay_s(processes[-1], span), length_s)
 
 
 class Shorter(Parameters):
@@ -423,163 +360,114 @@ class ReportedStatistics(Streams):
 def reported_statistics(context: Context, p: ReportedStatistics) -> Finding:
     """Judge a printed vector, element by element; known mistakes are named."""
     expected = f"{p.length} numbers behind '{p.label}:' at Ctrl-C, agreeing with the recording"
-    streams = context.streams(p.streams, p.field)
-    if len(streams) < len(p.streams):
-        return _no_stimulus(expected)
-    processes = context.session.processes_of(p.artifact)
-    stopped_ns = processes[-1].interrupted_ns if processes else None
-    printed = _printed(p, context.session.output_of(p.artifact), stopped_ns)
+    streams = p.recorded(context)
+    if streams is None:
+        return unclear(expected, "no stimulus recorded", _NO_STIMULUS)
+    run = context.session.processes_of(p.artifact)[-1:]
+    printed = _printed(p, context.session.output_of(p.artifact), run[0].interrupted_ns if run else None)
     if printed is None:
-        return _nothing_printed(context, p, expected)
-    finding = _judge_vector(context, p, streams, printed, expected)
-    if finding.outcome is Outcome.PASSED and p.shorter is not None and (reason := _silent_when_shorter(context, p)):
-        return graded(p.shorter.credit, expected, finding.measured, reason, where=finding.where, notes=finding.notes)
+        if run and (flaky := _ended_by_chance(run[0])):
+            return unclear(expected, "nothing", flaky)
+        nothing = f"Nothing of the form '{p.label}: [...]' was printed after Ctrl-C."
+        hint = f"Catch KeyboardInterrupt around rclpy.spin(node), and print '{p.label}: [...]' after it."
+        return unexplained(failed(expected, "nothing", nothing, hint=hint))
+    finding = _judge_vector(context, p, streams, printed)
+    if finding.outcome is Outcome.PASSED and p.shorter is not None:
+        reason = _silent_when_shorter(context, p, p.shorter)
+        share = p.shorter.credit if reason else 1.0
+        return graded(share, finding.expected, finding.measured, reason, notes=finding.notes)
     return finding
 
 
-def _printed(p: ReportedStatistics, output: Sequence[OutputLine], stopped_ns: int | None) -> PrintedVector | None:
+def _printed(p: ReportedStatistics, output: Sequence[Any], stopped_ns: int | None) -> PrintedVector | None:
     return printed_vector(output, (p.label, *p.synonyms), stopped_ns, p.unless)
-
-
-def _vectors(values: Sequence[float], right: Sequence[float], places: int) -> tuple[str, str]:
-    shown, wanted = (" ".join(f"{x:.{places}f}" for x in numbers) for numbers in (values, right))
-    return f"[{shown}]", f"[{wanted}]"
-
-
-_OTHER_FORMS = {
-    "table": "{0} is printed in a table; the lab asks for a line '{0}: [...]'.",
-    "lines": "{0} is printed in a line for each element; the lab asks for one line '{0}: [...]'.",
-}
-
-
-def _judge_vector(
-    context: Context, p: ReportedStatistics, streams: Mapping[str, Any], printed: PrintedVector, expected: str
-) -> Finding:
-    spot = context.output_of(p.artifact)
-    notes = [_OTHER_FORMS[printed.form].format(p.label)] if printed.form in _OTHER_FORMS else []
-    right = context.oracle(p.oracle)(streams, p.parameters, context.session.record.seed)[p.key]["value"]
-    # Numbers that lose points do not read as the right ones.
-    share = _agreement(context, p, streams, {}, printed)
-    texts = [_vectors(printed.values[: p.length], right, places) for places in range(4, 10)]
-    measured, right_text = next((pair for pair in texts if share < 1 and pair[0] != pair[1]), texts[0])
-    expected = f"{right_text} from the recording, behind '{p.label}:' at Ctrl-C"
-    if share >= 1:
-        return passed(expected, measured, where=(spot,), notes=notes)
-    heard = _reports_of_some(context, p) if len(printed.values) == p.length else []
-    over_heard = [f"{p.label}: judged over the {len(heard)} messages that the node reported; it lost the others."]
-    fits_heard = bool(heard) and _agreement(context, p, streams, {"reports": heard}, printed) >= 1
-    # After a loss a right history reaches back further, so that it may look like one that is too long.
-    of_all = len(heard) / _comparable(context, p) / p.full_from
-    if fits_heard and of_all >= 1:
-        return passed(expected, measured, where=(spot,), notes=[*notes, *over_heard])
-    for other in p.alternatives:
-        if _agreement(context, p, streams, other.parameters, printed) >= 1:
-            return other.finding(context, expected, measured, where=(spot,), notes=notes)
-    if fits_heard:
-        reason = (
-            f"These numbers fit the {len(heard)} messages alone on which the node reported; it left out the others."
-        )
-        best = of_all + _messages_during_delay(context, p) / _comparable(context, p) / p.full_from
-        return measured_share(of_all, best, expected, measured, reason, _late(context, p), where=(spot,))
-    if heard and (late := _starved(context, p)):
-        return inconclusive(expected, measured, late, where=(spot,))
-    reason = f"Right would be {right_text}."
-    if len(printed.values) != p.length:
-        count = len(printed.values)
-        amount = "One number is" if count == 1 else f"{count} numbers are"
-        reason = f"{amount} printed, not one for each of {p.length}. " + reason
-        share = 0.0
-    return graded(share, expected, measured, reason, where=(spot,), notes=notes)
-
-
-def _silent_when_shorter(context: Context, p: ReportedStatistics) -> str:
-    """Say that the node printed no numbers after a run with fewer messages, if it ran, and ended as it should."""
-    assert p.shorter is not None
-    other = context.sessions.get(p.shorter.session)
-    for run in other.record.processes if other is not None else ():
-        each = (sum(search(one, line.text[:2000]) is not None for line in run.output) for one in p.report_pattern)
-        count = next(filter(None, each), 0)
-        if run.role != "student" or not p.shorter.least <= count <= p.shorter.most:
-            continue
-        chance = any("KeyboardInterrupt" in o.text or _HIT_IN_A_CALL in o.text for o in run.output)
-        if run.ended_by != "interrupt" or run.output_dropped_bytes or chance:
-            continue
-        if _printed(p, run.output, run.interrupted_ns) is None:
-            return (
-                f"In the session '{p.shorter.session}' it was stopped after {count} reports, and printed no "
-                f"'{p.label}: [...]'; {p.shorter.least} are enough."
-            )
-    return ""
 
 
 #: What pybind11 says when a signal's exception strikes while it converts an argument.
 _HIT_IN_A_CALL = "RuntimeError: Unable to convert call argument"
 
 
-def _nothing_printed(context: Context, p: ReportedStatistics, expected: str) -> Finding:
-    processes = context.session.processes_of(p.artifact)
-    spot = context.output_of(p.artifact)
-    if any(_HIT_IN_A_CALL in line.text for process in processes[-1:] for line in process.output):
-        late = "Ctrl-C came in the midst of a call into rclpy, which made another error of it; that is chance."
-        return unclear(expected, "nothing", late, where=(spot,))
-    if processes and processes[-1].interrupted_ns and processes[-1].ended_by in ("terminate", "kill"):
-        if context.session.record.times_recorded == 1:  # Correct nodes were seen to hang once in a while, too.
-            reason = "The node did not end after Ctrl-C. Once is no proof."
-            return inconclusive(expected, "nothing", reason, where=(spot,))
-        reason = "After Ctrl-C the node did not end in time, and had to be stopped before it printed statistics."
-        return failed(
-            expected,
-            "nothing",
-            reason,
-            hint="Let KeyboardInterrupt end rclpy.spin, then print.",
-            where=(spot,),
+def _ended_by_chance(run: ProcessRun) -> str:
+    """Say what befell a program at Ctrl-C that correct ones meet too now and then, if anything."""
+    if any(_HIT_IN_A_CALL in line.text for line in run.output):
+        return "Ctrl-C came in the midst of a call into rclpy, which made another error of it; that is chance."
+    if run.interrupted_ns and run.ended_by in ("terminate", "kill"):
+        return "The node did not end in time after Ctrl-C, and had to be stopped before it printed statistics."
+    return ""
+
+
+#: Share of the messages that the machine may have kept from a node, from which its numbers may be of the others.
+_LOST_SHARE = 0.03
+
+
+def _judge_vector(
+    context: Context, p: ReportedStatistics, streams: Mapping[str, NumericStream], printed: PrintedVector
+) -> Finding:
+    share = _agreement(context, p, streams, {}, printed)
+    right = p.answer(context, streams)[p.key]["value"]
+    # Numbers that lose points do not read as the right ones.
+    shown = [
+        [f"[{' '.join(f'{x:.{n}f}' for x in each)}]" for each in (printed.values[: p.length], right)]
+        for n in range(4, 10)
+    ]
+    measured, right_text = next((pair for pair in shown if share < 1 and pair[0] != pair[1]), shown[0])
+    expected = f"{right_text} from the recording, behind '{p.label}:' at Ctrl-C"
+    other_form = f"{p.label} is printed in a form of its own; the lab asks for a line '{p.label}: [...]'."
+    notes = [] if printed.form == "vector" else [other_form]
+    if share >= 1:
+        return passed(expected, measured, notes=notes)
+    if len(printed.values) != p.length:
+        reason = (
+            f"{len(printed.values)} numbers are printed, not one for each of {p.length}. Right would be {right_text}."
         )
-    nothing = f"Nothing of the form '{p.label}: [...]' was printed after Ctrl-C."
-    hint = f"Catch KeyboardInterrupt around rclpy.spin(node), and print '{p.label}: [...]' after it."
-    if (end_ns := _ended_ns(context, p.artifact)) is not None and (found := context.diagnosis(p.artifact)) is not None:
-        when = f"The node ended by itself at {context.session.since_start_s(end_ns):.1f} s, before Ctrl-C."
-        spots = (Where(file=found.file, line=found.line),) if found.file else (spot,)
-        return failed(expected, "nothing", f"{when} {told(found)}", hint=found.remedy, where=spots)
-    if (mismatch := _deaf(context, p)) is not None:
-        return failed(expected, "nothing", f"{nothing} {mismatch}", hint=_DEAF_HINT, where=(spot,))
-    if last := _last_words(processes):
-        nothing += f" What was printed then begins with: {last!r}"
-        hint = f"Print a line '{p.label}: ' with all {p.length} numbers behind it, as numpy prints an array."
-    reason, remedy, where = why_nothing(context, p.artifact, nothing)
-    return failed(expected, "nothing", reason, hint=remedy or hint, where=where)
+        return failed(expected, measured, reason)
+    heard, of = _heard_of_some(context, p, streams)
+    fits = bool(heard) and _agreement(context, p, streams, {"reports": heard}, printed) >= 1
+    of_all = len(heard) / of / p.full_from
+    # After a loss a right history reaches back further, so that it may look like one that is too long.
+    if fits and of_all >= 1:
+        note = f"{p.label}: judged over the {len(heard)} messages that the node reported; it lost the others."
+        return passed(expected, measured, notes=[*notes, note])
+    for other in p.alternatives:
+        if _agreement(context, p, streams, other.parameters, printed) >= 1:
+            return other.finding(context, expected, measured, notes=notes)
+    lost, late = _lost_to_machine(context, p)
+    if fits:
+        reason = (
+            f"These numbers fit the {len(heard)} messages alone on which the node reported; it left out the others."
+        )
+        return graded(of_all, expected, measured, reason, best=of_all + lost / p.full_from, doubt=late, steps=STEPS)
+    best = 1.0 if heard and lost >= _LOST_SHARE else share
+    return graded(share, expected, measured, f"Right would be {right_text}.", notes=notes, best=best, doubt=late)
 
 
-_DEAF_HINT = "Subscribe with the right type; then the rest follows."
-
-
-def _deaf(context: Context, p: Streams) -> str | None:
-    """Say that the node could not hear a topic since it asked for another type, if so."""
-    for topic in p.streams.values():
-        kinds = {e.type for e in student_endpoints(context, topic, "subscription")}
-        sent = context.session.stream(topic).topic_type
-        if kinds and sent and sent not in kinds:
-            return f"No message reached it on {context.session.used(topic)}, where it asks for {min(kinds)}."
-    return None
-
-
-def _last_words(processes: Sequence[ProcessRun]) -> str:
-    """Return the first line with a number that the last process printed after it was interrupted."""
-    until_ns = processes[-1].interrupted_ns if processes else None
-    if until_ns is None:
-        return ""
-    lines = (o.text.strip() for o in processes[-1].output if o.t_ns >= until_ns and o.stream == "stdout")
-    return next((line[:80] for line in lines if re.search(r"\d\.\d", line)), "")
+def _silent_when_shorter(context: Context, p: ReportedStatistics, shorter: Shorter) -> str:
+    """Say that the node printed no numbers after a run with fewer messages, if it ran, and ended as it should."""
+    other = context.sessions.get(shorter.session)
+    for run in other.record.processes if other is not None else ():
+        each = (sum(search(one, line.text[:2000]) is not None for line in run.output) for one in p.report_pattern)
+        count = next(filter(None, each), 0)
+        ended = run.role == "student" and run.ended_by == "interrupt" and not run.output_dropped_bytes
+        if not ended or not shorter.least <= count <= shorter.most or _ended_by_chance(run):
+            continue
+        unprinted = _printed(p, run.output, run.interrupted_ns) is None
+        if unprinted and not any("KeyboardInterrupt" in line.text for line in run.output):
+            return (
+                f"In the session '{shorter.session}' it was stopped after {count} reports, and printed no "
+                f"'{p.label}: [...]'; {shorter.least} are enough."
+            )
+    return ""
 
 
 def _agreement(
     context: Context,
     p: ReportedStatistics,
-    streams: Mapping[str, Any],
+    streams: Mapping[str, NumericStream],
     other: Mapping[str, Any],
     printed: PrintedVector,
 ) -> float:
     """Return the share of elements that lie within the oracle's bounds."""
-    right = context.oracle(p.oracle)(streams, {**p.parameters, **other}, context.session.record.seed).get(p.key)
+    right = p.answer(context, streams, other).get(p.key)
     if right is None or len(printed.values) != len(right["value"]):
         return 0.0
     slack = [max(p.tolerance, 0.01 * abs(v), 1.01 * printed.rounding) for v in right["value"]]
@@ -588,99 +476,15 @@ def _agreement(
     return sum(right_ones) / len(printed.values)
 
 
-def _messages_during_delay(context: Context, p: Streams) -> float:
-    """Return how many messages came while the node was ready but had no core: those it may have lost by that.
-
-    While its queue has room, nothing is lost.
-    """
-    streams = context.streams(p.streams, p.field).values()
-    most = max(streams, key=lambda s: len(s.source_ns))
-    span = Span(int(most.source_ns[0]), int(most.source_ns[-1]))
-    rate_hz = len(most.source_ns) / max(span.duration_s, 1e-9)
-    room = _queue_room(context, p)
-    run = context.session.processes_of(p.artifact)[-1]
-    return rate_hz * context.session.long_delays_s(run, span, room / rate_hz)
-
-
-def _queue_room(context: Context, p: Streams) -> int:
-    """Return how many messages may wait besides the one that is next, by what the node asked for."""
-    asked = [claimed_qos(context, "subscription", t)[0] for t in p.streams.values()]
-    return max(0, min((qos.depth if qos is not None else 1) for qos in asked) - 1)
-
-
-#: Share of a time for which a process was kept from a core, from which it may have lost messages by that.
-_STARVED_SHARE = 0.03
-
-
-def _starved(context: Context, p: Streams) -> str:
-    """Say that the machine kept the node from a core while messages came, if it did; one that ended did not wait."""
-    if _ended_ns(context, p.artifact) is not None:
-        return ""
-    delay_s, length_s = _delay_s(context, p)
-    return _late(context, p) if delay_s >= _STARVED_SHARE * length_s else ""
-
-
-#: Share of a span without a report for which the machine kept the node from a core, if it is to blame for all of that.
-_HELD_UP_SHARE = 0.5
-
-
-def _is_held_up(context: Context, p: Streams, span: Mapping[str, Any]) -> bool:
-    """Whether the machine may have kept the node from all reports within a span; one that ended did not wait."""
-    if _ended_ns(context, p.artifact) is not None:
-        return False
-    whole, run = Span(span["start_ns"], span["end_ns"]), context.session.processes_of(p.artifact)[-1]
-    return context.session.machine_delay_s(run, whole) >= _HELD_UP_SHARE * whole.duration_s
-
-
-#: So long the grader may stand still without reading a report at another value than that for which it was printed.
-_READ_LATE_S = 0.3
-
-
-def _read_late(context: Context, p: Streams) -> str:
-    """Say that the grader stood still while messages came, if it did, so that it read the output too late."""
-    span = _stimulus(context, p)
-    run = context.session.processes_of(p.artifact)[-1]
-    stalled_s = context.session.stalled_s(span) if span is not None else 0.0
-    if stalled_s <= _READ_LATE_S or run.limit is not None or run.output_dropped_bytes:
-        return ""
-    return f"The grader stood still for {stalled_s:.2f} s while messages came, and read too late what was printed."
-
-
-def _late(context: Context, p: Streams) -> str:
-    delay_s, length_s = _delay_s(context, p)
-    return kept_from_core(delay_s, length_s)
-
-
-def _delay_s(context: Context, p: Streams) -> tuple[float, float]:
-    """Return for how long the node was ready but had no core while messages came, and how long they came."""
-    span, processes = _stimulus(context, p), context.session.processes_of(p.artifact)
-    if span is None or not processes:
-        return 0.0, 0.0
-    return context.session.machine_delay_s(processes[-1], span), span.duration_s
-
-
-def _stimulus(context: Context, p: Streams) -> Span | None:
-    """Return the time in which messages came."""
-    streams = context.streams(p.streams, p.field).values()
-    if not streams:
-        return None
-    return Span(min(int(s.source_ns[0]) for s in streams), max(int(s.source_ns[-1]) for s in streams))
-
-
-def _reports_of_some(context: Context, p: ReportedStatistics) -> list[tuple[int, float]]:
-    """Return the node's reports if they are clearly fewer than the messages: some may never have reached it."""
+def _heard_of_some(
+    context: Context, p: ReportedStatistics, streams: Mapping[str, NumericStream]
+) -> tuple[list[tuple[int, float]], int]:
+    """Return the node's reports if they are clearly fewer than the messages that could be compared, and how many."""
     heard = reports(context.session, p.artifact, p.report_pattern) if p.report_pattern else []
-    heard = _without_repeats(context, p, heard)
-    if len(heard) >= 0.99 * _comparable(context, p):
-        return []
-    return [(r.t_ns, r.value) for r in heard]
-
-
-def _comparable(context: Context, p: ReportedStatistics) -> int:
-    """Return the number of messages for which there is something to compare with."""
-    streams = context.streams(p.streams, p.field)
     begun_ns = max(int(s.source_ns[0]) for s in streams.values())
-    return max(int((s.source_ns >= begun_ns).sum()) for s in streams.values())
+    comparable = max(int((s.source_ns >= begun_ns).sum()) for s in streams.values())
+    heard = _without_repeats(context, p, heard)
+    return [(r.t_ns, r.value) for r in heard] if len(heard) < 0.99 * comparable else [], comparable
 
 
 class Survives(Parameters):
@@ -691,6 +495,10 @@ class Survives(Parameters):
     until: ref.AnyStep | None = Field(None, description="A later step; what ends after that one's start has survived.")
     quiet: Patterns = Field((), description="A report that cannot be made yet, before the later step starts.")
     quiet_credit: float = Field(0.5, ge=0, le=1, description="Credit of a node that makes it all the same.")
+
+
+_REPLACED = "The node ended, and the program went on without it or started it again; messages are lost meanwhile."
+_UNMATCHED = "The subscription was not matched in time, so that the node may not have got what was sent."
 
 
 def survives(context: Context, p: Survives) -> Finding:
@@ -704,21 +512,24 @@ def survives(context: Context, p: Survives) -> Finding:
     if step is None or not processes or step.outcome == "failed":
         return inconclusive(expected, "the step was not reached", "The recording does not show what the node did then.")
     first = processes[0]
-    spot = context.output_of(p.artifact)
     later = context.session.step(p.until) if p.until is not None else None
-    second_start_ns = processes[1].started_ns if len(processes) > 1 else 2**63
-    second_start_ns = min(second_start_ns, later.started_ns) if later is not None else second_start_ns
-    if first.exited_ns is None or first.interrupted_ns is not None or first.exited_ns > second_start_ns:
-        if _never_matched(context, step):
-            return unclear(expected, "it went on", _UNMATCHED, where=(spot,))
-        if (replaced_ns := _replaced_ns(context, step, second_start_ns)) is not None:
-            reason, hint, where = why_nothing(context, p.artifact, _REPLACED)
-            measured = f"the program went on; its node ended before {context.session.since_start_s(replaced_ns):.2f} s"
-            return failed(expected, measured, reason, hint=hint, where=where)
-        return _early_report(context, p, step, later) or passed(expected, "it went on", where=(spot,))
-    reason, hint, where = why_nothing(context, p.artifact, "The node ended.")
-    measured = f"it ended with status {first.exit_status} at {context.session.since_start_s(first.exited_ns):.2f} s"
-    return failed(expected, measured, reason, hint=hint, where=where)
+    until_ns = min([run.started_ns for run in processes[1:2]] + ([later.started_ns] if later else []), default=2**63)
+    if first.exited_ns is not None and first.interrupted_ns is None and first.exited_ns <= until_ns:
+        measured = f"it ended with status {first.exit_status} at {context.session.since_start_s(first.exited_ns):.2f} s"
+        return unexplained(failed(expected, measured, "The node ended."))
+    if _never_matched(context, step):
+        return unclear(expected, "it went on", _UNMATCHED)
+    if (replaced_ns := _replaced_ns(context, step, until_ns)) is not None:
+        measured = f"the program went on; its node ended before {context.session.since_start_s(replaced_ns):.2f} s"
+        return unexplained(failed(expected, measured, _REPLACED))
+    early = _early_reports(context, p, step, later)
+    if not early:
+        return passed(expected, "it went on")
+    when_s = context.session.since_start_s(early[0].t_ns)
+    reason = f"At {when_s:.1f} s it reports {early[0].value:g}, when there is nothing yet to compare with."
+    return graded(
+        p.quiet_credit, f"{expected}, and reports nothing", f"it went on; early reports: {len(early)}", reason
+    )
 
 
 def _replaced_ns(context: Context, step: StepRun, until_ns: int) -> int | None:
@@ -736,33 +547,22 @@ def _replaced_ns(context: Context, step: StepRun, until_ns: int) -> int | None:
     return None
 
 
-_REPLACED = "The node ended, and the program went on without it or started it again; messages are lost meanwhile."
-_UNMATCHED = "The subscription was not matched in time, so that the node may not have got what was sent."
-
-
 def _never_matched(context: Context, step: StepRun) -> bool:
     """Whether a step published what no subscription was there for, although the student's could have taken it."""
     topic, sent = str(step.parameters.get("topic", "")), step.parameters.get("type")
     requests = student_endpoints(context, topic, "subscription") if step.kind == "publish" else ()
-    fitting = [e for e in requests if e.type == sent and clash(e, OfferedProfile(durability="transient_local")) is None]
-    return step.result.get("matched") is False and bool(fitting) and len(fitting) == len(requests)
+    offered = OfferedProfile(durability="transient_local")
+    fit = bool(requests) and all(e.type == sent and clash(e, offered) is None for e in requests)
+    return step.result.get("matched") is False and fit
 
 
-def _early_report(context: Context, p: Survives, step: StepRun, later: StepRun | None) -> Finding | None:
-    """State that a node reported on messages with which nothing could be compared yet, None if it did not."""
-    if later is None:
-        return None
-    heard = reports(context.session, p.artifact, p.quiet)
+def _early_reports(context: Context, p: Survives, step: StepRun, later: StepRun | None) -> list[Report]:
+    """Return a node's reports on messages with which nothing could be compared yet."""
+    heard = reports(context.session, p.artifact, p.quiet) if later is not None else []
+    begun_ns = later.started_ns if later is not None else 0
     # A line that says why there is no report yet may hold the same word, and a number.
-    lead_ins = {r.lead_in for r in heard if r.t_ns >= later.started_ns}
-    early = [r for r in heard if step.started_ns <= r.t_ns < later.started_ns and r.lead_in in lead_ins]
-    if not early:
-        return None
-    when_s = context.session.since_start_s(early[0].t_ns)
-    reason = f"At {when_s:.1f} s it reports {early[0].value:g}, when there is nothing yet to compare with."
-    spot = context.output_of(p.artifact)
-    measured = f"it went on, with {len(early)} report{'s' if len(early) > 1 else ''} too early"
-    return graded(p.quiet_credit, "the node goes on, and reports nothing", measured, reason, where=(spot,))
+    lead_ins = {r.lead_in for r in heard if r.t_ns >= begun_ns}
+    return [r for r in heard if step.started_ns <= r.t_ns < begun_ns and r.lead_in in lead_ins]
 
 
 class ReportShare(Streams):
@@ -772,41 +572,34 @@ class ReportShare(Streams):
     full_from: Share = 0.9
 
 
-_NEVER_NS = 2**63 - 1
-_TOO_MUCH = ", as far as its output is kept: it printed more"
-
-
-def _kept_until_ns(context: Context, artifact: str) -> int:
-    """Return up to when an artifact's output was kept."""
-    last = context.session.processes_of(artifact)[-1:]
-    full = [run for run in last if run.output_dropped_bytes and run.output]
-    return full[0].output[-1].t_ns if full else _NEVER_NS
-
-
 def report_share(context: Context, p: ReportShare) -> Finding:
-    """Judge the number of reports against the oracle's count."""
-    streams = context.streams(p.streams, p.field)
+    """Judge the number of reports against the oracle's count, as far as the output was kept."""
+    streams = p.recorded(context)
     expected = f"a report for at least {percent(p.full_from)} of the messages"
-    if len(streams) < len(p.streams):
-        return _no_stimulus(expected)
-    until_ns = _kept_until_ns(context, p.artifact)
-    streams = {role: stream.until(until_ns) for role, stream in streams.items()}
-    possible = int(context.oracle(p.oracle)(streams, p.parameters, context.session.record.seed))
+    if streams is None:
+        return unclear(expected, "no stimulus recorded", _NO_STIMULUS)
+    run = context.session.processes_of(p.artifact)[-1:]
+    full = bool(run) and bool(run[0].output_dropped_bytes and run[0].output)
+    if full:
+        streams = {role: stream.until(run[0].output[-1].t_ns) for role, stream in streams.items()}
+    possible = int(p.answer(context, streams))
     lines = reports(context.session, p.artifact, p.pattern)
     if not lines:
         return not_reached("There is no report at all, as said above.", expected=expected)
     heard = len(_without_repeats(context, p, lines))
     repeats = f", and {len(lines) - heard} that repeat one" if heard < len(lines) else ""
-    measured = f"{heard} reports{repeats} for {possible} messages" + (_TOO_MUCH if until_ns < _NEVER_NS else "")
-    spot = context.output_of(p.artifact)
-    share, best = (n / max(1, possible) / p.full_from for n in (heard, heard + _messages_during_delay(context, p)))
+    kept = ", as far as its output is kept: it printed more" if full else ""
+    measured = f"{heard} reports{repeats} for {possible} messages{kept}"
+    lost, late = _lost_to_machine(context, p)
+    share = heard / max(1, possible) / p.full_from
     reason = f"Only {heard} of {possible} messages led to a report."
-    late = _late(context, p)
-    return measured_share(share, best, expected, measured, reason, late, where=(spot,))
+    return graded(share, expected, measured, reason, best=share + lost / p.full_from, doubt=late, steps=STEPS)
 
 
 #: After so many intervals without a message, those that follow come with another value.
 _SILENT_INTERVALS = 5
+#: Values that differ by less are taken for one.
+_ALIKE = 0.01
 
 
 def _without_repeats(context: Context, p: Streams, heard: Sequence[Report]) -> list[Report]:
@@ -833,12 +626,8 @@ def _without_repeats(context: Context, p: Streams, heard: Sequence[Report]) -> l
             first = int(np.searchsorted(sent, starts[starts <= report.t_ns][-1]))
         said += 1
         most = max(most, said - (came - first))
-        if not said > 1 or before is None or report.t_ns - before.t_ns > interval_ns / 2:
+        if said == 1 or before is None or report.t_ns - before.t_ns > interval_ns / 2:
             kept.append(report)
         before = report
     stalled_s = context.session.stalled_s(Span(int(sent[0]), int(sent[-1])))
     return kept if surplus + most > stalled_s * 1e9 / interval_ns else list(heard)
-
-
-#: Values that differ by less are taken for one.
-_ALIKE = 0.01

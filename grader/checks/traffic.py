@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from pydantic import Field
 
 from grader import references as ref
-from grader.checks.endpoints import OfEndpoint, claimed_at, claimed_qos, student_endpoints
+from grader.checks.endpoints import OfEndpoint, claim_of, claimed_at, student_endpoints
 from grader.checks.finding import (
     STEPS,
     Context,
@@ -20,11 +19,10 @@ from grader.checks.finding import (
     graded,
     in_steps,
     kept_from_core,
-    measured_share,
-    nothing_seen,
     percent,
     ramp,
-    why_nothing,
+    unexplained,
+    without_delay,
 )
 from grader.evidence.recorded import Floats, NumericStream, Span
 from grader.evidence.timing import Timing, timing_of
@@ -52,20 +50,19 @@ def topic_published(context: Context, p: TopicPublished) -> Finding:
     stream = context.session.stream(p.topic)
     if not endpoints and not len(stream):
         fallback = f"Nothing was published on {p.topic}, nor on a topic of a similar name, within the time allowed."
-        return nothing_seen(context, p.artifact, expected, fallback, "publisher", [p.topic])
+        return unexplained(failed(expected, "no publisher in the graph", fallback))
     used = context.session.used(p.topic)
     types = [*(e.type for e in endpoints), *([stream.topic_type] if len(stream) else [])]
     found_type = next((t for t in types if t != p.type), p.type)  # one that fits does not make up for another
     if not len(stream):
-        fallback, remedy = _silent_publisher(context, p.artifact, used)
-        reason, hint, where = why_nothing(context, p.artifact, fallback)
-        return failed(expected, f"{found_type} on {used}, 0 messages", reason, hint=hint or remedy, where=where)
+        reason, hint = _silent_publisher(context, p.artifact, used)
+        return unexplained(failed(expected, f"{found_type} on {used}, 0 messages", reason, hint=hint))
     nodes = [e.node for e in endpoints]
     wrong = p.faults("topic", (p.topic, p.type), (used, found_type), nodes)
     wrong += [(p.other_type_costs, reason) for reason in _wrong_definition(context, used, endpoints)]
     wrong += p.node_faults(p.node, nodes)
     measured = f"{len(stream)} messages of type {found_type} on {used}" + (f", from {nodes[0]}" if nodes else "")
-    where = (*claimed_at(context, "publisher", p.topic), context.where(p.topic))
+    where = (*claimed_at(claim_of(context, "publisher", p.topic)), context.where(p.topic))
     return graded(1 - sum(w for w, _ in wrong), expected, measured, " ".join(r for _, r in wrong), where=where)
 
 
@@ -82,23 +79,14 @@ def _wrong_definition(context: Context, topic: str, endpoints: Sequence[Endpoint
 
 def _silent_publisher(context: Context, artifact: str, used: str) -> tuple[str, str]:
     """Say of a publisher without messages what its timers tell: reason and hint."""
-    silent = f"The publisher on {used} exists, but not one message came from it."
-    timers = _timers(context)
+    silent, timers = f"The publisher on {used} exists, but not one message came from it.", _timers(context)
     source = context.submission.texts.get(context.path_of(artifact) or "", "")
     if timers and "use_sim_time" in source and not len(context.session.stream("/clock")):
         return (
             f"{silent} It uses use_sim_time; in simulation time timers wait for /clock, which nobody sends here.",
             "Leave use_sim_time to the launch file or the command line; a node by itself runs on the system's time.",
         )
-    periods_s = [float(c.name) for c in timers if _NUMBER.fullmatch(c.name)]
-    if not timers:
-        return silent, "Call publish() from a timer that the node creates, and spin the node."
-    if periods_s and min(periods_s) >= 1:
-        return (
-            f"{silent} The period of the node's timer is {min(periods_s):g} s.",
-            "create_timer takes the period in seconds: 1 divided by the rate in Hz.",
-        )
-    return silent, "See that the timer's callback reaches publish(), and that the node spins."
+    return f"{silent}{_by_timer(timers)}", "Call publish() from a timer that the node creates, and spin the node."
 
 
 class TopicRate(Parameters):
@@ -112,32 +100,18 @@ class TopicRate(Parameters):
     window: ref.Window | None = Field(None, description="Label of the observe step; else the whole session.")
 
 
-@dataclass(frozen=True)
-class _Measured:
-    """A topic's timing within a window, by when its messages arrived where their stamps cannot be true.
+def _measured(context: Context, topic: str, window: str | None) -> tuple[Timing | None, Span | None, float, str]:
+    """Return a topic's timing within a window, by when its messages arrived where their stamps cannot be true.
 
-    Attributes
-    ----------
-    excused_s : float
-        Delay of the recorder, where the timing is that of arrival.
-    by : str
-        Says so, where it is.
+    Besides it the window, the recorder's delay where the timing is that of arrival, and a clause that says so.
     """
-
-    timing: Timing | None
-    span: Span | None
-    excused_s: float = 0.0
-    by: str = ""
-
-
-def _measured(context: Context, topic: str, window: str | None) -> _Measured:
     span = context.session.window(window) if window else None
     timing = timing_of(context.session.stream(topic), span)
-    held_up_s = context.session.recorder_delay_s(span) if span is not None else 0.0
-    if timing is None or not timing.contradicted_by_arrival(held_up_s):
-        return _Measured(timing, span)
+    late_s = context.session.recorder_delay_s(span) if span is not None else 0.0
+    if timing is None or not timing.contradicted_by_arrival(late_s):
+        return timing, span, 0.0, ""
     by = " by their arrival, as the time stamps that they carry are not those of their sending"
-    return _Measured(timing.arrived, span, held_up_s, by)
+    return timing.arrived, span, late_s, by
 
 
 def _delay_s(context: Context, process: str, span: Span | None) -> float:
@@ -147,79 +121,63 @@ def _delay_s(context: Context, process: str, span: Span | None) -> float:
 
 def topic_rate(context: Context, p: TopicRate) -> Finding:
     """Judge the rate from source timestamps and sequence numbers."""
-    found = _measured(context, p.topic, p.window)
-    timing, span = found.timing, found.span
+    timing, span, excused_s, by = _measured(context, p.topic, p.window)
     expected = (
         f"{p.rate_hz:g} Hz ± {percent(p.full_within)}; credit falls by tenths to none at ± {percent(p.zero_beyond)}"
     )
-    timers = _timers(context)
-    timer = [Where(file=timers[0].file, line=timers[0].line)] if len(timers) == 1 else []
-    where = (*timer, *_spots(context, p.topic, span))
+    timers, spot = _timers(context), _spot(context, p.topic, span)
+    where = (*(claimed_at(timers[0]) if len(timers) == 1 else ()), spot)
     if timing is None:
         count = len(context.session.stream(p.topic))
         reason = f"Only {count} messages came, too few to speak of a rate."
         return failed(expected, f"{count} messages", reason, where=where)
     length_s = span.duration_s if span else timing.written / timing.rate_hz
-    delay_s = min(_delay_s(context, p.process, span) + found.excused_s, 0.5 * length_s)
-    best_hz = _best_rate_hz(timing, length_s, delay_s, p.rate_hz)
+    run = context.session.process(p.process)
+    before = Span(min(run.started_ns, span.start_ns), span.start_ns) if run is not None and span is not None else None
+    delay_s = min(_delay_s(context, p.process, span) + excused_s, 0.5 * length_s)
+    least_hz, best_hz = _bounds_hz(timing, length_s, delay_s, _delay_s(context, p.process, before), p.rate_hz)
     error_hz = timing.burst_error_hz or 2 * timing.deviation_s() * timing.rate_hz / max(length_s, 1e-9)
-    shown_hz = apart(timing.rate_hz, *(p.rate_hz * (1 + k * p.full_within) for k in (-1, 1)), places=2)
-    measured = f"{shown_hz} Hz ± {max(error_hz, 0.01):.2f} Hz ({timing.written} messages in {length_s:.1f} s)"
-    measured += found.by
-    least_hz = _least_rate_hz(timing, length_s, _delay_before_s(context, p.process, span), p.rate_hz)
     span_hz = (least_hz - error_hz, best_hz + error_hz)
     off_by = [abs(hz / p.rate_hz - 1) for hz in span_hz]
     least_off = 0.0 if span_hz[0] <= p.rate_hz <= span_hz[1] else min(off_by)
     worst, best = (ramp(off, p.full_within, p.zero_beyond) for off in (max(off_by), least_off))
-    reason = f"{_off_rate(timing, p)}{_by_timer(context, timing.rate_hz)}"
     silent_s, of_s = _silence_s(context, p, span)
     if silent_s - delay_s > max(_SILENT_S, _SILENT_INTERVALS * timing.median_s):
-        measured = f"{timing.rate_hz:.2f} Hz for {of_s - silent_s:.1f} s, then nothing for {silent_s:.1f} s"
-        run = context.session.process(p.process)
-        artifact = run.artifact if run is not None and run.artifact is not None else p.process
-        why, hint, spots = why_nothing(context, artifact, "The program ran on without publishing.")
-        reason = f"Messages stop after {of_s - silent_s:.1f} s of the {of_s:.1f} s. {why}"
-        share = min(best, ramp(silent_s / of_s, p.full_within, p.zero_beyond))
-        where = (*spots, *_spots(context, p.topic, span))
-        return graded(in_steps(share), expected, measured, reason, hint=hint or _SILENT_HINT, where=where)
-    doubt, by_machine = _doubt(delay_s, length_s)
-    return measured_share(worst, best, expected, measured, reason, doubt, by_machine=by_machine, where=where)
-
-
-def _off_rate(timing: Timing, p: TopicRate) -> str:
-    """Say how far the rate is from the one wanted, and whether it is pauses that make it so."""
-    usual_hz = 1 / timing.median_s if timing.median_s > 0 else timing.rate_hz
-    longest_s = float(timing.intervals_s.max()) if len(timing.intervals_s) else 0.0
-    if timing.rate_hz < p.rate_hz and abs(usual_hz / p.rate_hz - 1) < p.full_within and longest_s > _PAUSE / p.rate_hz:
-        return (
-            f"Messages come at {usual_hz:.0f} Hz with pauses of up to {longest_s:.2f} s between them: "
-            f"{apart(timing.rate_hz, p.rate_hz, places=1)} Hz on average."
-        )
+        sent_s = of_s - silent_s
+        measured = f"{timing.rate_hz:.2f} Hz for {sent_s:.1f} s, then nothing for {silent_s:.1f} s"
+        reason = f"Messages stop after {sent_s:.1f} s of the {of_s:.1f} s. The program ran on without publishing."
+        share = in_steps(min(best, ramp(silent_s / of_s, p.full_within, p.zero_beyond)))
+        return unexplained(graded(share, expected, measured, reason, hint=_SILENT_HINT, where=(spot,)))
+    shown_hz = apart(timing.rate_hz, *(p.rate_hz * (1 + k * p.full_within) for k in (-1, 1)), places=2)
+    longest = f", the longest interval {timing.intervals_s.max():.2f} s" if len(timing.intervals_s) else ""
+    measured = (
+        f"{shown_hz} Hz ± {max(error_hz, 0.01):.2f} Hz ({timing.written} messages in {length_s:.1f} s{longest}){by}"
+    )
     times = timing.rate_hz / p.rate_hz
-    off_by = apart(100 * abs(times - 1), 0, 100 * p.full_within, places=1)
-    off = f"{off_by}% {'slower' if times < 1 else 'faster'} than" if times < 2 else f"{times:.3g} times"
-    return f"Messages come at {apart(timing.rate_hz, p.rate_hz, places=1)} Hz, {off} {p.rate_hz:g} Hz."
+    off = apart(100 * abs(times - 1), 0, 100 * p.full_within, places=1)
+    than = f"{off}% {'slower' if times < 1 else 'faster'} than" if times < 2 else f"{times:.3g} times"
+    rate = apart(timing.rate_hz, p.rate_hz, places=1)
+    reason = f"Messages come at {rate} Hz, {than} {p.rate_hz:g} Hz.{_by_timer(timers)}"
+    doubt, by_machine = _doubt(delay_s, length_s)
+    return graded(
+        worst,
+        expected,
+        measured,
+        reason,
+        where=where,
+        best=best,
+        doubt=doubt,
+        steps=STEPS,
+        by_machine=by_machine,
+    )
 
 
-#: Intervals of the rate wanted from which a gap is a pause.
-_PAUSE = 20
+def _by_timer(timers: Sequence[Claim]) -> str:
+    """Say what the period of the node's only timer is, where its source says so."""
+    named = len(timers) == 1 and _NUMBER.fullmatch(timers[0].name)
+    return f" The timer's period is {float(timers[0].name):g} s." if named else ""
 
 
-def _by_timer(context: Context, rate_hz: float) -> str:
-    """Say so if the period of the node's only timer gives the rate that was measured."""
-    timers = _timers(context)
-    if len(timers) != 1 or not _NUMBER.fullmatch(timers[0].name):
-        return ""
-    period_s = float(timers[0].name)
-    if not period_s:
-        return " The timer's period is 0 s, so it fires as often as it can: 1 // 100 is 0, and 1 / 100 is 0.01."
-    if abs(rate_hz * period_s - 1) > _TIMER_SLACK:
-        return ""
-    return f" The timer's period is {period_s:g} s."
-
-
-#: How far a rate may be from a timer's for the timer to be the reason.
-_TIMER_SLACK = 0.05
 #: A topic on which nothing came for so long, and for so many of its intervals, had ended.
 _SILENT_S, _SILENT_INTERVALS = 0.5, 10
 
@@ -244,12 +202,8 @@ def _silence_s(context: Context, p: TopicRate, span: Span | None) -> tuple[float
 
 
 _SILENT_HINT = "A node publishes for as long as it runs; see what ends or stops it."
-
-
 #: Share of a span for which a process was kept from a core, from which that is named as the reason of a doubt.
 _NOTABLE_DELAY = 0.005
-
-
 #: Share of a span for which a process was kept from a core, from which its usual interval may be longer by that.
 _MANY_DELAYS = 0.25
 
@@ -261,49 +215,32 @@ def _doubt(delay_s: float, length_s: float) -> tuple[str, bool]:
     return "The measurement's error reaches over a step of the credit.", False
 
 
-def _best_rate_hz(timing: Timing, length_s: float, delay_s: float, wanted_hz: float) -> float:
-    """Return the highest rate, up to the one wanted, that the node may have had on a machine of its own.
+def _bounds_hz(
+    timing: Timing, length_s: float, delay_s: float, before_s: float, wanted_hz: float
+) -> tuple[float, float]:
+    """Return the lowest and the highest rate, up to the one wanted, that the node may have had on a machine of its own.
 
-    It lost at most the time for which it was ready and had no core; and what its usual interval shows
-    is not changed by a few delays. Many can lengthen half of the intervals, and with them the usual one.
-    """
-    without_delay_hz = timing.rate_hz * length_s / (length_s - delay_s)
-    longer_s = 2 * delay_s / max(len(timing.intervals_s), 1) if delay_s > _MANY_DELAYS * length_s else 0.0
-    usual_hz = 1 / (timing.median_s - longer_s) if timing.median_s > longer_s else without_delay_hz
-    return max(timing.rate_hz, min(without_delay_hz, usual_hz, wanted_hz))
-
-
-def _least_rate_hz(timing: Timing, length_s: float, delay_before_s: float, wanted_hz: float) -> float:
-    """Return the lowest rate, down to the one wanted, that the node may have had on a machine of its own.
-
-    Within the window it may have made up for what it could not send before, which its usual interval does not show.
+    It lost at most the time for which it was ready and had no core, and may have made up for what it could not send
+    before the window. What its usual interval shows is not changed by a few delays; many can lengthen half of them.
     """
     usual_hz = 1 / timing.median_s if timing.median_s > 0 else timing.rate_hz
-    without_hz = timing.rate_hz * length_s / (length_s + delay_before_s)
-    return min(timing.rate_hz, max(without_hz, usual_hz, wanted_hz))
-
-
-def _delay_before_s(context: Context, process: str, span: Span | None) -> float:
-    """Return for how long the machine kept a process from a core before a window opened."""
-    run = context.session.process(process)
-    if run is None or span is None:
-        return 0.0
-    return context.session.machine_delay_s(run, Span(min(run.started_ns, span.start_ns), span.start_ns))
+    least_hz = max(timing.rate_hz * length_s / (length_s + before_s), usual_hz, wanted_hz)
+    longer_s = 2 * delay_s / max(len(timing.intervals_s), 1) if delay_s > _MANY_DELAYS * length_s else 0.0
+    usual_hz = 1 / (timing.median_s - longer_s) if timing.median_s > longer_s else float("inf")
+    most_hz = min(without_delay(timing.rate_hz, delay_s, length_s), usual_hz, wanted_hz)
+    return min(timing.rate_hz, least_hz), max(timing.rate_hz, most_hz)
 
 
 def _timers(context: Context) -> list[Claim]:
     """Return the timers that the student's nodes made, by the tap."""
-    return [c for c in context.session.record.claims if c.kind == "timer" and not c.file.startswith("/")]
+    return [c for c in context.session.record.claims if c.kind == "timer" and claimed_at(c)]
 
 
-def _spots(context: Context, topic: str, span: Span | None) -> tuple[Where, ...]:
-    times = {}
-    if span is not None:
-        times = {
-            "start_s": context.session.since_start_s(span.start_ns),
-            "end_s": context.session.since_start_s(span.end_ns),
-        }
-    return (context.where(topic, **times),)
+def _spot(context: Context, topic: str, span: Span | None) -> Where:
+    if span is None:
+        return context.where(topic)
+    start_s, end_s = (context.session.since_start_s(t_ns) for t_ns in (span.start_ns, span.end_ns))
+    return context.where(topic, start_s=start_s, end_s=end_s)
 
 
 #: Credit for evenness comes in halves: a quantile is known only to some part of itself.
@@ -325,37 +262,38 @@ class TopicJitter(Parameters):
 
 def topic_jitter(context: Context, p: TopicJitter) -> Finding:
     """Judge the evenness of intervals between consecutive samples."""
-    found = _measured(context, p.topic, p.window)
-    timing, span = found.timing, found.span
+    timing, span, excused_s, by = _measured(context, p.topic, p.window)
     expected = (
         f"{percent(p.share)} of the intervals within {p.full_within_s * 1e3:g} ms of their median; "
         f"credit falls by halves to none at {p.zero_beyond_s * 1e3:g} ms"
     )
-    where = _spots(context, p.topic, span)
+    where = (_spot(context, p.topic, span),)
     if timing is None or not len(timing.intervals_s):
         return failed(expected, "too few messages", "Too few messages came to speak of intervals.", where=where)
     deviation_s = timing.deviation_s(p.share)
     longest = f"longest {timing.intervals_s.max() * 1e3:.1f} ms"
     limits_ms = (p.full_within_s * 1e3, p.zero_beyond_s * 1e3)
     shown_ms = apart(deviation_s * 1e3, *limits_ms, places=2)
-    measured = f"{percent(p.share)} within {shown_ms} ms of {timing.median_s * 1e3:.2f} ms ({longest})"
-    measured += found.by
-    delay_s = _delay_s(context, p.process, span) + found.excused_s
+    measured = f"{percent(p.share)} within {shown_ms} ms of {timing.median_s * 1e3:.2f} ms ({longest}){by}"
+    delay_s = _delay_s(context, p.process, span) + excused_s
     spread = _CONFIDENCE * math.sqrt(p.share * (1 - p.share) / len(timing.intervals_s))
     largest_s = timing.deviation_s(min(1.0, p.share + spread))
     least_s = timing.deviation_s(max(0.0, p.share - spread), delay_s)
     worst, best = (ramp(d, p.full_within_s, p.zero_beyond_s) for d in (largest_s, least_s))
     off = f"{apart(deviation_s * 1e3, *limits_ms, places=1)} ms off the usual {timing.median_s * 1e3:.1f} ms"
     reason = f"One interval in {round(1 / (1 - p.share))} is more than {off}."
-    mean_s = float(timing.intervals_s.mean())
-    if timing.median_s < 0.5 * mean_s:
-        reason = (
-            f"Messages come in bursts: most follow the one before at once, and then none comes for up to {longest[8:]}."
-        )
     length_s = span.duration_s if span else float(timing.intervals_s.sum())
     doubt, by_machine = _doubt(delay_s, length_s)
-    return measured_share(
-        worst, best, expected, measured, reason, doubt, steps=_JITTER_STEPS, by_machine=by_machine, where=where
+    return graded(
+        worst,
+        expected,
+        measured,
+        reason,
+        where=where,
+        best=best,
+        doubt=doubt,
+        steps=_JITTER_STEPS,
+        by_machine=by_machine,
     )
 
 
@@ -371,25 +309,22 @@ def message_values(context: Context, p: MessageValues) -> Finding:
     """Judge the length and finiteness of a field; credit in parts."""
     expected = f"{p.length} finite numbers in '{p.field}' of every message"
     rows = context.rows(p.topic, p.field)
-    where = (context.where(p.topic),)
     if not rows:
-        return failed(expected, "no messages", "No message came.", where=where)
+        return failed(expected, "no messages", "No message came.")
     lengths = [len(row) if row is not None else 0 for row in rows]
-    right = sum(n == p.length for n in lengths)
-    finite = sum(row is not None and bool(np.isfinite(row).all()) for row in rows)
-    good = sum(row is not None and len(row) == p.length and bool(np.isfinite(row).all()) for row in rows)
+    finite = [row is not None and bool(np.isfinite(row).all()) for row in rows]
+    others = sum(n != p.length for n in lengths)
+    good = sum(n == p.length and ok for n, ok in zip(lengths, finite, strict=True))
     usual = max(set(lengths), key=lengths.count)
-    measured = f"{usual} numbers in most of {len(rows)} messages, {len(rows) - finite} messages with NaN or infinity"
-    reasons = []
-    if right < len(rows):
-        reasons.append(
-            f"{len(rows) - right} of {len(rows)} messages do not hold {p.length} numbers (most hold {usual})."
-        )
-    if finite < len(rows):
-        reasons.append(f"{len(rows) - finite} messages hold numbers that are not finite.")
+    measured = f"{usual} numbers in most of {len(rows)} messages, {finite.count(False)} messages with NaN or infinity"
+    reasons = (
+        [f"{others} of {len(rows)} messages do not hold {p.length} numbers (most hold {usual})."] if others else []
+    )
+    if not all(finite):
+        reasons.append(f"{finite.count(False)} messages hold numbers that are not finite.")
     # One bad message is as clear as many, however often it comes.
     share = 1.0 if good == len(rows) else min(in_steps(good / len(rows)), 1 - 1 / STEPS)
-    return graded(share, expected, measured, " ".join(reasons), where=where)
+    return graded(share, expected, measured, " ".join(reasons))
 
 
 class Component(Parameters):
@@ -398,6 +333,14 @@ class Component(Parameters):
     index: int = Field(ge=0)
     amplitude: float = Field(gt=0)
     frequency_hz: float = Field(gt=0)
+
+
+class Slip(Parameters):
+    """A known mistake, by the factors that it puts on amplitude and frequency."""
+
+    amplitude: float = Field(1.0, gt=0)
+    frequency: float = Field(1.0, gt=0)
+    meaning: str
 
 
 class Sinusoids(Parameters):
@@ -410,6 +353,11 @@ class Sinusoids(Parameters):
     others_still: int = Field(0, description="The elements up to this one that have no component stay at 0.")
     tolerance: Share = 0.05
     phase_tolerance: Share = Field(0.125, description="Share of a period by which a sinusoid may begin elsewhere.")
+    slips: tuple[Slip, ...] = ()
+    misplaced_credit: Share = Field(
+        0.5, description="Credit of a component that moves as it should in another element."
+    )
+    phase_credit: Share = Field(2 / 3, description="Credit of one that begins at another place of its period.")
 
 
 def sinusoids(context: Context, p: Sinusoids) -> Finding:
@@ -420,16 +368,15 @@ def sinusoids(context: Context, p: Sinusoids) -> Finding:
     wanted = ", ".join(f"{c.amplitude:g}·sin(2π·{c.frequency_hz:g}·t) in [{c.index}]" for c in p.components)
     expected = f"{wanted}, the others 0"
     series = context.numeric(p.topic, p.field, finite=False)
-    where = (context.where(p.topic),)
-    if series is None or len(series.values) < 20:
-        return failed(expected, "too few numbers", "Too few messages with numbers came to see a motion.", where=where)
+    if series is None or len(series.values) < _FEWEST:
+        return failed(expected, "too few numbers", "Too few messages with numbers came to see a motion.")
     parts, texts, reasons = [], [], []
     elsewhere: set[int] = set()
     for component in p.components:
         share, text, reason = _judge_component(series, component, p)
-        if share < _MISPLACED and (place := _place_of(series, component, p)) is not None:
+        if share < p.misplaced_credit and (place := _place_of(series, component, p)) is not None:
             elsewhere.add(place)
-            share, reason = _MISPLACED, f"The motion of element {component.index} is in element {place}."
+            share, reason = p.misplaced_credit, f"The motion of element {component.index} is in element {place}."
         parts.append(share)
         texts.append(text)
         reasons += [reason] if reason else []
@@ -437,11 +384,11 @@ def sinusoids(context: Context, p: Sinusoids) -> Finding:
     parts.append(0.0 if moving else 1.0)
     if moving:
         reasons.append(f"Element {', '.join(map(str, moving))} should stay at 0, but moves.")
-    return graded(sum(parts) / len(parts), expected, "; ".join(texts), " ".join(reasons), where=where)
+    return graded(sum(parts) / len(parts), expected, "; ".join(texts), " ".join(reasons))
 
 
-#: Credit for a component that moves as it should, but in another element.
-_MISPLACED = 0.5
+#: So many messages show a motion.
+_FEWEST = 20
 
 
 def _place_of(series: NumericStream, c: Component, p: Sinusoids) -> int | None:
@@ -461,12 +408,12 @@ def _others_that_move(values: Floats, p: Sinusoids) -> list[int]:
 
 
 def _judge_component(series: NumericStream, c: Component, p: Sinusoids) -> tuple[float, str, str]:
+    """Return the credit of a component, what it is and what is wrong with it."""
     if c.index >= series.values.shape[1]:
         return 0.0, f"no element {c.index}", f"Messages have no element {c.index}."
-    known = np.isfinite(series.values[:, c.index])
-    if known.sum() < 20:
+    values = series.values[np.isfinite(series.values[:, c.index]), c.index]
+    if len(values) < _FEWEST:
         return 0.0, f"[{c.index}] is not a number", f"Element {c.index} is not a number."
-    values = series.values[known, c.index]
     best, fits = _best_fit(series, c, p)
     amplitude, frequency = (
         apart(got, *(wanted * (1 + k * p.tolerance) for k in (-1, 1)), places=3)
@@ -477,24 +424,24 @@ def _judge_component(series: NumericStream, c: Component, p: Sinusoids) -> tuple
         early = min((f for f in fits if _badness(f, c) <= p.tolerance), key=lambda fit: abs(fit.phase))
         if abs(early.phase) <= 2 * np.pi * p.phase_tolerance:
             return 1.0, text, ""
-        turned = abs(abs(early.phase) - np.pi) <= 2 * np.pi * p.phase_tolerance
-        if turned:
-            return 2 / 3, text, f"Element {c.index} moves the wrong way: the sign of its sine is turned round."
-        begins = f"begins at {early.amplitude * np.sin(early.phase):.2f} ({np.degrees(early.phase):.0f}° into a sine)"
-        return 2 / 3, text, f"Element {c.index} has the right amplitude and frequency, but {begins} instead of at 0."
+        begins = f"{np.degrees(early.phase):.0f}° into its sine instead of at 0° (180° turns its sign round)"
+        reason = f"Element {c.index} has the right amplitude and frequency, but begins {begins}."
+        return p.phase_credit, text, reason
     if float(np.ptp(values)) < p.tolerance * c.amplitude:
         return 0.0, f"[{c.index}] does not move", f"Element {c.index} does not move."
-    frequency_right = abs(best.frequency_hz / c.frequency_hz - 1) <= p.tolerance and best.residual < 0.2 * c.amplitude
+    clean = best.residual < 0.2 * c.amplitude
     centred = abs(best.offset) <= p.tolerance * c.amplitude
-    amplitude_right = (
-        centred and abs(best.amplitude / c.amplitude - 1) <= p.tolerance and best.residual < 0.2 * c.amplitude
-    )
+    right = [abs(ratio - 1) <= p.tolerance and clean for ratio in _ratios(best, c)]
     reason = f"Element {c.index} has amplitude {amplitude} and frequency {frequency} Hz"
     reason += "" if centred else f" about {best.offset:.3f} instead of 0"
-    reason += f" (wanted {c.amplitude:g} and {c.frequency_hz:g} Hz)" + (
-        "." if best.residual < 0.2 * c.amplitude else ", and is no clean sine."
-    )
-    return 0.5 * (frequency_right + amplitude_right), text, reason + _likely_slip(best, c)
+    reason += f" (wanted {c.amplitude:g} and {c.frequency_hz:g} Hz){'' if clean else ', and is no clean sine'}."
+    factors = np.array(_ratios(best, c))
+    slip = next((s.meaning for s in p.slips if np.allclose(factors, (s.amplitude, s.frequency), rtol=0.05)), "")
+    return 0.5 * (right[1] + (right[0] and centred)), text, f"{reason} {slip}".strip()
+
+
+def _ratios(fit: Sinusoid, c: Component) -> tuple[float, float]:
+    return fit.amplitude / c.amplitude, fit.frequency_hz / c.frequency_hz
 
 
 #: Frequencies that are searched, in parts of the one wanted.
@@ -523,26 +470,10 @@ def _since_first_s(series: NumericStream) -> Floats:
     return shifted
 
 
-def _likely_slip(fit: Sinusoid, c: Component) -> str:
-    """Name the mistake that a constant ratio to the right amplitude or frequency gives away."""
-    slips = []
-    if abs(fit.amplitude / c.amplitude / np.degrees(1) - 1) < 0.05:
-        slips.append("The amplitude is in degrees; it belongs in rad.")
-    if abs(fit.frequency_hz / c.frequency_hz * 2 * np.pi - 1) < 0.05:
-        slips.append("It is 2π times too slow: the factor 2π is missing in the sine.")
-    elif fit.residual < 0.2 * c.amplitude and (times := fit.frequency_hz / c.frequency_hz) > 1.5:
-        slips.append(f"It is {times:.3g} times too fast: t grows by too much a tick, or the frequency is wrong.")
-    return " ".join(["", *slips])
-
-
 def _badness(fit: Sinusoid, c: Component) -> float:
     """Return the largest relative deviation of a fit from a component."""
-    return max(
-        abs(fit.amplitude / c.amplitude - 1),
-        abs(fit.frequency_hz / c.frequency_hz - 1),
-        abs(fit.offset) / c.amplitude,
-        fit.residual / c.amplitude,
-    )
+    off = [abs(ratio - 1) for ratio in _ratios(fit, c)]
+    return max(*off, abs(fit.offset) / c.amplitude, fit.residual / c.amplitude)
 
 
 class OfferedQos(Parameters):
@@ -561,22 +492,21 @@ def offered_qos(context: Context, p: OfferedQos) -> Finding:
     expected = "offers " + ", ".join(v.upper() for v in wanted.values())
     endpoints = student_endpoints(context, p.topic, "publisher")
     if not endpoints:
-        return failed(expected, "no publisher", "There is no publisher to look at.", where=(context.where(p.topic),))
+        return failed(expected, "no publisher", "There is no publisher to look at.")
     # Which of several publishers sent what is not known; one that fits does not make up for another.
     unfit = [e.qos for e in endpoints if any(getattr(e.qos, name) != value for name, value in wanted.items())]
     qos = unfit[0] if unfit else endpoints[0].qos
     wrong = [(name, getattr(qos, name)) for name, value in wanted.items() if getattr(qos, name) != value]
-    claim, spot = claimed_qos(context, "publisher", p.topic)
+    claim = claim_of(context, "publisher", p.topic)
+    asked = claim.qos if claim is not None else None
     notes = []
-    if claim is not None and p.depth is not None and claim.history == "system_default":
-        notes.append(f"History and depth are left to the middleware; the lab asks for a depth of {p.depth}.")
-    elif claim is not None and p.depth is not None and claim.depth != p.depth:
-        notes.append(f"The depth is {claim.depth}; the lab asks for {p.depth}.")
+    if asked is not None and p.depth is not None and asked.depth != p.depth:
+        depth = "left to the middleware" if asked.history == "system_default" else asked.depth
+        notes.append(f"The depth is {depth}; the lab asks for {p.depth}.")
     reason = " ".join(
         f"The publisher offers {value.upper()} {name}, not {wanted[name].upper()}." for name, value in wrong
     )
-    measured = f"offers {qos.reliability.upper()}, {qos.durability.upper()}" + (
-        f", depth {claim.depth} in the source" if claim else ""
-    )
-    where = (*([spot] if spot else []), context.where(p.topic))
+    measured = f"offers {qos.reliability.upper()}, {qos.durability.upper()}"
+    measured += f", depth {asked.depth} in the source" if asked is not None else ""
+    where = (*claimed_at(claim), context.where(p.topic))
     return graded(1 - len(wrong) / max(1, len(wanted)), expected, measured, reason, where=where, notes=notes)

@@ -6,13 +6,13 @@ The judgement itself stays as it is; each adjustment says how many points it add
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from datetime import datetime, timedelta
 from decimal import Decimal
 
 from grader.cohort.overrides import Override
 from grader.policy import Counts, LatePolicy, span_text, time_text
-from grader.result import Adjustment, AdjustmentKind, CriterionResult, Result
+from grader.result import Adjustment, AdjustmentKind, CheckResult, CriterionResult, Result
 
 _WHOLE = "score"
 
@@ -38,50 +38,29 @@ def adjust(
     without it. The total is never below 0.
     """
     listed = list(entries)
-    points = _Points(result)
-    changes = [points.adjust_check(e) for e in listed if e.check is not None]
-    changes += [points.adjust_criterion(e) for e in listed if e.criterion is not None]
-    changes += [_by_hand(AdjustmentKind.BONUS, _WHOLE, e.bonus, e) for e in listed if e.bonus is not None]
-    made = [change for change in changes if change is not None]
+    parts: list[CheckResult | CriterionResult] = [*result.criteria, *result.checks]
+    earned = {_part(each): each.earned for each in parts}
+    possible = {_part(each): each.possible for each in parts}
+    criterion_of = {check.id: criterion.id for criterion in result.criteria for check in criterion.checks}
+    made: list[Adjustment] = []
+    for entry in sorted(listed, key=lambda entry: entry.check is None):
+        part = ("check", entry.check) if entry.check is not None else ("criterion", entry.criterion)
+        if part in earned:  # Else nothing of it was judged.
+            change = _changed(earned[part], entry, possible[part]) - earned[part]
+            earned[part] += change
+            if entry.check is not None:
+                earned["criterion", criterion_of[entry.check]] += change
+            kind = AdjustmentKind.EXCUSED if entry.excused else AdjustmentKind.POINTS
+            made.append(_by_hand(kind, str(part[1]), change, entry))
+    made += [_by_hand(AdjustmentKind.BONUS, _WHOLE, e.bonus, e) for e in listed if e.bonus is not None]
     if late is not None:
         standing = result.score.earned + sum((change.points for change in made), Decimal(0))
         made += _lateness(standing, listed, late, submitted)
     return replace(result, adjustments=tuple(made))
 
 
-@dataclass
-class _Points:
-    """The points of checks and criteria while they are being adjusted."""
-
-    result: Result
-    checks: dict[str, Decimal] = field(default_factory=dict)
-    criteria: dict[str, Decimal] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        for criterion in self.result.criteria:
-            self.criteria[criterion.id] = criterion.earned
-            self.checks.update((check.id, check.earned) for check in criterion.checks)
-
-    def adjust_check(self, entry: Override) -> Adjustment | None:
-        """Apply an entry about a check; None if the check was not judged."""
-        for criterion in self.result.criteria:
-            for check in criterion.checks:
-                if check.id == entry.check:
-                    before = self.checks[check.id]
-                    self.checks[check.id] = _changed(before, entry, check.possible)
-                    change = self.checks[check.id] - before
-                    self.criteria[criterion.id] += change
-                    return _by_hand(_kind(entry), check.id, change, entry)
-        return None
-
-    def adjust_criterion(self, entry: Override) -> Adjustment | None:
-        """Apply an entry about a criterion; None if none of it was judged."""
-        found: CriterionResult | None = next((c for c in self.result.criteria if c.id == entry.criterion), None)
-        if found is None:
-            return None
-        before = self.criteria[found.id]
-        self.criteria[found.id] = _changed(before, entry, found.possible)
-        return _by_hand(_kind(entry), found.id, self.criteria[found.id] - before, entry)
+def _part(judged: CheckResult | CriterionResult) -> tuple[str, str | None]:
+    return ("check" if isinstance(judged, CheckResult) else "criterion", judged.id)
 
 
 def _changed(points: Decimal, entry: Override, possible: Decimal) -> Decimal:
@@ -89,10 +68,6 @@ def _changed(points: Decimal, entry: Override, possible: Decimal) -> Decimal:
         return possible
     wanted = entry.set_ if entry.set_ is not None else points + (entry.add or Decimal(0))
     return min(max(wanted, Decimal(0)), possible)
-
-
-def _kind(entry: Override) -> AdjustmentKind:
-    return AdjustmentKind.EXCUSED if entry.excused else AdjustmentKind.POINTS
 
 
 def _by_hand(kind: AdjustmentKind, what: str, points: Decimal, entry: Override) -> Adjustment:

@@ -11,10 +11,7 @@ from grader.cohort.overrides import moment_of
 from grader.errors import RecordingError
 from grader.recording.submission import read_submission
 from grader.result import Result, load_result
-
-RECORDINGS = "recordings"
-RESULT_FILE = "result.json"
-REPORT_FILE = "report.html"
+from grader.result_folder import RECORDINGS, REPORT_FILE, RESULT_FILE
 
 
 @dataclass(frozen=True)

@@ -100,41 +100,27 @@ def _mistake(members: Sequence[tuple[Made, CheckResult]]) -> Mistake:
 
 def _following(result: Result, rubric: Rubric) -> dict[str, Decimal]:
     """Return, for each check that cost points by itself, the points that were out of reach because of it."""
-    checks = {check.id: check for check in result.checks}
-    requires = {spec.id: spec.requires for spec in rubric.checks()}
-    causes = {c.id: _cause(c, checks, requires, result) for c in result.checks if c.lost > 0}
-    sums = {name: Decimal(0) for name, cause in causes.items() if cause == name}
-    for name, cause in causes.items():
-        if cause != name:
-            sums[cause] = sums.get(cause, Decimal(0)) + checks[name].lost
+    sums: dict[str, Decimal] = {}
+    for check in (check for check in result.checks if check.lost > 0):
+        cause = _cause(check, result, rubric)
+        sums[cause] = sums.get(cause, Decimal(0)) + (check.lost if cause != check.id else 0)
     return sums
 
 
-def _cause(
-    check: CheckResult,
-    checks: Mapping[str, CheckResult],
-    requires: Mapping[str, Sequence[str]],
-    result: Result,
-) -> str:
+def _cause(check: CheckResult, result: Result, rubric: Rubric) -> str:
     """Return the check that a loss goes back to: itself, one that it requires, or an earlier one of its criterion."""
-    seen = {check.id}
-    while check.outcome is Outcome.NOT_REACHED:
-        earlier = [checks[name] for name in requires.get(check.id, ()) if name in checks and name not in seen]
-        blocking = [c for c in earlier if c.outcome in (Outcome.FAILED, Outcome.NOT_REACHED) and c.lost > 0]
+    requires = {spec.id: spec.requires for spec in rubric.checks()}
+    checks = {c.id: c for c in result.checks}
+    for _ in checks:  # No chain is longer.
+        if check.outcome is not Outcome.NOT_REACHED:
+            break
+        criterion = next(c.checks for c in result.criteria if check in c.checks)
+        required = (checks[name] for name in requires.get(check.id, ()) if name in checks)
+        blocking = [c for c in required if c.outcome in (Outcome.FAILED, Outcome.NOT_REACHED) and c.lost > 0]
+        blocking += [c for c in criterion[: criterion.index(check)] if c.outcome is Outcome.FAILED and c.lost > 0]
         if not blocking:
-            return _failed_before(check, result)
+            break
         check = blocking[0]
-        seen.add(check.id)
-    return check.id
-
-
-def _failed_before(check: CheckResult, result: Result) -> str:
-    """Return the first failed check before one in its criterion; itself if there is none."""
-    for criterion in result.criteria:
-        names = [c.id for c in criterion.checks]
-        if check.id in names:
-            before = criterion.checks[: names.index(check.id)]
-            return next((c.id for c in before if c.outcome is Outcome.FAILED and c.lost > 0), check.id)
     return check.id
 
 

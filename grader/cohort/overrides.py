@@ -27,18 +27,15 @@ OVERRIDES_FILE = "overrides.yaml"
 EVERYONE = "*"
 
 _WHAT = "the file of overrides"
-_REMEDY = "`grade regrade --help` shows what entries look like."
 _CHANGES = ("set", "add", "excused", "bonus", "extension", "due", "submitted")
 _OF_A_PART = ("set", "add", "excused")
 
 
 def _points(value: Any) -> Any:
-    if isinstance(value, bool) or not isinstance(value, (int, float, str, Decimal)):
-        raise ValueError("a number of points is expected")
     try:
         points = Decimal(str(value))
     except InvalidOperation:
-        raise ValueError("a number of points is expected") from None
+        points = Decimal("NaN")
     if not points.is_finite() or abs(points) > 1_000_000:
         raise ValueError("a number of points is expected")
     if points != round(points, 2):
@@ -75,12 +72,6 @@ def _date(value: Any) -> Any:
     return found.isoformat(timespec="minutes") if isinstance(found, datetime) else found.isoformat()
 
 
-def _only_true(value: Any) -> Any:
-    if value is not True:
-        raise ValueError("only true is expected; without it, nothing is excused")
-    return value
-
-
 Points = Annotated[Decimal, BeforeValidator(_points)]
 Words = Annotated[str, BeforeValidator(_words)]
 
@@ -107,7 +98,7 @@ class Override(Strict):
     criterion: str | None = None
     set_: Points | None = Field(None, alias="set")
     add: Points | None = None
-    excused: Annotated[Literal[True] | None, BeforeValidator(_only_true)] = None
+    excused: Literal[True] | None = None
     bonus: Points | None = None
     extension: TimeSpan | None = None
     due: Moment | None = None
@@ -203,22 +194,11 @@ def load_overrides(path: Path, rubric: Rubric) -> Overrides:
     if not isinstance(listed, list):
         mistakes.add(("overrides",), "a list of entries is expected")
         listed = []
-    entries = _entries(listed, rubric, mistakes)
-    mistakes.raise_any(_REMEDY)
-    lines = tuple(mistakes.line_of(("overrides", n)) for n in range(len(entries)))
-    return Overrides(tuple(entries), lines, path.name, sha256)
-
-
-def _entries(listed: list[Any], rubric: Rubric, mistakes: Mistakes) -> list[Override]:
-    known = {
-        "check": {check.id: check.points for check in rubric.checks()},
-        "criterion": {criterion.id: criterion.points for criterion in rubric.criteria},
-    }
     entries: list[Override] = []
     for number, raw in enumerate(listed):
         loc: Loc = ("overrides", number)
         if isinstance(raw, Mapping):
-            _check_part(raw, loc, known, mistakes)
+            _check_part(raw, loc, rubric, mistakes)
         try:
             entry = Override.model_validate(raw)
         except ValidationError as error:
@@ -227,14 +207,15 @@ def _entries(listed: list[Any], rubric: Rubric, mistakes: Mistakes) -> list[Over
         if entry in entries:
             mistakes.add(loc, "the same entry stands here twice")
         entries.append(entry)
-    return entries
+    mistakes.raise_any("`grade regrade --help` shows what entries look like.")
+    lines = tuple(mistakes.line_of(("overrides", n)) for n in range(len(entries)))
+    return Overrides(tuple(entries), lines, path.name, sha256)
 
 
-def _check_part(
-    raw: Mapping[str, Any], loc: Loc, known: Mapping[str, Mapping[str, Decimal]], mistakes: Mistakes
-) -> None:
+def _check_part(raw: Mapping[str, Any], loc: Loc, rubric: Rubric, mistakes: Mistakes) -> None:
     """Note a check or criterion that the rubric does not have, or points that it cannot have."""
-    for kind, possible in known.items():
+    for kind, parts in (("check", rubric.checks()), ("criterion", rubric.criteria)):
+        possible = {part.id: part.points for part in parts}
         identity = raw.get(kind)
         if not isinstance(identity, str):
             continue

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from enum import Enum
@@ -31,13 +31,15 @@ class Row:
     ----------
     cells : tuple of CriterionResult or None
         By criterion of the rubric; None for one that was not judged.
-    outcomes : mapping
-        Check id -> outcome.
     """
 
     entry: ClassEntry
     cells: tuple[CriterionResult | None, ...]
-    outcomes: Mapping[str, Outcome]
+
+    @property
+    def outcomes(self) -> dict[str, Outcome]:
+        """Check id -> outcome."""
+        return {check.id: check.outcome for check in self.result.checks} if self.result else {}
 
     @property
     def result(self) -> Result | None:
@@ -217,7 +219,9 @@ class ClassSummary:
 
 def summarise(entries: Sequence[ClassEntry], rubric: Rubric) -> ClassSummary:
     """Sum up a class; what was judged by another rubric than this is told among the things to do."""
-    rows = tuple(_row(entry, rubric) for entry in entries)
+    rows = tuple(
+        Row(entry, tuple(_cell(entry.result, criterion.id) for criterion in rubric.criteria)) for entry in entries
+    )
     results = {n: row.result for n, row in enumerate(rows) if row.result is not None}
     return ClassSummary(
         f"Lab {rubric.lab.id}: {rubric.lab.title}",
@@ -231,16 +235,8 @@ def summarise(entries: Sequence[ClassEntry], rubric: Rubric) -> ClassSummary:
     )
 
 
-# -- rows --------------------------------------------------------------------------------------
-
-
-def _row(entry: ClassEntry, rubric: Rubric) -> Row:
-    result = entry.result
-    if result is None:
-        return Row(entry, (None,) * len(rubric.criteria), {})
-    judged = {criterion.id: criterion for criterion in result.criteria}
-    cells = tuple(judged.get(criterion.id) for criterion in rubric.criteria)
-    return Row(entry, cells, {check.id: check.outcome for check in result.checks})
+def _cell(result: Result | None, criterion: str) -> CriterionResult | None:
+    return next((judged for judged in result.criteria if judged.id == criterion), None) if result else None
 
 
 def _column(place: int, rubric: Rubric, rows: Sequence[Row]) -> Column:
@@ -255,18 +251,9 @@ def _column(place: int, rubric: Rubric, rows: Sequence[Row]) -> Column:
 
 def _spread(totals: Sequence[Decimal], possible: Decimal) -> Spread:
     ordered = sorted(totals)
-    first, median, third = (quantile(ordered, Decimal(n) / 4) for n in (1, 2, 3))
-    mean = statistics.mean(ordered)
-    bars = _bars(ordered, possible)
+    first, median, third = statistics.quantiles(ordered * 2 if len(ordered) == 1 else ordered, method="inclusive")
+    mean, bars = statistics.mean(ordered), _bars(ordered, possible)
     return Spread(len(ordered), possible, mean, ordered[0], first, median, third, ordered[-1], bars)
-
-
-def quantile(ordered: Sequence[Decimal], share: Decimal) -> Decimal:
-    """Return the value below which a share of ordered values lies, in proportion between the two nearest."""
-    place = share * (len(ordered) - 1)
-    below = int(place)
-    above = min(below + 1, len(ordered) - 1)
-    return ordered[below] + (ordered[above] - ordered[below]) * (place - below)
 
 
 def _bars(totals: Sequence[Decimal], possible: Decimal) -> tuple[Bar, ...]:

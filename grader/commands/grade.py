@@ -37,9 +37,9 @@ from grader.errors import GraderError, UsageError
 if TYPE_CHECKING:
     from decimal import Decimal
 
-    from grader.batch.admission import Admission
     from grader.batch.found import Found
-    from grader.batch.order import Row
+    from grader.batch.job import Row
+    from grader.batch.machine import Machine
     from grader.intake import Handed
     from grader.live.cells import Progress
     from grader.live.isolation import Isolation
@@ -226,15 +226,15 @@ def _grade_one(handed: Handed, rubric: Rubric, live: Options, options: argparse.
 
 
 def _grade_class(found: Found, rubric: Rubric, live: Options, options: argparse.Namespace, console: Console) -> int:
+    from grader.batch.class_run import ClassRun
     from grader.batch.journal import Journal
     from grader.batch.progress import RunProgress, print_class, summary
-    from grader.batch.run import ClassRun
 
     began_s = time.monotonic()
-    where, admission = _where(options, live)
+    where, machine = _where(options, live)
     with Journal.open(options.output, afresh=options.afresh) as journal:
-        with RunProgress(console, admission.places) as display:
-            run = ClassRun(rubric, live, journal, admission, display)
+        with RunProgress(console, machine.places) as display:
+            run = ClassRun(rubric, live, journal, machine, display)
             try:
                 run.grade(found.submissions, where)
             except (KeyboardInterrupt, SystemExit) as end:
@@ -256,20 +256,19 @@ def _grade_class(found: Found, rubric: Rubric, live: Options, options: argparse.
     return max(_status(row, options.fail_under) for row in rows)
 
 
-def _where(options: argparse.Namespace, live: Options) -> tuple[Isolation | str, Admission]:
-    """Return where to grade (how code is confined here, or a scheduler), and who may use this machine when."""
-    from grader.batch.admission import Admission
+def _where(options: argparse.Namespace, live: Options) -> tuple[Isolation | str, Machine]:
+    """Return where to grade (how code is confined here, or a scheduler), and this machine's places."""
+    from grader.batch.machine import Machine
     from grader.live import environment
     from grader.live.isolation import Isolation, Level
     from grader.live.probing import probe_isolation, require
 
     if options.scheduler is not None:
-        # Only judging is left to this machine, which needs no confinement.
-        return str(options.scheduler), Admission.on_this_machine(Isolation(Level.FULL))
+        return str(options.scheduler), Machine.of(Isolation(Level.FULL))
     environment.require_platform(live.interpreter)
     isolation = probe_isolation(live.interpreter)
     require(isolation, Level.of(live.least_isolation))
-    return isolation, Admission.on_this_machine(isolation, live.jobs)
+    return isolation, Machine.of(isolation, live.jobs)
 
 
 def _tell_found(found: Found, console: Console) -> None:

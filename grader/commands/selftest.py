@@ -103,21 +103,20 @@ def _run(
     fixtures: Sequence[Fixture], rubric: Rubric, options: argparse.Namespace, console: Console
 ) -> list[FixtureRun]:
     from grader import pipeline
-    from grader.batch.admission import Admission
+    from grader.batch.class_run import Here
     from grader.batch.machine import Machine
     from grader.batch.progress import RunProgress
     from grader.batch.selftest import Selftest
-    from grader.live.cells import cells_at_a_time
     from grader.live.probing import probe_isolation
 
     interpreter = Path(sys.executable)
     isolation = probe_isolation(interpreter)
-    places = options.jobs or cells_at_a_time(isolation)
+    machine = Machine.of(isolation, options.jobs)
     # What is run is known: it needs no more confinement than there is.
     live = pipeline.Options(interpreter, least_isolation="none")
     if options.output is not None:
         options.output.mkdir(parents=True, exist_ok=True)
     folder = tempfile.TemporaryDirectory() if options.output is None else nullcontext(str(options.output))
-    with folder as path, RunProgress(console, places, "fixtures") as display:
-        selftest = Selftest(rubric, live, Admission(places, Machine(places)), isolation, Path(path), display)
+    with folder as path, RunProgress(console, machine.places, "fixtures") as display:
+        selftest = Selftest(rubric, live, Here(isolation, machine), Path(path), display)
         return asyncio.run(selftest.run(fixtures))

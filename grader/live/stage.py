@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
 from grader.live.entry import function_to_call
-from grader.live.launching.released import is_released
+from grader.live.launching.jazzy import is_released
 from grader.packages import is_launch_file
 from grader.recording.submission import PackageFact, SubmissionRecord
 from grader.rubric import Rubric

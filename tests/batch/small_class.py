@@ -107,9 +107,7 @@ class SmallClass:
 
     def recording(self) -> list[str]:
         """Return whose sessions are being recorded now."""
-        return sorted(
-            {p.parts[-4] for p in self.results.glob(f".unfinished/new/*/{UNFINISHED}/{RECORDINGS}/.*.partial")}
-        )
+        return sorted({p.parts[-4] for p in self.results.glob(f"*/{UNFINISHED}/{RECORDINGS}/.*.partial")})
 
 
 @dataclass

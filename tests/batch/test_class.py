@@ -13,7 +13,6 @@ pytest.importorskip("rclpy")
 
 sys.path.append(str(Path(__file__).parents[2]))
 
-from grader.batch.journal import UNFINISHED
 from grader.live.isolation import Level
 from grader.live.probing import probe_isolation
 from tests.batch.small_class import ASTRAY, CRASHES, SLEEPS, Family, SmallClass, make_class
@@ -100,7 +99,6 @@ def test_a_killed_run_goes_on_where_it_stopped(tmp_path: Path) -> None:
     assert small.files_of("ann") == before
     assert sorted(small.outcomes()) == ["ann", "bob", "cem"]
     assert earned(small)["cem"] == 1
-    assert not (small.results / UNFINISHED).exists()
     assert leavings(small.temporary) == []
 
 
@@ -119,7 +117,6 @@ def test_a_run_that_is_asked_to_end_keeps_what_is_done(tmp_path: Path, number: s
     ]
     until(lambda: not family.left())
     assert small.graded() == ["ann"]
-    assert not (small.results / UNFINISHED).exists()
     assert not (small.results / "bob").exists()
     assert leavings(small.temporary) == []
 

@@ -8,7 +8,7 @@ from decimal import Decimal
 from pathlib import Path
 
 from grader.batch.class_entries import entries_of
-from grader.batch.order import Row
+from grader.batch.job import Row
 from grader.cohort.roster import NOTHING_HANDED_IN
 from grader.errors import GraderError
 from grader.intake import Handed, Piece

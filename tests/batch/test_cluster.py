@@ -20,8 +20,8 @@ pytest.importorskip("distributed")
 
 sys.path.append(str(Path(__file__).parents[2]))
 
-from grader.batch.cluster import Parcel, grade_parcel
-from grader.batch.order import Order
+from grader.batch.cluster import Bundle, grade_bundle
+from grader.batch.job import Job
 from grader.errors import GraderError
 from grader.intake import Handed
 from grader.live.isolation import Level
@@ -164,9 +164,9 @@ def test_problems_come_back_and_ctrl_c_ends(tmp_path: Path, cluster: Cluster) ->
 def test_another_grader_is_refused() -> None:
     """A worker whose grader is not the same grades nothing, and says what to do."""
     handed = Handed.of(Path(__file__))
-    order = Order(handed, Path("results"), read_rubric(None), Options(Path(sys.executable)))
-    parcel = pickle.dumps(Parcel("another", order, b"", b"", own_interpreter=True))
-    ending, _, results = grade_parcel(parcel)
+    job = Job(handed, Path("results"), read_rubric(None), Options(Path(sys.executable)))
+    bundle = pickle.dumps(Bundle("another", job, b"", b"", own_interpreter=True))
+    ending, _, results = grade_bundle(bundle)
     assert isinstance(ending, GraderError)
     assert (ending.exit_status, results) == (5, b"")
     assert "Install the same version" in ending.remedy

@@ -58,9 +58,8 @@ def test_all_fixtures_fit_the_rubric(rubric: Rubric) -> None:
         fixture.name: fixture.expectation.unfit(rubric) for fixture in found if fixture.expectation.unfit(rubric)
     } == {}
     for fixture in found:
-        base = fixture.expectation.with_files_of
-        assert base is None or (fixture.root / base).is_dir(), fixture.name
-        assert base is not None or (fixture.folder / "submission").is_dir(), fixture.name
+        assert fixture.layers, fixture.name
+        assert all(layer.is_dir() for layer in fixture.layers), fixture.name
 
 
 def written(folder: Path, text: str, name: str = "one") -> Path:

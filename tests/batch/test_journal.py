@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from grader.batch.journal import JOURNAL_FILE, OUTDATED, UNFINISHED, Journal
+from grader.batch.journal import JOURNAL_FILE, OUTDATED, Journal
 from grader.errors import GraderError
 from grader.result_folder import RECORDINGS, RESULT_FILE
 
@@ -17,7 +17,7 @@ KEPT = Path(__file__).parents[1] / "recordings" / "wrong_topic"
 
 def fill(folder: Path, mark: str = "") -> None:
     """Write results into a folder, as a grading does."""
-    shutil.copytree(KEPT, folder / RECORDINGS)
+    shutil.copytree(KEPT, folder / RECORDINGS, dirs_exist_ok=True)
     (folder / RESULT_FILE).write_text(f'{{"mark": "{mark}"}}', encoding="utf-8")
 
 
@@ -25,8 +25,8 @@ def graded(results: Path, *names: str, key: str = "key") -> None:
     """Let a run grade submissions."""
     with Journal.open(results) as journal:
         for name in names:
-            fill(journal.unfinished(name), name)
-            journal.finish(name, key, "policy", "full")
+            fill(results / name, name)
+            journal.note(name, key, "policy", "full")
 
 
 def held(results: Path, *names: str, key: str = "key") -> list[str]:
@@ -44,7 +44,6 @@ def test_what_is_graded_is_kept(tmp_path: Path) -> None:
         entry = journal.holds("ann", "key")
         assert entry is not None
         assert (entry.policy, entry.isolation) == ("policy", "full")
-    assert not (tmp_path / UNFINISHED).exists()
 
 
 def test_another_key_is_another_submission(tmp_path: Path) -> None:
@@ -89,26 +88,11 @@ def test_the_journal_may_end_anywhere(tmp_path: Path) -> None:
         assert "cem" in held(tmp_path, "cem")
 
 
-def test_a_run_that_was_killed_leaves_nothing_that_counts(tmp_path: Path) -> None:
-    """Half-written results, and those moved but not noted, are removed or graded again; earlier ones stay."""
+def test_results_that_were_not_noted_do_not_count(tmp_path: Path) -> None:
+    """What a killed run put in its place, and did not note, is graded again; earlier ones stay."""
     graded(tmp_path, "ann")
-    unfinished = tmp_path / UNFINISHED / "new" / "bob"
-    fill(unfinished)
-    fill(tmp_path / "cem")  # moved into its place, and killed before that was noted
-    (tmp_path / UNFINISHED / "before").mkdir()
-    assert held(tmp_path, "ann", "bob", "cem") == ["ann"]
-    assert not (tmp_path / UNFINISHED).exists()
-    assert not (tmp_path / "bob").exists()
-
-
-def test_killed_between_the_two_renames(tmp_path: Path) -> None:
-    """A submission whose old results were moved away, and whose new ones were not yet there, is graded again."""
-    graded(tmp_path, "ann")
-    (tmp_path / UNFINISHED / "before").mkdir(parents=True)
-    (tmp_path / "ann").rename(tmp_path / UNFINISHED / "before" / "ann")
-    assert held(tmp_path, "ann") == []
-    graded(tmp_path, "ann")
-    assert held(tmp_path, "ann") == ["ann"]
+    fill(tmp_path / "cem")
+    assert held(tmp_path, "ann", "cem") == ["ann"]
 
 
 def test_afresh_counts_for_later_runs_too(tmp_path: Path) -> None:
@@ -118,8 +102,7 @@ def test_afresh_counts_for_later_runs_too(tmp_path: Path) -> None:
         seed = journal.run_seed
     with Journal.open(tmp_path, afresh=True) as journal:
         assert journal.run_seed != seed
-        fill(journal.unfinished("bob"))
-        journal.finish("bob", "key", "policy", "full")
+        journal.note("bob", "key", "policy", "full")
         seed = journal.run_seed
     assert held(tmp_path, "ann", "bob") == ["bob"]
     with Journal.open(tmp_path) as journal:
@@ -130,7 +113,6 @@ def test_what_could_not_be_graded_is_tried_again(tmp_path: Path) -> None:
     """Its earlier results, which are of other files, are put aside where nothing takes them for present ones."""
     graded(tmp_path, "ann")
     with Journal.open(tmp_path) as journal:
-        journal.unfinished("ann")
         journal.abandon("ann", GraderError("the disk is full"))
         assert journal.holds("ann", "key") is None
     assert held(tmp_path, "ann") == []
@@ -145,7 +127,7 @@ def test_another_judgement_changes_the_policy_alone(tmp_path: Path) -> None:
     """After a new judgement the same recordings hold good, with the new policy."""
     graded(tmp_path, "ann")
     with Journal.open(tmp_path) as journal:
-        journal.judged_again("ann", "newer")
+        journal.note("ann", "key", "newer", "full")
     with Journal.open(tmp_path) as journal:
         entry = journal.holds("ann", "key")
         assert entry is not None

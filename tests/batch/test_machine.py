@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from grader.batch.machine import MOST_PLACES, Machine
+from grader.live.isolation import Form, Isolation, Level
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="abstract sockets are Linux's own")
 
@@ -118,3 +119,10 @@ def test_no_more_places_than_one_alone_holds() -> None:
         (await waiting)()
 
     asyncio.run(scenario())
+
+
+@pytest.mark.parametrize("jobs", [None, 1, 4])
+def test_cells_that_share_a_network_run_one_at_a_time(jobs: int | None) -> None:
+    """Whatever was asked for, a submission is not given the chance to speak in another's network."""
+    assert Machine.of(Isolation(Level.NONE), jobs).places == 1
+    assert Machine.of(Isolation(Level.FULL, Form.USER), 7).places == 7

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from grader.batch.order import Ending, Phase, Row
+from grader.batch.job import Ending, Phase, Row
 from grader.batch.progress import RunProgress, print_class, summary
 from grader.errors import GraderError
 from grader.intake import Handed, Piece

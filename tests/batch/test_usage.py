@@ -14,7 +14,7 @@ import pytest
 from rich.console import Console
 
 from grader.batch.found import Found
-from grader.batch.order import Row
+from grader.batch.job import Row
 from grader.cli import main
 from grader.commands.grade import _report_class, _tell_found
 from grader.intake import Handed

@@ -193,17 +193,10 @@ def test_a_node_at_fault_by_itself_is_not_charged_again(tmp_path: Path) -> None:
     session = planned(Session(tmp_path), processes=BOTH).node("/talker")
     finding = nodes(session, listen_receives=FAILED)
     assert finding.outcome is Outcome.PASSED
-    assert finding.notes == ("/listener did not come up by its own fault, which is charged in listen.receives.",)
-    assert nodes(session.recorded(), listen_receives=passed("", "")).credit == Decimal("0.5")  # type: ignore[arg-type]
-
-
-def test_a_node_that_names_itself_otherwise_is_told_apart_from_one_that_is_not_there(tmp_path: Path) -> None:
-    """A node that came up in a namespace of its own is not said to be missing."""
-    session = planned(Session(tmp_path), processes=BOTH).node("/talker").node("/arm/listener")
-    finding = nodes(session, listen_receives=FAILED)
     assert finding.notes == (
-        "/listener came up as /arm/listener by its own fault, which is charged in listen.receives.",
+        "/listener did not come up as such by its own fault, which is charged in listen.receives.",
     )
+    assert nodes(session.recorded(), listen_receives=passed("", "")).credit == Decimal("0.5")  # type: ignore[arg-type]
 
 
 def test_a_node_whose_file_is_missing_is_charged_elsewhere(tmp_path: Path) -> None:
@@ -280,8 +273,8 @@ def died_of(given: str, declared: str, value: str) -> dict[str, Any]:
     ("given", "declared", "value", "hint", "place"),
     [
         ("STRING", "DOUBLE", "1.5", "without quotation marks", "launch.py:4"),
-        ("DOUBLE", "INTEGER", "100.0", "with a float, as 100.0", "it.py:9"),
-        ("BOOL", "STRING", "True", "not with a string", "it.py:9"),
+        ("DOUBLE", "INTEGER", "100.0", "as 100.0 for a float", "it.py:9"),
+        ("BOOL", "STRING", "True", "of the type that the lab gives it", "it.py:9"),
         ("INTEGER", "DOUBLE", "100", "value_type=float", "launch.py:4"),
     ],
 )
@@ -335,9 +328,7 @@ def test_several_misnamed_executables_are_told_in_their_order(tmp_path: Path) ->
         for n, name in enumerate(("talk", "listen"), 1)
     ]
     finding = nodes(planned(Session(tmp_path), mended=mended, processes=BOTH).node("/talker").node("/listener"))
-    assert finding.reason == (
-        "No executable talk. No executable listen. `ros2 launch` stops at the first of them and starts nothing."
-    )
+    assert finding.reason == "No executable talk. No executable listen. `ros2 launch` stops there and starts nothing."
     assert (finding.hint, finding.where[0].line) == ("talk", 1)
     assert finding.measured == "your file starts nothing; with the names corrected by the grader: /talker, /listener"
 
@@ -503,19 +494,6 @@ def test_the_rate_is_compared_with_the_rate_alone(tmp_path: Path) -> None:
     assert finding.outcome is Outcome.PASSED
 
 
-@pytest.mark.parametrize(("listener", "credit"), [(None, 0.667), ("/arm/commands", 1.0)])
-def test_a_topic_that_the_launch_file_moves_away_is_told(tmp_path: Path, listener: str | None, credit: float) -> None:
-    """Commands under a name that nobody listens to cost their part; moved together with who listens, nothing."""
-    session = together(tmp_path).called("/commands=/arm/commands")
-    times = evenly(100, 3.0)
-    session.messages("/arm/commands", [[x] for x in np.sin(times).tolist()], times)
-    if listener is not None:
-        session.endpoint("subscription", listener)
-    finding = judged("launch_together", TOGETHER, session, others={"alone": alone(tmp_path)})
-    assert float(finding.credit) == pytest.approx(credit, abs=0.001)
-    assert ("moves the commands to /arm/commands" in finding.reason) == (listener is None)
-
-
 def test_what_is_charged_elsewhere_is_left_out(tmp_path: Path) -> None:
     """Where each node fails by its own fault, there is nothing left to judge."""
     charged = {"publishes": FAILED, "motion": FAILED, "enables": FAILED}
@@ -578,18 +556,14 @@ def test_an_arm_that_cannot_hear_commands_of_another_type_need_not_follow(
     assert float(finding.credit) == pytest.approx(credit, abs=0.001)
 
 
-@pytest.mark.parametrize(
-    ("made", "attempt", "outcome"),
-    [("/talker", 1, Outcome.INCONCLUSIVE), ("/talker", 3, Outcome.PARTIAL), ("/talk", 1, Outcome.PARTIAL)],
-)
-def test_a_node_that_was_made_and_never_seen_is_undecided(
-    tmp_path: Path, made: str, attempt: int, outcome: Outcome
-) -> None:
+@pytest.mark.parametrize(("made", "outcome"), [("/talker", Outcome.INCONCLUSIVE), ("/talk", Outcome.PARTIAL)])
+def test_a_node_that_was_made_and_never_seen_is_undecided(tmp_path: Path, made: str, outcome: Outcome) -> None:
     """Its program says that it made the node, so the discovery may have failed; not under another name, nor always."""
     session = planned(Session(tmp_path), processes=BOTH).node("/listener").process("talk-1")
     session.record.claims.append(Claim("talk-1", "publisher", "/commands", node=made, file="it.py"))
-    session.record.attempt = attempt
-    assert nodes(session).outcome is outcome
+    finding = nodes(session)
+    assert finding.outcome is outcome
+    assert (finding.settled or finding).outcome is Outcome.PARTIAL
 
 
 @pytest.mark.parametrize(("delay_s", "outcome"), [(2.5, Outcome.INCONCLUSIVE), (0.1, Outcome.PARTIAL)])
@@ -647,7 +621,7 @@ def test_nodes_that_did_not_stay_are_shown_so(tmp_path: Path) -> None:
     session = planned(Session(tmp_path), processes=BOTH).node("/talker").node("/listener")
     finding = nodes(session.process("talk-1", CRASHED, artifact=None, exited_ns=at(1.6), **FELL))
     assert finding.expected == "/talker, /listener"
-    assert finding.measured == "/talker (ended after 1.5 s with status 1), /listener"
+    assert finding.measured == "/talker (ended), /listener"
 
 
 def test_a_parameter_that_is_not_wired_is_measured_otherwise_than_expected(tmp_path: Path) -> None:

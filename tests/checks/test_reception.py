@@ -174,25 +174,6 @@ def test_right_reports_pass(tmp_path: Path) -> None:
     assert finding.measured.startswith("right on 4 of 4 plateaus")
 
 
-def test_a_constant_ratio_is_recognised(tmp_path: Path) -> None:
-    """The root of the sum in place of the mean is named by its ratio."""
-    finding = judged("reported_series", SERIES, with_reports(*stimulus(tmp_path), factor=7**0.5))
-    assert finding.outcome is Outcome.FAILED
-    assert "the root of 7: the sum was taken where the mean belongs" in finding.reason
-
-
-def test_a_count_that_stands_outside_the_root_is_recognised(tmp_path: Path) -> None:
-    """The root of the sum, divided by the count afterwards, is named by its ratio."""
-    finding = judged("reported_series", SERIES, with_reports(*stimulus(tmp_path), factor=7**-0.5))
-    assert "divide by 7 under the root" in finding.reason
-
-
-def test_another_constant_ratio_is_told_as_a_number(tmp_path: Path) -> None:
-    """A factor that no known mistake gives is told as it is."""
-    finding = judged("reported_series", SERIES, with_reports(*stimulus(tmp_path), factor=2))
-    assert "always 2.00 times the right value" in finding.reason
-
-
 def test_one_wrong_plateau_costs_a_quarter(tmp_path: Path) -> None:
     """Each plateau counts the same."""
     session, times = stimulus(tmp_path)
@@ -271,23 +252,18 @@ def test_a_node_that_ended_is_charged_where_the_rubric_says(tmp_path: Path, plat
 def test_no_report_fails(tmp_path: Path) -> None:
     """A node that never reports is told so."""
     session, _ = stimulus(tmp_path)
-    finding = judged("reported_series", SERIES, session.process("it", ["hello"], interrupted_ns=None))
+    finding = judged("reported_series", SERIES, session.process("it", interrupted_ns=None))
     assert finding.outcome is Outcome.FAILED
     assert "no tracking error at all" in finding.reason
 
 
 def test_what_a_node_reports_in_another_form_is_shown(tmp_path: Path) -> None:
-    """A node that printed something else on each state is not said to be silent; nor is one that logs with debug()."""
+    """A node that printed something else on each state is not said to be silent."""
     session, times = stimulus(tmp_path)
     lines = [(t + 0.001, "[INFO] [1.5] [it]: error of [0.1 0.2]") for t in times]
     finding = judged("reported_series", SERIES, session.process("it", lines))
     assert "None of the 160 lines" in finding.reason
-    assert "the last is 'error of [0.1 0.2]'" in finding.reason
-    session, _ = stimulus(tmp_path / "debug")
-    debugging = submission({"it.py": 'node.get_logger().debug(f"RMS: {rms}")'})
-    finding = judged("reported_series", SERIES, session.process("it", []), debugging)
-    assert "debug() is not shown" in finding.reason
-    assert "info()" in finding.hint
+    assert "error of [0.1 0.2]'" in finding.reason
 
 
 def test_a_node_that_stopped_reporting_loses_the_rest(tmp_path: Path) -> None:
@@ -445,7 +421,7 @@ def test_a_table_is_as_good_with_a_note(tmp_path: Path) -> None:
     run.output += [OutputLine(run.interrupted_ns + 1, "stdout", row) for row in rows]
     finding = judged("reported_statistics", STATISTICS, session)
     assert finding.outcome is Outcome.PASSED
-    assert "printed in a table" in finding.notes[0]
+    assert "the lab asks for a line" in finding.notes[0]
 
 
 SHORTER = {**STATISTICS, "shorter": {"session": "other", "least": 10, "most": 900}}
@@ -524,17 +500,17 @@ def test_nothing_printed_fails_with_what_to_do(tmp_path: Path) -> None:
 
 
 def test_a_node_that_had_to_be_killed_is_told_so(tmp_path: Path) -> None:
-    """A node that does not end after Ctrl-C fails for that, but not the first time it is seen to."""
+    """A node that does not end after Ctrl-C fails for that, if it does so however often it is tried."""
     session = with_reports(*stimulus(tmp_path))
     session.record.processes[0].ended_by = "kill"
-    assert judged("reported_statistics", STATISTICS, session).outcome is Outcome.INCONCLUSIVE
-    session.record.attempt = 2
-    again = judged("reported_statistics", STATISTICS, session)
-    assert (again.outcome, "did not end in time" in again.reason) == (Outcome.FAILED, True)
+    finding = judged("reported_statistics", STATISTICS, session)
+    assert finding.outcome is Outcome.INCONCLUSIVE
+    assert finding.settled is not None
+    assert "did not end in time" in finding.settled.reason
 
 
 def test_a_node_that_ended_before_is_told_why(tmp_path: Path) -> None:
-    """An exception that ended the node before Ctrl-C is the reason, with the time."""
+    """An exception that ended the node before Ctrl-C is the reason."""
     session = with_reports(*stimulus(tmp_path))
     run = session.record.processes[0]
     frame = '  File "/ws/src/it.py", line 3, in hear'
@@ -542,7 +518,6 @@ def test_a_node_that_ended_before_is_told_why(tmp_path: Path) -> None:
     run.output += [OutputLine(at(6.0), "stderr", line) for line in text]
     run.interrupted_ns, run.ended_by, run.exited_ns = None, "itself", at(6.0)
     finding = judged("reported_statistics", STATISTICS, session)
-    assert finding.reason.startswith("The node ended by itself at 6.0 s, before Ctrl-C.")
     assert "IndexError" in finding.reason
 
 

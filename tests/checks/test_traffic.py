@@ -209,12 +209,11 @@ def test_the_reason_says_slower_or_faster(tmp_path: Path) -> None:
     [
         (10, "0.1", "Messages come at 10.0 Hz, 90.0% slower than 100 Hz. The timer's period is 0.1 s."),
         (1000, "0", "Messages come at 1000.0 Hz, 10 times 100 Hz. The timer's period is 0 s"),
-        (50, "0.01", "50.0% slower than 100 Hz."),
         (50, "self.period", "50.0% slower than 100 Hz."),
     ],
 )
 def test_a_timer_that_gives_the_rate_is_named(tmp_path: Path, rate_hz: float, period: str, words: str) -> None:
-    """The period explains the rate where it fits, and is left out where it does not."""
+    """The period of the only timer is told, where the source says it."""
     session = published(tmp_path, evenly(rate_hz, 6.0)).claim("timer", period)
     reason = judged("topic_rate", RATE, session).reason
     assert words in reason
@@ -228,15 +227,7 @@ def test_bursts_have_the_rate_of_all_their_messages(tmp_path: Path, shift_s: flo
     session = Session(tmp_path).endpoint("publisher", TOPIC).process("it")
     session.messages(TOPIC, [[0.0] * 7] * len(times), times).window(1.0 + shift_s, 6.9 + shift_s)
     assert judged("topic_rate", RATE, session).outcome is Outcome.PASSED
-    assert "in bursts" in judged("topic_jitter", JITTER, session).reason
-
-
-def test_pauses_are_told_from_a_low_rate(tmp_path: Path) -> None:
-    """A node that sends at the right rate every other second is told of its pauses."""
-    times = [t for t in evenly(100, 6.0) if int(t) % 2 or t > 6.9]
-    finding = judged("topic_rate", RATE, published(tmp_path, times))
-    assert finding.outcome is Outcome.FAILED
-    assert "at 100 Hz with pauses of up to 1.01 s" in finding.reason
+    assert "longest 9" in judged("topic_jitter", JITTER, session).measured
 
 
 def test_samples_that_the_recorder_lost_do_not_lower_the_rate(tmp_path: Path) -> None:
@@ -320,7 +311,7 @@ def test_a_program_that_ends_within_the_window_loses_the_rate(tmp_path: Path) ->
     session.step("observe", "window", "cancelled", parameters={"duration_s": 6.0})
     finding = judged("topic_rate", RATE, session)
     assert finding.outcome is Outcome.FAILED
-    assert "after 1.0 s of the 6.0 s" in finding.reason
+    assert finding.measured.endswith("for 1.0 s, then nothing for 5.0 s")
     assert "exit status 139" in finding.reason
 
 
@@ -490,14 +481,14 @@ def test_a_motion_the_wrong_way_is_named(tmp_path: Path) -> None:
     rows = [[-row[0], *row[1:]] for row in motion(np.arange(len(times)) * 0.01)]
     finding = judged("sinusoids", MOTION, published(tmp_path, times.tolist(), rows))
     assert float(finding.credit) == pytest.approx(0.889, abs=0.001)
-    assert finding.reason == "Element 0 moves the wrong way: the sign of its sine is turned round."
+    assert "begins -180° into its sine" in finding.reason or "begins 180° into its sine" in finding.reason
 
 
 def test_a_motion_ten_times_too_fast_is_named(tmp_path: Path) -> None:
     """A t that grows too fast costs the frequency and not the amplitude."""
     finding = moving(tmp_path, frequency_hz=2.0)
     assert float(finding.credit) == pytest.approx(0.833, abs=0.001)
-    assert "It is 10 times too fast" in finding.reason
+    assert "frequency 2.000 Hz (wanted 0.5 and 0.2 Hz)" in finding.reason
 
 
 def test_an_offset_is_a_mistake_and_is_named(tmp_path: Path) -> None:
@@ -567,7 +558,7 @@ def test_a_depth_left_to_the_middleware_is_told_so(tmp_path: Path) -> None:
     claimed = replace(RELIABLE, history="system_default", depth=0)
     session = Session(tmp_path).endpoint("publisher", TOPIC).claim("publisher", TOPIC, qos=claimed)
     finding = judged("offered_qos", {"topic": TOPIC, "reliability": "reliable", "depth": 10}, session)
-    assert finding.notes == ("History and depth are left to the middleware; the lab asks for a depth of 10.",)
+    assert finding.notes == ("The depth is left to the middleware; the lab asks for 10.",)
 
 
 def test_each_policy_asked_for_is_a_part(tmp_path: Path) -> None:

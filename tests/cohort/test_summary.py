@@ -8,7 +8,7 @@ from decimal import Decimal
 import pytest
 
 from grader.cohort.entries import ClassEntry
-from grader.cohort.summary import Need, Silent, discrimination, quantile, summarise
+from grader.cohort.summary import Need, Silent, discrimination, summarise
 from grader.result import Outcome
 from tests.cohort.made_up import entries_of, entry_of, result_of, rubric_of
 
@@ -36,15 +36,13 @@ def test_mean_median_and_quartiles_are_those_worked_out_by_hand() -> None:
 
 def test_quartiles_between_two_values_lie_in_proportion() -> None:
     """Of 1, 2, 3, 4 a quarter of the way from first to last lies at 1.75, and of one value it is that."""
-    values = [Decimal(n) for n in (1, 2, 3, 4)]
-    assert [quantile(values, Decimal(n) / 4) for n in range(5)] == [
-        1,
-        Decimal("1.75"),
-        Decimal("2.5"),
-        Decimal("3.25"),
-        4,
-    ]
-    assert quantile([Decimal(7)], Decimal("0.75")) == 7
+    spread = summarise(entries_of(ONE, [0.01], [0.02], [0.03], [0.04]), ONE).spread
+    assert spread is not None
+    quartiles = [spread.first_quartile, spread.median, spread.third_quartile]
+    assert quartiles == [Decimal("1.75"), Decimal("2.5"), Decimal("3.25")]
+    alone = summarise(entries_of(ONE, [0.5]), ONE).spread
+    assert alone is not None
+    assert [alone.first_quartile, alone.third_quartile] == decimals(50, 50)
 
 
 def test_bars_hold_their_lower_bound_and_the_last_one_the_top() -> None:

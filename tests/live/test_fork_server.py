@@ -15,7 +15,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from grader.batch.one import limit_memory
+from grader.batch.worker import limit_memory
 from grader.errors import PlatformError
 from grader.live.fork_server import Cell, ForkServer
 from grader.live.isolation import Form

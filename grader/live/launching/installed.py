@@ -11,7 +11,7 @@ from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 from typing import Any
 
-from .released import is_released
+from .jazzy import is_released
 
 MOST_FILES = 5000
 #: Where a ROS machine keeps what is not here.

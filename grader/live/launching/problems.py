@@ -7,7 +7,7 @@ What the stand-in refuses says its kind and its remedy where it is refused. Only
 from __future__ import annotations
 
 import difflib
-import importlib
+import itertools
 import os
 import re
 import sys
@@ -17,41 +17,12 @@ from pathlib import Path
 from typing import Any
 
 from .installed import missing_data_file, module_out_of_reach, own_packages
-from .released import is_released
+from .jazzy import LATER, NAMES, RENAMED, SUBMODULES, homes_of, is_released
 
 _PACKAGES = ("launch", "launch_ros", "launch_xml", "launch_yaml", "ament_index_python")
 #: Where the stand-in and the rest of the evaluation are, which are no place to show to anybody.
 _HERE = str(Path(__file__).resolve().parent) + "/"
 SUBSTITUTION_AS_TEXT = re.compile(r"<launch(_ros)?\.(substitutions|parameter_descriptions)[\w.]* object at 0x")
-
-#: Keywords of earlier releases, of ROS 1, or of XML, and what Jazzy calls them.
-RENAMED = {
-    "node_name": "name",
-    "node_executable": "executable",
-    "node_namespace": "namespace",
-    "node_package": "package",
-    "env_vars": "additional_env",
-    "args": "arguments",
-    "params": "parameters",
-    "remap": "remappings",
-    "remapping": "remappings",
-    "default": "default_value",
-    "value": "default_value",
-    "ns": "namespace",
-    "pkg": "package",
-    "exec": "executable",
-    "type": "executable",
-}
-
-# Names that a later release has, and Jazzy has not: to import them fails there.
-LATER = {
-    "launch.actions": "ForEach ForLoop DeclareBooleanLaunchArgument Log LogDebug LogError LogWarning",
-    "launch.substitutions": (
-        "ForEachVar ForLoopIndex IsEmptySubstitution NotEmptySubstitution StringJoinSubstitution "
-        "StringStripSubstitution"
-    ),
-    "launch.conditions": "AndCondition OrCondition",
-}
 
 #: Programs that come with ROS or a simulator, and are not where this is evaluated.
 _ROS_PROGRAMS = ("xacro", "ros2", "rviz2", "colcon", "gz", "ign", "gazebo", "gzserver", "gzclient", "check_urdf")
@@ -228,9 +199,7 @@ def _import(error: Any, root: str) -> Described | None:
     message, remedy = f"there is no module '{module}'", "Correct the import."
     if top in _PACKAGES and top in sys.modules:
         parent, _, last = module.rpartition(".")
-        table = getattr(sys.modules.get("launch._catalogue"), "SUBMODULES", {})
-        known = [*table.get(parent, "").split(), *(m.rpartition(".")[2] for m in sys.modules if parent in m)]
-        return "unknown_import", message, near(last, known) + remedy
+        return "unknown_import", message, near(last, SUBMODULES.get(parent, ())) + remedy
     close = difflib.get_close_matches(top, _PACKAGES, n=1, cutoff=0.85)
     if close:
         return "unknown_import", message, f"Did you mean '{close[0]}'? {remedy}"
@@ -251,9 +220,9 @@ def _attribute(error: Any, _: str) -> Described | None:
 
 
 def _unknown_name(name: str, module: str) -> Described:
-    homes = [home for home in _homes_of(name) if home != module]
-    similar = near(name, [n for n in dir(sys.modules.get(module)) if not n.startswith("_")])
-    if name in LATER.get(module, "").split():
+    homes = [home for home in homes_of(name) if home != module]
+    similar = near(name, NAMES.get(module, ()))
+    if name in LATER.get(module, ()):
         message = f"'{module}' has no '{name}' in ROS 2 Jazzy: it came with a later release"
         return "unknown_import", message, "Do without it."
     remedy = similar.strip() or "Look up the name in the documentation of ROS 2 Jazzy."
@@ -262,22 +231,11 @@ def _unknown_name(name: str, module: str) -> Described:
 
 def _name(error: Any, _: str) -> Described:
     name = getattr(error, "name", None) or ""
-    homes = _homes_of(name)
+    homes = homes_of(name)
     if homes:
         return "unknown_name", str(error), f"Import it: from {homes[0]} import {name}"
-    there = [n for module in _loaded() for n in getattr(module, "__all__", ())]
-    return "unknown_name", str(error), f"{near(name, there)}Define or import the name before it is used."
-
-
-def _homes_of(name: str) -> list[str]:
-    """Modules of `launch` that hold a name: for an import from the wrong one."""
-    return [module.__name__ for module in _loaded() if name in getattr(module, "__all__", ())]
-
-
-def _loaded() -> list[Any]:
-    for module in ("launch.actions", "launch.substitutions", "launch_ros.actions", "launch_ros.descriptions"):
-        importlib.import_module(module)
-    return [held for title, held in sorted(sys.modules.items()) if title.split(".")[0] in ("launch", "launch_ros")]
+    remedy = near(name, itertools.chain(*NAMES.values()))
+    return "unknown_name", str(error), f"{remedy}Define or import the name before it is used."
 
 
 def _limit(error: Any, _: str) -> Described:

@@ -18,42 +18,13 @@ from ._base import (
     Substitution,
 )
 
-from ._catalogue import missing_name_of  # isort: skip
+from ._catalogue import publish  # isort: skip
 from . import substitutions  # isort: skip
-from . import conditions, descriptions, events, frontend, logging  # isort: skip
+from . import conditions, descriptions, events, logging  # isort: skip
 from ._context import LaunchContext
-from ._description import LaunchDescription, LaunchDescriptionSource
-from ._service import LaunchIntrospector
+from ._description import LaunchDescription, LaunchDescriptionSource, LaunchIntrospector
 from .event_handlers import BaseEventHandler, EventHandler
 
-from . import actions, event_handlers, launch_description_sources, utilities  # isort: skip
+from . import actions, event_handlers, frontend, launch_description_sources, utilities  # isort: skip
 
-__all__ = [
-    "Action",
-    "BaseEventHandler",
-    "Condition",
-    "Event",
-    "EventHandler",
-    "InvalidLaunchFileError",
-    "LaunchContext",
-    "LaunchDescription",
-    "LaunchDescriptionEntity",
-    "LaunchDescriptionSource",
-    "LaunchIntrospector",
-    "SomeEntitiesType",
-    "SomeEntitiesType_types_tuple",
-    "SomeSubstitutionsType",
-    "SomeSubstitutionsType_types_tuple",
-    "Substitution",
-    "actions",
-    "conditions",
-    "descriptions",
-    "event_handlers",
-    "events",
-    "frontend",
-    "launch_description_sources",
-    "logging",
-    "substitutions",
-    "utilities",
-]
-__getattr__ = missing_name_of(__name__)
+publish()

@@ -11,11 +11,11 @@ from __future__ import annotations
 import collections.abc
 import importlib
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, TypeVar
 
 #: The folder with the stand-in, and with what it shares with the evaluation by the original.
 LAUNCHING = Path(__file__).resolve().parents[2]
@@ -30,21 +30,15 @@ def shared(name: str) -> Any:
     return importlib.import_module(f"grader_launching.{name}")
 
 
-_problems = shared("problems")
-RENAMED: dict[str, str] = _problems.RENAMED
-UnsupportedByStandin: type[ImportError] = _problems.UnsupportedByStandin
-blame, mistake, near, no_action, shown = (
-    _problems.blame,
-    _problems.mistake,
-    _problems.near,
-    _problems.no_action,
-    _problems.shown,
-)
+problems = shared("problems")
+UnsupportedByStandin: type[ImportError] = problems.UnsupportedByStandin
+blame, mistake, no_action, shown = problems.blame, problems.mistake, problems.no_action, problems.shown
 
 SourceLine = tuple[str, int]
 REQUIRED: Any = object()
 POSITIONAL = True
 
+_T = TypeVar("_T")
 _declared_lines: list[SourceLine] = []
 
 
@@ -69,6 +63,21 @@ def calling_line() -> SourceLine | None:
             return name, frame.f_lineno
         frame = frame.f_back  # type: ignore[assignment]
     return None
+
+
+#: Actions and substitutions by the names under which XML and YAML launch files know them.
+exposed_actions: dict[str, Any] = {}
+exposed_substitutions: dict[str, Any] = {}
+
+
+def expose_action(name: str) -> Callable[[_T], _T]:
+    """Make an action known to XML and YAML launch files."""
+    return lambda exposed: exposed_actions.setdefault(name, exposed)
+
+
+def expose_substitution(name: str) -> Callable[[_T], _T]:
+    """Make a substitution known to XML and YAML launch files."""
+    return lambda exposed: exposed_substitutions.setdefault(name, exposed)
 
 
 class Field:
@@ -142,11 +151,9 @@ class Text(Field):
     """A text that may hold substitutions."""
 
     def normal(self, value: Any) -> Any:
-        """A list of substitutions."""
         return normalize_to_list_of_substitutions(value)
 
     def read(self, value: Any, parser: Any) -> Any:
-        """Substitutions, as they are written in XML and YAML."""
         return parser.parse_substitution(value)
 
 
@@ -154,14 +161,12 @@ class Typed(Field):
     """A value of a type, or a text with substitutions that becomes one."""
 
     def checked(self, value: Any, made: Any) -> Any:
-        """A value, or a list of substitutions."""
         from .utilities.type_utils import normalize_typed_substitution
 
         super().checked(value, made)
         return normalize_typed_substitution(value, self.kind)
 
     def read(self, value: Any, parser: Any) -> Any:
-        """A value, or substitutions."""
         return parser.parse_if_substitutions(value)
 
 
@@ -169,7 +174,6 @@ class Texts(Field):
     """A list of texts."""
 
     def normal(self, value: Any) -> Any:
-        """A list of lists of substitutions."""
         return [normalize_to_list_of_substitutions(item) for item in value]
 
 
@@ -177,7 +181,6 @@ class Pairs(Field):
     """Texts by texts; in XML and YAML a list of elements inside, each with a name and a value."""
 
     def normal(self, value: Any) -> Any:
-        """A list of pairs of lists of substitutions."""
         normal = normalize_to_list_of_substitutions
         return [(normal(name), normal(item)) for name, item in value.items()]
 
@@ -242,7 +245,7 @@ def _bound(cls: type, args: tuple[Any, ...], kwargs: dict[str, Any]) -> dict[str
     given |= kwargs
     unknown = [title for title in kwargs if title not in fields]
     missing = [title for title, field in fields.items() if field.default is REQUIRED and title not in given]
-    meant = [title for title in unknown if RENAMED.get(title) in missing]
+    meant = [title for title in unknown if problems.RENAMED.get(title) in missing]
     if missing and not meant:
         by_keyword = not fields[missing[0]].positional
         what, kind = ("keyword-only", "missing_keyword") if by_keyword else ("positional", "missing_argument")
@@ -251,7 +254,7 @@ def _bound(cls: type, args: tuple[Any, ...], kwargs: dict[str, Any]) -> dict[str
         raise mistake(TypeError, message, kind, remedy)
     for title in meant or unknown:
         message = f"{name}() got an unexpected keyword argument '{title}'"
-        raise mistake(TypeError, message, "unknown_keyword", _problems.keyword_remedy(title, fields))
+        raise mistake(TypeError, message, "unknown_keyword", problems.keyword_remedy(title, fields))
     return {title: given.get(title, field.default) for title, field in fields.items()}
 
 

@@ -49,7 +49,6 @@ class LaunchDescription(LaunchDescriptionEntity):
         return self.entities
 
     def describe_sub_entities(self) -> list[Any]:
-        """The entities."""
         return self.entities
 
     def add_entity(self, entity: Any) -> None:
@@ -120,7 +119,6 @@ class LaunchDescriptionSource(Located):
     method = Field("unspecified mechanism", POSITIONAL)
 
     def made(self) -> None:
-        """Nothing is read yet."""
         self.__path, self.location = self.location, " + ".join(str(sub) for sub in self.location)
         self.__expanded: str | None = None
         self.__read: dict[str, Any] = {}
@@ -158,3 +156,18 @@ class LaunchDescriptionSource(Located):
 
     def _get_launch_description(self, location: str) -> Any:
         raise RuntimeError("this source holds no launch description")
+
+
+class LaunchIntrospector:
+    """Shows launch descriptions to people."""
+
+    def format_launch_description(self, launch_description: Any) -> str:
+        """One line for each entity, indented by its depth."""
+        return "\n".join(_lines(launch_description, 0))
+
+
+def _lines(entity: Any, depth: int) -> list[str]:
+    lines = [f"{'    ' * depth}{entity.describe()}"]
+    for inner in entity.describe_sub_entities() if depth < 20 else []:
+        lines += _lines(inner, depth + 1)
+    return lines

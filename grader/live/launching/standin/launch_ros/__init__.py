@@ -2,17 +2,8 @@
 
 from __future__ import annotations
 
-from launch._catalogue import missing_name_of
+from launch._catalogue import publish
 
 from . import actions, descriptions, event_handlers, events, parameter_descriptions, substitutions, utilities
 
-__all__ = [
-    "actions",
-    "descriptions",
-    "event_handlers",
-    "events",
-    "parameter_descriptions",
-    "substitutions",
-    "utilities",
-]
-__getattr__ = missing_name_of(__name__)
+publish()

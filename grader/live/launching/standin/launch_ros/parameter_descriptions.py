@@ -19,7 +19,6 @@ from launch._base import (
     normalize_to_list_of_substitutions,
     perform_substitutions,
 )
-from launch._catalogue import exported
 from launch.utilities.type_utils import normalize_typed_substitution, perform_typed_substitution
 
 
@@ -30,11 +29,9 @@ class ParameterValue(Located):
     value_type = Field(None)
 
     def made(self) -> None:
-        """Bring the value into the form in which it can be resolved."""
         self.value = normalize_typed_substitution(self.given["value"], self.value_type)
 
     def evaluate(self, context: Any) -> Any:
-        """The value, resolved."""
         self.value = perform_typed_substitution(context, self.value, self.value_type)
         return self.value
 
@@ -47,11 +44,9 @@ class Parameter(Located):
     value_type = Field(None)
 
     def made(self) -> None:
-        """Bring the value into the form in which it can be resolved."""
         self.__value = ParameterValue(self.given["value"], value_type=self.value_type)
 
     def evaluate(self, context: Any) -> tuple[str, Any]:
-        """Name and value, resolved."""
         return perform_substitutions(context, self.name), self.__value.evaluate(context)
 
 
@@ -99,6 +94,3 @@ class ParameterFile(Located):
             message = f"the parameter file '{path}' is not valid YAML after its substitutions"
             raise SubstitutionFailure(message) from error
         return Path(context.session.add_file(path.stem, ".yaml", resolved))
-
-
-__all__ = exported(__name__)

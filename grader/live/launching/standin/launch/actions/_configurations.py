@@ -15,14 +15,14 @@ from .._base import (
     Text,
     Typed,
     blame,
+    expose_action,
     mistake,
     no_action,
     normalize_to_list_of_substitutions,
     perform_substitutions,
 )
 from .._description import LaunchDescriptionSource
-from .._sources import AnyLaunchDescriptionSource
-from ..frontend.expose import expose_action
+from ..launch_description_sources import AnyLaunchDescriptionSource
 from ..utilities.type_utils import perform_typed_substitution
 
 
@@ -50,13 +50,11 @@ class DeclareLaunchArgument(Action):
 
     @classmethod
     def parse(cls, entity: Any, parser: Any) -> Any:
-        """From `<arg>`, with a `<choice>` for each value that it may have."""
         made, kwargs = super().parse(entity, parser)
         choices = [parser.escape_characters(choice.get_attr("value")) for choice in entity.nested("choice")]
         return made, {**kwargs, **({"choices": choices} if choices else {})}
 
     def execute(self, context: Any) -> None:
-        """Give the configuration its default, or check what it has."""
         context.session.declare(self, context)
         known = context.launch_configurations
         if self.name not in known and self.default_value is None:
@@ -87,7 +85,6 @@ class SetLaunchConfiguration(_OnNameAndValue):
     """Sets a launch configuration."""
 
     def execute(self, context: Any) -> None:
-        """Set it."""
         context.launch_configurations[self.text("name", context)] = self.text("value", context)
 
 
@@ -95,7 +92,6 @@ class UnsetLaunchConfiguration(_OnName):
     """Removes a launch configuration."""
 
     def execute(self, context: Any) -> None:
-        """Remove it."""
         context.launch_configurations.pop(self.text("name", context), None)
 
 
@@ -119,12 +115,10 @@ class ResetLaunchConfigurations(Action):
 
     @classmethod
     def parse(cls, entity: Any, parser: Any) -> Any:
-        """From `<reset>`."""
         made, kwargs = super().parse(entity, parser)
         return made, {**kwargs, "launch_configurations": parser.pairs(entity, "keep")}
 
     def execute(self, context: Any) -> None:
-        """Remove them."""
         normal = normalize_to_list_of_substitutions
         kept = {
             perform_substitutions(context, normal(name)): _kept_value(context, value)
@@ -167,7 +161,6 @@ class SetEnvironmentVariable(_OnNameAndValue):
     """Sets an environment variable for the processes that follow."""
 
     def execute(self, context: Any) -> None:
-        """Set it."""
         context.environment[self.text("name", context)] = self.text("value", context)
 
 
@@ -179,7 +172,6 @@ class AppendEnvironmentVariable(_OnNameAndValue):
     separator = Text(os.pathsep, POSITIONAL, attribute="separator")
 
     def execute(self, context: Any) -> None:
-        """Add to it."""
         name, value = self.text("name", context), self.text("value", context)
         separator = self.text("separator", context)
         prepend = perform_typed_substitution(context, self.prepend, bool)
@@ -194,7 +186,6 @@ class UnsetEnvironmentVariable(_OnName):
     """Removes an environment variable for the processes that follow."""
 
     def execute(self, context: Any) -> None:
-        """Remove it."""
         context.environment.pop(self.text("name", context), None)
 
 
@@ -210,14 +201,12 @@ class GroupAction(Action):
 
     @classmethod
     def parse(cls, entity: Any, parser: Any) -> Any:
-        """From `<group>`."""
         made, kwargs = super().parse(entity, parser)
         kwargs["launch_configurations"] = parser.pairs(entity, "keep")
         kwargs["actions"] = [parser.parse_action(e) for e in entity.children if e.type_name != "keep"]
         return made, kwargs
 
     def get_sub_entities(self) -> list[Any]:
-        """The actions, between those that begin and end the scope."""
         if self._inside is None:
             actions, configurations = list(self.actions), self.launch_configurations or {}
             for position, action in enumerate(actions, start=1):
@@ -232,7 +221,6 @@ class GroupAction(Action):
         return self._inside
 
     def execute(self, context: Any) -> list[Any]:
-        """The actions."""
         return self.get_sub_entities()
 
 
@@ -261,7 +249,6 @@ class IncludeLaunchDescription(Action):
 
     @classmethod
     def parse(cls, entity: Any, parser: Any) -> Any:
-        """From `<include>`, with an `<arg>` or a `<let>` for each argument."""
         made, kwargs = super().parse(entity, parser)
         kwargs["launch_arguments"] = [
             (parser.parse_substitution(e.get_attr("name")), parser.parse_substitution(e.get_attr("value")))
@@ -270,11 +257,9 @@ class IncludeLaunchDescription(Action):
         return made, kwargs
 
     def describe(self) -> str:
-        """Text for people."""
         return f"IncludeLaunchDescription({self.launch_description_source.location})"
 
     def get_sub_entities(self) -> list[Any]:
-        """The description, if it is known without launching."""
         description = self.launch_description_source.try_get_launch_description_without_context()
         return [] if description is None else [description]
 
@@ -291,7 +276,6 @@ class IncludeLaunchDescription(Action):
         return [perform_substitutions(context, normal(name)) for name, _ in self.launch_arguments]
 
     def execute(self, context: Any) -> list[Any]:
-        """The description, after what it is given."""
         description = self.launch_description_source.get_launch_description(context)
         file = Path(self.launch_description_source.location).absolute()
         here = {"current_launch_file_path": str(file), "current_launch_file_directory": str(file.parent)}

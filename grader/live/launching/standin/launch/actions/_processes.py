@@ -17,6 +17,7 @@ from .._base import (
     Substitution,
     Text,
     Typed,
+    expose_action,
     is_a_subclass,
     mistake,
     shown,
@@ -24,7 +25,6 @@ from .._base import (
 from ..descriptions import Executable
 from ..event_handlers import BaseEventHandler
 from ..events import Shutdown as ShutdownEvent
-from ..frontend.expose import expose_action
 from ..substitutions import LaunchConfiguration, TextSubstitution
 from ..utilities.type_utils import perform_typed_substitution
 
@@ -35,14 +35,12 @@ class EmitEvent(Action):
     event: Any = Field()
 
     def made(self) -> None:
-        """Refuse what is no event."""
         if not is_a_subclass(self.event, Event):
             remedy = "Give an event, such as launch.events.Shutdown(); an action stands in the list by itself."
             message = f"EmitEvent needs an event, but {shown(self.event)}"
             raise mistake(RuntimeError, message, "not_an_event", remedy)
 
     def execute(self, context: Any) -> None:
-        """Let it happen."""
         context.emit_event_sync(self.event)
 
 
@@ -54,7 +52,6 @@ class Shutdown(EmitEvent):
     reason = Field("reason not given", attribute="reason")
 
     def made(self) -> None:
-        """Make the event."""
         self.event = ShutdownEvent(reason=self.reason)
 
 
@@ -75,13 +72,11 @@ class OpaqueFunction(Action):
     kwargs = Field(None, types=(dict, type(None)))
 
     def made(self) -> None:
-        """Refuse what cannot be called."""
         if not callable(self.function):
             remedy = "Give the function itself, without calling it: function=name."
             raise mistake(TypeError, f"OpaqueFunction needs a function, but {shown(self.function)}", "bad_type", remedy)
 
     def execute(self, context: Any) -> Any:
-        """Call it; the entities that it returns."""
         return self.function(context, *(self.args or ()), **(self.kwargs or {}))
 
 
@@ -96,7 +91,6 @@ class OpaqueCoroutine(Action):
     ignore_context = Field(False)
 
     def made(self) -> None:
-        """Refuse what cannot be called."""
         if not callable(self.coroutine):
             raise TypeError("OpaqueCoroutine needs a coroutine function")
 
@@ -107,13 +101,11 @@ class RegisterEventHandler(Action):
     event_handler = Field(positional=POSITIONAL)
 
     def describe_conditional_sub_entities(self) -> list[tuple[str, Any]]:
-        """Entities that the handler may visit."""
         found = super().describe_conditional_sub_entities()
         known = isinstance(self.event_handler, BaseEventHandler)
         return [*found, self.event_handler.describe()] if known else found
 
     def execute(self, context: Any) -> None:
-        """Add it."""
         if not hasattr(self.event_handler, "matches"):
             raise AttributeError(f"'{type(self.event_handler).__name__}' object has no attribute 'matches'")
         context.register_event_handler(self.event_handler)
@@ -125,7 +117,6 @@ class UnregisterEventHandler(Action):
     event_handler = Field(positional=POSITIONAL)
 
     def execute(self, context: Any) -> None:
-        """Remove it."""
         context.unregister_event_handler(self.event_handler)
 
 
@@ -154,12 +145,10 @@ class TimerAction(Action):
 
     @classmethod
     def parse(cls, entity: Any, parser: Any) -> Any:
-        """From `<timer>`."""
         made, kwargs = super().parse(entity, parser)
         return made, {**kwargs, "actions": [parser.parse_action(child) for child in entity.children]}
 
     def describe_conditional_sub_entities(self) -> list[tuple[str, Any]]:
-        """The entities, which follow unless the timer is cancelled."""
         return [("a time passes", self.actions)]
 
     def cancel(self) -> None:
@@ -243,11 +232,9 @@ class ExecuteLocal(Action):
     return_code: int | None = None
 
     def get_sub_entities(self) -> list[Any]:
-        """The entities that follow its end."""
         return self.on_exit if isinstance(self.on_exit, list) else []
 
     def prepare(self, context: Any) -> None:
-        """Resolve everything."""
         description = self.process_description
         description.prepare(context, self)
         self.process_details = {
@@ -273,7 +260,6 @@ class ExecuteProcess(ExecuteLocal):
     additional_env = Field(None)
 
     def made(self) -> None:
-        """Describe the program."""
         self.describe_program(self.cmd, self.name)
 
     def describe_program(self, cmd: Any, name: Any) -> None:
@@ -283,7 +269,6 @@ class ExecuteProcess(ExecuteLocal):
 
     @classmethod
     def parse(cls, entity: Any, parser: Any) -> Any:
-        """From `<executable>`, with an `<env>` for each variable."""
         made, kwargs = super().parse(entity, parser)
         environment = parser.pairs(entity, "env")
         if environment:

@@ -5,9 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 from .._base import POSITIONAL, Condition, Field, InvalidConditionExpressionError, Text, mistake, perform_substitutions
-from .._catalogue import exported, missing_name_of
-
-__getattr__ = missing_name_of(__name__)
 
 
 def evaluate_condition_expression(context: Any, expression: Any) -> bool:
@@ -35,11 +32,9 @@ class IfCondition(Condition):
     predicate_expression = Text(positional=POSITIONAL)
 
     def holds(self, context: Any) -> bool:
-        """Whether the text says so."""
         return evaluate_condition_expression(context, self.predicate_expression)
 
     def describe(self) -> str:
-        """Text for people."""
         return f"{type(self).__name__}({self.described('predicate_expression')})"
 
 
@@ -47,7 +42,6 @@ class UnlessCondition(IfCondition):
     """Holds if its text says not."""
 
     def holds(self, context: Any) -> bool:
-        """Whether the text says not."""
         return not super().holds(context)
 
 
@@ -59,13 +53,11 @@ class LaunchConfigurationEquals(Condition):
     expected_value = Text(None, POSITIONAL)
 
     def holds(self, context: Any) -> bool:
-        """Whether it has this value; None is expected of one that is not set."""
         subs = self.expected_value
         expected = None if subs is None else perform_substitutions(context, subs)
         return bool(context.launch_configurations.get(self.launch_configuration_name) == expected)
 
     def describe(self) -> str:
-        """Text for people."""
         expected = "None" if self.expected_value is None else self.described("expected_value")
         return f"{type(self).__name__}('{self.launch_configuration_name}', {expected})"
 
@@ -74,8 +66,4 @@ class LaunchConfigurationNotEquals(LaunchConfigurationEquals):
     """Holds if a launch configuration has another value."""
 
     def holds(self, context: Any) -> bool:
-        """Whether it has another value."""
         return not super().holds(context)
-
-
-__all__ = exported(__name__, "InvalidConditionExpressionError")

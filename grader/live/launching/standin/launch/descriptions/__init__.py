@@ -8,10 +8,7 @@ import shlex
 from typing import Any
 
 from .._base import Field, Located, Pairs, Text, Texts, perform_substitutions
-from .._catalogue import exported, missing_name_of
 from ..substitutions import LaunchConfiguration
-
-__getattr__ = missing_name_of(__name__)
 
 
 class Executable(Located):
@@ -59,6 +56,3 @@ class Executable(Located):
         if self.__letters:
             message = "cmd is one text, of which each letter becomes a word: cmd=['program', 'argument']"
             context.session.warn(message, action)
-
-
-__all__ = exported(__name__)

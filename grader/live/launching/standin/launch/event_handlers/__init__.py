@@ -7,11 +7,8 @@ from collections.abc import Callable
 from typing import Any
 
 from .._base import Field, LaunchDescriptionEntity, Located, is_a_subclass, mistake, shown
-from .._catalogue import exported, missing_name_of
 from ..events import ExecutionComplete, IncludeLaunchDescription, Shutdown
 from ..events.process import ProcessExited, ProcessIO, ProcessStarted
-
-__getattr__ = missing_name_of(__name__)
 
 
 class BaseEventHandler(Located):
@@ -45,7 +42,6 @@ class EventHandler(BaseEventHandler):
     entities = Field(None)
 
     def handle(self, event: Any, context: Any) -> Any:
-        """The entities to visit."""
         super().handle(event, context)
         return self.entities
 
@@ -60,7 +56,6 @@ class OnActionEventBase(BaseEventHandler):
     target_action_cls = Field()
 
     def made(self) -> None:
-        """Refuse what is neither an action nor a function."""
         action, wanted = self.action_matcher, self.target_action_cls
         if not isinstance(action, (wanted, type(None))) and not callable(action):
             message = f"target_action must be one action ({wanted.__name__}) or a function, but {shown(action)}"
@@ -69,7 +64,6 @@ class OnActionEventBase(BaseEventHandler):
         self._actions = [] if callable(self.on_event) else _entities(self.on_event, type(self).__name__)
 
     def matches(self, event: Any) -> bool:
-        """Whether an event of an action is for this handler."""
         wanted = self.action_matcher
         if not isinstance(event, self.target_event_cls):
             return False
@@ -78,7 +72,6 @@ class OnActionEventBase(BaseEventHandler):
         return bool(wanted(event.action))
 
     def handle(self, event: Any, context: Any) -> Any:
-        """The entities to visit."""
         super().handle(event, context)
         return self.on_event(event, context) if callable(self.on_event) else self._actions
 
@@ -143,7 +136,6 @@ class OnProcessIO(_OnEvent):
     target_event_cls = ProcessIO
 
     def handle(self, event: Any, context: Any) -> Any:
-        """What the function for the stream gives."""
         function = (self.on_stdin, self.on_stdout, self.on_stderr)[event.fd]
         return None if function is None else function(event)
 
@@ -156,7 +148,6 @@ class OnExecutionComplete(_OnEvent):
     target_event_cls = ExecutionComplete
 
     def made(self) -> None:
-        """Take any action as the target."""
         from .._base import Action
 
         self.action_matcher, self.on_event, self.target_action_cls = self.target_action, self.on_completion, Action
@@ -170,11 +161,9 @@ class OnShutdown(BaseEventHandler):
     on_shutdown = Field()
 
     def matches(self, event: Any) -> bool:
-        """Whether the launch ends."""
         return is_a_subclass(event, Shutdown)
 
     def handle(self, event: Any, context: Any) -> Any:
-        """The entities to visit."""
         super().handle(event, context)
         return self.on_shutdown(event, context) if callable(self.on_shutdown) else self.on_shutdown
 
@@ -185,11 +174,9 @@ class OnIncludeLaunchDescription(BaseEventHandler):
     matcher = None
 
     def matches(self, event: Any) -> bool:
-        """Whether a description is asked for."""
         return is_a_subclass(event, IncludeLaunchDescription)
 
     def handle(self, event: Any, context: Any) -> Any:
-        """The launch description."""
         super().handle(event, context)
         return event.launch_description
 
@@ -202,6 +189,3 @@ def event_named(event_name: str) -> Callable[[Any], bool]:
 def gen_handler(entities: Any) -> Callable[[Any, Any], Any]:
     """A handler that gives fixed entities."""
     return lambda event, context: entities
-
-
-__all__ = exported(__name__)

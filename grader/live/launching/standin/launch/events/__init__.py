@@ -6,17 +6,6 @@ from collections.abc import Callable
 from typing import Any
 
 from .._base import POSITIONAL, Event, Field
-from .._catalogue import missing_name_of
-
-__all__ = [
-    "ExecutionComplete",
-    "IncludeLaunchDescription",
-    "Shutdown",
-    "TimerEvent",
-    "matches_action",
-    "process",
-]
-__getattr__ = missing_name_of(__name__)
 
 
 class Shutdown(Event):

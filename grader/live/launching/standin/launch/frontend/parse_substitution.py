@@ -5,14 +5,29 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from .._base import Substitution, mistake
-from .._catalogue import missing_name_of
-from .expose import instantiate_substitution
+from .._base import Substitution, exposed_substitutions, mistake, problems
+from ..substitutions import TextSubstitution
+
+_ROS_1 = {
+    "find": "Write $(find-pkg-share package) (ROS 1 wrote $(find package)).",
+    "arg": "Write $(var name) (ROS 1 wrote $(arg name)).",
+    "optenv": "Write $(env NAME default) (ROS 1 wrote $(optenv NAME default)).",
+}
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
 
 
-__getattr__ = missing_name_of(__name__)
+def instantiate_substitution(type_name: str, args: Any = None) -> Any:
+    """The substitution of a name with some arguments."""
+    import launch_ros.substitutions  # noqa: F401 - makes its names known
+
+    if type_name not in exposed_substitutions:
+        known = ", ".join(sorted(exposed_substitutions))
+        message = f"there is no substitution '$({type_name} ...)'; there are: {known}"
+        remedy = _ROS_1.get(type_name) or problems.near(type_name, exposed_substitutions) + "Correct the name."
+        raise mistake(RuntimeError, message, "bad_markup", remedy)
+    made, kwargs = exposed_substitutions[type_name].parse(args or [])
+    return made(**kwargs)
 
 
 def replace_escaped_characters(data: str) -> str:
@@ -31,8 +46,6 @@ def parse_substitution(string_value: str) -> list[Substitution]:
     RuntimeError
         There is no substitution of that name.
     """
-    from ..substitutions import TextSubstitution
-
     if not string_value:
         return [TextSubstitution(text="")]
     return _Reader(string_value).template("")
@@ -133,8 +146,6 @@ class _Parts:
         self.done().append(substitution)
 
     def done(self) -> list[Substitution]:
-        from ..substitutions import TextSubstitution
-
         if self.text:
             self._parts.append(TextSubstitution(text=replace_escaped_characters(self.text)))
             self.text = ""
@@ -143,8 +154,6 @@ class _Parts:
 
 def parse_if_substitutions(value: Any) -> Any:
     """Read the substitutions in a value, if it is text; plain text stays text."""
-    from ..substitutions import TextSubstitution
-
     if isinstance(value, list):
         return [parse_if_substitutions(item) for item in value]
     if not isinstance(value, str):

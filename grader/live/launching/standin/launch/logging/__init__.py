@@ -7,10 +7,6 @@ from logging import DEBUG, ERROR, INFO, WARNING, Logger
 from typing import Any
 
 from .._base import mistake
-from .._catalogue import missing_name_of
-
-__all__ = ["DEBUG", "ERROR", "INFO", "WARNING", "get_logger", "get_output_loggers", "launch_config"]
-__getattr__ = missing_name_of(__name__)
 
 _OUTPUT_WORDS = ("screen", "log", "both", "own_log", "full")
 _STREAM_WORDS = ("screen", "log", "own_log")

@@ -19,16 +19,13 @@ from .._base import (
     SubstitutionFailure,
     Text,
     Texts,
+    expose_substitution,
     mistake,
     normalize_to_list_of_substitutions,
     perform_substitutions,
     shared,
 )
-from .._catalogue import exported, missing_name_of
-from ..frontend.expose import expose_substitution
 from ..utilities.type_utils import is_substitution, perform_typed_substitution
-
-__getattr__ = missing_name_of(__name__)
 
 
 def _failure(message: str, kind: str, remedy: str) -> Any:
@@ -41,17 +38,14 @@ class TextSubstitution(Substitution):
     text: Any = Field()
 
     def made(self) -> None:
-        """Refuse what is no text."""
         if not isinstance(self.text, str):
             message = f"TextSubstitution takes a str, but {self.text!r} is of type '{type(self.text).__name__}'"
             raise mistake(TypeError, message, "bad_text", "Give text.")
 
     def describe(self) -> str:
-        """Text for people."""
         return f"'{self.text}'"
 
     def perform(self, context: Any) -> str:
-        """The text."""
         return str(self.text)
 
 
@@ -59,7 +53,6 @@ class Default(Text):
     """A default, in which everything else than substitutions is turned into text."""
 
     def normal(self, value: Any) -> Any:
-        """A list of substitutions."""
         items = value if isinstance(value, collections.abc.Iterable) else (value,)
         texts = [item if isinstance(item, (str, Substitution)) else str(item) for item in items]
         return normalize_to_list_of_substitutions(texts)
@@ -73,11 +66,9 @@ class LaunchConfiguration(Substitution):
     default = Default(None)
 
     def describe(self) -> str:
-        """Text for people."""
         return f"LaunchConfig({self.described('variable_name')})"
 
     def perform(self, context: Any) -> str:
-        """The value."""
         name, known = self.text("variable_name", context), context.launch_configurations
         if name in known:
             return known[name]  # type: ignore[no-any-return]
@@ -95,7 +86,6 @@ class EnvironmentVariable(Substitution):
     default_value = Text(None)
 
     def perform(self, context: Any) -> str:
-        """The value."""
         name = self.text("name", context)
         if name in context.environment:
             return str(context.environment[name])
@@ -112,7 +102,6 @@ class FindExecutable(Substitution):
     name = Text()
 
     def perform(self, context: Any) -> str:
-        """The path."""
         name = self.text("name", context)
         found = shutil.which(name)
         if found is None:
@@ -137,7 +126,6 @@ class AnonName(Substitution):
     name = Text(positional=POSITIONAL)
 
     def perform(self, context: Any) -> str:
-        """The unique name."""
         name = self.text("name", context)
         made: dict[str, str] = context.launch_configurations.setdefault("anon", {})
         return made.setdefault(name, f"{name}_{os.getpid()}_{next(context.anonymous_numbers)}")
@@ -150,11 +138,9 @@ class LocalSubstitution(Substitution):
     description = Field(None, POSITIONAL)
 
     def describe(self) -> str:
-        """Text for people."""
         return f"LocalVar('{self.description or self.expression}')"
 
     def perform(self, context: Any) -> str:
-        """The text."""
         return str(eval("context.locals." + self.expression, {}, {"context": context}))
 
 
@@ -167,7 +153,6 @@ class PathJoinSubstitution(Substitution):
         return PathJoinSubstitution([*self.substitutions, normalize_to_list_of_substitutions(additional_path)])
 
     def perform(self, context: Any) -> str:
-        """The path."""
         parts = [perform_substitutions(context, part) for part in self.substitutions]
         return os.path.join(*parts)  # noqa: PTH118 - keeps what the real one keeps: "./", a trailing slash
 
@@ -182,7 +167,6 @@ class PathSubstitution(PathJoinSubstitution):
         return PathJoinSubstitution([[self], additional_path])
 
     def perform(self, context: Any) -> str:
-        """The path."""
         return self.text("path", context)
 
 
@@ -197,7 +181,7 @@ class PythonExpression(Substitution):
 
     @classmethod
     def parse(cls, data: Any) -> Any:
-        """From `$(eval 'expression' ['modules'])`, where the names of modules are parted by commas."""
+        # $(eval 'expression' ['modules']), where the names of modules are parted by commas.
         made, kwargs = super().parse(data)
         if "python_modules" in kwargs:
             names = "".join(sub.text for sub in kwargs["python_modules"])
@@ -205,7 +189,6 @@ class PythonExpression(Substitution):
         return made, kwargs
 
     def perform(self, context: Any) -> str:
-        """The value as text."""
         scope: dict[str, Any] = {}
         for sub in self.python_modules:
             module = importlib.import_module(context.perform_substitution(sub))
@@ -231,7 +214,6 @@ class Command(Substitution):
     on_stderr = Text("fail")
 
     def perform(self, context: Any) -> str:
-        """Run the program; its standard output."""
         line, on_stderr = self.text("command", context), self.text("on_stderr", context)
         if on_stderr not in ("fail", "ignore", "warn", "capture"):
             message = f"on_stderr must be fail, ignore, warn or capture, not '{on_stderr}'"
@@ -290,7 +272,6 @@ class LaunchLogDir(PathSubstitution):
     path = None
 
     def perform(self, context: Any) -> str:
-        """The folder."""
         return os.environ.get("ROS_LOG_DIR") or str(Path.home() / ".ros" / "log")
 
 
@@ -301,7 +282,6 @@ class FileContent(Substitution):
     path = Text(positional=POSITIONAL)
 
     def perform(self, context: Any) -> str:
-        """The text."""
         path = self.text("path", context)
         try:
             return Path(path).read_text()
@@ -348,7 +328,6 @@ class IfElseSubstitution(_Logical):
         super().__init__(condition, if_value, else_value)
 
     def perform(self, context: Any) -> str:
-        """The text that the condition chooses."""
         return self.text("if_value" if self.truth(self.condition, context) else "else_value", context)
 
 
@@ -359,7 +338,6 @@ class NotSubstitution(_Logical):
     value = Text(positional=POSITIONAL)
 
     def holds(self, context: Any) -> bool:
-        """Whether the value does not hold."""
         return not self.truth(self.value, context)
 
 
@@ -438,7 +416,6 @@ class EqualsSubstitution(_Logical):
     right = _Comparable(positional=POSITIONAL)
 
     def holds(self, context: Any) -> bool:
-        """Whether they are."""
         left, right = self.text("left", context), self.text("right", context)
         truths = {"true": True, "1": True, "false": False, "0": False}
         if left.lower() in truths and right.lower() in truths:
@@ -452,8 +429,4 @@ class NotEqualsSubstitution(EqualsSubstitution):
     """Whether two texts differ."""
 
     def holds(self, context: Any) -> bool:
-        """Whether they do."""
         return not super().holds(context)
-
-
-__all__ = exported(__name__, "SubstitutionFailure")

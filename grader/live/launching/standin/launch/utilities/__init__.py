@@ -14,17 +14,6 @@ from .._base import (
     normalize_to_list_of_substitutions,
     perform_substitutions,
 )
-from .._catalogue import missing_name_of
-
-__all__ = [
-    "ensure_argument_type",
-    "is_a",
-    "is_a_subclass",
-    "isclassinstance",
-    "normalize_to_list_of_entities",
-    "normalize_to_list_of_substitutions",
-    "perform_substitutions",
-]
 
 
 def normalize_to_list_of_entities(entities: Any) -> list[Any]:
@@ -35,6 +24,3 @@ def normalize_to_list_of_entities(entities: Any) -> list[Any]:
     for entity in entities:
         flat.extend(normalize_to_list_of_entities(entity))
     return flat
-
-
-__getattr__ = missing_name_of(__name__)

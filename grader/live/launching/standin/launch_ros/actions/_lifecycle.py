@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from launch._base import Action, Field, Text, Texts, perform_substitutions, shared
+from launch._base import Action, Field, Text, Texts, expose_action, perform_substitutions, shared
 from launch.actions import EmitEvent, RegisterEventHandler
-from launch.frontend.expose import expose_action
 
 from ..event_handlers import OnStateTransition
 from ..events import matches_node_name
@@ -27,7 +26,6 @@ class LifecycleNode(Node):
     node_autostart = property(lambda self: self.autostart)
 
     def execute(self, context: Any) -> Any:
-        """Note the node, and what its states lead to."""
         return context.session.start_lifecycle(self, context)
 
 
@@ -43,12 +41,10 @@ class LifecycleTransition(Action):
     transition_ids = _Ids()
 
     def made(self) -> None:
-        """Refuse to do nothing."""
         if not self.transition_ids or not self.lifecycle_node_names:
             raise ValueError("LifecycleTransition needs at least one node name and one transition id")
 
     def execute(self, context: Any) -> list[Any]:
-        """Register what follows each transition, and ask for the first."""
         names = [perform_substitutions(context, name) for name in self.lifecycle_node_names]
         ids = [int(perform_substitutions(context, given)) for given in self.transition_ids]
         handlers: list[Any] = []

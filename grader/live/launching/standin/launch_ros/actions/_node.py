@@ -12,12 +12,12 @@ from launch._base import (
     Text,
     blame,
     ensure_argument_type,
+    expose_action,
     mistake,
     normalize_to_list_of_substitutions,
     perform_substitutions,
 )
 from launch.actions import ExecuteProcess
-from launch.frontend.expose import expose_action
 from launch.substitutions import LocalSubstitution
 
 from ..descriptions import ComposableNode
@@ -64,7 +64,6 @@ class Node(ExecuteProcess):
     node_executable = property(lambda self: self.executable)
 
     def made(self) -> None:
-        """Describe the program, with what is known of its arguments so far."""
         program: Any = self.executable
         if self.package is not None:
             program = [ExecutableInPackage(package=self.package, executable=self.executable)]
@@ -90,7 +89,6 @@ class Node(ExecuteProcess):
 
     @classmethod
     def parse(cls, entity: Any, parser: Any) -> Any:
-        """From `<node>`, with `<remap>` and `<param>` inside."""
         made, kwargs = super().parse(entity, parser)
         return made, {**kwargs, **parse_ros(entity, parser)}
 
@@ -170,7 +168,6 @@ class Node(ExecuteProcess):
             self._extend("-r", f"{source}:={target}")
 
     def execute(self, context: Any) -> Any:
-        """Note the node."""
         self._perform_substitutions(context)
         if isinstance(self.arguments, str) and len(self.arguments) > 1:
             message = "arguments is one text, of which each letter becomes an argument: arguments=['...', '...']"
@@ -276,12 +273,10 @@ class ComposableNodeContainer(Node):
 
     @classmethod
     def parse(cls, entity: Any, parser: Any) -> Any:
-        """From `<node_container>`."""
         made, kwargs = super().parse(entity, parser)
         return made, {**kwargs, "composable_node_descriptions": _composable_nodes(entity, parser)}
 
     def execute(self, context: Any) -> Any:
-        """Note the container; its nodes are loaded next."""
         super().execute(context)
         nodes = self.composable_node_descriptions
         return [LoadComposableNodes(composable_node_descriptions=nodes, target_container=self)] if nodes else None
@@ -298,12 +293,10 @@ class LoadComposableNodes(Action):
 
     @classmethod
     def parse(cls, entity: Any, parser: Any) -> Any:
-        """From `<load_composable_node>`."""
         made, kwargs = super().parse(entity, parser)
         return made, {**kwargs, "composable_node_descriptions": _composable_nodes(entity, parser)}
 
     def made(self) -> None:
-        """Refuse what is neither a container nor its name."""
         target = self.target_container
         if not isinstance(target, ComposableNodeContainer):
             ensure_argument_type(target, (str, Path, Action, *_TEXTS), "target_container", "LoadComposableNodes")

@@ -6,9 +6,8 @@ import os
 from pathlib import Path
 from typing import Any
 
-from launch._base import POSITIONAL, Action, SubstitutionFailure, Text, Typed, mistake
+from launch._base import POSITIONAL, Action, SubstitutionFailure, Text, Typed, expose_action, mistake
 from launch.actions import TimerAction
-from launch.frontend.expose import expose_action
 
 from ..utilities import (
     evaluate_parameter_dict,
@@ -27,7 +26,6 @@ class PushROSNamespace(Action):
     namespace = Text(positional=POSITIONAL, attribute="namespace")
 
     def execute(self, context: Any) -> None:
-        """Put them there."""
         pushed = self.text("namespace", context)
         before = context.launch_configurations.get("ros_namespace")
         namespace = make_namespace_absolute(prefix_namespace(before, pushed))
@@ -60,7 +58,6 @@ class SetParameter(Action):
         self.value = next(iter(self.__parameters.values()))
 
     def execute(self, context: Any) -> None:
-        """Set it."""
         _add(context, "global_params", evaluate_parameter_dict(context, self.__parameters).items())
 
 
@@ -75,24 +72,22 @@ class SetUseSimTime(Action):
 
 @expose_action("set_parameters_from_file")
 class SetParametersFromFile(Action):
-    """Gives the nodes that follow a file of parameters."""
+    """Gives the nodes that follow a file of parameters; whether it is there is looked at when a node starts."""
 
     filename = Text(positional=POSITIONAL, attribute="filename")
 
     def execute(self, context: Any) -> None:
-        """Give it; whether the file is there is looked at when a node starts."""
         _add(context, "global_params", [self.text("filename", context)])
 
 
 @expose_action("set_ros_log_dir")
 class SetROSLogDir(Action):
-    """Sets the folder of the log files of the nodes that follow."""
+    """Sets the folder of the log files of the nodes that follow; a relative one lies in the present one."""
 
     new_log_dir = Text(positional=POSITIONAL, attribute="new_log_dir")
     log_dir = property(lambda self: self.new_log_dir)
 
     def execute(self, context: Any) -> None:
-        """Set it; a relative one lies in the present one."""
         before = context.environment.get("ROS_LOG_DIR") or str(Path.home() / ".ros" / "log")
         wanted = self.text("new_log_dir", context)
         context.environment["ROS_LOG_DIR"] = os.path.join(before, wanted)  # noqa: PTH118 - keeps the text as it is
@@ -106,7 +101,6 @@ class SetRemap(Action):
     dst = Text(positional=POSITIONAL, attribute="to")
 
     def execute(self, context: Any) -> None:
-        """Remap it."""
         _add(context, "ros_remaps", [(self.text("src", context), self.text("dst", context))])
 
 

@@ -5,13 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from launch._base import Action, Field, Located, Text
-from launch._catalogue import missing_name_of
 
 from ..parameter_descriptions import Parameter, ParameterFile, ParameterValue
 from ..utilities import normalize_parameters, normalize_remap_rules
-
-__all__ = ["ComposableLifecycleNode", "ComposableNode", "Parameter", "ParameterFile", "ParameterValue"]
-__getattr__ = missing_name_of(__name__)
 
 
 class _Parameters(Field):
@@ -36,13 +32,11 @@ class ComposableNode(Located):
     node_namespace = property(lambda self: self.namespace)
 
     def made(self) -> None:
-        """Bring the rules into pairs; the condition is asked for by a call."""
         self.remappings = list(normalize_remap_rules(self.given["remappings"] or ())) or None
         self.condition = lambda: self.given["condition"]
 
     @classmethod
     def parse(cls, entity: Any, parser: Any) -> Any:
-        """From `<composable_node>`."""
         from ..actions._node import parse_ros
 
         kwargs = Action.parse.__func__(cls, entity, parser)[1]  # type: ignore[attr-defined]

@@ -5,12 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from launch._base import Field, mistake, shown
-from launch._catalogue import exported, missing_name_of
 from launch.event_handlers import EventHandler
 
 from ..events.lifecycle import StateTransition
-
-__getattr__ = missing_name_of(__name__)
 
 
 class OnStateTransition(EventHandler):
@@ -24,20 +21,15 @@ class OnStateTransition(EventHandler):
     goal_state = Field(None)
 
     def made(self) -> None:
-        """Refuse a node that has no states."""
         target = self.target_lifecycle_node
         if target is not None and not hasattr(target, "is_lifecycle_node"):
             message = f"OnStateTransition: target_lifecycle_node must be a LifecycleNode, but {shown(target)}"
             raise mistake(RuntimeError, message, "bad_target", "Give the action itself, as it is kept in a variable.")
 
     def matches(self, event: Any) -> bool:
-        """Whether a change of state is for this handler."""
         if self.matcher is not None:
             return bool(self.matcher(event))
         if not isinstance(event, StateTransition) or self.target_lifecycle_node not in (None, event.action):
             return False
         asked = ("transition", "start_state", "goal_state")
         return all(self.given[name] in (None, getattr(event, name)) for name in asked)
-
-
-__all__ = exported(__name__)

@@ -4,12 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from launch._base import POSITIONAL, Substitution, SubstitutionFailure, Text, mistake, shared
-from launch._catalogue import exported, missing_name_of
-from launch.frontend.expose import expose_substitution
+from launch._base import POSITIONAL, Substitution, SubstitutionFailure, Text, expose_substitution, mistake, shared
 from launch.substitutions import Default, PathSubstitution
-
-__getattr__ = missing_name_of(__name__)
 
 
 class FindPackage(PathSubstitution):
@@ -19,11 +15,9 @@ class FindPackage(PathSubstitution):
     package = Text(positional=POSITIONAL)
 
     def find(self, package_name: str) -> str:
-        """What is looked for."""
         raise NotImplementedError
 
     def perform(self, context: Any) -> str:
-        """What is looked for."""
         return self.find(self.text("package", context))
 
 
@@ -32,7 +26,6 @@ class FindPackagePrefix(FindPackage):
     """Where a package is installed."""
 
     def find(self, package_name: str) -> str:
-        """The folder."""
         from ament_index_python.packages import get_package_prefix
 
         return str(get_package_prefix(package_name))
@@ -43,7 +36,6 @@ class FindPackageShare(FindPackage):
     """The share folder of a package."""
 
     def find(self, package_name: str) -> str:
-        """The folder."""
         from ament_index_python.packages import get_package_share_directory
 
         return str(get_package_share_directory(package_name, print_warning=False))
@@ -57,7 +49,6 @@ class ExecutableInPackage(FindPackagePrefix):
     package = Text(positional=POSITIONAL)
 
     def perform(self, context: Any) -> str:
-        """The path."""
         executable, package = self.text("executable", context), self.text("package", context)
         path: str = shared("installed").find_executable(executable, package, context.session.root)
         return path
@@ -71,7 +62,6 @@ class Parameter(Substitution):
     default = Default(None)
 
     def perform(self, context: Any) -> str:
-        """The value as text."""
         name = self.text("name", context)
         for item in context.launch_configurations.get("global_params", []):
             if isinstance(item, tuple) and item[0] == name:
@@ -80,6 +70,3 @@ class Parameter(Substitution):
             return self.text("default", context)
         message = f"parameter '{name}' was not set with SetParameter in this scope"
         raise mistake(SubstitutionFailure, message, "exception", "Set it, or give a default.")
-
-
-__all__ = exported(__name__)

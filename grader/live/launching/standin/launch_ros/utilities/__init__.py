@@ -14,13 +14,11 @@ from launch._base import (
     perform_substitutions,
     shown,
 )
-from launch._catalogue import exported, missing_name_of
 from launch.substitutions import TextSubstitution
 
 from ..parameter_descriptions import Parameter, ParameterFile, ParameterValue
 
 _SCALARS = (bool, int, float, str)
-__getattr__ = missing_name_of(__name__)
 
 
 def add_node_name(context: Any, node_name: str) -> None:
@@ -289,6 +287,3 @@ def _uniform(name: str, items: Sequence[Any]) -> tuple[Any, ...]:
         message += f"all be of one type (bool, int, float or str), but it is {list(items)!r:.120}"
         raise _no_value(message, items)
     return tuple(items)
-
-
-__all__ = exported(__name__)

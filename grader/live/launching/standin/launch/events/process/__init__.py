@@ -7,9 +7,6 @@ from collections.abc import Callable
 from typing import Any
 
 from ..._base import Event, Field
-from ..._catalogue import exported, missing_name_of
-
-__getattr__ = missing_name_of(__name__)
 
 
 class RunningProcessEvent(Event):
@@ -23,7 +20,6 @@ class RunningProcessEvent(Event):
     pid = Field(0)
 
     def made(self) -> None:
-        """Keep what other names stand for, too."""
         self.process_name, self.execute_process_action = self.given["name"], self.action
 
 
@@ -82,7 +78,6 @@ class SignalProcess(ProcessTargetedEvent):
     signal_number = Field()
 
     def made(self) -> None:
-        """Read the signal by its name or number."""
         wanted = self.signal_number
         self.signal = signal.Signals[wanted] if isinstance(wanted, str) else signal.Signals(wanted)
         self.signal_name = self.signal.name
@@ -101,6 +96,3 @@ def matches_name(name: str) -> Callable[[Any], bool]:
 def matches_executable(name: str) -> Callable[[Any], bool]:
     """A matcher of one program."""
     return lambda action: bool(action.process_details and action.process_details["cmd"][0].split("/")[-1] == name)
-
-
-__all__ = exported(__name__)

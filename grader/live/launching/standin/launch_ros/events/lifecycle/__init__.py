@@ -6,9 +6,6 @@ from collections.abc import Callable
 from typing import Any
 
 from launch._base import Event, Field
-from launch._catalogue import exported, missing_name_of
-
-__getattr__ = missing_name_of(__name__)
 
 
 class ChangeState(Event):
@@ -23,7 +20,6 @@ class ChangeState(Event):
     transition_id = Field()
 
     def made(self) -> None:
-        """Refuse what is no id."""
         if self.transition_id not in self.valid_transitions:
             raise ValueError(f"{self.transition_id!r} is no id of a lifecycle transition")
 
@@ -55,6 +51,3 @@ class StateTransition(Event):
 def matches_node_name(node_name: str) -> Callable[[Any], bool]:
     """A matcher of one node."""
     return lambda action: bool(action.node_name == node_name)
-
-
-__all__ = exported(__name__)

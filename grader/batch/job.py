@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import pickle
 from dataclasses import dataclass
 from pathlib import Path
 
+from grader.batch.machine import Machine
 from grader.errors import GraderError, RubricError, described
 from grader.intake import Handed, Intake
 from grader.live.isolation import Isolation
@@ -18,19 +18,31 @@ _MOST_TEXT = 2_000
 
 
 @dataclass(frozen=True)
-class Order:
+class Limits:
+    """What a process that grades a submission may do, in seconds.
+
+    Attributes
+    ----------
+    silence_s : float
+        Without a word, beyond what a session may take; all that it does by itself has a tighter bound.
+    alone_s : float
+        With the machine for itself; after that its sessions are recorded beside the others.
+    """
+
+    silence_s: float = 120.0
+    alone_s: float = 60.0
+
+
+@dataclass(frozen=True)
+class Job:
     """What to grade, by what, and where its results go.
 
     Attributes
     ----------
     handed : Handed or Intake
         The submission; already taken in if another machine did that.
-    isolation : Isolation or None
-        How students' code is confined on this machine; not needed to judge.
-    submitted_at : str or None
-        When it was handed in, where the recordings are there already.
-    judge_only : bool
-        Whether its recordings are there already.
+    isolation, machine : Isolation, Machine or None
+        How students' code is confined on the machine that grades it, and the places there; filled in there.
     """
 
     handed: Handed | Intake
@@ -38,19 +50,8 @@ class Order:
     rubric: Rubric
     options: Options
     isolation: Isolation | None = None
-    submitted_at: str | None = None
-    judge_only: bool = False
-
-    def write(self, file: Path) -> None:
-        """Write this for the process that is to carry it out."""
-        file.write_bytes(pickle.dumps(self))
-
-    @classmethod
-    def read(cls, file: Path) -> Order:
-        """Read what `write` wrote. Only ever the grader's own file."""
-        order = pickle.loads(file.read_bytes())
-        assert isinstance(order, cls)
-        return order
+    machine: Machine | None = None
+    limits: Limits = Limits()
 
 
 #: How a grading ended: with a result, or with the reason why there is none.
@@ -75,7 +76,7 @@ class Row:
     reused : bool
         Whether it was graded before, and nothing has changed.
     took_s : float
-        From its first turn on.
+        From its first phase on.
     """
 
     handed: Handed

@@ -19,10 +19,9 @@ pytest.importorskip("rclpy")
 
 sys.path.append(str(Path(__file__).parents[2]))
 
-from grader.batch.admission import Admission, Use
+from grader.batch.job import Ending, Job, Limits
 from grader.batch.machine import Machine
-from grader.batch.order import Ending, Order
-from grader.batch.supervised import Limits, grade_in_process
+from grader.batch.worker import grade_in_process
 from grader.errors import GraderError
 from grader.intake import Handed
 from grader.live.isolation import Level
@@ -41,13 +40,12 @@ class Case:
     """A submission to be graded in a process of its own."""
 
     small: SmallClass
-    order: Order
-    admission: Admission
+    job: Job
     family: Family
     temporary: Path
     phases: list[str] = field(default_factory=list)
 
-    def ends(self, limits: Limits | None = None, kill_at: str = "") -> Ending:
+    def ends(self, kill_at: str = "", **limits: float) -> Ending:
         """Grade it, and check that nothing is left; `kill_at` is the phase from which on its process is killed."""
         phases = self.phases
 
@@ -55,19 +53,18 @@ class Case:
             while True:
                 self.family.look()
                 for pid, _ in self.family.members:
-                    if kill_at in phases and "grader.batch.one" in command_of(pid):
+                    if kill_at in phases and "grader.batch.worker" in command_of(pid):
                         with suppress(ProcessLookupError):
                             os.kill(pid, signal.SIGKILL)
                 await asyncio.sleep(0.02)
 
         async def scenario() -> Ending:
             watching = asyncio.ensure_future(watch())
-            ending = await grade_in_process(
-                self.order, self.admission, 0, lambda phase: phases.append(phase.text), limits
-            )
+            job = replace(self.job, limits=Limits(**limits))
+            ending = await grade_in_process(job, lambda phase: phases.append(phase.text))
             watching.cancel()
-            place = await asyncio.wait_for(self.admission.take(Use.CELL, 1, alone=True), 120)
-            place.release()
+            assert job.machine is not None
+            (await asyncio.wait_for(job.machine.take(alone=True), 120))()
             return ending
 
         ending = asyncio.run(scenario())
@@ -88,13 +85,13 @@ def case(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Case:
     monkeypatch.setenv("TMPDIR", str(small.temporary))
     options = Options(Path(sys.executable), seed=1)
     handed = Handed.of(small.submissions / "ann")
-    order = Order(handed, small.results / "ann", read_rubric(small.rubric), options, isolation)
-    admission = Admission(2, Machine(2, f"grade-test-{uuid.uuid4().hex}"))
-    return Case(small, order, admission, Family(os.getpid()), small.temporary)
+    machine = Machine(2, f"grade-test-{uuid.uuid4().hex}")
+    job = Job(handed, small.results / "ann", read_rubric(small.rubric), options, isolation, machine)
+    return Case(small, job, Family(os.getpid()), small.temporary)
 
 
 def test_a_submission_gets_its_points(case: Case) -> None:
-    """A correct talker is graded, and its seed is the one that was ordered."""
+    """A correct talker is graded, and its seed is the one that was asked for."""
     case.small.hand_in("ann", TALKER)
     ending = case.ends()
     assert isinstance(ending, Result)
@@ -102,22 +99,13 @@ def test_a_submission_gets_its_points(case: Case) -> None:
     assert case.small.result("ann")["provenance"]["sessions"]["only"]["seed"] == 1
 
 
-def test_a_session_that_hangs_is_ended(case: Case) -> None:
-    """A session whose process does not end it in time is killed with its submission's process."""
-    spec = case.order.rubric.sessions["only"].model_copy(update={"timeout_s": 2.0})
-    rubric = replace(case.order.rubric, sessions={"only": spec})
-    # The supervisor is told less time than the session's own process gives itself.
-    case.order = replace(case.order, rubric=rubric)
-    ending = case.ends(Limits(cell_grace_s=-0.5))
+@pytest.mark.parametrize(("silence_s", "phase"), [(15.0, "waiting for"), (0.05, "reading")])
+def test_a_process_that_says_nothing_is_ended(case: Case, silence_s: float, phase: str) -> None:
+    """One that hangs, be it in a session or as it starts, costs its places until then."""
+    ending = case.ends(silence_s=silence_s - case.job.rubric.sessions["only"].timeout_s)
     assert isinstance(ending, GraderError)
-    assert ending.problem == "the session 'only' took longer than 1.5 s"
-
-
-def test_reading_that_takes_too_long_is_ended(case: Case) -> None:
-    """A submission that cannot be read in time costs one place until then."""
-    ending = case.ends(Limits(work_s=0.05))
-    assert isinstance(ending, GraderError)
-    assert ending.problem == "reading the submission took longer than 0.05 s"
+    assert ending.problem == f"the grader's process said nothing for {silence_s:g} s"
+    assert case.phases == [] if phase == "reading" else phase in case.phases[-1]
 
 
 @pytest.mark.parametrize("phase", ["reading", "starting"])
@@ -131,7 +119,7 @@ def test_a_process_that_is_killed_is_told(case: Case, phase: str) -> None:
 
 def test_what_is_wrong_with_a_submission_is_told(case: Case) -> None:
     """A submission that is refused has the same words and status as alone."""
-    case.order = replace(case.order, handed=Handed.of(case.small.folder / "nobody"))
+    case.job = replace(case.job, handed=Handed.of(case.small.folder / "nobody"))
     ending = case.ends()
     assert isinstance(ending, GraderError)
     assert (ending.problem, ending.exit_status) == ("there is no such submission", 3)
@@ -150,7 +138,7 @@ def test_a_submission_does_not_keep_the_others_from_the_machine(case: Case) -> N
     """What stays undecided is recorded again alone, but once that took its time, beside the others."""
     # What it asks for is never seen; one recording is no proof of that, nor are two.
     case.small.hand_in("ann", TALKER.replace("rclpy.init()", "rclpy.init(domain_id=7)"))
-    ending = case.ends(Limits(alone_s=1.0))
+    ending = case.ends(alone_s=1.0)
     assert isinstance(ending, Result)
     assert ending.score == Score(Decimal(0), Decimal(1), Decimal(0))
     assert [phase for phase in case.phases if phase.startswith("waits")][:2] == ["waits", "waits to run alone"]

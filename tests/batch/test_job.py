@@ -1,4 +1,4 @@
-"""Orders and endings as they travel between processes."""
+"""Jobs and endings as they travel between processes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from grader.batch.order import Order, problem_of
+from grader.batch.job import Job, problem_of
 from grader.errors import GraderError, RubricError, SubmissionError
 from grader.intake import Handed
 from grader.live.isolation import Isolation, Level
@@ -16,12 +16,11 @@ from grader.pipeline import Options
 from grader.rubrics import read_rubric
 
 
-def test_an_order_arrives_as_it_was_sent(tmp_path: Path) -> None:
+def test_a_job_arrives_as_it_was_sent(tmp_path: Path) -> None:
     """Rubric, options and submission are the same on the other side."""
     handed = Handed.of(tmp_path)
-    order = Order(handed, tmp_path, read_rubric(None), Options(Path(sys.executable), ["qos"]), Isolation(Level.FULL))
-    order.write(tmp_path / "order")
-    assert Order.read(tmp_path / "order") == order
+    job = Job(handed, tmp_path, read_rubric(None), Options(Path(sys.executable), ["qos"]), Isolation(Level.FULL))
+    assert pickle.loads(pickle.dumps(job)) == job
 
 
 def test_problems_arrive() -> None:

@@ -1,7 +1,0 @@
-"""XML launch files as sources of launch descriptions."""
-
-from launch._catalogue import missing_name_of
-from launch._sources import XMLLaunchDescriptionSource
-
-__all__ = ["XMLLaunchDescriptionSource"]
-__getattr__ = missing_name_of(__name__)
