@@ -29,13 +29,7 @@ class Command:
 
 
 def commands_of(text: str, package: str) -> Iterator[Command]:
-    """Give the commands of a `CMakeLists.txt` in order, with variables put in.
-
-    Parameters
-    ----------
-    package : str
-        The package's name, for ``${PROJECT_NAME}``.
-    """
+    """Give the commands of a package's `CMakeLists.txt` in order, with variables put in."""
     text = _HERE.sub(lambda match: "" if match[1] else ".", re.sub(r"#[^\n]*", "", text))
     variables: dict[str, list[str]] = {"PROJECT_NAME": [package]}
     for name, inside in _COMMAND.findall(text)[:_MOST_COMMANDS]:
@@ -69,21 +63,9 @@ def _put_in(word: str, variables: dict[str, list[str]]) -> str:
 
 
 def data_files_of_cmake(text: str, package: str, paths: Sequence[str]) -> dict[str, str] | None:
-    """Return which files `install` and `ament_auto_package(INSTALL_TO_SHARE ...)` copy.
+    """Return which of a package's files `install` and `ament_auto_package(INSTALL_TO_SHARE ...)` copy.
 
-    Parameters
-    ----------
-    text : str
-        `CMakeLists.txt`.
-    package : str
-        The package's name.
-    paths : sequence of str
-        The package's files, relative to its folder.
-
-    Returns
-    -------
-    dict or None
-        Path below the prefix -> path below the package; None if it is not recognised.
+    Path below the prefix -> path below the package; None if it is not recognised.
     """
     installed: dict[str, str] = {}
     named = 0

@@ -13,7 +13,7 @@ from pathlib import Path, PurePosixPath
 
 from grader.errors import SubmissionError
 from grader.intake import Intake
-from grader.intake.names import displayed
+from grader.intake.names import TEXT_SUFFIXES, displayed
 from grader.packages import find_packages
 from grader.recording.submission import ArtifactFact, FileFact, PackageFact, SubmissionRecord
 from grader.rubric import ArtifactSpec, Rubric
@@ -21,10 +21,6 @@ from grader.rubric import ArtifactSpec, Rubric
 #: A text beyond this, and the largest of those that are too much together, are not read by the judging half.
 MAX_TEXT_BYTES = 512 * 1024
 MAX_TEXTS_CHARACTERS = 8 * 1024 * 1024
-#: Kinds of files whose text the judging half may read.
-TEXT_SUFFIXES = frozenset(
-    {".py", ".md", ".rst", ".txt", ".xml", ".cfg", ".toml", ".yaml", ".yml", ".launch", ".org", ".adoc", ""}
-)
 #: How similar two file names must be for one to count as a misspelling of the other (difflib's ratio).
 NEAR_MISS_RATIO = 0.75
 
@@ -51,9 +47,7 @@ def read_submission(intake: Intake, rubric: Rubric) -> SubmissionRecord:
     _require_readable(intake, record)
     if all(a.path is None for a in record.artifacts):
         wanted = ", ".join(spec.file for spec in rubric.artifacts.values())
-        remedy = (
-            f"At least one of these files is expected: {wanted}. If it is a folder of several submissions, add --each."
-        )
+        remedy = f"At least one of these files is expected: {wanted}. For a folder of several submissions, add --each."
         raise SubmissionError("nothing in it looks like a submission", where=intake.where, remedy=remedy)
     digest = hashlib.sha256()
     for file in sorted(record.files, key=lambda f: f.path):

@@ -20,12 +20,12 @@ from grader.desk import made_from, uncounted_overrides
 from grader.errors import GraderError, RecordingError, described
 from grader.files import replace_files, uninterrupted
 from grader.kept_lab import kept_files
+from grader.kept_lab import remarks as remarks_on_lab
 from grader.result import Result, result_of_text, to_json
 from grader.result_folder import RECORDINGS, REPORT_FILE, RESULT_FILE
 from grader.rubric import Rubric
 from grader.rubrics import (
     chosen_rubric,
-    lab_remarks,
     read_overrides,
     recorded_rubric,
     require_lab,
@@ -108,7 +108,7 @@ class Regrade:
         remarks += [ignored] if ignored is not None and not self.overrides.sha256 else []
         about: dict[str, list[str]] = {}
         for name, judged in self.judged.items():
-            for remark in lab_remarks(self.results / name, judged.rubric):
+            for remark in remarks_on_lab(self.results / name / RECORDINGS, judged.rubric):
                 about.setdefault(remark, []).append(name)
         return remarks + [f"{', '.join(of)}: {remark}" if whole_class else remark for remark, of in about.items()]
 

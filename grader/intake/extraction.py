@@ -38,9 +38,8 @@ from grader.intake.members import (
 
 #: What submissions are made of. These files have room of their own, so that a student's recordings and pictures,
 #: however many, do not crowd them out.
-_SOURCE_SUFFIXES = frozenset(
-    {".py", ".md", ".rst", ".txt", ".xml", ".cfg", ".toml", ".yaml", ".yml", ".launch", ".org", ".adoc", ""}
-    | {".c", ".cc", ".cpp", ".h", ".hpp", ".cmake", ".sh", ".json", ".msg", ".srv", ".action", ".urdf", ".xacro"}
+_SOURCE_SUFFIXES = names.TEXT_SUFFIXES | frozenset(
+    {".c", ".cc", ".cpp", ".h", ".hpp", ".cmake", ".sh", ".json", ".msg", ".srv", ".action", ".urdf", ".xacro"}
 )
 #: Beside one of these, an archive is not what was meant to be handed in.
 _PROGRAM_SUFFIXES = frozenset({".py", ".c", ".cc", ".cpp", ".hpp", ".launch", ".sh"})
