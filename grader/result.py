@@ -82,17 +82,18 @@ class Where:
     end_s: Seconds | None = None
 
     def __str__(self) -> str:
-        span = f"at {self.start_s:.2f} s" if self.start_s is not None else ""
-        if self.start_s is not None and self.end_s is not None:
-            span = f"{self.start_s:.2f}–{self.end_s:.2f} s"
-        parts = (
-            (self.file, f"{self.file}:{self.line}" if self.line else self.file),
-            (self.topic, self.topic),
-            (self.process, f"output of {self.process}"),
-            (self.session, f"recording '{self.session}'"),
-            (span, span),
-        )
-        return ", ".join(str(words) for known, words in parts if known)
+        file = f"{self.file}:{self.line}" if self.line else self.file
+        output = f"output of {self.process}" if self.process else ""
+        recording = f"recording '{self.session}'" if self.session else ""
+        return ", ".join(part for part in (file, output, recording, self.topic, self._span) if part)
+
+    @property
+    def _span(self) -> str:
+        if self.start_s is None or self.end_s is None:
+            return "" if self.start_s is None else f"at {self.start_s:.3f} s"
+        # A call takes a thousandth of what a window does.
+        places = 1 if self.end_s - self.start_s >= 1.0 else 3
+        return f"{self.start_s:.{places}f}–{self.end_s:.{places}f} s"
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,6 @@ import sys
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -199,18 +198,17 @@ def _grade_one(handed: Handed, rubric: Rubric, live: Options, options: argparse.
     from grader.timings import Stopwatch
 
     output, watch = options.output, Stopwatch()
-    results, now = output / handed.name, datetime.now(timezone.utc)
+    results = output / handed.name
     before = audit.text_of(results / result_folder.RESULT_FILE)
     with ProgressDisplay(console, handed.name, live.sessions or list(rubric.sessions)) as display:
 
         def show(p: Progress) -> None:
-            display.update(p.session, p.text, p.step, p.steps, p.ended)
+            display.note(p.session, p.text, p.step, p.steps, p.ended)
 
         result = pipeline.grade(handed, rubric, results, live, show, watch=watch)
     if live.overrides.sha256:  # Else nobody decides anything here, and a student's tries need no trail.
         after = (results / result_folder.RESULT_FILE).read_text(encoding="utf-8")
-        occasion = audit.Occasion(now, "grade", live.overrides.sha256)
-        audit.note_replaced(output, handed.name, before, after, occasion)
+        audit.note_replaced(output, handed.name, before, after, "grade", overrides_sha256=live.overrides.sha256)
     print_result(console, result)
     if live.sessions is not None:
         only = ", ".join(live.sessions)
@@ -290,7 +288,7 @@ def _report_class(
     rows: Sequence[Row], missing: Sequence[str], rubric: Rubric, options: argparse.Namespace, console: Console
 ) -> None:
     """Write the class page and the table of grades, over all results that lie in the folder."""
-    from grader.batch.class_entries import entries_of
+    from grader.batch.class_run import entries_of
     from grader.cohort.roster import read_class_list, with_roster
     from grader.commands.report import report_class
 

@@ -8,18 +8,17 @@ import os
 import pickle
 import shutil
 import signal
-import socket
 import tempfile
 import threading
-from collections.abc import Callable, Coroutine, Iterator, Sequence
-from contextlib import AbstractAsyncContextManager, AbstractContextManager, contextmanager, suppress
+from collections.abc import Callable, Coroutine, Sequence
+from contextlib import AbstractAsyncContextManager, AbstractContextManager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
 from grader.errors import PlatformError
-from grader.live.fork_server import Cell, ForkServer
-from grader.live.isolation import Isolation
+from grader.live.fork_server import ForkServer
+from grader.live.isolation import Isolation, free_slot
 from grader.live.ros_launch import NativeLaunch
 from grader.live.scratch import remove_tree, scratch_prefix
 from grader.live.session_plan import PlannedStep, SessionPlan
@@ -33,6 +32,7 @@ _MOST_CELLS = 4
 _GRACE_S = 25.0
 #: How long a cell that is to end may take to say by which process id, and then to end.
 _END_S = 5.0
+_REMEDY = "See whether memory or processes ran out, and whether /dev/shm is there; `grade doctor` tells more."
 
 
 @dataclass(frozen=True)
@@ -92,18 +92,12 @@ class Sessions:
 
     Attributes
     ----------
-    staged : Path
-        The staged submission.
     recordings : Path
         Folder in which each session gets one of its own.
-    forks : ForkServer
-        Starts the cells.
     attempt : int
         1, or more where an earlier recording left something undecided.
     disturbed : frozenset of str
         Sessions in an earlier recording of which the grader's own processes were disturbed.
-    turns : Turns or None
-        When each may run, where other submissions are recorded at the same time.
     """
 
     rubric: Rubric
@@ -160,8 +154,8 @@ class Sessions:
         partial.mkdir(parents=True)
         scratch = Path(tempfile.mkdtemp(prefix=scratch_prefix()))
         try:
-            with _number() as number:
-                plan = self._plan(spec, partial, scratch, number)
+            with free_slot() as slot:
+                plan = self._plan(spec, partial, scratch, slot)
                 (scratch / "plan").touch(mode=0o600)  # the seed is in it
                 (scratch / "plan").write_bytes(pickle.dumps(plan))
                 await self._run_cell(spec, scratch, on_progress)
@@ -173,7 +167,7 @@ class Sessions:
         shutil.rmtree(folder, ignore_errors=True)
         partial.rename(folder)
 
-    def _plan(self, spec: SessionSpec, folder: Path, scratch: Path, number: int) -> SessionPlan:
+    def _plan(self, spec: SessionSpec, folder: Path, scratch: Path, slot: int) -> SessionPlan:
         return SessionPlan(
             session=spec.id,
             steps=[PlannedStep(s.kind, s.parameters, s.label, s.step.describe()) for s in spec.steps],
@@ -190,8 +184,8 @@ class Sessions:
             expected=names_in(self.rubric),
             isolation=self.isolation,
             interpreter=self.interpreter,
-            slot=number,
-            domain_id=0 if self.isolation.namespaces else number,
+            slot=slot,
+            domain_id=0 if self.isolation.namespaces else slot,
             timeout_s=spec.timeout_s,
             attempt=self.attempt,
             disturbed_before=spec.id in self.disturbed,
@@ -201,35 +195,45 @@ class Sessions:
 
     async def _run_cell(self, spec: SessionSpec, scratch: Path, on_progress: Callable[[Progress], None]) -> None:
         on_progress(Progress(spec.id, "starting"))
-        cell = await self.forks.start(self.isolation.form, scratch / "plan", scratch / "stderr")
-        pid = asyncio.ensure_future(cell.pid())
+        said = await self.forks.start(self.isolation.form, scratch / "plan", scratch / "stderr")
+        pid = asyncio.ensure_future(first_word(said))
         try:
-            await asyncio.wait_for(_follow(cell, pid, spec.id, on_progress), spec.timeout_s + _GRACE_S)
+            await asyncio.wait_for(_follow(said, pid, spec.id, on_progress), spec.timeout_s + _GRACE_S)
         except asyncio.TimeoutError:
             pass
         finally:
-            await _end(cell, pid)
+            await _end(said, pid)
 
 
-async def _follow(cell: Cell, pid: asyncio.Future[int], session: str, on_progress: Callable[[Progress], None]) -> None:
+async def first_word(said: asyncio.StreamReader) -> int:
+    """Return the process id by which a cell ends, or raise `PlatformError` with why it could not be made."""
+    word = (await said.readline()).decode("utf-8", "replace").strip()
+    if not word.isdecimal():
+        reason = word or "the process that starts cells has ended"
+        raise PlatformError(f"a session cannot be started here: {reason}", remedy=_REMEDY)
+    return int(word)
+
+
+async def _follow(
+    said: asyncio.StreamReader, pid: asyncio.Future[int], session: str, on_progress: Callable[[Progress], None]
+) -> None:
     """Pass on what a session tells, until its cell has ended."""
     await asyncio.shield(pid)
-    async for line in cell.said:
+    async for line in said:
         with suppress(ValueError, KeyError):
             event: dict[str, Any] = json.loads(line)
-            if event["event"] == "step":
-                on_progress(Progress(session, event["text"], event["index"], event["of"]))
+            on_progress(Progress(session, event["text"], event["index"], event["of"]))
 
 
-async def _end(cell: Cell, pid: asyncio.Future[int]) -> None:
+async def _end(said: asyncio.StreamReader, pid: asyncio.Future[int]) -> None:
     """End a cell that has not ended by itself, and return when nothing of it is left."""
     with suppress(asyncio.TimeoutError, PlatformError):
         number = await asyncio.wait_for(pid, _END_S)
-        if not cell.said.at_eof():
+        if not said.at_eof():
             with suppress(ProcessLookupError):
                 os.killpg(number, signal.SIGKILL)
             # It holds the pipe as long as it is there.
-            await asyncio.wait_for(cell.said.read(), _END_S)
+            await asyncio.wait_for(said.read(), _END_S)
 
 
 def run_to_an_end(work: Coroutine[Any, Any, None]) -> None:
@@ -270,21 +274,3 @@ def _heeded_signals() -> list[signal.Signals]:
         return []
     asking = [n for n in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(n) == signal.SIG_DFL]
     return asking if signal.getsignal(signal.SIGINT) == signal.SIG_IGN else [signal.SIGINT, *asking]
-
-
-@contextmanager
-def _number() -> Iterator[int]:
-    """Yield a number from 1 to 101 that no other cell on this machine has at the time.
-
-    It makes the cell's user id and control group where cells have their own, and its ROS domain where they share a
-    network. Whoever holds the socket of that name holds the number; it leaves nothing behind.
-    """
-    for number in range(1, 102):
-        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as held:
-            try:
-                held.bind(f"\0grade-cell-{number}")
-            except OSError:
-                continue
-            yield number
-            return
-    raise RuntimeError("there are 101 cells on this machine already")

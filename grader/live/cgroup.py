@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 #: Limit of all of a cell's student processes together.
 MEMORY_BYTES = 2 * 1024**3
@@ -21,6 +22,21 @@ PROCESSES = 256
 _REMOVAL_S = 2.0
 #: Moves the shell into each group that is named before `--`, then becomes the command.
 _ENTER = 'while [ "$1" != -- ]; do echo $$ > "$1/cgroup.procs" || exit 125; shift; done; shift; exec "$@"'
+
+
+class _Names(NamedTuple):
+    """Files of the memory controller."""
+
+    limit: str
+    swap: str  # in version 1 of both together
+    taken: str
+    kills: str
+
+
+_NAMES = {
+    1: _Names("memory.limit_in_bytes", "memory.memsw.limit_in_bytes", "memory.usage_in_bytes", "memory.oom_control"),
+    2: _Names("memory.max", "memory.swap.max", "memory.current", "memory.events"),
+}
 
 
 @dataclass(frozen=True)
@@ -48,14 +64,13 @@ class CellGroup:
 
     Parameters
     ----------
-    places : GroupPlaces
-        Where it is made.
     label : str
         Tells the group from others of this user.
     """
 
     def __init__(self, places: GroupPlaces, label: str) -> None:
         self._version = places.version
+        self._names = _NAMES[places.version]
         name = f"grade-{os.getuid()}-{label}"
         self._memory, self._processes = Path(places.memory) / name, Path(places.processes) / name
         self._cpu = Path(places.cpu) / name if places.cpu is not None else None
@@ -75,14 +90,9 @@ class CellGroup:
                 with suppress(OSError):
                     (folder.parent / "cgroup.subtree_control").write_text("+memory +pids")
         (self._processes / "pids.max").write_text(str(processes))
-        if self._version == 2:
-            (self._memory / "memory.max").write_text(str(memory_bytes))
-            with suppress(OSError):
-                (self._memory / "memory.swap.max").write_text("0")
-            return
-        (self._memory / "memory.limit_in_bytes").write_text(str(memory_bytes))
+        (self._memory / self._names.limit).write_text(str(memory_bytes))
         with suppress(OSError):
-            (self._memory / "memory.memsw.limit_in_bytes").write_text(str(memory_bytes))
+            (self._memory / self._names.swap).write_text(str(memory_bytes if self._version == 1 else 0))
 
     def entering(self, command: Sequence[str]) -> list[str]:
         """Return the command line that runs `command` within the group."""
@@ -90,17 +100,15 @@ class CellGroup:
 
     def exceeded(self) -> dict[str, int]:
         """Return how often each limit was hit: {"memory": kills for want of memory, "processes": refused forks}."""
-        memory = self._memory / ("memory.events" if self._version == 2 else "memory.oom_control")
         return {
-            "memory": _counter(memory, "oom_kill"),
+            "memory": _counter(self._memory / self._names.kills, "oom_kill"),
             "processes": _counter(self._processes / "pids.events", "max"),
         }
 
     def memory_bytes(self) -> int:
         """Return the memory that the group takes, 0 where that cannot be read."""
         with suppress(OSError, ValueError):
-            name = "memory.current" if self._version == 2 else "memory.usage_in_bytes"
-            return int((self._memory / name).read_text())
+            return int((self._memory / self._names.taken).read_text())
         return 0
 
     def cpu_ns(self) -> int | None:
@@ -126,16 +134,6 @@ class CellGroup:
             if time.monotonic() > end_s:
                 return
             time.sleep(0.002)
-
-    def remove_forgotten(self) -> None:
-        """Remove the empty groups beside this one whose labels end in the id of a process that is no more."""
-        for folder in self._folders():
-            stem = folder.name.rpartition("-")[0]
-            for other in folder.parent.glob(f"{stem}-*"):
-                owner = other.name.rpartition("-")[2]
-                if owner.isdecimal() and not Path("/proc", owner).exists():
-                    with suppress(OSError):
-                        other.rmdir()
 
     def _folders(self) -> list[Path]:
         known = (self._memory, self._processes, self._cpu)

@@ -40,13 +40,7 @@ class _Note(BaseModel):
 
 
 def claims_in(text: str, process: str, above: str) -> list[Claim]:
-    """Read the lines that the tap in a process wrote; what is none of its notes is passed over.
-
-    Parameters
-    ----------
-    above : str
-        What the paths of the submission's files begin with there.
-    """
+    """Read the lines that the tap in a process wrote, and drop `above` from paths; what is no note is passed over."""
     found = []
     for line in text.split("\n")[:_MOST_CLAIMS]:
         with suppress(ValueError):

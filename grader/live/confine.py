@@ -11,6 +11,7 @@ import json
 import os
 import resource
 import signal
+import struct
 import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -35,7 +36,7 @@ class Confinement:
     uid : int or None
         User id to take, where this is root.
     limits : dict
-        Name of a limit as in `resource.RLIMIT_*`, in lower case -> its value.
+        `resource.RLIMIT_*` in lower case -> value.
     """
 
     command: list[str]
@@ -79,15 +80,11 @@ def _give_up_privileges(uid: int | None) -> None:
         os.setresuid(uid, uid, uid)
 
 
-class _Program(ctypes.Structure):
-    """The kernel's `struct sock_fprog`."""
-
-    _fields_ = (("length", ctypes.c_ushort), ("steps", ctypes.c_char_p))
-
-
 def _filter_system_calls(*, own_user: bool) -> None:
     steps = filter_program(own_spaces=False, own_user=own_user)
-    program = _Program(len(steps) // 8, steps)
+    held = ctypes.create_string_buffer(steps, len(steps))
+    # The kernel's `struct sock_fprog`.
+    program = ctypes.create_string_buffer(struct.pack("HxxxxxxQ", len(steps) // 8, ctypes.addressof(held)), 16)
     _prctl(_SET_SECCOMP, _FILTER_MODE, ctypes.addressof(program))
 
 

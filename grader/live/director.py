@@ -92,11 +92,9 @@ class Director:
 
     Parameters
     ----------
-    folder : Path
-        Where the bag goes.
-    name : str
-        Name of the bag.
-    reference_nodes : collection of str
+    folder, name
+        Where the bag goes, and its name.
+    reference_nodes : list of str
         Fully qualified names of the reference nodes; all others are the student's.
     expected : list of str
         Names that the rubric uses; never taken for a misspelling of another.
@@ -343,21 +341,22 @@ class Director:
         if any(client is None for client in clients):
             return "timeout", {"service": service, "calls": [], "problem": "the service is not up"}
         message = _fill(interface_named(request["type"]).Request(), request["request"])
-        calls = [_Call(client, message, timeout_s) for client in clients if client is not None]
+        idle, calls = [client for client in clients if client is not None], list[_Call]()
         finished: list[dict[str, Any]] = []
-        started = 0
-        end_s = time.monotonic() + float(request["at_most_s"])
-        while len(finished) < int(request["repeat"]) and (time.monotonic() < end_s or not all(c.idle for c in calls)):
-            for call in calls:
-                if call.idle and started < int(request["repeat"]) and time.monotonic() < end_s:
-                    call.start()
-                    started += 1
+        left, end_s = int(request["repeat"]), time.monotonic() + float(request["at_most_s"])
+        while calls or (left and time.monotonic() < end_s):
+            while idle and left and time.monotonic() < end_s:
+                calls.append(_Call(idle.pop(0), message, timeout_s))
+                left -= 1
+            for call in tuple(calls):
                 if (record := call.finish()) is not None:
                     finished.append(record)
+                    calls.remove(call)
+                    idle.append(call.client)
             if self._cancelled:
                 raise Cancelled
             self._spin()
-            if finished and finished[-1]["response"] is None and len(finished) >= 2:
+            if len(finished) >= 2 and finished[-1]["response"] is None:
                 break  # A service that does not answer twice is not asked fifty times.
         outcome = "done" if all(c["response"] is not None for c in finished) else "timeout"
         return outcome, {"service": service, "request": dict(request["request"]), "calls": finished}
@@ -380,13 +379,13 @@ class Director:
     def _do_get_parameters(self, request: Mapping[str, Any]) -> Answer:
         node = self._node_name(request)
         listed = self._ask(request, "list_parameters")
-        declared = list(listed.result.names)[:_MOST_DECLARED] if listed is not None else []
-        names = [n for n in request.get("names", declared) if n in declared]
+        declared = list(listed.result.names) if listed is not None else []
+        names = [n for n in request.get("names", declared[:_MOST_DECLARED]) if n in declared]
         got = self._ask(request, "get_parameters", names=names) if listed is not None else None
         if got is None:
             return "timeout", {"node": node, "problem": _NO_ANSWER}
         values = {n: _plain_parameter(v) for n, v in zip(names, got.values, strict=False)}
-        return "done", {"node": node, "declared": _jsonable(declared), "values": values}
+        return "done", {"node": node, "declared": _jsonable(declared[:_MOST_DECLARED]), "values": values}
 
     def _do_set_parameters(self, request: Mapping[str, Any]) -> Answer:
         """Set parameters; one of another type, or of a misspelt name, as the student has it.
@@ -425,40 +424,29 @@ def _misspelt(name: str, values: Mapping[str, Any], held: Mapping[str, Any]) -> 
 
 
 class _Call:
-    """One client's calls, one after another."""
+    """A call that is under way."""
 
     def __init__(self, client: Client[Any, Any], message: Any, timeout_s: float) -> None:
-        self._client, self._message, self._timeout_s = client, message, timeout_s
-        self._future: Any = None
-        self._deadline = Deadline(timeout_s)
-        self._started_ns = 0
-        self._ended: list[int] = []
+        self.client = client
+        self._started_ns, self._deadline = time.time_ns(), Deadline(timeout_s)
+        self._future = client.call_async(message)
+        self._ended_ns = 0
+        self._future.add_done_callback(self._end)
 
-    @property
-    def idle(self) -> bool:
-        return self._future is None
-
-    def start(self) -> None:
-        self._started_ns, self._deadline = time.time_ns(), Deadline(self._timeout_s)
-        self._future = self._client.call_async(self._message)
-        ended: list[int] = []
-        self._future.add_done_callback(lambda future: ended.append(time.time_ns()))
-        self._ended = ended
+    def _end(self, _: object) -> None:
+        self._ended_ns = time.time_ns()
 
     def finish(self) -> dict[str, Any] | None:
         """Return the record of a call that has ended (answered or too late), else None."""
-        if self._future is None:
-            return None
         late = self._deadline.passed()
         if not self._future.done() and not late:
             return None
         answer = self._future.result() if self._future.done() else None
-        # The callback runs in the executor, so it may come after we have seen the answer.
-        ended_ns = self._ended[0] if self._ended else time.time_ns()
         if answer is None:
-            self._client.remove_pending_request(self._future)
-        self._future = None
+            self.client.remove_pending_request(self._future)
         response = None if answer is None else {f: getattr(answer, f) for f in answer.get_fields_and_field_types()}
+        # The callback runs in the executor, so it may come after we have seen the answer.
+        ended_ns = self._ended_ns or time.time_ns()
         record = {"started_ns": self._started_ns, "ended_ns": ended_ns, "response": _jsonable(response)}
         held_up_ns = round(self._deadline.stood_still_s * 1e9)
         return {**record, "held_up_ns": held_up_ns} if held_up_ns else record

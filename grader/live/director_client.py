@@ -20,15 +20,7 @@ Answer = tuple[str, dict[str, Any]]
 
 
 class DirectorClient:
-    """Sends requests to the director, and records what it reports besides.
-
-    Attributes
-    ----------
-    run : ProcessRun
-        Its record.
-    running : RunningProcess
-        The process, started with `hear` for its messages.
-    """
+    """Sends requests to the director, `running` with `hear` for its messages, and records what it reports besides."""
 
     running: RunningProcess
 

@@ -16,12 +16,8 @@ _FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 def function_to_call(text: str, entry_points: Sequence[str] = ()) -> str | None:
     """Return the function that must be called for the file to do anything; None where it runs by itself.
 
-    It is told from the syntax tree: students' code is not imported here.
-
-    Parameters
-    ----------
-    entry_points : sequence of str
-        Functions of the file that the package's entry points name. Without any, `main` is meant.
+    It is told from the syntax tree: students' code is not imported here. It is one of those that the package's entry
+    points name, or `main`.
     """
     try:
         tree = parse_python(text)

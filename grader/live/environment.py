@@ -72,14 +72,9 @@ def trusted_environment(home: Path, domain_id: int) -> dict[str, str]:
 
 
 def student_environment(interpreter: Path, home: str, workspace: str, inside: str, domain_id: int) -> dict[str, str]:
-    """Environment of a student's process.
+    """Environment of a student's process, with paths as it sees them.
 
-    Parameters
-    ----------
-    interpreter : Path
-        Python that runs it; where it is a virtual environment with the ROS wheels, these are set up.
-    home, workspace, inside : str
-        Paths as the process sees them.
+    Where `interpreter` is of a virtual environment with the ROS wheels, these are set up.
     """
     prefix = interpreter.parent.parent
     return {
@@ -105,12 +100,7 @@ def default_interpreter() -> Path:
 
 
 def require_platform(interpreter: Path | None = None) -> None:
-    """Raise unless ROS 2 nodes can run here.
-
-    Parameters
-    ----------
-    interpreter : Path, optional
-        What runs students' code, if that is looked at too.
+    """Raise unless ROS 2 nodes can run here, and, if that is looked at too, with the interpreter of students' code.
 
     Raises
     ------
@@ -144,12 +134,7 @@ def versions() -> dict[str, str]:
 
 
 def ask_interpreter(interpreter: Path, program: str, *arguments: str, isolated: bool = True) -> str:
-    """Run a short program with an interpreter, and return what it prints.
-
-    Parameters
-    ----------
-    isolated : bool
-        Whether it gets the environment of students' processes, and nothing of the caller's.
+    """Run a short program with an interpreter, `isolated` as students' processes are, and return what it prints.
 
     Raises
     ------

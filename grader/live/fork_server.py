@@ -24,7 +24,6 @@ from functools import partial
 from pathlib import Path
 from types import TracebackType
 
-from grader.errors import PlatformError
 from grader.live.environment import INSIDE_FOLDER, LAUNCHING_FOLDER, trusted_environment
 from grader.live.forked import Program, become, read_pipe
 from grader.live.isolation import Form
@@ -45,37 +44,12 @@ _STANDARD_TYPES = (
 _MOST_REQUEST_BYTES = 16 * 1024
 #: How long the server may take to end when nothing more is asked of it.
 _END_S = 5.0
-_REMEDY = "See whether memory or processes ran out, and whether /dev/shm is there; `grade doctor` tells more."
-
-
-class Cell:
-    """A cell as the grader sees it: what its first process says, until all of the cell has ended."""
-
-    def __init__(self, said: asyncio.StreamReader) -> None:
-        self.said = said
-
-    async def pid(self) -> int:
-        """Return the process id by which the cell ends; to be called first, and once.
-
-        Raises
-        ------
-        PlatformError
-            If the cell could not be made.
-        """
-        said = (await self.said.readline()).decode("utf-8", "replace").strip()
-        if not said.isdecimal():
-            reason = said or "the process that starts cells has ended"
-            raise PlatformError(f"a session cannot be started here: {reason}", remedy=_REMEDY)
-        return int(said)
 
 
 class ForkServer:
     """The process that forks the first processes of cells; used as a context, with which all that it started ends.
 
-    Parameters
-    ----------
-    types : collection of str
-        Types of messages and services that the sessions are likely to use.
+    `types` are those of messages and services that the sessions are likely to use.
     """
 
     def __init__(self, types: Collection[str] = ()) -> None:
@@ -106,24 +80,18 @@ class ForkServer:
             self._process.kill()
             self._process.wait()
 
-    async def start(self, form: Form, plan: Path, errors: Path) -> Cell:
-        """Start the session of a plan in a cell of its own.
+    async def start(self, form: Form, plan: Path, errors: Path) -> asyncio.StreamReader:
+        """Start the session of a pickled `SessionPlan` in a cell of its own, with a file for its standard error.
 
-        Parameters
-        ----------
-        form : Form
-            How namespaces are had; the same for all cells of a server.
-        plan : Path
-            A pickled `SessionPlan`.
-        errors : Path
-            File for what its first process writes to standard error.
+        Returns what its first process says, until all has ended: first the process id by which the cell ends, or why
+        the cell could not be made. `form` must be the same for all cells of a server.
         """
         said, says = os.pipe()
         with errors.open("wb") as file, suppress(ConnectionError):  # Then nothing will be said.
             request = [form.value.encode(), b"\0", os.fsencode(plan)]
             socket.send_fds(self._link, request, [says, file.fileno()])
         os.close(says)
-        return Cell(await read_pipe(said))
+        return await read_pipe(said)
 
 
 def _serve(link: socket.socket, types: Sequence[str]) -> None:

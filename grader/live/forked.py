@@ -27,21 +27,7 @@ _LONGEST_LINE_BYTES = 64 * 2**20
 
 @dataclass(frozen=True)
 class Program:
-    """What a fork does.
-
-    Attributes
-    ----------
-    name : str
-        See `name_process`.
-    main : callable
-        Runs it; may end by SystemExit.
-    arguments : sequence of str
-        `sys.argv` from its second entry on.
-    environment : mapping
-        All of its environment.
-    address_space_bytes : int or None
-        The most that it may map.
-    """
+    """What a fork does: under a name, with `sys.argv` from its second entry on, and with all of its environment."""
 
     name: str
     main: Callable[[], object]
@@ -91,7 +77,11 @@ async def start_forked(program: Program) -> ForkedProcess:
         become(program, parent, (stdin, stdout, stderr))
     for descriptor in (stdin, stdout, stderr):
         os.close(descriptor)
-    return ForkedProcess(pid, await _write_pipe(to_it), await read_pipe(from_it), await read_pipe(errors))
+    loop = asyncio.get_running_loop()
+    protocol = asyncio.StreamReaderProtocol(asyncio.StreamReader())  # which knows when the pipe is full
+    transport, _ = await loop.connect_write_pipe(lambda: protocol, os.fdopen(to_it, "wb", 0))
+    writer = asyncio.StreamWriter(transport, protocol, None, loop)
+    return ForkedProcess(pid, writer, await read_pipe(from_it), await read_pipe(errors))
 
 
 async def read_pipe(descriptor: int) -> asyncio.StreamReader:
@@ -102,23 +92,8 @@ async def read_pipe(descriptor: int) -> asyncio.StreamReader:
     return reader
 
 
-async def _write_pipe(descriptor: int) -> asyncio.StreamWriter:
-    loop = asyncio.get_running_loop()
-    protocol = asyncio.StreamReaderProtocol(asyncio.StreamReader())  # which knows when the pipe is full
-    transport, _ = await loop.connect_write_pipe(lambda: protocol, os.fdopen(descriptor, "wb", 0))
-    return asyncio.StreamWriter(transport, protocol, None, loop)
-
-
 def become(program: Program, parent: int, descriptors: Sequence[int]) -> NoReturn:
-    """Turn this fork into a program, and end with it.
-
-    Parameters
-    ----------
-    parent : int
-        Process id of the process of which this is a fork.
-    descriptors : sequence of int
-        Standard input, output and error; all others are closed.
-    """
+    """Turn this fork of `parent` into a program with these standard input, output and error, and end with it."""
     status = 1
     try:
         _leave_everything(program, parent, descriptors)

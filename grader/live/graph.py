@@ -10,6 +10,7 @@ import re
 import secrets
 import time
 from collections.abc import Callable, Collection
+from dataclasses import replace
 from functools import partial
 from typing import Any, TypeVar
 
@@ -173,16 +174,10 @@ def _endpoints_of(node: Node, topic: str) -> list[Endpoint]:
 def snapshot(
     node: Node, own_prefix: str, first: Collection[str] = (), before: GraphSnapshot | None = None
 ) -> GraphSnapshot:
-    """Take a snapshot of the graph.
+    """Take a snapshot of the graph, without the endpoints of the process that `own_prefix` is of.
 
-    Parameters
-    ----------
-    own_prefix : str
-        See `gid_prefix_of`; endpoints of this process are left out.
-    first : collection of str
-        Topics that are looked at before all others, where there are too many.
-    before : GraphSnapshot or None
-        The last one, which stands in where names cannot be told.
+    Of too many topics those of `first` are looked at before all others. Where names cannot be told, those of the last
+    snapshot stand in.
     """
     taken = GraphSnapshot(time.time_ns())
     before = before or taken
@@ -197,7 +192,7 @@ def snapshot(
         taken.endpoints += [e for e in _endpoints_of(node, topic) if not e.gid.startswith(own_prefix)]
     # Nodes are told apart by their names alone. In our namespace those with endpoints of others are kept.
     others = {endpoint.node for endpoint in taken.endpoints}
-    taken.endpoints = taken.endpoints[:MAX_ENDPOINTS]
+    taken.endpoints = sorted(taken.endpoints[:MAX_ENDPOINTS], key=lambda e: (e.topic, e.kind, e.gid))
     taken.nodes = [full for full in taken.nodes if not is_reserved(full) or full in others][:MAX_NODES]
     for full in sorted(set(taken.nodes)):
         services, clients = _services_of(node, full)
@@ -234,14 +229,9 @@ def _services_of(node: Node, full: str) -> tuple[list[ServiceOffer], list[Servic
 
 
 class GraphWatch:
-    """Takes snapshots when the graph changes, and hands each on.
+    """Takes snapshots when the graph changes, and hands each that differs from the one before on.
 
-    Parameters
-    ----------
-    on_change : callable
-        Called with each snapshot that differs from the one before.
-    first : set of str
-        Topics that are looked at before all others; may grow.
+    Topics in `first`, which may grow, are looked at before all others.
     """
 
     #: How often the graph is glanced at, and how often it is looked at closely although nothing seems to have changed.
@@ -259,7 +249,6 @@ class GraphWatch:
         self._next_s = self._closely_s = 0.0
         self._glance: object = None
         self._changes = self._entries = 0
-        self._key: object = None
         self.last = GraphSnapshot(0)
 
     def look(self, *, now: bool = False) -> GraphSnapshot:
@@ -275,14 +264,8 @@ class GraphWatch:
             return self.last
         self._glance, self._closely_s = glance, now_s + self.CLOSELY_S
         taken = snapshot(self._node, self.own_prefix, self.first, self.last)
-        key = (
-            tuple(taken.nodes),
-            tuple(sorted((e.gid, e.kind, e.topic, e.type, e.node) for e in taken.endpoints)),
-            tuple((s.name, s.type, s.node) for s in taken.services),
-            tuple((c.name, c.type, c.node) for c in taken.clients),
-        )
-        if key != self._key:
-            self._key, self.last = key, taken
+        if not self._changes or taken != replace(self.last, t_ns=taken.t_ns):
+            self.last = taken
             self._changes += 1
             self._entries += len(taken.nodes) + len(taken.endpoints) + len(taken.services) + len(taken.clients)
             if not self._too_much:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import os
 import signal
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
@@ -45,8 +45,6 @@ class Guard:
     ----------
     students : callable
         Returns the student's processes of the session.
-    group : CellGroup or None
-        The cell's control group.
     areas : mapping
         Folders that the student's processes may change.
     sized : bool
@@ -88,8 +86,11 @@ class Guard:
             await self._note_exceeded(self._group)
         else:
             await self._sum_up()
-            await self._spare_the_machine()
-        if (self._sized or self._user is not None) and self._network_bytes() > _MAX_NETWORK_BYTES:
+            # No sum shows all that they hold.
+            if available_share() < _LEAST_AVAILABLE:
+                await self._spare("machine ran out of memory")
+        own = self._sized or self._user is not None
+        if own and network_bytes(None if self._sized else self._user) > _MAX_NETWORK_BYTES:
             await self._end_all("memory")
         if self._sized:
             self._note_full_areas()
@@ -97,17 +98,14 @@ class Guard:
             await self._walk_areas()
         self._looks += 1
 
-    def _network_bytes(self) -> int:
-        return network_bytes(None if self._sized else self._user)
-
     async def _end_all(self, limit: str | None) -> None:
         for process in self._students():
             await process.kill(limit=limit)
 
-    async def _spare_the_machine(self) -> None:
-        """End the student's processes where memory runs out, whoever has taken it: no sum shows all that they hold."""
-        if any(p.alive for p in self._students()) and available_share() < _LEAST_AVAILABLE:
-            self._on_problem("the machine ran out of memory while it was recorded")
+    async def _spare(self, what: str) -> None:
+        """End the student's processes where the machine runs out of something, whoever has taken it."""
+        if any(p.alive for p in self._students()):
+            self._on_problem(f"the {what} while it was recorded")
             await self._end_all(None)
 
     async def _note_exceeded(self, group: CellGroup) -> None:
@@ -125,16 +123,22 @@ class Guard:
         """Return the process that a signal has ended, else the one that takes, or lately took, most."""
         students = self._students()
         killed = [p for p in students if not p.alive and p.run.exit_status in (137, -9) and p.run.limit is None]
-        alive = sorted(
-            (p for p in students if p.alive), key=lambda p: -max(self._held.get(p, 0), _taken(p.descendants())[0])
-        )
-        return (killed if limit == "memory" else []) or alive[:1] or students[-1:]
+        alive = [p for p in students if p.alive]
+        largest = max(alive, key=lambda p: max(self._held.get(p, 0), _taken(p.descendants())[0]), default=None)
+        return (killed if limit == "memory" else []) or ([largest] if largest is not None else students[-1:])
 
     async def _sum_up(self) -> None:
         alive = [p for p in self._students() if p.alive]
         taken = {p: _taken(p.descendants()) for p in alive}
         strays = self._strays(alive)
         left_memory, left_tasks = _taken(strays)
+        for process, (_, tasks) in taken.items():
+            if tasks > PROCESSES:
+                await process.kill(limit="processes")
+            elif tasks + left_tasks > PROCESSES - _NEARLY:
+                process.run.limit = process.run.limit or "processes"
+        if left_tasks > PROCESSES - _NEARLY:
+            self._end_strays(strays, "processes")
         if sum(memory for memory, _ in taken.values()) + left_memory > MEMORY_BYTES:
             # What forked processes share is in that sum once for each; a truer one takes longer.
             own = {p: _own_memory(p.descendants()) for p in alive}
@@ -145,18 +149,6 @@ class Guard:
                     await largest.kill(limit="memory")
                 else:
                     self._end_strays(strays, "memory")
-        await self._limit_tasks(taken, strays, left_tasks)
-
-    async def _limit_tasks(
-        self, taken: Mapping[RunningProcess, tuple[int, int]], strays: Sequence[int], left_tasks: int
-    ) -> None:
-        for process, (_, tasks) in taken.items():
-            if tasks > PROCESSES:
-                await process.kill(limit="processes")
-            elif tasks + left_tasks > PROCESSES - _NEARLY:
-                process.run.limit = process.run.limit or "processes"
-        if left_tasks > PROCESSES - _NEARLY:
-            self._end_strays(strays, "processes")
 
     def _strays(self, alive: Iterable[RunningProcess]) -> list[int]:
         """Return the processes of the students' user that are below none of their programs any more.
@@ -192,9 +184,8 @@ class Guard:
             await self._end_all(limit)
         free_bytes = min(map(_free_bytes, self._areas.values()))
         self._free_bytes = free_bytes if self._free_bytes is None else self._free_bytes
-        if any(p.alive for p in self._students()) and free_bytes < _LEAST_FREE * self._free_bytes:
-            self._on_problem("the disk ran out of space while it was recorded")
-            await self._end_all(None)
+        if free_bytes < _LEAST_FREE * self._free_bytes:
+            await self._spare("disk ran out of space")
 
 
 def _free_bytes(folder: Path) -> int:
@@ -217,16 +208,13 @@ def _own_memory(pids: Iterable[int]) -> int:
     total = 0
     for pid in pids:
         with suppress(OSError, ValueError, IndexError):
-            total += _proportional_bytes(pid)
+            # Where its share of shared pages may not be read, without these.
+            if "Pss:" in (shared := _said_of_memory(pid, "smaps_rollup")):
+                total += int(shared.split("Pss:", 1)[1].split()[0]) * 1024
+            else:
+                resident, shared_pages = map(int, _said_of_memory(pid, "statm").split()[1:3])
+                total += (resident - shared_pages) * _PAGE_BYTES
     return total
-
-
-def _proportional_bytes(pid: int) -> int:
-    """Return the memory of one process; where its share of shared pages may not be read, without these."""
-    with suppress(OSError, IndexError):
-        return int(_said_of_memory(pid, "smaps_rollup").split("Pss:", 1)[1].split()[0]) * 1024
-    _, resident, shared, *_ = _said_of_memory(pid, "statm").split()
-    return (int(resident) - int(shared)) * _PAGE_BYTES
 
 
 def _said_of_memory(pid: int, file: str) -> str:

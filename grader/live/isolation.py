@@ -11,9 +11,10 @@ machine permits is found by `grader.live.probing`, which tries it with the real 
 from __future__ import annotations
 
 import os
+import socket
 import sys
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path, PurePosixPath
@@ -21,9 +22,10 @@ from typing import Any
 
 from grader.live.cgroup import PROCESSES, CellGroup, GroupPlaces
 from grader.live.confine import Confinement
-from grader.live.environment import INSIDE_FOLDER, interpreter_links, interpreter_roots
+from grader.live.environment import INSIDE_FOLDER, LAUNCHING_FOLDER, interpreter_links, interpreter_roots
 from grader.live.landlock import confines_signals, landlock_version
 from grader.live.machine import processes_of_user, tasks_of
+from grader.live.seccomp import open_filter
 
 #: Paths inside a confined student's process.
 WORKSPACE = "/ws"
@@ -150,11 +152,33 @@ def student_uid(isolation: Isolation, slot: int) -> int | None:
     return isolation.first_uid + slot if isolation.first_uid is not None else None
 
 
+def cell_group(isolation: Isolation, slot: int) -> CellGroup | None:
+    """Return the control group of a cell, where groups can be made."""
+    label = f"cell-{student_uid(isolation, slot) or slot}"
+    return CellGroup(isolation.groups, label) if isolation.groups is not None else None
+
+
+@contextmanager
+def free_slot() -> Iterator[int]:
+    """Yield a number from 1 to 101 that no other cell in this network has at the time.
+
+    It makes the cell's user id and control group where cells have their own, and its ROS domain where they share a
+    network. Whoever holds the socket of that name holds the number; it leaves nothing behind.
+    """
+    for number in range(1, 102):
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as held:
+            try:
+                held.bind(f"\0grade-cell-{number}")
+            except OSError:
+                continue
+            yield number
+            return
+    raise RuntimeError("there are 101 cells on this machine already")
+
+
 def first_student_uid() -> int:
     """Return the user id from which those of cells in this network are counted.
 
-    Notes
-    -----
     Cells are numbered within a network. A grader in another container numbers its own alike, and where both have the
     users of the machine, the kernel would count the processes of both students as one's, and each could signal the
     other where process ids are shared too. So each network has its own ids, by the number of its namespace. In a
@@ -186,65 +210,90 @@ class Room:
     tools: Mapping[str, Path]
     interpreter: Path
 
+    @classmethod
+    def below(cls, scratch: Path, interpreter: Path) -> Room:
+        """Return the room of a sandbox whose own folders are made in one of ours."""
+        areas = {WORKSPACE: "ws", HOME: "home", TEMPORARY: "tmp", SHARED_MEMORY: "shm"}
+        tools = {INSIDE: INSIDE_FOLDER, LAUNCHING: LAUNCHING_FOLDER, PARAMETERS: scratch / "parameters"}
+        return cls({seen: scratch / name for seen, name in areas.items()}, tools, interpreter)
 
-def student_argv(
+    def make(self, scratch: Path, mount: Callable[[Path], None] | None = None) -> None:
+        """Make the folders, each a file system of its own if there is a way to mount one."""
+        scratch.chmod(0o711)
+        self.tools[PARAMETERS].mkdir()
+        for folder in self.areas.values():
+            folder.mkdir()
+            if mount is not None:
+                mount(folder)
+        for area in (HOME, TEMPORARY, SHARED_MEMORY):
+            self.areas[area].chmod(0o1777)
+
+    def seen(self, isolation: Isolation) -> dict[str, str]:
+        """Return where a student's process sees its folders."""
+        folders = {**self.areas, **self.tools}
+        return {target: target if isolation.namespaces else str(folder) for target, folder in folders.items()}
+
+
+@contextmanager
+def confined(
     isolation: Isolation,
     command: Sequence[str],
     *,
     environment: Mapping[str, str],
     room: Room,
     slot: int,
-    descriptors: Sequence[int],
     cwd: str,
     group: CellGroup | None,
-) -> list[str]:
-    """Return the command line that runs a student's `command`, confined; must be used inside a cell.
+) -> Iterator[tuple[list[str], tuple[int, ...], int | None]]:
+    """Give what runs a student's `command` in a cell: a command line, and the descriptors that it needs.
+
+    The last of the three is where bubblewrap says the process id of its child, if it is used; who takes it, closes it.
+    Without bubblewrap nothing is passed on, since the student's process would inherit it.
 
     Parameters
     ----------
     slot : int
         Number of the cell among those that run at a time.
-    descriptors : sequence of int
-        Where there are namespaces: that to which bubblewrap writes the child's process id, and that of the system
-        call filter, see `grader.live.seccomp.open_filter`. Else none, since the student's process would inherit it.
     cwd : str
         Working folder as the student's process sees it.
-    group : CellGroup or None
-        The cell's control group.
     """
     uid = student_uid(isolation, slot)
-    limits = _limits(group, uid)
+    limits = {"nofile": _MAX_OPEN_FILES, "fsize": _MAX_FILE_BYTES, "core": _NO_CORE_BYTES}
+    limits |= {} if group is not None else {"as": _MAX_ADDRESS_BYTES}
     if isolation.level is Level.NONE:
-        return ["setpriv", "--pdeathsig", "KILL", *_limited(limits, environment, command)]
+        yield ["setpriv", "--pdeathsig", "KILL", *_limited(limits, environment, command)], (), None
+        return
     if not isolation.namespaces:
         limits["nproc"] = PROCESSES if uid is not None else _tasks_of_user() + PROCESSES
         read, write = _readable(room), [*map(str, room.areas.values()), *(f"/dev/{name}" for name in _DEVICES)]
-        return Confinement(list(command), dict(environment), cwd, read, write, uid, limits).argv(sys.executable)
+        confinement = Confinement(list(command), dict(environment), cwd, read, write, uid, limits)
+        yield confinement.argv(sys.executable), (), None
+        return
     if group is None:
         limits["nproc"] = PROCESSES  # Counted by user id, so that a group says it better.
-    info_fd, seccomp_fd = descriptors
-    arguments = ["bwrap", "--unshare-pid", "--unshare-ipc", "--unshare-uts", "--unshare-cgroup-try"]
-    arguments += ["--die-with-parent", "--new-session", "--info-fd", str(info_fd), "--hostname", "lab"]
-    arguments += ["--seccomp", str(seccomp_fd)]
-    if isolation.form is Form.USER:
-        arguments += ["--unshare-user", "--uid", "1000", "--gid", "1000"]
-        arguments += [] if isolation.old_bubblewrap else ["--disable-userns"]
-    else:
-        arguments += ["--cap-drop", "ALL"]
-        arguments += [word for name in ("SETUID", "SETGID", "SETPCAP") for word in ("--cap-add", f"CAP_{name}")]
-    arguments += _file_system(room)
-    # What launch files set, such as LD_PRELOAD or PATH, must not reach the programs that still have privileges.
-    arguments += ["--clearenv", "--setenv", "PATH", _PATH_OF_TOOLS, "--chdir", cwd, "--"]
-    if uid is not None:
-        arguments += ["setpriv", "--reuid", str(uid), "--regid", str(uid), "--clear-groups", "--inh-caps=-all"]
-        arguments += ["--bounding-set=-all", "--no-new-privs"]
-    arguments += _limited(limits, environment, command)
-    return group.entering(arguments) if group is not None else arguments
-
-
-def _limits(group: CellGroup | None, uid: int | None) -> dict[str, int]:
-    limits = {"nofile": _MAX_OPEN_FILES, "fsize": _MAX_FILE_BYTES, "core": _NO_CORE_BYTES}
-    return limits if group is not None else {**limits, "as": _MAX_ADDRESS_BYTES}
+    with ExitStack() as passed:
+        info_read, info_write = os.pipe()
+        passed.callback(os.close, info_write)
+        os.set_blocking(info_read, False)
+        seccomp = open_filter()
+        passed.callback(os.close, seccomp)
+        arguments = ["bwrap", "--unshare-pid", "--unshare-ipc", "--unshare-uts", "--unshare-cgroup-try"]
+        arguments += ["--die-with-parent", "--new-session", "--info-fd", str(info_write), "--hostname", "lab"]
+        arguments += ["--seccomp", str(seccomp)]
+        if isolation.form is Form.USER:
+            arguments += ["--unshare-user", "--uid", "1000", "--gid", "1000"]
+            arguments += [] if isolation.old_bubblewrap else ["--disable-userns"]
+        else:
+            arguments += ["--cap-drop", "ALL"]
+            arguments += [word for name in ("SETUID", "SETGID", "SETPCAP") for word in ("--cap-add", f"CAP_{name}")]
+        arguments += _file_system(room)
+        # What launch files set, such as LD_PRELOAD or PATH, must not reach the programs that still have privileges.
+        arguments += ["--clearenv", "--setenv", "PATH", _PATH_OF_TOOLS, "--chdir", cwd, "--"]
+        if uid is not None:
+            arguments += ["setpriv", "--reuid", str(uid), "--regid", str(uid), "--clear-groups", "--inh-caps=-all"]
+            arguments += ["--bounding-set=-all", "--no-new-privs"]
+        arguments += _limited(limits, environment, command)
+        yield group.entering(arguments) if group is not None else arguments, (info_write, seccomp), info_read
 
 
 def _limited(limits: Mapping[str, int], environment: Mapping[str, str], command: Sequence[str]) -> list[str]:

@@ -20,7 +20,7 @@ from contextlib import suppress
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from grader.beneath import copy_tree, is_regular_beneath
+from grader.beneath import is_regular_beneath
 from grader.live.isolation import LAUNCHING, PARAMETERS, WORKSPACE
 from grader.live.names import LEAST_RATIO, likeness
 from grader.live.process import PipeReader, RunningProcess
@@ -32,6 +32,8 @@ from grader.recording.session import OutputLine, ProcessRun
 _OWN_FILE = re.compile(re.escape(PARAMETERS_PLACEHOLDER) + r"/([\w-]+(?:\.\w+)?)")
 _MAX_PLAN_BYTES = 4 * 1024 * 1024
 _MAX_MENDS = 6
+#: Where a prefix lists its packages.
+_INDEX = "share/ament_index/resource_index/packages"
 #: What a second evaluation gets in any case: the mistake that the first one found is mended to see the rest.
 _LEAST_EVALUATION_S = 1.0
 _MAX_MEMORY_BYTES = 2 * 1024 * 1024 * 1024
@@ -82,42 +84,51 @@ class LaunchRunner:
 
     def _mend(self, problem: Problem, assume: Mapping[str, str], arguments: dict[str, str]) -> bool:
         """Make good a problem that a check of its own charges; False if that cannot be done."""
-        quoted = re.findall(r"'([^']+)'", problem.message)
+        wanted, *more = [*re.findall(r"'([^']+)'", problem.message), ""]
         if self._sandbox.students():
             return False  # What stands in the workspace is the student's to change by now.
-        # Reading a launch file runs it: it may say anything, and without namespaces the workspace was open to it.
+        # Reading a launch file runs it, and without namespaces the workspace was open to it.
         self._sandbox.end_orphans()
-        if problem.kind == "unknown_executable" and len(quoted) >= 2 and "found in package" in problem.message:
-            folder, wanted = own_folder(self._sandbox.workspace, "install", "lib", quoted[1]), quoted[0]
-            if folder is None:
-                return False
-            return self._mend_entry_point(folder, wanted) or _mend_executable(folder, wanted)
-        if problem.kind == "unknown_package" and quoted:
-            return _mend_package(self._sandbox.workspace, quoted[0])
-        if problem.kind == "undefined_configuration" and quoted and quoted[0] in assume and quoted[0] not in arguments:
-            arguments[quoted[0]] = assume[quoted[0]]
+        if problem.kind == "undefined_configuration" and wanted in assume and wanted not in arguments:
+            arguments[wanted] = assume[wanted]
             return True
-        return False
-
-    def _mend_entry_point(self, folder: Path, wanted: str) -> bool:
-        """Install an artifact that no entry point runs, under the name of its module."""
-        plan = self._sandbox.plan
-        meant = [a for a, source in plan.sources.items() if Path(source).stem == wanted.removesuffix(".py")]
-        if not meant or meant[0] not in plan.executables or os.path.lexists(folder / wanted):
+        if not re.fullmatch(r"[\w.+-]{0,199}\w", wanted):
             return False
-        shutil.copy(plan.staged / plan.executables[meant[0]], folder / wanted)
+        install = self._own_copy() / "install"
+        copies: dict[Path, Path] = {}
+        if problem.kind == "unknown_executable" and "found in package" in problem.message:
+            folder = install / "lib" / (more[0] if re.fullmatch(r"[A-Za-z]\w{0,200}", more[0]) else "\n")
+            meant = self._executable_meant(wanted, folder) if folder.is_dir() else None
+            copies = {meant: folder / wanted} if meant is not None else {}
+        elif problem.kind == "unknown_package" and len(there := list((install / _INDEX).iterdir())) == 1:
+            copies = {install / part / there[0].name: install / part / wanted for part in (_INDEX, "lib", "share")}
+        if not copies or any(target.exists() for target in copies.values()):
+            return False
+        for source, target in copies.items():
+            (shutil.copytree if source.is_dir() else shutil.copy)(source, target)
+        self._sandbox.copy_workspace(self._own_copy(), self._sandbox.workspace)
         return True
+
+    def _own_copy(self) -> Path:
+        """Return a copy of the staged submission to which the student's processes have no access."""
+        copy = self._sandbox.plan.scratch / "staged"
+        if not copy.exists():
+            shutil.copytree(self._sandbox.plan.staged, copy)
+        return copy
+
+    def _executable_meant(self, wanted: str, folder: Path) -> Path | None:
+        """Find an artifact that no entry point runs by its module's name, else the executable of the likest name."""
+        plan = self._sandbox.plan
+        for artifact, source in plan.sources.items():
+            if Path(source).stem == wanted.removesuffix(".py") and artifact in plan.executables:
+                return plan.staged / plan.executables[artifact]
+        there = sorted((p for p in folder.iterdir() if p.suffix != ".py"), key=lambda p: (-likeness(wanted, p.name), p))
+        return there[0] if there and likeness(wanted, there[0].name) >= LEAST_RATIO else None
 
     async def _evaluate(
         self, source: str, arguments: dict[str, str], left_s: float, timeout_s: float
     ) -> tuple[str, Plan]:
-        """Execute the launch file, confined, and read its plan from a pipe of its own.
-
-        Parameters
-        ----------
-        left_s : float
-            What is left to it of the time that is allowed, which is `timeout_s`.
-        """
+        """Execute the launch file, confined, and read its plan from a pipe; of the time allowed there is `left_s`."""
         sandbox = self._sandbox
         if source in self._given_up:
             return "failed", self._given_up[source]
@@ -142,7 +153,6 @@ class LaunchRunner:
         run = ProcessRun("launch file" + "".join(f" {k}:={v}" for k, v in arguments.items()), "student", command)
         running = await sandbox.start_confined(
             run,
-            command,
             environment,
             f"{root}/{Path(source).parent}",
             workspace=trial,
@@ -154,8 +164,7 @@ class LaunchRunner:
         received: list[str] = []
         reader = PipeReader(result_read, _MAX_PLAN_BYTES, received.append)
         request = {"file": f"{root}/{source}", "arguments": arguments, "root": root, "native": native is not None}
-        running.write(json.dumps(request).encode())
-        running.close_input()
+        running.write(json.dumps(request).encode(), last=True)
         in_time = await running.wait_exit(left_s)
         await running.kill()
         reader.close()
@@ -190,7 +199,7 @@ class LaunchRunner:
             given.update(process.parameter_files)
         self._files = given
         for name, text in self._files.items():
-            path = self._sandbox.tools[PARAMETERS] / name
+            path = self._sandbox.parameters / name
             with suppress(OSError, ValueError):  # a name that no file can have
                 path.write_text(self._placed(text), encoding="utf-8")
                 if text.startswith("#!"):
@@ -206,12 +215,11 @@ class LaunchRunner:
 
     async def _start(self, process: Process, respawns: int = 0) -> None:
         name = self._free_name(process.id + (f" (start {respawns + 1})" if respawns else ""))
-        command = self._command(process)
+        run = ProcessRun(name, "student", self._command(process))
         environment = {variable: self._placed(value) for variable, value in process.env.items()}
         try:
-            running = await self._sandbox.start(name, command, environment=environment, cwd=process.cwd)
+            running = await self._sandbox.start(run, environment=environment, cwd=process.cwd)
         except (OSError, ValueError) as error:  # a command line that no system takes
-            run = self._sandbox.record.processes[-1]
             run.exited_ns, run.exit_status = run.started_ns, 127
             run.output.append(OutputLine(run.started_ns, "stderr", f"this cannot be started: {error}"))
             return
@@ -252,13 +260,13 @@ class LaunchRunner:
     async def _start_when(self, process: Process, when: Mapping[str, Any]) -> None:
         # Nobody leads a lifecycle node through its states here: what waits for one starts with the node.
         awaited = when.get("on_exit_of") or when.get("on_start_of") or when.get("on_transition_of")
+        if awaited is None and "after_s" not in when:
+            return  # It waits for the shutdown, which ends the session.
         if awaited is not None and awaited not in self._absent:
             while awaited not in self._sandbox.processes:
                 await asyncio.sleep(0.05)
             if "on_exit_of" in when:
                 await self._sandbox.processes[awaited].wait_exit(self._sandbox.plan.timeout_s)
-        elif awaited is None and "after_s" not in when:
-            return  # It waits for the shutdown, which ends the session.
         await asyncio.sleep(float(when.get("after_s", 0.0)))
         if not self._ending:
             await self._start(process)
@@ -269,58 +277,13 @@ def with_places(text: str, names: Container[str], folder: str) -> str:
     return _OWN_FILE.sub(lambda match: f"{folder}/{match[1]}" if match[1] in names else match[0], text)
 
 
-def own_folder(above: Path, *names: str) -> Path | None:
-    """Return the folder that some names lead to from another; None where one of them is a link, or leads elsewhere."""
-    folder = above
-    for name in names:
-        folder = folder / name
-        if not re.fullmatch(r"[A-Za-z][\w-]{0,200}", name) or folder.is_symlink() or not folder.is_dir():
-            return None
-    return folder
-
-
-def _mend_executable(folder: Path, wanted: str) -> bool:
-    """Install the executable that was meant under the name that was used."""
-    if not re.fullmatch(r"[\w.+-]{1,200}", wanted) or os.path.lexists(folder / wanted):
-        return False
-    there = [p for p in folder.iterdir() if p.suffix != ".py" and p.is_file() and not p.is_symlink()]
-    near = sorted(there, key=lambda p: (-likeness(wanted, p.name), p.name))
-    if not near or likeness(wanted, near[0].name) < LEAST_RATIO:
-        return False
-    shutil.copy(near[0], folder / wanted, follow_symlinks=False)
-    return True
-
-
-def _mend_package(workspace: Path, wanted: str) -> bool:
-    """Install the submission's package under the name that was used, if it has only one."""
-    index = own_folder(workspace, "install", "share", "ament_index", "resource_index", "packages")
-    there = sorted(p.name for p in index.iterdir()) if index is not None else []
-    if index is None or len(there) != 1 or wanted in there or not re.fullmatch(r"[A-Za-z]\w{0,200}", wanted):
-        return False
-    folders = [own_folder(workspace, "install", part, there[0]) for part in ("lib", "share")]
-    if any(folder is None or os.path.lexists(folder.with_name(wanted)) for folder in folders):
-        return False
-    for folder in (folder for folder in folders if folder is not None):
-        folder.with_name(wanted).mkdir()
-        copy_tree(folder, folder.with_name(wanted))
-    (index / wanted).touch()
-    return True
-
-
-def _read_json(text: str) -> Any:
-    """Read JSON; half characters, which nobody could write to a file, are replaced."""
-    plain = json.loads(text)
-    if "\\ud" in text.lower():
-        plain = json.loads(json.dumps(plain, ensure_ascii=False).encode("utf-8", "replace"))
-    return plain
-
-
 def _read_plan(text: str, in_time: bool, timeout_s: float, run: ProcessRun, source: str) -> Plan:
     """Make a plan out of what the evaluation wrote, or of its silence."""
     why = ""
     try:
-        plan = Plan.from_plain(_read_json(text))
-        return Plan.from_plain(plan.to_plain())  # what the recording keeps must be a plan too
+        # Half characters, which nobody could write to a file, are replaced.
+        plain = json.loads(json.dumps(json.loads(text), ensure_ascii=False).encode("utf-8", "replace"))
+        return Plan.from_plain(Plan.from_plain(plain).to_plain())  # what the recording keeps must be a plan too
     except MalformedPlanError as malformed:
         why = f": {malformed}"
     except (ValueError, RecursionError):
@@ -328,15 +291,13 @@ def _read_plan(text: str, in_time: bool, timeout_s: float, run: ProcessRun, sour
     kind = "no_plan"
     if not in_time:
         kind = "too_slow"
+        message = f"was still busy after {timeout_s:g} s; it should describe processes and return at once"
         remedy = "Take out what waits or loops: `ros2 launch` reads the whole file before it starts anything."
-        message = (
-            f"the launch file was still busy after {timeout_s:g} s; it should describe processes and return at once"
-        )
     elif text.strip():
-        message = f"evaluating the launch file gave no description that can be read{why}"
+        message = f"gave no description that can be read{why}"
         remedy = "Return a LaunchDescription of a few entities, and write to no file descriptor but your own."
     elif run.limit is not None:
-        message = f"reading the launch file was stopped at the limit of {run.limit}, before it gave a description"
+        message = f"was stopped at the limit of {run.limit}, before it gave a description"
         remedy = (
             "Take out what prints, writes or starts programs without end: `ros2 launch` reads the whole file first."
         )
@@ -345,6 +306,6 @@ def _read_plan(text: str, in_time: bool, timeout_s: float, run: ProcessRun, sour
         number = status - 128 if status > 128 else -status
         how = f"by signal {number}" if number > 0 else f"with status {status}"
         said = f"; it said: {run.output[-1].text[:300]}" if run.output else ""
-        message = f"the program that reads the launch file was ended by it ({how}), before it gave a description{said}"
+        message = f"ended the program that reads it ({how}), before it gave a description{said}"
         remedy = "Take out what ends or replaces the program (os._exit, exec, signals), and return a LaunchDescription."
-    return Plan("error", Problem(kind, message, source, None, remedy))
+    return Plan("error", Problem(kind, f"the launch file {message}", source, None, remedy))

@@ -23,7 +23,8 @@ _READINGS, _AT_ONCE_NS = 5, 50_000
 def sample_machine() -> MachineSample:
     """Read the machine's clock, and what it says of time taken and time waited."""
     now_ns, offset_ns = read_clocks()
-    return MachineSample(now_ns, offset_ns, stolen_ns(), _waiting_us(), _idle_ns())
+    idle_ns = {core: times[3] + times[4] for core, times in _times_of_cores().items()}
+    return MachineSample(now_ns, offset_ns, stolen_ns(), _waiting_us(), idle_ns)
 
 
 def read_clocks(
@@ -33,33 +34,25 @@ def read_clocks(
 
     Where this process loses its core between the readings, the clock must not seem to have been set.
     """
-    best: tuple[int, int, int] | None = None
+    readings = []
     for _ in range(_READINGS):
         before_ns, now_ns, after_ns = monotonic(), system(), monotonic()
-        if best is None or after_ns - before_ns < best[0]:
-            best = after_ns - before_ns, now_ns, now_ns - (before_ns + after_ns) // 2
-        if best[0] <= _AT_ONCE_NS:
+        readings.append((after_ns - before_ns, now_ns, now_ns - (before_ns + after_ns) // 2))
+        if after_ns - before_ns <= _AT_ONCE_NS:
             break
-    assert best is not None
-    return best[1], best[2]
+    return min(readings)[1:]
 
 
 def stolen_ns() -> int:
     """Return the time that the host of a virtual machine has taken from its cores since boot, in ns."""
-    return sum(_times_of_cores(7).values())
+    return sum(times[7] for times in _times_of_cores().values())
 
 
-def _idle_ns() -> dict[str, int]:
-    """Return for each core the time since boot in which nothing ran on it, in ns."""
-    waiting = _times_of_cores(4)
-    return {core: idle + waiting[core] for core, idle in _times_of_cores(3).items()}
-
-
-def _times_of_cores(column: int) -> dict[str, int]:
-    """Return a column of what /proc/stat says of each core (proc(5): 3 idle, 4 waiting for a disk, 7 stolen), in ns."""
-    with suppress(OSError, ValueError, IndexError):
+def _times_of_cores() -> dict[str, list[int]]:
+    """Return what /proc/stat says of each core (proc(5): 3 idle, 4 waiting for a disk, 7 stolen), in ns."""
+    with suppress(OSError, ValueError):
         lines = re.findall(r"^cpu(\d+) (.*)", Path("/proc/stat").read_text(), re.MULTILINE)
-        return {core: int(times.split()[column]) * _TICK_NS for core, times in lines}
+        return {core: [int(ticks) * _TICK_NS for ticks in times.split()] for core, times in lines}
     return {}
 
 
@@ -70,15 +63,10 @@ def _waiting_us() -> int | None:
 
 
 def network_bytes(user: int | None = None) -> int:
-    """Return what lies in the sockets of this process's network, in bytes.
+    """Return what lies in the sockets of this process's network, or in those of one user there, in bytes.
 
     All networks of a machine share the memory for it: what one keeps, others lack. No control group of version 1
     counts it.
-
-    Parameters
-    ----------
-    user : int or None
-        Count the sockets of this user alone.
     """
     with suppress(OSError):
         pages = re.findall(r"^(?:UDP|TCP): .*\bmem (\d+)", Path("/proc/net/sockstat").read_text(), re.MULTILINE)

@@ -43,12 +43,8 @@ _CALLS: dict[str, Callable[..., int]] = {
 def enter_own_mounts(form: Form) -> None:
     """Have this process, which may have one thread only, see a file system of its own, with an empty `/dev/shm`.
 
-    What it loads may leave files there. Without namespaces it stays where it is.
-
-    Raises
-    ------
-    OSError
-        If the system does not permit it.
+    What it loads may leave files there. Without namespaces it stays where it is; it raises `OSError` where the system
+    does not permit it.
     """
     if form is not Form.NONE:
         _unshare(_NEW_MOUNTS)
@@ -59,12 +55,7 @@ def enter_cell(form: Form) -> None:
     """Become the first process of a new cell, or stay where there are no namespaces.
 
     The calling process, which may have one thread only, is left outside: it waits for the one that goes on, ends with
-    its status, and all of the cell ends with it.
-
-    Raises
-    ------
-    OSError
-        If the system permits no such namespaces.
+    its status, and all of the cell ends with it. It raises `OSError` if the system permits no such namespaces.
     """
     if form is Form.NONE:
         end_with_parent()

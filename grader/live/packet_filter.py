@@ -88,13 +88,7 @@ class PacketFilter:
         self._marks = True
 
     def protect(self, pid: int, prefix: str = "") -> None:
-        """Filter what comes to a process's UDP sockets.
-
-        Parameters
-        ----------
-        prefix : str
-            That of its participant, in hexadecimal digits: its name is protected from now on.
-        """
+        """Filter what comes to a process's UDP sockets, and protect its participant's prefix, in hexadecimal digits."""
         new = dict(_udp_sockets(pid, self._sockets))
         for found in new.values():
             self._marks = self._marks and _set(found, _SO_MARK, _MARK)

@@ -7,33 +7,29 @@ import shutil
 import stat
 import subprocess
 import tempfile
-from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 from grader.errors import IsolationError
-from grader.live.cgroup import CellGroup, GroupPlaces, group_places
-from grader.live.environment import INSIDE_FOLDER
+from grader.live.cgroup import CellGroup, group_places
 from grader.live.isolation import (
-    INSIDE,
-    SHARED_MEMORY,
     TEMPORARY,
     Form,
     Isolation,
     Level,
     Room,
+    cell_group,
+    confined,
     first_student_uid,
-    student_argv,
+    free_slot,
     student_uid,
 )
 from grader.live.landlock import confines_signals, landlock_version
 from grader.live.namespaces import enter_cell
-from grader.live.seccomp import open_filter
 
 _PROBE_BYTES = 96 * 1024 * 1024
 _TIMEOUT_S = 30.0
-_NUMBER = 0
 
 #: Says who and how privileged it is, and whether the system call filter holds.
 _WHO = """
@@ -67,9 +63,8 @@ def probe_isolation(interpreter: Path) -> Isolation:
         root = os.geteuid() == 0
         usage = subprocess.run(["bwrap", "--help"], capture_output=True, text=True, check=False)
         old = "--disable-userns" not in usage.stdout + usage.stderr
-        found = Isolation(
-            Level.NO_CGROUP, Form.ROOT if root else Form.USER, old, first_uid=first_student_uid() if root else None
-        )
+        form, first_uid = (Form.ROOT, first_student_uid()) if root else (Form.USER, None)
+        found = Isolation(Level.NO_CGROUP, form, old, first_uid=first_uid)
         problem = _try(found, interpreter)
         if problem is None:
             return _with_groups(found, interpreter)
@@ -97,8 +92,9 @@ def require(isolation: Isolation, least: Level) -> None:
 
 def _with_groups(found: Isolation, interpreter: Path) -> Isolation:
     for places in group_places():
-        if _limits_memory(replace(found, level=Level.FULL, groups=places), places, interpreter):
-            return replace(found, level=Level.FULL, groups=places)
+        full = replace(found, level=Level.FULL, groups=places)
+        if _limits_memory(full, interpreter):
+            return full
     reason = "no control group for memory and processes can be made here"
     return replace(found, remedy=f"For the level full, run as root on the machine itself: {reason}.")
 
@@ -137,66 +133,64 @@ def _closed_to_others(interpreter: Path) -> Path | None:
 
 def _try(isolation: Isolation, interpreter: Path) -> str | None:
     """Run the interpreter in a cell with the real arguments; return None or what went wrong."""
-    run = _run(isolation, interpreter, _WHO, None)
-    if isinstance(run, str):
-        return run
+    try:
+        run = _run(isolation, interpreter, _WHO)
+    except (OSError, subprocess.TimeoutExpired) as problem:
+        return str(problem)
     said = run.stdout.split()
     if run.returncode != 0 or said[:1] != ["in"]:
         return run.stderr.strip() or "no answer from the cell"
     _, uid, capabilities, no_new_privileges, seccomp, denied = said
-    wanted = student_uid(isolation, _NUMBER)
+    wanted = student_uid(isolation, 0)
     if (wanted is not None and int(uid) != wanted) or capabilities != "0":
         return f"the cell runs as user {uid} with capabilities {capabilities}"
     return None if (no_new_privileges, seccomp, denied) == ("1", "2", "-1") else "the system call filter does not hold"
 
 
-def _limits_memory(isolation: Isolation, places: GroupPlaces, interpreter: Path) -> bool:
+def _limits_memory(isolation: Isolation, interpreter: Path) -> bool:
     """Whether two processes that together take twice the limit are ended by the kernel."""
-    group = CellGroup(places, f"probe-{os.getpid()}")
-    group.remove_forgotten()
-    try:
-        group.make(memory_bytes=_PROBE_BYTES)
-        run = _run(isolation, interpreter, _TAKE_MEMORY, group)
-        return not isinstance(run, str) and group.exceeded()["memory"] > 0
-    except OSError:
-        return False
-    finally:
-        group.remove()
+    with free_slot() as slot:
+        group = cell_group(isolation, slot)
+        assert group is not None
+        try:
+            group.make(memory_bytes=_PROBE_BYTES)
+            _run(isolation, interpreter, _TAKE_MEMORY, slot, group)
+            return group.exceeded()["memory"] > 0
+        except (OSError, subprocess.TimeoutExpired):
+            return False
+        finally:
+            group.remove()
 
 
 def _run(
-    isolation: Isolation, interpreter: Path, program: str, group: CellGroup | None
-) -> subprocess.CompletedProcess[str] | str:
+    isolation: Isolation, interpreter: Path, program: str, slot: int = 0, group: CellGroup | None = None
+) -> subprocess.CompletedProcess[str]:
+    """Run a program as sessions run a student's, in a cell of its own."""
     with tempfile.TemporaryDirectory(prefix="grade-probe-", ignore_cleanup_errors=True) as scratch:
-        room, seen = _room(isolation, Path(scratch), interpreter)
-        seccomp = (open_filter(),) if isolation.namespaces else ()
-        command = student_argv(
-            isolation,
-            [str(interpreter), "-c", program],
-            environment={"PATH": "/usr/bin"},
-            room=room,
-            slot=_NUMBER,
-            descriptors=[2, *seccomp],
-            cwd=seen[TEMPORARY],
-            group=group,
-        )
-        try:
-            return subprocess.run(
-                command,
-                preexec_fn=lambda: _enter_cell(isolation.form),
-                capture_output=True,
-                text=True,
-                timeout=_TIMEOUT_S,
-                check=False,
-                stdin=subprocess.DEVNULL,
-                pass_fds=seccomp,
-                cwd="/",
-            )
-        except (OSError, subprocess.TimeoutExpired) as problem:
-            return str(problem)
-        finally:
-            for descriptor in seccomp:
-                os.close(descriptor)
+        room = Room.below(Path(scratch), interpreter)
+        room.make(Path(scratch))
+        command, environment = [str(interpreter), "-c", program], {"PATH": "/usr/bin"}
+        cwd = room.seen(isolation)[TEMPORARY]
+        with confined(isolation, command, environment=environment, room=room, slot=slot, cwd=cwd, group=group) as (
+            argv,
+            passed,
+            info,
+        ):
+            try:
+                return subprocess.run(
+                    argv,
+                    preexec_fn=lambda: _enter_cell(isolation.form),
+                    capture_output=True,
+                    text=True,
+                    timeout=_TIMEOUT_S,
+                    check=False,
+                    stdin=subprocess.DEVNULL,
+                    pass_fds=passed,
+                    cwd="/",
+                )
+            finally:
+                if info is not None:
+                    os.close(info)
 
 
 def _enter_cell(form: Form) -> None:
@@ -205,17 +199,6 @@ def _enter_cell(form: Form) -> None:
     except OSError as problem:
         os.write(2, str(problem).encode())
         os._exit(1)
-
-
-def _room(isolation: Isolation, scratch: Path, interpreter: Path) -> tuple[Room, Mapping[str, str]]:
-    """Return a room as sessions have it, and where its areas are seen."""
-    areas = {TEMPORARY: scratch / "tmp", SHARED_MEMORY: scratch / "shm"}
-    scratch.chmod(0o711)
-    for folder in areas.values():
-        folder.mkdir()
-        folder.chmod(0o1777)
-    seen = {target: target if isolation.namespaces else str(folder) for target, folder in areas.items()}
-    return Room(areas, {INSIDE: INSIDE_FOLDER}, interpreter), seen
 
 
 def _remedy(problem: str) -> str:

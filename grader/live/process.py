@@ -80,7 +80,6 @@ class RunningProcess:
         self._usage: dict[int, tuple[int, int]] = {}
         self._kept = self._written = 0
         self._room = room
-        self.on_line: Callable[[OutputLine], None] | None = None
         assert process.stdout is not None
         assert process.stderr is not None
         said = self._read(process.stdout, "stdout") if on_message is None else self._hear(process.stdout, on_message)
@@ -129,16 +128,13 @@ class RunningProcess:
         """Whether it has not ended."""
         return not self.exited.done()
 
-    def write(self, data: bytes) -> None:
-        """Write to its standard input (only if started `with_input`)."""
+    def write(self, data: bytes, *, last: bool = False) -> None:
+        """Write to its standard input (only if started `with_input`), and close that if it is the last."""
         if self._process.stdin is not None and self.alive:
             with suppress(ConnectionError, RuntimeError):
                 self._process.stdin.write(data)
-
-    def close_input(self) -> None:
-        """Close its standard input (only if started `with_input`)."""
-        if self._process.stdin is not None:
-            self._process.stdin.close()
+            if last:
+                self._process.stdin.close()
 
     async def _hear(self, stream: asyncio.StreamReader, on_message: Callable[[bytes], None]) -> None:
         async for line in stream:
@@ -172,10 +168,7 @@ class RunningProcess:
             return
         self._kept += len(cut) + 1
         self.run.output_dropped_bytes += len(line) - len(cut)
-        kept = OutputLine(t_ns, stream, cut.rstrip(b"\r").decode("utf-8", "replace"))
-        self.run.output.append(kept)
-        if self.on_line is not None:
-            self.on_line(kept)
+        self.run.output.append(OutputLine(t_ns, stream, cut.rstrip(b"\r").decode("utf-8", "replace")))
 
     async def _wait(self) -> int:
         status = await self._process.wait()
@@ -237,13 +230,7 @@ class RunningProcess:
         await self.kill()
 
     async def kill(self, limit: str | None = None) -> None:
-        """Kill it with its process group (and with bubblewrap, all that is in its sandbox).
-
-        Parameters
-        ----------
-        limit : str or None
-            The limit that it exceeded, if that is why.
-        """
+        """Kill it, for a `limit` if it exceeded one, with its process group (and with bubblewrap, its sandbox)."""
         if self.alive:
             self.sample_usage()
             self.run.ended_by = "kill" if limit is None else "limit"
@@ -279,12 +266,7 @@ class RunningProcess:
         CPython runs one thread at a time, and on several cores its threads hand the interpreter's lock to
         each other badly: a subscription under rclpy's MultiThreadedExecutor was seen to handle 27 of 400
         messages on two cores, and 400 of 400 on one. It is done from outside and once the node stands, so
-        that the node sees all cores when it decides how many threads to have.
-
-        Parameters
-        ----------
-        user : int or None
-            User id of its own that it has.
+        that the node sees all cores when it decides how many threads to have. `user` is a user id of its own.
         """
         for pid in self.descendants():
             if not _hold(pid, core) and user is not None:

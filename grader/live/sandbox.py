@@ -5,32 +5,30 @@ from __future__ import annotations
 import os
 import signal
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
 from grader.beneath import copy_tree, restore_way
-from grader.live.cgroup import CellGroup
 from grader.live.claims import claims_in
-from grader.live.environment import INSIDE_FOLDER, LAUNCHING_FOLDER, student_environment
+from grader.live.environment import student_environment
 from grader.live.guard import Guard
 from grader.live.isolation import (
     HOME,
     INSIDE,
-    LAUNCHING,
     PARAMETERS,
-    SHARED_MEMORY,
     TEMPORARY,
     WORKSPACE,
     Room,
-    student_argv,
+    cell_group,
+    confined,
     student_uid,
 )
 from grader.live.machine import descendants_of
 from grader.live.namespaces import adopt_orphans, bring_loopback_up, mount_tmpfs, use_up_process_ids
 from grader.live.process import OutputRoom, PipeReader, RunningProcess
 from grader.live.scratch import remove_tree
-from grader.live.seccomp import open_filter
 from grader.live.session_plan import SessionPlan
 from grader.recording.session import ProcessRun, SessionRecord
 
@@ -56,11 +54,10 @@ class StudentSandbox:
         Name -> the session's processes in order of their start, reference nodes included.
     trusted : list of RunningProcess
         The grader's own processes, director and reference nodes.
-    areas, tools : dict
-        Folders that the student's processes may change, and those of ours that they may read: where they see them in
-        namespaces of their own -> where they are.
+    workspace, parameters : Path
+        Where the student's copy of the submission is, and the files that a launch file brings for its nodes.
     seen : dict
-        The same names -> where the student's processes see them in this session.
+        Where the student's processes see their folders.
     trial : Path
         Where launch files are evaluated: a copy of the workspace, since reading one runs what it will.
     guard : Guard
@@ -72,27 +69,21 @@ class StudentSandbox:
         self.uid = student_uid(plan.isolation, plan.slot)
         self.processes: dict[str, RunningProcess] = {}
         self.trusted: list[RunningProcess] = []
-        self.workspace, self.trial = plan.scratch / "ws", plan.scratch / "trial"
-        self.areas = {
-            WORKSPACE: self.workspace,
-            HOME: plan.scratch / "home",
-            TEMPORARY: plan.scratch / "tmp",
-            SHARED_MEMORY: plan.scratch / "shm",
-        }
-        self.tools = {
-            INSIDE: INSIDE_FOLDER,
-            LAUNCHING: LAUNCHING_FOLDER,
-            PARAMETERS: plan.scratch / "parameters",
-        }
-        confined = plan.isolation.namespaces
-        self.seen = {target: target if confined else str(at) for target, at in {**self.areas, **self.tools}.items()}
+        self._room = Room.below(plan.scratch, plan.interpreter)
+        self.workspace, self.trial = self._room.areas[WORKSPACE], plan.scratch / "trial"
+        self.parameters = self._room.tools[PARAMETERS]
+        self.seen = self._room.seen(plan.isolation)
         #: Programs that never began, and how the session would be disturbed by that.
         self._unstarted: list[tuple[ProcessRun, str]] = []
         self._output = OutputRoom()
-        places = plan.isolation.groups
-        self._group = CellGroup(places, f"cell-{self.uid or plan.slot}") if places is not None else None
+        self._group = cell_group(plan.isolation, plan.slot)
         self.guard = Guard(
-            self.students, self._group, self.areas, sized=confined, user=self.uid, on_problem=record.problems.append
+            self.students,
+            self._group,
+            self._room.areas,
+            sized=plan.isolation.namespaces,
+            user=self.uid,
+            on_problem=record.problems.append,
         )
 
     def students(self) -> list[RunningProcess]:
@@ -107,24 +98,22 @@ class StudentSandbox:
 
     def prepare(self) -> None:
         """Bring the loopback up, and lay out the student's folders, each a file system of its own size."""
-        self.tools[PARAMETERS].mkdir()
-        for folder in (*self.areas.values(), self.trial):
-            folder.mkdir()
+        self.trial.mkdir()
         if self.isolation.namespaces:
             bring_loopback_up()
             use_up_process_ids(_STUDENTS_IDS)
-            mount_tmpfs("/dev/shm", _SMALL_BYTES, _MAX_FILES)
-            for folder in (*self.areas.values(), self.trial):
-                large = folder in (self.workspace, self.trial)
-                mount_tmpfs(str(folder), _WORKSPACE_BYTES if large else _SMALL_BYTES, _MAX_FILES)
+            _mount(Path("/dev/shm"), _SMALL_BYTES)
+            _mount(self.trial, _WORKSPACE_BYTES)
+            self._room.make(self.plan.scratch, self._mount_area)
         else:
             adopt_orphans()
-            self.plan.scratch.chmod(0o711)
-        for area in (HOME, TEMPORARY, SHARED_MEMORY):
-            self.areas[area].chmod(0o1777)
+            self._room.make(self.plan.scratch)
         if self._group is not None:
             self._group.make()
         self.copy_workspace(self.plan.staged, self.workspace)
+
+    def _mount_area(self, folder: Path) -> None:
+        _mount(folder, _WORKSPACE_BYTES if folder == self.workspace else _SMALL_BYTES)
 
     def copy_workspace(self, source: Path, target: Path) -> None:
         """Make a folder a copy of a staged submission, owned by the student; links are copied as links."""
@@ -145,33 +134,25 @@ class StudentSandbox:
         return {**base, "TMPDIR": self.seen[TEMPORARY], **more}
 
     async def start(
-        self,
-        name: str,
-        command: list[str],
-        *,
-        artifact: str | None = None,
-        cwd: str | None = None,
-        environment: Mapping[str, str] | None = None,
+        self, run: ProcessRun, *, cwd: str | None = None, environment: Mapping[str, str] | None = None
     ) -> RunningProcess:
         """Start one of the student's processes, confined and with the tap."""
-        run = ProcessRun(name, "student", command, artifact)
         tap_read, tap_write = os.pipe()
         variables = self.environment({"GRADER_TAP_FD": str(tap_write), **(environment or {})})
         try:
-            running = await self.start_confined(run, command, variables, cwd, pass_fds=(tap_write,))
+            running = await self.start_confined(run, variables, cwd, pass_fds=(tap_write,))
         except BaseException:
             os.close(tap_read)
             raise
         finally:
             os.close(tap_write)
         PipeReader(tap_read, _MAX_CLAIM_BYTES, lambda text: self._note_claims(run, text))
-        self.processes[name] = running
+        self.processes[run.name] = running
         return running
 
     async def start_confined(
         self,
         run: ProcessRun,
-        command: list[str],
         environment: Mapping[str, str],
         cwd: str | None,
         *,
@@ -180,14 +161,9 @@ class StudentSandbox:
         pass_fds: tuple[int, ...] = (),
         with_input: bool = False,
     ) -> RunningProcess:
-        """Start a command of the student's, confined, and record it as `run`.
+        """Start a command of the student's, confined, and record it.
 
-        Parameters
-        ----------
-        workspace : Path or None
-            What it sees as the workspace, instead of the session's.
-        folders : mapping or None
-            Folders that it may read besides: where it sees them -> where they are.
+        It sees another `workspace` instead of the session's, and `folders` besides, if these are given.
         """
         self.record.processes.append(run)
         if workspace is None and cwd is not None and PurePosixPath(cwd).is_relative_to(self.seen[WORKSPACE]):
@@ -196,25 +172,27 @@ class StudentSandbox:
                 restore_way(self.workspace, PurePosixPath(cwd).relative_to(self.seen[WORKSPACE]), _OPEN)
             except OSError:
                 cwd = self.seen[WORKSPACE]
-        areas = {**self.areas, WORKSPACE: workspace or self.workspace}
-        with _descriptors_of_bubblewrap(self.isolation.namespaces) as (info_read, passed):
-            argv = student_argv(
-                self.isolation,
-                command,
-                environment=environment,
-                room=Room(areas, {**self.tools, **(folders or {})}, self.plan.interpreter),
-                slot=self.plan.slot,
-                descriptors=passed,
-                cwd=cwd or self.seen[HOME],
-                group=self._group,
-            )
+        room = replace(
+            self._room,
+            areas={**self._room.areas, WORKSPACE: workspace or self.workspace},
+            tools={**self._room.tools, **(folders or {})},
+        )
+        with confined(
+            self.isolation,
+            run.argv,
+            environment=environment,
+            room=room,
+            slot=self.plan.slot,
+            cwd=cwd or self.seen[HOME],
+            group=self._group,
+        ) as (argv, passed, info):
             return await RunningProcess.start(
                 run,
                 argv,
                 environment={"PATH": os.environ.get("PATH", "/usr/bin:/bin")},
                 cwd="/",
                 pass_fds=(*passed, *pass_fds),
-                child_pid_fd=info_read,
+                child_pid_fd=info,
                 with_input=with_input,
                 room=self._output,
             )
@@ -266,17 +244,5 @@ class StudentSandbox:
         return [pid for pid in descendants_of(os.getpid()) if pid not in ours]
 
 
-@contextmanager
-def _descriptors_of_bubblewrap(used: bool) -> Iterator[tuple[int | None, tuple[int, ...]]]:
-    """Give where bubblewrap's child is told, and what to pass on to bubblewrap; where it is not used, nothing."""
-    if not used:
-        yield None, ()
-        return
-    info_read, info_write = os.pipe()
-    os.set_blocking(info_read, False)
-    seccomp = open_filter()
-    try:
-        yield info_read, (info_write, seccomp)
-    finally:
-        os.close(info_write)
-        os.close(seccomp)
+def _mount(folder: Path, size_bytes: int) -> None:
+    mount_tmpfs(str(folder), size_bytes, _MAX_FILES)

@@ -41,6 +41,8 @@ from grader.recording.told import participants_told, take_told
 _TRUSTED_BYTES = 3 * 1024**3
 _REFERENCE_START_S = 15.0
 _SAMPLE_PERIOD_S = 0.5
+#: How often to look for a line of output that is waited for.
+_LOOK_S = 0.01
 #: Share of its samples that a session has where the machine went on; one that is busy delays some.
 _SAMPLED_SHARE = 0.7
 #: After the last of the student's processes has ended, how long its traffic may still be on its way.
@@ -128,17 +130,12 @@ class Session:
     # -- the grader's own processes -----------------------------------------------------------
 
     async def _start_trusted(
-        self,
-        run: ProcessRun,
-        main: Callable[[], object],
-        arguments: list[str],
-        *,
-        on_message: Callable[[bytes], None] | None = None,
+        self, run: ProcessRun, main: Callable[[], object], argument: str, hear: Callable[[bytes], None] | None = None
     ) -> RunningProcess:
         self.record.processes.append(run)
         environment = trusted_environment(self.plan.scratch / "trusted", self.plan.domain_id)
-        program = Program(run.name, main, arguments, environment, _TRUSTED_BYTES)
-        running = await RunningProcess.fork(run, program, on_message=on_message)
+        program = Program(run.name, main, [argument], environment, _TRUSTED_BYTES)
+        running = await RunningProcess.fork(run, program, on_message=hear)
         self.sandbox.trusted.append(running)
         return running
 
@@ -152,9 +149,7 @@ class Session:
         }
         director = DirectorClient(self.record)
         main = importlib.import_module("grader.live.director").main
-        director.running = await self._start_trusted(
-            director.run, main, [json.dumps(settings)], on_message=director.hear
-        )
+        director.running = await self._start_trusted(director.run, main, json.dumps(settings), director.hear)
         self.director = director
         await director.wait_ready()
         self._filter.protect(director.running.root_pid() or 0)
@@ -170,9 +165,8 @@ class Session:
         }
         run = ProcessRun(name, "reference", ["python", Path(spec["file"]).name, json.dumps(configuration)])
         # Not on the command line, which everybody can read where process ids are shared: the seed is in it.
-        running = await self._start_trusted(run, script(spec["file"]), ["-"])
-        running.write(json.dumps(configuration).encode())
-        running.close_input()
+        running = await self._start_trusted(run, script(spec["file"]), "-")
+        running.write(json.dumps(configuration).encode(), last=True)
         self.processes[name] = running
         outcome, result = await self._wait_output(name, "ready", _REFERENCE_START_S)
         if outcome != "done":
@@ -208,7 +202,7 @@ class Session:
         for number, planned in enumerate(self.plan.steps, 1):
             step = StepRun(planned.kind, planned.parameters, planned.label, started_ns=time.time_ns())
             self.record.steps.append(step)
-            _tell({"event": "step", "text": planned.words, "index": number, "of": len(self.plan.steps)})
+            _tell({"text": planned.words, "index": number, "of": len(self.plan.steps)})
             # What is not done here is an operation of the director's.
             action = getattr(self, f"_step_{step.kind}", None) or partial(self._direct, step.kind)
             step.outcome, step.result = await action(step.parameters)
@@ -241,7 +235,7 @@ class Session:
         command = [str(self.plan.interpreter), f"{workspace}/{wrapper}"]
         command += ["--ros-args", *arguments] if arguments else []
         cwd = str(workspace / "src" / Path(sources.get(artifact, "")).parent)
-        await self.sandbox.start(name, command, artifact=artifact, cwd=cwd)
+        await self.sandbox.start(ProcessRun(name, "student", command, artifact), cwd=cwd)
         return "done", {"started": True}
 
     async def _step_plan(self, parameters: dict[str, Any]) -> Answer:
@@ -274,15 +268,16 @@ class Session:
         process = self.processes.get(name)
         if process is None:
             return "failed", {"problem": f"there is no process {name}"}
-        seen = asyncio.Event()
-        process.on_line = lambda line: seen.set() if text in line.text else None
-        if any(text in line.text for line in process.run.output):
-            seen.set()
-        waiting = asyncio.create_task(seen.wait())
-        await asyncio.wait({waiting, process.exited}, timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED)
-        waiting.cancel()
-        process.on_line = None
-        return ("done" if seen.is_set() else "timeout"), {}
+        end_s, looked_at = time.monotonic() + timeout_s, 0
+        while True:
+            is_last = not process.alive or time.monotonic() > end_s
+            lines = process.run.output[looked_at:]
+            if any(text in line.text for line in lines):
+                return "done", {}
+            if is_last:
+                return "timeout", {}
+            looked_at += len(lines)
+            await asyncio.sleep(_LOOK_S)
 
     async def _direct(self, op: str, parameters: dict[str, Any]) -> Answer:
         """Have the director do it, but not for longer than the student has processes."""
@@ -339,4 +334,3 @@ def run(plan: SessionPlan) -> None:
     """Run a session; this process must be the first of its sandbox."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     asyncio.run(Session(plan).run())
-    _tell({"event": "ended"})

@@ -26,20 +26,14 @@ class SessionPlan:
 
     Attributes
     ----------
-    folder : Path
-        The recording's folder.
-    scratch : Path
-        A folder of its own, removed by the caller.
-    staged : Path
-        The staged submission (`src/`, `install/`).
+    folder, scratch : Path
+        The recording's folder, and one of the session's own that the caller removes.
     executables, sources : dict
         Artifact -> wrapper relative to `staged`, and -> source relative to `staged`/src.
     reference : dict
         Reference node -> {"file": absolute path, "node": fully qualified name}.
     expected : list of str
         Names of topics, services and nodes that the rubric uses.
-    native : NativeLaunch or None
-        Where the real `launch` is, if it evaluates launch files.
     """
 
     session: str

@@ -13,8 +13,8 @@ from rich.table import Table
 from rich.text import Text
 
 from grader.cohort.changes import Change, Changes
+from grader.report.escape import terminal_text
 from grader.report.grades_csv import BYTE_ORDER_MARK, csv_cell
-from grader.report.plain import terminal_text
 from grader.report.views import points
 from grader.result import Outcome
 

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from decimal import Decimal
 
 from grader.cohort.summary import ClassSummary, Row
-from grader.report.untrusted import line
+from grader.report.escape import line
 from grader.report.views import points
 from grader.result import CriterionResult
 

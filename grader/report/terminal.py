@@ -7,15 +7,14 @@ from collections.abc import Sequence
 from decimal import Decimal
 
 from rich.console import Console, Group
+from rich.live import Live
 from rich.padding import Padding
 from rich.spinner import Spinner
 from rich.table import Table
 from rich.text import Text
 
-from grader.report.in_place import InPlace
-from grader.report.plain import terminal_text
-from grader.report.views import adjustments_of, badge_of, earned_text, points
-from grader.report.violations import note_of, titles_of
+from grader.report.escape import terminal_text
+from grader.report.views import adjustments_of, badge_of, earned_text, note_of, points, titles_of
 from grader.result import CheckResult, CriterionResult, Outcome, Result, Violation
 
 #: By the style of a badge.
@@ -24,7 +23,7 @@ _COLOURS = {"passed": "green", "partial": "yellow", "failed": "red", "not-reache
 _NOTABLE_S = 0.05
 
 
-class ProgressDisplay(InPlace):
+class ProgressDisplay(Live):
     """Shows each session and what it waits for; on a terminal in place, else a line when a session ends.
 
     Parameters
@@ -40,9 +39,9 @@ class ProgressDisplay(InPlace):
         self._started_s = time.monotonic()
         self._began: dict[str, float] = {}
         self._took: dict[str, float] = {}
-        super().__init__(console, self._table, per_second=8)
+        super().__init__(console=console, get_renderable=self._table, refresh_per_second=8, transient=True)
 
-    def update(self, session: str, text: str, step: int, steps: int, ended: bool) -> None:
+    def note(self, session: str, text: str, step: int, steps: int, ended: bool) -> None:
         """Take note of what a session does now."""
         now = time.monotonic()
         self._began.setdefault(session, now)

@@ -17,7 +17,8 @@ pytest.importorskip("rclpy")
 
 from grader.batch.worker import limit_memory
 from grader.errors import PlatformError
-from grader.live.fork_server import Cell, ForkServer
+from grader.live.cells import first_word
+from grader.live.fork_server import ForkServer
 from grader.live.isolation import Form
 from tests.live.small_lab import below, command_of, make_lab, name_of, until
 
@@ -28,8 +29,8 @@ FORM = Form.NONE
 
 async def said_by(forks: ForkServer, plan: Path, errors: Path) -> tuple[int, bytes]:
     """Start a cell, and return its process id and what it says until its end."""
-    cell: Cell = await forks.start(FORM, plan, errors)
-    return await cell.pid(), await cell.said.read()
+    said = await forks.start(FORM, plan, errors)
+    return await first_word(said), await said.read()
 
 
 def process_id_of_server() -> int:
@@ -66,6 +67,7 @@ WITHOUT_SHARED_MEMORY = """
 import asyncio, subprocess, sys
 from pathlib import Path
 from grader.errors import PlatformError
+from grader.live.cells import first_word
 from grader.live.fork_server import ForkServer
 from grader.live.isolation import Form
 from grader.live.namespaces import enter_cell
@@ -81,9 +83,9 @@ for name in ("null", "urandom"):
 subprocess.run(["mount", "--rbind", folder, "/dev"], check=True)
 
 async def ask(forks):
-    cell = await forks.start(form, folder / "plan.json", folder / "errors")
+    said = await forks.start(form, folder / "plan.json", folder / "errors")
     try:
-        await cell.pid()
+        await first_word(said)
     except PlatformError as error:
         print(error)
 

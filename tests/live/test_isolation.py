@@ -22,7 +22,7 @@ from grader.evidence.recorded import Recorded
 from grader.live import environment
 from grader.live.cells import Sessions
 from grader.live.fork_server import ForkServer
-from grader.live.isolation import STUDENT_UIDS, Form, Isolation, Level, Room, first_student_uid, student_argv
+from grader.live.isolation import STUDENT_UIDS, Form, Isolation, Level, Room, confined, first_student_uid
 from grader.live.landlock import confines_signals, landlock_version
 from grader.live.probing import probe_isolation, require
 from grader.live.seccomp import DENIED
@@ -312,16 +312,17 @@ def test_a_launch_files_variables_reach_no_program_with_privileges(tmp_path: Pat
     """What gives up privileges is found and run in an environment of ours; the student's begins behind it."""
     variables = {"LD_PRELOAD": "/ws/theirs.so", "PATH": "/ws/theirs"}
     for form in (Form.ROOT, Form.USER):
-        argv = student_argv(
+        with confined(
             Isolation(Level.NO_CGROUP, form, first_uid=first_student_uid() if form is Form.ROOT else None),
             ["node", "--talk"],
             environment=variables,
             room=Room({"/ws": tmp_path}, {}, PYTHON),
             slot=1,
-            descriptors=[3, 4],
             cwd="/ws",
             group=None,
-        )
+        ) as (argv, _, info):
+            assert info is not None
+            os.close(info)
         begins = argv.index("env")
         assert not [word for word in argv[:begins] if "theirs" in word]
         assert argv[begins:] == ["env", "-i", "--", "LD_PRELOAD=/ws/theirs.so", "PATH=/ws/theirs", "node", "--talk"]

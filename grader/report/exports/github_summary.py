@@ -8,20 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
+from grader.report.escape import markdown_text
 from grader.report.exports.graded import Graded, GradedCheck, GradedCriterion
 from grader.report.exports.words import (
     MOST_REMARKS,
     adjustment_texts,
-    outcome_sign,
-    outcome_word,
     points_of,
     proof_lines,
     violation_texts,
 )
-from grader.report.markdown import markdown_text
-from grader.report.views import OUTCOMES, points
-from grader.report.violations import EXPLANATION, HEADING
-from grader.result import Outcome, outcome_of_points
+from grader.report.views import EXPLANATION, HEADING, badge_of, points
+from grader.result import Outcome
 
 LONGEST_BYTES = 1024 * 1024
 _LEFT_OUT = "*More did not fit here; the report has all.*\n"
@@ -66,10 +63,10 @@ def _parts(graded: Graded) -> Iterable[str]:
 def _head(graded: Graded) -> str:
     total = f"{points(graded.final)} of {points(graded.score.possible)} points"
     lines = [f"# {markdown_text(graded.lab, 200)}: {total}", "", f"Submission {markdown_text(graded.submission, 200)}"]
-    if graded.undecided:
+    if graded.still_undecided:
         lines += [
             "",
-            f"> **{points(graded.undecided)} points are undecided**, and not earned before they are: "
+            f"> **{points(graded.still_undecided)} points are undecided**, and not earned before they are: "
             "the next run may decide them, or the instructor.",
         ]
     if any(session["isolation"] == "none" for session in graded.sessions.values()):
@@ -79,14 +76,10 @@ def _head(graded: Graded) -> str:
 
 def _criteria(graded: Graded) -> str:
     rows = [
-        f"| {_sign(criterion)} | {markdown_text(criterion.title)} | {_share(criterion)} |"
+        f"| {badge_of(criterion.outcome).sign} | {markdown_text(criterion.title)} | {_share(criterion)} |"
         for criterion in graded.criteria
     ]
     return "\n".join(["| | Criterion | Points |", "|:-:|---|--:|", *rows]) + "\n"
-
-
-def _sign(criterion: GradedCriterion) -> str:
-    return OUTCOMES[outcome_of_points(criterion.earned, criterion.possible, criterion.undecided)][1]
 
 
 def _share(criterion: GradedCriterion) -> str:
@@ -109,9 +102,9 @@ def _violations(graded: Graded) -> Iterable[str]:
 
 def _lost(check: GradedCheck) -> str:
     lines = [
-        f"### {outcome_sign(check)} {markdown_text(check.title)}: −{points(check.lost)} points",
+        f"### {badge_of(check.outcome).sign} {markdown_text(check.title)}: −{points(check.lost)} points",
         "",
-        markdown_text(check.reason) or outcome_word(check),
+        markdown_text(check.reason) or badge_of(check.outcome).word,
         "",
         *(f"- {name}: {markdown_text(text)}" for name, text in proof_lines(check)),
     ]
@@ -133,8 +126,8 @@ def _listed(title: str, lines: list[str]) -> Iterable[str]:
 
 def _all_checks(graded: Graded) -> str:
     rows = [
-        f"| {outcome_sign(check)} {outcome_word(check)} | {markdown_text(check.title)} | {points_of(check)} |"
-        for check in graded.checks
+        f"| {badge.sign} {badge.word} | {markdown_text(check.title)} | {points_of(check)} |"
+        for check, badge in ((check, badge_of(check.outcome)) for check in graded.checks)
     ]
     count = f"{len(rows)} checks, {sum(1 for c in graded.checks if not c.lost and not c.open)} without loss"
     table = "\n".join(["| | Check | Points |", "|---|---|--:|", *rows])

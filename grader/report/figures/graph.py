@@ -12,8 +12,8 @@ from markupsafe import Markup
 from grader import references as ref
 from grader.evidence.recorded import Recorded
 from grader.recording.session import Claim, Endpoint
+from grader.report.escape import line
 from grader.report.figures.svg import SINCE, Figure, FigureKind, duration, frame_in, padded, rule, tag, text
-from grader.report.untrusted import line
 from grader.report.views import fields, literal
 
 _MOST_ENDPOINTS = 16
