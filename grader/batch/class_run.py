@@ -79,19 +79,14 @@ class _Task:
 
 @dataclass
 class ClassRun:
-    """One run over the submissions of a class.
-
-    Attributes
-    ----------
-    rows : list of Row
-        What is known so far, in the order in which it came to be.
-    """
+    """One run over the submissions of a class."""
 
     rubric: Rubric
     options: Options
     journal: Journal
     machine: Machine
     display: RunProgress
+    #: What is known so far, in the order in which it came to be.
     rows: list[Row] = field(default_factory=list)
 
     def grade(self, handed: Sequence[Handed], where: Isolation | str) -> None:

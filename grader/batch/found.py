@@ -107,23 +107,15 @@ class Shape(Enum):
 
 @dataclass(frozen=True)
 class Found:
-    """The submissions that were found.
+    """The submissions that were found."""
 
-    Attributes
-    ----------
-    submissions : tuple of Handed
-        In the order of their names, each under a name of its own.
-    understood : tuple of str
-        What each path was taken for, in words.
-    not_understood : tuple of str
-        Files that belong to no submission; written by students, so not to be trusted.
-    missing : tuple of str
-        Who is in the class list and has not handed in.
-    """
-
+    #: In the order of their names, each under a name of its own.
     submissions: tuple[Handed, ...]
+    #: What each path was taken for, in words.
     understood: tuple[str, ...] = ()
+    #: Files that belong to no submission; written by students, so not to be trusted.
     not_understood: tuple[str, ...] = ()
+    #: Who is in the class list and has not handed in.
     missing: tuple[str, ...] = ()
 
 
@@ -175,18 +167,12 @@ def find_submissions(
 
 @dataclass(frozen=True)
 class _Place:
-    """A folder, or one within an archive, and the names of the files in it.
-
-    Attributes
-    ----------
-    within : str
-        The folder within the archive, with a slash at its end; empty for the archive itself, None for a folder.
-    files : tuple of str
-        Paths relative to it.
-    """
+    """A folder, or one within an archive, and the names of the files in it."""
 
     path: Path
+    #: The folder within the archive, with a slash at its end; empty for the archive itself, None for a folder.
     within: str | None
+    #: Paths relative to it.
     files: tuple[str, ...]
 
     @property

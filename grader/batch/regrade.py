@@ -68,16 +68,11 @@ class Judged:
 
 @dataclass(frozen=True)
 class Regrade:
-    """What judging submissions again comes to, each under the name of its folder.
-
-    Attributes
-    ----------
-    failed : mapping
-        Why those that could not be judged could not.
-    """
+    """What judging submissions again comes to, each under the name of its folder."""
 
     results: Path
     judged: Mapping[str, Judged]
+    #: Why those that could not be judged could not.
     failed: Mapping[str, GraderError]
 
     @property

@@ -29,21 +29,14 @@ _LONGEST = 600
 
 @dataclass(frozen=True)
 class FixtureRun:
-    """What became of a fixture.
-
-    Attributes
-    ----------
-    sign : str
-        "✓" as expected, "✗" not, "?" undecided, "!" not graded.
-    differences : tuple of str
-        In what it differs from what is expected, or why it was not graded.
-    earned, possible : Decimal
-        Points of what was judged.
-    """
+    """What became of a fixture."""
 
     name: str
+    #: "✓" as expected, "✗" not, "?" undecided, "!" not graded.
     sign: str
+    #: In what it differs from what is expected, or why it was not graded.
     differences: tuple[str, ...] = ()
+    #: Points of what was judged.
     earned: Decimal = Decimal(0)
     possible: Decimal = Decimal(0)
     took_s: float = 0.0

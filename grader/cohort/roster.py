@@ -32,16 +32,11 @@ T = TypeVar("T", Handed, ClassEntry)
 
 @dataclass(frozen=True)
 class Student:
-    """A student of the class.
-
-    Attributes
-    ----------
-    submitted_at : datetime or None
-        With its offset from UTC.
-    """
+    """A student of the class."""
 
     name: str
     student_id: str | None = None
+    #: With its offset from UTC.
     submitted_at: datetime | None = None
 
 

@@ -33,15 +33,28 @@ LONGEST_SOURCE_LINE = 200
 LONGEST_OUTPUT_LINE = 500
 MOST_PLACES = 8
 
-#: Style class, sign and word of each outcome.
-OUTCOMES: Mapping[Outcome, tuple[str, str, str]] = {
-    Outcome.PASSED: ("passed", "✓", "passed"),
-    Outcome.PARTIAL: ("partial", "◐", "partial"),
-    Outcome.FAILED: ("failed", "✕", "failed"),
-    Outcome.NOT_REACHED: ("not-reached", "–", "not reached"),
-    Outcome.INCONCLUSIVE: ("undecided", "?", "undecided"),
-    Outcome.ERROR: ("undecided", "?", "undecided"),
+
+@dataclass(frozen=True)
+class Badge:
+    """An outcome as style class, sign and word: colour is never the only difference."""
+
+    style: str
+    sign: str
+    word: str
+
+
+_UNDECIDED = Badge("undecided", "?", "undecided")
+_BADGES = {
+    Outcome.PASSED: Badge("passed", "✓", "passed"),
+    Outcome.PARTIAL: Badge("partial", "◐", "partial"),
+    Outcome.FAILED: Badge("failed", "✕", "failed"),
+    Outcome.NOT_REACHED: Badge("not-reached", "–", "not reached"),
 }
+
+
+def badge_of(outcome: Outcome) -> Badge:
+    """Return a check's badge."""
+    return _BADGES.get(outcome, _UNDECIDED)
 
 
 def points(value: Decimal) -> str:
@@ -76,20 +89,6 @@ def fields(values: Any) -> str:
 def anchor(kind: str, name: str) -> str:
     """Return an id for the page's links."""
     return f"{kind}-" + re.sub(r"[^A-Za-z0-9_.-]", "-", name)
-
-
-@dataclass(frozen=True)
-class Badge:
-    """An outcome as style class, sign and word: colour is never the only difference."""
-
-    style: str
-    sign: str
-    word: str
-
-
-def badge_of(outcome: Outcome) -> Badge:
-    """Return a check's badge."""
-    return Badge(*OUTCOMES[outcome])
 
 
 # -- points ------------------------------------------------------------------------------------

@@ -44,18 +44,19 @@ def fitting(parts: Iterable[str], longest_bytes: int) -> str:
 def _parts(graded: Graded) -> Iterable[str]:
     yield _head(graded)
     yield _criteria(graded)
-    yield from _adjustments(graded)
-    yield from _violations(graded)
+    judged = f"As judged: {points(graded.score.earned)}. With all adjustments: **{points(graded.final)}**."
+    yield from _listed("Adjustments", map(markdown_text, adjustment_texts(graded)), judged)
+    yield from _listed(HEADING, map(markdown_text, violation_texts(graded)), EXPLANATION)
     lossy = [check for check in graded.lossy if check.outcome is not Outcome.NOT_REACHED]
     if lossy:
         yield "## What cost points\n"
         yield from (_lost(check) for check in lossy)
-    yield from _listed("Not looked at, because of the above", [_missed(c) for c in graded.lossy if c not in lossy])
-    yield from _listed("Undecided, not earned", [_undecided(check) for check in graded.checks if check.open])
-    yield from _listed(
-        "Costs nothing, but worth knowing", [markdown_text(text) for text in graded.advisories[:MOST_REMARKS]]
-    )
-    yield from _listed("On the grader's side", [markdown_text(text) for text in graded.problems[:MOST_REMARKS]])
+    missed = [_because(c, f"−{points(c.lost)} points") for c in graded.lossy if c not in lossy]
+    yield from _listed("Not looked at, because of the above", missed)
+    undecided = [_because(c, f"{points(c.undecided)} points") for c in graded.checks if c.open]
+    yield from _listed("Undecided, not earned", undecided)
+    yield from _listed("Costs nothing, but worth knowing", map(markdown_text, graded.advisories[:MOST_REMARKS]))
+    yield from _listed("On the grader's side", map(markdown_text, graded.problems[:MOST_REMARKS]))
     yield _all_checks(graded)
     yield _foot(graded)
 
@@ -87,19 +88,6 @@ def _share(criterion: GradedCriterion) -> str:
     return f"{points(criterion.earned)} / {points(criterion.possible)}{undecided}"
 
 
-def _adjustments(graded: Graded) -> Iterable[str]:
-    if graded.adjustments:
-        lines = [markdown_text(text) for text in adjustment_texts(graded)]
-        judged = f"As judged: {points(graded.score.earned)}. With all adjustments: **{points(graded.final)}**."
-        yield from _listed("Adjustments", [*lines, judged])
-
-
-def _violations(graded: Graded) -> Iterable[str]:
-    if graded.violations:
-        lines = [markdown_text(text) for text in violation_texts(graded)]
-        yield from _listed(HEADING, [*lines, EXPLANATION])
-
-
 def _lost(check: GradedCheck) -> str:
     lines = [
         f"### {badge_of(check.outcome).sign} {markdown_text(check.title)}: −{points(check.lost)} points",
@@ -111,17 +99,15 @@ def _lost(check: GradedCheck) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _missed(check: GradedCheck) -> str:
-    return f"{markdown_text(check.title)} (−{points(check.lost)} points): {markdown_text(check.reason)}"
+def _because(check: GradedCheck, cost: str) -> str:
+    return f"{markdown_text(check.title)} ({cost}): {markdown_text(check.reason)}"
 
 
-def _undecided(check: GradedCheck) -> str:
-    return f"{markdown_text(check.title)} ({points(check.undecided)} points): {markdown_text(check.reason)}"
-
-
-def _listed(title: str, lines: list[str]) -> Iterable[str]:
-    if lines:
-        yield "\n".join([f"## {title}", "", *(f"- {line}" for line in lines)]) + "\n"
+def _listed(title: str, lines: Iterable[str], last: str = "") -> Iterable[str]:
+    """Give a part of lines with a title, and a last one below them; nothing without lines."""
+    items = [f"- {line}" for line in lines]
+    if items:
+        yield "\n".join([f"## {title}", "", *items, *([f"- {last}"] if last else [])]) + "\n"
 
 
 def _all_checks(graded: Graded) -> str:

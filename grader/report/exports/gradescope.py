@@ -55,19 +55,16 @@ def _overall(graded: Graded) -> list[str]:
             f"{points(graded.still_undecided)} points are undecided, and not earned before they are: "
             "the instructor can run the autograder again, or decide."
         )
-    for title, texts in _remarks(graded):
+    remarks: dict[str, Sequence[str]] = {
+        "Adjustments": adjustment_texts(graded),
+        HEADING: violation_texts(graded),
+        "On the grader's side": graded.problems[:MOST_REMARKS],
+        "Costs nothing, but worth knowing": graded.advisories[:MOST_REMARKS],
+    }
+    for title, texts in remarks.items():
         if texts:
             lines += ["", f"{title}:", *(f"- {line(text, 600)}" for text in texts)]
     return lines
-
-
-def _remarks(graded: Graded) -> list[tuple[str, Sequence[str]]]:
-    return [
-        ("Adjustments", adjustment_texts(graded)),
-        (HEADING, violation_texts(graded)),
-        ("On the grader's side", graded.problems[:MOST_REMARKS]),
-        ("Costs nothing, but worth knowing", graded.advisories[:MOST_REMARKS]),
-    ]
 
 
 def _test(check: GradedCheck, criterion: GradedCriterion, number: str) -> dict[str, Any]:
