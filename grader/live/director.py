@@ -195,7 +195,7 @@ class Director:
         self._executor.spin_once(timeout_sec=_SPIN_S)
         self._watch.look()
 
-    def _until(self, condition: Callable[[], bool], timeout_s: float, tick: Callable[[], None] | None = None) -> bool:
+    def _until(self, condition: Callable[[], object], timeout_s: float, tick: Callable[[], None] | None = None) -> bool:
         deadline = Deadline(timeout_s)
         while not condition():
             if self._cancelled:
@@ -211,36 +211,28 @@ class Director:
         kind = next(k for k in ("node", "publisher", "subscription", "service") if request.get(k))
         wanted, wanted_type = request[kind], request.get("type")
         started_s = time.monotonic()
-        other_since_s: float | None = None
-        found: list[Candidate] = []
+        since_s: float | None = None  # when a node of the student's was first there without the wanted name
 
-        def there() -> bool:
-            nonlocal other_since_s, found
+        def found() -> list[Candidate]:
+            nonlocal since_s
             candidates = self._candidates(kind)
-            found = [c for c in candidates if c.name == wanted]
-            if found:
-                return True
+            since_s = (since_s or time.monotonic()) if self._students() else None
+            same = [c for c in candidates if c.name == wanted]
+            if same or since_s is None or time.monotonic() - since_s <= _NEAR_MISS_AFTER_S:
+                return same
             taken = self._expected | set(self._names.values())
-            others = [c for c in candidates if c.name not in taken]
-            if not self._students():
-                other_since_s = None
-                return False
-            other_since_s = other_since_s or time.monotonic()
-            guess = near_miss(wanted, wanted_type, others)
-            if guess is not None and time.monotonic() - other_since_s > _NEAR_MISS_AFTER_S:
-                found = [guess]
-                return True
-            return False
+            guess = near_miss(wanted, wanted_type, [c for c in candidates if c.name not in taken])
+            return [guess] if guess is not None else []
 
-        outcome = "done" if self._until(there, float(request["timeout_s"])) else "timeout"
+        is_there = self._until(found, float(request["timeout_s"]))
         waited = {"waited_s": round(time.monotonic() - started_s, 3)}
-        if not found:
-            return outcome, {**waited, "there": sorted({c.name for c in self._candidates(kind)})[:50]}
-        same = next((c for c in found if c.type == wanted_type), found[0])
-        if same.name != wanted:
-            self._names[wanted] = same.name
-            self._watch.first.add(same.name)
-        return outcome, {**waited, "name": same.name, "type": same.type}
+        if not is_there:
+            return "timeout", {**waited, "there": sorted({c.name for c in self._candidates(kind)})[:50]}
+        meant = min(found(), key=lambda c: c.type != wanted_type)
+        if meant.name != wanted:
+            self._names[wanted] = meant.name
+            self._watch.first.add(meant.name)
+        return "done", {**waited, "name": meant.name, "type": meant.type}
 
     def _students(self) -> list[str]:
         return [n for n in self._watch.last.nodes if n not in self._reference_nodes]

@@ -17,6 +17,7 @@ from pathlib import Path
 
 _CREATE_RULESET, _ADD_RULE, _RESTRICT_SELF = 444, 445, 446
 _VERSION_FLAG = 1
+_LIBC = ctypes.CDLL(None, use_errno=True)
 _PATH_BENEATH = 1
 
 _EXECUTE, _WRITE_FILE, _READ_FILE, _READ_DIR = 1 << 0, 1 << 1, 1 << 2, 1 << 3
@@ -29,7 +30,7 @@ _ABSTRACT_SOCKETS_AND_SIGNALS = 0b11
 
 def landlock_version() -> int:
     """Return the version of Landlock's interface, 0 where the kernel has none."""
-    found = _libc().syscall(_CREATE_RULESET, None, 0, _VERSION_FLAG)
+    found = _LIBC.syscall(_CREATE_RULESET, None, 0, _VERSION_FLAG)
     return max(0, int(found))
 
 
@@ -42,12 +43,7 @@ def restrict(read: Iterable[Path], write: Iterable[Path]) -> None:
     """Let this process and all that come from it open nothing but the given files and what is below the folders.
 
     From version 6 on they also can neither signal processes outside nor connect to their abstract sockets. The process
-    must have set `no_new_privs`.
-
-    Raises
-    ------
-    OSError
-        If the kernel refuses.
+    must have set `no_new_privs`. It raises `OSError` if the kernel refuses.
     """
     version = landlock_version()
     handled = _ALL_OF_VERSION_1
@@ -77,12 +73,8 @@ def _allow(ruleset: int, path: Path, access: int) -> None:
             os.close(opened)
 
 
-def _libc() -> ctypes.CDLL:
-    return ctypes.CDLL(None, use_errno=True)
-
-
 def _call(number: int, *arguments: object) -> int:
-    answer = int(_libc().syscall(number, *arguments))
+    answer = int(_LIBC.syscall(number, *arguments))
     if answer < 0:
         raise OSError(ctypes.get_errno(), "Landlock refused")
     return answer

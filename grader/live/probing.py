@@ -73,13 +73,7 @@ def probe_isolation(interpreter: Path) -> Isolation:
 
 
 def require(isolation: Isolation, least: Level) -> None:
-    """Raise unless the confinement is good enough.
-
-    Raises
-    ------
-    IsolationError
-        With the one thing that would mend it.
-    """
+    """Raise `IsolationError`, with the one thing that would mend it, unless the confinement is good enough."""
     if isolation.level.at_least(least):
         return
     freely = "" if least is not Level.REDUCED else " If you trust this code, add --trust-code."

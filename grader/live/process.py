@@ -269,8 +269,11 @@ class RunningProcess:
         that the node sees all cores when it decides how many threads to have. `user` is a user id of its own.
         """
         for pid in self.descendants():
-            if not _hold(pid, core) and user is not None:
-                _hold_as_user(pid, core, user)
+            try:
+                _hold(pid, core)
+            except PermissionError:
+                if user is not None:
+                    _hold_as_user(pid, core, user)
         root = self.root_pid()
         with suppress(OSError):
             if root is not None and self.run.core != core and os.sched_getaffinity(self._pid() or root) == {core}:
@@ -339,17 +342,12 @@ class PipeReader:
         self._on_end(b"".join(self._blocks).decode("utf-8", "replace"))
 
 
-def _hold(pid: int, core: int) -> bool:
-    """Hold all threads of a process to a core; False if that is not permitted."""
+def _hold(pid: int, core: int) -> None:
+    """Hold all threads of a process to a core, or raise `PermissionError`."""
     with suppress(FileNotFoundError):
         for task in tasks_of(pid):
-            try:
+            with suppress(ProcessLookupError):
                 os.sched_setaffinity(int(task), {core})
-            except PermissionError:
-                return False
-            except OSError:  # It has ended.
-                continue
-    return True
 
 
 def _hold_as_user(pid: int, core: int, user: int) -> None:

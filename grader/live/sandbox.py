@@ -30,7 +30,7 @@ from grader.live.namespaces import adopt_orphans, bring_loopback_up, mount_tmpfs
 from grader.live.process import OutputRoom, PipeReader, RunningProcess
 from grader.live.scratch import remove_tree
 from grader.live.session_plan import SessionPlan
-from grader.recording.session import ProcessRun, SessionRecord
+from grader.recording.session import ProcessRun
 
 _WORKSPACE_BYTES = 256 * 1024 * 1024
 _SMALL_BYTES = 64 * 1024 * 1024
@@ -64,8 +64,8 @@ class StudentSandbox:
         Watches what they take.
     """
 
-    def __init__(self, plan: SessionPlan, record: SessionRecord) -> None:
-        self.plan, self.record, self.isolation = plan, record, plan.isolation
+    def __init__(self, plan: SessionPlan) -> None:
+        self.plan, self.record, self.isolation = plan, plan.record, plan.isolation
         self.uid = student_uid(plan.isolation, plan.slot)
         self.processes: dict[str, RunningProcess] = {}
         self.trusted: list[RunningProcess] = []
@@ -83,7 +83,7 @@ class StudentSandbox:
             self._room.areas,
             sized=plan.isolation.namespaces,
             user=self.uid,
-            on_problem=record.problems.append,
+            on_problem=plan.record.problems.append,
         )
 
     def students(self) -> list[RunningProcess]:

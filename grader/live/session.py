@@ -34,7 +34,7 @@ from grader.live.process import RunningProcess
 from grader.live.sandbox import StudentSandbox
 from grader.live.session_plan import SessionPlan
 from grader.recording.bag import recover
-from grader.recording.session import ProcessRun, SessionRecord, StepRun, write_session
+from grader.recording.session import ProcessRun, StepRun, write_session
 from grader.recording.told import participants_told, take_told
 
 #: Address space of each of the grader's own processes.
@@ -55,15 +55,8 @@ class Session:
 
     def __init__(self, plan: SessionPlan) -> None:
         self.plan = plan
-        self.record = SessionRecord(
-            plan.session,
-            attempt=plan.attempt,
-            disturbed_before=plan.disturbed_before,
-            seed=plan.seed,
-            isolation=plan.isolation.describe(),
-            versions=plan.versions,
-        )
-        self.sandbox = StudentSandbox(plan, self.record)
+        self.record = plan.record
+        self.sandbox = StudentSandbox(plan)
         self.processes = self.sandbox.processes
         self.director: DirectorClient | None = None
         self._launch = LaunchRunner(self.sandbox)
@@ -142,7 +135,7 @@ class Session:
     async def _start_director(self) -> None:
         settings = {
             "folder": str(self.plan.folder),
-            "name": self.plan.session,
+            "name": self.record.session,
             "domain_id": self.plan.domain_id,
             "reference_nodes": [spec["node"] for spec in self.plan.reference.values()],
             "expected": self.plan.expected,
@@ -157,7 +150,7 @@ class Session:
     async def _start_reference(self, name: str, settings: dict[str, Any]) -> Answer:
         spec = self.plan.reference[name]
         configuration = {
-            "seed": self.plan.seed,
+            "seed": self.record.seed,
             "names": self.record.names,
             "with": settings,
             "subscriptions": self._subscriptions(),
