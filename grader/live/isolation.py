@@ -21,9 +21,8 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from grader.live.cgroup import PROCESSES, CellGroup, GroupPlaces
-from grader.live.confine import Confinement
+from grader.live.confine import Confinement, confines_signals
 from grader.live.environment import INSIDE_FOLDER, LAUNCHING_FOLDER, interpreter_links, interpreter_roots
-from grader.live.landlock import confines_signals, landlock_version
 from grader.live.machine import processes_of_user, tasks_of
 from grader.live.seccomp import open_filter
 
@@ -142,7 +141,7 @@ class Isolation:
         lacks.append("UDP to other machines is not blocked")
         if not self.own_uid and os.geteuid() == 0:
             lacks.append("a user id of its own: students' code runs as root, without its privileges")
-        if not self.own_uid and not confines_signals(landlock_version()):
+        if not self.own_uid and not confines_signals():
             lacks.append("signals to the grader's processes")
         return covers, lacks
 
