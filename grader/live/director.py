@@ -186,23 +186,23 @@ class Director:
         self._recorder.follow(graph.endpoints)
         _say("graph", graph)
 
-    def _tick(self) -> None:
-        # Only answers to our own calls need an executor, and spinning one costs some thirty times as much as this.
-        time.sleep(_SPIN_S)
-        self._watch.look()
-
     def _spin(self) -> None:
         self._executor.spin_once(timeout_sec=_SPIN_S)
         self._watch.look()
 
-    def _until(self, condition: Callable[[], object], timeout_s: float, tick: Callable[[], None] | None = None) -> bool:
+    def _until(self, condition: Callable[[], object], timeout_s: float, *, spins: bool = False) -> bool:
         deadline = Deadline(timeout_s)
         while not condition():
             if self._cancelled:
                 raise Cancelled
             if deadline.passed():
                 return False
-            (tick or self._tick)()
+            # Only answers to our own calls need an executor, and spinning one costs some thirty times as much as this.
+            if spins:
+                self._spin()
+            else:
+                time.sleep(_SPIN_S)
+                self._watch.look()
         return True
 
     # -- waiting ------------------------------------------------------------------------------
@@ -361,7 +361,7 @@ class Director:
         if client is None:
             return None
         future = client.call_async(interface_named(service_type).Request(**fields))
-        self._until(future.done, timeout_s, self._spin)
+        self._until(future.done, timeout_s, spins=True)
         return future.result() if future.done() else None
 
     def _node_name(self, request: Mapping[str, Any]) -> str:
@@ -376,7 +376,10 @@ class Director:
         got = self._ask(request, "get_parameters", names=names) if listed is not None else None
         if got is None:
             return "timeout", {"node": node, "problem": _NO_ANSWER}
-        values = {n: _plain_parameter(v) for n, v in zip(names, got.values, strict=False)}
+        values = {
+            name: {"type": Parameter.Type(v.type).name.lower(), "value": _jsonable(parameter_value_to_python(v))}
+            for name, v in zip(names, got.values, strict=False)
+        }
         return "done", {"node": node, "declared": _jsonable(declared[:_MOST_DECLARED]), "values": values}
 
     def _do_set_parameters(self, request: Mapping[str, Any]) -> Answer:
@@ -462,11 +465,6 @@ def in_type_of(held: Any, value: Any) -> Any:
         return type(held)(value) if isinstance(held, (bool, int, float)) else value
     except (TypeError, ValueError):
         return value
-
-
-def _plain_parameter(value: Any) -> dict[str, Any]:
-    kind = Parameter.Type(value.type).name.lower()
-    return {"type": kind, "value": _jsonable(parameter_value_to_python(value))}
 
 
 def _jsonable(value: Any) -> Any:

@@ -82,7 +82,7 @@ class RunningProcess:
         self._room = room
         assert process.stdout is not None
         assert process.stderr is not None
-        said = self._read(process.stdout, "stdout") if on_message is None else self._hear(process.stdout, on_message)
+        said = self._read(process.stdout, "stdout") if on_message is None else _hear(process.stdout, on_message)
         self._readers = [asyncio.create_task(said), asyncio.create_task(self._read(process.stderr, "stderr"))]
         self.exited = asyncio.create_task(self._wait())
 
@@ -135,10 +135,6 @@ class RunningProcess:
                 self._process.stdin.write(data)
             if last:
                 self._process.stdin.close()
-
-    async def _hear(self, stream: asyncio.StreamReader, on_message: Callable[[bytes], None]) -> None:
-        async for line in stream:
-            on_message(line)
 
     async def _read(self, stream: asyncio.StreamReader, name: str) -> None:
         rest = b""
@@ -340,6 +336,11 @@ class PipeReader:
         os.close(self._fd)
         self._fd = -1
         self._on_end(b"".join(self._blocks).decode("utf-8", "replace"))
+
+
+async def _hear(stream: asyncio.StreamReader, on_message: Callable[[bytes], None]) -> None:
+    async for line in stream:
+        on_message(line)
 
 
 def _hold(pid: int, core: int) -> None:

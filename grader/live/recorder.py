@@ -194,8 +194,13 @@ class Recorder:
             if key in self._refused or self._ending.is_set():
                 continue
             request = _Request.suiting(endpoints)
-            if line := self._lines.get(key):
-                self._weaken(line, request)
+            if (line := self._lines.get(key)) is not None:
+                weaker = line.request.weakened(request)
+                if weaker != line.request and not line.stopped:
+                    # So that a publisher that offers less is received too. No message is taken meanwhile: it could
+                    # come by both.
+                    with self._lock:
+                        line.subscribe(weaker)
                 continue
             try:
                 line = self._open(*key, endpoints, request)
@@ -232,14 +237,6 @@ class Recorder:
             node = silent_node(name, new_context(self._domain_id))
             self._nodes.append(node)
         return self._nodes[level]
-
-    def _weaken(self, line: _Line, request: _Request) -> None:
-        """Add a weaker subscription, so that a publisher that offers less is received too."""
-        weaker = line.request.weakened(request)
-        if weaker != line.request and not line.stopped:
-            # No message is taken meanwhile: it could come by both.
-            with self._lock:
-                line.subscribe(weaker)
 
     # -- taking: on the recorder's thread ------------------------------------------------------
 

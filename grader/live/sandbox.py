@@ -104,16 +104,14 @@ class StudentSandbox:
             use_up_process_ids(_STUDENTS_IDS)
             _mount(Path("/dev/shm"), _SMALL_BYTES)
             _mount(self.trial, _WORKSPACE_BYTES)
-            self._room.make(self.plan.scratch, self._mount_area)
+            sizes = {self.workspace: _WORKSPACE_BYTES}
+            self._room.make(self.plan.scratch, lambda folder: _mount(folder, sizes.get(folder, _SMALL_BYTES)))
         else:
             adopt_orphans()
             self._room.make(self.plan.scratch)
         if self._group is not None:
             self._group.make()
         self.copy_workspace(self.plan.staged, self.workspace)
-
-    def _mount_area(self, folder: Path) -> None:
-        _mount(folder, _WORKSPACE_BYTES if folder == self.workspace else _SMALL_BYTES)
 
     def copy_workspace(self, source: Path, target: Path) -> None:
         """Make a folder a copy of a staged submission, owned by the student; links are copied as links."""

@@ -12,7 +12,6 @@ import importlib
 import json
 import os
 import signal
-import sys
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -195,7 +194,8 @@ class Session:
         for number, planned in enumerate(self.plan.steps, 1):
             step = StepRun(planned.kind, planned.parameters, planned.label, started_ns=time.time_ns())
             self.record.steps.append(step)
-            _tell({"text": planned.words, "index": number, "of": len(self.plan.steps)})
+            with suppress(BrokenPipeError):
+                print(json.dumps({"text": planned.words, "index": number, "of": len(self.plan.steps)}), flush=True)
             # What is not done here is an operation of the director's.
             action = getattr(self, f"_step_{step.kind}", None) or partial(self._direct, step.kind)
             step.outcome, step.result = await action(step.parameters)
@@ -315,12 +315,6 @@ class Session:
         if process is None:
             return "failed", {"problem": f"there is no process {parameters['process']}"}
         return ("done" if await process.wait_exit(parameters["timeout_s"]) else "timeout"), {}
-
-
-def _tell(event: dict[str, Any]) -> None:
-    with suppress(BrokenPipeError):
-        sys.stdout.write(json.dumps(event) + "\n")
-        sys.stdout.flush()
 
 
 def run(plan: SessionPlan) -> None:
