@@ -160,20 +160,14 @@ def _mounted_hierarchies() -> Mapping[str, str]:
         for line in Path("/proc/self/mountinfo").read_text().splitlines():
             before, _, after = line.partition(" - ")
             kind, _, options = after.split(" ", 2)
-            if kind == "cgroup2":
-                found.setdefault("", before.split()[4])
-            elif kind == "cgroup":
-                for name in options.split(","):
-                    found.setdefault(name, before.split()[4])
+            for name in {"cgroup2": [""], "cgroup": options.split(",")}.get(kind, []):
+                found.setdefault(name, before.split()[4])
     return found
 
 
 def _own_groups() -> Mapping[str, str]:
     """Return controller -> path of this process's group; version 2 has the name ""."""
-    found: dict[str, str] = {}
     with suppress(OSError):
-        for line in Path("/proc/self/cgroup").read_text().splitlines():
-            _, controllers, path = line.split(":", 2)
-            for name in controllers.split(","):
-                found[name] = path
-    return found
+        lines = [line.split(":", 2) for line in Path("/proc/self/cgroup").read_text().splitlines()]
+        return {name: path for _, controllers, path in lines for name in controllers.split(",")}
+    return {}
