@@ -126,7 +126,7 @@ def grade(
             with beside(results, PARTS, lambda new: _is_recorded(new / RECORDINGS)) as new, _naming_kept(new, results):
                 judgement = record(intake.folder, submission, rubric, new, options, follow, shared, watch)
             with _naming_kept(results, results):
-                replace_files(_files_of(judgement, results, rubric))
+                replace_files(files_of(judgement, results, rubric))
     with _naming_kept(results, results):
         exports.write(judgement.result)
     return judgement.result
@@ -251,11 +251,12 @@ def judge_results(results: Path, rubric: Rubric, overrides: Overrides | None = N
     The rubric is kept with them, if it is another than the submission was recorded with.
     """
     judgement = judge_bounded(results / RECORDINGS, rubric, overrides or Overrides())
-    replace_files(_files_of(judgement, results, rubric))
+    replace_files(files_of(judgement, results, rubric))
     return judgement.result
 
 
-def _files_of(judgement: Judgement, results: Path, rubric: Rubric) -> dict[Path, str | None]:
+def files_of(judgement: Judgement, results: Path, rubric: Rubric) -> dict[Path, str | None]:
+    """Return the texts of a submission's results, by their places; None for what is not to be there."""
     page, text = judgement.page, judgement.text
     return {**rubric_files_of_result(results, rubric), results / REPORT_FILE: page, results / RESULT_FILE: text}
 

@@ -82,20 +82,18 @@ class Where:
     end_s: Seconds | None = None
 
     def __str__(self) -> str:
-        parts = []
-        if self.file:
-            parts.append(f"{self.file}:{self.line}" if self.line else self.file)
-        if self.topic:
-            parts.append(self.topic)
-        if self.process:
-            parts.append(f"output of {self.process}")
-        if self.session:
-            parts.append(f"recording '{self.session}'")
-        if self.start_s is not None and self.end_s is not None:
-            parts.append(f"{self.start_s:.2f}–{self.end_s:.2f} s")
-        elif self.start_s is not None:
-            parts.append(f"at {self.start_s:.2f} s")
-        return ", ".join(parts)
+        file = f"{self.file}:{self.line}" if self.line else self.file
+        output = f"output of {self.process}" if self.process else ""
+        recording = f"recording '{self.session}'" if self.session else ""
+        return ", ".join(part for part in (file, output, recording, self.topic, self._span) if part)
+
+    @property
+    def _span(self) -> str:
+        if self.start_s is None or self.end_s is None:
+            return "" if self.start_s is None else f"at {self.start_s:.3f} s"
+        # A call takes a thousandth of what a window does.
+        places = 1 if self.end_s - self.start_s >= 1.0 else 3
+        return f"{self.start_s:.{places}f}–{self.end_s:.{places}f} s"
 
 
 @dataclass(frozen=True)

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from datetime import datetime, timezone
 from pathlib import Path
 
-from grader.batch.audit import Occasion
 from grader.batch.regrade import regrade
 from grader.result import Result
 
 
 def regraded(results: Path, rubric: Path | None = None) -> Result:
     """Judge one submission again, and write its result."""
-    found = regrade([results], rubric, prepare=True)
+    found = regrade([results], rubric, pages=True)
     for error in found.failed.values():
         raise error
-    found.apply(Occasion(datetime.now(timezone.utc), "regrade"))
+    found.apply()
     (judged,) = found.judged.values()
     return judged.result

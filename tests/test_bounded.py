@@ -113,6 +113,6 @@ def test_a_class_is_judged_but_for_the_one_that_breaks(tmp_path: Path) -> None:
     shutil.rmtree(tmp_path / "bob/recordings/publisher")
     (tmp_path / "bob/recordings/publisher").mkdir()
     (tmp_path / "bob/recordings/publisher/session.json").write_text("{", encoding="utf-8")
-    found = regrade(recorded_in(tmp_path), prepare=False)
+    found = regrade(recorded_in(tmp_path), pages=False)
     assert list(found.changes) == ["ann"]
     assert list(found.failed) == ["bob"]

@@ -18,7 +18,7 @@ from grader.live.names import likeness
 from grader.packages import find_packages
 from grader.patterns import Budget, patterns_bounded, search
 from grader.recording.session import OutputLine
-from grader.report.untrusted import shown
+from grader.report.escape import shown
 from grader.rubrics import read_rubric
 
 NAMES = ("best_effort", "reliable")

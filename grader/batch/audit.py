@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass
-from datetime import datetime
+from datetime import datetime, timezone
 from pathlib import Path
 
 import grader
@@ -21,23 +20,6 @@ HISTORY = "history"
 AUDIT_SCHEMA = "ros-lab-grader/audit/v1"
 
 
-@dataclass(frozen=True)
-class Occasion:
-    """When and by what results are replaced.
-
-    Attributes
-    ----------
-    command : str
-        E.g. "regrade".
-    overrides_sha256 : str
-        Hash of the file of overrides that was applied; empty if there was none.
-    """
-
-    at: datetime
-    command: str
-    overrides_sha256: str = ""
-
-
 def text_of(path: Path) -> str | None:
     """Return a file's text; None if there is none, or none that can be read as text."""
     try:
@@ -46,7 +28,16 @@ def text_of(path: Path) -> str | None:
         return None
 
 
-def note_replaced(results: Path, name: str, before: str | None, after: str, occasion: Occasion) -> Changes:
+def note_replaced(
+    results: Path,
+    name: str,
+    before: str | None,
+    after: str,
+    command: str,
+    *,
+    overrides_sha256: str = "",
+    at: datetime | None = None,
+) -> Changes:
     """Keep an old result and add a line to the trail; nothing is written where nothing was replaced.
 
     Parameters
@@ -57,6 +48,12 @@ def note_replaced(results: Path, name: str, before: str | None, after: str, occa
         Name of the submission's folder.
     before, after : str or None
         Text of `result.json` as it was, and as it is.
+    command : str
+        By what it was replaced, e.g. "regrade".
+    overrides_sha256 : str
+        Hash of the file of overrides that was applied; empty if there was none.
+    at : datetime or None
+        When; now by default.
 
     Raises
     ------
@@ -70,11 +67,11 @@ def note_replaced(results: Path, name: str, before: str | None, after: str, occa
         texts, results_of = (before, after), (old, new)
         line = {
             "schema": AUDIT_SCHEMA,
-            "at": occasion.at.isoformat(timespec="seconds"),
-            "command": occasion.command,
+            "at": (at or datetime.now(timezone.utc)).isoformat(timespec="seconds"),
+            "command": command,
             "grader": grader.__version__,
             "submission": name,
-            "overrides_sha256": occasion.overrides_sha256 or None,
+            "overrides_sha256": overrides_sha256 or None,
             "rubric_sha256": [result.rubric_sha256 if result is not None else None for result in results_of],
             "result_sha256": [_sha256(text) if text is not None else None for text in texts],
             "kept": keep(results, name, before) if replaced and before is not None else None,

@@ -6,8 +6,8 @@ import asyncio
 from collections.abc import Callable, Coroutine, Iterable, Sequence
 from contextlib import AbstractAsyncContextManager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
-from datetime import datetime, timezone
 from functools import partial
+from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from grader.batch import audit, fingerprint
@@ -18,6 +18,8 @@ from grader.batch.machine import Machine
 from grader.batch.progress import RunProgress
 from grader.batch.regrade import judge_again
 from grader.batch.worker import grade_in_process
+from grader.cohort.entries import ClassEntry, entries_in
+from grader.cohort.roster import NOTHING_HANDED_IN
 from grader.errors import GraderError, RecordingError
 from grader.intake import Handed, taken_in
 from grader.live.cells import run_to_an_end
@@ -77,19 +79,14 @@ class _Task:
 
 @dataclass
 class ClassRun:
-    """One run over the submissions of a class.
-
-    Attributes
-    ----------
-    rows : list of Row
-        What is known so far, in the order in which it came to be.
-    """
+    """One run over the submissions of a class."""
 
     rubric: Rubric
     options: Options
     journal: Journal
     machine: Machine
     display: RunProgress
+    #: What is known so far, in the order in which it came to be.
     rows: list[Row] = field(default_factory=list)
 
     def grade(self, handed: Sequence[Handed], where: Isolation | str) -> None:
@@ -156,10 +153,10 @@ class ClassRun:
             else:
                 others[task.handed.name] = task, entry
                 self._state_submission_time(task)
-        now, results = datetime.now(timezone.utc), self.journal.results
+        results = self.journal.results
         measure = self.rubric, self.options.overrides
-        found = judge_again(results, {results / name: measure for name in others}, prepare=True)
-        found.apply(audit.Occasion(now, "grade", self.options.overrides.sha256))
+        found = judge_again(results, {results / name: measure for name in others}, pages=True)
+        found.apply("grade")
         for name, (task, entry) in others.items():
             if name in found.judged:
                 self.journal.note(name, task.key, task.policy, entry.isolation)
@@ -204,13 +201,12 @@ class ClassRun:
         self._end(Row(task.handed, ending, took_s=self.display.took_s(name)))
 
     async def _grade(self, task: _Task, job: Job, site: Site) -> Ending:
-        name, now = task.handed.name, datetime.now(timezone.utc)
+        name, decided_by = task.handed.name, self.options.overrides.sha256
         before, recorded = audit.text_of(job.results / RESULT_FILE), recordings_sha256(job.results)
         ending, isolation = await site.grade(job, partial(self.display.phase, name))
         if not isinstance(ending, GraderError):
             after = (job.results / RESULT_FILE).read_text(encoding="utf-8")
-            occasion = audit.Occasion(now, "grade", self.options.overrides.sha256)
-            audit.note_replaced(self.journal.results, name, before, after, occasion)
+            audit.note_replaced(self.journal.results, name, before, after, "grade", overrides_sha256=decided_by)
             self.journal.note(name, task.key, task.policy, isolation.value)
             return ending
         if recordings_sha256(job.results) in ("", recorded) or ending.exit_status == RecordingError.exit_status:
@@ -225,3 +221,29 @@ class ClassRun:
         with suppress(OSError):  # Such as a full disk, which is likely to be the reason itself.
             self.journal.abandon(task.handed.name, why)
         return why
+
+
+def entries_of(results: Path, rows: Sequence[Row], missing: Sequence[str]) -> list[ClassEntry]:
+    """Return an entry for each submission of the run, for each other result in the folder, and for who is missing.
+
+    Parameters
+    ----------
+    missing : sequence of str
+        Who has not handed in.
+    """
+    entries = {entry.name: entry for entry in entries_in(results)}
+    for name in missing:
+        entries.setdefault(name, ClassEntry(name, None, NOTHING_HANDED_IN))
+    for row in rows:
+        handed = row.handed
+        entry = entries.get(handed.name)
+        if isinstance(row.ending, GraderError) or entry is None:
+            problem = row.ending.problem if isinstance(row.ending, GraderError) else "Its results are not there."
+            entry = ClassEntry(handed.name, None, problem)
+        entries[handed.name] = replace(
+            entry,
+            # What only the archive tells stands in the record.
+            submitted_at=handed.submitted_at or entry.submitted_at,
+            student_id=handed.student_id or entry.student_id,
+        )
+    return sorted(entries.values(), key=lambda entry: entry.name)

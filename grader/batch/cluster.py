@@ -41,21 +41,14 @@ _LOST = "Look at the workers' logs, and give the same command again: what is gra
 
 @dataclass(frozen=True)
 class Bundle:
-    """What another machine needs to grade a submission.
+    """What another machine needs to grade a submission."""
 
-    Attributes
-    ----------
-    engine : str
-        Hash of the grader that sends it; only the same one may grade it.
-    submission : bytes
-        The files that were taken in, packed.
-    lab : bytes
-        The files beside the rubric.
-    """
-
+    #: Hash of the grader that sends it; only the same one may grade it.
     engine: str
     job: Job
+    #: The files that were taken in, packed.
     submission: bytes
+    #: The files beside the rubric.
     lab: bytes
     own_interpreter: bool
 

@@ -31,18 +31,12 @@ _NOTHING = (Decimal(0), Decimal(0))
 
 
 class ExpectedCheck(Strict):
-    """What a check must say.
-
-    Attributes
-    ----------
-    earned : (Decimal, Decimal) or None
-        The least and the most points. By default nothing where it fails; anything where it is partial.
-    reason_has : str
-        What its reason or hint mentions; case does not matter.
-    """
+    """What a check must say."""
 
     outcome: Literal["passed", "partial", "failed", "not_reached"]
+    #: The least and the most points. By default nothing where it fails; anything where it is partial.
     earned: Bounds | None = None
+    #: What its reason or hint mentions; case does not matter.
     reason_has: str = ""
 
     def differences(self, check: CheckResult) -> Iterator[str]:
@@ -66,27 +60,19 @@ class ExpectedCriterion(Strict):
 
 
 class Expectation(Strict):
-    """The verdict that a fixture must get.
-
-    Attributes
-    ----------
-    sessions : tuple of str
-        Those that run; only what they and the files decide is asserted.
-    with_files_of : str or None
-        Folder, relative to that in which the folder of fixtures lies, whose files are laid below the fixture's own.
-    without : tuple of str
-        Which of these are left out.
-    criteria : mapping
-        Criteria that are asserted, by their id.
-    total : (Decimal, Decimal) or None
-        The least and the most points of all that is judged.
-    """
+    """The verdict that a fixture must get."""
 
     about: str
+    #: Those that run; only what they and the files decide is asserted.
     sessions: tuple[str, ...]
+    #: Folder, relative to that in which the folder of fixtures lies, whose files are laid below the fixture's
+    #: own.
     with_files_of: str | None = None
+    #: Which of these are left out.
     without: tuple[str, ...] = ()
+    #: Criteria that are asserted, by their id.
     criteria: Annotated[dict[str, ExpectedCriterion], _OR_EMPTY]
+    #: The least and the most points of all that is judged.
     total: Bounds | None = None
 
     @model_validator(mode="after")
@@ -115,15 +101,10 @@ class Expectation(Strict):
 
 @dataclass(frozen=True)
 class Fixture:
-    """A submission with its expected verdict.
-
-    Attributes
-    ----------
-    layers : tuple of Path
-        Folders of files, each laid over those before it.
-    """
+    """A submission with its expected verdict."""
 
     name: str
+    #: Folders of files, each laid over those before it.
     layers: tuple[Path, ...]
     expectation: Expectation
 
@@ -192,15 +173,10 @@ def solution(folder: Path, rubric: Rubric) -> Fixture:
 
 @dataclass(frozen=True)
 class Verdict:
-    """How a result compares with what is expected.
-
-    Attributes
-    ----------
-    undecided : bool
-        Whether something that is asserted is undecided, so that another run may tell.
-    """
+    """How a result compares with what is expected."""
 
     differences: tuple[str, ...]
+    #: Whether something that is asserted is undecided, so that another run may tell.
     undecided: bool
 
 

@@ -107,23 +107,15 @@ class Shape(Enum):
 
 @dataclass(frozen=True)
 class Found:
-    """The submissions that were found.
+    """The submissions that were found."""
 
-    Attributes
-    ----------
-    submissions : tuple of Handed
-        In the order of their names, each under a name of its own.
-    understood : tuple of str
-        What each path was taken for, in words.
-    not_understood : tuple of str
-        Files that belong to no submission; written by students, so not to be trusted.
-    missing : tuple of str
-        Who is in the class list and has not handed in.
-    """
-
+    #: In the order of their names, each under a name of its own.
     submissions: tuple[Handed, ...]
+    #: What each path was taken for, in words.
     understood: tuple[str, ...] = ()
+    #: Files that belong to no submission; written by students, so not to be trusted.
     not_understood: tuple[str, ...] = ()
+    #: Who is in the class list and has not handed in.
     missing: tuple[str, ...] = ()
 
 
@@ -175,18 +167,12 @@ def find_submissions(
 
 @dataclass(frozen=True)
 class _Place:
-    """A folder, or one within an archive, and the names of the files in it.
-
-    Attributes
-    ----------
-    within : str
-        The folder within the archive, with a slash at its end; empty for the archive itself, None for a folder.
-    files : tuple of str
-        Paths relative to it.
-    """
+    """A folder, or one within an archive, and the names of the files in it."""
 
     path: Path
+    #: The folder within the archive, with a slash at its end; empty for the archive itself, None for a folder.
     within: str | None
+    #: Paths relative to it.
     files: tuple[str, ...]
 
     @property
@@ -307,7 +293,7 @@ class _Finding:
         if students is None:
             if shape is not Shape.ONE:
                 self._refuse_packed_class(place)
-            self._add(_handed(place, place.piece()), place.name)
+            self._add(_handed(place), place.name)
             self.understood.append(f"{place.where}: one submission")
         elif not students.is_repository and (download := recognised(students.entries)) is not None:
             self._add_download(students, download)
@@ -392,17 +378,18 @@ class _Finding:
             if folder and self._is_earlier_result(place.below(name)):
                 self.not_understood.append(f"{place.where}: {displayed(name)}: results of an earlier grading")
             elif folder:
-                folder_of = self._last_version(place.below(name))
-                self._add(_handed(folder_of, folder_of.piece()), name)
-                self._name_clone(place, name)
-            elif not folder and is_packed(name):
+                # GitHub Classroom's `lab-09-submissions/lab-09-alice` names the user.
+                assignment = place.name.removesuffix("-submissions")
+                user = name.removeprefix(f"{assignment}-") if assignment != place.name else name
+                handed = _handed(self._last_version(place.below(name)))
+                self._add(replace(handed, student_id=user) if user != name else handed, name)
+            elif is_packed(name):
                 piece = place.piece(name, is_folder=False)
                 where, source = f"{place.where}: {displayed(name)}", f"{place.source}/{name}"
                 self._add(Handed("", (piece,), where=where, source=source), without_archive_suffix(name))
-            elif not folder and not is_table(name):
+            elif not is_table(name):
                 self.not_understood.append(f"{place.where}: {displayed(name)}: neither a folder nor an archive")
-        count = len(self.submissions) - before
-        self.understood.append(f"{place.where}: {count:,} submission{'' if count == 1 else 's'}")
+        self.understood.append(f"{place.where}: {_submissions(len(self.submissions) - before)}")
 
     def _is_earlier_result(self, place: _Place) -> bool:
         """Whether a folder holds results, and none of the lab's files, which a student may keep beside such."""
@@ -412,22 +399,16 @@ class _Finding:
         """Return the last of the folders `Version 1`, `Version 2`, ... that Microsoft Teams makes, if it holds such."""
         inner = place
         for _ in range(_MOST_WRAPPERS):
-            numbers = {name: _VERSION.fullmatch(name) for name in inner.entries}
-            told = {name: int(number[1]) for name, number in numbers.items() if number is not None}
-            if told and len(told) == len(numbers):
-                *earlier, last = sorted(told, key=lambda name: told[name])
+            versions = {name: _VERSION.fullmatch(name) for name in inner.entries}
+            numbers = {name: int(version[1]) for name, version in versions.items() if version is not None}
+            if numbers and len(numbers) == len(versions):
+                *earlier, last = sorted(numbers, key=lambda name: numbers[name])
                 self.not_understood += [f"{inner.where}: {displayed(name)}: an earlier version" for name in earlier]
                 return inner.below(last)
             if list(inner.entries.values()) != [True]:
                 break
             inner = inner.below(next(iter(inner.entries)))
         return place
-
-    def _name_clone(self, place: _Place, name: str) -> None:
-        """Note the user name in what GitHub Classroom calls `lab-09-submissions/lab-09-alice`."""
-        assignment = place.name.removesuffix("-submissions")
-        if assignment != place.name and name.startswith(f"{assignment}-"):
-            self.submissions[-1] = replace(self.submissions[-1], student_id=name[len(assignment) + 1 :])
 
     def _add_download(self, place: _Place, download: Download) -> None:
         students: dict[tuple[str, str], dict[str, Delivered]] = defaultdict(dict)
@@ -444,26 +425,22 @@ class _Finding:
             told = f"{place.where}: {displayed(named)}"
             handed = replace(handed, student=student, student_id=student_id or None, where=told, source=place.source)
             self._add(handed, named)
-        count = len(students)
-        amount = f"{count:,} submission{'' if count == 1 else 's'}"
+        amount = _submissions(len(students))
         self.understood.append(f"{place.where}: {download.system.name}'s download of {amount}")
 
     def _delivered(self, place: _Place, entries: Mapping[str, Delivered]) -> Handed:
         """Put together what one student has handed in: of several attempts, the last."""
-        times = [told.attempt_at for told in entries.values() if told.attempt_at is not None]
-        last = max(times, default=None)
-        for entry, told in entries.items():
-            if told.attempt_at != last:
-                self.not_understood.append(f"{place.where}: {displayed(entry)}: an earlier attempt")
+        last = max((told.attempt_at for told in entries.values() if told.attempt_at is not None), default=None)
         counted = {entry: told for entry, told in entries.items() if told.attempt_at == last}
+        earlier = [entry for entry in entries if entry not in counted]
+        self.not_understood += [f"{place.where}: {displayed(entry)}: an earlier attempt" for entry in earlier]
         names = Counter(name for told in counted.values() for name in {told.file, told.first_called})
         pieces = []
-        folders = place.entries
         for entry, told in counted.items():
             if told.file:
                 name = told.first_called if told.first_called and names[told.first_called] == 1 else told.file
                 pieces.append(place.piece(entry, is_folder=False, name=name))
-            elif folders[entry]:
+            elif place.entries[entry]:
                 pieces.append(place.piece(entry))
         return Handed("", tuple(pieces), submitted_at=last, late=any(told.late for told in entries.values()))
 
@@ -487,7 +464,11 @@ def _wanted_names(rubric: Rubric) -> dict[str, frozenset[str]]:
     return wanted
 
 
-def _handed(place: _Place, piece: Piece) -> Handed:
+def _submissions(count: int) -> str:
+    return f"{count:,} submission{'' if count == 1 else 's'}"
+
+
+def _handed(place: _Place) -> Handed:
     """Return a submission, with the time of its last commit unless that is yet to come: such a clock was wrong."""
     time = None
     if place.within is None:
@@ -495,7 +476,7 @@ def _handed(place: _Place, piece: Piece) -> Handed:
         inner = [place.path / folders[0]] if len(folders) == 1 else []
         time = next((found for folder in (place.path, *inner) if (found := last_commit_time(folder))), None)
         time = None if time is not None and time > datetime.now(timezone.utc) else time
-    return Handed("", (piece,), submitted_at=time, where=place.where, source=place.source)
+    return Handed("", (place.piece(),), submitted_at=time, where=place.where, source=place.source)
 
 
 # -- names -----------------------------------------------------------------------------------------
@@ -550,16 +531,12 @@ def _with_class_list(
     names : mapping
         Where each submission lies -> its name without a mark.
     """
-    found = matches(students, [(h.student_id, (h.name, h.student, names[_origin(h)])) for h in submissions])
-    completed, unclear = [], []
-    for handed, match in zip(submissions, found, strict=True):
-        if match.student is not None:
-            student_id = match.student.student_id or handed.student_id
-            submitted_at = match.student.submitted_at or handed.submitted_at
-            handed = replace(handed, student_id=student_id, submitted_at=submitted_at)
-        elif match.may_be:
-            unclear.append(f"{handed.where}: by the name alone, the class list does not tell who this is")
-        completed.append(handed)
-    there = frozenset[int]().union(*(match.may_be for match in found))
+    found = matches(students, submissions, lambda handed: (handed.name, handed.student, names[_origin(handed)]))
+    unclear = [
+        f"{handed.where}: by the name alone, the class list does not tell who this is"
+        for handed, place, may_be in found
+        if place is None and may_be
+    ]
+    there = frozenset[int]().union(*(may_be for _, _, may_be in found))
     missing = tuple(displayed(s.name or s.student_id or "") for n, s in enumerate(students) if n not in there)
-    return completed, missing, unclear
+    return [handed for handed, _, _ in found], missing, unclear

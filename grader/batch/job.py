@@ -19,36 +19,24 @@ _MOST_TEXT = 2_000
 
 @dataclass(frozen=True)
 class Limits:
-    """What a process that grades a submission may do, in seconds.
+    """What a process that grades a submission may do, in seconds."""
 
-    Attributes
-    ----------
-    silence_s : float
-        Without a word, beyond what a session may take; all that it does by itself has a tighter bound.
-    alone_s : float
-        With the machine for itself; after that its sessions are recorded beside the others.
-    """
-
+    #: Without a word, beyond what a session may take; all that it does by itself has a tighter bound.
     silence_s: float = 120.0
+    #: With the machine for itself; after that its sessions are recorded beside the others.
     alone_s: float = 60.0
 
 
 @dataclass(frozen=True)
 class Job:
-    """What to grade, by what, and where its results go.
+    """What to grade, by what, and where its results go."""
 
-    Attributes
-    ----------
-    handed : Handed or Intake
-        The submission; already taken in if another machine did that.
-    isolation, machine : Isolation, Machine or None
-        How students' code is confined on the machine that grades it, and the places there; filled in there.
-    """
-
+    #: The submission; already taken in if another machine did that.
     handed: Handed | Intake
     results: Path
     rubric: Rubric
     options: Options
+    #: How students' code is confined on the machine that grades it, and the places there; filled in there.
     isolation: Isolation | None = None
     machine: Machine | None = None
     limits: Limits = Limits()
@@ -69,34 +57,22 @@ def problem_of(error: Exception) -> GraderError:
 
 @dataclass(frozen=True)
 class Row:
-    """What became of a submission.
-
-    Attributes
-    ----------
-    reused : bool
-        Whether it was graded before, and nothing has changed.
-    took_s : float
-        From its first phase on.
-    """
+    """What became of a submission."""
 
     handed: Handed
     ending: Ending
+    #: Whether it was graded before, and nothing has changed.
     reused: bool = False
+    #: From its first phase on.
     took_s: float = 0.0
 
 
 @dataclass(frozen=True)
 class Phase:
-    """What a submission is doing now.
+    """What a submission is doing now."""
 
-    Attributes
-    ----------
-    session : str
-        The session concerned; empty for the grader's own work.
-    ended : bool
-        Whether that has been done.
-    """
-
+    #: The session concerned; empty for the grader's own work.
     session: str
     text: str
+    #: Whether that has been done.
     ended: bool = False

@@ -35,23 +35,15 @@ _SCHEMA = "ros-lab-grader/journal/v1"
 
 @dataclass(frozen=True)
 class Entry:
-    """What the journal says of a submission that was graded.
+    """What the journal says of a submission that was graded."""
 
-    Attributes
-    ----------
-    key : str
-        Hash of all that the recordings and their judgement depend on.
-    policy : str
-        Hash of what people decided since, such as overrides; another needs another judgement only.
-    isolation : str
-        Level at which students' code was confined.
-    recordings : str
-        Hash of the recordings; see `recordings_sha256`.
-    """
-
+    #: Hash of all that the recordings and their judgement depend on.
     key: str
+    #: Hash of what people decided since, such as overrides; another needs another judgement only.
     policy: str
+    #: Level at which students' code was confined.
     isolation: str
+    #: Hash of the recordings; see `recordings_sha256`.
     recordings: str
 
 

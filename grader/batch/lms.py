@@ -27,49 +27,32 @@ Read = Callable[[Sequence[str]], Mapping[str, str]]
 
 @dataclass(frozen=True)
 class Delivered:
-    """A file or folder of a download, as its name describes it.
+    """A file or folder of a download, as its name describes it."""
 
-    Attributes
-    ----------
-    student : str
-        The student's name, as the system writes it.
-    student_id : str
-        By which the system knows the student.
-    file : str
-        What the student called the file; empty for a folder, and for what the system itself wrote.
-    first_called : str
-        What it was called before the system marked it as handed in once more.
-    late : bool
-        Whether the system marked it so.
-    attempt_at : datetime or None
-        When it was handed in, where the download says it.
-    """
-
+    #: The student's name, as the system writes it.
     student: str
+    #: By which the system knows the student.
     student_id: str
+    #: What the student called the file; empty for a folder, and for what the system itself wrote.
     file: str = ""
+    #: What it was called before the system marked it as handed in once more.
     first_called: str = ""
+    #: Whether the system marked it so.
     late: bool = False
+    #: When it was handed in, where the download says it.
     attempt_at: datetime | None = None
 
 
 @dataclass(frozen=True)
 class System:
-    """A learning-management system.
-
-    Attributes
-    ----------
-    match : callable
-        Returns what the system says of each entry that it named.
-    own : frozenset of str
-        Entries that it makes for itself.
-    details : callable
-        Adds to what is known what it wrote down in files beside the entries.
-    """
+    """A learning-management system."""
 
     name: str
+    #: Returns what the system says of each entry that it named.
     match: Callable[[Entries], dict[str, Delivered]]
+    #: Entries that it makes for itself.
     own: frozenset[str] = frozenset()
+    #: Adds to what is known what it wrote down in files beside the entries.
     details: Callable[[Mapping[str, Delivered], Read], Mapping[str, Delivered]] = lambda known, read: known
 
 

@@ -9,14 +9,14 @@ from decimal import Decimal
 from pathlib import Path
 
 from rich.console import Console, Group, RenderableType
+from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
 from grader.batch.job import Phase, Row
 from grader.errors import GraderError
-from grader.report.in_place import InPlace
-from grader.report.plain import terminal_text
+from grader.report.escape import terminal_text
 from grader.report.views import points
 from grader.result import Result
 
@@ -26,7 +26,7 @@ _SHOWN_ENDED = 6
 _BAR_WIDTH = 40
 
 
-class RunProgress(InPlace):
+class RunProgress(Live):
     """What is done, what runs and in which phase, what waits, and how long it will take.
 
     On a terminal in place; elsewhere, as in a CI job, a line when a submission ends.
@@ -49,7 +49,7 @@ class RunProgress(InPlace):
         self._ended: deque[Text] = deque(maxlen=_SHOWN_ENDED)
         self._done = 0
         self._remarks: Counter[str] = Counter()
-        super().__init__(console, self.view)
+        super().__init__(console=console, get_renderable=self.view, transient=True)
 
     def expect(self, name: str, work_s: float) -> None:
         """Take note of a submission that is to be graded, with the time that its sessions take together."""

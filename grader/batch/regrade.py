@@ -8,20 +8,23 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from datetime import datetime
 from functools import partial
 from pathlib import Path
 
 from grader import judgement
-from grader.batch.audit import Occasion, note_replaced, text_of
+from grader.batch.audit import note_replaced, text_of
 from grader.bounded import in_processes
 from grader.cohort.changes import Changes, changes_between
 from grader.cohort.overrides import Overrides
 from grader.desk import made_from, uncounted_overrides
 from grader.errors import GraderError, RecordingError, described
 from grader.files import replace_files, uninterrupted
+from grader.judgement import Judgement
 from grader.kept_lab import kept_files
-from grader.result import Result, result_of_text, to_json
-from grader.result_folder import RECORDINGS, REPORT_FILE, RESULT_FILE
+from grader.pipeline import files_of
+from grader.result import Result, result_of_text
+from grader.result_folder import RECORDINGS, RESULT_FILE
 from grader.rubric import Rubric
 from grader.rubrics import (
     chosen_rubric,
@@ -30,11 +33,7 @@ from grader.rubrics import (
     recorded_rubric,
     require_lab,
     rubric_copy,
-    rubric_files_of_result,
 )
-
-_NEW = ".new"
-_FILES = (REPORT_FILE, RESULT_FILE)
 
 #: What to judge by: a rubric, and what people decided.
 Measure = tuple[Rubric, Overrides]
@@ -56,24 +55,24 @@ def recorded_in(results: Path) -> list[Path]:
 class Judged:
     """A submission that was judged again, by what, and what changes for it."""
 
-    result: Result
+    judgement: Judgement
     changes: Changes
     rubric: Rubric
     overrides: Overrides
 
+    @property
+    def result(self) -> Result:
+        """Its result now."""
+        return self.judgement.result
+
 
 @dataclass(frozen=True)
 class Regrade:
-    """What judging submissions again comes to, each under the name of its folder.
-
-    Attributes
-    ----------
-    failed : mapping
-        Why those that could not be judged could not.
-    """
+    """What judging submissions again comes to, each under the name of its folder."""
 
     results: Path
     judged: Mapping[str, Judged]
+    #: Why those that could not be judged could not.
     failed: Mapping[str, GraderError]
 
     @property
@@ -81,16 +80,15 @@ class Regrade:
         """What changes for each that was judged."""
         return {name: judged.changes for name, judged in self.judged.items()}
 
-    def apply(self, occasion: Occasion) -> None:
-        """Put the new results, which were prepared, in place of the old, and note it in the trail."""
+    def apply(self, command: str = "regrade", at: datetime | None = None) -> None:
+        """Put the new results, which were made with their pages, in place of the old, and note it in the trail."""
         for name, judged in self.judged.items():
             folder = self.results / name
-            before = text_of(folder / RESULT_FILE)
+            before, new = text_of(folder / RESULT_FILE), judged.judgement
             with uninterrupted():  # so that no result is replaced without being kept
-                replace_files(rubric_files_of_result(folder, judged.rubric))
-                for file in _FILES:
-                    (folder / (file + _NEW)).replace(folder / file)
-                note_replaced(self.results, name, before, to_json(judged.result), occasion)
+                replace_files(files_of(new, folder, judged.rubric))
+                sha256 = judged.overrides.sha256
+                note_replaced(self.results, name, before, new.text, command, overrides_sha256=sha256, at=at)
 
     @property
     def overrides(self) -> Overrides:
@@ -118,7 +116,7 @@ def regrade(
     rubric: Path | None = None,
     overrides: Path | None = None,
     *,
-    prepare: bool,
+    pages: bool,
     trusted: bool = False,
     jobs: int | None = None,
     on_judged: Callable[[str], None] = lambda name: None,
@@ -133,8 +131,8 @@ def regrade(
         By default, each is judged by the rubric by which it was judged last.
     overrides : Path or None
         By default `overrides.yaml` beside the folders, if there is one.
-    prepare : bool
-        Whether to write the new results beside the old, for `Regrade.apply`.
+    pages : bool
+        Whether to make the reports too, for `Regrade.apply`.
     trusted : bool
         Whether files of the lab that came with the recordings may be executed though they are not known here.
     jobs : int, optional
@@ -154,7 +152,7 @@ def regrade(
         )
     results = folders[0].resolve().parent
     measures, failed = _measures(results, folders, rubric, overrides, trusted=trusted)
-    found = judge_again(results, measures, prepare=prepare, jobs=jobs, on_judged=on_judged)
+    found = judge_again(results, measures, pages=pages, jobs=jobs, on_judged=on_judged)
     return replace(found, failed=dict(sorted({**failed, **found.failed}.items())))
 
 
@@ -162,30 +160,22 @@ def judge_again(
     results: Path,
     measures: Mapping[Path, Measure],
     *,
-    prepare: bool,
+    pages: bool,
     jobs: int | None = None,
     on_judged: Callable[[str], None] = lambda name: None,
 ) -> Regrade:
     """Judge recordings, each by its measure; see `regrade`."""
-    works = {folder: partial(_judge, folder, measure, prepare) for folder, measure in measures.items()}
+    works = {folder: partial(_judge, folder, measure, pages) for folder, measure in measures.items()}
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    outcomes: dict[Path, tuple[Result, Changes] | Exception] = {}
-    try:
-        for folder, outcome in in_processes(works, judgement.JUDGING_BOUND, jobs or cores):
-            outcomes[folder] = outcome
-            on_judged(folder.name)
-    except BaseException:
-        for path in (folder / (file + _NEW) for folder in measures for file in _FILES):
-            path.unlink(missing_ok=True)
-        raise
     judged, failed = {}, {}
-    for folder, measure in measures.items():
-        outcome, name = outcomes[folder], folder.resolve().name
+    for folder, outcome in in_processes(works, judgement.JUDGING_BOUND, jobs or cores):
+        name = folder.resolve().name
         if isinstance(outcome, Exception):
             failed[name] = described(outcome)
         else:
-            judged[name] = Judged(*outcome, *measure)
-    return Regrade(results, judged, failed)
+            judged[name] = Judged(*outcome, *measures[folder])
+        on_judged(folder.name)
+    return Regrade(results, dict(sorted(judged.items())), failed)
 
 
 def _measures(
@@ -193,33 +183,31 @@ def _measures(
 ) -> tuple[dict[Path, Measure], dict[str, GraderError]]:
     """Load each rubric once; returns by what each folder is judged, and why which, by its name, cannot be."""
     given = chosen_rubric(folders, rubric) if rubric is not None else None
-    rubrics: dict[str, Rubric] = {} if given is None else {"": given}
-    chosen: dict[Path, str] = {}
+    rubrics: dict[object, Rubric] = {}
+    rubric_of: dict[Path, Rubric] = {}
     failed: dict[str, GraderError] = {}
     for folder in folders:
         try:
-            key = ""
             if given is not None:
                 require_lab(folder, given)
-            else:
-                copy = rubric_copy(folder)
-                # Equal texts are one rubric only with equal files beside them.
-                key = repr((copy.read_text(encoding="utf-8"), kept_files(copy)))
-                if key not in rubrics:
-                    rubrics[key] = recorded_rubric(copy, trusted=trusted)
-            chosen[folder] = key
+                rubric_of[folder] = given
+                continue
+            copy = rubric_copy(folder)
+            # Equal texts are one rubric only with equal files beside them.
+            key = (copy.read_text(encoding="utf-8"), tuple(kept_files(copy).items()))
+            if key not in rubrics:
+                rubrics[key] = recorded_rubric(copy, trusted=trusted)
+            rubric_of[folder] = rubrics[key]
         except (GraderError, OSError, UnicodeDecodeError) as error:
             failed[folder.resolve().name] = described(error)
     sources = [made_from(folder) for folder in folders]
-    measures = {k: (own, read_overrides(overrides, results, own, sources)) for k, own in rubrics.items()}
-    return {folder: measures[key] for folder, key in chosen.items()}, failed
+    decided = {id(own): read_overrides(overrides, results, own, sources) for own in rubric_of.values()}
+    return {folder: (own, decided[id(own)]) for folder, own in rubric_of.items()}, failed
 
 
-def _judge(folder: Path, measure: Measure, prepare: bool) -> tuple[Result, Changes]:
-    """Judge one folder; returns its result now, and what that changes."""
-    new = judgement.judge_recordings(folder / RECORDINGS, *measure, page=prepare)
-    if prepare:
-        replace_files({folder / (REPORT_FILE + _NEW): new.page, folder / (RESULT_FILE + _NEW): new.text})
+def _judge(folder: Path, measure: Measure, pages: bool) -> tuple[Judgement, Changes]:
+    """Judge one folder; returns what it comes to now, and what that changes."""
+    new = judgement.judge_recordings(folder / RECORDINGS, *measure, page=pages)
     written = result_of_text(new.text)
     assert written is not None
-    return new.result, changes_between(result_of_text(text_of(folder / RESULT_FILE)), written)
+    return new, changes_between(result_of_text(text_of(folder / RESULT_FILE)), written)

@@ -19,7 +19,7 @@ from grader.batch.progress import RunProgress
 from grader.errors import GraderError
 from grader.intake import Handed
 from grader.pipeline import Options
-from grader.report.plain import terminal_text
+from grader.report.escape import terminal_text
 from grader.report.views import points
 from grader.rubric import Rubric
 
@@ -29,21 +29,14 @@ _LONGEST = 600
 
 @dataclass(frozen=True)
 class FixtureRun:
-    """What became of a fixture.
-
-    Attributes
-    ----------
-    sign : str
-        "✓" as expected, "✗" not, "?" undecided, "!" not graded.
-    differences : tuple of str
-        In what it differs from what is expected, or why it was not graded.
-    earned, possible : Decimal
-        Points of what was judged.
-    """
+    """What became of a fixture."""
 
     name: str
+    #: "✓" as expected, "✗" not, "?" undecided, "!" not graded.
     sign: str
+    #: In what it differs from what is expected, or why it was not graded.
     differences: tuple[str, ...] = ()
+    #: Points of what was judged.
     earned: Decimal = Decimal(0)
     possible: Decimal = Decimal(0)
     took_s: float = 0.0
@@ -56,47 +49,47 @@ class FixtureRun:
         return f"{points(self.earned)} / {points(self.possible)}"
 
 
-@dataclass(frozen=True)
-class Selftest:
-    """Fixtures to be graded on this machine; submissions are laid out in the folder, and results go there."""
+async def run_fixtures(
+    fixtures: Sequence[Fixture], rubric: Rubric, options: Options, here: Here, folder: Path, display: RunProgress
+) -> list[FixtureRun]:
+    """Grade fixtures on this machine; whatever becomes of one, the others are graded.
 
-    rubric: Rubric
-    options: Options
-    here: Here
-    folder: Path
-    display: RunProgress
+    Submissions are laid out in the folder, and results go there.
+    """
 
-    async def run(self, fixtures: Sequence[Fixture]) -> list[FixtureRun]:
-        """Grade the fixtures; whatever becomes of one, the others are graded."""
-        for fixture in fixtures:
-            sessions = (self.rubric.sessions[s] for s in fixture.expectation.sessions if s in self.rubric.sessions)
-            self.display.expect(fixture.name, sum(session.typical_s for session in sessions))
-        return await side_by_side(self._one(fixture) for fixture in fixtures)
-
-    async def _one(self, fixture: Fixture) -> FixtureRun:
-        unfit = tuple(fixture.expectation.unfit(self.rubric))
-        found = FixtureRun(fixture.name, "✗", unfit) if unfit else await self._graded(fixture)
-        found = replace(found, took_s=self.display.took_s(fixture.name))
+    async def one(fixture: Fixture) -> FixtureRun:
+        unfit = tuple(fixture.expectation.unfit(rubric))
+        found = FixtureRun(fixture.name, "✗", unfit)
+        if not unfit:
+            found = await _graded(fixture, rubric, options, here, folder, display)
+        found = replace(found, took_s=display.took_s(fixture.name))
         line = Text(f"{found.sign} ", _STYLES.get(found.sign, "red")).append(terminal_text(found.name, 40), "default")
         line.append(f": {found.points} ({found.took_s:.0f} s)", "dim")
-        self.display.done(found.name, line, "" if found.sign == "✓" else "not as expected")
+        display.done(found.name, line, "" if found.sign == "✓" else "not as expected")
         return found
 
-    async def _graded(self, fixture: Fixture) -> FixtureRun:
-        name = fixture.name
-        try:
-            handed = Handed.of(fixture.lay_out(self.folder / "submissions"))
-            options = replace(self.options, sessions=list(fixture.expectation.sessions))
-            job = Job(handed, self.folder / name, self.rubric, options)
-            ending, _ = await self.here.grade(job, partial(self.display.phase, name))
-        except OSError as error:
-            ending = problem_of(error)
-        if isinstance(ending, GraderError):
-            where = f"{ending.where}: " if ending.where else ""
-            return FixtureRun(name, "!", (f"not graded: {where}{ending.problem}",))
-        verdict = compare(fixture.expectation, ending, self.rubric)
-        sign = "✓" if not verdict.differences else "?" if verdict.undecided else "✗"
-        return FixtureRun(name, sign, verdict.differences, ending.final, ending.score.possible)
+    for fixture in fixtures:
+        sessions = (rubric.sessions[s] for s in fixture.expectation.sessions if s in rubric.sessions)
+        display.expect(fixture.name, sum(session.typical_s for session in sessions))
+    return await side_by_side(one(fixture) for fixture in fixtures)
+
+
+async def _graded(
+    fixture: Fixture, rubric: Rubric, options: Options, here: Here, folder: Path, display: RunProgress
+) -> FixtureRun:
+    name = fixture.name
+    try:
+        handed = Handed.of(fixture.lay_out(folder / "submissions"))
+        options = replace(options, sessions=list(fixture.expectation.sessions))
+        ending, _ = await here.grade(Job(handed, folder / name, rubric, options), partial(display.phase, name))
+    except OSError as error:
+        ending = problem_of(error)
+    if isinstance(ending, GraderError):
+        where = f"{ending.where}: " if ending.where else ""
+        return FixtureRun(name, "!", (f"not graded: {where}{ending.problem}",))
+    verdict = compare(fixture.expectation, ending, rubric)
+    sign = "✓" if not verdict.differences else "?" if verdict.undecided else "✗"
+    return FixtureRun(name, sign, verdict.differences, ending.final, ending.score.possible)
 
 
 def print_fixtures(console: Console, found: Sequence[FixtureRun]) -> None:

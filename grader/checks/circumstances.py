@@ -48,7 +48,7 @@ def explained(context: Context, p: Any, finding: Finding) -> Finding:
     students = (run.artifact for run in context.session.record.processes if run.role == "student")
     artifact = getattr(p, "artifact", None) or (run.artifact if run is not None else next(students, None))
     reason, hint, where = (artifact and why_nothing(context, artifact)) or (finding.reason, "", ())
-    where = (*where, *(spot for spot in finding.where if spot not in where))
+    where = (*where, *(spot for spot in finding.where or proof(context, p) if spot not in where))
     return Finding(**{**vars(finding), "reason": reason, "hint": hint or finding.hint, "where": where})
 
 
@@ -79,18 +79,13 @@ def _ended_already(context: Context, artifact: str) -> Explanation | None:
         reason = f"Your {artifact} node had already ended, with exit status {run.exit_status} after {after_s:.1f} s."
         return reason, "See in its output what ended it.", (output,)
     path = context.path_of(artifact) or ""
-    spins = spin_lines(context.submission.texts.get(path, ""), context.submission.texts)
     ended = f"Your {artifact} node had already ended (exit status 0 after {after_s:.1f} s, no error)"
-    if spins is None or not path:
-        return f"{ended}.", _KEEP_HINT, (output,)
-    if not spins:
+    if path and spin_lines(context.submission.texts.get(path, ""), context.submission.texts) == ():
         return f"{ended}: main() never reaches rclpy.spin(node).", _SPIN_HINT, (Where(file=path), output)
-    reason = f"{ended}: what spins in line {spins[0]} was not reached, or came back."
-    return reason, _KEEP_HINT, (Where(file=path, line=spins[0]), output)
+    return f"{ended}.", "See that main() goes on to spin the node until Ctrl-C.", (output,)
 
 
 _SPIN_HINT = "Call rclpy.spin(node) in main() once the node is made: it serves the node's callbacks until Ctrl-C."
-_KEEP_HINT = "See that main() is called, and that it goes on to spin the node until Ctrl-C."
 
 
 def runs_elsewhere(context: Context, artifact: str, expected: str) -> Finding | None:

@@ -6,36 +6,32 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from grader import references as ref
 from grader.checks.endpoints import claim_of, claimed_at, clash, student_endpoints
 from grader.checks.finding import (
     Context,
+    Part,
     apart,
     graded,
     in_steps,
     inconclusive,
     kept_from_core,
     not_reached,
+    of_parts,
     percent,
+    undecided,
     unexplained,
     without_delay,
 )
 from grader.evidence.printed import text_of
 from grader.evidence.recorded import Floats, Span, clock_step_s
-from grader.evidence.result_rows import (
-    LINE_LIMIT,
-    ResultRow,
-    lines_naming,
-    plain_numbers,
-    result_row,
-    rounding_of,
-)
-from grader.patterns import Match, compiled, search
+from grader.evidence.result_rows import ResultRow, result_row
+from grader.patterns import search
 from grader.recording.session import OutputLine, ProcessRun, Qos
 from grader.references import Parameters, Pattern, Share
-from grader.result import Finding, Where
+from grader.result import Finding, Outcome, Where
 
 
 class EndsByItself(Parameters):
@@ -114,20 +110,16 @@ def topics_carry_traffic(context: Context, p: TopicsCarryTraffic) -> Finding:
     runs = [run for run in context.session.record.processes if run.role == "student"]
     delay_s, length_s = max((_delay_s(context, run) for run in runs), default=(0.0, 0.0))
     expected = f"at least {p.least_messages} messages on each of {', '.join(p.topics)}"
-    share, best, texts, reasons = 0.0, 0.0, [], []
+    parts = []
     for topic in p.topics:
         used, count = context.session.used(topic), _written(context, topic)
-        texts.append(f"{used} {count}")
-        costs = p.other_name_costs if count and used != topic else 0.0
-        if costs:
-            reasons.append(f"{topic} is named {used}; the rest is judged on that.")
-        if count < p.least_messages:
-            reasons.insert(0, f"Too little came on {topic}.")
+        renamed, few = bool(count) and used != topic, count < p.least_messages
         least, most = (in_steps(n / p.least_messages) for n in (count, without_delay(count, delay_s, length_s)))
-        share += max(0.0, min(1.0, least) - costs) / len(p.topics)
-        best += max(0.0, min(1.0, most) - costs) / len(p.topics)
-    doubt = kept_from_core(delay_s, length_s)
-    return graded(share, expected, ", ".join(texts), " ".join(reasons), best=best, doubt=doubt)
+        share, best = (max(0.0, min(1.0, each) - p.other_name_costs * renamed) for each in (least, most))
+        reasons = [f"Too little came on {topic}."] * few
+        reasons += [f"{topic} is named {used}; the rest is judged on that."] * renamed
+        parts.append(Part(share, f"{used} {count}", " ".join(reasons), best))
+    return of_parts(expected, parts, doubt=kept_from_core(delay_s, length_s))
 
 
 def _delay_s(context: Context, run: ProcessRun) -> tuple[float, float]:
@@ -196,35 +188,35 @@ class _Side:
 
 def qos_profiles(context: Context, p: QosProfiles) -> Finding:
     """Judge reliability and durability from discovery, history and depth from what the program asked rclpy for."""
-    share = 0.0
-    reasons, texts, unknown = [], [], []
-    spots: list[Where] = []
-    for wanted in p.profiles:
-        topic = wanted.topic
-        sides = [_Side.of(context, kind, topic) for kind in ("publisher", "subscription")]
-        lacking = [side.kind for side in sides if not side.seen]
-        if lacking:
-            reasons.append(f"There is no {' and no '.join(lacking)} on {topic}.")
-        for policy in _POLICIES:
-            values = [value for side in sides for value in side.values(policy)]
-            right = values.count(getattr(wanted, policy)) / len(values) if values else 1.0
-            share += right * (1 - len(lacking) / 2) / len(_POLICIES) / len(p.profiles)
-        wrong = {side.kind: side.wrong(wanted) for side in sides}
-        alike = len(set(wrong.values())) == 1
-        for side in (sides[:1] if alike else sides) if len(lacking) < len(sides) else ():
-            if wrong[side.kind]:
-                reasons.append(f"{topic if alike else f'The {side.kind} on {topic}'} has {wrong[side.kind]}.")
-                spots += side.where
-        shown = dict.fromkeys(map(str, sides))
-        by_side = " / ".join(f"{side.kind} {side}" for side in sides)
-        texts.append(f"{topic}: {next(iter(shown)) if len(shown) == 1 else by_side}")
-        unknown += [f"the {side.kind} on {topic}" for side in sides if side.seen and side.asked is None]
-    expected = "; ".join(f"{w.topic}: {w.reliability}, {w.history} {w.depth}, {w.durability}" for w in p.profiles)
-    where = (*dict.fromkeys(spots), context.where())
-    if unknown and not reasons:
-        reason = f"The run does not show which history and depth {unknown[0]} has."
-        return inconclusive(expected, "; ".join(texts), reason, where=where, retry=False)
-    return graded(share, expected, "; ".join(texts), " ".join(reasons), where=where)
+    sides = {w: [_Side.of(context, kind, w.topic) for kind in ("publisher", "subscription")] for w in p.profiles}
+    finding = of_parts(
+        "; ".join(f"{w.topic}: {w.reliability}, {w.history} {w.depth}, {w.durability}" for w in p.profiles),
+        [_judge_profile(wanted, each) for wanted, each in sides.items()],
+        where=(context.where(),),
+    )
+    unknown = [f"the {s.kind} on {w.topic}" for w, each in sides.items() for s in each if s.seen and s.asked is None]
+    if not unknown or finding.outcome is not Outcome.PASSED:
+        return finding
+    return undecided(finding, f"The run does not say which history and depth {unknown[0]} has.", retry=False)
+
+
+def _judge_profile(wanted: WantedProfile, sides: Sequence[_Side]) -> Part:
+    """Judge a topic: each policy counts the same, and a side that is lacking half."""
+    topic, lacking = wanted.topic, [side.kind for side in sides if not side.seen]
+    reasons = [f"There is no {' and no '.join(lacking)} on {topic}."] if lacking else []
+    values = {policy: [value for side in sides for value in side.values(policy)] for policy in _POLICIES}
+    right = [each.count(getattr(wanted, policy)) / len(each) if each else 1.0 for policy, each in values.items()]
+    wrong = [(side, side.wrong(wanted)) for side in sides if len(lacking) < len(sides)]
+    alike = len({text for _, text in wrong}) == 1
+    charged = [(side, text) for side, text in (wrong[:1] if alike else wrong) if text]
+    reasons += [f"{topic if alike else f'The {side.kind} on {topic}'} has {text}." for side, text in charged]
+    shown = str(sides[0]) if len(set(map(str, sides))) == 1 else " / ".join(f"{side.kind} {side}" for side in sides)
+    return Part(
+        sum(right) / len(right) * (1 - len(lacking) / len(sides)),
+        f"{topic}: {shown}",
+        " ".join(reasons),
+        where=tuple(spot for side, _ in charged for spot in side.where),
+    )
 
 
 class Row(Parameters):
@@ -239,26 +231,15 @@ class ReportedTraffic(Parameters):
 
     artifact: ref.Artifact
     rows: tuple[Row, ...]
-    pattern: Pattern = Field(description="Regular expression with groups count, mean_ms and max_ms.")
     count_tolerance: Share = 0.02
     latency_factor: float = Field(
         4, description="The reported mean may be above the recorded one, or below its least, by this factor."
     )
     latency_slack_s: float = Field(0.004, description="It may be above the recorded one by this much in any case.")
 
-    @field_validator("pattern")
-    @classmethod
-    def _has_groups(cls, value: str) -> str:
-        groups = compiled(value).groupindex
-        if not {"count", "mean_ms", "max_ms"} <= set(groups):
-            raise ValueError("the groups count, mean_ms and max_ms are needed")
-        return value
-
 
 def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
     """Judge each row: half for the count, half for the latency."""
-    share, best, reasons, texts = 0.0, 0.0, [], []
-    untold: list[str] = []
     claims = {row.name: _claimed(context, p, row) for row in p.rows}
     # Where nothing was sent, and nothing is said to have come, that is charged with the traffic.
     rows = [r for r in p.rows if _written(context, r.topic) or ((said := claims[r.name]) is not None and said.count)]
@@ -269,34 +250,24 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
         return not_reached("Nothing was sent on any of the topics, which is charged above.", expected=expected)
     run = context.session.process(p.artifact)
     delay_s, length_s = _delay_s(context, run) if run is not None else (0.0, 1.0)
+    parts = []
     for row in rows:
         claim = claims[row.name]
         if claim is None:
-            untold.append(row.name)
+            untold = f"There is no line with count and latency for {row.name}."
+            parts.append(Part(0.0, reason=untold, hint=_ROW_HINT.format(row.name)))
             continue
         written = min((_written(context, row.topic, t) for t in (None, claim.t_ns)), key=lambda n: abs(n - claim.count))
-        worst, reason = _judge_row(context, p, row, claim, written)
+        share, reason = _judge_row(context, p, row, claim, written)
         # What waits for a core comes late, and may push out of a short queue what waits already.
         late_s, pushed_out = delay_s**2 / length_s, written * delay_s / length_s
-        most, _ = _judge_row(context, p, row, claim, written, late_s=late_s, pushed_out=pushed_out)
-        share, best = share + worst / len(rows), best + max(worst, most) / len(rows)
+        best, _ = _judge_row(context, p, row, claim, written, late_s=late_s, pushed_out=pushed_out)
         latency = "no latency" if claim.mean_s is None else f"{claim.mean_s * 1e3:.2f} ms"
-        texts.append(f"{row.name} {claim.count} of {written}, {latency}")
-        reasons += [reason] if reason else []
-    reasons += [f"There is no line with count and latency for {', '.join(untold)}."] if untold else []
-    hint = _ROW_HINT.format(untold[0]) if untold else _SIDES_HINT if all("incompatible" in r for r in reasons) else ""
-    doubt = kept_from_core(delay_s, length_s)
-    measured = "; ".join(texts) or "no results"
-    return graded(
-        share,
-        expected,
-        measured,
-        " ".join(reasons),
-        hint=hint,
-        where=(context.output_of(p.artifact),),
-        best=best,
-        doubt=doubt,
-    )
+        hint = _SIDES_HINT if "incompatible" in reason else ""
+        parts.append(Part(share, f"{row.name} {claim.count} of {written}, {latency}", reason, best, hint=hint))
+    where, doubt = (context.output_of(p.artifact),), kept_from_core(delay_s, length_s)
+    measured = "" if any(part.text for part in parts) else "no results"
+    return of_parts(expected, parts, measured=measured, where=where, doubt=doubt)
 
 
 _ROW_HINT = "Print a line for each profile, as '{}: 1000 msgs, avg latency: 0.50ms, max: 2.00ms'."
@@ -304,25 +275,10 @@ _SIDES_HINT = "Give publisher and subscription of a profile the same QoSProfile;
 
 
 def _claimed(context: Context, p: ReportedTraffic, row: Row) -> ResultRow | None:
-    """Return what is printed about a row: in the pattern's form, or in another that can be read."""
-    output = context.session.output_of(p.artifact)
-    lines = [plain_numbers(line.text[:LINE_LIMIT]) for line in output]
-    for loosely in (False, True):
-        for place in lines_naming(lines, row.name, loosely=loosely):
-            if match := search(p.pattern, lines[place]):
-                mean_s, max_s = (_signed(match, name) / 1e3 for name in ("mean_ms", "max_ms"))
-                rounding_s = rounding_of(match["mean_ms"], 1e-3)
-                return ResultRow(output[place].t_ns, int(match["count"]), mean_s, max_s, rounding_s)
-        others = [other.name for other in p.rows if other is not row]
-        if (found := result_row(output, row.name, others, loosely=loosely)) is not None:
-            return found
-    return None
-
-
-def _signed(match: Match[str], name: str) -> float:
-    """Return a group as a number, negative if a minus that the pattern skipped stands right before it."""
-    value = float(match[name])
-    return -value if value > 0 and match.string[: match.start(name)].endswith("-") else value
+    """Return what is printed about a row, in any form that can be read."""
+    output, others = context.session.output_of(p.artifact), [other.name for other in p.rows if other is not row]
+    strictly = result_row(output, row.name, others, loosely=False)
+    return strictly if strictly is not None else result_row(output, row.name, others, loosely=True)
 
 
 def _judge_row(

@@ -14,14 +14,7 @@ from grader import references as ref
 from grader.checks.finding import Context, apart, failed, graded, inconclusive, percent
 from grader.evidence.lexicon import one_of
 from grader.evidence.markup import Document, read_markdown
-from grader.evidence.prose import (
-    TopicWords,
-    concepts,
-    descriptions,
-    document_passages,
-    run_lines,
-    source_passages,
-)
+from grader.evidence.prose import TopicWords, concepts, descriptions, document_passages, run_lines, source_passages
 from grader.evidence.source import SourceFacts, docstring_share, parse
 from grader.references import Parameters, Pattern, Share
 from grader.result import Finding, Where

@@ -185,6 +185,54 @@ def graded(
     return Finding(outcome, low, expected, measured, reason, hint, tuple(where), tuple(notes))
 
 
+@dataclass(frozen=True)
+class Part:
+    """One of several things that count the same: what it earns, what it is, and why it earns no more.
+
+    Attributes
+    ----------
+    best : float or None
+        The most that it earns as far as the recording and the machine's delays tell; None where that is `share`.
+    doubt : str
+        What keeps it from being decided then.
+    """
+
+    share: float
+    text: str = ""
+    reason: str = ""
+    best: float | None = None
+    doubt: str = ""
+    hint: str = ""
+    where: tuple[Where, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def of_parts(
+    expected: str,
+    parts: Sequence[Part],
+    *,
+    measured: str = "",
+    costs: Sequence[tuple[float, str]] = (),
+    hint: str = "",
+    where: Sequence[Where] = (),
+    doubt: str = "",
+) -> Finding:
+    """State what parts earn together, of which each counts the same, less what costs a share of the whole."""
+    lost, count = sum(share for share, _ in costs), max(1, len(parts))
+    best = sum(part.share if part.best is None else max(part.share, part.best) for part in parts)
+    return graded(
+        max(0.0, sum(part.share for part in parts) / count - lost),
+        expected,
+        measured or "; ".join(part.text for part in parts if part.text),
+        " ".join([*(reason for _, reason in costs), *(part.reason for part in parts if part.reason)]),
+        hint=hint or next((part.hint for part in parts if part.hint), ""),
+        where=[*(spot for part in parts for spot in part.where), *where],
+        notes=[note for part in parts for note in part.notes],
+        best=max(0.0, best / count - lost),
+        doubt=" ".join(part.doubt for part in parts if part.doubt) or doubt,
+    )
+
+
 #: Steps in which a measured share earns credit.
 STEPS = 10
 
@@ -227,9 +275,10 @@ def inconclusive(
     return Finding(Outcome.INCONCLUSIVE, Decimal(0), expected, measured, reason, "", tuple(where), (), retry, settled)
 
 
-def undecided(finding: Finding, reason: str, *, settled: Finding | None = None) -> Finding:
+def undecided(finding: Finding, reason: str, *, retry: bool = True, settled: Finding | None = None) -> Finding:
     """Return a finding as one that the recording cannot answer after all."""
-    return replace(finding, outcome=Outcome.INCONCLUSIVE, credit=Decimal(0), reason=reason, hint="", settled=settled)
+    lost: dict[str, Any] = {"credit": Decimal(0), "reason": reason, "hint": "", "retry": retry, "settled": settled}
+    return replace(finding, outcome=Outcome.INCONCLUSIVE, **lost)
 
 
 def unclear(expected: str, measured: str, reason: str) -> Finding:

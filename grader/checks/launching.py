@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,13 +14,14 @@ from grader import references as ref
 from grader.checks.circumstances import environment_gap
 from grader.checks.finding import (
     Context,
+    Part,
     apart,
     failed,
-    graded,
     in_steps,
     inconclusive,
     kept_from_core,
     not_reached,
+    of_parts,
     passed,
     told,
     without_delay,
@@ -32,7 +33,7 @@ from grader.evidence.timing import timing_of
 from grader.recording.plan import MalformedPlanError, Plan, Problem, Process
 from grader.recording.session import ProcessRun
 from grader.references import Parameters, Share
-from grader.result import Finding, Outcome, Where
+from grader.result import Finding, Where
 
 
 def plan_of(context: Context, step: str) -> Plan | None:
@@ -141,24 +142,26 @@ def launch_arguments(context: Context, p: LaunchArguments) -> Finding:
     expected = ", ".join(f"{a.name} = {a.default!r}" for a in p.arguments)
     plan = plan_of(context, p.step)
     declared = {a.name: a for a in plan.arguments} if plan is not None else {}
-    share, reasons, spots = 0.0, [], []
+    parts = []
     for wanted in p.arguments:
         got = declared.get(wanted.name)
         if got is None:
             others = ", ".join(n for n in declared if n not in {a.name for a in p.arguments})
-            reasons.append(f"The argument {wanted.name} is not declared{f'; declared are {others}' if others else ''}.")
+            known = f"; declared are {others}" if others else ""
+            parts.append(Part(0.0, reason=f"The argument {wanted.name} is not declared{known}."))
             continue
-        spots.append(Where(file=got.file, line=got.line))
-        right = got.default is not None and _same(got.default, wanted.default)
-        share += (1.0 if right else p.other_default_credit) / len(p.arguments)
-        if not right:
-            default = "no default" if got.default is None else f"the default {got.default!r}"
-            reasons.append(f"The argument {wanted.name} has {default}; {wanted.default!r} is asked for.")
-    for problem in mended(context, p.step, "undefined_configuration"):
-        reasons.append(_sentence(problem["message"]))
-        spots.append(Where(file=problem["file"], line=problem["line"]))
+        right, where = (
+            got.default is not None and _same(got.default, wanted.default),
+            (Where(file=got.file, line=got.line),),
+        )
+        default = "no default" if got.default is None else f"the default {got.default!r}"
+        reason = f"The argument {wanted.name} has {default}; {wanted.default!r} is asked for."
+        parts.append(Part(1.0, where=where) if right else Part(p.other_default_credit, "", reason, where=where))
+    assumed = mended(context, p.step, "undefined_configuration")
+    spots = [Where(file=problem["file"], line=problem["line"]) for problem in assumed]
     measured = ", ".join(f"{n} = {a.default!r}" for n, a in declared.items()) or "no arguments"
-    return graded(share, expected, measured, " ".join(reasons), where=spots)
+    costs = [(0.0, _sentence(problem["message"])) for problem in assumed]
+    return of_parts(expected, parts, measured=measured, costs=costs, where=spots)
 
 
 class WantedNode(Parameters):
@@ -203,79 +206,62 @@ def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
     if absent and (plan.loaded_components or any(process.components for process in plan.processes)):
         reason = "The grader cannot evaluate nodes that are loaded into a container of components: it runs none."
         return inconclusive(expected, f"no {', '.join(absent)}, but components", reason, retry=False)
-    judged = [_judge_node(context, plan, wanted, p.other_name_credit) for wanted in p.nodes]
-    notes = [j.note for j in judged if j.note]
+    parts = [_judge_node(context, plan, wanted, p.other_name_credit) for wanted in p.nodes]
     stopping = []
     for noted in mended(context, p.step, "unknown_executable", "unknown_package"):
         missing = [a.expected.removesuffix(".py") for a in context.submission.artifacts if a.path is None]
         if any(name in noted["message"] for name in missing):
-            notes.append(f"{_sentence(noted['message'])} Its file is missing, which is charged elsewhere.")
+            note = f"{_sentence(noted['message'])} Its file is missing, which is charged elsewhere."
+            parts[0] = replace(parts[0], notes=(*parts[0].notes, note))
         else:
             stopping.append(noted)
-    reasons = [*(_sentence(noted["message"]) for noted in stopping), *([_STOPS] if stopping else [])]
-    reasons += [j.reason for j in judged if j.reason]
-    hints = [*(str(noted["remedy"]) for noted in stopping), *(j.hint for j in judged if j.hint)]
-    spots = [Where(file=noted["file"], line=noted["line"]) for noted in stopping]
+    costs = [(1 / len(parts), _sentence(noted["message"])) for noted in stopping]
     seen = (n for n in context.session.nodes if n not in context.reference_nodes)
     up = ", ".join(n + " (ended)" * _died(context, _entry_for(plan, n, "")) for n in seen)
-    measured = f"your file starts nothing; with the names corrected by the grader: {up}" if stopping and up else up
-    share, undecided = sum(j.share for j in judged) - len(stopping), [j.undecided for j in judged if j.undecided]
-    finding = graded(
-        max(0.0, share / len(p.nodes)),
+    finding = of_parts(
         expected,
-        measured or "no node of the student's in the graph",
-        " ".join(reasons),
-        hint=hints[0] if hints else "",
-        where=[*spots, *(spot for j in judged for spot in j.where)],
-        notes=notes,
-        best=max(0.0, (share + len(undecided)) / len(p.nodes)),
-        doubt=" ".join(undecided),
+        parts,
+        measured=f"your file starts nothing; with the names corrected by the grader: {up}"
+        if stopping and up
+        else up or _NO_NODE,
+        costs=[*costs, (0.0, _STOPS)] if stopping else [],
+        hint=str(stopping[0]["remedy"]) if stopping else "",
+        where=[Where(file=noted["file"], line=noted["line"]) for noted in stopping],
     )
-    return replace(finding, retry=not undecided)
+    return replace(finding, retry=not any(part.doubt for part in parts))
 
 
+_NO_NODE = "no node of the student's in the graph"
 _STOPS = "`ros2 launch` stops there and starts nothing."
 
 
-@dataclass(frozen=True)
-class _JudgedNode:
-    """The share of one node, why something is lost or undecided, and a note where another check charges for it."""
-
-    share: float
-    reason: str = ""
-    note: str = ""
-    hint: str = ""
-    where: tuple[Where, ...] = ()
-    undecided: str = ""
-
-
-def _judge_node(context: Context, plan: Plan, wanted: WantedNode, other_name_credit: float) -> _JudgedNode:
+def _judge_node(context: Context, plan: Plan, wanted: WantedNode, other_name_credit: float) -> Part:
     entry = _entry_for(plan, wanted.node, wanted.executable)
     if wanted.node in context.session.nodes and not _died(context, entry):
-        return _JudgedNode(1.0)
+        return Part(1.0)
     if entry is None:
-        return _JudgedNode(0.0, f"Nothing in the launch file starts {wanted.executable} as {wanted.node}.")
+        return Part(0.0, "", f"Nothing in the launch file starts {wanted.executable} as {wanted.node}.")
     name = wanted.node.rsplit("/", 1)[-1]
     if context.path_of(wanted.artifact) is None:
         note = f"The file for {wanted.node} is missing, which is charged in {wanted.charged_by}."
-        return _JudgedNode(1.0, note=note)
+        return Part(1.0, notes=(note,))
     if entry.called in (name, None) and context.charged(wanted.charged_by):
         note = f"{wanted.node} did not come up as such by its own fault, which is charged in {wanted.charged_by}."
-        return _JudgedNode(1.0, note=note)
+        return Part(1.0, notes=(note,))
     if (charged := _charged_alone(context, entry, wanted.artifact)) is not None:
-        return _JudgedNode(1.0, note=f"{wanted.node} ended as it does by itself, which is charged in {charged}.")
+        return Part(1.0, notes=(f"{wanted.node} ended as it does by itself, which is charged in {charged}.",))
     run = context.session.process(entry.id)
     found = context.explain(run) if run is not None else None
     if (gap := environment_gap(context, wanted.artifact, found)) is not None:
-        return _JudgedNode(0.0, undecided=f"{wanted.node} did not come up. {gap}")
+        return Part(0.0, best=1.0, doubt=f"{wanted.node} did not come up. {gap}")
     if found is not None and found.kind == "parameter-type" and context.charged(wanted.types_charged_by):
         note = f"{wanted.node} ended for a parameter's type, which is charged in {wanted.types_charged_by}."
-        return _JudgedNode(1.0, note=note)
+        return Part(1.0, notes=(note,))
     used = context.session.used(wanted.node)
     if not _died(context, entry) and (entry.called not in (name, None) or used != wanted.node):
         shown = used if used != wanted.node else entry.full_name or entry.called
         reason = f"{wanted.executable} runs under the name {shown}, not {wanted.node}."
-        return _JudgedNode(other_name_credit, reason, where=(Where(file=entry.file, line=entry.line),))
+        return Part(other_name_credit, "", reason, where=(Where(file=entry.file, line=entry.line),))
     return _why_down(context, entry, wanted.executable)
 
 
@@ -291,49 +277,39 @@ def _charged_alone(context: Context, entry: Process, artifact: str) -> str | Non
     """Return the check that charged the end of a launched node, where the node ends the same way in another session."""
     run = context.session.process(entry.id)
     end = _end_of(context, run) if run is not None else None
-    if end is None:
-        return None
-    others = [session for session in context.sessions.values() if session is not context.session]
+    others = [session for session in context.sessions.values() if session is not context.session and end is not None]
     alike = {s.record.session for s in others if end in (_end_of(context, r) for r in s.processes_of(artifact))}
-    for check, finding in context.findings.items() if alike else ():
-        spots = {(spot.file, spot.line) for spot in finding.where if spot.line} | {s.session for s in finding.where}
-        if finding.outcome in (Outcome.FAILED, Outcome.PARTIAL) and spots & {end[:2], *alike}:
-            return check
-    return None
+    charged = ((check, finding) for check, finding in context.findings.items() if context.charged(check))
+    return next((check for check, finding in charged if alike & {spot.session for spot in finding.where}), None)
 
 
 def _end_of(context: Context, run: ProcessRun) -> tuple[object, ...] | None:
-    """Return what tells one end of a program from another: the line and its exception, else limit and status.
-
-    None for one that went on until it was stopped.
-    """
+    """Return what tells one end of a program from another; None for one that went on until it was stopped."""
     if run.exited_ns is None or run.interrupted_ns is not None:
         return None
     found = context.explain(run)
-    if found is None:
-        return (None, None, run.limit, run.exit_status)
-    return (found.file, found.line, found.kind, found.exception_type)
+    return (run.limit, run.exit_status) if found is None else (found.file, found.line, found.kind, found.exception_type)
 
 
-def _why_down(context: Context, entry: Process, executable: str) -> _JudgedNode:
+def _why_down(context: Context, entry: Process, executable: str) -> Part:
     spot = (Where(file=entry.file, line=entry.line),)
     run = context.session.process(entry.id)
     if run is None:
         why = f": {entry.absent}" if entry.absent else ""
-        return _JudgedNode(0.0, f"{executable} was not started{why}.", where=spot)
+        return Part(0.0, "", f"{executable} was not started{why}.", where=spot)
     if run.exited_ns is None or run.interrupted_ns is not None:
-        return _JudgedNode(0.0, f"{executable} ran, but no such node appeared.", where=spot)
+        return Part(0.0, "", f"{executable} ran, but no such node appeared.", where=spot)
     found = context.explain(run)
     if found is None:
         said = f", saying {run.output[-1].text!r}." if run.output else "."
-        return _JudgedNode(0.0, f"{executable} ended with status {run.exit_status}{said}", where=spot)
+        return Part(0.0, "", f"{executable} ended with status {run.exit_status}{said}", where=spot)
     hint = found.remedy
     if found.kind == "parameter-type" and entry.file:
         text = context.submission.texts.get(entry.file, "")
         spot = (Where(file=entry.file, line=parameter_line(text, entry.line, found.subject)),)
         hint, in_the_node = _type_hint(found.message, found.subject)
         spot = (Where(file=found.file, line=found.line),) if in_the_node and found.file else spot
-    return _JudgedNode(0.0, f"{executable} ended with status {run.exit_status}: {told(found)}", hint=hint, where=spot)
+    return Part(0.0, "", f"{executable} ended with status {run.exit_status}: {told(found)}", hint=hint, where=spot)
 
 
 _TYPES = re.compile(r"of type '(\w+)', expecting type '(\w+)'")
@@ -376,22 +352,19 @@ def launch_parameters(context: Context, p: LaunchParameters) -> Finding:
     """Judge values in the running nodes, or in the plan where a node does not declare the parameter."""
     expected = ", ".join(f"{w.node.rsplit('/', 1)[-1]}.{w.name} = {w.value!r}" for w in p.parameters)
     plan, other = plan_of(context, p.step), plan_of(context, p.other_step)
-    parts, reasons, texts, spots = [], [], [], []
+    parts = []
     for wanted in p.parameters:
         entry = _entry_for(plan, wanted.node, wanted.executable) if plan is not None else None
         if plan is not None and entry is None:
             continue  # The node is not started, which is charged with the nodes.
-        share, reason, text = _judge_parameter(context, p, wanted, plan, other)
-        parts.append(share)
-        texts.append(text)
-        reasons += [reason] if reason else []
-        if entry is not None and entry.file and reason:
+        part = _judge_parameter(context, p, wanted, plan, other)
+        if entry is not None and entry.file and part.reason:
             line = parameter_line(context.submission.texts.get(entry.file, ""), entry.line, wanted.name)
-            spots.append(Where(file=entry.file, line=line))
+            part = replace(part, where=(Where(file=entry.file, line=line),))
+        parts.append(part)
     if not parts:
         return not_reached("None of the nodes is started.", expected=expected)
-    where = tuple(dict.fromkeys(spots))
-    return graded(sum(parts) / len(parts), expected, ", ".join(texts), " ".join(reasons), where=where)
+    return of_parts(expected, parts)
 
 
 _MISSING = object()
@@ -405,8 +378,7 @@ def _planned(plan: Plan | None, wanted: WantedNodeParameter) -> Any:
 
 def _judge_parameter(
     context: Context, p: LaunchParameters, wanted: WantedNodeParameter, plan: Plan | None, other: Plan | None
-) -> tuple[float, str, str]:
-    """Return what a parameter earns, why no more, and what it is."""
+) -> Part:
     planned = _planned(plan, wanted)
     step = context.session.step(wanted.step)
     result = step.result if step is not None else {}
@@ -416,31 +388,23 @@ def _judge_parameter(
     text = f"{short}.{wanted.name} {'missing' if value is _MISSING else f'= {value!r}'}"
     if planned is _MISSING:
         own = f"; {value!r} is the node's own default" if value is not _MISSING else ""
-        return 0.0, f"The launch file gives {short} no {wanted.name}{own}.{_misdirected(plan, p, wanted)}", text
+        return Part(0.0, text, f"The launch file gives {short} no {wanted.name}{own}.")
     if running is None and step is not None and step.outcome == "done" and wanted.name in result.get("declared", []):
-        return 0.0, f"{subject} could not be read.", f"{short}.{wanted.name} unreadable"
+        return Part(0.0, f"{short}.{wanted.name} unreadable", f"{subject} could not be read.")
     # What default the launch file gives the argument is charged with the arguments, and so is one that is missing.
     declared = {a.name: a.default for a in plan.arguments} if plan is not None else {}
     follows = wanted.argument is not None and _same(value, declared.get(wanted.argument))
     if not _same(value, wanted.value) and not follows:
-        return 0.0, f"{subject} is {value!r}, not {wanted.value!r}.", text
+        return Part(0.0, text, f"{subject} is {value!r}, not {wanted.value!r}.")
     changed = _planned(other, wanted)
     no_argument = plan is not None and wanted.argument is not None and wanted.argument not in declared
     if wanted.other is None or no_argument or (changed is not _MISSING and _same(changed, wanted.other)):
-        return 1.0, "", text
+        return Part(1.0, text)
     shown = "nothing" if changed is _MISSING else repr(changed)
     moves = changed is not _MISSING and not _same(changed, planned)
     how = "follows its launch argument, but not as it should" if moves else "is not wired to its launch argument"
     reason = f"{subject} {how}: with another argument it is {shown}, not {wanted.other!r}."
-    return p.unwired_credit, reason, f"{text} ({shown} with another argument)"
-
-
-def _misdirected(plan: Plan | None, p: LaunchParameters, wanted: WantedNodeParameter) -> str:
-    """Say which node gets a parameter in place of the one that is to have it, if one does."""
-    due = {w.node.rsplit("/", 1)[-1] for w in p.parameters if w.name == wanted.name}
-    others = (e for e in (plan.processes if plan is not None else ()) if e.called not in due)
-    found = next((e.called or e.runs for e in others if wanted.name in e.effective_parameters()), None)
-    return f" It gives it to {found} instead." if found is not None else ""
+    return Part(p.unwired_credit, f"{text} ({shown} with another argument)", reason)
 
 
 _NODE: Any = Field(None, description="The node that does it; if it is not up, the check of the nodes charges that.")
@@ -502,25 +466,7 @@ def launch_together(context: Context, p: LaunchTogether) -> Finding:
     judged = [part for part, node in zip(parts, nodes, strict=True) if part is not None and _is_up(context, node)]
     if not judged:
         return not_reached("None of the nodes does its part, by faults that other checks charge.", expected=expected)
-    return graded(
-        sum(part.share for part in judged) / len(judged),
-        expected,
-        "; ".join(part.text for part in judged),
-        " ".join(part.reason for part in judged if part.share < 1),
-        where=(context.where(p.commands.topic),),
-        best=sum(max(part.share, part.best) for part in judged) / len(judged),
-        doubt=kept_from_core(delay_s, length_s),
-    )
-
-
-@dataclass(frozen=True)
-class _Part:
-    """What one part earns, what was seen of it, why it earns no more, and what it may earn without the delays."""
-
-    share: float
-    text: str
-    reason: str = ""
-    best: float = 0.0
+    return of_parts(expected, judged, where=(context.where(p.commands.topic),), doubt=kept_from_core(delay_s, length_s))
 
 
 def _is_up(context: Context, node: str | None) -> bool:
@@ -535,42 +481,38 @@ def _is_up(context: Context, node: str | None) -> bool:
     return used in context.session.nodes and not _died(context, entry)
 
 
-def _commands_come(context: Context, p: TogetherCommands, span: Span | None, delay_s: float) -> _Part | None:
+def _commands_come(context: Context, p: TogetherCommands, span: Span | None, delay_s: float) -> Part | None:
     timing = timing_of(context.session.stream(p.topic), span)
     if timing is None:
         if context.charged(p.charged_by):
             return None
         reason = "No commands came while all ran together; do the nodes follow the simulation's clock?"
-        return _Part(0.0, "no commands", reason)
-    alone_hz, wanted_hz = (
-        _rate_alone_hz(context.sessions.get(p.alone_session), p),
-        context.parameter(p.rate_step, p.rate_parameter),
-    )
+        return Part(0.0, "no commands", reason)
+    wanted_hz, alone = context.parameter(p.rate_step, p.rate_parameter), context.sessions.get(p.alone_session)
+    alone_hz = _rate_alone_hz(alone, p) if alone is not None else None
     as_set = isinstance(wanted_hz, (int, float)) and 0 < wanted_hz * p.least_share <= timing.rate_hz <= 2 * wanted_hz
     if alone_hz is None or as_set:
-        return _Part(1.0, f"commands at {timing.rate_hz:.1f} Hz")
+        return Part(1.0, f"commands at {timing.rate_hz:.1f} Hz")
     most_hz = without_delay(timing.rate_hz, delay_s, span.duration_s) if span is not None else timing.rate_hz
     share, best = (in_steps(min(1.0, hz / alone_hz / p.least_share), 2) for hz in (timing.rate_hz, most_hz))
     both = (timing.rate_hz, alone_hz)
     shown, alone_shown = (apart(hz, *(both if share < 1 else ()), places=1) for hz in both)
     reason = f"Commands come at {shown} Hz, while alone they come at {alone_shown} Hz."
-    return _Part(share, f"commands at {shown} Hz ({alone_shown} Hz alone)", reason, best)
+    return Part(share, f"commands at {shown} Hz ({alone_shown} Hz alone)", reason, best)
 
 
-def _rate_alone_hz(alone: Recorded | None, p: TogetherCommands) -> float | None:
+def _rate_alone_hz(alone: Recorded, p: TogetherCommands) -> float | None:
     """Measure the commands of the session in which they come alone; None where its clock was set meanwhile."""
-    span = alone.window(p.window) if alone is not None else None
-    if alone is None or (span is not None and clock_step_s(alone.record, span)):
-        return None
+    span = alone.window(p.window)
     timing = timing_of(alone.stream(p.topic), span)
-    return timing.rate_hz if timing is not None else None
+    return timing.rate_hz if timing is not None and not (span and clock_step_s(alone.record, span)) else None
 
 
 #: Share of a window for which a process was kept from a core, from which what others do may depend on that.
 _MANY_DELAYS = 0.25
 
 
-def _arm_follows(context: Context, p: TogetherFollows, *, late: bool) -> _Part | None:
+def _arm_follows(context: Context, p: TogetherFollows, *, late: bool) -> Part | None:
     command, state = (context.numeric(t, p.field) for t in (p.command, p.topic))
     if command is None or state is None or max(command.values.shape[1], state.values.shape[1]) <= p.index:
         return None
@@ -585,10 +527,10 @@ def _arm_follows(context: Context, p: TogetherFollows, *, late: bool) -> _Part |
     text = f"the arm is off by {error:.3f} rad"
     # An arm that stands still is off by the whole size of the command.
     if error < 0.5 * size + 0.05:
-        return _Part(1.0, text)
+        return Part(1.0, text)
     if context.charged(p.charged_by):
         return None
-    return _Part(0.0, text, "The arm does not follow the commands.", float(late))
+    return Part(0.0, text, "The arm does not follow the commands.", float(late))
 
 
 def _never_hears(context: Context, topic: str) -> bool:
@@ -598,11 +540,11 @@ def _never_hears(context: Context, topic: str) -> bool:
     return bool(asked) and context.session.stream(topic).topic_type not in asked
 
 
-def _service_answers(context: Context, p: TogetherAnswers) -> _Part | None:
+def _service_answers(context: Context, p: TogetherAnswers) -> Part | None:
     step = context.session.step(p.step)
     calls: Sequence[Mapping[str, Any]] = step.result.get("calls", []) if step is not None else []
     if calls and calls[0]["response"] is not None:
-        return _Part(1.0, "the service answers")
+        return Part(1.0, "the service answers")
     if context.charged(p.charged_by):
         return None
-    return _Part(0.0, "no answer from the service", "The service does not answer while all run together.")
+    return Part(0.0, "no answer from the service", "The service does not answer while all run together.")

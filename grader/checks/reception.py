@@ -14,12 +14,14 @@ from grader.checks.endpoints import OfEndpoint, OfferedProfile, claim_of, claime
 from grader.checks.finding import (
     STEPS,
     Context,
+    Part,
     apart,
     failed,
     graded,
     inconclusive,
     kept_from_core,
     not_reached,
+    of_parts,
     passed,
     percent,
     unclear,
@@ -28,9 +30,9 @@ from grader.checks.finding import (
 from grader.evidence.printed import PrintedVector, Report, printed_vector, reports
 from grader.evidence.recorded import NumericStream, Span
 from grader.patterns import search
-from grader.recording.session import ProcessRun, StepRun
+from grader.recording.session import Endpoint, ProcessRun, StepRun
 from grader.references import Parameters, Pattern, Patterns, Share
-from grader.result import Finding, Outcome, Where
+from grader.result import Finding, Outcome
 
 
 class WantedTopic(Parameters):
@@ -56,38 +58,38 @@ class TopicsSubscribed(OfEndpoint):
 def topics_subscribed(context: Context, p: TopicsSubscribed) -> Finding:
     """Judge the subscriptions from discovery."""
     expected = ", ".join(f"{t.type} from {t.topic}" for t in p.topics)
-    share = 0.0
-    texts, reasons, notes, nodes = [], [], [], []
-    spots: list[Where] = []
-    for wanted in p.topics:
-        used, endpoints = (
-            context.session.used(wanted.topic),
-            student_endpoints(context, wanted.topic, "subscription"),
-        )
-        if not endpoints:
-            texts.append(f"nothing on {wanted.topic}")
-            reasons.append(f"There is no subscription on {wanted.topic}, nor on a similar name.")
-            continue
-        endpoint = next((e for e in endpoints if e.type == wanted.type), endpoints[0])
-        wrong = p.faults("topic", (wanted.topic, wanted.type), (used, endpoint.type), [endpoint.node])
-        if (policy := clash(endpoint, p.offered)) is not None:
-            arrives = "so no message would arrive from the lab's publisher."
-            wrong.append((p.incompatible_costs, f"On {used} the two sides are incompatible in {policy}, {arrives}"))
-        share += max(0.0, 1 - sum(costs for costs, _ in wrong)) / len(p.topics)
-        reasons += [reason for _, reason in wrong]
-        texts.append(f"{endpoint.type} from {used} ({endpoint.qos.reliability}, {endpoint.qos.durability})")
-        nodes += [e.node for e in endpoints]
-        spots += claimed_at(claim_of(context, "subscription", wanted.topic))
-        if p.reliability == "reliable" and any(e.qos.reliability == "best_effort" for e in endpoints):
-            lost = "with RELIABLE a lost message would be sent again"
-            notes.append(f"The subscription on {used} requests BEST_EFFORT; {lost}.")
+    endpoints = {wanted: student_endpoints(context, wanted.topic, "subscription") for wanted in p.topics}
+    nodes = [endpoint.node for each in endpoints.values() for endpoint in each]
     if not nodes:
         fallback = "The node subscribed to none of the topics, nor to any of a similar name."
         return unexplained(failed(expected, "no subscription in the graph", fallback))
-    for costs, reason in p.node_faults(p.node, nodes):
-        share -= costs
-        reasons.append(reason)
-    return graded(share, expected, ", ".join(texts), " ".join(reasons), where=(*spots, context.where()), notes=notes)
+    parts = [_judge_subscription(context, p, wanted, each) for wanted, each in endpoints.items()]
+    return of_parts(expected, parts, costs=p.node_faults(p.node, nodes), where=(context.where(),))
+
+
+def _judge_subscription(
+    context: Context, p: TopicsSubscribed, wanted: WantedTopic, endpoints: Sequence[Endpoint]
+) -> Part:
+    if not endpoints:
+        reason = f"There is no subscription on {wanted.topic}, nor on a similar name."
+        return Part(0.0, f"nothing on {wanted.topic}", reason)
+    used, endpoint = (
+        context.session.used(wanted.topic),
+        next((e for e in endpoints if e.type == wanted.type), endpoints[0]),
+    )
+    wrong = p.faults("topic", (wanted.topic, wanted.type), (used, endpoint.type), [endpoint.node])
+    if (policy := clash(endpoint, p.offered)) is not None:
+        arrives = "so no message would arrive from the lab's publisher."
+        wrong.append((p.incompatible_costs, f"On {used} the two sides are incompatible in {policy}, {arrives}"))
+    weaker = p.reliability == "reliable" and any(e.qos.reliability == "best_effort" for e in endpoints)
+    note = f"The subscription on {used} requests BEST_EFFORT; with RELIABLE a lost message would be sent again."
+    return Part(
+        max(0.0, 1 - sum(costs for costs, _ in wrong)),
+        f"{endpoint.type} from {used} ({endpoint.qos.reliability}, {endpoint.qos.durability})",
+        " ".join(reason for _, reason in wrong),
+        where=claimed_at(claim_of(context, "subscription", wanted.topic)),
+        notes=(note,) if weaker else (),
+    )
 
 
 class Streams(Parameters):
@@ -124,27 +126,16 @@ class Alternative(Parameters):
         (), description="Where one of these checks took points, none are lost here."
     )
 
-    def finding(
-        self,
-        context: Context,
-        expected: str,
-        measured: str,
-        least: float = 0.0,
-        *,
-        example: str = "",
-        where: Sequence[Where] = (),
-        notes: Sequence[str] = (),
-    ) -> Finding:
+    def explains(self, context: Context, finding: Finding, least: float = 0.0) -> Finding:
         """State what numbers are worth that fit it; where another check has charged the mistake, that says it.
 
         Numbers of which a share is right all the same are worth at least that.
         """
-        if any(map(context.charged, self.charged_by)):
-            return passed(expected, measured, where=where, notes=notes)
-        meant = f"These numbers fit {self.meaning}."
-        more = [*notes, meant] if self.credit >= 1 else notes
-        share = max(self.credit, least)
-        return graded(share, expected, measured, f"{example} {meant}".strip(), where=where, notes=more)
+        meant, notes = f"These numbers fit {self.meaning}.", finding.notes
+        share = 1.0 if any(map(context.charged, self.charged_by)) else max(self.credit, least)
+        notes = (*notes, meant) if self.credit >= 1 and not any(map(context.charged, self.charged_by)) else notes
+        reason = f"{finding.reason} {meant}".strip()
+        return graded(share, finding.expected, finding.measured, reason, where=finding.where, notes=notes)
 
 
 class ReportedSeries(Streams):
@@ -154,7 +145,6 @@ class ReportedSeries(Streams):
     tolerance: float = Field(gt=0, description="Absolute; 1 % of the value, and what rounding makes, are allowed too.")
     settle_s: float = Field(0.05, description="Reports this close to a span's ends do not count.")
     alternatives: tuple[Alternative, ...] = ()
-    smoothed_credit: float = Field(0.5, ge=0, le=1, description="Credit of reports that reach each value slowly.")
     end_charged_by: ref.CheckId | None = Field(
         None, description="Check that charges a node that ends early; then only half of the spans must be reached."
     )
@@ -202,21 +192,23 @@ def reported_series(context: Context, p: ReportedSeries) -> Finding:
     if not plateaus:
         return unclear(expected, "no stimulus recorded", _NO_STIMULUS)
     if not heard:
-        return unexplained(failed(expected, "no report", _unheard(context, p.artifact)))
+        printed = [line.text for line in context.session.output_of(p.artifact)]
+        last = f"; it printed {len(printed)} others, the last of which is {printed[-1][:100]!r}." if printed else "."
+        reason = f"The node reported no tracking error at all in the form asked for, on its output or in its log{last}"
+        return unexplained(failed(expected, "no report", reason))
     fits = [plateau.shows(plateau.value, p) for plateau in plateaus]
     right, reached = sum(fits), max((n for n, each in enumerate(plateaus, 1) if each.reports), default=0)
     where = (context.output_of(p.artifact), context.where(next(iter(p.streams.values()))))
     measured = f"right on {right} of {count} plateaus ({len(heard)} reports)"
     if right == count:
-        smoothed = _smoothed(context, p, plateaus)
-        hint = "Report the error of each message by itself, without those before it."
-        return graded(p.smoothed_credit if smoothed else 1.0, expected, measured, smoothed, hint=hint, where=where)
+        return passed(expected, measured, where=where)
     example = _wrong(context, plateaus[fits.index(False)])
     for other in p.alternatives:
         others = _plateaus(context, p, heard, other.parameters)
         alike = [plateau.shows(plateau.value, p) for plateau in others if plateau.reports]
         if all(alike) and 2 * len(alike) >= count:
-            return other.finding(context, expected, measured, right / count, example=example, where=where)
+            wrong = failed(expected, measured, example, where=where)
+            return other.explains(context, wrong, right / count)
     # Spans without a report before the last that is right are charged by the share of reports.
     last_right = max((n for n, fit in enumerate(fits, 1) if fit), default=0)
     elsewhere, notes = sum(not plateau.reports for plateau in plateaus[:last_right]), []
@@ -239,7 +231,8 @@ def _kept_silent(context: Context, p: ReportedSeries, silent: Sequence[_Plateau]
     Those are the silent ones at the end for half of which it had no core; and any, where the grader stood still and
     read too late what was printed.
     """
-    run, span = context.session.processes_of(p.artifact)[-1:], _stimulus(context, p)
+    times = [stream.source_ns for stream in context.streams(p.streams, p.field).values()]
+    run, span = context.session.processes_of(p.artifact)[-1:], Span(min(map(min, times)), max(map(max, times)))
     if not run or _ended(context, p.artifact):
         return 0.0, ""
     doubt = kept_from_core(context.session.machine_delay_s(run[0], span), span.duration_s)
@@ -249,54 +242,6 @@ def _kept_silent(context: Context, p: ReportedSeries, silent: Sequence[_Plateau]
         context.session.machine_delay_s(run[0], plateau.span) >= plateau.span.duration_s / 2 for plateau in silent
     )
     return float(sum(halves)), doubt
-
-
-def _stimulus(context: Context, p: Streams) -> Span:
-    """Return the time in which messages came."""
-    times = [stream.source_ns for stream in context.streams(p.streams, p.field).values()]
-    return Span(min(int(each[0]) for each in times), max(int(each[-1]) for each in times))
-
-
-def _unheard(context: Context, artifact: str) -> str:
-    """Say of a node without reports what it printed instead."""
-    processes = context.session.processes_of(artifact)
-    until_ns = (processes[-1].interrupted_ns if processes else None) or 2**63
-    lines = [line.text for line in processes[-1].output if line.t_ns < until_ns] if processes else []
-    if lines:
-        return (
-            f"None of the {len(lines)} lines that it printed has the form asked for; the last is {lines[-1][:100]!r}."
-        )
-    return "The node reported no tracking error at all, neither on its output nor in its log."
-
-
-#: Share of the reports that may fit no span: the few of messages that came while the value changed.
-_SMOOTHED_SHARE = 0.1
-
-
-def _smoothed(context: Context, p: ReportedSeries, plateaus: Sequence[_Plateau]) -> str:
-    """Say that many reports fit no span, each before the first that is right in its own, if that is so.
-
-    A node that is late shows the value of an earlier span, and one that reports a second number besides shows the
-    right one from the first message on.
-    """
-    right, between = 0, []
-    for plateau in plateaus:
-        fits = [plateau.shows(report.value, p) for report in plateau.reports]
-        right += sum(fits)
-        before = plateau.reports[: fits.index(True)] if True in fits else ()
-        between += [(r, plateau) for r in before if not any(other.shows(r.value, p) for other in plateaus)]
-    times = [stream.source_ns for stream in context.streams(p.streams, p.field).values()]
-    spans = [plateau.span for plateau in plateaus]
-    sent = max(sum(int(((t >= s.start_ns) & (t <= s.end_ns)).sum()) for s in spans) for t in times)
-    if len(between) <= _SMOOTHED_SHARE * (right + len(between)) or right >= (1 - _SMOOTHED_SHARE) * sent:
-        return ""
-    report, plateau = between[0]
-    return (
-        f"{len(between)} of {right + len(between)} reports fit no plateau: after each change the number goes over to "
-        f"the right one step by step, as a mean or a filter over several messages does. "
-        f"At {context.session.since_start_s(report.t_ns):.1f} s it reports {report.value:.4f}; right is "
-        f"{plateau.right:.4f}."
-    )
 
 
 def _wrong(context: Context, plateau: _Plateau) -> str:
@@ -430,7 +375,7 @@ def _judge_vector(
         return passed(expected, measured, notes=[*notes, note])
     for other in p.alternatives:
         if _agreement(context, p, streams, other.parameters, printed) >= 1:
-            return other.finding(context, expected, measured, notes=notes)
+            return other.explains(context, passed(expected, measured, notes=notes))
     lost, late = _lost_to_machine(context, p)
     if fits:
         reason = (

@@ -12,7 +12,18 @@ from pydantic import Field
 
 from grader import references as ref
 from grader.checks.endpoints import OfEndpoint, claim_of, claimed_at
-from grader.checks.finding import Context, apart, failed, graded, not_reached, passed, unclear, unexplained
+from grader.checks.finding import (
+    Context,
+    Part,
+    apart,
+    failed,
+    graded,
+    not_reached,
+    of_parts,
+    passed,
+    unclear,
+    unexplained,
+)
 from grader.evidence.recorded import Span
 from grader.patterns import search, without
 from grader.recording.session import StepRun
@@ -43,7 +54,7 @@ def service_offered(context: Context, p: ServiceOffered) -> Finding:
     wrong += p.node_faults(p.node, [offer.node])
     measured = f"{used} of type {offer.type}, from {offer.node}"
     where = (*claimed_at(claim_of(context, "service", p.service)), context.where())
-    return graded(1 - sum(w for w, _ in wrong), expected, measured, " ".join(r for _, r in wrong), where=where)
+    return of_parts(expected, [Part(1.0, measured)], costs=wrong, where=where)
 
 
 class Given(Parameters):
@@ -69,9 +80,6 @@ class CallAnswered(Parameters):
     again: ref.CallLabel | None = Field(None, description="A later step with the same request, to be answered alike.")
     again_charged_by: ref.EarlierCheckId | None = Field(
         None, description="Where this check took points, neither a later answer nor a contrary message takes any."
-    )
-    opposite: ref.CallLabel | None = Field(
-        None, description="A step at which this answer would be wrong, to see a mix-up."
     )
     given: Given | None = Field(None, description="A parameter on which the answer depends.")
     changed_credit: Share = Field(0.75, description="Credit of a right answer that is another one later.")
@@ -127,8 +135,8 @@ def _earlier_silence(context: Context, step: StepRun | None, expected: str) -> F
     silent = next((earlier for earlier in before if _silent(earlier)), None)
     if silent is None:
         return None
-    called = f'the call "{silent.label}"' if silent.label else "an earlier call"
-    return not_reached(f"Not tested, because {called} got no answer. {_THEN_THESE}", expected=expected)
+    reason = f'Not tested, because the call "{silent.label}" got no answer. {_THEN_THESE}'
+    return not_reached(reason, expected=expected)
 
 
 _THEN_THESE = "Fix that, and these points can be earned too."
@@ -139,12 +147,13 @@ _STUCK_HINT = (
 )
 
 
-def _silence(context: Context, expected: str, problem: str, where: tuple[Where, ...]) -> Finding:
-    """State that a call had no answer, since the node ended or does not spin, or a callback never returns."""
+def _silence(context: Context, step: StepRun | None, expected: str, problem: str) -> Finding:
+    """State that a call had no answer, which is charged once: with the first of them."""
     stuck = any(s.kind == "get_parameters" and s.outcome == "timeout" for s in context.session.record.steps)
     hint = _STUCK_HINT if stuck else "A service callback must return its response, and soon."
     reason = f"{problem} {_STUCK}" if stuck else problem
-    return unexplained(failed(expected, "no answer", reason, hint=hint, where=where))
+    fails = failed(expected, "no answer", reason, hint=hint, where=(_spot(context, step),))
+    return _earlier_silence(context, step, expected) or unexplained(fails)
 
 
 def call_answered(context: Context, p: CallAnswered) -> Finding:
@@ -159,13 +168,11 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
     response = _answer(step)
     where = (_spot(context, step),)
     if response is None:
-        return _earlier_silence(context, step, expected) or _silence(context, expected, _problem(step), where)
+        return _silence(context, step, expected, _problem(step))
     measured = f"{_shown(response)} after {_latency_s(_calls(step)[0]) * 1e3:.1f} ms"
     wrong = [f"{k} is {response.get(k)!r}, not {v!r}" for k, v in p.response.items() if response.get(k) != v]
     if wrong:
-        swapped = p.opposite is not None and _fits(_answer(context.session.step(p.opposite)), p.response)
-        reason = f"In the answer, {' and '.join(wrong)}.{_SWAPPED if swapped else ''}"
-        return failed(expected, measured, reason, where=where)
+        return failed(expected, measured, f"In the answer, {' and '.join(wrong)}.", where=where)
     later = [] if context.charged(p.again_charged_by) else _later_answers(context, p)
     contrary = next((answer for answer in (response, *later) if _says_contrary(p, answer)), None)
     if contrary is not None and not context.charged(p.again_charged_by):
@@ -182,7 +189,6 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
     return passed(expected, measured, where=where, notes=notes)
 
 
-_SWAPPED = " Where this would be right, it answers the contrary: the condition is the wrong way round."
 _CONTRARY_HINT = "Do what request.data says, without switching over; and tell the new state, not the one before."
 _ALIKE_HINT = "Answer each request by what it asks for, whatever the state was before."
 
@@ -239,7 +245,8 @@ def call_gated(context: Context, p: CallGated) -> Finding:
         return not_reached(reason, expected=expected)
     if off is None and not turned:
         if _earlier_silence(context, steps[p.refused_step], expected) is None:
-            return _silence(context, expected, "No answer came while the parameter was false.", where[:2])
+            problem = "No answer came while the parameter was false."
+            return _silence(context, steps[p.refused_step], expected, problem)
         reason = "The node had stopped answering before, which is charged there, so no change could be looked at."
         return graded(p.half_credit * refuses_at_start, expected, measured, reason, hint=_THEN_THESE, where=where)
     unset = _not_set(context.session.step(p.set_step))
@@ -306,19 +313,16 @@ def parameters_declared(context: Context, p: ParametersDeclared) -> Finding:
         reason = f"The node's parameters could not be read{': ' + problem if problem else ''}."
         return failed(expected, "no answer", reason)
     values: Mapping[str, Mapping[str, Any]] = step.result["values"]
-    share, reasons = 0.0, []
+    parts = []
     for wanted in p.parameters:
-        got = values.get(wanted.name)
-        if got is None:
-            reasons.append(f"{wanted.name} is not declared.")
-            continue
+        got = values.get(wanted.name, {"type": "", "value": None})
         right = (got["type"], got["value"]) == (wanted.type, wanted.value)
-        share += (1.0 if right else p.other_value_credit) / len(p.parameters)
-        if not right:
-            asked = f"{wanted.value!r} ({wanted.type})"
-            reasons.append(f"{wanted.name} is {got['value']!r} ({got['type']}), not {asked}.")
+        reason = f"{wanted.name} is {got['value']!r} ({got['type']}), not {wanted.value!r} ({wanted.type})."
+        reason = reason if wanted.name in values else f"{wanted.name} is not declared."
+        share = p.other_value_credit if wanted.name in values else 0.0
+        parts.append(Part(1.0) if right else Part(share, reason=reason))
     measured = ", ".join(f"{n} = {v['value']!r}" for n, v in values.items()) or "none of them"
-    return graded(share, expected, measured, " ".join(reasons))
+    return of_parts(expected, parts, measured=measured)
 
 
 class CallsInTime(Parameters):
@@ -335,11 +339,8 @@ def calls_in_time(context: Context, p: CallsInTime) -> Finding:
     wanted = int(step.parameters.get("repeat", 1)) if step is not None else 1
     expected = f"{wanted} calls, each answered within {p.within_s:g} s"
     calls, where = _calls(step), (_spot(context, step),)
-    silent = step is None or _silent(step)
-    if silent and (silence := _earlier_silence(context, step, expected)) is not None:
-        return silence
-    if not calls:
-        return failed(expected, "no calls", _problem(step), where=where)
+    if step is None or _silent(step):
+        return _silence(context, step, expected, _problem(step))
     latencies = [_latency_s(call) for call in calls if call["response"] is not None]
     quick = sum(latency <= p.within_s for latency in latencies)
     slowest = f", slowest {apart(max(latencies) * 1e3, p.within_s * 1e3, places=1)} ms" if latencies else ""

@@ -14,11 +14,13 @@ from grader.checks.endpoints import OfEndpoint, claim_of, claimed_at, student_en
 from grader.checks.finding import (
     STEPS,
     Context,
+    Part,
     apart,
     failed,
     graded,
     in_steps,
     kept_from_core,
+    of_parts,
     percent,
     ramp,
     unexplained,
@@ -63,7 +65,7 @@ def topic_published(context: Context, p: TopicPublished) -> Finding:
     wrong += p.node_faults(p.node, nodes)
     measured = f"{len(stream)} messages of type {found_type} on {used}" + (f", from {nodes[0]}" if nodes else "")
     where = (*claimed_at(claim_of(context, "publisher", p.topic)), context.where(p.topic))
-    return graded(1 - sum(w for w, _ in wrong), expected, measured, " ".join(r for _, r in wrong), where=where)
+    return of_parts(expected, [Part(1.0, measured)], costs=wrong, where=where)
 
 
 def _wrong_definition(context: Context, topic: str, endpoints: Sequence[Endpoint]) -> list[str]:
@@ -160,15 +162,7 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
     reason = f"Messages come at {rate} Hz, {than} {p.rate_hz:g} Hz.{_by_timer(timers)}"
     doubt, by_machine = _doubt(delay_s, length_s)
     return graded(
-        worst,
-        expected,
-        measured,
-        reason,
-        where=where,
-        best=best,
-        doubt=doubt,
-        steps=STEPS,
-        by_machine=by_machine,
+        worst, expected, measured, reason, where=where, best=best, doubt=doubt, steps=STEPS, by_machine=by_machine
     )
 
 
@@ -370,21 +364,18 @@ def sinusoids(context: Context, p: Sinusoids) -> Finding:
     series = context.numeric(p.topic, p.field, finite=False)
     if series is None or len(series.values) < _FEWEST:
         return failed(expected, "too few numbers", "Too few messages with numbers came to see a motion.")
-    parts, texts, reasons = [], [], []
-    elsewhere: set[int] = set()
+    parts, elsewhere = [], set()
     for component in p.components:
-        share, text, reason = _judge_component(series, component, p)
-        if share < p.misplaced_credit and (place := _place_of(series, component, p)) is not None:
+        part = _judge_component(series, component, p)
+        if part.share < p.misplaced_credit and (place := _place_of(series, component, p)) is not None:
             elsewhere.add(place)
-            share, reason = p.misplaced_credit, f"The motion of element {component.index} is in element {place}."
-        parts.append(share)
-        texts.append(text)
-        reasons += [reason] if reason else []
-    moving = [index for index in _others_that_move(series.values, p) if index not in elsewhere]
-    parts.append(0.0 if moving else 1.0)
-    if moving:
-        reasons.append(f"Element {', '.join(map(str, moving))} should stay at 0, but moves.")
-    return graded(sum(parts) / len(parts), expected, "; ".join(texts), " ".join(reasons))
+            part = Part(
+                p.misplaced_credit, part.text, f"The motion of element {component.index} is in element {place}."
+            )
+        parts.append(part)
+    moving = [str(index) for index in _others_that_move(series.values, p) if index not in elsewhere]
+    parts.append(Part(0.0, "", f"Element {', '.join(moving)} should stay at 0, but moves.") if moving else Part(1.0))
+    return of_parts(expected, parts)
 
 
 #: So many messages show a motion.
@@ -407,13 +398,12 @@ def _others_that_move(values: Floats, p: Sinusoids) -> list[int]:
     return [i for i in others if float(sizes[i]) > p.tolerance * smallest]
 
 
-def _judge_component(series: NumericStream, c: Component, p: Sinusoids) -> tuple[float, str, str]:
-    """Return the credit of a component, what it is and what is wrong with it."""
+def _judge_component(series: NumericStream, c: Component, p: Sinusoids) -> Part:
     if c.index >= series.values.shape[1]:
-        return 0.0, f"no element {c.index}", f"Messages have no element {c.index}."
+        return Part(0.0, f"no element {c.index}", f"Messages have no element {c.index}.")
     values = series.values[np.isfinite(series.values[:, c.index]), c.index]
     if len(values) < _FEWEST:
-        return 0.0, f"[{c.index}] is not a number", f"Element {c.index} is not a number."
+        return Part(0.0, f"[{c.index}] is not a number", f"Element {c.index} is not a number.")
     best, fits = _best_fit(series, c, p)
     amplitude, frequency = (
         apart(got, *(wanted * (1 + k * p.tolerance) for k in (-1, 1)), places=3)
@@ -423,12 +413,12 @@ def _judge_component(series: NumericStream, c: Component, p: Sinusoids) -> tuple
     if _badness(best, c) <= p.tolerance:
         early = min((f for f in fits if _badness(f, c) <= p.tolerance), key=lambda fit: abs(fit.phase))
         if abs(early.phase) <= 2 * np.pi * p.phase_tolerance:
-            return 1.0, text, ""
+            return Part(1.0, text)
         begins = f"{np.degrees(early.phase):.0f}° into its sine instead of at 0° (180° turns its sign round)"
         reason = f"Element {c.index} has the right amplitude and frequency, but begins {begins}."
-        return p.phase_credit, text, reason
+        return Part(p.phase_credit, text, reason)
     if float(np.ptp(values)) < p.tolerance * c.amplitude:
-        return 0.0, f"[{c.index}] does not move", f"Element {c.index} does not move."
+        return Part(0.0, f"[{c.index}] does not move", f"Element {c.index} does not move.")
     clean = best.residual < 0.2 * c.amplitude
     centred = abs(best.offset) <= p.tolerance * c.amplitude
     right = [abs(ratio - 1) <= p.tolerance and clean for ratio in _ratios(best, c)]
@@ -437,7 +427,7 @@ def _judge_component(series: NumericStream, c: Component, p: Sinusoids) -> tuple
     reason += f" (wanted {c.amplitude:g} and {c.frequency_hz:g} Hz){'' if clean else ', and is no clean sine'}."
     factors = np.array(_ratios(best, c))
     slip = next((s.meaning for s in p.slips if np.allclose(factors, (s.amplitude, s.frequency), rtol=0.05)), "")
-    return 0.5 * (right[1] + (right[0] and centred)), text, f"{reason} {slip}".strip()
+    return Part(0.5 * (right[1] + (right[0] and centred)), text, f"{reason} {slip}".strip())
 
 
 def _ratios(fit: Sinusoid, c: Component) -> tuple[float, float]:

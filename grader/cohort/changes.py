@@ -14,23 +14,16 @@ Part = TypeVar("Part", CriterionResult, CheckResult)
 
 @dataclass(frozen=True)
 class Change:
-    """A criterion, a check, or all adjustments of one kind that concern the same, where points or outcome differ.
-
-    Attributes
-    ----------
-    title : str
-        The kind, for an adjustment.
-    before, after : Decimal or None
-        Points; None on the side where there is no such criterion or check.
-    outcome_before, outcome_after : Outcome or None
-        Those of a check.
-    """
+    """A criterion, a check, or all adjustments of one kind that concern the same, where points or outcome differ."""
 
     level: Literal["criterion", "check", "adjustment"]
     id: str
+    #: The kind, for an adjustment.
     title: str
+    #: Points; None on the side where there is no such criterion or check.
     before: Decimal | None
     after: Decimal | None
+    #: Those of a check.
     outcome_before: Outcome | None = None
     outcome_after: Outcome | None = None
 
@@ -42,31 +35,21 @@ class Change:
 
 @dataclass(frozen=True)
 class Changes:
-    """What differs between two judgements of one submission.
-
-    Attributes
-    ----------
-    before : Decimal or None
-        Final points; None if there was no result.
-    after : Decimal
-        Final points.
-    undecided_before, undecided_after : Decimal
-        Points that are undecided.
-    parts : tuple of Change
-        Each criterion before its checks, and adjustments last.
-    words : bool
-        Whether the result differs in anything, such as a reason, beside its provenance.
-    possible_before, possible_after : Decimal
-        Points that could be had; equal where there was no result.
-    """
+    """What differs between two judgements of one submission."""
 
     submission: str
+    #: Final points; None if there was no result.
     before: Decimal | None
+    #: Final points.
     after: Decimal
+    #: Points that are undecided.
     undecided_before: Decimal
     undecided_after: Decimal
+    #: Each criterion before its checks, and adjustments last.
     parts: tuple[Change, ...] = ()
+    #: Whether the result differs in anything, such as a reason, beside its provenance.
     words: bool = False
+    #: Points that could be had; equal where there was no result.
     possible_before: Decimal = Decimal(0)
     possible_after: Decimal = Decimal(0)
 

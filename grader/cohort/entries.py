@@ -16,29 +16,19 @@ from grader.result_folder import RECORDINGS, REPORT_FILE, RESULT_FILE
 
 @dataclass(frozen=True)
 class ClassEntry:
-    """One student of a class.
+    """One student of a class."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the submission; written by students, so not to be trusted.
-    result : Result or None
-        None if the submission was not graded, or its result is not of this version.
-    problem : str
-        Why it was not graded.
-    report : str
-        Link to the report, relative to the class page; empty if there is none.
-    submitted_at : datetime or None
-        When it was handed in, with its offset from UTC, where that is known.
-    student_id : str or None
-        By which a grade book knows the student.
-    """
-
+    #: Name of the submission; written by students, so not to be trusted.
     name: str
+    #: None if the submission was not graded, or its result is not of this version.
     result: Result | None
+    #: Why it was not graded.
     problem: str = ""
+    #: Link to the report, relative to the class page; empty if there is none.
     report: str = ""
+    #: When it was handed in, with its offset from UTC, where that is known.
     submitted_at: datetime | None = None
+    #: By which a grade book knows the student.
     student_id: str | None = None
 
 

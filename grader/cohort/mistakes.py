@@ -33,27 +33,18 @@ class Made:
 
 @dataclass(frozen=True)
 class Mistake:
-    """The same mistake of some students.
+    """The same mistake of some students."""
 
-    Attributes
-    ----------
-    check_id : str
-        The check that it failed at.
-    pattern : str
-        What went wrong; where the students' reasons differ in numbers, their span, else some of the names.
-    hint : str
-        How to fix it: what students were told.
-    lost, following : Decimal
-        Points over all of these students, as in `Made`.
-    made_by : tuple of Made
-        Whom it cost most first.
-    """
-
+    #: The check that it failed at.
     check_id: str
+    #: What went wrong; where the students' reasons differ in numbers, their span, else some of the names.
     pattern: str
+    #: How to fix it: what students were told.
     hint: str
+    #: Points over all of these students, as in `Made`.
     lost: Decimal
     following: Decimal
+    #: Whom it cost most first.
     made_by: tuple[Made, ...]
 
     @property

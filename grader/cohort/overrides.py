@@ -16,7 +16,7 @@ from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationError
 
 from grader.policy import Moment, TimeSpan, parse_time
 from grader.rubric import Rubric
@@ -72,64 +72,50 @@ def _date(value: Any) -> Any:
     return found.isoformat(timespec="minutes") if isinstance(found, datetime) else found.isoformat()
 
 
+def _bonus(points: Decimal) -> Decimal:
+    if points <= 0:
+        raise ValueError("a bonus is more than 0 points; add takes points of a check or a criterion")
+    return points
+
+
 Points = Annotated[Decimal, BeforeValidator(_points)]
 Words = Annotated[str, BeforeValidator(_words)]
 
 
 class Override(Strict):
-    """One decision about one submission or several.
-
-    Attributes
-    ----------
-    set_, add : Decimal or None
-        Points of a check or a criterion: these, or so many more (or fewer).
-    excused : True or None
-        A check or a criterion loses nothing.
-    bonus : Decimal or None
-        Points beyond the rubric's.
-    extension : timedelta or None
-        How much later it is due.
-    due, submitted : datetime or None
-        When it is due, and when it was handed in, in place of what is known.
-    """
+    """One decision about one submission or several."""
 
     submission: Annotated[tuple[str, ...], BeforeValidator(_names)]
     check: str | None = None
     criterion: str | None = None
+    #: Points of a check or a criterion: these, or so many more (or fewer).
     set_: Points | None = Field(None, alias="set")
     add: Points | None = None
+    #: A check or a criterion loses nothing.
     excused: Literal[True] | None = None
-    bonus: Points | None = None
+    #: Points beyond the rubric's.
+    bonus: Annotated[Points, AfterValidator(_bonus)] | None = None
+    #: How much later it is due.
     extension: TimeSpan | None = None
+    #: When it is due, and when it was handed in, in place of what is known.
     due: Moment | None = None
     submitted: Moment | None = None
     reason: Words
     who: Words
     when: Annotated[str, BeforeValidator(_date)]
 
-    @model_validator(mode="before")
     @classmethod
-    def _nothing_is_empty(cls, data: Any) -> Any:
-        if not isinstance(data, dict):
-            raise ValueError("an entry is a mapping")
-        empty = [str(key) for key, value in data.items() if value is None]
-        if empty:
-            raise ValueError(f"{', '.join(empty)}: a value is missing")
-        return data
-
-    @model_validator(mode="after")
-    def _one_change(self) -> Override:
-        changes = [name for name in _CHANGES if getattr(self, "set_" if name == "set" else name) is not None]
-        parts = sum(part is not None for part in (self.check, self.criterion))
+    def wrong_in(cls, plain: Mapping[str, Any]) -> Iterable[tuple[Loc, str]]:
+        """Say which values are missing, and whether it changes one thing, of what has that."""
+        yield from (((key,), "a value is missing") for key, value in plain.items() if value is None)
+        changes = [name for name in _CHANGES if name in plain]
+        parts = len({"check", "criterion"} & plain.keys())
         if len(changes) != 1:
-            raise ValueError(f"exactly one of {', '.join(_CHANGES)} is needed")
-        if changes[0] in _OF_A_PART and parts != 1:
-            raise ValueError(f"{changes[0]} needs either a check or a criterion")
-        if changes[0] not in _OF_A_PART and parts:
-            raise ValueError(f"{changes[0]} is of the whole submission, not of a check or a criterion")
-        if self.bonus is not None and self.bonus <= 0:
-            raise ValueError("a bonus is more than 0 points; add takes points of a check or a criterion")
-        return self
+            yield (), f"exactly one of {', '.join(_CHANGES)} is needed"
+        elif changes[0] in _OF_A_PART and parts != 1:
+            yield (), f"{changes[0]} needs either a check or a criterion"
+        elif changes[0] not in _OF_A_PART and parts:
+            yield (), f"{changes[0]} is of the whole submission, not of a check or a criterion"
 
     def concerns(self, submission: str) -> bool:
         """Whether it is about a submission."""
@@ -138,19 +124,13 @@ class Override(Strict):
 
 @dataclass(frozen=True)
 class Overrides:
-    """All entries of one file, in its order.
-
-    Attributes
-    ----------
-    lines : tuple of int
-        The line of each entry.
-    sha256 : str
-        Hash of the file's text; empty if there is no file.
-    """
+    """All entries of one file, in its order."""
 
     entries: tuple[Override, ...] = ()
+    #: The line of each entry.
     lines: tuple[int, ...] = ()
     name: str = ""
+    #: Hash of the file's text; empty if there is no file.
     sha256: str = ""
 
     def of(self, submission: str) -> tuple[Override, ...]:
@@ -159,8 +139,7 @@ class Overrides:
 
     def remarks(self, submissions: Iterable[str], *, times_matter: bool) -> list[str]:
         """Say which entries do nothing: they name no submission, or move a time where the rubric has no lateness."""
-        known = sorted(submissions)
-        unknown, idle = [], []
+        known, unknown, idle = sorted(submissions), [], []
         for entry, line in zip(self.entries, self.lines, strict=True):
             place = f"{self.name}:{line}"
             strangers = [name for name in entry.submission if name != EVERYONE and name not in known]

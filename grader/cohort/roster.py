@@ -13,32 +13,30 @@ from __future__ import annotations
 import csv
 import unicodedata
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
+from typing import TypeVar
 
 from grader.cohort.entries import ClassEntry
 from grader.errors import SubmissionError
+from grader.intake import Handed
 from grader.policy import parse_time
 
 NOTHING_HANDED_IN = "There is no result under this name: nothing was handed in, or under another name."
 _MOST_BYTES = 4 * 1024 * 1024
 _COLUMNS = ("name", "student_id", "submitted_at")
+T = TypeVar("T", Handed, ClassEntry)
 
 
 @dataclass(frozen=True)
 class Student:
-    """A student of the class.
-
-    Attributes
-    ----------
-    submitted_at : datetime or None
-        With its offset from UTC.
-    """
+    """A student of the class."""
 
     name: str
     student_id: str | None = None
+    #: With its offset from UTC.
     submitted_at: datetime | None = None
 
 
@@ -96,27 +94,16 @@ def _listed(row: dict[str, str]) -> Student:
 # -- whose what is -----------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Match:
-    """What a list knows of something that was handed in.
+def matches(
+    students: Sequence[Student], items: Sequence[T], names_of: Callable[[T], Sequence[str]]
+) -> list[tuple[T, int | None, frozenset[int]]]:
+    """Find the student of each thing that was handed in, by the id and the names that it bears, however written.
 
-    Attributes
-    ----------
-    student : Student or None
-        Whose it is; None if the list does not tell.
-    may_be : frozenset of int
-        Places in the list of all that it may belong to.
+    Returns each with what is known of its student, their place in the list, None if that does not tell, and the
+    places of all that it may belong to. A name that two students have, or that two things bear under different ids,
+    does not tell whose they are.
     """
-
-    student: Student | None
-    may_be: frozenset[int]
-
-
-def matches(students: Sequence[Student], borne: Sequence[tuple[str | None, Sequence[str]]]) -> list[Match]:
-    """Find the student of each thing, by the id and the names that it bears, in whatever case and however parted.
-
-    A name that two students have, or that two things bear under different ids, does not tell whose they are.
-    """
+    borne = [(item.student_id, names_of(item)) for item in items]
     called: dict[str, set[int]] = defaultdict(set)
     for place, student in enumerate(students):
         # Of a download, folders are called after both.
@@ -127,27 +114,23 @@ def matches(students: Sequence[Student], borne: Sequence[tuple[str | None, Seque
     for student_id, names in borne:
         for key in _keys(student_id, *names):
             bearing[key].add(student_id or names[0])
-    found = []
-    for student_id, names in borne:
+    found: list[tuple[T, int | None, frozenset[int]]] = []
+    for item, (student_id, names) in zip(items, borne, strict=True):
         keys = [key for key in _keys(student_id, *names) if key in called]
         telling = [key for key in keys if len(bearing[key]) == 1 or key in _keys(student_id)]
         sure = next((min(called[key]) for key in telling if len(called[key]) == 1), None)
+        known = students[sure] if sure is not None else Student("")
+        student_id, time = known.student_id or item.student_id, known.submitted_at or item.submitted_at
         may_be = frozenset(place for key in keys for place in called[key])
-        found.append(Match(students[sure] if sure is not None else None, may_be))
+        found.append((replace(item, student_id=student_id, submitted_at=time), sure, may_be))
     return found
 
 
 def with_roster(entries: Sequence[ClassEntry], students: Sequence[Student]) -> list[ClassEntry]:
     """Return the entries with what a list knows of them, and one for each student of it who has none, by name."""
-    found = matches(students, [(e.student_id, (e.name, _without_id(e))) for e in entries])
-    completed = {}
-    for entry, match in zip(entries, found, strict=True):
-        known = match.student or Student("")
-        submitted_at = known.submitted_at or entry.submitted_at
-        completed[entry.name] = replace(
-            entry, submitted_at=submitted_at, student_id=known.student_id or entry.student_id
-        )
-    there = [match.student for match in found]
+    found = matches(students, entries, lambda entry: (entry.name, _without_id(entry)))
+    completed = {entry.name: entry for entry, _, _ in found}
+    there = [students[place] for _, place, _ in found if place is not None]
     for student in (student for student in students if student not in there):
         name = student.name or student.student_id or ""
         missing = ClassEntry(name, None, NOTHING_HANDED_IN, "", student.submitted_at, student.student_id)

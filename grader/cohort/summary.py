@@ -25,15 +25,10 @@ UNCERTAIN = "This may have another cause than the submission."
 
 @dataclass(frozen=True)
 class Row:
-    """One student.
-
-    Attributes
-    ----------
-    cells : tuple of CriterionResult or None
-        By criterion of the rubric; None for one that was not judged.
-    """
+    """One student."""
 
     entry: ClassEntry
+    #: By criterion of the rubric; None for one that was not judged.
     cells: tuple[CriterionResult | None, ...]
 
     @property
@@ -83,25 +78,18 @@ class Need(str, Enum):
 
 @dataclass(frozen=True)
 class Todo:
-    """Something that a person has to look at.
+    """Something that a person has to look at."""
 
-    Attributes
-    ----------
-    row : int
-        Place of the student in the class, from 0.
-    points : Decimal
-        Points that hang on it.
-    titles, texts : tuple of str
-        What it is about (titles of checks, or kinds of violations), and what is known of it, each sentence once.
-    check_id : str
-        The first check concerned; empty if it is about no check.
-    """
-
+    #: Place of the student in the class, from 0.
     row: int
     need: Need
+    #: Points that depend on it.
     points: Decimal
+    #: Titles of checks, or kinds of violations.
     titles: tuple[str, ...]
+    #: What is known of it, each sentence once.
     texts: tuple[str, ...]
+    #: The first check concerned; empty if it is about no check.
     check_id: str = ""
 
 
@@ -146,17 +134,6 @@ class Silent(str, Enum):
 class CheckStatistics:
     """What a check tells about a class, over the submissions for which it is decided.
 
-    Attributes
-    ----------
-    column : int
-        Place of its criterion, from 0.
-    decided, passed : int
-        Number of those submissions, and of those that passed it.
-    mean_credit : float or None
-        Mean share of its points, from 0 to 1; None if it is decided for nobody.
-    discrimination : float or Silent
-        Whether it tells strong submissions from weak ones: see Notes.
-
     Notes
     -----
     The discrimination is the corrected item-total correlation: Pearson's correlation between the check's credit
@@ -172,11 +149,15 @@ class CheckStatistics:
 
     id: str
     title: str
+    #: Place of its criterion, from 0.
     column: int
     points: Decimal
+    #: Number of those submissions, and of those that passed it.
     decided: int
     passed: int
+    #: Mean share of its points, from 0 to 1; None if it is decided for nobody.
     mean_credit: float | None
+    #: Whether it tells strong submissions from weak ones: see Notes.
     discrimination: float | Silent
 
 
@@ -192,28 +173,20 @@ class Column:
 
 @dataclass(frozen=True)
 class ClassSummary:
-    """A class.
-
-    Attributes
-    ----------
-    rows : tuple of Row
-        In the order of the entries.
-    spread : Spread or None
-        None if nothing was graded.
-    todos : tuple of Todo
-        By kind, in the order of `Need`.
-    chance : float or None
-        Correlations nearer to 0 than this are what chance alone would give in a class of this size (two standard
-        errors).
-    """
+    """A class."""
 
     lab: str
+    #: In the order of the entries.
     rows: tuple[Row, ...]
     columns: tuple[Column, ...]
+    #: None if nothing was graded.
     spread: Spread | None
     checks: tuple[CheckStatistics, ...]
     mistakes: tuple[Mistake, ...]
+    #: By kind, in the order of `Need`.
     todos: tuple[Todo, ...]
+    #: Correlations nearer to 0 than this are what chance alone would give in a class of this size (two standard
+    #: errors).
     chance: float | None
 
 

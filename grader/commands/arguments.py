@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.text import Text
 
 from grader.errors import GraderError, RubricError
-from grader.report.plain import terminal_text
+from grader.report.escape import terminal_text
 
 if TYPE_CHECKING:
     from argparse import _ActionsContainer

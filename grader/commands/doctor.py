@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.text import Text
 
 from grader.commands.arguments import add_flag, add_path
-from grader.report.plain import terminal_text
+from grader.report.escape import terminal_text
 
 #: Exit status when something keeps this machine from grading.
 _UNFIT = 1

@@ -8,7 +8,6 @@ import sys
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -226,7 +225,7 @@ def _grade_one(handed: Handed, rubric: Rubric, live: Options, options: argparse.
     from grader.timings import Stopwatch
 
     output, watch = options.output, Stopwatch()
-    results, now = output / handed.name, datetime.now(timezone.utc)
+    results = output / handed.name
     if not options.replace:
         require_same_source(results, handed.source)
     before = audit.text_of(results / result_folder.RESULT_FILE)
@@ -236,13 +235,12 @@ def _grade_one(handed: Handed, rubric: Rubric, live: Options, options: argparse.
             rubric,
             results,
             live,
-            lambda p: display.update(p.session, p.text, p.step, p.steps, p.ended),
+            lambda p: display.note(p.session, p.text, p.step, p.steps, p.ended),
             watch=watch,
         )
     if live.overrides.sha256:  # Else nobody decides anything here, and a student's tries need no trail.
         after = (results / result_folder.RESULT_FILE).read_text(encoding="utf-8")
-        occasion = audit.Occasion(now, "grade", live.overrides.sha256)
-        audit.note_replaced(output, handed.name, before, after, occasion)
+        audit.note_replaced(output, handed.name, before, after, "grade", overrides_sha256=live.overrides.sha256)
     print_result(console, result)
     if live.sessions is not None:
         only = ", ".join(live.sessions)
@@ -330,7 +328,7 @@ def _report_class(
     rows: Sequence[Row], missing: Sequence[str], rubric: Rubric, options: argparse.Namespace, console: Console
 ) -> None:
     """Write the class page and the table of grades, over all results that lie in the folder."""
-    from grader.batch.class_entries import entries_of
+    from grader.batch.class_run import entries_of
     from grader.cohort.roster import read_class_list, with_roster
     from grader.commands.report import report_class
 

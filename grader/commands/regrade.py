@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Sequence
-from datetime import datetime, timezone
 from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -96,15 +95,14 @@ def run(arguments: Sequence[str], console: Console) -> int:
 
 
 def _regrade_one(folder: Path, options: argparse.Namespace, console: Console) -> Decimal:
-    from grader.batch.audit import Occasion
     from grader.batch.regrade import regrade
     from grader.report.changes import changes_table
     from grader.report.terminal import print_result
 
-    found = regrade([folder], options.rubric, options.overrides, prepare=True, trusted=options.trust_lab)
+    found = regrade([folder], options.rubric, options.overrides, pages=True, trusted=options.trust_lab)
     for error in found.failed.values():
         raise error
-    found.apply(Occasion(datetime.now(timezone.utc), "regrade", found.overrides.sha256))
+    found.apply()
     ((name, judged),) = found.judged.items()
     print_result(console, judged.result)
     for remark in found.remarks(whole_class=False):
@@ -117,7 +115,6 @@ def _regrade_one(folder: Path, options: argparse.Namespace, console: Console) ->
 
 def _regrade_class(folder: Path, options: argparse.Namespace, console: Console) -> int:
     from grader import result_folder
-    from grader.batch.audit import Occasion
     from grader.batch.regrade import recorded_in, regrade
     from grader.report.changes import CHANGES_FILE, changes_csv, print_changes
 
@@ -129,7 +126,7 @@ def _regrade_class(folder: Path, options: argparse.Namespace, console: Console) 
             folders,
             options.rubric,
             options.overrides,
-            prepare=options.apply,
+            pages=options.apply,
             trusted=options.trust_lab,
             jobs=options.jobs,
             on_judged=lambda name: progress.advance(task),
@@ -139,7 +136,7 @@ def _regrade_class(folder: Path, options: argparse.Namespace, console: Console) 
     matter = [changes for changes in found.changes.values() if changes.matters]
     replace_file(folder / CHANGES_FILE, changes_csv(matter))
     if options.apply:
-        found.apply(Occasion(datetime.now(timezone.utc), "regrade", found.overrides.sha256))
+        found.apply()
     for remark in found.remarks():
         print_note(console, f"Note: {remark}")
     written = "The results are written." if options.apply else "No result is written yet; --apply writes them."

@@ -18,7 +18,7 @@ from rich.text import Text
 
 from grader.commands.arguments import BELOW, add_flag, add_jobs, add_path, parser_of, print_note
 from grader.errors import SubmissionError
-from grader.report.plain import terminal_text
+from grader.report.escape import terminal_text
 
 if TYPE_CHECKING:
     from grader.batch.expectations import Fixture
@@ -106,7 +106,7 @@ def _run(
     from grader.batch.class_run import Here
     from grader.batch.machine import Machine
     from grader.batch.progress import RunProgress
-    from grader.batch.selftest import Selftest
+    from grader.batch.selftest import run_fixtures
     from grader.live.probing import probe_isolation
 
     interpreter = Path(sys.executable)
@@ -118,5 +118,5 @@ def _run(
         options.output.mkdir(parents=True, exist_ok=True)
     folder = tempfile.TemporaryDirectory() if options.output is None else nullcontext(str(options.output))
     with folder as path, RunProgress(console, machine.places, "fixtures") as display:
-        selftest = Selftest(rubric, live, Here(isolation, machine), Path(path), display)
-        return asyncio.run(selftest.run(fixtures))
+        here = Here(isolation, machine)
+        return asyncio.run(run_fixtures(fixtures, rubric, live, here, Path(path), display))

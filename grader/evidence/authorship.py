@@ -58,7 +58,7 @@ def _told_apart(stream: Stream, told: Sequence[Published]) -> tuple[NDArray[np.b
 
     What was recorded twice, as the source timestamp tells, is neither the second time.
     """
-    digests = [_digests(entry) for entry in told]
+    digests = [digests_of(entry) for entry in told]
     taken: dict[tuple[int, int], int] = {}
     mine, theirs = np.zeros(len(stream), dtype=bool), np.zeros(len(stream), dtype=bool)
     rows = zip(stream.sequence.tolist(), stream.source_ns.tolist(), stream.data, strict=True)
@@ -78,5 +78,6 @@ def _told_apart(stream: Stream, told: Sequence[Published]) -> tuple[NDArray[np.b
     return mine, theirs
 
 
-def _digests(entry: Published) -> list[str]:
+def digests_of(entry: Published) -> list[str]:
+    """Return the digests that a process told, in the order of its publications."""
     return [entry.digests[n : n + DIGEST_DIGITS] for n in range(0, len(entry.digests), DIGEST_DIGITS)]

@@ -14,11 +14,12 @@ import itertools
 import signal
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from grader.evidence.recorded import Recorded, Span
+from grader.evidence.recorded import Recorded, Sighting, Span
 from grader.evidence.unrecorded import dropped
 from grader.recording.bag import Stream
 from grader.recording.session import (
@@ -26,7 +27,6 @@ from grader.recording.session import (
     PARTICIPANT_DIGITS,
     PROCESS_DIGITS,
     UNKNOWN_NODE,
-    Endpoint,
     GraphSnapshot,
     ProcessRun,
     ServiceClient,
@@ -68,30 +68,22 @@ class Touched:
     whole: bool = False
 
 
-@dataclass(frozen=True)
-class _Sighting:
-    """An endpoint with the time that it was in the graph; its node is that of its participant if it is unknown."""
-
-    endpoint: Endpoint
-    span: Span
-
-
 class _Census:
     def __init__(self, recorded: Recorded, reference_nodes: Mapping[str, str]) -> None:
-        self.recorded = recorded
-        self.record = recorded.record
-        self.session = recorded.record.session
+        self.recorded, self.record = recorded, recorded.record
         told = {t.process for t in self.record.trusted}
         #: Names of reference nodes, whether they run in this session or not; and those that run, by process.
         self.nodes = frozenset(reference_nodes.values())
         self.running = {name: node for name, node in reference_nodes.items() if name in told}
-        self.seen = _sightings(recorded)
-        self.strangers = [s for s in self.seen if not recorded.is_trusted(s.endpoint.gid)]
+        self.ours = [s for s in recorded.sightings if recorded.is_trusted(s.endpoint.gid)]
+        self.strangers = [s for s in recorded.sightings if not recorded.is_trusted(s.endpoint.gid)]
+        self.topics = frozenset(info.topic for info in recorded.bag.topics)
+        self.clocks = frozenset(info.topic for info in recorded.bag.topics if info.topic_type == _CLOCK_TYPE)
 
     def seconds(self, *times_ns: int) -> list[float]:
         return [round(self.recorded.since_start_s(t), 2) for t in times_ns]
 
-    def violation(
+    def touched(
         self,
         kind: ViolationKind,
         text: str,
@@ -99,16 +91,19 @@ class _Census:
         span: Span,
         topic: str | None = None,
         *,
+        spoilt: Iterable[str] = (),
+        whole: bool = False,
         certain: bool = True,
-    ) -> Violation:
+    ) -> Touched:
         start_s, end_s = self.seconds(span.start_ns, span.end_ns)
-        where = Where(session=self.session, topic=topic, start_s=start_s, end_s=end_s)
-        return Violation(kind, self.session, text, tuple(evidence), where, certain)
+        where = Where(session=self.record.session, topic=topic, start_s=start_s, end_s=end_s)
+        violation = Violation(kind, self.record.session, text, tuple(evidence), where, certain)
+        return Touched(violation, frozenset(spoilt), whole)
 
-    def described(self, sightings: Sequence[_Sighting]) -> Iterator[str]:
+    def described(self, sightings: Sequence[Sighting]) -> Iterator[str]:
         for sighting in sightings[:_MOST_NAMED]:
             endpoint = sighting.endpoint
-            start_s, end_s = self.seconds(sighting.span.start_ns, sighting.span.end_ns)
+            start_s, end_s = self.seconds(sighting.start_ns, sighting.end_ns)
             node = "a node that never told its name" if UNKNOWN_NODE in endpoint.node else f"node {endpoint.node}"
             kind, gid = endpoint.kind, endpoint.gid
             yield f"{kind} on {endpoint.topic} of {node}, gid {gid}, in the graph from {start_s:g} to {end_s:g} s"
@@ -119,7 +114,7 @@ class _Census:
 
     def impersonated(self) -> Iterator[Touched]:
         """Find nodes of the submission under a name that is the grader's."""
-        by_name: dict[str, list[_Sighting]] = {}
+        by_name: dict[str, list[Sighting]] = {}
         for sighting in self.strangers:
             node = sighting.endpoint.node
             if node in self.nodes or node.startswith(GRADER_NAMESPACE + "/"):
@@ -129,11 +124,10 @@ class _Census:
             if name == GRADER_NAMESPACE:
                 text = f"Nodes of the submission are in the grader's own namespace {name}."
             evidence = list(self.described(sightings))
-            own = [s.endpoint.gid for s in self.seen if s.endpoint.node == name and self._is_ours(s)]
+            own = [s.endpoint.gid for s in self.ours if s.endpoint.node == name]
             if own:
                 evidence.append(f"the grader's own node has gids that begin with {min(own)[:PARTICIPANT_DIGITS]}")
-            violation = self.violation(ViolationKind.IMPERSONATES_NODE, text, evidence, _whole(sightings))
-            yield Touched(violation, frozenset({name}))
+            yield self.touched(ViolationKind.IMPERSONATES_NODE, text, evidence, _whole(sightings), spoilt={name})
 
     def asked_to_change(self) -> Iterator[Touched]:
         """Find clients of the services that would set parameters of a reference node, if it had them."""
@@ -150,41 +144,33 @@ class _Census:
             if offered.isdisjoint(name for name, _ in clients):
                 text += " It has no such service, so nothing of it was changed."
             evidence = [f"client of {name} in node {node}" for name, node in clients[:_MOST_NAMED]]
-            span = Span(seen[0][0], seen[-1][0])
-            yield Touched(self.violation(ViolationKind.CHANGES_REFERENCE, text, evidence, span))
+            yield self.touched(ViolationKind.CHANGES_REFERENCE, text, evidence, Span(seen[0][0], seen[-1][0]))
 
     def second_servers(self) -> Iterator[Touched]:
         """Find services that the submission offers beside a reference node, or from two of its own programs."""
-        impersonated = {s.endpoint.node for s in self.strangers}
-        ours = {node for node in self.running.values() if node not in impersonated}
-        beside: dict[str, dict[str, list[int]]] = {}
-        between: dict[str, dict[str, list[int]]] = {}
-        for graph, service, nodes in self._offers():
-            theirs = nodes - self.nodes
-            if service not in self.recorded.awaited and nodes & ours:
-                found = beside
-            elif service in self.recorded.awaited and self._rivals(graph, theirs):
-                found = between
-            else:
-                continue
-            for node in theirs:
-                found.setdefault(service, {}).setdefault(node, []).append(graph.t_ns)
-        for service, seen in beside.items():
-            text = f"The submission offers the service {service}, as a node of the grader's does."
-            yield Touched(self._served(service, seen, text), frozenset({service}))
-        for service, seen in between.items():
-            named = " and ".join(sorted(seen)[:_MOST_NAMED])
-            text = f"{named} of the submission both offer the service {service}; which of them answered is not known."
-            yield Touched(self._served(service, seen, text))
-
-    def _offers(self) -> Iterator[tuple[GraphSnapshot, str, set[str]]]:
-        """Give each service in each snapshot, with the nodes that offer it."""
+        ours = set(self.running.values()) - {s.endpoint.node for s in self.strangers}
+        found: dict[str, list[tuple[int, str]]] = {}
         for graph in self.record.graph:
             offers: dict[str, set[str]] = {}
             for offer in graph.services:
                 offers.setdefault(offer.name, set()).add(offer.node)
             for service, nodes in offers.items():
-                yield graph, service, nodes
+                theirs = nodes - self.nodes
+                if self._rivals(graph, theirs) if service in self.recorded.awaited else nodes & ours:
+                    found.setdefault(service, []).extend((graph.t_ns, node) for node in theirs)
+        for service, seen in found.items():
+            if not seen:
+                continue
+            listed = sorted({node for _, node in seen})[:_MOST_NAMED]
+            evidence = [f"server of {service} in node {node}" for node in listed]
+            beside = service not in self.recorded.awaited
+            text = f"The submission offers the service {service}, as a node of the grader's does."
+            if not beside:
+                who = f"{' and '.join(listed)} of the submission both offer the service {service}"
+                text = f"{who}; which of them answered is not known."
+            span = Span(seen[0][0], seen[-1][0])
+            spoilt = {service} if beside else ()
+            yield self.touched(ViolationKind.SECOND_SERVER, text, evidence, span, service, spoilt=spoilt)
 
     def _rivals(self, graph: GraphSnapshot, nodes: set[str]) -> bool:
         """Whether nodes belong to programs that are different: not to one that was started twice, or came back."""
@@ -197,12 +183,6 @@ class _Census:
         ]
         return len(nodes) > 1 and apart and len(set(alive)) == len(alive)
 
-    def _served(self, service: str, seen: Mapping[str, Sequence[int]], text: str) -> Violation:
-        evidence = [f"server of {service} in node {node}" for node in sorted(seen)[:_MOST_NAMED]]
-        times_ns = [t for times in seen.values() for t in times]
-        span = Span(min(times_ns), max(times_ns))
-        return self.violation(ViolationKind.SECOND_SERVER, text, evidence, span, service)
-
     # -- disturbances ------------------------------------------------------------------------
 
     def brought_down(self) -> Iterator[Touched]:
@@ -213,21 +193,19 @@ class _Census:
         """
         for run in self.record.processes:
             span = Span(run.started_ns, run.exited_ns or self.record.ended_ns)
-            if run.role == "student" or not _brought_down(run) or self._machine_was_late(span):
-                continue
-            what = f"node {self.running[run.name]}" if run.name in self.running else f"process {run.name}"
-            text = f"The grader's own {what} {_end(run)} while programs of the submission were running."
-            yield self._disturbed(ViolationKind.ENDS_REFERENCE, text, [], span, whole=True)
+            end = _brought_down(run) if run.role != "student" else ""
+            if end and not self._machine_was_late(span):
+                what = f"node {self.running[run.name]}" if run.name in self.running else f"process {run.name}"
+                text = f"The grader's own {what} {end} while programs of the submission were running."
+                yield self._disturbed(ViolationKind.ENDS_REFERENCE, text, span, whole=True)
 
     def kept_from_recorder(self) -> Iterator[Touched]:
         """Find messages of the grader's that never reached its recorder, though the machine did not hold it up."""
         span = Span(self.record.started_ns, self.record.ended_ns)
         for missing in dropped(self.recorded) if not self._machine_was_late(span) else ():
             text = f"{missing.text} Packets in the grader's name can do that, and the machine was not busy."
-            spoilt = frozenset({missing.topic})
-            if any(i.topic == missing.topic and i.topic_type == _CLOCK_TYPE for i in self.recorded.bag.topics):
-                spoilt = frozenset(info.topic for info in self.recorded.bag.topics)
-            yield self._disturbed(ViolationKind.DISTURBS_RECORDING, text, spoilt, span, missing.topic)
+            spoilt = self.topics if missing.topic in self.clocks else {missing.topic}
+            yield self._disturbed(ViolationKind.DISTURBS_RECORDING, text, span, missing.topic, spoilt=spoilt)
 
     def not_in_order(self) -> Iterator[Touched]:
         """Find what else kept an experiment from being carried out in order, again and again, on an idle machine.
@@ -246,109 +224,91 @@ class _Census:
             f"In {self.record.times_recorded} recordings the experiment could not be carried out in order while "
             "programs of the submission were running, and the machine was not busy."
         )
-        yield Touched(self.violation(ViolationKind.DISTURBS_RECORDING, text, problems, span, certain=False))
+        yield self.touched(ViolationKind.DISTURBS_RECORDING, text, problems, span, certain=False)
 
-    def _disturbed(
-        self,
-        kind: ViolationKind,
-        text: str,
-        spoilt: Iterable[str],
-        span: Span,
-        topic: str | None = None,
-        *,
-        whole: bool = False,
-    ) -> Touched:
+    def _disturbed(self, kind: ViolationKind, text: str, span: Span, topic: str | None = None, **more: Any) -> Touched:
         repeated = self.record.disturbed_before
         evidence = [f"so in recording number {self.record.attempt}" + " and in one before" * repeated]
-        violation = self.violation(kind, text, evidence, span, topic, certain=repeated)
-        return Touched(violation, frozenset(spoilt), whole)
+        return self.touched(kind, text, evidence, span, topic, certain=repeated, **more)
 
     def _machine_was_late(self, span: Span) -> bool:
         """Whether it may be the machine's doing, and not that of programs that are busy themselves."""
-        students = [run for run in self.record.processes if run.role == "student"]
-        own_s = sum(self.recorded.cpu_s(run, span) for run in students)
-        return self.recorded.recorder_delay_s(span) > _LATE * span.duration_s and own_s < _OWN_DOING * span.duration_s
+        late = self.recorded.recorder_delay_s(span) > _LATE * span.duration_s
+        return late and self.recorded.students_cpu_s(span) < _OWN_DOING * span.duration_s
 
     # -- topics -------------------------------------------------------------------------------
 
     def published(self) -> Iterator[Touched]:
         """Find messages of others on topics on which only the grader is to publish."""
-        ours = {s.endpoint.topic for s in self.seen if self._is_ours(s) and s.endpoint.kind == "publisher"}
+        ours = {s.endpoint.topic for s in self.ours if s.endpoint.kind == "publisher"}
         topics = ours | {entry.topic for entry in self.record.published}
         for topic in sorted(topics - self.recorded.awaited - set(_SHARED_TOPICS)):
             publishers = [s for s in self.strangers if s.endpoint.kind == "publisher" and s.endpoint.topic == topic]
             apart = self.recorded.authorship(topic)
-            if apart is None and publishers:
-                yield from self._mixed(topic, publishers)
-            elif apart is not None and len(apart.others_ns):
+            if apart is not None and len(apart.others_ns):
                 span = Span(int(apart.others_ns[0]), int(apart.others_ns[-1]))
                 start_s, end_s = self.seconds(span.start_ns, span.end_ns)
-                count = len(apart.others_ns)
-                evidence = [
-                    f"{count} messages recorded on {topic} from {start_s:g} to {end_s:g} s are none of the grader's "
-                    f"{len(apart.own)}"
-                ]
-                yield self._on_topic(topic, publishers, evidence, span)
+                count = f"{len(apart.others_ns)} messages recorded on {topic} from {start_s:g} to {end_s:g} s"
+                yield self._on_topic(topic, publishers, f"{count} are none of the grader's {len(apart.own)}", span)
+            elif apart is None and publishers and (mixed := self._mixed(topic)):
+                yield self._on_topic(topic, publishers, mixed, _whole(publishers))
 
-    def _is_ours(self, sighting: _Sighting) -> bool:
-        return self.recorded.is_trusted(sighting.endpoint.gid)
-
-    def _mixed(self, topic: str, publishers: Sequence[_Sighting]) -> Iterator[Touched]:
-        """Find publishers whose messages cannot be told from the grader's: nothing there can be measured."""
+    def _mixed(self, topic: str) -> str:
+        """Say why messages of others cannot be told from the grader's; empty where they need not."""
         stream = self.recorded.bag.stream(topic)
-        evidence = []
         if repeated := _repeated(stream):
-            evidence = [f"{repeated} of {len(stream)} messages recorded there repeat a publication sequence number"]
-        elif len(stream) and any(entry.digests for entry in self.recorded.published_on(topic)):
-            evidence = [f"none of {len(stream)} messages recorded there is one of the grader's"]
-        if evidence:
-            touched = self._on_topic(topic, publishers, evidence, _whole(publishers))
-            yield replace(touched, spoilt=touched.spoilt | {topic})
+            return f"{repeated} of {len(stream)} messages recorded there repeat a publication sequence number"
+        if len(stream) and any(entry.digests for entry in self.recorded.published_on(topic)):
+            return f"none of {len(stream)} messages recorded there is one of the grader's"
+        return ""
 
-    def _on_topic(self, topic: str, publishers: Sequence[_Sighting], evidence: list[str], span: Span) -> Touched:
-        whose = ", ".join(sorted({s.endpoint.node for s in publishers if UNKNOWN_NODE not in s.endpoint.node})[:3])
-        who = f"The submission ({whose})" if whose else "The submission"
-        evidence += self.described(publishers) if publishers else ["no publisher of theirs was seen in the graph"]
-        certain = bool(publishers)
-        if any(info.topic == topic and info.topic_type == _CLOCK_TYPE for info in self.recorded.bag.topics):
+    def _on_topic(self, topic: str, publishers: Sequence[Sighting], seen: str, span: Span) -> Touched:
+        named = sorted({s.endpoint.node for s in publishers if UNKNOWN_NODE not in s.endpoint.node})[:3]
+        who = f"The submission ({', '.join(named)})" if named else "The submission"
+        evidence = [
+            seen,
+            *(self.described(publishers) if publishers else ["no publisher of theirs was seen in the graph"]),
+        ]
+        # Where the grader's own messages are known, what rests on the topic is judged by them alone.
+        spoilt = {topic} if self.recorded.authorship(topic) is None else set()
+        if topic in self.clocks:
+            kind, spoilt = (
+                ViolationKind.SPOOFS_CLOCK,
+                spoilt | self.topics,
+            )  # All that is paced by the time rests on it.
             text = f"{who} published time on {topic}, where in this session the grader's own clock is."
-            violation = self.violation(ViolationKind.SPOOFS_CLOCK, text, evidence, span, topic, certain=certain)
-            # All that is paced by the time hangs on it, whatever its topic.
-            return Touched(violation, frozenset(info.topic for info in self.recorded.bag.topics))
-        text = f"{who} published on {topic}, where in this session only the grader is to publish."
-        kind = ViolationKind.PUBLISHES_ON_REFERENCE_TOPIC
-        if self.recorded.authorship(topic) is not None:
-            evidence.append("what rests on this topic was judged by the grader's own messages alone")
-        return Touched(self.violation(kind, text, evidence, span, topic, certain=certain))
+        else:
+            kind = ViolationKind.PUBLISHES_ON_REFERENCE_TOPIC
+            text = f"{who} published on {topic}, where in this session only the grader is to publish."
+            if not spoilt:
+                evidence.append("what rests on this topic was judged by the grader's own messages alone")
+        return self.touched(kind, text, evidence, span, topic, spoilt=spoilt, certain=bool(publishers))
 
     # -- logs ---------------------------------------------------------------------------------
 
     def forged(self) -> Iterator[Touched]:
         """Find log messages and parameter events in the name of a node of ours: none of them ever sends any."""
-        theirs = {s.endpoint.node for s in self.strangers}
-        names = {node for node in (*self.nodes, f"{GRADER_NAMESPACE}/probe") if node not in theirs}
+        names = {*self.nodes, f"{GRADER_NAMESPACE}/probe"} - {s.endpoint.node for s in self.strangers}
         log = self.recorded.bag.stream("/rosout", "rcl_interfaces/msg/Log")
-        loggers = {node.strip("/").replace("/", "."): node for node in names}
-        said = _naming(log, "name", loggers)
-        if said:
-            text = "Log messages on /rosout have the name of a node of the grader's, which sends none."
-            yield self._forged(ViolationKind.FORGES_ROSOUT, text, log, said)
+        said = _naming(log, "name", {node.strip("/").replace("/", "."): node for node in names})
+        text = "Log messages on /rosout have the name of a node of the grader's, which sends none."
+        yield from self._forged(ViolationKind.FORGES_ROSOUT, text, log, said)
         events = self.recorded.bag.stream("/parameter_events", "rcl_interfaces/msg/ParameterEvent")
         told = _naming(events, "node", {node: node for node in names})
         # When a node is made it declares its parameters; no parameter of ours is changed later.
-        rows = np.isin(np.arange(len(events)), list(told))
-        changes = events.only(rows).field("changed_parameters")
+        changes = events.only(np.isin(np.arange(len(events)), list(told))).field("changed_parameters")
         told = {row: node for (row, node), changed in zip(sorted(told.items()), changes, strict=True) if changed}
-        if told:
-            text = "Events on /parameter_events tell of changed parameters of the grader's, where none can be changed."
-            yield self._forged(ViolationKind.FORGES_PARAMETER_EVENTS, text, events, told)
+        text = "Events on /parameter_events tell of changed parameters of the grader's, where none can be changed."
+        yield from self._forged(ViolationKind.FORGES_PARAMETER_EVENTS, text, events, told)
 
-    def _forged(self, kind: ViolationKind, text: str, stream: Stream, rows: Mapping[int, str]) -> Touched:
-        times_ns = stream.received_ns[list(rows)]
-        span = Span(int(times_ns[0]), int(times_ns[-1]))
-        counts = Counter(rows.values())
-        evidence = [f"{counts[node]} messages in the name of {node}" for node in sorted(counts)]
-        return Touched(self.violation(kind, text, evidence, span, stream.topic))
+    def _forged(self, kind: ViolationKind, text: str, stream: Stream, rows: Mapping[int, str]) -> Iterator[Touched]:
+        if rows:
+            times_ns = stream.received_ns[list(rows)]
+            span = Span(int(times_ns[0]), int(times_ns[-1]))
+            evidence = [
+                f"{count} messages in the name of {node}" for node, count in sorted(Counter(rows.values()).items())
+            ]
+            yield self.touched(kind, text, evidence, span, stream.topic)
 
 
 def census(recorded: Recorded, reference_nodes: Mapping[str, str]) -> tuple[Touched, ...]:
@@ -374,31 +334,8 @@ def census(recorded: Recorded, reference_nodes: Mapping[str, str]) -> tuple[Touc
     )
 
 
-def _sightings(recorded: Recorded) -> tuple[_Sighting, ...]:
-    """Return all endpoints that were ever in the graph, by gid, topic and kind."""
-    graphs = recorded.record.graph
-    ends_ns = [graph.t_ns for graph in graphs[1:]] + [recorded.record.ended_ns] * bool(graphs)
-    found: dict[tuple[str, str, str], _Sighting] = {}
-    nodes: dict[str, str] = {}
-    for graph, end_ns in zip(graphs, ends_ns, strict=True):
-        for endpoint in graph.endpoints:
-            key = (endpoint.gid, endpoint.topic, endpoint.kind)
-            known = found.get(key)
-            # The name of its node may be unknown at first, and again at the end.
-            named = known.endpoint if known is not None and UNKNOWN_NODE in endpoint.node else endpoint
-            found[key] = _Sighting(named, Span(known.span.start_ns if known is not None else graph.t_ns, end_ns))
-            if UNKNOWN_NODE not in endpoint.node:
-                nodes.setdefault(endpoint.gid[:PARTICIPANT_DIGITS], endpoint.node)
-    return tuple(
-        replace(s, endpoint=replace(s.endpoint, node=nodes.get(s.endpoint.gid[:PARTICIPANT_DIGITS], s.endpoint.node)))
-        if UNKNOWN_NODE in s.endpoint.node
-        else s
-        for s in found.values()
-    )
-
-
-def _whole(sightings: Sequence[_Sighting]) -> Span:
-    return Span(min(s.span.start_ns for s in sightings), max(s.span.end_ns for s in sightings))
+def _whole(sightings: Sequence[Sighting]) -> Span:
+    return Span(min(s.start_ns for s in sightings), max(s.end_ns for s in sightings))
 
 
 def _repeated(stream: Stream) -> int:
@@ -420,18 +357,12 @@ def _naming(stream: Stream, field: str, names: Mapping[str, str]) -> dict[int, s
     return {row: names[value] for row, value in zip(rows, values, strict=True) if value in names}
 
 
-def _brought_down(run: ProcessRun) -> bool:
-    """Whether a process of the grader's was ended by something in its native code, or had to be killed."""
-    if run.ended_by in ("terminate", "kill"):
-        return True
-    memory = any(word in line.text for line in run.output[-5:] for word in _OUT_OF_MEMORY)
-    crashed = (run.exit_status or 0) < 0 and run.exit_status not in _SENT_BY_OTHERS
-    return run.ended_by == "itself" and (crashed or memory)
-
-
-def _end(run: ProcessRun) -> str:
+def _brought_down(run: ProcessRun) -> str:
+    """Say that a process of the grader's was ended by something in its native code, or had to be killed, if so."""
     if run.ended_by in ("terminate", "kill"):
         return "no longer heeded anybody and had to be killed"
-    if (run.exit_status or 0) < 0:
-        return f"ended by signal {-(run.exit_status or 0)}"
-    return f"ended with exit status {run.exit_status}"
+    status = run.exit_status or 0
+    if run.ended_by == "itself" and status < 0 and status not in _SENT_BY_OTHERS:
+        return f"ended by signal {-status}"
+    out_of_memory = any(word in line.text for line in run.output[-5:] for word in _OUT_OF_MEMORY)
+    return f"ended with exit status {run.exit_status}" if run.ended_by == "itself" and out_of_memory else ""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 from grader.evidence.limits import ended_by_limit
 from grader.evidence.recorded import Recorded, Span
@@ -30,7 +30,7 @@ def may_be_chance(recorded: Recorded, reference_nodes: Iterable[str]) -> str | N
         Fully qualified names of the grader's own nodes.
     """
     students = [run for run in recorded.record.processes if run.role == "student"]
-    if (held_up := _held_up(recorded, students)) is not None:
+    if (held_up := _held_up(recorded)) is not None:
         return held_up
     if is_believed(recorded) and any(_was_refused_tasks(run) for run in students):
         return "A program could start no thread, and not since it had too many: the machine may have."
@@ -48,16 +48,15 @@ def is_believed(recorded: Recorded) -> bool:
     return recorded.record.times_recorded <= _BELIEVED
 
 
-def _held_up(recorded: Recorded, students: Sequence[ProcessRun]) -> str | None:
+def _held_up(recorded: Recorded) -> str | None:
     """Say that something did not come in time while the machine kept a process from its core, if so."""
     for step in recorded.record.steps:
         span = Span(step.started_ns, step.ended_ns)
         if step.outcome != "timeout" or span.duration_s <= 0:
             continue
         delay_s = recorded.longest_delay_s(span) + recorded.recorder_delay_s(span)
-        own_s = sum(recorded.cpu_s(run, span) for run in students)
         enough_s = max(_LEAST_HELD_UP_S, _HELD_UP * span.duration_s)
-        if delay_s > enough_s and own_s < _OWN_DOING * span.duration_s:
+        if delay_s > enough_s and recorded.students_cpu_s(span) < _OWN_DOING * span.duration_s:
             late = f"for {min(delay_s, span.duration_s):.1f} s of {span.duration_s:.1f} s"
             return f"Something was waited for in vain while the machine kept a process from a core {late}."
     return None

@@ -10,8 +10,10 @@ from __future__ import annotations
 import ast
 import functools
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import PurePosixPath
+
+import regex
 
 from grader.evidence.diagnosis import Diagnosis
 from grader.evidence.known_packages import known_packages
@@ -64,7 +66,9 @@ def missing_here(module: str, file: str, line: int | None, submission: Submissio
     or one of the submission's own that has to be built.
     """
     name = module.split(".")[0]
-    if name not in _imports_at(submission.texts.get(file, ""), line) or name in _own_modules(submission):
+    imports = _imports(submission.texts.get(file, ""))
+    imported = any(first <= (line or 0) <= last and name == found for first, last, found in imports)
+    if not imported or name in _own_modules(submission):
         return None
     if submission.absent_modules is not None and name not in submission.absent_modules:
         return None
@@ -84,28 +88,17 @@ def _own_modules(submission: SubmissionRecord) -> set[str]:
     return {PurePosixPath(file.path).stem for file in submission.files if file.path.endswith(".py")}
 
 
-def _imports_at(text: str, line: int | None) -> set[str]:
-    """Return the top-level modules that the statement at a line imports."""
-    return {name for first, last, name in _imports(text) if line is not None and first <= line <= last}
-
-
 @functools.lru_cache(maxsize=256)
 def _imports(text: str) -> tuple[tuple[int, int, str], ...]:
     """Return the first and last line of each import with the top-level module that it imports."""
     tree = tree_of(normalise(text))
-    return tuple(_imports_in(tree)) if tree is not None else ()
-
-
-def _imports_in(tree: ast.Module) -> Iterator[tuple[int, int, str]]:
-    for node in ast.walk(tree):
-        modules: list[str] = []
-        if isinstance(node, ast.Import):
-            modules = [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-            modules = [node.module]
-        for module in modules:
-            assert isinstance(node, ast.stmt)
-            yield node.lineno, node.end_lineno or node.lineno, module.split(".")[0]
+    found: list[tuple[int, int, str]] = []
+    for node in ast.walk(tree) if tree is not None else ():
+        if isinstance(node, (ast.Import, ast.ImportFrom)):
+            whole = [node.module] if isinstance(node, ast.ImportFrom) and node.module and not node.level else []
+            modules = [alias.name for alias in node.names] if isinstance(node, ast.Import) else whole
+            found += [(node.lineno, node.end_lineno or node.lineno, name.split(".")[0]) for name in modules]
+    return tuple(found)
 
 
 _IMPORT_LINE = re.compile(r"^[ \t]*(?:from|import)[ \t](.*)$", re.MULTILINE)
@@ -129,8 +122,14 @@ def _reached_from(program: str | None, submission: SubmissionRecord) -> set[str]
 
 _TYPE_ALIAS = re.compile(r"^([ \t]*)type[ \t]+(\w+)[ \t]*(?:\[[^\]\n]*\])?[ \t]*=", re.MULTILINE)
 _TYPE_PARAMETERS = re.compile(r"^([ \t]*(?:async[ \t]+)?(?:def|class)[ \t]+\w+)[ \t]*\[[^\]\n]*\]", re.MULTILINE)
-_F_STRING = re.compile(r"(?<!\w)(?:[fF][rR]?|[rR][fF])(\"\"\"|'''|\"|')")
-_MOST_STRINGS = 2000
+#: An f-string with its fields, which may hold braces and f-strings of their own.
+_F_STRING = regex.compile(
+    r"""(?<!\w)(?:[fF][rR]?|[rR][fF])
+    (?:(?P<quotes>\"{3}|'{3})(?>\{\{|\}\}|\\.|(?P<field>\{(?>[^{}]|(?&field)){0,500}\})|[^{}\\]){0,2000}?(?P=quotes)
+    |(?P<quote>["'])(?>\{\{|\}\}|\\.|(?&field)|[^{}\\\n]){0,2000}?(?P=quote))""",
+    regex.VERBOSE | regex.DOTALL,
+)
+_FIELD = regex.compile(r"\{\{|\\.|(?P<field>\{(?>[^{}]|(?&field))*\})", regex.DOTALL)
 
 
 def is_newer_python(text: str) -> bool:
@@ -147,56 +146,26 @@ def is_newer_python(text: str) -> bool:
 
 def _without_inner_quotes(text: str) -> str:
     """Return a text in which a bare name stands in those fields of f-strings that are expressions of the newer kind."""
-    pieces: list[str] = []
-    at = 0
-    for _ in range(_MOST_STRINGS):
-        match = _F_STRING.search(text, at)
-        if match is None:
-            break
-        end, replaced = _f_string(text, match.end(), match[1])
-        pieces += [text[at : match.end()], replaced]
-        at = end
-    return "".join(pieces) + text[at:]
+    try:
+        return _F_STRING.sub(_without_newer_fields, text, timeout=_LONGEST_SEARCH_S)
+    except TimeoutError:
+        return text
 
 
-def _f_string(text: str, start: int, quotes: str) -> tuple[int, str]:
-    """Return the place behind an f-string, and its contents with a name in each field."""
-    contents: list[str] = []
-    at = start
-    while at < len(text) and not text.startswith(quotes, at):
-        if text[at] == "\n" and len(quotes) == 1:
-            break  # It is not closed: leave it to Python to say so.
-        if text.startswith(("{{", "}}", "\\"), at):
-            contents.append(text[at : at + 2])
-            at += 2
-        elif text[at] == "{":
-            end = _field_end(text, at + 1)
-            field = text[at + 1 : end - 1]
-            newer = any(sign in field for sign in (quotes, "\n" if len(quotes) == 1 else quotes, "\\"))
-            contents.append("{_}" if newer and _is_expression(field) else text[at:end])
-            at = end
-        else:
-            contents.append(text[at])
-            at += 1
-    closed = text.startswith(quotes, at)
-    return at + len(quotes) * closed, "".join(contents) + quotes * closed
+def _without_newer_fields(string: regex.Match[str]) -> str:
+    quotes = string["quotes"] or string["quote"]
+    signs = (quotes, "\n" if len(quotes) == 1 else quotes, "\\")
+
+    def older(found: regex.Match[str]) -> str:
+        newer = found["field"] and any(sign in found[0] for sign in signs)
+        return "{_}" if newer and _is_expression(found[0][1:-1]) else found[0]
+
+    begin = string[0].index(quotes) + len(quotes)
+    return string[0][:begin] + _FIELD.sub(older, string[0][begin:])
 
 
-def _field_end(text: str, start: int) -> int:
-    """Return the place behind the brace that closes a field."""
-    depth, at = 1, start
-    while at < len(text):
-        letter = text[at]
-        if letter in "\"'":
-            end = text.find(letter, at + 1)
-            at = end if end >= 0 and "\n" not in text[at:end] else at
-        depth += {"{": 1, "[": 1, "(": 1, "}": -1, "]": -1, ")": -1}.get(letter, 0)
-        at += 1
-        if not depth:
-            break
-    return at
-
-
+#: Ordinary files take a thousandth of it.
+_LONGEST_SEARCH_S = 2.0
 _CONVERSION = re.compile(r"(?<![!=<>])=?\s*(?:![rsa])?(?::(?!=).*)?$", re.DOTALL)
 
 

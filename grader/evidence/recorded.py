@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -74,6 +75,15 @@ class Span:
     def duration_s(self) -> float:
         """Length in seconds."""
         return (self.end_ns - self.start_ns) / 1e9
+
+
+@dataclass
+class Sighting:
+    """An endpoint, and when it was in the graph, in ns of the system clock."""
+
+    endpoint: Endpoint
+    start_ns: int
+    end_ns: int = 0
 
 
 class Recorded:
@@ -190,13 +200,15 @@ class Recorded:
         finite : bool
             Leave out messages with a number that is not finite.
         """
-        stream, rows = self.stream(name), self.rows(name, field)
-        fit = [row is not None and len(row) > 0 and (not finite or bool(np.isfinite(row).all())) for row in rows]
-        lengths = [len(row) for row, ok in zip(rows, fit, strict=True) if ok and row is not None]
+        stream, all_rows = self.stream(name), self.rows(name, field)
+        rows = {i: row for i, row in enumerate(all_rows) if row is not None and len(row)}
+        if finite:
+            rows = {i: row for i, row in rows.items() if np.isfinite(row).all()}
+        lengths = Counter(map(len, rows.values()))
         if not lengths:
             return None
-        length = max(set(lengths), key=lambda n: (lengths.count(n), n))
-        kept = [i for i, row in enumerate(rows) if fit[i] and row is not None and len(row) == length]
+        length = max(lengths, key=lambda n: (lengths[n], n))
+        kept = [i for i, row in rows.items() if len(row) == length]
         order = sorted(kept, key=lambda i: (int(stream.source_ns[i]), int(stream.sequence[i])))
         values = np.array([rows[i] for i in order], dtype=np.float64)
         return NumericStream(stream.source_ns[order], stream.received_ns[order], stream.sequence[order], values)
@@ -208,24 +220,36 @@ class Recorded:
         return gid.startswith(tuple(t.gid_prefix for t in self.record.trusted))
 
     @functools.cached_property
-    def endpoints(self) -> tuple[Endpoint, ...]:
-        """All endpoints that were ever in the graph, by gid, as first seen complete.
+    def sightings(self) -> tuple[Sighting, ...]:
+        """All endpoints that were ever in the graph, as first seen complete, and when they were there.
 
-        One whose node never became known belongs to the node of its participant; where there is none, it
-        left before anybody could tell whose it was, and may have been our own.
+        One whose node never became known belongs to the node of its participant.
         """
-        seen: dict[tuple[str, str], Endpoint] = {}
-        for graph in self.record.graph:
+        graphs = self.record.graph
+        ends_ns = [*(graph.t_ns for graph in graphs[1:]), self.record.ended_ns]
+        found: dict[tuple[str, str, str], Sighting] = {}
+        nodes: dict[str, str] = {}
+        for graph, end_ns in zip(graphs, ends_ns, strict=False):
             for endpoint in graph.endpoints:
-                known = seen.get((endpoint.gid, endpoint.topic))
-                if known is None or UNKNOWN_NODE in known.node:
-                    seen[endpoint.gid, endpoint.topic] = endpoint
-        nodes = {e.gid[:PARTICIPANT_DIGITS]: e.node for e in seen.values() if UNKNOWN_NODE not in e.node}
-        named = (
-            replace(e, node=nodes.get(e.gid[:PARTICIPANT_DIGITS], e.node)) if UNKNOWN_NODE in e.node else e
-            for e in seen.values()
-        )
-        return tuple(e for e in named if UNKNOWN_NODE not in e.node)
+                known = found.setdefault((endpoint.gid, endpoint.topic, endpoint.kind), Sighting(endpoint, graph.t_ns))
+                known.end_ns = end_ns
+                if UNKNOWN_NODE not in endpoint.node:
+                    nodes.setdefault(endpoint.gid[:PARTICIPANT_DIGITS], endpoint.node)
+                    known.endpoint = endpoint if UNKNOWN_NODE in known.endpoint.node else known.endpoint
+        for sighting in found.values():
+            endpoint = sighting.endpoint
+            if UNKNOWN_NODE in endpoint.node:
+                node = nodes.get(endpoint.gid[:PARTICIPANT_DIGITS], endpoint.node)
+                sighting.endpoint = replace(endpoint, node=node)
+        return tuple(found.values())
+
+    @functools.cached_property
+    def endpoints(self) -> tuple[Endpoint, ...]:
+        """All endpoints that were ever in the graph, by gid.
+
+        One whose node is not known is left out: it left before anybody could tell whose it was, and may have been ours.
+        """
+        return tuple(s.endpoint for s in self.sightings if UNKNOWN_NODE not in s.endpoint.node)
 
     def endpoints_on(self, name: str, kind: str, without: Iterable[str] = ()) -> tuple[Endpoint, ...]:
         """Return the endpoints of a kind ("publisher", "subscription") on a topic of the rubric's.
@@ -270,12 +294,12 @@ class Recorded:
         if len(run.usage) < 2:
             return 0.0
         idle_s = max(0.0, span.duration_s - self.cpu_s(run, span))
-        delay_s, others_s = _delay_ns(run, span) / 1e9, self._others_s(run, span)
+        delay_s, others_s = _run_delay_s(run, span), self._others_s(run, span)
         if delay_s > idle_s + _AT_ONCE * span.duration_s and others_s < float("inf"):
             # Several waited at once, for each other too: of that others have the share in which they had the core.
             others_s *= others_s / max(span.duration_s, others_s)
-        delay_s = min(delay_s, others_s) + self._stolen_s(span)
-        return min(max(delay_s, self.stalled_s(span)), idle_s)
+        stolen_s = _grown_s([(sample.t_ns, sample.stolen_ns) for sample in self.record.machine], span)
+        return min(max(min(delay_s, others_s) + stolen_s, self.stalled_s(span)), idle_s)
 
     def _others_s(self, run: ProcessRun, span: Span) -> float:
         """Return for how long within a span neither nothing nor a student's program was on a process's core, in s.
@@ -287,39 +311,18 @@ class Recorded:
         cores = [str(run.core)] if held else list(samples[0].idle_ns) if samples else []
         if len(samples) < 2 or any(core not in sample.idle_ns for core in cores for sample in samples):
             return float("inf")
-        times, ends = [s.t_ns for s in samples], [span.start_ns, span.end_ns]
-        idle = [np.interp(ends, times, [s.idle_ns[core] for s in samples]) for core in cores]
-        idle_s = sum(float(after - before) for before, after in idle) / 1e9
+        idle_s = sum(_grown_s([(sample.t_ns, sample.idle_ns[core]) for sample in samples], span) for core in cores)
         students = [r for r in self.record.processes if r.role == "student" or r is run]
-        there = [r for r in students if not held or r.core in (None, run.core)]
-        own_s = sum(self.cpu_s(r, span) for r in there) + self._unseen_s(span)
+        own_s = sum(self.cpu_s(r, span) for r in students if not held or r.core in (None, run.core))
+        # The student's processes that nobody saw or waited for.
+        counted = [(s.t_ns, s.students_ns) for s in self.record.machine if s.students_ns is not None]
+        if len(counted) == len(self.record.machine):
+            own_s += max(0.0, _grown_s(counted, span) - self.students_cpu_s(span))
         return max(0.0, len(cores) * span.duration_s - idle_s - own_s) + _IDLE_ERROR_S
-
-    def _unseen_s(self, span: Span) -> float:
-        """Return the CPU time within a span of the student's processes that nobody saw or waited for, in s."""
-        times, used = [s.t_ns for s in self.record.machine], [s.students_ns for s in self.record.machine]
-        counted = [ns for ns in used if ns is not None]
-        if len(counted) < max(2, len(used)):
-            return 0.0
-        before, after = np.interp([span.start_ns, span.end_ns], times, counted)
-        seen_s = sum(self.cpu_s(run, span) for run in self.record.processes if run.role == "student")
-        return max(0.0, float(after - before) / 1e9 - seen_s)
-
-    def _stolen_s(self, span: Span) -> float:
-        """Return the time within a span that the host took from the machine's cores, in s."""
-        samples = self.record.machine
-        if len(samples) < 2:
-            return 0.0
-        ends, times = [span.start_ns, span.end_ns], [s.t_ns for s in samples]
-        before, after = np.interp(ends, times, [s.stolen_ns for s in samples])
-        return float(after - before) / 1e9
 
     def cpu_s(self, run: ProcessRun, span: Span) -> float:
         """Return the CPU time that a process took within a span, in s, interpolated between samples."""
-        if not run.usage:
-            return 0.0
-        used = np.interp([span.start_ns, span.end_ns], [u.t_ns for u in run.usage], [u.cpu_ns for u in run.usage])
-        return float(used[1] - used[0]) / 1e9
+        return _grown_s([(usage.t_ns, usage.cpu_ns) for usage in run.usage], span)
 
     def long_delays_s(self, run: ProcessRun, span: Span, harmless_s: float) -> float:
         """Return for how long within a span the machine may have kept a process from its core beyond what is harmless.
@@ -350,8 +353,11 @@ class Recorded:
 
     def recorder_delay_s(self, span: Span) -> float:
         """Return for how long within a span the machine kept the recorder from its core, in s."""
-        ours = [p for p in self.record.processes if p.role == "grader"]
-        return sum(self.machine_delay_s(run, span) for run in ours)
+        return sum(self.machine_delay_s(run, span) for run in self.record.processes if run.role == "grader")
+
+    def students_cpu_s(self, span: Span) -> float:
+        """Return the CPU time that the student's processes took within a span, in s."""
+        return sum(self.cpu_s(run, span) for run in self.record.processes if run.role == "student")
 
     def stalled_s(self, span: Span) -> float:
         """Return for how long within a span the grader itself stood still, in s, by samples that came late."""
@@ -380,8 +386,17 @@ def clock_step_s(record: SessionRecord, span: Span) -> float:
     return 0.0
 
 
-def _delay_ns(run: ProcessRun, span: Span) -> float:
-    """Return the greatest run-queue delay that a process may have had within a span, in ns.
+def _grown_s(samples: Sequence[tuple[int, int]], span: Span) -> float:
+    """Return by how much a counter in ns grew within a span, in s, interpolated between its samples (time, value)."""
+    if not samples:
+        return 0.0
+    times, values = np.array(samples, dtype=np.float64).T
+    before, after = np.interp([span.start_ns, span.end_ns], times, values)
+    return float(after - before) / 1e9
+
+
+def _run_delay_s(run: ProcessRun, span: Span) -> float:
+    """Return the greatest run-queue delay that a process may have had within a span, in s.
 
     Notes
     -----
@@ -393,14 +408,13 @@ def _delay_ns(run: ProcessRun, span: Span) -> float:
     if run.usage[-1].t_ns == run.exited_ns:  # added when it had ended, and could not be asked any more
         samples.pop()
     started_ns = min(run.started_ns, samples[0][0]) if run.started_ns else samples[0][0]
-    parts = list(itertools.pairwise([(started_ns, 0), *samples]))
-    total = sum(
-        max(0, min(after - before, _shared_ns(begin_ns, end_ns, span))) for (begin_ns, before), (end_ns, after) in parts
-    )
+    total = 0.0
+    for (begin_ns, before), (end_ns, after) in itertools.pairwise([(started_ns, 0), *samples]):
+        total += max(0, min(after - before, _shared_ns(begin_ns, end_ns, span)))
     last_ns, delayed_ns = samples[-1]
-    if run.exited_ns is None or run.ended_by != "itself" or last_ns <= started_ns:
-        return total
-    return total + delayed_ns * _shared_ns(last_ns, run.exited_ns, span) // (last_ns - started_ns)
+    if run.exited_ns is not None and run.ended_by == "itself" and last_ns > started_ns:
+        total += delayed_ns * _shared_ns(last_ns, run.exited_ns, span) // (last_ns - started_ns)
+    return total / 1e9
 
 
 def _shared_ns(begin_ns: int, end_ns: int, span: Span) -> int:
@@ -409,13 +423,13 @@ def _shared_ns(begin_ns: int, end_ns: int, span: Span) -> int:
 
 
 def _numbers(value: Any) -> Floats | None:
-    if isinstance(value, (list, tuple, np.ndarray)):
-        try:
-            row = np.asarray(value, dtype=np.float64)
-        except (TypeError, ValueError):
-            return None
-        return row if row.ndim == 1 else None
-    return None
+    if not isinstance(value, (list, tuple, np.ndarray)):
+        return None
+    try:
+        row = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        return None
+    return row if row.ndim == 1 else None
 
 
 def can_hold_row(message: object, field: str) -> bool:

@@ -8,16 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from grader.evidence.authorship import authorship
+from grader.evidence.authorship import authorship, digests_of
 from grader.evidence.recorded import Recorded
 from grader.recording.bag import Stream
-from grader.recording.session import Claim, ProcessRun, Published, Unrecorded
-from grader.recording.told import DIGEST_DIGITS, digest
+from grader.recording.session import ProcessRun, Published, Unrecorded
+from grader.recording.told import digest
 
 #: The limit of a session's recording, as `ProcessRun.limit` names limits.
 RECORDING = "recording"
-
-
 #: What fills a recording takes long to look through, and each check of its session asks.
 _MOST_KEPT = 4
 
@@ -47,9 +45,25 @@ def missing(recorded: Recorded) -> Missing:
     A topic of which nothing was recorded, since there were too many or it is of an unknown type, is the student's
     unless the grader publishes it.
     """
-    unrecorded = recorded.record.unrecorded
-    theirs = [u for u in unrecorded if not recorded.silent_references and _is_students(recorded, u)]
-    return Missing(tuple(theirs), tuple(u for u in unrecorded if u not in theirs))
+    ours = {(entry.topic, entry.type) for entry in recorded.record.published}
+    parts: tuple[list[Unrecorded], list[Unrecorded]] = ([], [])
+    for left_out in recorded.record.unrecorded:
+        unseen = left_out.messages == 0 and (left_out.topic, left_out.type) not in ours
+        students = unseen or (left_out.limit and _student_wrote_more(recorded))
+        parts[0 if students and not recorded.silent_references else 1].append(left_out)
+    return Missing(*map(tuple, parts))
+
+
+@functools.lru_cache(maxsize=_MOST_KEPT)
+def _student_wrote_more(recorded: Recorded) -> bool:
+    """Whether most of the recording is not the grader's own."""
+    bag = recorded.bag
+    whole = sum(bag.size_bytes(info.topic, info.topic_type) for info in bag.topics)
+    own = 0
+    for entry in recorded.record.published:
+        told = set(digests_of(entry))
+        own += sum(len(data) for data in bag.stream(entry.topic, entry.type).data if digest(data) in told)
+    return own <= whole - own
 
 
 def sentence_on(left_out: Unrecorded) -> str:
@@ -76,20 +90,22 @@ def limits_hit(recorded: Recorded) -> dict[str, str]:
     return found
 
 
+def _publisher_of(recorded: Recorded, left_out: Unrecorded) -> ProcessRun | None:
+    """Return the student's process that published a topic, by what its nodes asked for; else the busiest one."""
+    students = [run for run in recorded.record.processes if run.role == "student"]
+    claims = [c for c in recorded.record.claims if c.kind == "publisher"]
+    plain = left_out.topic.rsplit("/", 1)[-1]
+    asking = {claim.process for claim in claims if claim.name.rsplit("/", 1)[-1] == plain}
+    asked = [run for run in students if run.name in asking]
+    return max(asked or students, key=lambda run: run.usage[-1].cpu_ns if run.usage else 0, default=None)
+
+
 @dataclass(frozen=True)
 class Dropped:
     """Messages that the grader's own processes published on a topic, and that are not in the recording."""
 
     topic: str
-    published: int
-    recorded: int
-
-    @property
-    def text(self) -> str:
-        """Say how many there are."""
-        return (
-            f"Of the {self.published} messages that the grader published on {self.topic} {self.recorded} are recorded."
-        )
+    text: str
 
 
 #: So many may be missing: more than a reliable connection on loopback loses, and too few to change a verdict.
@@ -108,27 +124,26 @@ def dropped(recorded: Recorded) -> tuple[Dropped, ...]:
     Whoever can send packets in the network of a session can send them in another's name, and make a reader believe
     that messages are gone, or that others stand in their place. What was told came through pipes.
     """
-    limited = {u.topic for u in recorded.record.unrecorded}
+    record = recorded.record
+    limited = {left_out.topic for left_out in record.unrecorded}
     told: dict[tuple[str, str], list[Published]] = {}
-    for entry in recorded.record.published:
-        if entry.topic not in limited and _lived_s(recorded, entry.process) > _MATCHED_WITHIN_S:
+    for entry in record.published:
+        run = recorded.process(entry.process)
+        gone_at_once = (
+            run is not None and (run.exited_ns or record.ended_ns) - run.started_ns <= _MATCHED_WITHIN_S * 1e9
+        )
+        if entry.topic not in limited and not gone_at_once:
             told.setdefault((entry.topic, entry.type), []).append(entry)
     found = []
     for (topic, _), entries in told.items():
-        published = sum(len(entry.digests) for entry in entries) // DIGEST_DIGITS
+        published = sum(len(digests_of(entry)) for entry in entries)
         apart = recorded.authorship(topic) if recorded.published_on(topic) == tuple(entries) else None
         apart = apart or authorship(recorded.bag, topic, entries)
-        there = len(apart.own) if apart is not None else 0
-        early = _before_match(recorded, topic, apart.own) if apart is not None else 0
+        there, early = (len(apart.own), _before_match(recorded, topic, apart.own)) if apart is not None else (0, 0)
         if published - early - there > _HARMLESS * published:
-            found.append(Dropped(topic, published, there))
+            text = f"Of the {published} messages that the grader published on {topic} {there} are recorded."
+            found.append(Dropped(topic, text))
     return tuple(found)
-
-
-def _lived_s(recorded: Recorded, process: str) -> float:
-    """Return for how long a process was there, in s."""
-    run = recorded.process(process)
-    return ((run.exited_ns or recorded.record.ended_ns) - run.started_ns) / 1e9 if run is not None else float("inf")
 
 
 def _before_match(recorded: Recorded, topic: str, own: Stream) -> int:
@@ -139,39 +154,3 @@ def _before_match(recorded: Recorded, topic: str, own: Stream) -> int:
         return 0
     first = int(own.sequence.min())
     return first - 1 if (first - 1) * float(np.median(steps)) / 1e9 <= _MATCHED_WITHIN_S else 0
-
-
-def _is_students(recorded: Recorded, left_out: Unrecorded) -> bool:
-    of_grader = any((t.topic, t.type) == (left_out.topic, left_out.type) for t in recorded.record.published)
-    if left_out.messages == 0 and not of_grader:
-        return True
-    return left_out.limit and _student_wrote_more(recorded)
-
-
-@functools.lru_cache(maxsize=_MOST_KEPT)
-def _student_wrote_more(recorded: Recorded) -> bool:
-    """Whether most of the recording is not the grader's own."""
-    bag = recorded.bag
-    whole = sum(bag.size_bytes(info.topic, info.topic_type) for info in bag.topics)
-    own = sum(_told_bytes(recorded, entry) for entry in recorded.record.published)
-    return own <= whole - own
-
-
-def _told_bytes(recorded: Recorded, entry: Published) -> int:
-    """Return the bytes of the messages that a process of the grader's told, as far as they are recorded."""
-    digests = {entry.digests[n : n + DIGEST_DIGITS] for n in range(0, len(entry.digests), DIGEST_DIGITS)}
-    data = recorded.bag.stream(entry.topic, entry.type).data
-    return sum(len(message) for message in data if digest(message) in digests)
-
-
-def _publisher_of(recorded: Recorded, left_out: Unrecorded) -> ProcessRun | None:
-    """Return the student's process that published a topic, by what its nodes asked for; else the busiest one."""
-    students = [run for run in recorded.record.processes if run.role == "student"]
-    plain = left_out.topic.rsplit("/", 1)[-1]
-    asking = {claim.process for claim in recorded.record.claims if _asks_for(claim, plain)}
-    asked = [run for run in students if run.name in asking]
-    return max(asked or students, key=lambda run: run.usage[-1].cpu_ns if run.usage else 0, default=None)
-
-
-def _asks_for(claim: Claim, plain: str) -> bool:
-    return claim.kind == "publisher" and claim.name.rsplit("/", 1)[-1] == plain

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from decimal import Decimal
@@ -13,60 +11,35 @@ from rich.table import Table
 from rich.text import Text
 
 from grader.cohort.changes import Change, Changes
-from grader.report.grades_csv import BYTE_ORDER_MARK, csv_cell
-from grader.report.plain import terminal_text
-from grader.report.views import points
+from grader.report.escape import terminal_text
+from grader.report.grades_csv import csv_text
+from grader.report.views import points, signed
 from grader.result import Outcome
 
 CHANGES_FILE = "changes.csv"
 
-_COLUMNS = (
-    "submission",
-    "level",
-    "id",
-    "title",
-    "outcome before",
-    "outcome after",
-    "points before",
-    "points after",
-    "difference",
-    "undecided before",
-    "undecided after",
-)
+_COLUMNS = "submission,level,id,title,outcome before,outcome after,points before,points after,difference"
 
 
 def changes_csv(changes: Iterable[Changes]) -> str:
     """Return all that changes, a row each: the total first, then its criteria, checks and adjustments.
-
-    It is written as `grades.csv` is, with a byte order mark.
 
     Parameters
     ----------
     changes : iterable of Changes
         Those in which points or outcomes differ.
     """
-    file = io.StringIO(newline="")
-    file.write(BYTE_ORDER_MARK)
-    table = csv.writer(file, lineterminator="\r\n")
-    table.writerow(_COLUMNS)
+    rows: list[Sequence[str | Decimal]] = [[*_COLUMNS.split(","), "undecided before", "undecided after"]]
     for each in changes:
-        table.writerows(_rows(each))
-    return file.getvalue()
-
-
-def _rows(changes: Changes) -> Iterable[Sequence[str | int | Decimal]]:
-    name = csv_cell(changes.submission)
-    undecided = [points(changes.undecided_before), points(changes.undecided_after)]
-    yield [name, "total", "", "", "", "", *_numbers(changes.before, changes.after), *undecided]
-    for part in changes.parts:
-        outcomes = [_word(part.outcome_before), _word(part.outcome_after)]
-        numbers = _numbers(part.before, part.after)
-        yield [name, part.level, csv_cell(part.id), csv_cell(part.title), *outcomes, *numbers, "", ""]
-
-
-def _numbers(before: Decimal | None, after: Decimal | None) -> list[str]:
-    difference = (after or Decimal(0)) - (before or Decimal(0))
-    return [points(p) if p is not None else "" for p in (before, after)] + [points(difference)]
+        undecided = [each.undecided_before, each.undecided_after]
+        before = "" if each.before is None else each.before
+        rows.append([each.submission, "total", "", "", "", "", before, each.after, each.difference, *undecided])
+        for part in each.parts:
+            outcomes = [_word(part.outcome_before), _word(part.outcome_after)]
+            numbers = ["" if p is None else p for p in (part.before, part.after)]
+            names = [each.submission, part.level, part.id, part.title]
+            rows.append([*names, *outcomes, *numbers, part.difference, "", ""])
+    return csv_text(rows)
 
 
 def _word(outcome: Outcome | None) -> str:
@@ -82,24 +55,24 @@ def print_changes(console: Console, changes: Mapping[str, Changes]) -> None:
         Name of the submission's folder -> what changes for it.
     """
     found = {name: each for name, each in changes.items() if each.matters}
+    reworded = sum(each.words and not each.matters for each in changes.values())
+    words = f", {reworded} only in words" if reworded else ""
     if not found:
-        console.print(f"No points change{_words(changes)}; {_counted(len(changes), 'submission')} judged.")
+        console.print(f"No points change{words}; {_counted(len(changes))} judged.")
         return
     console.print(changes_table(found))
     _print_summary(console, list(found.values()))
     kept = len(changes) - len(found)
-    among = f"{len(found)} of {_counted(len(changes), 'submission')}"
-    for (before, after), number in _totals(found.values()).items():
-        out_of = f"{points(after)} points, before of {points(before)}"
-        console.print(f"{_counted(number, 'submission')}: of {out_of}; a difference can come from that alone.")
+    for (before, after), number in Counter((c.possible_before, c.possible_after) for c in found.values()).items():
+        if before != after:
+            out_of = f"{points(after)} points, before of {points(before)}"
+            console.print(f"{_counted(number)}: of {out_of}; a difference can come from that alone.")
     rest = "1 keeps its own" if kept == 1 else f"{kept} keep theirs"
-    console.print(f"Points or outcomes change for {among}{_words(changes)}; {rest}.")
+    console.print(f"Points or outcomes change for {len(found)} of {_counted(len(changes))}{words}; {rest}.")
 
 
-def _totals(changes: Iterable[Changes]) -> Counter[tuple[Decimal, Decimal]]:
-    """Count for how many the points that can be had change, by what they were and are."""
-    pairs = ((each.possible_before, each.possible_after) for each in changes)
-    return Counter(pair for pair in pairs if pair[0] != pair[1])
+def _counted(number: int) -> str:
+    return f"{number} submission{'s' * (number != 1)}"
 
 
 def changes_table(changes: Mapping[str, Changes]) -> Table:
@@ -111,39 +84,35 @@ def changes_table(changes: Mapping[str, Changes]) -> Table:
     table.add_column(justify="right", no_wrap=True)
     table.add_column(justify="right", no_wrap=True)
     for name, each in ordered:
-        _add_submission(table, name, each)
+        total = Text(_step(each.before, each.after), "bold")
+        table.add_row(Text(terminal_text(name, 80), "bold"), "", total, _signed(each.difference))
+        titles = Counter(part.title for part in each.at("check"))
+        for part in each.parts:
+            # Of a check that was renamed, only the ids tell old and new apart.
+            what, outcomes = _described(part, by_id=titles[part.title] > 1)
+            table.add_row(what, outcomes, _step(part.before, part.after), _signed(part.difference))
+        if each.undecided_before != each.undecided_after:
+            table.add_row(Text("  undecided", "magenta"), "", _step(each.undecided_before, each.undecided_after), "")
     return table
 
 
-def _add_submission(table: Table, name: str, changes: Changes) -> None:
-    total = Text(_step(changes.before, changes.after), "bold")
-    table.add_row(Text(terminal_text(name, 80), "bold"), "", total, _signed(changes.difference))
-    titles = Counter(part.title for part in changes.at("check"))
-    for part in changes.parts:
-        what, outcomes = Text(f"  {terminal_text(part.title, 80)}"), Text("")
-        if part.level == "adjustment":
-            what = Text(f"  {terminal_text(f'{part.title}: {part.id}', 80)}", "dim")
-        elif part.level == "check":
-            # Of a check that was renamed, only the ids tell old and new apart.
-            by_id = f" ({part.id})" if titles[part.title] > 1 else ""
-            what = Text(f"    {terminal_text(part.title + by_id, 120)}", "dim")
-            before, after = (_word(o) or "not there" for o in (part.outcome_before, part.outcome_after))
-            outcomes = Text(before if before == after else f"{before} → {after}", "dim")
-        table.add_row(what, outcomes, _step(part.before, part.after), _signed(part.difference))
-    if changes.undecided_before != changes.undecided_after:
-        step = _step(changes.undecided_before, changes.undecided_after)
-        table.add_row(Text("  undecided", "magenta"), "", step, "")
+def _described(part: Change, *, by_id: bool) -> tuple[Text, Text]:
+    """Return what changes, and the outcomes of a check."""
+    if part.level == "criterion":
+        return Text(f"  {terminal_text(part.title, 80)}"), Text("")
+    if part.level == "adjustment":
+        return Text(f"  {terminal_text(f'{part.title}: {part.id}', 80)}", "dim"), Text("")
+    what = terminal_text(part.title + (f" ({part.id})" if by_id else ""), 120)
+    outcomes = [_word(outcome) or "not there" for outcome in (part.outcome_before, part.outcome_after)]
+    return Text(f"    {what}", "dim"), Text(" → ".join(dict.fromkeys(outcomes)), "dim")
 
 
 def _step(before: Decimal | None, after: Decimal | None) -> str:
-    was, is_ = (points(p) if p is not None else "none" for p in (before, after))
-    return f"{was} → {is_}" if was != is_ else was
+    return " → ".join(dict.fromkeys(points(p) if p is not None else "none" for p in (before, after)))
 
 
 def _signed(difference: Decimal) -> Text:
-    if not difference:
-        return Text("")
-    return Text(f"{'+' if difference > 0 else '−'}{points(abs(difference))}", "green" if difference > 0 else "red")
+    return Text(signed(difference), "green" if difference > 0 else "red") if difference else Text("")
 
 
 def _print_summary(console: Console, changes: Sequence[Changes]) -> None:
@@ -160,16 +129,4 @@ def _print_summary(console: Console, changes: Sequence[Changes]) -> None:
     for name, found in sorted(met.items(), key=lambda item: -abs(sums[item[0]])):
         gain, lose = sum(c.difference > 0 for c in found), sum(c.difference < 0 for c in found)
         table.add_row(terminal_text(found[0].title, 80), str(gain), str(lose), _signed(sums[name]))
-    console.print()
-    console.print(table)
-    console.print()
-
-
-def _words(changes: Mapping[str, Changes]) -> str:
-    """Say how many change in words alone."""
-    number = sum(each.words and not each.matters for each in changes.values())
-    return f", {number} only in words" if number else ""
-
-
-def _counted(number: int, one: str) -> str:
-    return f"{number} {one}{'s' * (number != 1)}"
+    console.print("", table, "", sep="\n")

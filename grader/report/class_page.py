@@ -13,9 +13,8 @@ from grader.cohort.summary import CheckStatistics, ClassSummary, Need, Row
 from grader.report import views
 from grader.report.figures.scores import scores_figure
 from grader.report.page import render_page
-from grader.report.untrusted import line
 from grader.report.views import Badge, Share
-from grader.result import Adjustment, Outcome
+from grader.result import Outcome
 
 #: Letters by which the page's script knows outcomes.
 CODES: Mapping[Outcome | None, str] = {
@@ -82,7 +81,7 @@ def render(summary: ClassSummary, *, anonymous: bool = False) -> str:
         titles={check.id: check.title for check in summary.checks} | {c.id: c.title for c in summary.columns},
         criteria={check.id: summary.columns[check.column].title for check in summary.checks},
         remarks=[_remark(check, summary.chance) for check in summary.checks],
-        adjustment_text=_adjustment_text,
+        adjustment_text=views.adjustment_text,
         zone=_zone(summary),
     )
 
@@ -105,13 +104,6 @@ def _zone(summary: ClassSummary) -> timezone | None:
     times = [row.entry.submitted_at for row in summary.rows if row.entry.submitted_at is not None]
     offsets = {time.utcoffset() or timedelta() for time in times}
     return (timezone(offsets.pop()) if len(offsets) == 1 else timezone.utc) if offsets else None
-
-
-def _adjustment_text(adjustment: Adjustment, titles: Mapping[str, str]) -> str:
-    title = views.adjustment_title(adjustment, titles.get(adjustment.what, "")).rstrip(": ")
-    by = ", ".join(part for part in (adjustment.who, adjustment.when) if part)
-    head = f"{views.signed(adjustment.points)} {title}".rstrip()
-    return line(head + (f": {adjustment.reason}" if adjustment.reason else "") + (f" ({by})" if by else ""), 400)
 
 
 def _remark(check: CheckStatistics, chance: float | None) -> str:

@@ -10,11 +10,11 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from decimal import Decimal
 
-from grader.cohort.summary import ClassSummary, Row
-from grader.report.untrusted import line
+from grader.cohort.summary import ClassSummary
+from grader.report.escape import line
 from grader.report.views import points
 from grader.result import CriterionResult
 
@@ -51,6 +51,16 @@ def csv_cell(value: str | int | Decimal) -> str | int | Decimal:
     return _GOES_ON.sub(r"\1'", text)
 
 
+def csv_text(rows: Iterable[Sequence[str | int | Decimal]]) -> str:
+    """Return the text of a file of rows, the first of them its head; numbers without trailing zeros."""
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\r\n")
+    for row in rows:
+        cells = map(csv_cell, row)
+        writer.writerow([points(cell) if isinstance(cell, Decimal) else str(cell) for cell in cells])
+    return BYTE_ORDER_MARK + text.getvalue()
+
+
 def render(summary: ClassSummary) -> str:
     """Return the text of `grades.csv`, to be written as UTF-8; equal summaries give equal bytes.
 
@@ -58,36 +68,30 @@ def render(summary: ClassSummary) -> str:
     possible and undecided points; the points of each criterion, under its id, and its outcome, under the id with
     `_outcome`; adjustments, and what needs a person.
     """
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\r\n")
-    writer.writerow([csv_cell(name) for name in _header(summary)])
-    for number, row in enumerate(summary.rows):
-        needs = [todo.need.value for todo in summary.todos if todo.row == number]
-        writer.writerow([_plain(csv_cell(value)) for value in _values(row, needs)])
-    return BYTE_ORDER_MARK + text.getvalue()
-
-
-def _header(summary: ClassSummary) -> list[str]:
     ids = [column.id for column in summary.columns]
     head = ["submission", "student_id", "submitted_at", "total", "earned", "possible", "undecided"]
-    return [*head, *ids, *(f"{name}_outcome" for name in ids), "adjustments", "needs", "problem"]
-
-
-def _values(row: Row, needs: Sequence[str]) -> list[str | Decimal]:
-    submitted = row.entry.submitted_at
-    head = [row.entry.name, row.entry.student_id or "", submitted.isoformat() if submitted else ""]
-    score = row.result.score if row.result else None
-    numbers = [row.total, score.earned, score.possible, row.undecided] if score else [""] * 4
-    cells = [cell.earned if cell else "" for cell in row.cells]
-    adjustments = "; ".join(f"{a.kind.value} {points(a.points)}: {a.reason}".rstrip(": ") for a in row.adjustments)
-    return [*head, *numbers, *cells, *map(_outcome, row.cells), adjustments, ", ".join(needs), row.problem]
+    rows: list[list[str | Decimal]] = [
+        [*head, *ids, *(f"{name}_outcome" for name in ids), "adjustments", "needs", "problem"]
+    ]
+    for number, row in enumerate(summary.rows):
+        submitted, score = row.entry.submitted_at, row.result.score if row.result else None
+        rows.append(
+            [
+                row.entry.name,
+                row.entry.student_id or "",
+                submitted.isoformat() if submitted else "",
+                *([row.total, score.earned, score.possible, row.undecided] if score else [""] * 4),
+                *(cell.earned if cell else "" for cell in row.cells),
+                *map(_outcome, row.cells),
+                "; ".join(f"{a.kind.value} {points(a.points)}: {a.reason}".rstrip(": ") for a in row.adjustments),
+                ", ".join(todo.need.value for todo in summary.todos if todo.row == number),
+                row.problem,
+            ]
+        )
+    return csv_text(rows)
 
 
 def _outcome(cell: CriterionResult | None) -> str:
     if cell is None:
         return ""
     return cell.outcome.value if cell.outcome.decided else "undecided"
-
-
-def _plain(value: str | int | Decimal) -> str:
-    return points(value) if isinstance(value, Decimal) else str(value)

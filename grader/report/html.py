@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from grader.recording.session import SessionRecord
 from grader.recording.submission import SubmissionRecord
-from grader.report import views, violations
+from grader.report import views
 from grader.report.figures.svg import Figure
 from grader.report.page import render_page
 from grader.result import Outcome, Result
@@ -48,8 +48,5 @@ def render(
         submission=submission,
         views=views,
         places={c.id: views.places_of(c, submission.texts, anchors) for part in result.criteria for c in part.checks},
-        violation_words=violations,
-        violations=[
-            (v, views.place_of(v.where, {}, anchors), violations.titles_of(v, result)) for v in result.violations
-        ],
+        violations=[(v, views.place_of(v.where, {}, anchors), views.titles_of(v, result)) for v in result.violations],
     )

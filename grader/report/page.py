@@ -17,8 +17,8 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from grader.report import views
+from grader.report.escape import line, shown
 from grader.report.figures.svg import HALF, NARROW, WIDE, duration
-from grader.report.untrusted import line, shown
 
 _FOLDER = Path(__file__).parent / "templates"
 

@@ -7,15 +7,14 @@ from collections.abc import Sequence
 from decimal import Decimal
 
 from rich.console import Console, Group
+from rich.live import Live
 from rich.padding import Padding
 from rich.spinner import Spinner
 from rich.table import Table
 from rich.text import Text
 
-from grader.report.in_place import InPlace
-from grader.report.plain import terminal_text
-from grader.report.views import adjustments_of, badge_of, earned_text, points
-from grader.report.violations import note_of, titles_of
+from grader.report.escape import terminal_text
+from grader.report.views import adjustments_of, badge_of, earned_text, note_of, points, titles_of
 from grader.result import CheckResult, CriterionResult, Outcome, Result, Violation
 
 #: By the style of a badge.
@@ -24,7 +23,7 @@ _COLOURS = {"passed": "green", "partial": "yellow", "failed": "red", "not-reache
 _NOTABLE_S = 0.05
 
 
-class ProgressDisplay(InPlace):
+class ProgressDisplay(Live):
     """Shows each session and what it waits for; on a terminal in place, else a line when a session ends.
 
     Parameters
@@ -40,9 +39,9 @@ class ProgressDisplay(InPlace):
         self._started_s = time.monotonic()
         self._began: dict[str, float] = {}
         self._took: dict[str, float] = {}
-        super().__init__(console, self._table, per_second=8)
+        super().__init__(console=console, get_renderable=self._table, refresh_per_second=8, transient=True)
 
-    def update(self, session: str, text: str, step: int, steps: int, ended: bool) -> None:
+    def note(self, session: str, text: str, step: int, steps: int, ended: bool) -> None:
         """Take note of what a session does now."""
         now = time.monotonic()
         self._began.setdefault(session, now)
@@ -132,40 +131,30 @@ def _add_criterion(table: Table, criterion: CriterionResult) -> None:
         Text(criterion.title, style),
         Text(f"{points(criterion.earned)} / {points(criterion.possible)}", style),
     )
-    unreached: dict[str, list[CheckResult]] = {}
+    rows: dict[tuple[Outcome, str], list[CheckResult]] = {}
     for check in criterion.checks:
-        if check.outcome is Outcome.NOT_REACHED:
-            unreached.setdefault(check.reason, []).append(check)
-    for check in criterion.checks:
-        if check.outcome is Outcome.NOT_REACHED:
-            _add_unreached(table, unreached.pop(check.reason, []))
-        elif check.outcome is not Outcome.PASSED:
-            _add_check(table, check)
+        if check.outcome is not Outcome.PASSED:
+            # What one failure kept from being looked at is one row.
+            key = check.reason if check.outcome is Outcome.NOT_REACHED else check.id
+            rows.setdefault((check.outcome, key), []).append(check)
+    for checks in rows.values():
+        _add_checks(table, checks)
 
 
-def _add_unreached(table: Table, checks: Sequence[CheckResult]) -> None:
-    """Add what one failure kept from being looked at, as one row."""
-    if not checks:
-        return
-    sign = _sign(Outcome.NOT_REACHED)
+def _add_checks(table: Table, checks: Sequence[CheckResult]) -> None:
+    first = checks[0]
+    sign = _sign(first.outcome)
     body = Text(", ".join(check.title for check in checks))
-    body.append(f"\n{terminal_text(checks[0].reason)}", "default")
-    zero = Decimal(0)
-    earned, possible = sum((c.earned for c in checks), zero), sum((c.possible for c in checks), zero)
-    table.add_row(sign, body, Text(f"{points(earned)} / {points(possible)}", sign.style))
-
-
-def _add_check(table: Table, check: CheckResult) -> None:
-    sign = _sign(check.outcome)
-    body = Text(check.title)
-    if check.reason:
-        body.append(f"\n{terminal_text(check.reason)}", "default")
-    if check.hint:
-        body.append(f"\n→ {terminal_text(check.hint)}", "cyan")
-    locations = [str(w) for w in check.where if w.file]
+    if first.reason:
+        body.append(f"\n{terminal_text(first.reason)}", "default")
+    if first.hint:
+        body.append(f"\n→ {terminal_text(first.hint)}", "cyan")
+    locations = [str(w) for w in first.where if w.file]
     if locations:
         body.append(f"\n  {terminal_text(', '.join(locations[:3]))}", "dim")
-    table.add_row(sign, body, Text(f"{earned_text(check)} / {points(check.possible)}", sign.style))
+    earned = points(sum((check.earned for check in checks), Decimal(0))) if checks[1:] else earned_text(first)
+    possible = points(sum((check.possible for check in checks), Decimal(0)))
+    table.add_row(sign, body, Text(f"{earned} / {possible}", sign.style))
 
 
 def _sign(outcome: Outcome) -> Text:

@@ -10,17 +10,33 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from grader.report.plain import terminal_text
+from grader.report.escape import terminal_text
 
 if TYPE_CHECKING:
-    from grader.timings import CellRun, Stopwatch
+    from grader.timings import Stopwatch
 
 
 def print_timings(console: Console, watch: Stopwatch, provenance: Mapping[str, Any], children_cpu_s: float) -> None:
     """Print where the time went; `children_cpu_s` is the CPU time of all processes that the grader waited for."""
-    console.print(_stages(watch))
-    console.print(_cells(watch, provenance.get("sessions", {})))
-    console.print(Text(cpu_sentence(watch, provenance.get("sessions", {}), children_cpu_s)))
+    sessions = provenance.get("sessions", {})
+    table = _table("Where the time went", "stage", "from", "wall", "CPU of grade itself")
+    for stage in sorted(watch.stages, key=lambda stage: stage.began_s):
+        since_s = stage.began_s - watch.started_s
+        table.add_row(Text(stage.what), f"{since_s:.2f} s", f"{stage.took_s:.2f} s", f"{stage.cpu_s:.2f} s")
+    all_s = max(stage.ended_s for stage in watch.stages) - watch.started_s
+    table.add_row("all", "", f"{all_s:.2f} s", f"{own_cpu_s(watch):.2f} s", style="bold")
+    console.print(table)
+    table = _table("", "session", "attempt", "waited", "ran", "student", "reference", "grader (CPU)")
+    attempts: Counter[str] = Counter()
+    last = {cell.session: cell for cell in watch.cells}
+    for cell in watch.cells:
+        attempts[cell.session] += 1
+        # Only the last attempt's recording is kept, so only its CPU time is known by role.
+        cpu_s = sessions.get(cell.session, {}).get("cpu_s", {}) if cell is last[cell.session] else {}
+        used = [f"{cpu_s[role]:.2f} s" if role in cpu_s else "" for role in ("student", "reference", "grader")]
+        name, waited, ran = terminal_text(cell.session), f"{cell.waited_s:.2f} s", f"{cell.ran_s:.2f} s"
+        table.add_row(*map(Text, (name, str(attempts[cell.session]), waited, ran, *used)))
+    console.print(table, cpu_sentence(watch, sessions, children_cpu_s), sep="\n", highlight=False)
 
 
 def _table(title: str, *columns: str) -> Table:
@@ -30,36 +46,9 @@ def _table(title: str, *columns: str) -> Table:
     return table
 
 
-def _stages(watch: Stopwatch) -> Table:
-    table = _table("Where the time went", "stage", "from", "wall", "CPU of grade itself")
-    for stage in sorted(watch.stages, key=lambda stage: stage.began_s):
-        since_s = stage.began_s - watch.started_s
-        table.add_row(Text(stage.what), f"{since_s:.2f} s", f"{stage.took_s:.2f} s", f"{stage.cpu_s:.2f} s")
-    all_s = max(stage.ended_s for stage in watch.stages) - watch.started_s
-    table.add_row("all", "", f"{all_s:.2f} s", f"{own_cpu_s(watch):.2f} s", style="bold")
-    return table
-
-
 def own_cpu_s(watch: Stopwatch) -> float:
     """Return the CPU time of the grading process itself in all stages."""
     return sum(stage.cpu_s for stage in watch.stages)
-
-
-def _cells(watch: Stopwatch, sessions: Mapping[str, Any]) -> Table:
-    table = _table("", "session", "attempt", "waited", "ran", "student", "reference", "grader (CPU)")
-    attempts: Counter[str] = Counter()
-    last = {cell.session: cell for cell in watch.cells}
-    for cell in watch.cells:
-        attempts[cell.session] += 1
-        # Only the last attempt's recording is kept, so only its CPU time is known by role.
-        cpu_s = sessions.get(cell.session, {}).get("cpu_s", {}) if cell is last[cell.session] else {}
-        table.add_row(*map(Text, _cell_row(cell, attempts[cell.session], cpu_s)))
-    return table
-
-
-def _cell_row(cell: CellRun, attempt: int, cpu_s: Mapping[str, float]) -> list[str]:
-    used = [f"{cpu_s[role]:.2f} s" if role in cpu_s else "" for role in ("student", "reference", "grader")]
-    return [terminal_text(cell.session), str(attempt), f"{cell.waited_s:.2f} s", f"{cell.ran_s:.2f} s", *used]
 
 
 def cpu_sentence(watch: Stopwatch, sessions: Mapping[str, Any], children_cpu_s: float) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import signal
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from decimal import ROUND_HALF_UP, Decimal
@@ -12,7 +12,7 @@ from typing import Any
 
 from grader.recording.session import OutputLine, ProcessRun, SessionRecord, StepRun
 from grader.recording.submission import ArtifactFact
-from grader.report.untrusted import line
+from grader.report.escape import line
 from grader.result import (
     Adjustment,
     AdjustmentKind,
@@ -20,6 +20,7 @@ from grader.result import (
     CriterionResult,
     Outcome,
     Result,
+    Violation,
     Where,
     outcome_of_points,
 )
@@ -32,15 +33,28 @@ LONGEST_SOURCE_LINE = 200
 LONGEST_OUTPUT_LINE = 500
 MOST_PLACES = 8
 
-#: Style class, sign and word of each outcome.
-OUTCOMES: Mapping[Outcome, tuple[str, str, str]] = {
-    Outcome.PASSED: ("passed", "✓", "passed"),
-    Outcome.PARTIAL: ("partial", "◐", "partial"),
-    Outcome.FAILED: ("failed", "✕", "failed"),
-    Outcome.NOT_REACHED: ("not-reached", "–", "not reached"),
-    Outcome.INCONCLUSIVE: ("undecided", "?", "undecided"),
-    Outcome.ERROR: ("undecided", "?", "undecided"),
+
+@dataclass(frozen=True)
+class Badge:
+    """An outcome as style class, sign and word: colour is never the only difference."""
+
+    style: str
+    sign: str
+    word: str
+
+
+_UNDECIDED = Badge("undecided", "?", "undecided")
+_BADGES = {
+    Outcome.PASSED: Badge("passed", "✓", "passed"),
+    Outcome.PARTIAL: Badge("partial", "◐", "partial"),
+    Outcome.FAILED: Badge("failed", "✕", "failed"),
+    Outcome.NOT_REACHED: Badge("not-reached", "–", "not reached"),
 }
+
+
+def badge_of(outcome: Outcome) -> Badge:
+    """Return a check's badge."""
+    return _BADGES.get(outcome, _UNDECIDED)
 
 
 def points(value: Decimal) -> str:
@@ -75,20 +89,6 @@ def fields(values: Any) -> str:
 def anchor(kind: str, name: str) -> str:
     """Return an id for the page's links."""
     return f"{kind}-" + re.sub(r"[^A-Za-z0-9_.-]", "-", name)
-
-
-@dataclass(frozen=True)
-class Badge:
-    """An outcome as style class, sign and word: colour is never the only difference."""
-
-    style: str
-    sign: str
-    word: str
-
-
-def badge_of(outcome: Outcome) -> Badge:
-    """Return a check's badge."""
-    return Badge(*OUTCOMES[outcome])
 
 
 # -- points ------------------------------------------------------------------------------------
@@ -154,22 +154,29 @@ class AdjustmentView:
 
 def adjustments_of(result: Result) -> list[AdjustmentView]:
     """Describe the adjustments, with a link to the check or criterion that each concerns."""
-    titles = {check.id: (check.title, "check") for c in result.criteria for check in c.checks}
-    titles |= {c.id: (c.title, "criterion") for c in result.criteria}
+    titles = {check.id: (check.title, "check") for check in result.checks}
+    titles |= {criterion.id: (criterion.title, "criterion") for criterion in result.criteria}
     views = []
     for adjustment in result.adjustments:
         title, kind = titles.get(adjustment.what, ("", ""))
-        views.append(
-            AdjustmentView(
-                signed(adjustment.points),
-                "gain" if adjustment.points > 0 else "loss" if adjustment.points else "",
-                adjustment_title(adjustment, title),
-                "#" + anchor(kind, adjustment.what) if kind else "",
-                adjustment.reason,
-                ", ".join(part for part in (adjustment.who, adjustment.when) if part) or "the lab's rule",
-            )
-        )
+        style = "gain" if adjustment.points > 0 else "loss" if adjustment.points else ""
+        href = "#" + anchor(kind, adjustment.what) if kind else ""
+        decided = decided_by(adjustment) or "the lab's rule"
+        title = adjustment_title(adjustment, title)
+        views.append(AdjustmentView(signed(adjustment.points), style, title, href, adjustment.reason, decided))
     return views
+
+
+def decided_by(adjustment: Adjustment) -> str:
+    """Say who decided an adjustment, and when; empty where the rubric's policy did."""
+    return ", ".join(part for part in (adjustment.who, adjustment.when) if part)
+
+
+def adjustment_text(adjustment: Adjustment, titles: Mapping[str, str]) -> str:
+    """Describe an adjustment in one line; titles of checks and criteria by their ids."""
+    head = f"{signed(adjustment.points)} {adjustment_title(adjustment, titles.get(adjustment.what, ''))}".rstrip(": ")
+    by = decided_by(adjustment)
+    return head + (f": {adjustment.reason}" if adjustment.reason else "") + (f" ({by})" if by else "")
 
 
 def adjustment_title(adjustment: Adjustment, title: str) -> str:
@@ -197,6 +204,25 @@ def final_share(result: Result) -> Share:
         min(result.final, possible), possible, min(result.still_undecided, max(possible - result.final, Decimal(0)))
     )
     return replace(shown, earned=points(result.final))
+
+
+# -- what interfered with the grader's own nodes and topics ------------------------------------
+
+HEADING = "For the instructor: something interfered with the grader's nodes or topics"
+EXPLANATION = (
+    "Seen in the recordings. Each can have an honest cause, such as a wrong topic name or a simulator of one's own. "
+    "It costs no points by itself: only checks that could not be measured because of it fail, and these are named here."
+)
+
+
+def titles_of(violation: Violation, result: Result) -> list[tuple[str, str]]:
+    """Return ids and titles of the checks that fail because of a violation."""
+    return [(check.id, check.title) for check in result.checks if check.id in violation.checks]
+
+
+def note_of(violation: Violation) -> str:
+    """Say how sure it is, where it is not."""
+    return "" if violation.certain else "What caused it is not certain."
 
 
 # -- where the proof lies ----------------------------------------------------------------------
@@ -241,30 +267,12 @@ def _source(text: str) -> str:
     return text if len(text) <= LONGEST_SOURCE_LINE else text[: LONGEST_SOURCE_LINE - 1] + "…"
 
 
-#: From here on tenths of a second tell a span.
-_LONG_SPAN_S = 1.0
-
-
-def _span(where: Where) -> str:
-    if where.start_s is None:
-        return ""
-    if where.end_s is None:
-        return f"at {where.start_s:.3f} s"
-    # A call takes a thousandth of what a window does.
-    places = 1 if where.end_s - where.start_s >= _LONG_SPAN_S else 3
-    return f"{where.start_s:.{places}f}–{where.end_s:.{places}f} s"
-
-
 def place_of(where: Where, texts: Mapping[str, str], anchors: Mapping[tuple[str, str], str]) -> Place:
     """Put a place in words, with its source lines and the part of the page that shows more."""
     session, process = where.session or "", where.process or ""
-    parts = [f"{where.file}:{where.line}" if where.line else where.file] if where.file else []
-    parts += [f"output of {process}"] if process else []
-    parts += [f"recording '{session}'"] if session else []
-    parts += [p for p in (where.topic, _span(where)) if p]
     href = anchors.get((session, process)) or anchors.get((session, "")) or ""
     lines = _excerpt(texts, where.file, where.line) if where.file and where.line else ()
-    return Place(", ".join(p for p in parts if p), "" if where.file else href, lines)
+    return Place(str(where), "" if where.file else href, lines)
 
 
 def places_of(check: CheckResult, texts: Mapping[str, str], anchors: Mapping[tuple[str, str], str]) -> list[Place]:
@@ -379,30 +387,15 @@ def utc(t_ns: Any) -> str:
     return datetime.fromtimestamp(t_ns // 10**9, tz=timezone.utc).strftime("%Y-%m-%d %H:%M UTC")
 
 
-@dataclass(frozen=True)
-class IsolationView:
-    """How some sessions were confined."""
-
-    level: str
-    sessions: str
-    covers: tuple[str, ...]
-    lacks: tuple[str, ...]
-    remedy: str
-
-
-def isolations_of(sessions: Mapping[str, SessionRecord]) -> list[IsolationView]:
-    """Return the levels of isolation, each with the sessions that had it."""
-    found: dict[tuple[str, tuple[str, ...], tuple[str, ...], str], list[str]] = {}
+def isolations_of(sessions: Mapping[str, SessionRecord]) -> list[tuple[Mapping[str, Any], list[str]]]:
+    """Return how sessions were confined, each way with the names of the sessions that were so."""
+    found: list[tuple[Mapping[str, Any], list[str]]] = []
     for name, record in sessions.items():
-        known = record.isolation
-        level, remedy = str(known.get("level", "unknown")), str(known.get("remedy", ""))
-        key = (level, _words(known.get("covers")), _words(known.get("lacks")), remedy)
-        found.setdefault(key, []).append(name)
-    return [IsolationView(key[0], ", ".join(names), *key[1:]) for key, names in found.items()]
-
-
-def _words(items: Any) -> tuple[str, ...]:
-    return tuple(str(item) for item in items) if isinstance(items, (list, tuple)) else ()
+        names = next((names for isolation, names in found if isolation == record.isolation), None)
+        if names is None:
+            found.append((record.isolation, names := []))
+        names.append(name)
+    return found
 
 
 def recorded_at(result: Result, sessions: Mapping[str, SessionRecord]) -> str:
@@ -426,10 +419,6 @@ def versions_of(result: Result) -> list[tuple[str, str]]:
 def found_note(artifact: ArtifactFact) -> str:
     """Say how the file was found that stands for one of the lab's, or what may have been meant."""
     if artifact.path is None:
-        return _candidates(artifact.candidates)
+        meant = ", ".join(artifact.candidates[:5])
+        return f"could have been meant: {meant}" if meant else ""
     return {"name": "", "near miss": "taken for it, under another name"}.get(artifact.found_by, artifact.found_by)
-
-
-def _candidates(paths: Iterable[str]) -> str:
-    listed = list(paths)[:5]
-    return f"could have been meant: {', '.join(listed)}" if listed else ""

@@ -7,7 +7,7 @@ from datetime import datetime, timezone
 from decimal import Decimal
 from pathlib import Path
 
-from grader.batch.class_entries import entries_of
+from grader.batch.class_run import entries_of
 from grader.batch.job import Row
 from grader.cohort.roster import NOTHING_HANDED_IN
 from grader.errors import GraderError

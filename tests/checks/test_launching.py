@@ -377,20 +377,6 @@ def test_a_parameter_reaches_the_node_and_follows_its_argument(
     assert words in finding.reason
 
 
-@pytest.mark.parametrize(("other", "said"), [("listener", True), ("talker", False)])
-def test_a_parameter_for_another_node_is_told(tmp_path: Path, other: str, said: bool) -> None:
-    """Where a node's own default is the reason, it is told which node gets the value instead."""
-    rate = [{"name": "rate", "value": 100.0}]
-    session = Session(tmp_path)
-    for label in ("plan", "other"):
-        processes = [entry("talk", "talker"), entry("listen", other, parameters=rate)]
-        planned(session, label, processes=processes)
-    session.step("get_parameters", "read", values={"rate": {"type": "double", "value": 30.0}}, declared=["rate"])
-    finding = judged("launch_parameters", PARAMETERS, session)
-    assert "gives talker no rate; 30.0 is the node's own default." in finding.reason
-    assert ("It gives it to listener instead." in finding.reason) == said
-
-
 @pytest.mark.parametrize(("default", "credit"), [("50.0", "1"), ("70.0", "0")])
 def test_a_wrong_default_is_charged_with_the_arguments(tmp_path: Path, default: str, credit: str) -> None:
     """A parameter that has its argument's default is as it should be, whatever that default is."""
@@ -609,7 +595,11 @@ def test_the_same_end_as_alone_is_charged_once(
     alone.process("it", lines, **(FELL if alone_line else {}))
     session = planned(Session(tmp_path), processes=BOTH).node("/talker").node("/listener")
     session.process("talk-1", CRASHED, artifact=None, **FELL)
-    rate = failed("", "", "", where=[Where(file="it.py", line=alone_line)]) if charged else passed("", "")
+    rate = (
+        failed("", "", "", where=[Where(file="it.py", line=alone_line), Where(session="alone")])
+        if charged
+        else passed("", "")
+    )
     findings = {"talk.rate": rate, "talk.publishes": passed("", "")}
     finding = judged("launch_nodes", NODES, session, findings=findings, others={"alone": alone.recorded()})
     assert finding.credit == Decimal(credit)

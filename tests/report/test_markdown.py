@@ -7,8 +7,7 @@ import re
 import pytest
 from hypothesis import example, given
 
-from grader.report.markdown import markdown_text
-from grader.report.untrusted import line
+from grader.report.escape import line, markdown_text
 from tests.report.rendered_markdown import MADE_ACTIVE, Page
 from tests.report.untrusted_texts import MEGABYTE, hostile
 

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from grader.report.plain import terminal_text
+from grader.report.escape import terminal_text
 from grader.report.terminal import ProgressDisplay, print_result
 from grader.report.views import points
 from grader.result import CheckResult, CriterionResult, Finding, Outcome, Result, Score, Where
@@ -131,8 +131,8 @@ def test_progress_without_a_terminal_is_a_line_a_session() -> None:
     file = io.StringIO()
     console = Console(file=file, width=100, force_terminal=False)
     with ProgressDisplay(console, "ann", ["one", "two"]) as display:
-        display.update("one", "starting", 1, 3, False)
-        display.update("one", "recorded", 3, 3, True)
+        display.note("one", "starting", 1, 3, False)
+        display.note("one", "recorded", 3, 3, True)
     lines = file.getvalue().splitlines()
     assert len(lines) == 1
     assert lines[0].startswith("  one: recorded")
@@ -143,8 +143,8 @@ def test_progress_on_a_terminal_shows_each_session() -> None:
     file = io.StringIO()
     console = Console(file=file, width=100, force_terminal=True)
     with ProgressDisplay(console, EVIL, ["one", "two", "three"]) as display:
-        display.update("one", EVIL, 1, 3, False)
-        display.update("two", "recorded", 3, 3, True)
+        display.note("one", EVIL, 1, 3, False)
+        display.note("two", "recorded", 3, 3, True)
         console.print(display._table())
     text = file.getvalue()
     assert "(1 of 3)" in text

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grader.report.untrusted import line, shown
+from grader.report.escape import line, shown
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from grader.recording.session import SessionRecord
 from grader.recording.submission import SubmissionRecord
 from grader.report.html import render
 from grader.report.terminal import print_result
-from grader.report.violations import EXPLANATION, HEADING
+from grader.report.views import EXPLANATION, HEADING
 from grader.result import (
     CheckResult,
     CriterionResult,

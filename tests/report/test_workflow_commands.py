@@ -6,9 +6,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from grader.report.plain import terminal_text
-from grader.report.untrusted import line, shown
-from grader.report.workflow_commands import command_data, command_property, uncommanded
+from grader.report.escape import command_data, command_property, line, shown, terminal_text, uncommanded
 from tests.report.runner_commands import bracket_command, colon_command
 from tests.report.untrusted_texts import MEGABYTE, hostile
 

@@ -7,8 +7,7 @@ import xml.etree.ElementTree as ElementTree
 
 from hypothesis import example, given
 
-from grader.report.untrusted import shown
-from grader.report.xml_text import xml_text
+from grader.report.escape import shown, xml_text
 from tests.report.untrusted_texts import MEGABYTE, hostile
 
 #: XML 1.0, 2.2: what a document may hold.

@@ -29,58 +29,36 @@ def _files_below(root: str) -> Iterator[Path]:
             yield Path(folder) / name
 
 
-def _package_of(path: Path, root: str) -> Path | None:
-    """The folder with the package.xml above a file, inside the submission."""
-    for folder in path.parents:
-        if not folder.is_relative_to(root):
-            return None
-        if (folder / "package.xml").is_file():
-            return folder
-    return None
-
-
-def missing_entry_point(executable: str, package: str, root: str) -> tuple[str, str, str] | None:
-    """A file that an executable was meant to run: (its path, the build file, the line that is missing).
-
-    Parameters
-    ----------
-    executable, package : str
-        As the launch file names them.
-    root : str
-        The submission.
-    """
-    wanted = executable.removesuffix(".py") + ".py"
+def _in_packages(name: str, root: str) -> Iterator[tuple[str, Path, str]]:
+    """Files of a name in the packages of the submission: the path, that inside the package, and the build file."""
     for path in _files_below(root) if root else ():
-        home = _package_of(path, root) if path.name == wanted else None
-        if home is None:
-            continue
-        inside = path.relative_to(home)
-        shown = str(path.relative_to(root))
-        if (home / "setup.py").is_file() and len(inside.parts) > 1:
-            module = ".".join(inside.with_suffix("").parts)
-            return shown, "setup.py", f'"{executable} = {module}:main"'
-        if (home / "CMakeLists.txt").is_file():
-            return shown, "CMakeLists.txt", f"install(PROGRAMS {inside} DESTINATION lib/${{PROJECT_NAME}})"
+        inside_root = (folder for folder in path.parents if folder.is_relative_to(root))
+        home = next((folder for folder in inside_root if (folder / "package.xml").is_file()), None)
+        if path.name == name and home is not None:
+            build = "setup.py" if (home / "setup.py").is_file() else "CMakeLists.txt"
+            yield str(path.relative_to(root)), path.relative_to(home), build
+
+
+def missing_entry_point(executable: str, root: str) -> tuple[str, str, str] | None:
+    """A file that an executable was meant to run: (its path, the build file, the line that is missing)."""
+    for path, inside, build in _in_packages(executable.removesuffix(".py") + ".py", root):
+        if build == "CMakeLists.txt":
+            return path, build, f"install(PROGRAMS {inside} DESTINATION lib/${{PROJECT_NAME}})"
+        if len(inside.parts) > 1:
+            return path, build, f'"{executable} = {".".join(inside.with_suffix("").parts)}:main"'
     return None
 
 
 def missing_data_file(path: str, root: str) -> tuple[str, str, str] | None:
     """A file that was meant by a path in a share folder: (its path, the build file, the line that is missing)."""
     parts = Path(path).parts
-    if not root or "share" not in parts[:-2]:
+    if "share" not in parts[:-2]:
         return None
-    at = len(parts) - 1 - parts[::-1].index("share")
-    package, inside = parts[at + 1], Path(*parts[at + 2 :])
-    for file in _files_below(root):
-        home = _package_of(file, root) if file.name == inside.name else None
-        if home is None:
-            continue
-        source = file.relative_to(home)
-        if (home / "setup.py").is_file():
-            target = (Path("share") / package / inside).parent
-            return str(file.relative_to(root)), "setup.py", f"data_files: ('{target}', ['{source}'])"
-        line = f"install(DIRECTORY {source.parts[0]} DESTINATION share/${{PROJECT_NAME}})"
-        return str(file.relative_to(root)), "CMakeLists.txt", line
+    target = Path(*parts[len(parts) - 1 - parts[::-1].index("share") :]).parent
+    for file, source, build in _in_packages(Path(path).name, root):
+        if build == "setup.py":
+            return file, build, f"data_files: ('{target}', ['{source}'])"
+        return file, build, f"install(DIRECTORY {source.parts[0]} DESTINATION share/${{PROJECT_NAME}})"
     return None
 
 
@@ -110,15 +88,7 @@ def _installs_python(folder: Path) -> bool:
 
 
 def module_out_of_reach(name: str, root: str) -> str | None:
-    """Path of a module that is in the submission, but where nothing can import it from.
-
-    Parameters
-    ----------
-    name : str
-        The module's name up to its first full stop.
-    root : str
-        The submission.
-    """
+    """Path of a module (its name up to the first full stop) that is where nothing can import it from."""
     for path in _files_below(root) if root else ():
         if path.name == f"{name}.py" or (path.name == "__init__.py" and path.parent.name == name):
             return str(path.relative_to(root))
@@ -158,7 +128,7 @@ def find_executable(executable: str, package: str, root: str) -> str:
     remedy = "Write the name of an entry point of setup.py ('name = package.module:main'), and build again."
     there = sorted(p.name for p in folder.iterdir() if p.is_file() and os.access(p, os.X_OK)) if folder.exists() else []
     listed = ", ".join(there) or "nothing"
-    entry = missing_entry_point(executable, package, root)
+    entry = missing_entry_point(executable, root)
     close = difflib.get_close_matches(executable.removesuffix(".py"), there, n=1)
     meant = f"; did you mean '{close[0]}'?" if close else "."
     message = f"executable '{executable}' not found in package '{package}'{meant} The package has: {listed}"

@@ -9,8 +9,9 @@ from __future__ import annotations
 import sys
 from typing import Any
 
-from .executor import Executor, text_of
-from .installed import SubmittedModules, find_executable
+from .executor import Executor
+from .installed import find_executable
+from .processes import text_of
 
 
 def evaluate(file: str, arguments: dict[str, Any], root: str) -> dict[str, Any]:
@@ -33,12 +34,9 @@ def evaluate(file: str, arguments: dict[str, Any], root: str) -> dict[str, Any]:
     from launch import LaunchContext
 
     executor = Executor(root)
-    sys.meta_path.append(SubmittedModules(root))
     _remember_lines(root)
     _replace(executor)
-    given = [f"{name}:={value}" for name, value in arguments.items()]
-    sys.argv = ["ros2", "launch", file, *given]
-    context = LaunchContext(argv=given)
+    context = LaunchContext(argv=[f"{name}:={value}" for name, value in arguments.items()])
     _set(context, "emit_event_sync", lambda event: executor.emit(event, context))
     return executor.evaluate(context, file, arguments)
 
@@ -84,8 +82,8 @@ def _replace(executor: Executor) -> None:
         ros_actions.LifecycleNode: executor.start_lifecycle,
         ros_actions.SetUseSimTime: executor.follow_sim_time,
     }.items():
-        _set(kind, "execute", _as_method(execute))
-    _set(Action, "visit", _as_method(executor.visit_action))
+        _set(kind, "execute", lambda action, context, execute=execute: execute(action, context))
+    _set(Action, "visit", lambda action, context: executor.visit_action(action, context))
     declare, include = actions.DeclareLaunchArgument.execute, actions.IncludeLaunchDescription.execute
 
     def note_argument(action: Any, context: Any) -> Any:
@@ -104,7 +102,3 @@ def _replace(executor: Executor) -> None:
     _set(actions.DeclareLaunchArgument, "execute", note_argument)
     _set(actions.IncludeLaunchDescription, "execute", note_include)
     _set(ExecutableInPackage, "perform", found)
-
-
-def _as_method(function: Any) -> Any:
-    return lambda action, context: function(action, context)

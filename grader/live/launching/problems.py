@@ -12,7 +12,8 @@ import os
 import re
 import sys
 import traceback
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -35,9 +36,13 @@ Described = tuple[str, str, str]
 class LimitExceededError(RuntimeError):
     """The launch description goes on without end."""
 
+    launch_kind, launch_remedy = "endless", "Let the description come to an end."
+
 
 class UnsupportedByStandin(ImportError):
     """The launch file uses something real that is not evaluated: not the student's fault."""
+
+    launch_kind, launch_remedy = "unsupported", "Nothing: this part cannot be judged by evaluation."
 
 
 def mistake(raised: type[BaseException], message: str, kind: str, remedy: str) -> Any:
@@ -52,6 +57,16 @@ def blame(error: BaseException, source: Any) -> None:
     line = getattr(source, "source_line", None)
     if line is not None and not hasattr(error, "launch_source"):
         error.__dict__.update(launch_source=line, launch_object=type(source).__name__)
+
+
+@contextmanager
+def blaming(source: Any) -> Iterator[None]:
+    """Note on an exception which object of the launch file it came from."""
+    try:
+        yield
+    except Exception as error:
+        blame(error, source)
+        raise
 
 
 def shown(value: Any) -> str:
@@ -170,7 +185,8 @@ def _describe(error: BaseException, root: str, configurations: Mapping[str, Any]
     for pattern, kind, remedy in _BY_MESSAGE:
         match = re.search(pattern, message)
         if match is not None:
-            return kind, _with_class(message, error), remedy(match, configurations) if callable(remedy) else remedy
+            message = re.sub(r"^(\w+)\.__init__\(\)", r"\1()", message)
+            return kind, message, remedy(match, configurations) if callable(remedy) else remedy
     name = type(error).__name__
     remedy = "Correct the line: it raises this exception while the file is read."
     return "exception", f"{name}: {message}" if message else name, remedy
@@ -184,10 +200,6 @@ def _syntax(error: Any, _: str) -> Described:
     if error.filename is None and "null bytes" in str(error.msg):
         remedy = "Save the file as UTF-8."
     return "syntax_error", f"syntax error: {error.msg}", remedy
-
-
-def _unsupported(error: Any, _: str) -> Described:
-    return "unsupported", str(error), "Nothing: this part cannot be judged by evaluation."
 
 
 def _import(error: Any, root: str) -> Described | None:
@@ -236,10 +248,6 @@ def _name(error: Any, _: str) -> Described:
         return "unknown_name", str(error), f"Import it: from {homes[0]} import {name}"
     remedy = near(name, itertools.chain(*NAMES.values()))
     return "unknown_name", str(error), f"{remedy}Define or import the name before it is used."
-
-
-def _limit(error: Any, _: str) -> Described:
-    return "endless", str(error), "Let the description come to an end."
 
 
 def _package(error: Any, _: str) -> Described | None:
@@ -304,10 +312,8 @@ def _no_prefix(error: Any, _: str) -> Described | None:
 
 _BY_TYPE: list[tuple[Any, Callable[[Any, str], Described | None]]] = [
     (SyntaxError, _syntax),
-    (UnsupportedByStandin, _unsupported),
     (ImportError, _import),
     (AttributeError, _attribute),
-    (LimitExceededError, _limit),
     (NameError, _name),
     (KeyError, _package),
     (FileNotFoundError, _file),
@@ -345,10 +351,6 @@ def _positional(match: re.Match[str], _: Any) -> str:
     if "takes 0 positional arguments but 1 was given" in match.string:
         return "Give the function a parameter for the launch context: def name(context, *args, **kwargs)."
     return "Write keywords: name=value."
-
-
-def _with_class(message: str, error: BaseException) -> str:
-    return re.sub(r"^(\w+)\.__init__\(\)", r"\1()", message)
 
 
 _Remedy = str | Callable[[re.Match[str], Any], str]

@@ -21,10 +21,10 @@ from decimal import ROUND_FLOOR, ROUND_HALF_UP, Decimal
 from typing import Any
 
 from grader.json_text import json_text
+from grader.report.escape import line, markdown_text
 from grader.report.exports.graded import Graded, GradedCheck
-from grader.report.exports.words import full_text, outcome_word
-from grader.report.markdown import markdown_text
-from grader.report.untrusted import line
+from grader.report.exports.words import full_text
+from grader.report.views import badge_of
 
 SCHEMA = "classroom50/result/v1"
 #: What the runner tells the autograder of the submission: keys of the result, and the variables that hold them.
@@ -116,7 +116,7 @@ def _test(check: GradedCheck, score: int, most: int) -> dict[str, Any]:
         "passed": not check.open and not check.lost,
         "score": score,
         "max-score": most,
-        "outcome": outcome_word(check),
+        "outcome": badge_of(check.outcome).word,
         "output": full_text(check),
     }
 

@@ -9,11 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from grader.report.escape import command_data, command_property, line
 from grader.report.exports.graded import Graded, GradedCheck
-from grader.report.exports.words import full_text, outcome_word
-from grader.report.untrusted import line
-from grader.report.views import points
-from grader.report.workflow_commands import command_data, command_property
+from grader.report.exports.words import full_text
+from grader.report.views import badge_of, points
 from grader.result import Outcome
 
 MOST_OF_A_KIND = 10
@@ -38,9 +37,9 @@ def _command(kind: str, check: GradedCheck) -> str:
     if check.location is not None:
         properties = {"file": check.location.path, "line": str(check.location.line), **properties}
     written = ",".join(f"{key}={command_property(value, 1000)}" for key, value in properties.items())
-    return f"::{kind} {written}::{command_data(full_text(check) or outcome_word(check))}"
+    return f"::{kind} {written}::{command_data(full_text(check) or badge_of(check.outcome).word)}"
 
 
 def _title(check: GradedCheck) -> str:
     cost = f"−{points(check.lost)} points" if check.lost else "costs nothing"
-    return f"{line(check.title, _LONGEST_TITLE)} ({outcome_word(check)}, {cost})"
+    return f"{line(check.title, _LONGEST_TITLE)} ({badge_of(check.outcome).word}, {cost})"

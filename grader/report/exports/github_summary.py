@@ -8,20 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
+from grader.report.escape import markdown_text
 from grader.report.exports.graded import Graded, GradedCheck, GradedCriterion
 from grader.report.exports.words import (
     MOST_REMARKS,
     adjustment_texts,
-    outcome_sign,
-    outcome_word,
     points_of,
     proof_lines,
     violation_texts,
 )
-from grader.report.markdown import markdown_text
-from grader.report.views import OUTCOMES, points
-from grader.report.violations import EXPLANATION, HEADING
-from grader.result import Outcome, outcome_of_points
+from grader.report.views import EXPLANATION, HEADING, badge_of, points
+from grader.result import Outcome
 
 LONGEST_BYTES = 1024 * 1024
 _LEFT_OUT = "*More did not fit here; the report has all.*\n"
@@ -47,18 +44,19 @@ def fitting(parts: Iterable[str], longest_bytes: int) -> str:
 def _parts(graded: Graded) -> Iterable[str]:
     yield _head(graded)
     yield _criteria(graded)
-    yield from _adjustments(graded)
-    yield from _violations(graded)
+    judged = f"As judged: {points(graded.score.earned)}. With all adjustments: **{points(graded.final)}**."
+    yield from _listed("Adjustments", map(markdown_text, adjustment_texts(graded)), judged)
+    yield from _listed(HEADING, map(markdown_text, violation_texts(graded)), EXPLANATION)
     lossy = [check for check in graded.lossy if check.outcome is not Outcome.NOT_REACHED]
     if lossy:
         yield "## What cost points\n"
         yield from (_lost(check) for check in lossy)
-    yield from _listed("Not looked at, because of the above", [_missed(c) for c in graded.lossy if c not in lossy])
-    yield from _listed("Undecided, not earned", [_undecided(check) for check in graded.checks if check.open])
-    yield from _listed(
-        "Costs nothing, but worth knowing", [markdown_text(text) for text in graded.advisories[:MOST_REMARKS]]
-    )
-    yield from _listed("On the grader's side", [markdown_text(text) for text in graded.problems[:MOST_REMARKS]])
+    missed = [_because(c, f"−{points(c.lost)} points") for c in graded.lossy if c not in lossy]
+    yield from _listed("Not looked at, because of the above", missed)
+    undecided = [_because(c, f"{points(c.undecided)} points") for c in graded.checks if c.open]
+    yield from _listed("Undecided, not earned", undecided)
+    yield from _listed("Costs nothing, but worth knowing", map(markdown_text, graded.advisories[:MOST_REMARKS]))
+    yield from _listed("On the grader's side", map(markdown_text, graded.problems[:MOST_REMARKS]))
     yield _all_checks(graded)
     yield _foot(graded)
 
@@ -66,10 +64,10 @@ def _parts(graded: Graded) -> Iterable[str]:
 def _head(graded: Graded) -> str:
     total = f"{points(graded.final)} of {points(graded.score.possible)} points"
     lines = [f"# {markdown_text(graded.lab, 200)}: {total}", "", f"Submission {markdown_text(graded.submission, 200)}"]
-    if graded.undecided:
+    if graded.still_undecided:
         lines += [
             "",
-            f"> **{points(graded.undecided)} points are undecided**, and not earned before they are: "
+            f"> **{points(graded.still_undecided)} points are undecided**, and not earned before they are: "
             "the next run may decide them, or the instructor.",
         ]
     if any(session["isolation"] == "none" for session in graded.sessions.values()):
@@ -79,14 +77,10 @@ def _head(graded: Graded) -> str:
 
 def _criteria(graded: Graded) -> str:
     rows = [
-        f"| {_sign(criterion)} | {markdown_text(criterion.title)} | {_share(criterion)} |"
+        f"| {badge_of(criterion.outcome).sign} | {markdown_text(criterion.title)} | {_share(criterion)} |"
         for criterion in graded.criteria
     ]
     return "\n".join(["| | Criterion | Points |", "|:-:|---|--:|", *rows]) + "\n"
-
-
-def _sign(criterion: GradedCriterion) -> str:
-    return OUTCOMES[outcome_of_points(criterion.earned, criterion.possible, criterion.undecided)][1]
 
 
 def _share(criterion: GradedCriterion) -> str:
@@ -94,47 +88,32 @@ def _share(criterion: GradedCriterion) -> str:
     return f"{points(criterion.earned)} / {points(criterion.possible)}{undecided}"
 
 
-def _adjustments(graded: Graded) -> Iterable[str]:
-    if graded.adjustments:
-        lines = [markdown_text(text) for text in adjustment_texts(graded)]
-        judged = f"As judged: {points(graded.score.earned)}. With all adjustments: **{points(graded.final)}**."
-        yield from _listed("Adjustments", [*lines, judged])
-
-
-def _violations(graded: Graded) -> Iterable[str]:
-    if graded.violations:
-        lines = [markdown_text(text) for text in violation_texts(graded)]
-        yield from _listed(HEADING, [*lines, EXPLANATION])
-
-
 def _lost(check: GradedCheck) -> str:
     lines = [
-        f"### {outcome_sign(check)} {markdown_text(check.title)}: −{points(check.lost)} points",
+        f"### {badge_of(check.outcome).sign} {markdown_text(check.title)}: −{points(check.lost)} points",
         "",
-        markdown_text(check.reason) or outcome_word(check),
+        markdown_text(check.reason) or badge_of(check.outcome).word,
         "",
         *(f"- {name}: {markdown_text(text)}" for name, text in proof_lines(check)),
     ]
     return "\n".join(lines) + "\n"
 
 
-def _missed(check: GradedCheck) -> str:
-    return f"{markdown_text(check.title)} (−{points(check.lost)} points): {markdown_text(check.reason)}"
+def _because(check: GradedCheck, cost: str) -> str:
+    return f"{markdown_text(check.title)} ({cost}): {markdown_text(check.reason)}"
 
 
-def _undecided(check: GradedCheck) -> str:
-    return f"{markdown_text(check.title)} ({points(check.undecided)} points): {markdown_text(check.reason)}"
-
-
-def _listed(title: str, lines: list[str]) -> Iterable[str]:
-    if lines:
-        yield "\n".join([f"## {title}", "", *(f"- {line}" for line in lines)]) + "\n"
+def _listed(title: str, lines: Iterable[str], last: str = "") -> Iterable[str]:
+    """Give a part of lines with a title, and a last one below them; nothing without lines."""
+    items = [f"- {line}" for line in lines]
+    if items:
+        yield "\n".join([f"## {title}", "", *items, *([f"- {last}"] if last else [])]) + "\n"
 
 
 def _all_checks(graded: Graded) -> str:
     rows = [
-        f"| {outcome_sign(check)} {outcome_word(check)} | {markdown_text(check.title)} | {points_of(check)} |"
-        for check in graded.checks
+        f"| {badge.sign} {badge.word} | {markdown_text(check.title)} | {points_of(check)} |"
+        for check, badge in ((check, badge_of(check.outcome)) for check in graded.checks)
     ]
     count = f"{len(rows)} checks, {sum(1 for c in graded.checks if not c.lost and not c.open)} without loss"
     table = "\n".join(["| | Check | Points |", "|---|---|--:|", *rows])

@@ -16,8 +16,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from grader.json_text import json_text
+from grader.report.escape import line
 from grader.report.exports.graded import Graded, GradedCheck
-from grader.report.untrusted import line
 from grader.report.views import points
 from grader.result import Outcome
 

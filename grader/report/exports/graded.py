@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import PurePosixPath
 
-from grader.report.untrusted import shown
+from grader.report.escape import shown
 from grader.result import (
     BY_HAND,
-    Adjustment,
     AdjustmentKind,
     CheckResult,
     CriterionResult,
@@ -94,11 +93,6 @@ class Graded(Result):
         return tuple(check for criterion in self.criteria for check in criterion.checks)
 
     @property
-    def undecided(self) -> Decimal:
-        """Points of the checks that are open."""
-        return sum((check.undecided for check in self.checks if check.open), Decimal(0))
-
-    @property
     def lossy(self) -> tuple[GradedCheck, ...]:
         """The checks that cost points, the costliest first."""
         return tuple(sorted((check for check in self.checks if check.lost), key=lambda check: -check.lost))
@@ -117,29 +111,26 @@ def graded(result: Result, path_prefix: str = "") -> Graded:
     path_prefix : str
         Folder of the submission in its repository; empty if it is the repository itself.
     """
-    criteria = tuple(_criterion(each, result.adjustments, path_prefix) for each in result.criteria)
-    return Graded(**{**vars(result), "criteria": criteria})
+    by_hand = [each for each in result.adjustments if each.kind in BY_HAND]
+    excused = {each.what for each in by_hand if each.kind is AdjustmentKind.EXCUSED}
+    open_ids = {check.id for check in result.open_checks}
+    given = {each.what: Decimal(0) for each in by_hand}
+    for each in by_hand:
+        given[each.what] += each.points
 
-
-def _criterion(judged: CriterionResult, adjustments: Sequence[Adjustment], path_prefix: str) -> GradedCriterion:
-    here = _by_hand(adjustments, judged.id)
-    excused = any(each.kind is AdjustmentKind.EXCUSED for each in here)
-    checks = []
-    for check in judged.checks:
-        decisions = _by_hand(adjustments, check.id)
-        undecided = Decimal(0) if decisions else check.undecided
-        given = sum((each.points for each in decisions), Decimal(0))
+    def graded_check(check: CheckResult, criterion: str) -> GradedCheck:
+        undecided = Decimal(0) if check.id in given else check.undecided
         # A person has looked at all of the criterion; what it got for each check is not known, unless it is excused.
-        if excused:
-            given = check.possible - check.earned - undecided
-        known = {**vars(check), "undecided": undecided}
-        is_open = undecided > 0 and not here
-        checks.append(GradedCheck(**known, given=given, open=is_open, location=_location(check, path_prefix)))
-    return GradedCriterion(**{**vars(judged), "checks": tuple(checks)})
+        rest = check.possible - check.earned - undecided
+        added = rest if criterion in excused else given.get(check.id, Decimal(0))
+        location, is_open = _location(check, path_prefix), check.id in open_ids
+        return GradedCheck(**{**vars(check), "undecided": undecided}, given=added, open=is_open, location=location)
 
-
-def _by_hand(adjustments: Sequence[Adjustment], what: str) -> list[Adjustment]:
-    return [each for each in adjustments if each.what == what and each.kind in BY_HAND]
+    criteria = []
+    for criterion in result.criteria:
+        checks = tuple(graded_check(check, criterion.id) for check in criterion.checks)
+        criteria.append(GradedCriterion(**{**vars(criterion), "checks": checks}))
+    return Graded(**{**vars(result), "criteria": tuple(criteria)})
 
 
 def _location(check: CheckResult, path_prefix: str) -> SourceLocation | None:

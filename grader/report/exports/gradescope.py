@@ -17,11 +17,10 @@ from decimal import Decimal
 from typing import Any
 
 from grader.json_text import json_text
+from grader.report.escape import line
 from grader.report.exports.graded import Graded, GradedCheck, GradedCriterion
 from grader.report.exports.words import MOST_REMARKS, adjustment_texts, full_text, violation_texts
-from grader.report.untrusted import line
-from grader.report.views import points
-from grader.report.violations import HEADING
+from grader.report.views import HEADING, points
 
 
 def render(graded: Graded, environment: Mapping[str, str]) -> str:
@@ -42,7 +41,7 @@ def render(graded: Graded, environment: Mapping[str, str]) -> str:
         "extra_data": {
             "earned": _number(graded.score.earned),
             "possible": _number(graded.score.possible),
-            "undecided": _number(graded.undecided),
+            "undecided": _number(graded.still_undecided),
         },
     }
     duration_s = _duration_s(graded)
@@ -51,24 +50,21 @@ def render(graded: Graded, environment: Mapping[str, str]) -> str:
 
 def _overall(graded: Graded) -> list[str]:
     lines = [f"{line(graded.lab)}: {points(graded.final)} of {points(graded.score.possible)} points"]
-    if graded.undecided:
+    if graded.still_undecided:
         lines.append(
-            f"{points(graded.undecided)} points are undecided, and not earned before they are: "
+            f"{points(graded.still_undecided)} points are undecided, and not earned before they are: "
             "the instructor can run the autograder again, or decide."
         )
-    for title, texts in _remarks(graded):
+    remarks: dict[str, Sequence[str]] = {
+        "Adjustments": adjustment_texts(graded),
+        HEADING: violation_texts(graded),
+        "On the grader's side": graded.problems[:MOST_REMARKS],
+        "Costs nothing, but worth knowing": graded.advisories[:MOST_REMARKS],
+    }
+    for title, texts in remarks.items():
         if texts:
             lines += ["", f"{title}:", *(f"- {line(text, 600)}" for text in texts)]
     return lines
-
-
-def _remarks(graded: Graded) -> list[tuple[str, Sequence[str]]]:
-    return [
-        ("Adjustments", adjustment_texts(graded)),
-        (HEADING, violation_texts(graded)),
-        ("On the grader's side", graded.problems[:MOST_REMARKS]),
-        ("Costs nothing, but worth knowing", graded.advisories[:MOST_REMARKS]),
-    ]
 
 
 def _test(check: GradedCheck, criterion: GradedCriterion, number: str) -> dict[str, Any]:

@@ -14,11 +14,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from grader.report.escape import line, xml_text
 from grader.report.exports.graded import Graded, GradedCheck, GradedCriterion
-from grader.report.exports.words import full_text, outcome_word
-from grader.report.untrusted import line
-from grader.report.views import points
-from grader.report.xml_text import xml_text
+from grader.report.exports.words import full_text
+from grader.report.views import badge_of, points
 
 
 def render(graded: Graded, environment: Mapping[str, str]) -> str:
@@ -53,7 +52,7 @@ def _suite(criterion: GradedCriterion, title: str, class_name: str, graded: Grad
 def _case(check: GradedCheck, title: str, class_name: str) -> str:
     opened = f"    <testcase name={_quoted(title)} classname={_quoted(class_name)}"
     if check.lost:
-        message = f"−{points(check.lost)} of {points(check.possible)} points, {outcome_word(check)}"
+        message = f"−{points(check.lost)} of {points(check.possible)} points, {badge_of(check.outcome).word}"
         return f"{opened}>\n      {_element('failure', message, check)}    </testcase>\n"
     if check.open:
         return f"{opened}>\n      {_element('skipped', 'undecided, not earned', check)}    </testcase>\n"

@@ -2,25 +2,14 @@
 
 from __future__ import annotations
 
+from grader.report.escape import line
 from grader.report.exports.graded import Graded, GradedCheck
-from grader.report.untrusted import line
-from grader.report.views import OUTCOMES, adjustment_title, points, signed
-from grader.report.violations import note_of
+from grader.report.views import adjustment_text, note_of, points
 
 #: Most places that an export names for a check.
 MOST_PLACES = 4
 #: Most remarks of a kind on the submission as a whole, since a student can cause any number.
 MOST_REMARKS = 50
-
-
-def outcome_word(check: GradedCheck) -> str:
-    """Return the outcome in a word."""
-    return OUTCOMES[check.outcome][2]
-
-
-def outcome_sign(check: GradedCheck) -> str:
-    """Return the outcome's sign, as in the report."""
-    return OUTCOMES[check.outcome][1]
 
 
 def points_of(check: GradedCheck) -> str:
@@ -32,12 +21,8 @@ def points_of(check: GradedCheck) -> str:
 
 def adjustment_texts(graded: Graded) -> list[str]:
     """Return the adjustments, each as a line of text that is still untrusted."""
-    titles = {check.id: check.title for check in graded.checks} | {each.id: each.title for each in graded.criteria}
-    return [
-        f"{signed(each.points)}, {adjustment_title(each, titles.get(each.what, ''))}: {each.reason}"
-        + (f" (decided by {each.who})" if each.who else "")
-        for each in graded.adjustments
-    ]
+    titles = {check.id: check.title for check in graded.checks} | {part.id: part.title for part in graded.criteria}
+    return [adjustment_text(each, titles) for each in graded.adjustments]
 
 
 def violation_texts(graded: Graded) -> list[str]:

@@ -12,8 +12,8 @@ from markupsafe import Markup
 from grader import references as ref
 from grader.evidence.recorded import Recorded
 from grader.recording.session import Claim, Endpoint
+from grader.report.escape import line
 from grader.report.figures.svg import SINCE, Figure, FigureKind, duration, frame_in, padded, rule, tag, text
-from grader.report.untrusted import line
 from grader.report.views import fields, literal
 
 _MOST_ENDPOINTS = 16
@@ -28,29 +28,23 @@ class Call:
     response: Any
 
     @property
-    def style(self) -> str:
-        """Return its mark: the first truth value of a response says whether the service did as asked."""
+    def key(self) -> tuple[str, str]:
+        """Style class of its mark and what it means: the first truth value says whether the service did as asked."""
         if self.response is None:
-            return "call-silent"
-        values = self.response.values() if isinstance(self.response, Mapping) else ()
-        refused = next((value for value in values if isinstance(value, bool)), None) is False
-        return "call-refused" if refused else "call-accepted"
-
-    @property
-    def meaning(self) -> str:
-        """Say what its mark means."""
-        if self.response is None:
-            return "no answer in time"
+            return "call-silent", "no answer in time"
         values = self.response.values() if isinstance(self.response, Mapping) else ()
         said = next((value for value in values if isinstance(value, bool)), None)
-        return "answered" if said is None else f"answered: {literal(said)}"
+        if said is None:
+            return "call-accepted", "answered"
+        return ("call-accepted" if said else "call-refused"), f"answered: {literal(said)}"
 
     def mark(self, x: float, y: float) -> Markup:
         """Return its mark."""
-        if self.style == "call-accepted":
-            return tag("circle", cx=x, cy=y, r=4, class_=self.style)
+        style, _ = self.key
+        if style == "call-accepted":
+            return tag("circle", cx=x, cy=y, r=4, class_=style)
         silent, refused = f"M{x - 4:.1f} {y - 4:.1f}l8 8m0 -8l-8 8", f"M{x:.1f} {y - 5:.1f}l5 5l-5 5l-5 -5z"
-        return tag("path", d=silent if self.response is None else refused, class_=self.style)
+        return tag("path", d=silent if self.response is None else refused, class_=style)
 
 
 class Calls(FigureKind):
@@ -61,11 +55,16 @@ class Calls(FigureKind):
     def draw(self, recorded: Recorded, lab_folder: Path) -> Figure | None:
         """Draw each call at its time, as high as it took long; below them stand requests and answers."""
         record, service = recorded.record, recorded.used(self.service)
-        groups = [
-            (step.label or "call", fields(step.parameters.get("request", {})), _calls(step.result["calls"], recorded))
-            for step in record.steps
-            if step.kind == "call" and step.result.get("service") == service and step.result.get("calls")
-        ]
+        groups = []
+        for step in record.steps:
+            if step.kind == "call" and step.result.get("service") == service and step.result.get("calls"):
+                group = [
+                    Call(
+                        recorded.since_start_s(c["started_ns"]), (c["ended_ns"] - c["started_ns"]) / 1e9, c["response"]
+                    )
+                    for c in step.result["calls"]
+                ]
+                groups.append((step.label or "call", fields(step.parameters.get("request", {})), group))
         calls = [call for _, _, group in groups for call in group]
         if not calls:
             return None
@@ -99,19 +98,8 @@ class Calls(FigureKind):
         caption = f"{len(calls)} calls of {line(service, 60)}; "
         caption += f"the slowest answer took {duration(slowest)}." if answered else "none was answered."
         caption += f" {silent} got no answer in time." if silent and answered else ""
-        key = tuple(sorted({(call.style, call.meaning) for call in calls}, reverse=True))
+        key = tuple(sorted({call.key for call in calls}, reverse=True))
         return Figure(caption, paint, key, table="calls_table", content=groups)
-
-
-def _calls(listed: Sequence[Mapping[str, Any]], recorded: Recorded) -> list[Call]:
-    return [
-        Call(
-            recorded.since_start_s(call["started_ns"]),
-            (call["ended_ns"] - call["started_ns"]) / 1e9,
-            call["response"],
-        )
-        for call in listed
-    ]
 
 
 class QosTable(FigureKind):

@@ -42,7 +42,7 @@ class PlanTree(FigureKind):
                     "runs": _program(p),
                     "where": _location(p.file, p.line),
                     "conditions": _conditions(p),
-                    "words": list(itertools.takewhile(lambda word: word != "--ros-args", _arguments(p))),
+                    "words": _own_words(p),
                     "parameters": [item for given in p.parameters[:_MOST_ITEMS] for item in _parameters(given)],
                     "environment": [e for e in environment if e not in shared][:_MOST_ITEMS],
                     "remappings": p.remappings[:_MOST_ITEMS],
@@ -73,9 +73,10 @@ def _program(process: Process) -> str:
     return "/".join(part for part in (process.package, process.executable) if part) or process.path
 
 
-def _arguments(process: Process) -> tuple[str, ...]:
-    """Return a node's words; those of an executable are shown as what runs."""
-    return process.argv[:_MOST_ITEMS] if process.kind != "executable" else ()
+def _own_words(process: Process) -> list[str]:
+    """Return a node's own arguments: those before the ones of ROS. Of an executable they are shown as what runs."""
+    words = process.argv[:_MOST_ITEMS] if process.kind != "executable" else ()
+    return list(itertools.takewhile(lambda word: word != "--ros-args", words))
 
 
 def _written(condition: str) -> str:

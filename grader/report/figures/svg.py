@@ -16,7 +16,7 @@ from markupsafe import Markup, escape
 
 from grader.evidence.recorded import Floats, Recorded
 from grader.references import Parameters
-from grader.report.untrusted import shown
+from grader.report.escape import shown
 
 WIDE, HALF, NARROW = 920, 440, 400
 LEFT, RIGHT, TOP, BOTTOM = 50, 14, 14, 44

@@ -13,24 +13,9 @@ from grader import references as ref
 from grader.evidence.recorded import Floats, Integers, Recorded
 from grader.evidence.timing import timing_of
 from grader.recording.bag import Stream
-from grader.report.figures.svg import (
-    BOTTOM,
-    MOST_POINTS,
-    NARROW,
-    RIGHT,
-    SINCE,
-    Figure,
-    FigureKind,
-    Frame,
-    duration,
-    frame_in,
-    rect,
-    rule,
-    short,
-    tag,
-    text,
-)
-from grader.report.untrusted import line
+from grader.report.escape import line
+from grader.report.figures import svg
+from grader.report.figures.svg import SINCE, Figure, FigureKind, Frame
 
 RATE_BIN_S = 0.5
 HISTOGRAM_BINS = 41
@@ -68,26 +53,26 @@ class Intervals(ExpectedRate):
         scale, unit = (1.0, "s") if edges[-1] >= 1 else (1e3, "ms")
 
         def paint(width: int) -> tuple[float, list[Markup]]:
-            frame = frame_in(width, 260, (edges[0], edges[-1]), (0, max(1, *counts) * 1.05), top=32)
+            frame = svg.frame_in(width, 260, (edges[0], edges[-1]), (0, max(1, *counts) * 1.05), top=32)
             parts = frame.y_axis(4)
             for left, right, count in zip(edges, edges[1:], counts, strict=False):
                 if count:
                     x, y = frame.px(left) + 0.5, frame.py(count)
-                    parts.append(rect(x, y, max(1.0, frame.px(right) - x - 0.5), frame.bottom - y, "bar"))
+                    parts.append(svg.rect(x, y, max(1.0, frame.px(right) - x - 0.5), frame.bottom - y, "bar"))
             at = frame.px(expected)
-            parts.append(rule(at, frame.top - 8, at, frame.bottom, "expected"))
-            parts.append(text(at, frame.top - 14, f"expected {duration(expected)}", class_="note"))
+            parts.append(svg.rule(at, frame.top - 8, at, frame.bottom, "expected"))
+            parts.append(svg.text(at, frame.top - 14, f"expected {svg.duration(expected)}", class_="note"))
             if shorter := int(np.sum(intervals < edges[0])):
-                parts.append(text(frame.left + 4, frame.top + 8, f"{shorter} shorter", "start", "note"))
+                parts.append(svg.text(frame.left + 4, frame.top + 8, f"{shorter} shorter", "start", "note"))
             if longer := int(np.sum(intervals > edges[-1])):
-                parts.append(text(frame.right, frame.top + 8, f"{longer} longer", "end", "note"))
+                parts.append(svg.text(frame.right, frame.top + 8, f"{longer} longer", "end", "note"))
             label = f"time between messages on {line(recorded.used(self.topic), 30)}, {unit}"
             return 260, parts + frame.x_axis(label, scale)
 
         low, high = np.quantile(intervals, [0.025, 0.975])
         caption = (
-            f"{len(intervals)} intervals, median {duration(timing.median_s)}; 95 % lie between {duration(low)} "
-            f"and {duration(high)}. Expected: {duration(expected)}."
+            f"{len(intervals)} intervals, median {svg.duration(timing.median_s)}; 95 % lie between {svg.duration(low)} "
+            f"and {svg.duration(high)}. Expected: {svg.duration(expected)}."
         )
         return Figure(caption, paint, half=True)
 
@@ -108,21 +93,21 @@ class Rate(ExpectedRate):
         bottom = 0.0 if reach >= 0.5 * expected else expected - reach
 
         def paint(width: int) -> tuple[float, list[Markup]]:
-            frame = frame_in(width, 260, (edges[0], edges[-1]), (bottom, expected + reach), top=32)
+            frame = svg.frame_in(width, 260, (edges[0], edges[-1]), (bottom, expected + reach), top=32)
             at = frame.py(expected)
             parts = [
                 *frame.y_axis(5),
-                text(4, 16, "messages a second", "start", "label"),
-                rule(frame.left, at, frame.right, at, "expected"),
-                text(frame.right, frame.top - 6, f"dashed: expected {short(expected)} Hz", "end", "note"),
+                svg.text(4, 16, "messages a second", "start", "label"),
+                svg.rule(frame.left, at, frame.right, at, "expected"),
+                svg.text(frame.right, frame.top - 6, f"dashed: expected {svg.short(expected)} Hz", "end", "note"),
                 frame.path(np.repeat(edges, 2)[1:-1], np.repeat(rates, 2), "line line-0"),
             ]
             return 260, parts + frame.x_axis(SINCE)
 
         caption = (
-            f"Between {short(min(rates))} and {short(max(rates))} messages a second on "
-            f"{line(recorded.used(self.topic), 60)}, each step over {duration((edges[-1] - edges[0]) / len(rates))}. "
-            f"Expected: {short(expected)}."
+            f"Between {svg.short(min(rates))} and {svg.short(max(rates))} messages a second on "
+            f"{line(recorded.used(self.topic), 60)}, each step over "
+            f"{svg.duration((edges[-1] - edges[0]) / len(rates))}. Expected: {svg.short(expected)}."
         )
         return Figure(caption, paint, half=True)
 
@@ -131,9 +116,9 @@ def _rates(times: Floats, sequence: Integers) -> tuple[Floats, Floats]:
     """Return bins' edges in s and the messages written a second in each."""
     # Several publishers' numbers interleave, so that what arrived is all that can be counted.
     written = sequence if np.all(np.diff(sequence) > 0) else np.arange(len(times), dtype=np.int64)
-    bins = min(max(1, round(float(times[-1] - times[0]) / RATE_BIN_S)), MOST_POINTS)
+    bins = min(max(1, round(float(times[-1] - times[0]) / RATE_BIN_S)), svg.MOST_POINTS)
     edges = times[0] + RATE_BIN_S * np.arange(bins + 1)
-    if bins == MOST_POINTS or edges[-1] > times[-1]:
+    if bins == svg.MOST_POINTS or edges[-1] > times[-1]:
         edges = np.linspace(times[0], times[-1], bins + 1)
     # Between two messages the number written grows in a straight line: no bin is rounded to whole ones.
     return edges, np.diff(np.interp(edges, times, written)) / np.diff(edges)
@@ -152,7 +137,7 @@ class Latency(FigureKind):
             return None
         # Of each topic some messages, in the order of arrival.
         few = {
-            t: d[np.unique(np.linspace(0, len(d) - 1, min(len(d), MOST_POINTS // 2)).astype(int))]
+            t: d[np.unique(np.linspace(0, len(d) - 1, min(len(d), svg.MOST_POINTS // 2)).astype(int))]
             for t, d in delays.items()
         }
         x = (
@@ -162,26 +147,26 @@ class Latency(FigureKind):
 
         def paint(width: int) -> tuple[float, list[Markup]]:
             row, top = 62, 8
-            height = top + row * len(delays) + BOTTOM + 4
-            frame = Frame(14, top, width - RIGHT, height - BOTTOM, x, (0, 1))
+            height = top + row * len(delays) + svg.BOTTOM + 4
+            frame = Frame(14, top, width - svg.RIGHT, height - svg.BOTTOM, x, (0, 1))
             parts = []
             for power in range(math.floor(x[0]), math.ceil(x[1]) + 1):
                 for factor in (1, 2, 5):
                     at = math.log10(factor) + power
-                    if x[0] <= at <= x[1] and (factor == 1 or width > NARROW or x[1] - x[0] < 2):
-                        parts.append(rule(frame.px(at), top, frame.px(at), frame.bottom + 4, "grid"))
-                        parts.append(text(frame.px(at), frame.bottom + 17, duration(factor * 10.0**power)))
+                    if x[0] <= at <= x[1] and (factor == 1 or width > svg.NARROW or x[1] - x[0] < 2):
+                        parts.append(svg.rule(frame.px(at), top, frame.px(at), frame.bottom + 4, "grid"))
+                        parts.append(svg.text(frame.px(at), frame.bottom + 17, svg.duration(factor * 10.0**power)))
             for n, (topic, all_s) in enumerate(delays.items()):
                 label = f"{line(topic, 40)} ({len(all_s)})"
-                parts.append(text(frame.left, top + row * n + 14, label, "start", "label"))
-                parts += _box(frame, all_s, few[topic][:: 2 if width == NARROW else 1], top + row * n + 34)
+                parts.append(svg.text(frame.left, top + row * n + 14, label, "start", "label"))
+                parts += _box(frame, all_s, few[topic][:: 2 if width == svg.NARROW else 1], top + row * n + 34)
             middle = (frame.left + frame.right) / 2
             label = "time from sending to arrival at the recorder (logarithmic)"
-            return height, [*parts, text(middle, frame.bottom + 36, label, class_="label")]
+            return height, [*parts, svg.text(middle, frame.bottom + 36, label, class_="label")]
 
         caption = " ".join(
-            f"{line(topic, 60)}: half within {duration(np.quantile(d, 0.5))}, "
-            f"95 % within {duration(np.quantile(d, 0.95))}, longest {duration(d.max())}."
+            f"{line(topic, 60)}: half within {svg.duration(np.quantile(d, 0.5))}, "
+            f"95 % within {svg.duration(np.quantile(d, 0.95))}, longest {svg.duration(d.max())}."
             for topic, d in delays.items()
         )
         return Figure(caption, paint, (("box", "middle half, line at the median"), ("dot", "single messages")))
@@ -196,12 +181,12 @@ def _box(frame: Frame, delays: Floats, few: Floats, middle: float) -> list[Marku
     # The golden ratio spreads the points evenly over the strip's height without chance.
     heights = middle + 9 + 9 * (np.arange(len(few)) * 0.618034 % 1.0)
     places = [frame.px(math.log10(max(delay, _FLOOR_S))) for delay in few]
-    parts = [tag("circle", cx=x, cy=y, r=1.6, class_="dot faint") for x, y in zip(places, heights, strict=True)]
+    parts = [svg.tag("circle", cx=x, cy=y, r=1.6, class_="dot faint") for x, y in zip(places, heights, strict=True)]
     bounds = np.quantile(delays, [0.05, 0.25, 0.5, 0.75, 0.95])
     low, quarter, median, three_quarters, high = (frame.px(math.log10(max(b, _FLOOR_S))) for b in bounds)
     return [
         *parts,
-        rule(low, middle, high, middle, "whisker"),
-        rect(quarter, middle - 7, max(2.0, three_quarters - quarter), 14, "box"),
-        rule(median, middle - 7, median, middle + 7, "median"),
+        svg.rule(low, middle, high, middle, "whisker"),
+        svg.rect(quarter, middle - 7, max(2.0, three_quarters - quarter), 14, "box"),
+        svg.rule(median, middle - 7, median, middle + 7, "median"),
     ]

@@ -17,25 +17,8 @@ from grader.evidence.oracle import load_oracle
 from grader.evidence.printed import reports
 from grader.evidence.recorded import Floats, Recorded
 from grader.references import Patterns
-from grader.report.figures.svg import (
-    BOTTOM,
-    LEFT,
-    MOST_POINTS,
-    NARROW,
-    NARROW_POINTS,
-    RIGHT,
-    SINCE,
-    TOP,
-    Figure,
-    FigureKind,
-    Frame,
-    frame_in,
-    padded,
-    rule,
-    short,
-    tag,
-    text,
-)
+from grader.report.figures import svg
+from grader.report.figures.svg import SINCE, Figure, FigureKind, Frame
 from grader.report.figures.timing import FAR_NS
 
 MOST_ELEMENTS = 16
@@ -44,11 +27,11 @@ _FAR = 1e9
 
 
 def _thinned(times: Floats, values: Floats) -> tuple[Floats, Floats]:
-    """Return at most `MOST_POINTS` points: of each stretch its lowest and highest, so no peak is lost."""
-    if len(times) <= MOST_POINTS:
+    """Return at most `svg.MOST_POINTS` points: of each stretch its lowest and highest, so no peak is lost."""
+    if len(times) <= svg.MOST_POINTS:
         return times, values
     kept: list[int] = []
-    for part in np.array_split(np.arange(len(times)), MOST_POINTS // 2):
+    for part in np.array_split(np.arange(len(times)), svg.MOST_POINTS // 2):
         kept += sorted({int(part[np.argmin(values[part])]), int(part[np.argmax(values[part])])})
     return times[kept], values[kept]
 
@@ -104,28 +87,28 @@ class Series(FigureKind):
         ends = [t for line in lines for t in (line.times[0], line.times[-1])]
         x = (min(ends), max(ends))
         moving = {line.index for line in lines if line.moves}
-        y = padded([v for line in lines for v in (line.values.min(), line.values.max())], 0.08, 0.05)
+        y = svg.padded([v for line in lines for v in (line.values.min(), line.values.max())], 0.08, 0.05)
         row = 220 if len(indices) == 1 else 130 if len(moving) == 2 else 88
         parts: list[Markup] = []
-        top = float(TOP + 8)
+        top = float(svg.TOP + 8)
         for n, index in enumerate(indices):
             here = [line for line in lines if line.index == index]
             high = row if index in moving or len(indices) == 1 else 26
             middle = here[0].values[0]
-            frame = Frame(LEFT, top, width - RIGHT, top + high - 12, x, y if high > 26 else (middle, middle))
+            frame = Frame(svg.LEFT, top, width - svg.RIGHT, top + high - 12, x, y if high > 26 else (middle, middle))
             parts += frame.y_axis(4 if high > 100 else 3)
             for line in here:
-                step = max(1, len(line.times) // NARROW_POINTS) if width == NARROW else 1
+                step = max(1, len(line.times) // svg.NARROW_POINTS) if width == svg.NARROW else 1
                 style = f"line line-{roles.index(line.role) % 4}"
                 parts.append(frame.path(line.times[::step], line.values[::step], style))
             label = f"{self.field}[{index}]" + (f", {self.unit}" if self.unit and n == 0 else "")
-            parts.append(text(frame.left + 6, top + (1 if high > 26 else 6), label, "start", "label"))
+            parts.append(svg.text(frame.left + 6, top + (1 if high > 26 else 6), label, "start", "label"))
             top += high
-        return top + BOTTOM, parts + Frame(LEFT, 0, width - RIGHT, top, x, y).x_axis(SINCE)
+        return top + svg.BOTTOM, parts + Frame(svg.LEFT, 0, width - svg.RIGHT, top, x, y).x_axis(SINCE)
 
     def _caption(self, lines: Sequence[_Line], left_out: int) -> str:
         moving = [
-            f"{line.role} {self.field}[{line.index}] {short(line.values.min())} to {short(line.values.max())}"
+            f"{line.role} {self.field}[{line.index}] {svg.short(line.values.min())} to {svg.short(line.values.max())}"
             for line in lines
             if line.moves
         ]
@@ -162,15 +145,15 @@ class Reports(FigureKind):
         far = int(np.sum(~within))
 
         def paint(width: int) -> tuple[float, list[Markup]]:
-            y_range = padded([0.0, *shown[1][within], *right], 0.06, 1e-3)
-            frame = frame_in(width, 290, (min(spans), max(spans)), y_range, top=30)
-            parts = [*frame.y_axis(5), text(4, 16, self.unit or "value", "start", "label")]
+            y_range = svg.padded([0.0, *shown[1][within], *right], 0.06, 1e-3)
+            frame = svg.frame_in(width, 290, (min(spans), max(spans)), y_range, top=30)
+            parts = [*frame.y_axis(5), svg.text(4, 16, self.unit or "value", "start", "label")]
             for start_s, end_s, value in plateaus:
-                parts.append(rule(frame.px(start_s), frame.py(value), frame.px(end_s), frame.py(value), "plateau"))
-            step = 2 if width == NARROW and len(within) > NARROW_POINTS else 1
+                parts.append(svg.rule(frame.px(start_s), frame.py(value), frame.px(end_s), frame.py(value), "plateau"))
+            step = 2 if width == svg.NARROW and len(within) > svg.NARROW_POINTS else 1
             for t, v, near in list(zip(*shown, within, strict=True))[::step]:
                 if near:
-                    parts.append(tag("circle", cx=frame.px(t), cy=frame.py(v), r=2.4, class_="dot"))
+                    parts.append(svg.tag("circle", cx=frame.px(t), cy=frame.py(v), r=2.4, class_="dot"))
             return 290, parts + frame.x_axis(SINCE)
 
         caption = f"{len(said)} reported numbers"
@@ -190,6 +173,6 @@ class Reports(FigureKind):
             return []
         return [
             (recorded.since_start_s(s["start_ns"]), recorded.since_start_s(s["end_ns"]), float(s["value"]))
-            for s in plateaus[:MOST_POINTS]
+            for s in plateaus[: svg.MOST_POINTS]
             if abs(s["value"]) < _FAR
         ]

@@ -49,8 +49,8 @@ def test_adjustments_and_violations_are_told() -> None:
     """What people decided is listed with its reason, and what was touched with its evidence."""
     text = Page(exported("github-summary", adjusted_and_touched())).text
     assert "11 of 20 points" in text
-    assert "+2.5, Title of a.partial: excused: The handout was wrong. (decided by prof@lab.example)" in text
-    assert "−1, Late: A day late." in text
+    assert "+2.5 Title of a.partial: excused: The handout was wrong. (prof@lab.example, 2026-06-01)" in text
+    assert "−1 Late: A day late." in text
     assert "There was a second server. What caused it is not certain. node /x" in text
 
 

@@ -24,7 +24,7 @@ from tests.report.exports.sample_results import (
 def test_points_are_read_as_they_are_written() -> None:
     """Sums stay exact, and what is undecided is not lost."""
     graded = graded_of(read(every_outcome()))
-    assert [graded.score.earned, graded.score.possible, graded.undecided, graded.final] == [
+    assert [graded.score.earned, graded.score.possible, graded.still_undecided, graded.final] == [
         Decimal(n) for n in ("7.5", "20", "5", "7.5")
     ]
     assert [each.id for each in graded.lossy] == ["b.failed", "a.partial", "b.missed"]
@@ -47,7 +47,7 @@ def test_what_a_person_decided_is_neither_lost_nor_open() -> None:
     assert found["a.partial"].lost == 0
     assert not found["b.open"].open
     assert [found["b.open"].lost, found["b.open"].given] == [1, 2]
-    assert graded.undecided == 2
+    assert graded.still_undecided == 2
     assert graded.final == 11
 
 

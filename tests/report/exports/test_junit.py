@@ -86,7 +86,7 @@ def test_checks_are_cases_and_criteria_suites() -> None:
         "Reason of a.partial.",
         "Expected: 100 Hz",
         "Measured: 90 Hz",
-        "Where: a.partial.py:3; /a, recording 'one', 1.00–2.00 s",
+        "Where: a.partial.py:3; recording 'one', /a, 1.0–2.0 s",
     ]
     assert root[0].find("testcase").get("classname") == "ann.a"  # type: ignore[union-attr]
 

@@ -32,7 +32,7 @@ def shared(name: str) -> Any:
 
 problems = shared("problems")
 UnsupportedByStandin: type[ImportError] = problems.UnsupportedByStandin
-blame, mistake, no_action, shown = problems.blame, problems.mistake, problems.no_action, problems.shown
+blaming, mistake, no_action, shown = problems.blaming, problems.mistake, problems.no_action, problems.shown
 
 SourceLine = tuple[str, int]
 REQUIRED: Any = object()
@@ -92,9 +92,14 @@ class Field:
     attribute : str
         Its name in XML and YAML; empty if it cannot stand there.
     kind : type
-        The type that it has; `read_as` is the one as which XML and YAML read it, if that is another.
+        The type that it has; `read_as` is the one as which XML and YAML read it, if that is another, and
+        `can_be_str` says whether a text may stand there where `kind` is another type.
     types, remedy
         What may be given, and what to do if something else is; empty if anything may.
+    read : callable
+        The value that an attribute of XML or YAML stands for, with the parser's help.
+    nested : callable
+        The value that elements inside of the one of XML or YAML stand for, with the parser's help.
     """
 
     def __init__(
@@ -107,14 +112,15 @@ class Field:
         types: Any = (),
         remedy: str = "",
         read_as: Any = None,
+        can_be_str: bool = True,
+        read: Callable[[Any, Any], Any] | None = None,
+        nested: Callable[[Any, Any], Any] | None = None,
     ) -> None:
-        self.read_as = kind if read_as is None else read_as
+        self.read_as, self.can_be_str = kind if read_as is None else read_as, can_be_str
+        self.read, self.nested = type(self).reading if read is None else read, nested
         self.default, self.positional = default, positional
         self.attribute, self.kind, self.types, self.remedy = attribute, kind, types, remedy
         self.name = ""
-
-    #: Whether a text may stand in XML and YAML where `kind` is another type.
-    can_be_str = True
 
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name
@@ -127,13 +133,7 @@ class Field:
         return made.given[self.name]
 
     def checked(self, value: Any, made: Any) -> Any:
-        """The value as it is kept.
-
-        Raises
-        ------
-        TypeError
-            It cannot be one of this field.
-        """
+        """The value as it is kept."""
         if self.types:
             ensure_argument_type(value, self.types, self.name, type(made).__name__, self.remedy)
         return None if value is None and self.default is None else self.normal(value)
@@ -142,8 +142,9 @@ class Field:
         """The value in the form in which it is used."""
         return value
 
-    def read(self, value: Any, parser: Any) -> Any:
-        """The value that an attribute of XML or YAML stands for."""
+    @staticmethod
+    def reading(value: Any, parser: Any) -> Any:
+        """How it is read where nothing else is said."""
         return parser.escape_characters(value) if isinstance(value, str) else value
 
 
@@ -153,7 +154,8 @@ class Text(Field):
     def normal(self, value: Any) -> Any:
         return normalize_to_list_of_substitutions(value)
 
-    def read(self, value: Any, parser: Any) -> Any:
+    @staticmethod
+    def reading(value: Any, parser: Any) -> Any:
         return parser.parse_substitution(value)
 
 
@@ -166,7 +168,8 @@ class Typed(Field):
         super().checked(value, made)
         return normalize_typed_substitution(value, self.kind)
 
-    def read(self, value: Any, parser: Any) -> Any:
+    @staticmethod
+    def reading(value: Any, parser: Any) -> Any:
         return parser.parse_if_substitutions(value)
 
 
@@ -178,7 +181,7 @@ class Texts(Field):
 
 
 class Pairs(Field):
-    """Texts by texts; in XML and YAML a list of elements inside, each with a name and a value."""
+    """Texts by texts."""
 
     def normal(self, value: Any) -> Any:
         normal = normalize_to_list_of_substitutions
@@ -258,6 +261,22 @@ def _bound(cls: type, args: tuple[Any, ...], kwargs: dict[str, Any]) -> dict[str
     return {title: given.get(title, field.default) for title, field in fields.items()}
 
 
+def read_element(cls: type, entity: Any, parser: Any) -> dict[str, Any]:
+    """The arguments of a class, of an element of XML or YAML."""
+    kwargs: dict[str, Any] = parser.condition(entity)
+    for name, field in fields_of(cls).items():
+        value = None
+        if field.nested is not None:
+            value = field.nested(entity, parser)
+        elif field.attribute:
+            optional, kind = field.default is not REQUIRED, field.read_as
+            value = entity.get_attr(field.attribute, optional=optional, data_type=kind, can_be_str=field.can_be_str)
+            value = None if value is None else field.read(value, parser)
+        if value is not None:
+            kwargs[name] = value
+    return kwargs
+
+
 class InvalidLaunchFileError(Exception):
     """A launch file could not be read as what its name says it is."""
 
@@ -327,11 +346,8 @@ class Condition(Located):
 
     def evaluate(self, context: Any) -> bool:
         """Whether the action is carried out."""
-        try:
+        with blaming(self):
             return self.holds(context)
-        except Exception as error:
-            blame(error, self)
-            raise
 
 
 class LaunchDescriptionEntity(Located):
@@ -362,20 +378,7 @@ class Action(LaunchDescriptionEntity):
     @classmethod
     def parse(cls, entity: Any, parser: Any) -> tuple[Any, dict[str, Any]]:
         """The class and its arguments, of an element of XML or YAML."""
-        kwargs = parser.condition(entity)
-        for name, field in fields_of(cls).items():
-            if field.attribute and isinstance(field, Pairs):
-                value = parser.pairs(entity, field.attribute) or None
-            elif field.attribute:
-                optional = field.default is not REQUIRED
-                how = {"data_type": field.read_as, "can_be_str": field.can_be_str}
-                value = entity.get_attr(field.attribute, optional=optional, **how)
-                value = None if value is None else field.read(value, parser)
-            else:
-                continue
-            if value is not None:
-                kwargs[name] = value
-        return cls, kwargs
+        return cls, read_element(cls, entity, parser)
 
     def get_sub_entities(self) -> list[Any]:
         """Entities inside this action."""
@@ -413,7 +416,7 @@ class Action(LaunchDescriptionEntity):
 class Event(Located):
     """Something that happened."""
 
-    name = "launch.Event"
+    name: Any = property(lambda self: f"{type(self).__module__}.{type(self).__name__}")
 
 
 SomeSubstitutionsType = Any
@@ -425,13 +428,7 @@ SomeEntitiesType_types_tuple = (LaunchDescriptionEntity, collections.abc.Iterabl
 def ensure_argument_type(
     argument: Any, types: Any, argument_name: str, caller: str | None = None, remedy: str = ""
 ) -> None:
-    """Check the type of an argument.
-
-    Raises
-    ------
-    TypeError
-        It is none of `types`.
-    """
+    """Check the type of an argument."""
     wanted = tuple(types) if isinstance(types, collections.abc.Iterable) else (types,)
     if not isinstance(argument, wanted):
         names = list(dict.fromkeys(getattr(t, "__name__", str(t)) for t in wanted))
@@ -471,13 +468,7 @@ def is_a_subclass(obj: Any, entity_type: type) -> bool:
 
 
 def normalize_to_list_of_substitutions(subs: Any) -> list[Substitution]:
-    """Bring text, a path, a substitution, or a list of them into the form of a list of substitutions.
-
-    Raises
-    ------
-    TypeError
-        Something else is in it.
-    """
+    """Bring text, a path, a substitution, or a list of them into the form of a list of substitutions."""
     if isinstance(subs, (str, Path, Substitution)):
         return [_as_substitution(subs)]
     if isinstance(subs, collections.abc.Iterable):
@@ -502,11 +493,8 @@ def _no_text(message: str) -> Any:
 
 def perform_substitution(context: Any, substitution: Substitution) -> str:
     """Resolve one substitution, noting the line that wrote it if that fails."""
-    try:
+    with blaming(substitution):
         return substitution.perform(context)
-    except Exception as error:
-        blame(error, substitution)
-        raise
 
 
 def perform_substitutions(context: Any, subs: Iterable[Substitution]) -> str:

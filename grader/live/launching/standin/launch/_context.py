@@ -5,7 +5,6 @@ from __future__ import annotations
 import collections
 import itertools
 import os
-import sys
 from collections.abc import MutableMapping
 from typing import Any
 
@@ -32,9 +31,7 @@ def evaluate(file: str, arguments: dict[str, Any], root: str) -> Any:
         The plan, ready for JSON.
     """
     context = LaunchContext()
-    context.session.root = root
-    sys.meta_path.append(shared("installed").SubmittedModules(root))
-    sys.argv = ["ros2", "launch", file, *(f"{name}:={value}" for name, value in arguments.items())]
+    context.session = _executor.Executor(root)
     return context.session.evaluate(context, file, arguments)
 
 
@@ -84,33 +81,26 @@ class LaunchContext:
 
     @property
     def launch_configurations(self) -> dict[str, Any]:
-        """The launch configurations; text by name."""
         return self.__configurations
 
     @property
     def environment(self) -> MutableMapping[str, str]:
-        """The environment that processes will have."""
         return os.environ
 
     @property
     def locals(self) -> _Locals:
-        """The locals as attributes."""
         return _Locals(self.get_locals_as_dict())
 
     def get_locals_as_dict(self) -> dict[str, Any]:
-        """The locals."""
         return {**self.__globals, **self.__locals}
 
     def get_locals_keys(self) -> Any:
-        """Names of the locals."""
         return self.get_locals_as_dict().keys()
 
     def extend_globals(self, extensions: dict[str, Any]) -> None:
-        """Add locals that stay."""
         self.__globals.update(extensions)
 
     def extend_locals(self, extensions: dict[str, Any]) -> None:
-        """Add locals until they are popped."""
         self.__locals.update(extensions)
 
     def _push_locals(self) -> None:
@@ -144,11 +134,9 @@ class LaunchContext:
         os.environ.update(environment)
 
     def perform_substitution(self, substitution: Substitution) -> str:
-        """Resolve a substitution."""
         return perform_substitution(self, substitution)
 
     def would_handle_event(self, event: Any) -> bool:
-        """Whether a handler waits for an event."""
         return any(handler.matches(event) for handler in self._event_handlers)
 
     def register_event_handler(self, event_handler: Any, append: bool = False) -> None:
@@ -159,15 +147,12 @@ class LaunchContext:
             self._event_handlers.appendleft(event_handler)
 
     def unregister_event_handler(self, event_handler: Any) -> None:
-        """Remove a handler."""
         self._event_handlers.remove(event_handler)
 
     def emit_event_sync(self, event: Any) -> None:
-        """Let something happen."""
         self.session.emit(event, self)
 
     async def emit_event(self, event: Any) -> None:
-        """Let something happen."""
         self.emit_event_sync(event)
 
     def add_completion_future(self, completion_future: Any) -> None:

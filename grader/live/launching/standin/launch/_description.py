@@ -10,7 +10,7 @@ from ._base import (
     LaunchDescriptionEntity,
     Located,
     Text,
-    blame,
+    blaming,
     mistake,
     no_action,
     perform_substitutions,
@@ -102,13 +102,10 @@ def _collect_arguments(
             includes = way[0] if way[0] is not None else []
             includes.append(entity)
             nested = (includes, (*way[1], location), way[2] + 1)
-        try:
+        with blaming(entity):
             _collect_arguments(entity.describe_sub_entities(), found, False, nested, entity)
             for _, following in entity.describe_conditional_sub_entities():
                 _collect_arguments(following, found, True, nested, entity)
-        except Exception as error:
-            blame(error, entity)
-            raise
 
 
 class LaunchDescriptionSource(Located):

@@ -74,13 +74,7 @@ class ParameterFile(Located):
         super().__init__(param_file, allow_substs=allow_substs)
 
     def evaluate(self, context: Any) -> Path:
-        """The path; of a file with substitutions, that of a copy in which they are resolved.
-
-        Raises
-        ------
-        SubstitutionFailure
-            The text is no YAML.
-        """
+        """The path; of a file with substitutions, that of a copy in which they are resolved."""
         path = Path(perform_substitutions(context, self.param_file))
         if not perform_typed_substitution(context, self.allow_substs, bool):
             return path
@@ -93,4 +87,4 @@ class ParameterFile(Located):
         except Exception as error:
             message = f"the parameter file '{path}' is not valid YAML after its substitutions"
             raise SubstitutionFailure(message) from error
-        return Path(context.session.add_file(path.stem, ".yaml", resolved))
+        return Path(context.session.files.add(path.stem, ".yaml", resolved))

@@ -14,16 +14,20 @@ from .._base import (
     Substitution,
     Text,
     Typed,
-    blame,
     expose_action,
     mistake,
     no_action,
     normalize_to_list_of_substitutions,
     perform_substitutions,
+    problems,
 )
 from .._description import LaunchDescriptionSource
 from ..launch_description_sources import AnyLaunchDescriptionSource
 from ..utilities.type_utils import perform_typed_substitution
+
+
+def _choices(entity: Any, parser: Any) -> Any:
+    return [parser.escape_characters(choice.get_attr("value")) for choice in entity.nested("choice")] or None
 
 
 @expose_action("arg")
@@ -33,7 +37,10 @@ class DeclareLaunchArgument(Action):
     name = Field(positional=POSITIONAL, attribute="name")
     default_value = Text(None, attribute="default")
     description: Any = Field(None, attribute="description")
-    choices = Field(None)
+    choices = Field(
+        None,
+        nested=lambda e, parser: [parser.escape_characters(c.get_attr("value")) for c in e.nested("choice")] or None,
+    )
     _conditionally_included = False
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
@@ -47,12 +54,6 @@ class DeclareLaunchArgument(Action):
         if fixed and default not in choices:
             message = f"the default_value '{default}' of the argument '{self.name}' is not among its choices {choices}"
             raise _no_choice(message)
-
-    @classmethod
-    def parse(cls, entity: Any, parser: Any) -> Any:
-        made, kwargs = super().parse(entity, parser)
-        choices = [parser.escape_characters(choice.get_attr("value")) for choice in entity.nested("choice")]
-        return made, {**kwargs, **({"choices": choices} if choices else {})}
 
     def execute(self, context: Any) -> None:
         context.session.declare(self, context)
@@ -107,16 +108,15 @@ class PopLaunchConfigurations(Action):
     performs = "_pop_launch_configurations"
 
 
+def _kept(entity: Any, parser: Any) -> Any:
+    return parser.pairs(entity, "keep")
+
+
 @expose_action("reset")
 class ResetLaunchConfigurations(Action):
     """Removes all launch configurations but those given."""
 
-    launch_configurations = Field(None, POSITIONAL)
-
-    @classmethod
-    def parse(cls, entity: Any, parser: Any) -> Any:
-        made, kwargs = super().parse(entity, parser)
-        return made, {**kwargs, "launch_configurations": parser.pairs(entity, "keep")}
+    launch_configurations = Field(None, POSITIONAL, nested=_kept)
 
     def execute(self, context: Any) -> None:
         normal = normalize_to_list_of_substitutions
@@ -193,18 +193,14 @@ class UnsetEnvironmentVariable(_OnName):
 class GroupAction(Action):
     """Holds other actions, in a scope of their own unless told otherwise."""
 
-    actions = Field(positional=POSITIONAL)
+    actions = Field(
+        positional=POSITIONAL,
+        nested=lambda e, parser: [parser.parse_action(inner) for inner in e.children if inner.type_name != "keep"],
+    )
     scoped = Field(True, attribute="scoped", kind=bool)
     forwarding = Field(True, attribute="forwarding", kind=bool)
-    launch_configurations = Field(None)
+    launch_configurations = Field(None, nested=_kept)
     _inside: list[Any] | None = None
-
-    @classmethod
-    def parse(cls, entity: Any, parser: Any) -> Any:
-        made, kwargs = super().parse(entity, parser)
-        kwargs["launch_configurations"] = parser.pairs(entity, "keep")
-        kwargs["actions"] = [parser.parse_action(e) for e in entity.children if e.type_name != "keep"]
-        return made, kwargs
 
     def get_sub_entities(self) -> list[Any]:
         if self._inside is None:
@@ -233,12 +229,17 @@ class _RestoreFile(Action):
         context.extend_locals(self.locals)
 
 
+def _arguments(entity: Any, parser: Any) -> list[Any]:
+    given = [*entity.nested("arg"), *entity.nested("let")]
+    return [[parser.parse_substitution(e.get_attr(name)) for name in ("name", "value")] for e in given]
+
+
 @expose_action("include")
 class IncludeLaunchDescription(Action):
     """Visits another launch description."""
 
     launch_description_source: Any = Text(positional=POSITIONAL, attribute="file")
-    launch_arguments: Any = Field(None)
+    launch_arguments: Any = Field(None, nested=_arguments)
 
     def __init__(self, launch_description_source: Any, *, launch_arguments: Any = None, **kwargs: Any) -> None:
         source = launch_description_source
@@ -246,15 +247,6 @@ class IncludeLaunchDescription(Action):
         super().__init__("", **kwargs)
         self.launch_description_source = source if known else AnyLaunchDescriptionSource(source)
         self.launch_arguments = () if launch_arguments is None else tuple(launch_arguments)
-
-    @classmethod
-    def parse(cls, entity: Any, parser: Any) -> Any:
-        made, kwargs = super().parse(entity, parser)
-        kwargs["launch_arguments"] = [
-            (parser.parse_substitution(e.get_attr("name")), parser.parse_substitution(e.get_attr("value")))
-            for e in [*entity.nested("arg"), *entity.nested("let")]
-        ]
-        return made, kwargs
 
     def describe(self) -> str:
         return f"IncludeLaunchDescription({self.launch_description_source.location})"
@@ -296,5 +288,5 @@ class IncludeLaunchDescription(Action):
                 message += f"({argument.description}); it was given: {', '.join(given) or 'nothing'}"
                 remedy = "Give it: a default_value, name:=value when launching, or launch_arguments when including."
                 error = mistake(RuntimeError, message, "required_argument", remedy)
-                blame(error, (includes or [argument])[0] if outermost else self)
+                problems.blame(error, (includes or [argument])[0] if outermost else self)
                 raise error

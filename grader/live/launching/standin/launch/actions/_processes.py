@@ -140,13 +140,12 @@ class TimerAction(Action):
         types=(*SomeSubstitutionsType_types_tuple, float),
         remedy="Write the period as a float: 2.0.",
     )
-    actions = Field(types=collections.abc.Iterable, remedy="Give a list, even for one action: actions=[...].")
+    actions = Field(
+        types=collections.abc.Iterable,
+        remedy="Give a list, even for one action: actions=[...].",
+        nested=lambda entity, parser: [parser.parse_action(child) for child in entity.children],
+    )
     cancel_on_shutdown = Typed(True, attribute="cancel_on_shutdown", kind=bool)
-
-    @classmethod
-    def parse(cls, entity: Any, parser: Any) -> Any:
-        made, kwargs = super().parse(entity, parser)
-        return made, {**kwargs, "actions": [parser.parse_action(child) for child in entity.children]}
 
     def describe_conditional_sub_entities(self) -> list[tuple[str, Any]]:
         return [("a time passes", self.actions)]
@@ -156,7 +155,7 @@ class TimerAction(Action):
         self.given["canceled"] = True
 
 
-def _on_exit(value: str) -> list[Action]:
+def _on_exit(value: str, parser: Any) -> list[Action]:
     """What follows the end of a process, as XML and YAML write it."""
     if value != "shutdown":
         message = f"the attribute 'on_exit' can only be 'shutdown', but it is '{value}'"
@@ -164,28 +163,11 @@ def _on_exit(value: str) -> list[Action]:
     return [Shutdown()]
 
 
-class _OnExit(Field):
-    def read(self, value: Any, parser: Any) -> Any:
-        return _on_exit(value)
-
-
-class _Number(Field):
-    """A number, which must not be negative where it is a time."""
-
-    can_be_str = False
-
-    def read(self, value: Any, parser: Any) -> Any:
-        if self.kind is float and value < 0:
-            message = f"the attribute '{self.attribute}' must not be negative, but it is {value}"
-            raise mistake(ValueError, message, "bad_markup", "Correct this element of the file.")
-        return value
-
-
-class _Seconds(Text):
-    can_be_str = False
-
-    def read(self, value: Any, parser: Any) -> Any:
-        return str(_Number(attribute=self.attribute, kind=float).read(value, parser))
+def _not_negative(value: float, parser: Any) -> float:
+    if value < 0:
+        message = f"a time must not be negative, but it is {value}"
+        raise mistake(ValueError, message, "bad_markup", "Correct this element of the file.")
+    return value
 
 
 class _Word(Text):
@@ -195,9 +177,8 @@ class _Word(Text):
         return value if isinstance(value, dict) else super().normal(value)
 
 
-class _Respawn(Typed):
-    def read(self, value: Any, parser: Any) -> Any:
-        return parser.parse_substitution(value)
+def _seconds(value: float, parser: Any) -> str:
+    return str(_not_negative(value, parser))
 
 
 class ExecuteLocal(Action):
@@ -207,17 +188,17 @@ class ExecuteLocal(Action):
 
     process_description: Any = Field()
     shell = Field(False, attribute="shell", kind=bool)
-    sigterm_timeout = _Seconds(None, attribute="sigterm_timeout", kind=float)
-    sigkill_timeout = _Seconds(None, attribute="sigkill_timeout", kind=float)
+    sigterm_timeout = Text(None, attribute="sigterm_timeout", kind=float, can_be_str=False, read=_seconds)
+    sigkill_timeout = Text(None, attribute="sigkill_timeout", kind=float, can_be_str=False, read=_seconds)
     emulate_tty = Field(False, attribute="emulate_tty", kind=bool)
     output = _Word("log", attribute="output")
     output_format = Field("")
     cached_output = Field(False)
     log_cmd = Field(False)
-    on_exit = _OnExit(None, attribute="on_exit")
-    respawn = _Respawn(False, attribute="respawn", kind=bool, read_as=str)
-    respawn_delay = _Number(None, attribute="respawn_delay", kind=float)
-    respawn_max_retries = _Number(-1, attribute="respawn_max_retries", kind=int)
+    on_exit = Field(None, attribute="on_exit", read=_on_exit)
+    respawn = Typed(False, attribute="respawn", kind=bool, read_as=str, read=Text.reading)
+    respawn_delay = Field(None, attribute="respawn_delay", kind=float, can_be_str=False, read=_not_negative)
+    respawn_max_retries = Field(-1, attribute="respawn_max_retries", kind=int, can_be_str=False)
 
     def __init__(self, **kwargs: Any) -> None:
         for name in ("sigterm_timeout", "sigkill_timeout"):
@@ -247,17 +228,40 @@ class ExecuteLocal(Action):
         self.given["respawn"] = perform_typed_substitution(context, self.respawn, bool)
 
 
+def parse_words(line: str, parser: Any) -> list[list[Substitution]]:
+    """The words of a command line in which substitutions stand."""
+    words: list[list[Substitution]] = []
+    current: list[Substitution] = []
+    for sub in parser.parse_substitution(line):
+        if not isinstance(sub, TextSubstitution):
+            current.append(sub)
+            continue
+        split = shlex.split(sub.text)
+        if not split or (sub.text[0].isspace() and current):  # blanks alone always end a word
+            words.append(current)
+            current = []
+        for position, word in enumerate(split):
+            if position:
+                words.append(current)
+                current = []
+            current.append(TextSubstitution(text=word))
+        if split and sub.text[-1].isspace():
+            words.append(current)
+            current = []
+    return [*words, current] if current else words
+
+
 @expose_action("executable")
 class ExecuteProcess(ExecuteLocal):
     """Would start a program; notes it instead."""
 
     process_description = None
-    cmd: Any = Field()
+    cmd: Any = Field(attribute="cmd", read=parse_words)
     prefix = Text(None, attribute="launch-prefix")
     name: Any = Text(None, attribute="name")
     cwd = Text(None, attribute="cwd")
     env = Field(None)
-    additional_env = Field(None)
+    additional_env = Field(None, nested=lambda entity, parser: parser.pairs(entity, "env") or None)
 
     def made(self) -> None:
         self.describe_program(self.cmd, self.name)
@@ -266,36 +270,3 @@ class ExecuteProcess(ExecuteLocal):
         """Keep the command line with its surroundings."""
         described = {title: self.given[title] for title in ("prefix", "cwd", "env", "additional_env")}
         self.process_description = Executable(cmd=cmd, name=name, **described)
-
-    @classmethod
-    def parse(cls, entity: Any, parser: Any) -> Any:
-        made, kwargs = super().parse(entity, parser)
-        environment = parser.pairs(entity, "env")
-        if environment:
-            kwargs["additional_env"] = environment
-        if cls is ExecuteProcess:
-            kwargs["cmd"] = cls.parse_words(entity.get_attr("cmd"), parser)
-        return made, kwargs
-
-    @staticmethod
-    def parse_words(line: str, parser: Any) -> list[list[Substitution]]:
-        """The words of a command line in which substitutions stand."""
-        words: list[list[Substitution]] = []
-        current: list[Substitution] = []
-        for sub in parser.parse_substitution(line):
-            if not isinstance(sub, TextSubstitution):
-                current.append(sub)
-                continue
-            split = shlex.split(sub.text)
-            if not split or (sub.text[0].isspace() and current):  # blanks alone always end a word
-                words.append(current)
-                current = []
-            for position, word in enumerate(split):
-                if position:
-                    words.append(current)
-                    current = []
-                current.append(TextSubstitution(text=word))
-            if split and sub.text[-1].isspace():
-                words.append(current)
-                current = []
-        return [*words, current] if current else words

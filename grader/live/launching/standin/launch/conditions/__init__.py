@@ -8,13 +8,7 @@ from .._base import POSITIONAL, Condition, Field, InvalidConditionExpressionErro
 
 
 def evaluate_condition_expression(context: Any, expression: Any) -> bool:
-    """Read a resolved text as a truth value.
-
-    Raises
-    ------
-    InvalidConditionExpressionError
-        It is none of the four accepted words, in any case.
-    """
+    """Read a resolved text as a truth value."""
     text = perform_substitutions(context, expression).strip().lower()
     if text in ("true", "1"):
         return True

@@ -90,12 +90,6 @@ def _entities(given: Any, name: str) -> list[Any]:
     return entities
 
 
-def _execute_local() -> type:
-    from ..actions import ExecuteLocal
-
-    return ExecuteLocal
-
-
 class _OnEvent(OnActionEventBase):
     """A handler of one class of events, which says by a keyword of its own what follows."""
 
@@ -105,8 +99,10 @@ class _OnEvent(OnActionEventBase):
     _follows = ""
 
     def made(self) -> None:
+        from .. import Action, actions
+
         self.action_matcher, self.on_event = self.target_action, self.given[self._follows]
-        self.target_action_cls = _execute_local()
+        self.target_action_cls = Action if self.target_event_cls is ExecutionComplete else actions.ExecuteLocal
         super().made()
 
 
@@ -146,12 +142,6 @@ class OnExecutionComplete(_OnEvent):
     on_completion = Field()
     _follows = "on_completion"
     target_event_cls = ExecutionComplete
-
-    def made(self) -> None:
-        from .._base import Action
-
-        self.action_matcher, self.on_event, self.target_action_cls = self.target_action, self.on_completion, Action
-        OnActionEventBase.made(self)
 
 
 class OnShutdown(BaseEventHandler):

@@ -11,7 +11,6 @@ from .._base import POSITIONAL, Event, Field
 class Shutdown(Event):
     """The launch ends."""
 
-    name = "launch.events.Shutdown"
     reason = Field("reason not given")
     due_to_sigint = Field(False)
 
@@ -19,21 +18,18 @@ class Shutdown(Event):
 class TimerEvent(Event):
     """A timer fired."""
 
-    name = "launch.events.TimerEvent"
     timer_action = Field()
 
 
 class ExecutionComplete(Event):
     """An action was carried out."""
 
-    name = "launch.events.ExecutionComplete"
     action = Field()
 
 
 class IncludeLaunchDescription(Event):
     """A launch description is to be visited."""
 
-    name = "launch.events.IncludeLaunchDescription"
     launch_description = Field(positional=POSITIONAL)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 from .._base import (
     InvalidLaunchFileError,
     UnsupportedByStandin,
-    blame,
+    blaming,
     expose_action,
     expose_substitution,
     exposed_actions,
@@ -66,18 +66,14 @@ class Parser:
         """The action of an element."""
         import launch_ros.actions
 
-        try:
-            with written_at(*entity.source_line):
-                made, kwargs = _action_of(entity.type_name).parse(entity, self)
-                entity.assert_entity_completely_parsed()
-                return made(**kwargs)
-        except Exception as error:
-            blame(error, entity)
-            raise
+        with blaming(entity), written_at(*entity.source_line):
+            made, kwargs = _action_of(entity.type_name).parse(entity, self)
+            entity.assert_entity_completely_parsed()
+            return made(**kwargs)
 
     def parse_description(self, root: Entity) -> Any:
         """The launch description of a file."""
-        try:
+        with blaming(root):
             if root.type_name != "launch":
                 message = f"the root of a launch file must be 'launch', but it is '{root.type_name}'"
                 raise bad(message, "Correct it where it says.")
@@ -85,9 +81,6 @@ class Parser:
             with written_at(*root.source_line):
                 actions = [self.parse_action(child) for child in root.children]
                 return LaunchDescription(actions, deprecated_reason=reason)
-        except Exception as error:
-            blame(error, root)
-            raise
 
 
 def _action_of(tag: str) -> Any:

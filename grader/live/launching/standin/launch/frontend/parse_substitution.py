@@ -36,16 +36,7 @@ def replace_escaped_characters(data: str) -> str:
 
 
 def parse_substitution(string_value: str) -> list[Substitution]:
-    """Read a text with `$(...)` in it as a list of substitutions.
-
-    Raises
-    ------
-    ValueError
-        It is not written as it must be: a parenthesis or a quote is not closed, a name is missing, there is
-        more than one blank between two arguments, or a parenthesis stands in an argument without quotes.
-    RuntimeError
-        There is no substitution of that name.
-    """
+    """Read a text with `$(...)` in it as a list of substitutions."""
     if not string_value:
         return [TextSubstitution(text="")]
     return _Reader(string_value).template("")

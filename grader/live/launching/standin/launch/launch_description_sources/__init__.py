@@ -35,15 +35,7 @@ def load_python_launch_file_as_module(python_launch_file_path: str) -> ModuleTyp
 
 
 def get_launch_description_from_python_launch_file(python_launch_file_path: str) -> Any:
-    """The launch description that a Python launch file generates.
-
-    Raises
-    ------
-    InvalidPythonLaunchFileError
-        It has no function for it.
-    AttributeError
-        The function returns something else.
-    """
+    """The launch description that a Python launch file generates."""
     module = load_python_launch_file_as_module(python_launch_file_path)
     function = getattr(module, "generate_launch_description", None)
     if not callable(function):
@@ -98,13 +90,7 @@ def get_launch_description_from_frontend_launch_file(launch_file_path: str, pars
 
 
 def get_launch_description_from_any_launch_file(launch_file_path: str, parser: Any = None) -> Any:
-    """The launch description of a launch file, whose format its name tells.
-
-    Raises
-    ------
-    InvalidLaunchFileError
-        The file is not of that format.
-    """
+    """The launch description of a launch file, whose format its name tells."""
     extension = Path(launch_file_path).suffix.lstrip(".")
     if extension in ("xml", "yaml", "yml"):
         return get_launch_description_from_frontend_launch_file(launch_file_path)

@@ -34,13 +34,7 @@ def get_logger(name: str | None = None) -> Logger:
 
 
 def get_output_loggers(process_name: str, output_config: Any) -> tuple[Logger, Logger]:
-    """Loggers of a process, if it is known where its output is to go.
-
-    Raises
-    ------
-    ValueError
-        It is not one of the known words.
-    """
+    """Loggers of a process, if it is known where its output is to go."""
     if isinstance(output_config, str):
         if output_config not in _OUTPUT_WORDS:
             raise _unknown(f"output must be one of {', '.join(_OUTPUT_WORDS)}, but it is '{output_config}'")

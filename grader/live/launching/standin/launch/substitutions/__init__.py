@@ -303,14 +303,14 @@ class _Logical(Substitution):
     def perform(self, context: Any) -> str:
         return str(self.holds(context)).lower()
 
-    def truths(self, context: Any) -> Any:
-        raise NotImplementedError
-
     #: How truth values make one; all of them are resolved.
     decide: Any = staticmethod(all)
 
+    def operands(self) -> list[Any]:
+        return list(self.given.values())
+
     def holds(self, context: Any) -> bool:
-        return bool(self.decide(self.truths(context)))
+        return bool(self.decide([self.truth(subs, context) for subs in self.operands()]))
 
 
 @expose_substitution("if")
@@ -336,24 +336,17 @@ class NotSubstitution(_Logical):
     """The opposite of a truth value."""
 
     value = Text(positional=POSITIONAL)
-
-    def holds(self, context: Any) -> bool:
-        return not self.truth(self.value, context)
+    decide = staticmethod(lambda truths: not truths[0])
 
 
 class _Pair(_Logical):
     left = Text(positional=POSITIONAL)
     right = Text(positional=POSITIONAL)
 
-    def truths(self, context: Any) -> tuple[bool, bool]:
-        return self.truth(self.left, context), self.truth(self.right, context)
-
 
 @expose_substitution("and")
 class AndSubstitution(_Pair):
     """Whether both truth values hold."""
-
-    decide = staticmethod(all)
 
 
 @expose_substitution("or")
@@ -375,8 +368,8 @@ class _Several(_Logical):
     def describe(self) -> str:
         return f"{type(self).__name__}({', '.join(sub.describe() for arg in self.args for sub in arg)})"
 
-    def truths(self, context: Any) -> list[bool]:
-        return [self.truth(arg, context) for arg in self.args]
+    def operands(self) -> list[Any]:
+        return self.args
 
 
 @expose_substitution("any")
@@ -389,8 +382,6 @@ class AnySubstitution(_Several):
 @expose_substitution("all")
 class AllSubstitution(_Several):
     """Whether several truth values all hold."""
-
-    decide = staticmethod(all)
 
 
 class _Comparable(Text):

@@ -29,11 +29,6 @@ def _unreadable(message: str, raised: type[Exception] = ValueError) -> Any:
     return mistake(raised, message, "bad_parameter_value", remedy)
 
 
-def _no_list(items: list[Any], data_type: Any) -> Any:
-    message = f"the list {items!r} is given where one {data_type.__name__} is wanted"
-    return mistake(TypeError, message, "bad_type", "Give one value, not a list.")
-
-
 def is_valid_scalar_type(data_type: Any) -> bool:
     """Whether a type is one of the four scalar ones."""
     return data_type in ScalarTypesTuple
@@ -45,19 +40,24 @@ def is_typing_list(data_type: Any) -> bool:
 
 
 def extract_type(data_type: Any) -> tuple[Any, bool]:
-    """The scalar type, and whether a list of it is meant.
-
-    Raises
-    ------
-    ValueError
-        The type is not one that a parameter can have.
-    """
+    """The scalar type, and whether a list of it is meant."""
     is_list = is_typing_list(data_type)
     scalar = get_args(data_type)[0] if is_list and get_args(data_type) else data_type
     if scalar not in ScalarTypesTuple:
         remedy = "Use int, float, bool, str, or List[...] of one of them."
         raise mistake(ValueError, f"{data_type!r} is not a type that a value can have here", "bad_type", remedy)
     return scalar, is_list
+
+
+def _type_of_items(items: list[Any], data_type: Any) -> Any:
+    """The type that each item of a list must have, if one is wanted."""
+    if data_type is None:
+        return None
+    scalar, is_list = extract_type(data_type)
+    if not is_list:
+        message = f"the list {items!r} is given where one {scalar.__name__} is wanted"
+        raise mistake(TypeError, message, "bad_type", "Give one value, not a list.")
+    return scalar
 
 
 def is_instance_of_valid_type(value: Any, can_be_str: bool = False) -> bool:
@@ -80,72 +80,39 @@ def is_instance_of(value: Any, data_type: Any = None, can_be_str: bool = False) 
     return isinstance(value, wanted)
 
 
-def _read_yaml(value: str, aim: str, can_be_str: bool) -> Any:
+def coerce_to_type(value: str, data_type: Any = None, can_be_str: bool = False) -> Any:
+    """Read a text as a value of a type, or by the rules of YAML if no type is given."""
     import yaml
 
-    if not value:
+    ensure_argument_type(value, str, "value", "coerce_to_type")
+    scalar: Any = None
+    is_list = False
+    if data_type is not None:
+        scalar, is_list = extract_type(data_type)
+    aim = "a parameter value" if scalar is None else "true or false" if scalar is bool else scalar.__name__
+    if is_list:
+        aim = f"a list of {scalar.__name__}"
+    elif scalar is str:
         return value
+    elif scalar is bool and value in ("1", "0"):
+        return value == "1"
+    read = scalar if scalar in (int, float) and not is_list else yaml.safe_load
     try:
-        output = yaml.safe_load(value)
+        output = read(value) if value else value
     except Exception as error:
-        if can_be_str:
-            return value
-        raise _unreadable(f"'{value}' cannot be read as {aim}: it is not valid YAML ({error})") from error
+        if not can_be_str:
+            raise _unreadable(f"'{value}' cannot be read as {aim}") from error
+        output = value
     if not is_instance_of_valid_type(output, can_be_str):
         kind = "list whose items are not of one type" if isinstance(output, list) else type(output).__name__
         raise _unreadable(f"'{value}' cannot be read as {aim}: YAML makes it a {kind}")
+    if not is_instance_of(output, data_type, can_be_str):
+        raise _unreadable(f"'{value}' cannot be read as {aim}")
     return output
 
 
-def coerce_to_type(value: str, data_type: Any = None, can_be_str: bool = False) -> Any:
-    """Read a text as a value of a type, or by the rules of YAML if no type is given.
-
-    Raises
-    ------
-    TypeError
-        `value` is no text.
-    ValueError
-        The text is no such value.
-    """
-    ensure_argument_type(value, str, "value", "coerce_to_type")
-    if data_type is None:
-        return _read_yaml(value, "a parameter value", can_be_str)
-    scalar, is_list = extract_type(data_type)
-    wanted = (str, scalar) if can_be_str else scalar
-    if is_list:
-        output = _read_yaml(value, f"a list of {scalar.__name__}", can_be_str)
-        if not isinstance(output, list) or not all(isinstance(item, wanted) for item in output):
-            raise _unreadable(f"'{value}' cannot be read as a list of {scalar.__name__}")
-        return output
-    return _coerce_scalar(value, scalar, can_be_str)
-
-
-def _coerce_scalar(value: str, scalar: Any, can_be_str: bool) -> Any:
-    if scalar is str:
-        return value
-    if scalar in (int, float):
-        try:
-            return scalar(value)
-        except ValueError as error:
-            if can_be_str:
-                return value
-            raise _unreadable(f"'{value}' cannot be read as {scalar.__name__}") from error
-    if value in ("1", "0"):
-        return value == "1"
-    output = _read_yaml(value, "true or false", can_be_str)
-    if isinstance(output, bool) or (can_be_str and isinstance(output, str)):
-        return output
-    raise _unreadable(f"'{value}' cannot be read as true or false")
-
-
 def coerce_list(value: list[str], data_type: Any = None, can_be_str: bool = False) -> list[Any]:
-    """Read a list of texts as values of one type.
-
-    Raises
-    ------
-    ValueError
-        They are not of one type.
-    """
+    """Read a list of texts as values of one type."""
     ensure_argument_type(value, list, "value", "coerce_list")
     output = [coerce_to_type(item, data_type, can_be_str) for item in value]
     if not is_instance_of_valid_type(output, can_be_str):
@@ -154,20 +121,10 @@ def coerce_list(value: list[str], data_type: Any = None, can_be_str: bool = Fals
 
 
 def get_typed_value(value: Any, data_type: Any, can_be_str: bool = False) -> Any:
-    """Read a text or a list of texts as a value of a type.
-
-    Raises
-    ------
-    TypeError
-        A list is given where a scalar is wanted.
-    """
+    """Read a text or a list of texts as a value of a type."""
     if not isinstance(value, list):
         return coerce_to_type(value, data_type, can_be_str)
-    if data_type is not None:
-        data_type, is_list = extract_type(data_type)
-        if not is_list:
-            raise _no_list(value, data_type)
-    return coerce_list(value, data_type, can_be_str)
+    return coerce_list(value, _type_of_items(value, data_type), can_be_str)
 
 
 def is_substitution(x: Any) -> bool:
@@ -185,13 +142,7 @@ def is_normalized_substitution(x: Any) -> bool:
 
 
 def normalize_typed_substitution(value: Any, data_type: Any) -> Any:
-    """Bring a value or substitution into the form that `perform_typed_substitution` takes.
-
-    Raises
-    ------
-    TypeError
-        It can never become a value of the type.
-    """
+    """Bring a value or substitution into the form that `perform_typed_substitution` takes."""
     if isinstance(value, ScalarTypesTuple):
         if not is_instance_of(value, data_type):
             name = getattr(data_type, "__name__", str(data_type))
@@ -212,10 +163,7 @@ def _normalize_typed_list(items: list[Any], data_type: Any) -> list[Any]:
         if not isinstance(item, ScalarTypesTuple) and not is_substitution(item):
             raise _unreadable(f"in this list only values and substitutions can stand, but {shown(item)}", TypeError)
         kinds.add(type(item) if isinstance(item, ScalarTypesTuple) else Substitution)
-    if data_type is not None:
-        data_type, is_list = extract_type(data_type)
-        if not is_list:
-            raise _no_list(items, data_type)
+    data_type = _type_of_items(items, data_type)
     plain = kinds - {Substitution}
     if plain in ({float}, {int, float}):
         found: Any = float
@@ -231,15 +179,7 @@ def _normalize_typed_list(items: list[Any], data_type: Any) -> list[Any]:
 
 
 def perform_typed_substitution(context: Any, value: Any, data_type: Any) -> Any:
-    """Resolve what `normalize_typed_substitution` returned.
-
-    Raises
-    ------
-    ValueError
-        The text is no value of the type.
-    TypeError
-        The value is not in normal form.
-    """
+    """Resolve what `normalize_typed_substitution` returned."""
     if isinstance(value, ScalarTypesTuple):
         if data_type is not None and not is_instance_of(value, data_type):
             raise TypeError(f"{value!r} is not a {data_type}")
@@ -247,11 +187,7 @@ def perform_typed_substitution(context: Any, value: Any, data_type: Any) -> Any:
     if is_normalized_substitution(value):
         return coerce_to_type(perform_substitutions(context, value), data_type)
     if isinstance(value, list):
-        scalar = None
-        if data_type is not None:
-            scalar, is_list = extract_type(data_type)
-            if not is_list:
-                raise _no_list(value, scalar)
+        scalar = _type_of_items(value, data_type)
         output = [
             coerce_to_type(perform_substitutions(context, item), scalar) if is_normalized_substitution(item) else item
             for item in value

@@ -9,19 +9,21 @@ from typing import Any
 from launch._base import (
     Action,
     Field,
+    Substitution,
     Text,
-    blame,
     ensure_argument_type,
     expose_action,
     mistake,
     normalize_to_list_of_substitutions,
     perform_substitutions,
+    read_element,
 )
-from launch.actions import ExecuteProcess
+from launch.actions import ExecuteProcess, parse_words
 from launch.substitutions import LocalSubstitution
 
+from .._markup import read_parameters, read_remappings
 from ..descriptions import ComposableNode
-from ..parameter_descriptions import Parameter, ParameterFile, ParameterValue
+from ..parameter_descriptions import Parameter
 from ..substitutions import ExecutableInPackage
 from ..utilities import (
     add_node_name,
@@ -33,13 +35,6 @@ from ..utilities import (
     validate_namespace,
     validate_node_name,
 )
-
-
-class _Words(Field):
-    """Arguments of a program; in XML and YAML a command line."""
-
-    def read(self, value: Any, parser: Any) -> Any:
-        return ExecuteProcess.parse_words(value, parser)
 
 
 @expose_action("node")
@@ -55,10 +50,15 @@ class Node(ExecuteProcess):
     name = Text(None, attribute="name")
     namespace = Text(None, attribute="namespace")
     exec_name = Text(None, attribute="exec_name")
-    parameters = Field(None, types=(list, type(None)), remedy="Put the parameters into a list: parameters=[{...}].")
-    remappings = Field(None)
-    ros_arguments = _Words(None, attribute="ros_args")
-    arguments = _Words(None, attribute="args")
+    parameters = Field(
+        None,
+        types=(list, type(None)),
+        remedy="Put the parameters into a list: parameters=[{...}].",
+        nested=read_parameters,
+    )
+    remappings = Field(None, nested=read_remappings)
+    ros_arguments = Field(None, attribute="ros_args", read=parse_words)
+    arguments = Field(None, attribute="args", read=parse_words)
 
     node_package = property(lambda self: self.package)
     node_executable = property(lambda self: self.executable)
@@ -86,11 +86,6 @@ class Node(ExecuteProcess):
         self.expanded_remapping_rules: list[tuple[str, str]] = []
         self.__final_name: str | None = None
         self.__performed = False
-
-    @classmethod
-    def parse(cls, entity: Any, parser: Any) -> Any:
-        made, kwargs = super().parse(entity, parser)
-        return made, {**kwargs, **parse_ros(entity, parser)}
 
     @property
     def node_name(self) -> str:
@@ -149,7 +144,7 @@ class Node(ExecuteProcess):
                 key = self.node_name if self.is_node_name_fully_specified() else "/**"
                 plain = {name: list(value) if isinstance(value, tuple) else value for name, value in item.items()}
                 text = yaml.dump({key: {"ros__parameters": plain}}, default_flow_style=False)
-                path = context.session.add_file(self.__expanded_name.strip("<>"), ".yaml", text, of_node=True)
+                path = context.session.files.add(self.__expanded_name.strip("<>"), ".yaml", text, of_node=True)
                 self._extend("--params-file", path)
             elif isinstance(item, Parameter):
                 name, value = item.evaluate(context)
@@ -180,87 +175,13 @@ class Node(ExecuteProcess):
         return found
 
 
-def parse_ros(entity: Any, parser: Any) -> dict[str, Any]:
-    """What a node and a composable node have in common: `<remap>` and `<param>`."""
-    kwargs: dict[str, Any] = {}
-    remaps, params = entity.nested("remap"), entity.nested("param")
-    if remaps:
-        kwargs["remappings"] = [
-            (parser.parse_substitution(r.get_attr("from")), parser.parse_substitution(r.get_attr("to"))) for r in remaps
-        ]
-    if params:
-        kwargs["parameters"] = [_parse_param_at_its_line(param, parser) for param in params]
-    for inner in [*remaps, *params]:
-        inner.assert_entity_completely_parsed()
-    return kwargs
-
-
-_TYPE_NAMES = ("int", "float", "bool", "str", "list_of_int", "list_of_float", "list_of_bool", "list_of_str", "yaml")
-
-
-def _bad(message: str, remedy: str = "Correct this element of the file.") -> Any:
-    return mistake(RuntimeError, message, "bad_markup", remedy)
-
-
-def _type_named(name: str | None) -> Any:
-    from typing import List  # noqa: UP035
-
-    if name is None or name == "yaml":
-        return None
-    if name not in _TYPE_NAMES:
-        raise _bad(f"the type '{name}' is not one of {', '.join(_TYPE_NAMES)}", "Use one of the types.")
-    scalar = {"int": int, "float": float, "bool": bool, "str": str}[name.removeprefix("list_of_")]
-    return List[scalar] if name.startswith("list_of_") else scalar  # type: ignore[valid-type]  # noqa: UP006
-
-
-def _parse_param_at_its_line(param: Any, parser: Any) -> Any:
-    try:
-        return _parse_param(param, parser)
-    except Exception as error:
-        blame(error, param)
-        raise
-
-
-def _parse_param(param: Any, parser: Any) -> Any:
-    source = param.get_attr("from", optional=True)
-    name = param.get_attr("name", optional=True)
-    allow = param.get_attr("allow_substs", data_type=bool, optional=True)
-    if source is not None and name is not None:
-        raise _bad("a <param> has either 'name' or 'from'")
-    if source is None and allow is not None:
-        raise _bad("a <param> has 'allow_substs' only with 'from'")
-    if source is not None:
-        allow = parser.parse_substitution(allow) if isinstance(allow, str) else bool(allow)
-        return ParameterFile(parser.parse_substitution(source), allow_substs=allow)
-    if name is None:
-        raise _bad("a <param> needs 'name' or 'from'")
-    return _named_param(param, parser)
-
-
-def _named_param(param: Any, parser: Any) -> dict[Any, Any]:
-    name = tuple(parser.parse_substitution(param.get_attr("name")))
-    type_name = param.get_attr("type", optional=True)
-    kind = _type_named(type_name)
-    value = param.get_attr("value", data_type=kind, optional=True)
-    inner = param.nested("param")
-    if inner and (value is not None or kind is not None):
-        raise _bad("a <param> has either 'value' and 'type', or others inside")
-    if value is not None:
-        return {name: ParameterValue(parser.parse_if_substitutions(value), value_type=kind)}
-    if not inner:
-        raise _bad("a <param> needs 'value' or others inside")
-    content: dict[Any, Any] = {}
-    for each in inner:
-        content.update(_named_param(each, parser))
-        each.assert_entity_completely_parsed()
-    return {name: content}
-
-
 def _composable_nodes(entity: Any, parser: Any) -> list[ComposableNode]:
     """The nodes of `<composable_node>` inside an element."""
-    return [
-        made(**kwargs) for made, kwargs in (ComposableNode.parse(e, parser) for e in entity.nested("composable_node"))
-    ]
+    found = []
+    for node in entity.nested("composable_node"):
+        found.append(ComposableNode(**read_element(ComposableNode, node, parser)))
+        node.assert_entity_completely_parsed()
+    return found
 
 
 @expose_action("node_container")
@@ -269,12 +190,7 @@ class ComposableNodeContainer(Node):
 
     name = Text(attribute="name")
     namespace = Text(attribute="namespace")
-    composable_node_descriptions = Field(None)
-
-    @classmethod
-    def parse(cls, entity: Any, parser: Any) -> Any:
-        made, kwargs = super().parse(entity, parser)
-        return made, {**kwargs, "composable_node_descriptions": _composable_nodes(entity, parser)}
+    composable_node_descriptions = Field(None, nested=_composable_nodes)
 
     def execute(self, context: Any) -> Any:
         super().execute(context)
@@ -288,18 +204,12 @@ class LoadComposableNodes(Action):
 
     performs = "load"
 
-    composable_node_descriptions = Field()
+    composable_node_descriptions = Field(nested=_composable_nodes)
     target_container = Field(attribute="target")
-
-    @classmethod
-    def parse(cls, entity: Any, parser: Any) -> Any:
-        made, kwargs = super().parse(entity, parser)
-        return made, {**kwargs, "composable_node_descriptions": _composable_nodes(entity, parser)}
 
     def made(self) -> None:
         target = self.target_container
         if not isinstance(target, ComposableNodeContainer):
-            ensure_argument_type(target, (str, Path, Action, *_TEXTS), "target_container", "LoadComposableNodes")
-
-
-_TEXTS = (list, tuple, type(normalize_to_list_of_substitutions("")[0]).__mro__[1])
+            ensure_argument_type(
+                target, (str, Path, Action, list, tuple, Substitution), "target_container", "LoadComposableNodes"
+            )

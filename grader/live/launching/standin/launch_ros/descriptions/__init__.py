@@ -6,6 +6,7 @@ from typing import Any
 
 from launch._base import Action, Field, Located, Text
 
+from .._markup import read_parameters, read_remappings
 from ..parameter_descriptions import Parameter, ParameterFile, ParameterValue
 from ..utilities import normalize_parameters, normalize_remap_rules
 
@@ -15,6 +16,10 @@ class _Parameters(Field):
         return normalize_parameters(value)
 
 
+def _extra(entity: Any, parser: Any) -> Any:
+    return [{name: value} for name, value in parser.pairs(entity, "extra_arg").items()] or None
+
+
 class ComposableNode(Located):
     """A node to be loaded into a container."""
 
@@ -22,9 +27,9 @@ class ComposableNode(Located):
     plugin = Text(attribute="plugin")
     name = Text(None, attribute="name")
     namespace = Text(None, attribute="namespace")
-    parameters = _Parameters(None)
-    remappings: Any = Field(None)
-    extra_arguments = _Parameters(None)
+    parameters = _Parameters(None, nested=read_parameters)
+    remappings: Any = Field(None, nested=read_remappings)
+    extra_arguments = _Parameters(None, nested=_extra)
     condition: Any = Field(None)
 
     node_plugin = property(lambda self: self.plugin)
@@ -34,18 +39,6 @@ class ComposableNode(Located):
     def made(self) -> None:
         self.remappings = list(normalize_remap_rules(self.given["remappings"] or ())) or None
         self.condition = lambda: self.given["condition"]
-
-    @classmethod
-    def parse(cls, entity: Any, parser: Any) -> Any:
-        from ..actions._node import parse_ros
-
-        kwargs = Action.parse.__func__(cls, entity, parser)[1]  # type: ignore[attr-defined]
-        kwargs.update(parse_ros(entity, parser))
-        extra = parser.pairs(entity, "extra_arg")
-        if extra:
-            kwargs["extra_arguments"] = [{name: value} for name, value in extra.items()]
-        entity.assert_entity_completely_parsed()
-        return cls, kwargs
 
 
 class ComposableLifecycleNode(ComposableNode):

@@ -18,7 +18,7 @@ from launch.substitutions import TextSubstitution
 
 from ..parameter_descriptions import Parameter, ParameterFile, ParameterValue
 
-_SCALARS = (bool, int, float, str)
+_SCALARS = (str, bool, int, float)
 
 
 def add_node_name(context: Any, node_name: str) -> None:
@@ -44,13 +44,7 @@ class InvalidNamespaceException(ValueError):
 
 
 def validate_node_name(name: str) -> None:
-    """Check the name of a node.
-
-    Raises
-    ------
-    InvalidNodeNameException
-        It has other signs than letters, digits and underscores, begins with a digit, or is too long.
-    """
+    """Check the name of a node."""
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) or len(name) > 255:
         message = (
             f"invalid node name '{name}': it may hold only letters, digits and '_', and may not begin with a digit"
@@ -60,13 +54,7 @@ def validate_node_name(name: str) -> None:
 
 
 def validate_namespace(namespace: str) -> None:
-    """Check an absolute namespace.
-
-    Raises
-    ------
-    InvalidNamespaceException
-        It is none.
-    """
+    """Check an absolute namespace."""
     if namespace != "/" and not re.fullmatch(r"(/[A-Za-z_][A-Za-z0-9_]*)+", namespace):
         message = f"invalid namespace '{namespace}': its parts may hold only letters, digits and '_', "
         message += "may not begin with a digit, and are parted by one '/' each"
@@ -101,23 +89,12 @@ def prefix_namespace(base_ns: str | None, ns: str | None) -> str | None:
 
 
 def normalize_remap_rule(remap_rule: Any) -> tuple[list[Substitution], list[Substitution]]:
-    """A remapping as two lists of substitutions.
-
-    Raises
-    ------
-    TypeError
-        It is not a tuple of two.
-    """
-    if not isinstance(remap_rule, tuple):
-        raise _no_rule(shown(remap_rule))
-    if len(remap_rule) != 2:
-        raise _no_rule(f"{remap_rule!r:.120} has {len(remap_rule)}")
+    """A remapping as two lists of substitutions."""
+    if not isinstance(remap_rule, tuple) or len(remap_rule) != 2:
+        why = f"{remap_rule!r:.120} has {len(remap_rule)}" if isinstance(remap_rule, tuple) else shown(remap_rule)
+        remedy = "Write a list of tuples: remappings=[('from', 'to')]."
+        raise mistake(TypeError, f"a remapping must be a tuple of two, but {why}", "bad_remapping", remedy)
     return normalize_to_list_of_substitutions(remap_rule[0]), normalize_to_list_of_substitutions(remap_rule[1])
-
-
-def _no_rule(why: str) -> Any:
-    remedy = "Write a list of tuples: remappings=[('from', 'to')]."
-    return mistake(TypeError, f"a remapping must be a tuple of two, but {why}", "bad_remapping", remedy)
 
 
 def normalize_remap_rules(remap_rules: Any) -> Iterator[tuple[list[Substitution], list[Substitution]]]:
@@ -126,36 +103,18 @@ def normalize_remap_rules(remap_rules: Any) -> Iterator[tuple[list[Substitution]
 
 
 def normalize_parameters(parameters: Any) -> tuple[Any, ...]:
-    """Parameters in normal form.
-
-    Raises
-    ------
-    TypeError
-        They are not a list of dicts, files, or `Parameter`s.
-    """
+    """Parameters in normal form: dicts, files, and `Parameter`s."""
     if isinstance(parameters, str) or not isinstance(parameters, Sequence):
         remedy = "Put the parameters into a list: parameters=[{...}]."
         message = f"argument 'parameters' must be a list, but {shown(parameters)}"
         raise mistake(TypeError, message, "parameters_not_list", remedy)
-    normal: list[Any] = []
-    for item in parameters:
-        if isinstance(item, Mapping):
-            normal.append(normalize_parameter_dict(item))
-        elif isinstance(item, (Parameter, ParameterFile)):
-            normal.append(item)
-        else:
-            normal.append(ParameterFile(item))
-    return tuple(normal)
+    kept = (Parameter, ParameterFile)
+    files = [item if isinstance(item, (Mapping, *kept)) else ParameterFile(item) for item in parameters]
+    return tuple(normalize_parameter_dict(item) if isinstance(item, Mapping) else item for item in files)
 
 
 def normalize_parameter_dict(parameters: Any, *, _prefix: Any = None) -> dict[Any, Any]:
-    """A dict of parameters in normal form: flat, with names joined by dots.
-
-    Raises
-    ------
-    TypeError
-        A value cannot be one of a parameter.
-    """
+    """A dict of parameters in normal form: flat, with names joined by dots."""
     if not isinstance(parameters, Mapping):
         raise TypeError(f"a dict of parameters is wanted, but {parameters!r} is given")
     normal: dict[Any, Any] = {}
@@ -187,81 +146,56 @@ def _no_value(message: str, value: Any) -> Any:
     return mistake(TypeError, message, "bad_parameter_value", remedy)
 
 
-def _quoted(value: Any) -> str:
+def _normalize_value(name: Any, value: Any) -> Any:
+    # What is written as YAML here is read again once its substitutions have values.
     import yaml
 
-    return str(yaml.dump(value))
-
-
-def _normalize_value(name: Any, value: Any) -> Any:
-    if isinstance(value, str):
-        return tuple(normalize_to_list_of_substitutions(_quoted(value)))
-    if isinstance(value, Substitution):
-        return tuple(normalize_to_list_of_substitutions(value))
+    if isinstance(value, (str, Substitution)):
+        return tuple(normalize_to_list_of_substitutions(yaml.dump(value) if isinstance(value, str) else value))
     if isinstance(value, (float, bool, int, bytes, ParameterValue)):
         return value
-    if isinstance(value, Sequence):
-        return _normalize_array(name, value)
-    raise _no_value(f"the parameter '{name}' cannot have such a value: {shown(value)}", value)
-
-
-def _normalize_array(name: Any, value: Sequence[Any]) -> Any:
-    kinds: set[Any] = set()
+    if not isinstance(value, Sequence):
+        raise _no_value(f"the parameter '{name}' cannot have such a value: {shown(value)}", value)
+    kinds = set()
     for item in value:
-        known = (Substitution, str, bool, int, float, Sequence)
-        kind = next((kind for kind in known if isinstance(item, kind)), None)
-        if kind is None:
+        kinds.add(next((kind for kind in (Substitution, *_SCALARS, Sequence) if isinstance(item, kind)), None))
+        if None in kinds:
             raise _no_value(f"the parameter '{name}' cannot have such an item in its list: {shown(item)}", item)
-        kinds.add(kind)
-    if kinds == {int}:
+    if kinds in ({int}, {bool}):
         return tuple(value)
     if kinds in ({float}, {int, float}):
         return tuple(float(item) for item in value)
     if Substitution in kinds and kinds <= {str, Substitution}:
         return tuple(normalize_to_list_of_substitutions(value))
-    if kinds == {bool}:
-        return tuple(value)
-    items = [_quoted(item) if isinstance(item, _SCALARS) else item for item in value]
+    items = [yaml.dump(item) if isinstance(item, _SCALARS) else item for item in value]
     return tuple(normalize_to_list_of_substitutions(item) for item in items)
 
 
 def evaluate_parameters(context: Any, parameters: Any) -> tuple[Any, ...]:
     """Normal parameters, resolved: dicts of values, paths of files, or `Parameter`s."""
-    resolved: list[Any] = []
-    for item in parameters:
-        if isinstance(item, ParameterFile):
-            resolved.append(item.evaluate(context))
-        elif isinstance(item, Parameter):
-            resolved.append(item)
-        else:
-            resolved.append(evaluate_parameter_dict(context, item))
-    return tuple(resolved)
+    files = [item.evaluate(context) if isinstance(item, ParameterFile) else item for item in parameters]
+    return tuple(evaluate_parameter_dict(context, item) if isinstance(item, Mapping) else item for item in files)
 
 
 def evaluate_parameter_dict(context: Any, parameters: Any) -> dict[str, Any]:
     """A normal dict of parameters, resolved."""
-    resolved = {}
-    for name, value in parameters.items():
-        text = perform_substitutions(context, list(name))
-        resolved[text] = _evaluate_value(context, text, value)
-    return resolved
+    names = {perform_substitutions(context, list(name)): value for name, value in parameters.items()}
+    return {name: _evaluate_value(context, name, value) for name, value in names.items()}
 
 
 def _evaluate_value(context: Any, name: str, value: Any) -> Any:
+    import yaml
+
     if isinstance(value, ParameterValue):
         return value.evaluate(context)
-    if isinstance(value, tuple) and value:
-        if isinstance(value[0], Substitution):
-            return _evaluate_text(name, perform_substitutions(context, value))
-        if isinstance(value[0], Sequence):
-            import yaml
-
-            return _uniform(name, [yaml.safe_load(perform_substitutions(context, item)) for item in value])
-        return tuple(value)
-    if isinstance(value, tuple) and not value:
-        return _uniform(name, ())
-    ensure_argument_type(value, (float, int, str, bool, bytes), "value", f"parameter '{name}'")
-    return value
+    if not isinstance(value, tuple):
+        ensure_argument_type(value, (float, int, str, bool, bytes), "value", f"parameter '{name}'")
+        return value
+    if value and isinstance(value[0], Substitution):
+        return _evaluate_text(name, perform_substitutions(context, value))
+    if value and not isinstance(value[0], Sequence):
+        return value
+    return _uniform(name, [yaml.safe_load(perform_substitutions(context, item)) for item in value])
 
 
 def _evaluate_text(name: str, text: str) -> Any:

@@ -11,8 +11,6 @@ from launch._base import Event, Field
 class ChangeState(Event):
     """Lifecycle nodes are to change their state."""
 
-    name = "launch_ros.events.lifecycle.ChangeState"
-
     #: As `lifecycle_msgs/msg/Transition` numbers them: what is asked for, then how each of them can end.
     valid_transitions = frozenset({*range(9), *(tens + how for tens in range(10, 70, 10) for how in range(3))})
 
@@ -26,8 +24,6 @@ class ChangeState(Event):
 
 class StateTransition(Event):
     """A lifecycle node changed its state."""
-
-    name = "launch_ros.events.lifecycle.StateTransition"
 
     action = Field()
     msg = Field()

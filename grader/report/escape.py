@@ -1,0 +1,184 @@
+"""Untrusted text made fit to be shown: in a page, on a terminal, in the log of a CI job, in XML and in Markdown.
+
+What would steer a terminal, hide or reorder text becomes visible; what another reader would obey stays text. Escaping
+for HTML is another matter, which the template engine sees to.
+"""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+
+LONGEST = 4000
+
+#: What a terminal obeys and does not show: CSI, OSC and other string sequences, and two-character escapes.
+_ANSI = re.compile(
+    r"(?:\x1b\[|\x9b)[0-?]*[ -/]*[@-~]"
+    # No string goes on over the beginning of another: thousands of them would each be read to the end.
+    r"|(?:\x1b[\]PX^_]|[\x9d\x90\x98\x9e\x9f])[^\x07\x1b\x9c\x9d\x90\x98\x9e\x9f]{0,4000}(?:\x07|\x1b\\|\x9c)"
+    r"|\x1b[ -/]*[0-~]"
+)
+_MOST_MARKS = 3
+#: Line end, tab, and the joiners that some scripts and emoji are written with.
+_KEPT = "\n\t\u200c\u200d"
+#: Control, format (direction, no width), surrogate, private, no character at all, line and paragraph separators.
+_HIDDEN = frozenset({"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"})
+
+
+def shown(text: str, longest: int = LONGEST) -> str:
+    """Return a text as it can be shown.
+
+    Parameters
+    ----------
+    longest : int
+        Characters after which it is cut, with a mark that says so.
+
+    Notes
+    -----
+    Terminal sequences are left out. Control characters, characters that change the direction of text or have
+    no width, lone surrogates and characters that no text may hold are shown by their number, e.g. ⟨U+202E⟩.
+    Line ends and tabs stay. At most three combining marks stay on a letter.
+    """
+    if len(text) <= longest and text.isascii() and text.isprintable():
+        return text  # Nearly all is, and there is much of it.
+    cut = len(text) > longest * 2
+    text = _ANSI.sub("", text[: longest * 2])
+    cut = cut or len(text) > longest
+    kept: list[str] = []
+    marks = 0
+    for character in text[:longest].replace("\r\n", "\n"):
+        marks = marks + 1 if unicodedata.combining(character) else 0
+        if marks <= _MOST_MARKS:
+            kept.append(character if _harmless(character) else f"⟨U+{ord(character):04X}⟩")
+    return "".join(kept) + (" … (cut)" if cut else "")
+
+
+def line(text: str, longest: int = 300) -> str:
+    """Return a text as one line that can be shown; cut with an ellipsis."""
+    # Split again, since where a terminal sequence stood between blanks, two are left.
+    whole = " ".join(shown(" ".join(text[: longest * 4].split()), longest * 4).split())
+    return whole if len(whole) <= longest and len(text) <= longest * 4 else whole[: longest - 1] + "…"
+
+
+def _harmless(character: str) -> bool:
+    return character in _KEPT or unicodedata.category(character) not in _HIDDEN
+
+
+# -- terminal and CI log -----------------------------------------------------------------------
+# GitHub's runner reads each printed line for `::name properties::data` at its start (after blanks) and for
+# `##[name properties]data` anywhere in it. Azure Pipelines and TeamCity use `##word[` in the same way.
+
+#: The first of two colons with which a command could begin, wherever a line may be broken.
+_COLONS = re.compile(r":(?=:[^\s:])")
+_BRACKET = re.compile(r"##(?=[A-Za-z]*\[)")
+
+
+def command_data(text: str, longest: int = LONGEST) -> str:
+    """Return a text as the data of a workflow command; line ends stay, as the runner writes them."""
+    return _percent(uncommanded(shown(text, longest)))
+
+
+def command_property(text: str, longest: int = LONGEST) -> str:
+    """Return a text as the value of a property of a workflow command, on one line."""
+    return _percent(line(text, longest)).replace(":", "%3A").replace(",", "%2C")
+
+
+def uncommanded(text: str) -> str:
+    """Return a text of which no part is a command, at whatever place its lines are broken when it is printed.
+
+    Two colons are parted by a blank where a name and two colons follow; likewise `##` and a bracket. C++ names
+    such as `std::vector` stay, unless they have three parts.
+    """
+    last = text.rfind("::")
+    parted = _COLONS.sub(lambda found: ": " if found.start() + 2 <= last else ":", text)
+    return _BRACKET.sub("## ", parted)
+
+
+def _percent(text: str) -> str:
+    return text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
+
+
+def terminal_text(text: str, limit: int = 400) -> str:
+    """Return a text as one line that neither a terminal nor a CI job's log obeys, cut to a length.
+
+    Notes
+    -----
+    The same command prints to both, and a table breaks lines where it must; so nothing in the text may look
+    like a workflow command, even if a line began there.
+    """
+    whole = uncommanded(line(text, limit))
+    return whole if len(whole) <= limit else whole[: limit - 1] + "…"
+
+
+# -- XML ---------------------------------------------------------------------------------------
+
+_ESCAPES = str.maketrans(
+    {"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;", "'": "&#39;", "\n": "&#10;", "\t": "&#9;"}
+)
+
+
+def xml_text(text: str, longest: int = LONGEST) -> str:
+    """Return a text that a parser of XML 1.0 gives back as `shown` shows it.
+
+    Notes
+    -----
+    XML 1.0 has no way to write most control characters, lone surrogates, U+FFFE and U+FFFF, not even by
+    their number; they are shown as ⟨U+0000⟩. `>` is escaped too, so that `]]>` never stands. Line ends are
+    written by number, since a parser makes blanks of those in an attribute.
+
+    References
+    ----------
+    Extensible Markup Language (XML) 1.0, fifth edition, 2.2 (characters), 2.4 and 3.3.3 (normalization).
+    """
+    return shown(text, longest).translate(_ESCAPES)
+
+
+# -- Markdown as GitHub renders it -------------------------------------------------------------
+
+#: What GitHub makes something of after Markdown is done with, so that only a code span keeps it from that:
+#: mentions, addresses, numbers of issues, emoji, URLs, commits, ticket numbers. Names of files and topics
+#: (with a point, an underscore, a leading slash) are set as code because they read better so.
+_CODE = re.compile(
+    r"[@#_]|:(?!$)|^\W*/|www\.|\w\.[^\W\d_]{2}|(?<![^\W_])[0-9a-f]{7,}(?![^\W_])|[A-Za-z]-\d", re.IGNORECASE
+)
+#: A word's code goes without stops, brackets and quotes around it; those of a call are its own.
+_AROUND = re.compile(r"([(\"'‘“]*)(.*?(?:\(\))?)([)\"'’”.,;:!?…]*)", re.DOTALL)
+#: Within a code span these would end it, part a table's cells, or open a formula.
+_NOT_IN_CODE = re.compile(r"([`|$])")
+#: What would make a line a list, a rule, or the underline of a heading or of a table's first row.
+_BLOCK = re.compile(r"[-+=:]|\d+[.)]")
+#: ASCII characters that are never markup within a line.
+_INERT = frozenset(",.;:%()'\"?/+-= ")
+
+
+def markdown_text(text: str, longest: int = 600) -> str:
+    """Return one line of Markdown that is rendered as `line` shows the text, and does nothing.
+
+    Notes
+    -----
+    Escapes of Markdown are not enough: mentions, e-mail addresses and issue numbers are made into links
+    in the text that comes out of it. So a word that could become one is set as code, which is left alone,
+    and elsewhere every character that could be markup is written by its number. The result holds no
+    backquote, `|` or `$` but those that begin and end code spans, so it has the same meaning in a table.
+
+    References
+    ----------
+    GitHub Flavored Markdown Spec 0.29, 4.10 (tables), 6.2 (entities), 6.3 (code spans), 6.9 (autolinks).
+    """
+    words = [_word(word) for word in line(text, longest).split(" ")]
+    whole = " ".join(words)
+    return f"&#{ord(whole[0])};{whole[1:]}" if _BLOCK.match(whole) else whole
+
+
+def _word(word: str) -> str:
+    if not _CODE.search(word):
+        return _prose(word)
+    around = _AROUND.fullmatch(word)
+    assert around is not None
+    parts = enumerate(_NOT_IN_CODE.split(around[2]))
+    core = "".join(f"`{part}`" if n % 2 == 0 else _prose(part) for n, part in parts if part)
+    return _prose(around[1]) + core + _prose(around[3])
+
+
+def _prose(text: str) -> str:
+    return "".join(c if c.isalnum() or c in _INERT or not c.isascii() else f"&#{ord(c)};" for c in text)
