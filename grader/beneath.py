@@ -12,7 +12,7 @@ import os
 import shutil
 import stat
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path, PurePath, PurePosixPath
 
 _CLOSED_ON_EXEC = getattr(os, "O_CLOEXEC", 0)
@@ -63,16 +63,16 @@ def _parts(path: str | PurePath) -> list[str]:
     return list(found.parts)
 
 
+def _opened(top: int | Path) -> AbstractContextManager[int]:
+    return nullcontext(top) if isinstance(top, int) else _closing(os.open(top, os.O_RDONLY | _FOLDER))
+
+
 @contextmanager
-def _opened(top: int | Path) -> Iterator[int]:
-    if isinstance(top, int):
-        yield top
-        return
-    folder = os.open(top, os.O_RDONLY | _FOLDER)
+def _closing(file: int) -> Iterator[int]:
     try:
-        yield folder
+        yield file
     finally:
-        os.close(folder)
+        os.close(file)
 
 
 def open_regular_beneath(top: int | Path, path: str | PurePath) -> int:
@@ -153,13 +153,8 @@ def _copy_below(source: int, target: int, owner: int | None, depth: int) -> None
                     _copy_below(here, there, owner, depth - 1)
 
 
-@contextmanager
-def _folder(above: int, name: str) -> Iterator[int]:
-    found = open_beneath(above, name, os.O_RDONLY | _FOLDER)
-    try:
-        yield found
-    finally:
-        os.close(found)
+def _folder(above: int, name: str) -> AbstractContextManager[int]:
+    return _closing(open_beneath(above, name, os.O_RDONLY | _FOLDER))
 
 
 @contextmanager

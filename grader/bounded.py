@@ -40,10 +40,8 @@ class Bound:
     ----------
     what : str
         The work, as a message names it.
-    cpu_s : float
-        Of computing, so that a busy machine does not count.
-    wall_s : float
-        In all, for work that waits for ever.
+    cpu_s, wall_s : float
+        Of computing, so that a busy machine does not count; and in all, for work that waits for ever.
     memory_bytes : int
         Of the address space, beyond what this process has.
     file_bytes : int or None

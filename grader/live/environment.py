@@ -203,7 +203,8 @@ def interpreter_roots(interpreter: Path) -> list[Path]:
     stdlib = Path(sysconfig.get_path("stdlib")).parent.parent if interpreter == default_interpreter() else real
     # A link may lie anywhere, such as in ~/bin: what else is there is nobody's business.
     linked = [path.parent.parent for path in (interpreter, *_links_of(interpreter))]
-    return list(dict.fromkeys([*filter(_is_installation, linked), real, stdlib]))
+    installed = [p for p in linked if (p / "pyvenv.cfg").is_file() or any(p.glob("lib*/python3*"))]
+    return list(dict.fromkeys([*installed, real, stdlib]))
 
 
 def interpreter_links(interpreter: Path) -> dict[Path, str]:
@@ -221,7 +222,3 @@ def _links_of(interpreter: Path) -> list[Path]:
         links.append(path)
         path = Path(os.path.normpath(path.parent / path.readlink()))
     return links
-
-
-def _is_installation(folder: Path) -> bool:
-    return (folder / "pyvenv.cfg").is_file() or any(folder.glob("lib*/python3*"))

@@ -14,17 +14,16 @@ import os
 import socket
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from grader.live.cgroup import PROCESSES, CellGroup, GroupPlaces
-from grader.live.confine import Confinement
+from grader.live.confine import Confinement, confines_signals
 from grader.live.environment import INSIDE_FOLDER, LAUNCHING_FOLDER, interpreter_links, interpreter_roots
-from grader.live.landlock import confines_signals, landlock_version
-from grader.live.machine import processes_of_user, tasks_of
+from grader.live.machine import number_of_tasks, processes_of_user
 from grader.live.seccomp import open_filter
 
 #: Paths inside a confined student's process.
@@ -124,13 +123,8 @@ class Isolation:
     def describe(self) -> dict[str, Any]:
         """Return what a recording keeps of this: level, form, what is and what is not covered."""
         covers, lacks = self._coverage()
-        return {
-            "level": self.level.value,
-            "form": self.form.value,
-            "covers": covers,
-            "lacks": lacks,
-            "remedy": self.remedy,
-        }
+        words = {"level": self.level.value, "form": self.form.value, "remedy": self.remedy}
+        return {**words, "covers": covers, "lacks": lacks}
 
     def _coverage(self) -> tuple[list[str], list[str]]:
         if self.namespaces:
@@ -142,7 +136,7 @@ class Isolation:
         lacks.append("UDP to other machines is not blocked")
         if not self.own_uid and os.geteuid() == 0:
             lacks.append("a user id of its own: students' code runs as root, without its privileges")
-        if not self.own_uid and not confines_signals(landlock_version()):
+        if not self.own_uid and not confines_signals():
             lacks.append("signals to the grader's processes")
         return covers, lacks
 
@@ -264,7 +258,10 @@ def confined(
         yield ["setpriv", "--pdeathsig", "KILL", *_limited(limits, environment, command)], (), None
         return
     if not isolation.namespaces:
-        limits["nproc"] = PROCESSES if uid is not None else _tasks_of_user() + PROCESSES
+        # It counts all of a user's threads.
+        limits["nproc"] = PROCESSES + (
+            0 if uid is not None else sum(map(number_of_tasks, processes_of_user(os.getuid())))
+        )
         read, write = _readable(room), [*map(str, room.areas.values()), *(f"/dev/{name}" for name in _DEVICES)]
         confinement = Confinement(list(command), dict(environment), cwd, read, write, uid, limits)
         yield confinement.argv(sys.executable), (), None
@@ -302,15 +299,6 @@ def _limited(limits: Mapping[str, int], environment: Mapping[str, str], command:
     shell = ["sh", "-c", 'exec "$@"', "sh"] if "=" in command[0] else []
     limited = ["prlimit", *(f"--{name}={value}" for name, value in limits.items()), "--"]
     return [*limited, "env", "-i", "--", *variables, *shell, *command]
-
-
-def _tasks_of_user() -> int:
-    """Count the threads of all processes of this user, which a limit on processes counts too."""
-    count = 0
-    for pid in processes_of_user(os.getuid()):
-        with suppress(OSError):
-            count += len(tasks_of(pid))
-    return count
 
 
 def _file_system(room: Room) -> list[str]:
@@ -351,18 +339,12 @@ def _file_system(room: Room) -> list[str]:
     for link, target in interpreter_links(room.interpreter).items():
         if not link.is_relative_to("/usr"):
             bind("--symlink", target, str(link))
-    arguments += _hidden_package(room.interpreter)
-    return [*arguments, "--remount-ro", "/"]
-
-
-def _hidden_package(interpreter: Path) -> list[str]:
-    """Cover the grader's own package, oracles and solution included, where it lies among what a student sees."""
-    roots = [Path("/usr"), *interpreter_roots(interpreter)]
-    arguments: list[str] = []
+    # The grader's own package, oracles and solution included, is covered where it lies among what a student sees.
+    roots = [Path("/usr"), *interpreter_roots(room.interpreter)]
     for folder in _own_folders(roots):
         if any(folder.is_relative_to(root) for root in roots):
             arguments += ["--perms", "0555", "--tmpfs", str(folder), "--remount-ro", str(folder)]
-    return arguments
+    return [*arguments, "--remount-ro", "/"]
 
 
 def _own_folders(roots: Sequence[Path]) -> list[Path]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from grader.live.isolation import Isolation
 from grader.live.ros_launch import NativeLaunch
+from grader.recording.session import SessionRecord
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,8 @@ class SessionPlan:
 
     Attributes
     ----------
+    record : SessionRecord
+        With what is known before the session.
     folder, scratch : Path
         The recording's folder, and one of the session's own that the caller removes.
     executables, sources : dict
@@ -36,9 +39,8 @@ class SessionPlan:
         Names of topics, services and nodes that the rubric uses.
     """
 
-    session: str
+    record: SessionRecord
     steps: list[PlannedStep]
-    seed: int
     folder: Path
     scratch: Path
     staged: Path
@@ -51,7 +53,4 @@ class SessionPlan:
     slot: int
     domain_id: int
     timeout_s: float
-    attempt: int = 1
-    disturbed_before: bool = False
-    versions: dict[str, str] = field(default_factory=dict)
     native: NativeLaunch | None = None
