@@ -17,19 +17,7 @@ from .processes import text_of
 def evaluate(file: str, arguments: dict[str, Any], root: str) -> dict[str, Any]:
     """Evaluate a launch file as `ros2 launch FILE name:=value` would, without starting anything.
 
-    Parameters
-    ----------
-    file : str
-        Path of the launch file.
-    arguments : dict
-        Value by name.
-    root : str
-        Folder of the submission; lines are reported of the files in it.
-
-    Returns
-    -------
-    dict
-        The plan, ready for JSON.
+    Takes the path of the launch file, values by name, and the folder of the submission; returns the plan for JSON.
     """
     from launch import LaunchContext
 
@@ -37,12 +25,8 @@ def evaluate(file: str, arguments: dict[str, Any], root: str) -> dict[str, Any]:
     _remember_lines(root)
     _replace(executor)
     context = LaunchContext(argv=[f"{name}:={value}" for name, value in arguments.items()])
-    _set(context, "emit_event_sync", lambda event: executor.emit(event, context))
+    context.emit_event_sync = lambda event: executor.emit(event, context)  # type: ignore[method-assign]
     return executor.evaluate(context, file, arguments)
-
-
-def _set(target: Any, name: str, value: Any) -> None:
-    setattr(target, name, value)
 
 
 def _remember_lines(root: str) -> None:
@@ -51,7 +35,7 @@ def _remember_lines(root: str) -> None:
     from launch_ros.descriptions import ComposableNode
 
     for kind in (Action, ComposableNode):
-        _set(kind, "__init__", _with_line(kind.__init__, root))
+        kind.__init__ = _with_line(kind.__init__, root)
 
 
 def _with_line(construct: Any, root: str) -> Any:
@@ -82,8 +66,8 @@ def _replace(executor: Executor) -> None:
         ros_actions.LifecycleNode: executor.start_lifecycle,
         ros_actions.SetUseSimTime: executor.follow_sim_time,
     }.items():
-        _set(kind, "execute", lambda action, context, execute=execute: execute(action, context))
-    _set(Action, "visit", lambda action, context: executor.visit_action(action, context))
+        kind.execute = lambda action, context, execute=execute: execute(action, context)
+    Action.visit = lambda action, context: executor.visit_action(action, context)
     declare, include = actions.DeclareLaunchArgument.execute, actions.IncludeLaunchDescription.execute
 
     def note_argument(action: Any, context: Any) -> Any:
@@ -99,6 +83,6 @@ def _replace(executor: Executor) -> None:
         package = text_of(substitution.package, context)
         return find_executable(text_of(substitution.executable, context), package, executor.root)
 
-    _set(actions.DeclareLaunchArgument, "execute", note_argument)
-    _set(actions.IncludeLaunchDescription, "execute", note_include)
-    _set(ExecutableInPackage, "perform", found)
+    actions.DeclareLaunchArgument.execute = note_argument
+    actions.IncludeLaunchDescription.execute = note_include
+    ExecutableInPackage.perform = found

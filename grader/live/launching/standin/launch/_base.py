@@ -333,12 +333,7 @@ def _words(subs: list[Any]) -> str:
 class Condition(Located):
     """Decides whether an action is carried out."""
 
-    predicate = Field(None)
-
-    def made(self) -> None:
-        """Refuse what cannot be called."""
-        if self.predicate is not None and not callable(self.predicate):
-            raise TypeError(f"a condition's predicate must be callable, not {type(self.predicate).__name__}")
+    predicate = Field(None, types=(Callable, type(None)))
 
     def holds(self, context: Any) -> bool:
         """What the predicate says."""
@@ -446,6 +441,7 @@ _KIND_OF_ARGUMENT = {
     "parameters": "parameters_not_list",
     "param_file": "bad_parameter_value",
     "value": "bad_parameter_value",
+    "text": "bad_text",
 }
 
 

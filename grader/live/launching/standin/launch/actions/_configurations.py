@@ -238,15 +238,13 @@ def _arguments(entity: Any, parser: Any) -> list[Any]:
 class IncludeLaunchDescription(Action):
     """Visits another launch description."""
 
-    launch_description_source: Any = Text(positional=POSITIONAL, attribute="file")
+    launch_description_source: Any = Field(positional=POSITIONAL, attribute="file", read=Text.reading)
     launch_arguments: Any = Field(None, nested=_arguments)
 
-    def __init__(self, launch_description_source: Any, *, launch_arguments: Any = None, **kwargs: Any) -> None:
-        source = launch_description_source
-        known = isinstance(source, LaunchDescriptionSource)
-        super().__init__("", **kwargs)
-        self.launch_description_source = source if known else AnyLaunchDescriptionSource(source)
-        self.launch_arguments = () if launch_arguments is None else tuple(launch_arguments)
+    def made(self) -> None:
+        if not isinstance(self.launch_description_source, LaunchDescriptionSource):
+            self.launch_description_source = AnyLaunchDescriptionSource(self.launch_description_source)
+        self.launch_arguments = tuple(self.launch_arguments or ())
 
     def describe(self) -> str:
         return f"IncludeLaunchDescription({self.launch_description_source.location})"

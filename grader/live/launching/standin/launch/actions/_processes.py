@@ -6,6 +6,7 @@ import collections.abc
 import os
 import shlex
 import warnings
+from collections.abc import Callable
 from typing import Any
 
 from .._base import (
@@ -67,14 +68,9 @@ class LogInfo(Action):
 class OpaqueFunction(Action):
     """Calls a function of the launch file."""
 
-    function = Field()
+    function = Field(types=Callable, remedy="Give the function itself, without calling it: function=name.")
     args = Field(None, types=(collections.abc.Iterable, type(None)))
     kwargs = Field(None, types=(dict, type(None)))
-
-    def made(self) -> None:
-        if not callable(self.function):
-            remedy = "Give the function itself, without calling it: function=name."
-            raise mistake(TypeError, f"OpaqueFunction needs a function, but {shown(self.function)}", "bad_type", remedy)
 
     def execute(self, context: Any) -> Any:
         return self.function(context, *(self.args or ()), **(self.kwargs or {}))
@@ -85,14 +81,10 @@ class OpaqueCoroutine(Action):
 
     performs = "skip_coroutine"
 
-    coroutine = Field()
+    coroutine = Field(types=Callable)
     args = Field(None)
     kwargs = Field(None)
     ignore_context = Field(False)
-
-    def made(self) -> None:
-        if not callable(self.coroutine):
-            raise TypeError("OpaqueCoroutine needs a coroutine function")
 
 
 class RegisterEventHandler(Action):

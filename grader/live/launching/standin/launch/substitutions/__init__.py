@@ -35,12 +35,7 @@ def _failure(message: str, kind: str, remedy: str) -> Any:
 class TextSubstitution(Substitution):
     """A fixed text."""
 
-    text: Any = Field()
-
-    def made(self) -> None:
-        if not isinstance(self.text, str):
-            message = f"TextSubstitution takes a str, but {self.text!r} is of type '{type(self.text).__name__}'"
-            raise mistake(TypeError, message, "bad_text", "Give text.")
+    text: Any = Field(types=str, remedy="Give text.")
 
     def describe(self) -> str:
         return f"'{self.text}'"

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from launch._base import POSITIONAL, Action, SubstitutionFailure, Text, Typed, expose_action, mistake
+from launch._base import POSITIONAL, Action, Field, SubstitutionFailure, Text, Typed, expose_action, mistake
 from launch.actions import TimerAction
 
 from ..utilities import (
@@ -50,11 +50,10 @@ class SetParameter(Action):
     """Sets a parameter of the nodes that follow."""
 
     name = Text(positional=POSITIONAL, attribute="name")
-    value: Any = Text(positional=POSITIONAL, attribute="value")
+    value: Any = Field(positional=POSITIONAL, attribute="value", read=Text.reading)
 
-    def __init__(self, name: Any, value: Any, **kwargs: Any) -> None:
-        super().__init__(name, "", **kwargs)
-        self.__parameters = normalize_parameter_dict({tuple(self.name): value})
+    def made(self) -> None:
+        self.__parameters = normalize_parameter_dict({tuple(self.name): self.value})
         self.value = next(iter(self.__parameters.values()))
 
     def execute(self, context: Any) -> None:
