@@ -25,8 +25,12 @@ def evaluate(file: str, arguments: dict[str, Any], root: str) -> dict[str, Any]:
     _remember_lines(root)
     _replace(executor)
     context = LaunchContext(argv=[f"{name}:={value}" for name, value in arguments.items()])
-    context.emit_event_sync = lambda event: executor.emit(event, context)  # type: ignore[method-assign]
+    _set(context, "emit_event_sync", lambda event: executor.emit(event, context))
     return executor.evaluate(context, file, arguments)
+
+
+def _set(target: Any, name: str, value: Any) -> None:
+    setattr(target, name, value)
 
 
 def _remember_lines(root: str) -> None:
@@ -35,7 +39,7 @@ def _remember_lines(root: str) -> None:
     from launch_ros.descriptions import ComposableNode
 
     for kind in (Action, ComposableNode):
-        kind.__init__ = _with_line(kind.__init__, root)
+        _set(kind, "__init__", _with_line(kind.__init__, root))
 
 
 def _with_line(construct: Any, root: str) -> Any:
@@ -66,8 +70,8 @@ def _replace(executor: Executor) -> None:
         ros_actions.LifecycleNode: executor.start_lifecycle,
         ros_actions.SetUseSimTime: executor.follow_sim_time,
     }.items():
-        kind.execute = lambda action, context, execute=execute: execute(action, context)
-    Action.visit = lambda action, context: executor.visit_action(action, context)
+        _set(kind, "execute", lambda action, context, execute=execute: execute(action, context))
+    _set(Action, "visit", lambda action, context: executor.visit_action(action, context))
     declare, include = actions.DeclareLaunchArgument.execute, actions.IncludeLaunchDescription.execute
 
     def note_argument(action: Any, context: Any) -> Any:
@@ -83,6 +87,6 @@ def _replace(executor: Executor) -> None:
         package = text_of(substitution.package, context)
         return find_executable(text_of(substitution.executable, context), package, executor.root)
 
-    actions.DeclareLaunchArgument.execute = note_argument
-    actions.IncludeLaunchDescription.execute = note_include
-    ExecutableInPackage.perform = found
+    _set(actions.DeclareLaunchArgument, "execute", note_argument)
+    _set(actions.IncludeLaunchDescription, "execute", note_include)
+    _set(ExecutableInPackage, "perform", found)

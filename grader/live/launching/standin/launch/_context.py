@@ -39,15 +39,11 @@ class _Locals:
 
 
 class Configurations(dict[str, Any]):
-    """Launch configurations by name."""
-
     def __missing__(self, key: str) -> Any:
         raise KeyError(f"launch configuration '{key}' does not exist")
 
 
 class LaunchContext:
-    """The state of a launch."""
-
     def __init__(self, *, argv: list[str] | None = None, noninteractive: bool = False) -> None:
         self.argv = argv or []
         self.noninteractive = noninteractive

@@ -31,8 +31,6 @@ from ..utilities.type_utils import perform_typed_substitution
 
 
 class EmitEvent(Action):
-    """Lets something happen."""
-
     event: Any = Field()
 
     def made(self) -> None:
@@ -47,8 +45,6 @@ class EmitEvent(Action):
 
 @expose_action("shutdown")
 class Shutdown(EmitEvent):
-    """Ends the launch."""
-
     event = None
     reason = Field("reason not given", attribute="reason")
 
@@ -58,16 +54,12 @@ class Shutdown(EmitEvent):
 
 @expose_action("log")
 class LogInfo(Action):
-    """Says something."""
-
     performs = "log"
 
     msg = Text(attribute="message")
 
 
 class OpaqueFunction(Action):
-    """Calls a function of the launch file."""
-
     function = Field(types=Callable, remedy="Give the function itself, without calling it: function=name.")
     args = Field(None, types=(collections.abc.Iterable, type(None)))
     kwargs = Field(None, types=(dict, type(None)))
@@ -88,8 +80,6 @@ class OpaqueCoroutine(Action):
 
 
 class RegisterEventHandler(Action):
-    """Adds an event handler."""
-
     event_handler = Field(positional=POSITIONAL)
 
     def describe_conditional_sub_entities(self) -> list[tuple[str, Any]]:
@@ -104,8 +94,6 @@ class RegisterEventHandler(Action):
 
 
 class UnregisterEventHandler(Action):
-    """Removes an event handler."""
-
     event_handler = Field(positional=POSITIONAL)
 
     def execute(self, context: Any) -> None:
@@ -122,8 +110,6 @@ class _Period(Typed):
 
 @expose_action("timer")
 class TimerAction(Action):
-    """Visits entities after a time."""
-
     performs = "wait"
 
     period = _Period(

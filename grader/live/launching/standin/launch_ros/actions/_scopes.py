@@ -21,8 +21,6 @@ from ..utilities import (
 @expose_action("push_ros_namespace")
 @expose_action("push-ros-namespace")
 class PushROSNamespace(Action):
-    """Puts the nodes that follow into a namespace."""
-
     namespace = Text(positional=POSITIONAL, attribute="namespace")
 
     def execute(self, context: Any) -> None:
@@ -47,8 +45,6 @@ def _add(context: Any, kept: str, items: Any) -> None:
 
 @expose_action("set_parameter")
 class SetParameter(Action):
-    """Sets a parameter of the nodes that follow."""
-
     name = Text(positional=POSITIONAL, attribute="name")
     value: Any = Field(positional=POSITIONAL, attribute="value", read=Text.reading)
 
@@ -94,8 +90,6 @@ class SetROSLogDir(Action):
 
 @expose_action("set_remap")
 class SetRemap(Action):
-    """Remaps a name in the nodes that follow."""
-
     src = Text(positional=POSITIONAL, attribute="from")
     dst = Text(positional=POSITIONAL, attribute="to")
 
