@@ -9,7 +9,7 @@ from __future__ import annotations
 import posixpath
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 _COMMAND = re.compile(r"\b([A-Za-z_]\w*)\s*\(([^()]{0,10000})\)")
 _WORD = re.compile(r'"([^"]*)"|(\S+)')
@@ -20,16 +20,50 @@ _MOST_COMMANDS, _MOST_WORDS, _LONGEST_WORD = 2000, 500, 1000
 _CHANGING = {"list": 1, "file": 1, "foreach": 0}
 
 
-@dataclass(frozen=True)
-class Command:
-    """A command in lower case, and its words without their quotation marks."""
+class Installed(NamedTuple):
+    """What one command installs: path below the prefix -> path below the package, whether it is there or not.
 
-    name: str
-    words: tuple[str, ...]
+    `files` is None where that is not recognised. `is_programs` is whether it goes to where `ros2 run` looks.
+    """
+
+    is_programs: bool
+    files: dict[str, str] | None
 
 
-def commands_of(text: str, package: str) -> Iterator[Command]:
-    """Give the commands of a `CMakeLists.txt` in order, with variables put in.
+def installs_of(text: str, package: str, paths: Sequence[str]) -> Iterator[Installed]:
+    """Give what the `install` and `ament_auto_package(INSTALL_TO_SHARE ...)` commands of a `CMakeLists.txt` copy.
+
+    Parameters
+    ----------
+    text : str
+        `CMakeLists.txt`.
+    package : str
+        The package's name.
+    paths : sequence of str
+        The package's files, relative to its folder.
+    """
+    named = 0
+    for name, words in commands_of(text, package):
+        kind, at = words[0] if words else "", len(words)
+        if name == "ament_auto_package" and "INSTALL_TO_SHARE" in words:
+            kind, names, folder = "DIRECTORY", words[words.index("INSTALL_TO_SHARE") + 1 :], f"share/{package}"
+        elif name == "install" and kind in ("DIRECTORY", "FILES", "PROGRAMS") and "DESTINATION" in words[:-1]:
+            at = words.index("DESTINATION")
+            names, folder = words[1:at], words[at + 1]
+        else:
+            continue
+        named += len(names)
+        unknown = named > _MOST_WORDS or any("$" in word for word in (*names, folder))
+        unknown |= kind == "DIRECTORY" and not {"PATTERN", "REGEX", "FILES_MATCHING"}.isdisjoint(words)
+        is_programs = kind == "PROGRAMS" or folder.strip("/") == f"lib/{package}"
+        copied = {} if unknown else {target: file for n in names for target, file in _copied(n, kind, folder, paths)}
+        if len(copied) == 1 and "RENAME" in words[at:-1]:
+            copied = {posixpath.join(folder, words[words.index("RENAME") + 1]): file for file in copied.values()}
+        yield Installed(is_programs, None if unknown else copied)
+
+
+def commands_of(text: str, package: str) -> Iterator[tuple[str, list[str]]]:
+    """Give the commands in order: name in lower case, and words without their quotation marks, with variables put in.
 
     Parameters
     ----------
@@ -38,13 +72,13 @@ def commands_of(text: str, package: str) -> Iterator[Command]:
     """
     text = _HERE.sub(lambda match: "" if match[1] else ".", re.sub(r"#[^\n]*", "", text))
     variables: dict[str, list[str]] = {"PROJECT_NAME": [package]}
-    for name, inside in _COMMAND.findall(text)[:_MOST_COMMANDS]:
-        command = Command(name.lower(), tuple(_words(inside, variables)))
-        yield command
-        if command.name == "set" and command.words:
-            variables[command.words[0]] = list(command.words[1:])
-        elif command.name in _CHANGING and len(command.words) > _CHANGING[command.name]:
-            variables.pop(command.words[_CHANGING[command.name]], None)
+    for command, inside in _COMMAND.findall(text)[:_MOST_COMMANDS]:
+        name, words = command.lower(), _words(inside, variables)
+        yield name, words
+        if name == "set" and words:
+            variables[words[0]] = words[1:]
+        elif len(words) > _CHANGING.get(name, len(words)):
+            variables.pop(words[_CHANGING[name]], None)
 
 
 def _words(inside: str, variables: dict[str, list[str]]) -> list[str]:
@@ -68,50 +102,10 @@ def _put_in(word: str, variables: dict[str, list[str]]) -> str:
     return _VARIABLE.sub(value, word[:_LONGEST_WORD])[:_LONGEST_WORD]
 
 
-def data_files_of_cmake(text: str, package: str, paths: Sequence[str]) -> dict[str, str] | None:
-    """Return which files `install` and `ament_auto_package(INSTALL_TO_SHARE ...)` copy.
-
-    Parameters
-    ----------
-    text : str
-        `CMakeLists.txt`.
-    package : str
-        The package's name.
-    paths : sequence of str
-        The package's files, relative to its folder.
-
-    Returns
-    -------
-    dict or None
-        Path below the prefix -> path below the package; None if it is not recognised.
-    """
-    installed: dict[str, str] = {}
-    named = 0
-    for command in commands_of(text, package):
-        words = list(command.words)
-        if command.name == "ament_auto_package":
-            at = words.index("INSTALL_TO_SHARE") + 1 if "INSTALL_TO_SHARE" in words else len(words)
-            names, destination, kind = words[at:], f"share/{package}", "DIRECTORY"
-        elif command.name == "install" and words[:1] in (["DIRECTORY"], ["FILES"]) and "DESTINATION" in words[:-1]:
-            at = words.index("DESTINATION")
-            names, destination, kind = words[1:at], words[at + 1], words[0]
-            if kind == "DIRECTORY" and {"PATTERN", "REGEX", "FILES_MATCHING"} & set(words):
-                return None
-        else:
-            continue
-        named += len(names)
-        if named > _MOST_WORDS or any("$" in word for word in (*names, destination)):
-            return None
-        for name in names:
-            installed.update(_copied(name, kind, destination, paths))
-    return installed
-
-
-def _copied(name: str, kind: str, destination: str, paths: Sequence[str]) -> dict[str, str]:
-    if kind == "FILES":
-        return {posixpath.join(destination, posixpath.basename(name)): name} if name in paths else {}
+def _copied(name: str, kind: str, folder: str, paths: Sequence[str]) -> Iterator[tuple[str, str]]:
     root = posixpath.normpath(name)
+    inside = [path for path in paths if root == "." or path.startswith(f"{root}/")] if kind == "DIRECTORY" else []
     above = root if name.endswith("/") else posixpath.dirname(root)
-    inside = [path for path in paths if root == "." or path == root or path.startswith(f"{root}/")]
-    below = 0 if above in ("", ".") else len(above) + 1
-    return {posixpath.join(destination, path[below:]): path for path in inside}
+    for path in inside or [root]:
+        below = path if not inside or above in ("", ".") else path[len(above) + 1 :]
+        yield posixpath.join(folder, below if inside else posixpath.basename(path)), path

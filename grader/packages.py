@@ -7,13 +7,12 @@ console scripts; `CMakeLists.txt` for installed programs.
 from __future__ import annotations
 
 import configparser
-import posixpath
 import re
 from collections.abc import Sequence
 from pathlib import PurePosixPath
 from xml.etree import ElementTree
 
-from grader.cmake_script import Command, commands_of, data_files_of_cmake
+from grader.cmake_script import commands_of, installs_of
 from grader.recording.submission import PackageFact
 from grader.setup_script import NotRecognisedError, data_files_of_setup, keyword_of_setup
 
@@ -37,11 +36,11 @@ def find_packages(texts: dict[str, str], paths: list[str]) -> list[PackageFact]:
     for path in sorted(p for p in paths if PurePosixPath(p).name == "package.xml")[:_MOST_PACKAGES]:
         folder = str(PurePosixPath(path).parent).removeprefix(".")
         package = _read_manifest(folder, texts.get(path, ""))
+        inside = _paths_inside(package, paths)
         if package.build_type == "ament_python":
-            _read_setup(package, texts, paths)
+            _read_setup(package, texts, inside)
         else:
-            _read_cmake(package, texts, paths)
-        _read_data_files(package, texts, paths)
+            _read_cmake(package, texts, inside)
         more = len(package.problems) - _MOST_PROBLEMS
         package.problems[_MOST_PROBLEMS:] = [f"and {more} more of the kind"] if more > 0 else []
         packages.append(package)
@@ -75,7 +74,7 @@ def _paths_inside(package: PackageFact, paths: Sequence[str]) -> list[str]:
     return [path.removeprefix(above) for path in paths if path.startswith(above)]
 
 
-def _read_setup(package: PackageFact, texts: dict[str, str], paths: list[str]) -> None:
+def _read_setup(package: PackageFact, texts: dict[str, str], inside: list[str]) -> None:
     scripts: list[str] = []
     setup_text = texts.get(_inside(package.path, "setup.py"))
     config_text = texts.get(_inside(package.path, "setup.cfg"))
@@ -83,7 +82,6 @@ def _read_setup(package: PackageFact, texts: dict[str, str], paths: list[str]) -
         package.problems.append("there is no setup.py beside package.xml, so nothing is installed")
         return
     if setup_text is not None:
-        inside = _paths_inside(package, paths)
         declared = _console_scripts(setup_text, package, inside)
         if declared is None:
             _take_all(package, "setup.py declares its entry points", inside)
@@ -93,6 +91,9 @@ def _read_setup(package: PackageFact, texts: dict[str, str], paths: list[str]) -
     _add_scripts(package, scripts)
     if not package.executables and not package.problems:
         package.problems.append("setup.py declares no console_scripts, so `ros2 run` finds no executable")
+    is_broken = any("cannot be read" in problem for problem in package.problems)
+    if setup_text is not None and not is_broken and "options.data_files" not in (config_text or ""):
+        _note_shared(package, "setup.py", data_files_of_setup(setup_text, inside), inside)
 
 
 def _add_scripts(package: PackageFact, scripts: list[str]) -> None:
@@ -106,27 +107,20 @@ def _add_scripts(package: PackageFact, scripts: list[str]) -> None:
             package.problems.append(f"the entry point {script!r} is not of the form 'name = module:function'")
 
 
-def _read_data_files(package: PackageFact, texts: dict[str, str], paths: list[str]) -> None:
-    """Note what goes into the share folder, and launch files that do not."""
-    above, inside = f"{package.path}/" if package.path else "", _paths_inside(package, paths)
+def _note_shared(package: PackageFact, name: str, installed: dict[str, str] | None, inside: list[str]) -> None:
+    """Note what a file of a name installs below the prefix, and launch files that it does not."""
     by_cmake = package.build_type != "ament_python"
-    name = "CMakeLists.txt" if by_cmake else "setup.py"
-    text = texts.get(above + name)
-    if text is None or (not by_cmake and "options.data_files" in texts.get(f"{above}setup.cfg", "")):
-        return
-    found = data_files_of_cmake(text, package.name, inside) if by_cmake else data_files_of_setup(text, inside)
-    if found is None and any("cannot be read" in problem for problem in package.problems):
-        return  # said already
-    if found is None:
-        where = "CMakeLists.txt installs files" if by_cmake else "setup.py writes data_files"
+    if installed is None:
         package.problems.append(
-            f"{where} in a way that the grader does not follow; it takes every launch and data file for installed"
+            f"{name} installs files in a way that the grader does not follow; it takes every launch and data file for "
+            "installed"
         )
         return
-    package.shared = {target: above + file for target, file in found.items() if file in inside}
-    gone = sorted(file for file in found.values() if file not in inside and "resource/" not in file)
+    there = set(inside)
+    package.shared = {target: _inside(package.path, file) for target, file in installed.items() if file in there}
+    gone = sorted(file for file in installed.values() if file not in there and "resource/" not in file)
     package.problems += [f"{name} installs {file}, which is not there" for file in gone[:3]]
-    for file in (f for f in inside if is_launch_file(f) and above + f not in package.shared.values()):
+    for file in (f for f in inside if is_launch_file(f) and f not in installed.values()):
         folder = str(PurePosixPath(file).parent).removeprefix(".")
         entry = f"('share/{package.name}/{folder or 'launch'}', ['{file}'])"
         line = f"install(DIRECTORY {folder or '.'} DESTINATION share/${{PROJECT_NAME}})" if by_cmake else entry
@@ -185,40 +179,27 @@ def _cut(text: str) -> str:
     return "\n".join(line[:_LONGEST_LINE] for line in text.splitlines())
 
 
-def _read_cmake(package: PackageFact, texts: dict[str, str], paths: list[str]) -> None:
+def _read_cmake(package: PackageFact, texts: dict[str, str], inside: list[str]) -> None:
     text = texts.get(_inside(package.path, "CMakeLists.txt"))
     if text is None:
         package.problems.append("there is no CMakeLists.txt beside package.xml, so nothing is installed")
         return
-    inside = _paths_inside(package, paths)
-    for command in commands_of(text, package.name):
-        installs = command.name == "install" and "DESTINATION" in command.words[:-1]
-        if command.name == "ament_python_install_package" and "SCRIPTS_DESTINATION" in command.words:
-            _add_scripts(package, _scripts_of_config(texts.get(_inside(package.path, "setup.cfg"), "")))
-        elif installs and (command.words[0] == "PROGRAMS" or _goes_to_lib(command, package)):
-            _add_programs(package, command, inside)
-
-
-def _goes_to_lib(command: Command, package: PackageFact) -> bool:
-    """Whether an install command of files or folders puts them where `ros2 run` looks."""
-    target = command.words[command.words.index("DESTINATION") + 1].strip("/")
-    return command.words[0] in ("DIRECTORY", "FILES") and target == f"lib/{package.name}"
-
-
-def _add_programs(package: PackageFact, command: Command, inside: list[str]) -> None:
-    names = command.words[1 : command.words.index("DESTINATION")]
-    if any("$" in name for name in names):
+    if any(
+        name == "ament_python_install_package" and "SCRIPTS_DESTINATION" in words
+        for name, words in commands_of(text, package.name)
+    ):
+        _add_scripts(package, _scripts_of_config(texts.get(_inside(package.path, "setup.cfg"), "")))
+    installs = list(installs_of(text, package.name, inside))
+    if any(files is None for is_programs, files in installs if is_programs):
         _take_all(package, "CMakeLists.txt installs programs", inside)
-    for name in (posixpath.normpath(n) for n in names if "$" not in n):
-        below = [p for p in inside if p.startswith(f"{name}/")] if command.words[0] == "DIRECTORY" else []
-        for path in below or [name]:
-            if path in inside:
-                package.executables[PurePosixPath(path).name] = _inside(package.path, path)
-            else:
-                package.problems.append(f"CMakeLists.txt installs {path}, which is not there")
-    if "RENAME" in command.words[:-1] and len(names) == 1:
-        new = command.words[command.words.index("RENAME") + 1]
-        package.executables[new] = package.executables.pop(PurePosixPath(names[0]).name, new)
+    for target, file in ((t, f) for is_programs, files in installs if is_programs for t, f in (files or {}).items()):
+        if file in inside:
+            package.executables[PurePosixPath(target).name] = _inside(package.path, file)
+        else:
+            package.problems.append(f"CMakeLists.txt installs {file}, which is not there")
+    others = [files for is_programs, files in installs if not is_programs]
+    known = {target: file for files in others for target, file in (files or {}).items()}
+    _note_shared(package, "CMakeLists.txt", None if None in others else known, inside)
 
 
 def _take_all(package: PackageFact, what: str, inside: list[str]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from grader.cmake_script import data_files_of_cmake
+from grader.cmake_script import installs_of
 from grader.packages import find_packages
 from grader.setup_script import data_files_of_setup
 
@@ -64,18 +64,28 @@ def test_a_setup_without_data_files_installs_none() -> None:
     assert data_files_of_setup(f"{HEAD}setup(name=name)", PATHS) == {}
 
 
+def installed_by_cmake(text: str) -> dict[str, str] | None:
+    """Give what all commands install together, None where any is not recognised."""
+    found: dict[str, str] = {}
+    for _, files in installs_of(text, "arm", PATHS):
+        if files is None:
+            return None
+        found.update(files)
+    return found
+
+
 def test_cmake_installs_folders_and_files() -> None:
     """A folder keeps its name unless it ends with a slash."""
     text = "project(arm)\ninstall(DIRECTORY launch DESTINATION share/${PROJECT_NAME})\n"
     text += "install(DIRECTORY config/ DESTINATION share/arm/settings/) # install(FILES x DESTINATION y)\n"
     text += "install(FILES package.xml DESTINATION share/${PROJECT_NAME})"
-    found = data_files_of_cmake(text, "arm", PATHS)
+    found = installed_by_cmake(text)
     assert found is not None
     assert found["share/arm/launch/sub/c.launch.py"] == "launch/sub/c.launch.py"
     assert found["share/arm/settings/p.yaml"] == "config/p.yaml"
     assert found["share/arm/package.xml"] == "package.xml"
-    assert data_files_of_cmake("install(FILES ${MORE} DESTINATION share/arm)", "arm", PATHS) is None
-    automatic = data_files_of_cmake("ament_auto_package(INSTALL_TO_SHARE config)", "arm", PATHS)
+    assert installed_by_cmake("install(FILES ${MORE} DESTINATION share/arm)") is None
+    automatic = installed_by_cmake("ament_auto_package(INSTALL_TO_SHARE config)")
     assert automatic == {"share/arm/config/p.yaml": "config/p.yaml"}
 
 

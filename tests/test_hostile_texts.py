@@ -11,7 +11,7 @@ from types import FrameType
 
 import pytest
 
-from grader.cmake_script import data_files_of_cmake
+from grader.cmake_script import Installed, installs_of
 from grader.judgement import report_page
 from grader.judging import Recordings, judge, open_recordings
 from grader.live.stage import stage
@@ -99,7 +99,8 @@ def test_judging_any_text(text: str, solution: Recordings, rubric: Rubric) -> No
 def test_commands_that_are_not_closed_are_looked_at_once() -> None:
     """What is no command does not keep the ones that are from being found."""
     text = "install(" * 10_000 + "install(DIRECTORY d0 DESTINATION share/p)\n"
-    assert data_files_of_cmake(text, "p", ["d0/a"]) == {"share/p/d0/a": "d0/a"}
-    many = "install(DIRECTORY d0 d1 d2 DESTINATION share/p)\n"
-    assert data_files_of_cmake(many * 10, "p", ["d0/a"]) == {"share/p/d0/a": "d0/a"}
-    assert data_files_of_cmake(many * 1000, "p", ["d0/a"]) is None
+    found = Installed(False, {"share/p/d0/a": "d0/a"})
+    assert list(installs_of(text, "p", ["d0/a"])) == [found]
+    many = list(installs_of("install(DIRECTORY d0 DESTINATION share/p)\n" * 1000, "p", ["d0/a"]))
+    assert many[:10] == [found] * 10
+    assert many[-1] == Installed(False, None)

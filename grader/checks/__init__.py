@@ -6,7 +6,7 @@ of points.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -30,15 +30,15 @@ class Check:
     by_clock : bool
         Whether what it finds wrong may be so since the system's clock was set at some time in the session, or in the
         window of the check.
-    sought : callable or None
-        Gives kind and name of each endpoint or node that parameters ask for, where nothing else shows it.
+    seeks : tuple of str
+        Kinds of the endpoints or nodes that its parameters name, where nothing but the graph shows them.
     """
 
     parameters: type[Parameters]
     find: Callable[[Context, Any], Finding]
     by_endpoints: bool = False
     by_clock: bool = False
-    sought: Callable[[Any], Sequence[tuple[str, str]]] | None = None
+    seeks: tuple[str, ...] = ()
 
     def judge(self, context: Context, p: BaseModel) -> Finding:
         """Judge one session or submission.
@@ -56,8 +56,8 @@ class Check:
         finding = explained(context, p, finding)
         if artifact is not None and self.by_endpoints and finding.outcome is Outcome.FAILED:
             finding = runs_elsewhere(context, artifact, finding.expected) or finding
-        if self.sought is not None and finding.outcome in LOST:
-            finding = unseen(context, finding, self.sought(p)) or finding
+        if self.seeks and finding.outcome in LOST:
+            finding = unseen(context, p, finding, self.seeks) or finding
         lost = finding.outcome in LOST
         if self.by_clock and (clock := clock_set(context, p, lost=lost)):
             finding = undecided(finding, clock)
@@ -69,9 +69,7 @@ LOST = (Outcome.FAILED, Outcome.PARTIAL)
 
 REGISTRY: dict[str, Check] = {
     # A node that publishes.
-    "topic_published": Check(
-        traffic.TopicPublished, traffic.topic_published, by_endpoints=True, sought=lambda p: [("publisher", p.topic)]
-    ),
+    "topic_published": Check(traffic.TopicPublished, traffic.topic_published, by_endpoints=True, seeks=("publisher",)),
     "topic_rate": Check(traffic.TopicRate, traffic.topic_rate, by_clock=True),
     "topic_jitter": Check(traffic.TopicJitter, traffic.topic_jitter, by_clock=True),
     "message_values": Check(traffic.MessageValues, traffic.message_values),
@@ -79,19 +77,14 @@ REGISTRY: dict[str, Check] = {
     "offered_qos": Check(traffic.OfferedQos, traffic.offered_qos, by_endpoints=True),
     # A node that listens.
     "topics_subscribed": Check(
-        reception.TopicsSubscribed,
-        reception.topics_subscribed,
-        by_endpoints=True,
-        sought=lambda p: [("subscription", wanted.topic) for wanted in p.topics],
+        reception.TopicsSubscribed, reception.topics_subscribed, by_endpoints=True, seeks=("subscription",)
     ),
     "reported_series": Check(reception.ReportedSeries, reception.reported_series, by_clock=True),
     "reported_statistics": Check(reception.ReportedStatistics, reception.reported_statistics, by_clock=True),
     "survives": Check(reception.Survives, reception.survives, by_endpoints=True, by_clock=True),
     "report_share": Check(reception.ReportShare, reception.report_share),
     # A node that serves.
-    "service_offered": Check(
-        services.ServiceOffered, services.service_offered, by_endpoints=True, sought=lambda p: [("service", p.service)]
-    ),
+    "service_offered": Check(services.ServiceOffered, services.service_offered, by_endpoints=True, seeks=("service",)),
     "call_answered": Check(services.CallAnswered, services.call_answered),
     "call_gated": Check(services.CallGated, services.call_gated),
     "parameters_declared": Check(services.ParametersDeclared, services.parameters_declared, by_endpoints=True),
@@ -99,12 +92,7 @@ REGISTRY: dict[str, Check] = {
     # A launch file.
     "launch_loads": Check(launching.LaunchLoads, launching.launch_loads, by_endpoints=True),
     "launch_arguments": Check(launching.LaunchArguments, launching.launch_arguments, by_endpoints=True),
-    "launch_nodes": Check(
-        launching.LaunchNodes,
-        launching.launch_nodes,
-        by_endpoints=True,
-        sought=lambda p: [("node", wanted.node) for wanted in p.nodes],
-    ),
+    "launch_nodes": Check(launching.LaunchNodes, launching.launch_nodes, by_endpoints=True, seeks=("node",)),
     "launch_parameters": Check(launching.LaunchParameters, launching.launch_parameters, by_endpoints=True),
     "launch_together": Check(launching.LaunchTogether, launching.launch_together, by_clock=True),
     # A tool that compares QoS profiles.
@@ -113,10 +101,7 @@ REGISTRY: dict[str, Check] = {
         comparison.TopicsCarryTraffic, comparison.topics_carry_traffic, by_endpoints=True, by_clock=True
     ),
     "qos_profiles": Check(
-        comparison.QosProfiles,
-        comparison.qos_profiles,
-        by_endpoints=True,
-        sought=lambda p: [(kind, w.topic) for w in p.profiles for kind in ("publisher", "subscription")],
+        comparison.QosProfiles, comparison.qos_profiles, by_endpoints=True, seeks=("publisher", "subscription")
     ),
     "reported_traffic": Check(comparison.ReportedTraffic, comparison.reported_traffic, by_clock=True),
     # What is written.

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import PurePosixPath
 from typing import Any
 
+from grader.checks.endpoints import claimed_at
 from grader.checks.finding import Context, Unexplained, failed, inconclusive, told, undecided
 from grader.evidence.diagnosis import Diagnosis
 from grader.evidence.elsewhere import only_elsewhere
@@ -113,29 +115,31 @@ def environment_gap(context: Context, artifact: str, found: Diagnosis | None) ->
     return reason if alike else None
 
 
-def unseen(context: Context, finding: Finding, sought: Sequence[tuple[str, str]]) -> Finding | None:
+def unseen(context: Context, p: Any, finding: Finding, kinds: Sequence[str]) -> Finding | None:
     """State that a program which went on asked for something that the graph never showed, or None if that is not so.
 
     Then the discovery failed, or the program forged its request: both leave open what it would have done.
-
-    Parameters
-    ----------
-    sought : sequence of tuple
-        Kind and name of each endpoint or node, as the tap notes them.
     """
-    for kind, name in sought:
-        used = context.session.used(name)
+    for kind, wanted in itertools.product(kinds, _wanted(p)):
+        used = context.session.used(wanted[_NAMED_BY[kind]])
         claims = [] if _is_in_graph(context, kind, used) else context.session.record.claims
         claim = next((c for c in claims if _asks_for(c, kind, used) and _went_on(context, c)), None)
         if claim is not None:
             reason = (
                 f"The node asked for the {kind} {used} ({claim.file}:{claim.line}), but it was not seen in the graph."
             )
-            # What hit a limit or an exception is no matter of the discovery.
-            return undecided(
-                replace(finding, where=(Where(file=claim.file, line=claim.line),)), reason, settled=finding
-            )
+            return undecided(replace(finding, where=claimed_at(claim)), reason, settled=finding)
     return None
+
+
+#: What names an endpoint of a kind in a check's parameters.
+_NAMED_BY = {"publisher": "topic", "subscription": "topic", "service": "service", "node": "node"}
+
+
+def _wanted(p: Any) -> list[dict[str, Any]]:
+    """Return what each of several parts asks for, or the check itself."""
+    plain = p.model_dump()
+    return next((list(plain[name]) for name in ("topics", "nodes", "profiles") if name in plain), [plain])
 
 
 def _is_in_graph(context: Context, kind: str, name: str) -> bool:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from grader import references as ref
 from grader.checks.endpoints import claim_of, claimed_at, clash, student_endpoints
@@ -27,8 +27,8 @@ from grader.checks.finding import (
 )
 from grader.evidence.printed import text_of
 from grader.evidence.recorded import Floats, Span, clock_step_s
-from grader.evidence.result_rows import ResultRow, result_row
-from grader.patterns import search
+from grader.evidence.result_rows import LINE_LIMIT, ResultRow, lines_naming, plain_numbers, result_row, rounding_of
+from grader.patterns import compiled, search
 from grader.recording.session import OutputLine, ProcessRun, Qos
 from grader.references import Parameters, Pattern, Share
 from grader.result import Finding, Outcome, Where
@@ -231,11 +231,19 @@ class ReportedTraffic(Parameters):
 
     artifact: ref.Artifact
     rows: tuple[Row, ...]
+    pattern: Pattern = Field(description="Regular expression with groups count, mean_ms and max_ms.")
     count_tolerance: Share = 0.02
     latency_factor: float = Field(
         4, description="The reported mean may be above the recorded one, or below its least, by this factor."
     )
     latency_slack_s: float = Field(0.004, description="It may be above the recorded one by this much in any case.")
+
+    @field_validator("pattern")
+    @classmethod
+    def _has_groups(cls, value: str) -> str:
+        if not {"count", "mean_ms", "max_ms"} <= set(compiled(value).groupindex):
+            raise ValueError("the groups count, mean_ms and max_ms are needed")
+        return value
 
 
 def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
@@ -275,10 +283,19 @@ _SIDES_HINT = "Give publisher and subscription of a profile the same QoSProfile;
 
 
 def _claimed(context: Context, p: ReportedTraffic, row: Row) -> ResultRow | None:
-    """Return what is printed about a row, in any form that can be read."""
-    output, others = context.session.output_of(p.artifact), [other.name for other in p.rows if other is not row]
-    strictly = result_row(output, row.name, others, loosely=False)
-    return strictly if strictly is not None else result_row(output, row.name, others, loosely=True)
+    """Return what is printed about a row: in the pattern's form, or in another that can be read."""
+    output = context.session.output_of(p.artifact)
+    lines = [plain_numbers(line.text[:LINE_LIMIT]) for line in output]
+    for loosely in (False, True):
+        for place in lines_naming(lines, row.name, loosely=loosely):
+            if match := search(p.pattern, lines[place]):
+                mean_s, max_s = (float(match[name]) / 1e3 for name in ("mean_ms", "max_ms"))
+                rounding_s = rounding_of(match["mean_ms"], 1e-3)
+                return ResultRow(output[place].t_ns, int(match["count"]), mean_s, max_s, rounding_s)
+        others = [other.name for other in p.rows if other is not row]
+        if (found := result_row(output, row.name, others, loosely=loosely)) is not None:
+            return found
+    return None
 
 
 def _judge_row(

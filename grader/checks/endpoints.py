@@ -30,16 +30,9 @@ class OfEndpoint(Parameters):
     def faults(
         self, kind: str, wanted: tuple[str, str], got: tuple[str, str], nodes: Sequence[str]
     ) -> list[tuple[float, str]]:
-        """Return what is wrong with an endpoint's name and type: the share that each costs, and a sentence.
+        """Return what is wrong with the name and type of a topic or service: the share that each costs, and a sentence.
 
-        Parameters
-        ----------
-        kind : str
-            What has the name: a topic or a service.
-        wanted, got : tuple of str
-            Name and type.
-        nodes : sequence of str
-            Names of its nodes: in their namespaces lie relative names.
+        In the namespaces of its nodes lie relative names.
         """
         (name, its_type), (used, used_type) = wanted, got
         found = []

@@ -163,16 +163,12 @@ def graded(
 
     Parameters
     ----------
-    share : float
-        What it earns; with `best`, the least that the recording and the machine's delays leave possible.
-    best : float, optional
-        The most that they leave possible: where it earns more than the least, the finding is inconclusive.
+    share, best : float
+        The least and the most that it earns as far as the recording and the machine's delays tell.
     doubt : str
-        What keeps it from being decided then.
+        What keeps it from being decided where these differ.
     steps : int
         Number of steps in which a measured share earns credit; 0 where it is none.
-    by_machine : bool
-        Whether the doubt is of what the machine did.
     """
     low, high = (credit_of(in_steps(s, steps) if steps else s) for s in (share, share if best is None else best))
     if low != high:

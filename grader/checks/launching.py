@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -221,9 +220,7 @@ def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
     finding = of_parts(
         expected,
         parts,
-        measured=f"your file starts nothing; with the names corrected by the grader: {up}"
-        if stopping and up
-        else up or _NO_NODE,
+        measured=f"{_CORRECTED * bool(stopping and up)}{up or 'no node of the student in the graph'}",
         costs=[*costs, (0.0, _STOPS)] if stopping else [],
         hint=str(stopping[0]["remedy"]) if stopping else "",
         where=[Where(file=noted["file"], line=noted["line"]) for noted in stopping],
@@ -231,7 +228,7 @@ def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
     return replace(finding, retry=not any(part.doubt for part in parts))
 
 
-_NO_NODE = "no node of the student's in the graph"
+_CORRECTED = "your file starts nothing; with the names corrected by the grader: "
 _STOPS = "`ros2 launch` stops there and starts nothing."
 
 
@@ -303,28 +300,12 @@ def _why_down(context: Context, entry: Process, executable: str) -> Part:
     if found is None:
         said = f", saying {run.output[-1].text!r}." if run.output else "."
         return Part(0.0, "", f"{executable} ended with status {run.exit_status}{said}", where=spot)
-    hint = found.remedy
+    line = entry.line
     if found.kind == "parameter-type" and entry.file:
-        text = context.submission.texts.get(entry.file, "")
-        spot = (Where(file=entry.file, line=parameter_line(text, entry.line, found.subject)),)
-        hint, in_the_node = _type_hint(found.message, found.subject)
-        spot = (Where(file=found.file, line=found.line),) if in_the_node and found.file else spot
-    return Part(0.0, "", f"{executable} ended with status {run.exit_status}: {told(found)}", hint=hint, where=spot)
-
-
-_TYPES = re.compile(r"of type '(\w+)', expecting type '(\w+)'")
-_PYTHON_TYPES = {"bool": "bool", "double": "float", "integer": "int"}
-
-
-def _type_hint(message: str, name: str) -> tuple[str, bool]:
-    """Say how to fix a parameter given in another type than declared, and whether that is to be done in the node."""
-    match = _TYPES.search(message)
-    given, declared = match[0].lower().split("'")[1::2] if match is not None else ("", "")
-    if declared == "string" or (given, declared) == ("double", "integer"):
-        return f"Declare {name} with a default of the type that the lab gives it, as 100.0 for a float.", True
-    kind = _PYTHON_TYPES.get(declared, "str")
-    wired = f"for a launch argument, ParameterValue(LaunchConfiguration(...), value_type={kind})"
-    return f"Give the value as {kind}, without quotation marks; {wired}.", False
+        line = parameter_line(context.submission.texts.get(entry.file, ""), entry.line, found.subject)
+    where = (Where(file=entry.file, line=line), *([Where(file=found.file, line=found.line)] if found.file else []))
+    reason = f"{executable} ended with status {run.exit_status}: {told(found)}"
+    return Part(0.0, "", reason, hint=found.remedy, where=where)
 
 
 class WantedNodeParameter(Parameters):
@@ -516,10 +497,12 @@ def _arm_follows(context: Context, p: TogetherFollows, *, late: bool) -> Part | 
     command, state = (context.numeric(t, p.field) for t in (p.command, p.topic))
     if command is None or state is None or max(command.values.shape[1], state.values.shape[1]) <= p.index:
         return None
-    if _never_hears(context, p.command):
-        return None  # Another type is charged where it is published.
-    if command.values.shape[1] != state.values.shape[1] or float(np.ptp(command.values[:, p.index])) < 1e-3:
-        return None  # The arm takes no commands of another length, and cannot follow what does not move.
+    own = (e for e in context.session.endpoints_on(p.command, "subscription") if e.node in context.reference_nodes)
+    asked = {endpoint.type for endpoint in own}
+    heard = not asked or context.session.stream(p.command).topic_type in asked
+    alike = heard and command.values.shape[1] == state.values.shape[1]
+    if not alike or float(np.ptp(command.values[:, p.index])) < 1e-3:
+        return None  # The arm takes no commands of another type or length, and cannot follow what does not move.
     measured = np.interp(command.source_ns, state.source_ns, state.values[:, p.index])
     half = len(measured) // 2
     error = float(np.sqrt(np.mean((measured[half:] - command.values[half:, p.index]) ** 2)))
@@ -531,13 +514,6 @@ def _arm_follows(context: Context, p: TogetherFollows, *, late: bool) -> Part | 
     if context.charged(p.charged_by):
         return None
     return Part(0.0, text, "The arm does not follow the commands.", float(late))
-
-
-def _never_hears(context: Context, topic: str) -> bool:
-    """Whether the reference nodes ask for a topic in another type than that in which it is published."""
-    own = context.session.endpoints_on(topic, "subscription")
-    asked = {e.type for e in own if e.node in context.reference_nodes}
-    return bool(asked) and context.session.stream(topic).topic_type not in asked
 
 
 def _service_answers(context: Context, p: TogetherAnswers) -> Part | None:

@@ -350,19 +350,12 @@ def calls_in_time(context: Context, p: CallsInTime) -> Finding:
         return unclear(expected, measured, f"{few} Those were answered in time.")
     # What the machine kept from a core in a call, that which makes it included, may be why it took so long.
     delays = [_delay_s(context, call) for call in calls]
-    late = sum(_latency_s(call) - delay <= p.within_s for call, delay in zip(calls, delays, strict=True))
+    best = sum(_latency_s(call) - delay <= p.within_s for call, delay in zip(calls, delays, strict=True)) / len(calls)
+    share, notes = quick / len(calls), [few] if few else []
+    doubt = f"The machine kept a process from a core for up to {max(delays):.2f} s during a call, which may be why."
     reason = f"{len(calls) - quick} of {len(calls)} calls took longer than {p.within_s:g} s, or got no answer."
     reason += f" The quickest took {apart(min(latencies), p.within_s, places=2)} s." if latencies and not quick else ""
-    return graded(
-        quick / len(calls),
-        expected,
-        measured,
-        reason,
-        where=where,
-        notes=[few] if few else [],
-        best=max(quick, late) / len(calls),
-        doubt=f"The machine kept a process from a core for up to {max(delays):.2f} s during a call, which may be why.",
-    )
+    return graded(share, expected, measured, reason, where=where, notes=notes, best=max(share, best), doubt=doubt)
 
 
 def _delay_s(context: Context, call: Mapping[str, Any]) -> float:

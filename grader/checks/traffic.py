@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from pydantic import Field
@@ -91,53 +92,72 @@ def _silent_publisher(context: Context, artifact: str, used: str) -> tuple[str, 
     return f"{silent}{_by_timer(timers)}", "Call publish() from a timer that the node creates, and spin the node."
 
 
-class TopicRate(Parameters):
-    """A topic is published at a rate; credit falls in even steps between two deviations."""
+class _Timed(Parameters):
+    """Base of checks that measure times between the messages of a topic."""
 
     topic: ref.Topic
     process: ref.Process
+    window: ref.Window | None = Field(None, description="Label of the observe step; else the whole session.")
+
+    def measured(self, context: Context) -> tuple[Timing | None, Span | None, float, str]:
+        """Return timing, window, the machine's delay in it in s, and a clause.
+
+        Where stamps cannot be true, the timing is that of arrival, as the clause says, with the recorder's delay too.
+        """
+        span, run = context.session.window(self.window) if self.window else None, context.session.process(self.process)
+        timing = timing_of(context.session.stream(self.topic), span)
+        if span is None:
+            return timing, None, 0.0, ""
+        delay_s = context.session.machine_delay_s(run, span) if run is not None else 0.0
+        late_s = context.session.recorder_delay_s(span)
+        if timing is None or not timing.contradicted_by_arrival(late_s):
+            return timing, span, delay_s, ""
+        by = " by their arrival, as the time stamps that they carry are not those of their sending"
+        return timing.arrived, span, delay_s + late_s, by
+
+    def spot(self, context: Context, span: Span | None) -> Where:
+        """Point at the messages in a window."""
+        ends = {"start_s": span.start_ns, "end_s": span.end_ns} if span is not None else {}
+        return context.where(self.topic, **{end: context.session.since_start_s(t_ns) for end, t_ns in ends.items()})
+
+
+#: Share of a span for which a process was kept from a core, from which that is named as the reason of a doubt.
+_NOTABLE_DELAY = 0.005
+
+
+def _doubt(delay_s: float, length_s: float) -> dict[str, Any]:
+    """Say what keeps a share from being decided, and whether that is the machine's doing."""
+    if delay_s > _NOTABLE_DELAY * length_s:
+        return {"doubt": kept_from_core(delay_s, length_s), "by_machine": True}
+    return {"doubt": "The measurement's error reaches over a step of the credit.", "by_machine": False}
+
+
+class TopicRate(_Timed):
+    """A topic is published at a rate; credit falls in even steps between two deviations."""
+
     rate_hz: float = Field(gt=0)
     full_within: Share = Field(description="Relative deviation up to which credit is full, e.g. 2%.")
     zero_beyond: Share = Field(description="Relative deviation from which there is none.")
-    window: ref.Window | None = Field(None, description="Label of the observe step; else the whole session.")
-
-
-def _measured(context: Context, topic: str, window: str | None) -> tuple[Timing | None, Span | None, float, str]:
-    """Return a topic's timing within a window, by when its messages arrived where their stamps cannot be true.
-
-    Besides it the window, the recorder's delay where the timing is that of arrival, and a clause that says so.
-    """
-    span = context.session.window(window) if window else None
-    timing = timing_of(context.session.stream(topic), span)
-    late_s = context.session.recorder_delay_s(span) if span is not None else 0.0
-    if timing is None or not timing.contradicted_by_arrival(late_s):
-        return timing, span, 0.0, ""
-    by = " by their arrival, as the time stamps that they carry are not those of their sending"
-    return timing.arrived, span, late_s, by
-
-
-def _delay_s(context: Context, process: str, span: Span | None) -> float:
-    run = context.session.process(process)
-    return context.session.machine_delay_s(run, span) if run is not None and span is not None else 0.0
 
 
 def topic_rate(context: Context, p: TopicRate) -> Finding:
     """Judge the rate from source timestamps and sequence numbers."""
-    timing, span, excused_s, by = _measured(context, p.topic, p.window)
+    timing, span, delay_s, by = p.measured(context)
     expected = (
         f"{p.rate_hz:g} Hz ± {percent(p.full_within)}; credit falls by tenths to none at ± {percent(p.zero_beyond)}"
     )
-    timers, spot = _timers(context), _spot(context, p.topic, span)
+    timers, spot = _timers(context), p.spot(context, span)
     where = (*(claimed_at(timers[0]) if len(timers) == 1 else ()), spot)
     if timing is None:
         count = len(context.session.stream(p.topic))
         reason = f"Only {count} messages came, too few to speak of a rate."
         return failed(expected, f"{count} messages", reason, where=where)
     length_s = span.duration_s if span else timing.written / timing.rate_hz
-    run = context.session.process(p.process)
-    before = Span(min(run.started_ns, span.start_ns), span.start_ns) if run is not None and span is not None else None
-    delay_s = min(_delay_s(context, p.process, span) + excused_s, 0.5 * length_s)
-    least_hz, best_hz = _bounds_hz(timing, length_s, delay_s, _delay_s(context, p.process, before), p.rate_hz)
+    run, before_s = context.session.process(p.process), 0.0
+    if run is not None and span is not None:
+        before_s = context.session.machine_delay_s(run, Span(min(run.started_ns, span.start_ns), span.start_ns))
+    delay_s = min(delay_s, 0.5 * length_s)
+    least_hz, best_hz = _bounds_hz(timing, length_s, delay_s, before_s, p.rate_hz)
     error_hz = timing.burst_error_hz or 2 * timing.deviation_s() * timing.rate_hz / max(length_s, 1e-9)
     span_hz = (least_hz - error_hz, best_hz + error_hz)
     off_by = [abs(hz / p.rate_hz - 1) for hz in span_hz]
@@ -160,10 +180,8 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
     than = f"{off}% {'slower' if times < 1 else 'faster'} than" if times < 2 else f"{times:.3g} times"
     rate = apart(timing.rate_hz, p.rate_hz, places=1)
     reason = f"Messages come at {rate} Hz, {than} {p.rate_hz:g} Hz.{_by_timer(timers)}"
-    doubt, by_machine = _doubt(delay_s, length_s)
-    return graded(
-        worst, expected, measured, reason, where=where, best=best, doubt=doubt, steps=STEPS, by_machine=by_machine
-    )
+    doubt = _doubt(delay_s, length_s)
+    return graded(worst, expected, measured, reason, where=where, best=best, steps=STEPS, **doubt)
 
 
 def _by_timer(timers: Sequence[Claim]) -> str:
@@ -196,17 +214,8 @@ def _silence_s(context: Context, p: TopicRate, span: Span | None) -> tuple[float
 
 
 _SILENT_HINT = "A node publishes for as long as it runs; see what ends or stops it."
-#: Share of a span for which a process was kept from a core, from which that is named as the reason of a doubt.
-_NOTABLE_DELAY = 0.005
 #: Share of a span for which a process was kept from a core, from which its usual interval may be longer by that.
 _MANY_DELAYS = 0.25
-
-
-def _doubt(delay_s: float, length_s: float) -> tuple[str, bool]:
-    """Say what keeps a share from being decided, and whether that is the machine's doing."""
-    if delay_s > _NOTABLE_DELAY * length_s:
-        return kept_from_core(delay_s, length_s), True
-    return "The measurement's error reaches over a step of the credit.", False
 
 
 def _bounds_hz(
@@ -230,38 +239,28 @@ def _timers(context: Context) -> list[Claim]:
     return [c for c in context.session.record.claims if c.kind == "timer" and claimed_at(c)]
 
 
-def _spot(context: Context, topic: str, span: Span | None) -> Where:
-    if span is None:
-        return context.where(topic)
-    start_s, end_s = (context.session.since_start_s(t_ns) for t_ns in (span.start_ns, span.end_ns))
-    return context.where(topic, start_s=start_s, end_s=end_s)
-
-
 #: Credit for evenness comes in halves: a quantile is known only to some part of itself.
 _JITTER_STEPS = 2
 #: Standard deviations of a sample's quantile that count as its error.
 _CONFIDENCE = 3.0
 
 
-class TopicJitter(Parameters):
+class TopicJitter(_Timed):
     """Messages are evenly spaced: a quantile of the intervals' distances from their median."""
 
-    topic: ref.Topic
-    process: ref.Process
     full_within_s: float = Field(gt=0)
     zero_beyond_s: float = Field(gt=0)
     share: Share = Field(0.95, description="The quantile.")
-    window: ref.Window | None = None
 
 
 def topic_jitter(context: Context, p: TopicJitter) -> Finding:
     """Judge the evenness of intervals between consecutive samples."""
-    timing, span, excused_s, by = _measured(context, p.topic, p.window)
+    timing, span, delay_s, by = p.measured(context)
     expected = (
         f"{percent(p.share)} of the intervals within {p.full_within_s * 1e3:g} ms of their median; "
         f"credit falls by halves to none at {p.zero_beyond_s * 1e3:g} ms"
     )
-    where = (_spot(context, p.topic, span),)
+    where = (p.spot(context, span),)
     if timing is None or not len(timing.intervals_s):
         return failed(expected, "too few messages", "Too few messages came to speak of intervals.", where=where)
     deviation_s = timing.deviation_s(p.share)
@@ -269,26 +268,14 @@ def topic_jitter(context: Context, p: TopicJitter) -> Finding:
     limits_ms = (p.full_within_s * 1e3, p.zero_beyond_s * 1e3)
     shown_ms = apart(deviation_s * 1e3, *limits_ms, places=2)
     measured = f"{percent(p.share)} within {shown_ms} ms of {timing.median_s * 1e3:.2f} ms ({longest}){by}"
-    delay_s = _delay_s(context, p.process, span) + excused_s
     spread = _CONFIDENCE * math.sqrt(p.share * (1 - p.share) / len(timing.intervals_s))
     largest_s = timing.deviation_s(min(1.0, p.share + spread))
     least_s = timing.deviation_s(max(0.0, p.share - spread), delay_s)
     worst, best = (ramp(d, p.full_within_s, p.zero_beyond_s) for d in (largest_s, least_s))
     off = f"{apart(deviation_s * 1e3, *limits_ms, places=1)} ms off the usual {timing.median_s * 1e3:.1f} ms"
     reason = f"One interval in {round(1 / (1 - p.share))} is more than {off}."
-    length_s = span.duration_s if span else float(timing.intervals_s.sum())
-    doubt, by_machine = _doubt(delay_s, length_s)
-    return graded(
-        worst,
-        expected,
-        measured,
-        reason,
-        where=where,
-        best=best,
-        doubt=doubt,
-        steps=_JITTER_STEPS,
-        by_machine=by_machine,
-    )
+    doubt = _doubt(delay_s, span.duration_s if span else float(timing.intervals_s.sum()))
+    return graded(worst, expected, measured, reason, where=where, best=best, steps=_JITTER_STEPS, **doubt)
 
 
 class MessageValues(Parameters):

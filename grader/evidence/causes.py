@@ -72,14 +72,15 @@ class _Row:
 
 
 @functools.cache
-def _table() -> dict[str, Any]:
-    table: dict[str, Any] = yaml.safe_load((Path(__file__).parent / "causes.yaml").read_text(encoding="utf-8"))
-    return table
+def table() -> dict[str, Any]:
+    """Return what stands in `causes.yaml`."""
+    sections: dict[str, Any] = yaml.safe_load((Path(__file__).parent / "causes.yaml").read_text(encoding="utf-8"))
+    return sections
 
 
 @functools.cache
 def _rows(section: str) -> tuple[_Row, ...]:
-    return tuple(_Row(**row) for row in _table()[section])
+    return tuple(_Row(**row) for row in table()[section])
 
 
 def uses_dead_context(exception: Raised) -> bool:
@@ -136,7 +137,7 @@ def _near(name: str, known: Collection[str]) -> str | None:
 
 def _meant(module: str, root: str) -> str | None:
     """Return the module that was meant by a misspelt name; a package that there is means itself."""
-    for near in (_near(module, _table()["known_modules"].split()), _near(root, ros_packages())):
+    for near in (_near(module, table()["known_modules"].split()), _near(root, ros_packages())):
         other = near.split(".")[0] if near is not None else ""
         if other and (other == root if root in ros_packages() else _alike(root, other)):
             return near

@@ -5,10 +5,11 @@ What only happens because a node was stopped is no mistake: it yields no diagnos
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
-from grader.evidence.causes import cause_of, cause_of_line, uses_dead_context
+from grader.evidence.causes import cause_of, cause_of_line, table, uses_dead_context
 from grader.evidence.tracebacks import Raised, chains, plain_lines, student_file, student_frame, tracebacks
 from grader.recording.session import OutputLine
 
@@ -75,24 +76,13 @@ def explain(
 def advisories(output: Sequence[OutputLine]) -> tuple[str, ...]:
     """What the process wrote that costs nothing, but can be done better."""
     raised = tracebacks(output)
-    found: list[str] = []
-    if any(_is_second_shutdown(exception) for exception in raised):
-        found.append(
-            "The node calls rclpy.shutdown() although rclpy is already shut down, as Ctrl-C does it too, and leaves "
-            "with an RCLError; rclpy.try_shutdown() does the same without it."
-        )
     last = raised[-1].name if raised else ""
-    if last in ("KeyboardInterrupt", "ExternalShutdownException"):
-        found.append(
-            f"The node leaves with a traceback of {last} when it is stopped; `except (KeyboardInterrupt, "
-            "ExternalShutdownException): pass` around rclpy.spin() ends it quietly."
-        )
     text = "\n".join(line for _, line in plain_lines(output))
-    if "declaring a parameter only providing its name is deprecated" in text:
-        found.append("A parameter is declared without a default value, which rclpy warns about; give it one.")
-    if "SyntaxWarning: invalid escape sequence" in text or "DeprecationWarning: invalid escape" in text:
-        found.append("A string has a backslash that begins no escape; write it as a raw string, r'...'.")
-    return tuple(found)
+    return tuple(
+        row["sentence"].format(last=last)
+        for row in table()["advisories"]
+        if re.fullmatch(row.get("last", ".*"), last) and re.search(row.get("text", ""), text)
+    )
 
 
 def _cause(chain: Sequence[Raised], interrupted_ns: int | None) -> Raised | None:

@@ -28,8 +28,12 @@ def with_short_runs(text: str) -> str:
 
 
 _WRAPPING = re.compile(r"np\.float\d*\(|array\(|dtype=\w+|[()]")
-_ONLY_NUMBERS = re.compile(r"(?:[\s,;|'\"\[\]]|\b(?:rad|deg|m|mm|s|ms)\b|°)*")
+_ONLY_NUMBERS = re.compile(r"(?:[\s,;|│┃║'\"\[\]{}]|\b(?:rad|deg|m|mm|s|ms)\b|°)*")
 """What may stand between numbers and behind them."""
+
+#: A letter of any script, and an element's name with its number before its value.
+_LETTER = r"[^\W\d_]"
+_ELEMENT_NAME = re.compile(rf"['\"]?{_LETTER}{{0,10}}[ _]?\d{{1,2}}['\"]?\s?[:=]\s?", re.IGNORECASE)
 
 #: A unit behind a label, as in ``Mean (rad): 0.1`` or ``Mean [rad]: [0.1]``.
 _LABEL_UNIT = r"(?: ?[(\[][A-Za-z°]{1,9}[)\]])?"
@@ -101,7 +105,7 @@ class PrintedVector:
     rounding : float
         Half a unit of the last place that was printed, 0 where that is coarser than the second.
     form : str
-        "vector" (behind the label), "table" (a column or a row of one) or "lines" (a number in each of several).
+        "vector" (behind the label), "table" (a column of one) or "lines" (a number in each of several).
     """
 
     values: tuple[float, ...]
@@ -143,7 +147,7 @@ def _labelled(
         heads = list(re.finditer(head, text, re.IGNORECASE))[-_LAST_LABELS:]
         ends = [match.end() for match in heads if not _is_of(other, text, match)]
         vectors = (_vector(text[end : end + _MAX_VECTOR_TEXT]) for end in reversed(ends))
-        if (found := next((vector for vector in vectors if vector is not None), None)) is not None:
+        if found := next(filter(None, vectors), None):
             return _numbers_of(found, "vector")
     if after_ns is None:
         return None
@@ -151,18 +155,13 @@ def _labelled(
     room = itertools.accumulate(len(line) for line in reversed(last))
     lines = last[-sum(size <= _LAST_CHARACTERS for size in room) or len(last) :]
     lines = ["" if other is not None and _before_numbers(line, other) else line for line in lines]
-    bare = [numbers for line in lines if (numbers := _bare(line, label))]
-    if bare and len(bare[-1]) > 1:
-        return _numbers_of(bare[-1], "vector")
-    for numbers, form in (
-        (_column(lines, label), "table"),
-        (_row(lines, label), "table"),
-        (_each(lines, label), "lines"),
-        (_listed(lines, label), "lines"),
-    ):
-        if len(numbers) > 1:
+    behind = next((numbers for line in reversed(lines) if (numbers := _behind(line, label))), [])
+    if len(behind) > 1:
+        return _numbers_of(behind, "vector")
+    for read, form in ((_column, "table"), (_each, "lines"), (_listed, "lines")):
+        if len(numbers := read(lines, label)) > 1:
             return _numbers_of(numbers, form)
-    return _numbers_of(bare[-1], "vector") if bare else None
+    return _numbers_of(behind, "vector") if behind else None
 
 
 def _is_of(other: str | None, text: str, head: re.Match[str]) -> bool:
@@ -194,25 +193,17 @@ def _rounding(texts: Sequence[str]) -> float:
     return unit / 2 if unit and unit / 2 <= _COARSEST else 0.0
 
 
-#: A letter of any script, and an element's name with its number.
-_LETTER = r"[^\W\d_]"
-_NAMED_NUMBER = re.compile(
-    rf"['\"]?{_LETTER}{{0,10}}[ _]?\d{{1,2}}['\"]?\s?[:=]\s?({_NUMBER.pattern})(?:\s?(?:rad|deg|°))?[\s,;|]*",
-    re.IGNORECASE,
-)
-_NAMED_NUMBERS = re.compile(rf"[\s({{]*(?:{_NAMED_NUMBER.pattern}){{2,64}}[)}}]?", re.IGNORECASE)
+def _behind(line: str, label: str) -> list[str]:
+    """Return the numbers that stand behind a label of one or two words, each by its element's name or not."""
+    words = rf"(?:^|[\W_]){label}{_LETTER}*(?:[ _-]?(?:{_LETTER}|\|){{1,20}})?{_LABEL_UNIT}"
+    match = re.search(rf"{words}(?:\s{{0,9}}[:=：|│┃║]|\s)(.*)$", line, re.IGNORECASE)
+    return _only_numbers(_ELEMENT_NAME.sub(" ", match[1])) if match is not None else []
 
 
-def _bare(line: str, label: str) -> list[str]:
-    """Return the numbers that stand behind a label of one or two words, if nothing else does."""
-    words = rf"(?:^|[\W_]){label}{_LETTER}*(?:[ _-]?(?:{_LETTER}|\|){{1,20}})?{_LABEL_UNIT}[^\S\n]*"
-    match = re.search(rf"{words}[:=：]([^:=]*)$", line, re.IGNORECASE)
-    if match is not None and _ONLY_NUMBERS.fullmatch(_NUMBER.sub(" ", _WRAPPING.sub(" ", match[1]))):
-        return _NUMBER.findall(match[1])
-    # Or each number stands behind the name of its element, as in ``Mean: j1=0.1, j2=0.2``.
-    match = re.search(rf"{words}[:=：](.*)$", line, re.IGNORECASE)
-    named = _NAMED_NUMBERS.fullmatch(match[1]) if match is not None else None
-    return [found[1] for found in _NAMED_NUMBER.finditer(named[0])] if named is not None else []
+def _only_numbers(text: str) -> list[str]:
+    """Return the numbers of a text that has nothing else in it."""
+    text = _WRAPPING.sub(" ", text)
+    return _NUMBER.findall(text) if _ONLY_NUMBERS.fullmatch(_NUMBER.sub(" ", text)) else []
 
 
 _CELLS = re.compile(r"\s{2,}|\s*[|,;\t│┃║]\s*")
@@ -260,13 +251,6 @@ def _below(lines: Sequence[str], place: int, *, apart: bool) -> list[str]:
     return numbers
 
 
-def _row(lines: Sequence[str], label: str) -> list[str]:
-    """Return the numbers of the last line that begins with a label and holds nothing else."""
-    rows = [cells for line in lines if len(cells := _cells(line, apart=False)) > 2]
-    titled = [cells[1:] for cells in rows if re.match(rf"{label}(?![a-z])", cells[0], re.IGNORECASE)]
-    return next((row for row in reversed(titled) if all(_NUMBER.fullmatch(cell) for cell in row)), [])
-
-
 def _each(lines: Sequence[str], label: str) -> list[str]:
     """Return the number behind a label in each line that has one, as in ``joint 3: mean = 0.1 rad, max = 0.2 rad``."""
     words = rf"(?:^|[\W_]){label}{_LETTER}*(?:[ _-]{_LETTER}{{1,20}})?{_LABEL_UNIT}"
@@ -298,12 +282,9 @@ def _listed(lines: Sequence[str], label: str) -> list[str]:
 _MOST_ELEMENTS = 64
 
 
-def _vector(text: str) -> list[str] | None:
+def _vector(text: str) -> list[str]:
     inside, closed, _ = text.partition("]")
-    inside = _WRAPPING.sub(" ", inside) if closed else ""
-    if not _NUMBER.search(inside) or not _ONLY_NUMBERS.fullmatch(_NUMBER.sub(" ", inside)):
-        return None
-    return _NUMBER.findall(inside)
+    return _only_numbers(inside) if closed else []
 
 
 def text_of(output: Sequence[OutputLine]) -> str:

@@ -12,6 +12,7 @@ import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 
 from grader.evidence.markup import Block, Document, Section, code_spans, own_text, plain_text
 from grader.evidence.source import SourceFacts
@@ -27,7 +28,6 @@ DISCUSSION_WORDS = 8
 COMMAND_LIMIT = 500
 _TOPIC_ENDING = 3
 _OPENING_LENGTH = 4
-_SECOND_SHARE = 0.25
 _STUFFING_RATIO = 1.5
 _LISTING = re.compile(r"[,;/&、，،]")
 _COMMAND_START = re.compile(r"^[\s>*+-]{0,8}(?:[$#%]\s+)?")
@@ -97,11 +97,10 @@ class _Topic:
 
 @dataclass(frozen=True)
 class _Saying:
-    """A sentence said of some topics, each with its share; `form` is the sentence without their names."""
+    """A sentence said of some topics; `form` is the sentence without their names."""
 
-    shares: Mapping[str, float]
+    topics: tuple[str, ...]
     line: int
-    text: str
     form: str
 
 
@@ -110,31 +109,20 @@ def descriptions(
 ) -> dict[str, int]:
     """Return the ids of the topics that `document` describes, each with the line where it begins to.
 
-    A sentence counts for the topic of the heading above it, and for those that it names: fully for the
-    first of two, a quarter for the second, and for each its part where more are listed. One that names none
-    continues the one before. The same sentence said of several topics, names aside, counts for none.
+    A sentence counts for the topic that it names first, or else for that of the heading above it; one that names
+    none continues the one before. One that lists three or more counts for none, and so does the same sentence said
+    of several topics, names aside.
     """
     known = [_Topic(t.id, Terms.of(t.names, _TOPIC_ENDING), Terms.of(t.synonyms, _TOPIC_ENDING)) for t in topics]
     every = Terms.of((w for t in topics for w in (*t.names, *t.synonyms)), _TOPIC_ENDING)
     sayings = list(_sayings(document, known, every, min_words))
-    told = Counter(form for _, form in {(tuple(s.shares), s.form) for s in sayings})
-    only = [saying for saying in sayings if told[saying.form] == 1]
-    found = {topic.id: [s for s in only if topic.id in s.shares] for topic in known}
-    return {topic: said[0].line for topic, said in found.items() if said and _amount(topic, said) >= min_words}
-
-
-def _amount(topic: str, sayings: Sequence[_Saying]) -> int:
-    """Return how many own words are said of a topic."""
-    own, shared = set[str](), 0.0
-    first: dict[str, _Saying] = {}
-    for saying in sayings:
-        first.setdefault(saying.form, saying)
-    for saying in first.values():
-        if saying.shares[topic] == 1:
-            own.update(saying.form.split())
-        else:
-            shared += measure(saying.form.split()) * saying.shares[topic]
-    return measure(own) + int(shared)
+    said_of = Counter(form for _, form in {(s.topics, s.form) for s in sayings})
+    found: dict[str, int] = {}
+    for topic in known:
+        said = [s for s in sayings if topic.id in s.topics and said_of[s.form] == 1]
+        if measure(word for s in said for word in s.form.split()) >= max(min_words, 1):
+            found[topic.id] = said[0].line
+    return found
 
 
 def _sayings(document: Document, topics: Sequence[_Topic], every: Terms, min_words: int) -> Iterator[_Saying]:
@@ -151,63 +139,40 @@ def _sayings(document: Document, topics: Sequence[_Topic], every: Terms, min_wor
             if block.kind == "code":
                 continue
             amount = 0
-            for saying in _block_sayings(block, heading, current, topics, every):
-                current = tuple(saying.shares)
-                amount += measure(saying.form.split())
-                if current and saying.form and not is_placeholder(own_text(saying.text)):
-                    yield saying
+            for line, sentence in _lines_of(block):
+                current = _subjects(sentence, heading, current, topics, every)
+                form = normal_form(every.without(own_text(sentence)))
+                amount += measure(form.split())
+                if form and len(current) in (1, 2) and not is_placeholder(own_text(sentence)):
+                    yield _Saying(current, line, form)
             if amount >= min_words:
                 current = heading
 
 
-def _block_sayings(
-    block: Block, heading: tuple[str, ...], current: tuple[str, ...], topics: Sequence[_Topic], every: Terms
-) -> Iterator[_Saying]:
-    for line, sentence in _lines_of(block):
-        named = _about(sentence, topics)
-        opens = _opens_with_name(sentence, topics)
-        if opens and len(named) > 2 and _is_subject(sentence, named, topics, every):
-            shares = {topic: 1 / len(named) if place else 1.0 for place, topic in enumerate(named)}
-        else:
-            shares = _shares(named, heading, current, opens)
-        current = tuple(shares)
-        form = normal_form(every.without(own_text(sentence)))
-        yield _Saying(shares, line, plain_text(sentence), form)
+def _subjects(
+    sentence: str, heading: tuple[str, ...], current: tuple[str, ...], topics: Sequence[_Topic], every: Terms
+) -> tuple[str, ...]:
+    """Return the topics that a sentence is about.
 
-
-def _opens_with_name(sentence: str, topics: Sequence[_Topic]) -> bool:
+    One that opens with a part's name is about that part, whatever the heading. One that lists others is still about
+    the part in the heading: what starts them, say.
+    """
     plain = plain_text(sentence)
+    named = _about(sentence, topics)
     places = [place for topic in topics if (place := topic.names.place(plain)) is not None]
-    return min(places, default=_OPENING_LENGTH) < _OPENING_LENGTH
+    if min(places, default=_OPENING_LENGTH) < _OPENING_LENGTH:
+        return named[:1] if len(named) < 3 or _is_subject(plain, named, topics, every) else named
+    if len(heading) == 1:
+        return heading
+    return named[:1] if len(named) < 3 and named else named or current
 
 
-def _is_subject(sentence: str, named: tuple[str, ...], topics: Sequence[_Topic], every: Terms) -> bool:
+def _is_subject(plain: str, named: tuple[str, ...], topics: Sequence[_Topic], every: Terms) -> bool:
     """Whether the first of the parts named does something with the others, rather than being listed with them."""
-    plain = plain_text(sentence)
     terms = {t.id: t.names if any(u.names.found(plain) for u in topics) else t.synonyms for t in topics}
     first, second = (terms[topic].place(plain) or 0 for topic in named[:2])
     between = every.without(fold(plain)[first:second])
     return bool(words(between)) and not _LISTING.search(between)
-
-
-def _shares(
-    named: tuple[str, ...], heading: tuple[str, ...], current: tuple[str, ...], opens_with_name: bool
-) -> dict[str, float]:
-    """What part of a sentence's words each topic gets.
-
-    A sentence, item or row that opens with a part's name is about that part, whatever the heading. One that
-    lists others is still about the part in the heading: what starts them, say.
-    """
-    if opens_with_name and len(named) <= 2:
-        return {topic: _SECOND_SHARE if place else 1.0 for place, topic in enumerate(named)}
-    if len(heading) == 1 and len(named) <= 2:
-        return {heading[0]: 1.0, **{topic: _SECOND_SHARE for topic in named if topic != heading[0]}}
-    if len(heading) == 1 and heading[0] not in named:
-        return {heading[0]: 1.0, **{topic: 1 / len(named) for topic in named}}
-    if len(named) == 2:
-        return {named[0]: 1.0, named[1]: _SECOND_SHARE}
-    meant = named or current
-    return {topic: 1 / len(meant) for topic in meant}
 
 
 def _document_title(document: Document, topics: Sequence[_Topic]) -> Section | None:
@@ -232,13 +197,10 @@ def _lines_of(block: Block) -> Iterator[tuple[int, str]]:
 def _about(text: str, topics: Sequence[_Topic]) -> tuple[str, ...]:
     """The topics that a text names, or else those that it calls by a synonym, in the text's order."""
     plain = plain_text(text)
-    named = _in_order(plain, [(t.id, t.names) for t in topics])
-    return named or _in_order(plain, [(t.id, t.synonyms) for t in topics])
-
-
-def _in_order(text: str, terms: Sequence[tuple[str, Terms]]) -> tuple[str, ...]:
-    places = [(place, name) for name, term in terms if (place := term.place(text)) is not None]
-    return tuple(name for _, name in sorted(places))
+    for terms in ([(t.id, t.names) for t in topics], [(t.id, t.synonyms) for t in topics]):
+        if places := sorted((place, name) for name, term in terms if (place := term.place(plain)) is not None):
+            return tuple(name for _, name in places)
+    return ()
 
 
 # -- how to run it -------------------------------------------------------------------------------------
@@ -277,22 +239,12 @@ def document_passages(document: Document, file: str) -> tuple[Passage, ...]:
     """
     passages: list[Passage] = []
     for section in document.sections:
-        run: list[Block] = []
-        for block in section.blocks:
-            joins = run and block.kind == run[-1].kind and block.kind in ("item", "row")
-            if run and not joins:
-                passages.append(_joined(run, file, section.title))
-                run = []
-            if block.kind != "code":
-                run.append(block)
-        if run:
-            passages.append(_joined(run, file, section.title))
+        runs = groupby(section.blocks, lambda block: block.kind if block.kind in ("item", "row") else block.line)
+        for blocks in (list(run) for _, run in runs):
+            if blocks[0].kind != "code":
+                text = "\n\n".join(block.text for block in blocks)
+                passages.append(Passage(text, file, blocks[0].line, section.title))
     return tuple(passages)
-
-
-def _joined(blocks: Sequence[Block], file: str, heading: str) -> Passage:
-    separator = "\n" if blocks[0].kind == "paragraph" else "\n\n"
-    return Passage(separator.join(block.text for block in blocks), file, blocks[0].line, heading)
 
 
 def source_passages(facts: SourceFacts) -> tuple[Passage, ...]:
@@ -388,11 +340,6 @@ def _discussing(passages: Iterable[Passage], every: Terms, min_words: int) -> It
                 fresh.append(sentence)
         text = plain_text("\n".join(fresh))
         own = words(every.without(own_text("\n".join(fresh))))
-        if every.found(text) and measure(own) >= max(min_words, 1) and _is_speech(text, own, every):
+        # The concepts' names stand among words, rather than being strewn or listed.
+        if 0 < every.count(text) <= measure(own) * _STUFFING_RATIO and measure(own) >= max(min_words, 1):
             yield passage, text, own
-
-
-def _is_speech(text: str, own: Sequence[str], every: Terms) -> bool:
-    """Whether the concepts' names stand among words, rather than being strewn or listed."""
-    named = every.count(text)
-    return measure(own) * _STUFFING_RATIO >= named

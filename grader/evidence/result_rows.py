@@ -7,6 +7,7 @@ What is read here are claims: checks compare them with what was recorded.
 from __future__ import annotations
 
 import functools
+import itertools
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -20,11 +21,22 @@ _LOG_PREFIX = re.compile(r"^\[[A-Z]+\] \[[\d.]+\] \[[^\]]{1,200}\]: ")
 _UNITS_S = {"ns": 1e-9, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ms": 1e-3, "msec": 1e-3, "s": 1.0, "sec": 1.0}
 _UNIT = r"(?:ns|us|µs|μs|msec|ms|sec|s)(?![A-Za-z])"
 _LONG_UNITS = (("milli", 1e-3), ("micro", 1e-6), ("nano", 1e-9), ("second", 1.0), ("segundo", 1.0), ("sekunde", 1.0))
-_MEAN, _MOST, _MESSAGES = map(one_of, ("mean", "largest", "messages"))
-_LATENCY, _RECEIVED = (rf"{one_of(name)}[a-zé]{{0,20}}" for name in ("latency", "received"))
-_NOT_RECEIVED = re.compile(one_of("not_received"), re.IGNORECASE)
+#: What a label says, the first that fits: of what is counted, only what came counts.
+_KINDS = [
+    ("max", re.compile(one_of("largest"), re.IGNORECASE)),
+    ("mean", re.compile(one_of("mean"), re.IGNORECASE)),
+    ("received", re.compile(one_of("received"), re.IGNORECASE)),
+    ("", re.compile(one_of("not_received"), re.IGNORECASE)),
+    ("messages", re.compile(rf"{one_of('messages')}|^\W*[nN#]\W*$", re.IGNORECASE)),
+    ("latency", re.compile(one_of("latency"), re.IGNORECASE)),
+]
+_MEASURED = re.compile(rf"(?<![A-Za-z_\d.])({NUMBER})(?![\d.])\s*({_UNIT}|(?:milli|micro|nano|second)[a-z]*)?")
+_UNIT_IN_BRACKETS = re.compile(rf"[(\[]\s*({_UNIT})\s*[)\]]")
 _CELL_BORDER = r"[|│┃║,;\t]"
-_MOST_LINES_OF_A_BLOCK = 12
+_BORDER = re.compile(r"[|│┃║,;\t\n(){}\[\]，；、。]")
+_LETTER = re.compile(r"[^\W\d_]")
+#: Lines and numbers that are read behind a name.
+_MOST_LINES_OF_A_BLOCK, _MOST_FIELDS = 12, 100
 
 #: Digits in groups of three, as 1,001.5 or 1.001,5, and a decimal comma, as 0,49.
 _GROUPED_BY_COMMAS = re.compile(r"(?<![\d.,])[1-9]\d{0,2}(?:,\d{3})+(?=\.\d|(?![\d,]))")
@@ -90,14 +102,17 @@ def result_row(
         Whether the name may be spelt otherwise, as ``Best Effort`` for ``best_effort``.
     """
     lines = [plain_numbers(_LOG_PREFIX.sub("", line.text[:LINE_LIMIT])) for line in output]
-    starts = lines_naming(lines, name, loosely=loosely)
-    found = [
-        _row_of(output[start].t_ns, *row)
-        for read in (_from_table, _from_block)
-        for start in starts
-        if (row := read(lines, start, name, others)) is not None
-    ]
-    return next((row for row in found if row.mean_s is not None), found[0] if found else None)
+    found = []
+    for start in lines_naming(lines, name, loosely=loosely):
+        name_at = _spelt(name, loosely=False).search(lines[start])
+        spelt = functools.partial(_spelt, loosely=name_at is None)
+        name_at = name_at or spelt(name).search(lines[start])
+        behind = lines[start][name_at.end() :] if name_at is not None else ""
+        below = lines[start + 1 : start + _MOST_LINES_OF_A_BLOCK]
+        fields = _from_table(lines, start), _from_block(below, behind, [spelt(n) for n in (name, *others)])
+        found.append([_row_of(output[start].t_ns, each) for each in fields])
+    rows = [row for kind in zip(*found, strict=True) for row in kind if row is not None]
+    return next((row for row in rows if row.mean_s is not None), rows[0] if rows else None)
 
 
 def plain_numbers(line: str) -> str:
@@ -124,73 +139,89 @@ def lines_naming(lines: Sequence[str], name: str, *, loosely: bool = False) -> l
     loosely : bool
         In any spelling, as ``Best Effort`` for ``best_effort``; where lines begin with it, those alone.
     """
-    about = [n for n, line in enumerate(lines) if not loosely and names(line, name)]
-    if loosely:
-        places = [(n, match) for n, line in enumerate(lines) if (match := _spelt(name).search(line)) is not None]
-        first = [n for n, match in places if not re.search(r"[^\W_]", lines[n][: match.start()])]
-        about = first or [n for n, _ in places]
+    places = [(n, match) for n, line in enumerate(lines) if (match := _spelt(name, loosely).search(line)) is not None]
+    first = [n for n, match in places if loosely and not re.search(r"[^\W_]", lines[n][: match.start()])]
+    about = first or [n for n, _ in places]
     return about if len(about) <= _FIRST_LINES + _LAST_LINES else [*about[:_FIRST_LINES], *about[-_LAST_LINES:]]
 
 
-def names(line: str, name: str) -> bool:
-    """Whether a line is about a thing: its name stands in it as a word of its own, at most behind ``test_``."""
-    return re.search(rf"(?<![A-Za-z0-9_]){re.escape(name)}(?![A-Za-z0-9_])", line.replace("test_", "")) is not None
-
-
 @functools.lru_cache(maxsize=64)
-def _spelt(name: str) -> re.Pattern[str]:
-    """Return what finds a name in any spelling: in capitals, apart, with hyphens."""
+def _spelt(name: str, loosely: bool) -> re.Pattern[str]:
+    """Return what finds a name as a word of its own, at most behind ``test_``; loosely, in any spelling."""
+    if not loosely:
+        return re.compile(rf"(?<![A-Za-z0-9_])(?:test_)?{re.escape(name)}(?![A-Za-z0-9_])")
     parts = r"[\s_-]?".join(map(re.escape, re.split(r"[\W_]+", name)))
     return re.compile(rf"(?<![^\W_])(?:test_)?{parts}(?![^\W_])", re.IGNORECASE)
 
 
-def _behind(line: str, name: str) -> str:
-    """Return what stands behind a name in a line, however it is spelt."""
-    if names(line, name):
-        return line.replace("test_", "").partition(name)[2]
-    match = _spelt(name).search(line)
-    return line[match.end() :] if match is not None else ""
+# -- numbers and what they are ---------------------------------------------------------------------
 
 
-class _Time(NamedTuple):
-    value: float
-    rounding: float
+class _Field(NamedTuple):
+    """A number as it was printed, with what stands at it: "max", "mean", "received", "messages", "latency" or nothing.
+
+    `unit_s` is the unit that it or its label names, milliseconds where neither does.
+    """
+
+    number: str
+    kind: str = ""
+    unit_s: float = 1e-3
+    has_unit: bool = False
+    has_label: bool = True
+
+    @classmethod
+    def of(cls, label: str, measured: re.Match[str]) -> _Field:
+        own_s = _unit_of(measured[2] or "")
+        unit_s = own_s or _unit_of(label) or 1e-3
+        return cls(measured[1], _kind_of(label), unit_s, own_s is not None, _LETTER.search(label) is not None)
+
+    @property
+    def is_count(self) -> bool:
+        return not self.has_unit and float(self.number).is_integer()
 
 
-_Row = tuple[int, _Time | None, _Time | None]
+def _kind_of(label: str) -> str:
+    return next((kind for kind, pattern in _KINDS if pattern.search(label)), "")
 
 
-def _row_of(t_ns: int, count: int, mean: _Time | None, most: _Time | None) -> ResultRow:
-    largest_s = most.value if most is not None else None
-    return (
-        ResultRow(t_ns, count, None, largest_s) if mean is None else ResultRow(t_ns, count, mean[0], largest_s, mean[1])
-    )
+def _unit_of(text: str) -> float | None:
+    match = re.search(rf"(?<![A-Za-zµμ])({_UNIT})", text.replace("_", " ").lower())
+    named = _UNITS_S[match[1]] if match is not None else None
+    return named or next((value for start, value in _LONG_UNITS if start in text.lower()), None)
 
 
-def _time_of(number: str, unit_s: float) -> _Time:
-    return _Time(float(number) * unit_s, rounding_of(number, unit_s))
+def _row_of(t_ns: int, fields: Sequence[_Field]) -> ResultRow | None:
+    """Return what fields say together; None where they do not say how many."""
+    said: dict[str, _Field] = {}
+    for each in fields:
+        if each.is_count or each.kind not in ("received", "messages"):
+            said.setdefault(each.kind, each)
+    bare = fields[0] if fields and not fields[0].has_label and fields[0].is_count else None
+    count = said.get("received") or said.get("messages") or bare
+    if count is None:
+        return None
+    mean, most = said.get("mean"), said.get("max")
+    if len(fields) > 2 and not any(each.has_label or each.kind for each in fields):
+        mean, most = fields[1:3]  # As in a table without a header.
+    elif mean is None and most is None:
+        mean = said.get("latency")
+    mean_s, max_s = (float(each.number) * each.unit_s if each is not None else None for each in (mean, most))
+    rounding_s = rounding_of(mean.number, mean.unit_s) if mean is not None else 0.0
+    return ResultRow(t_ns, int(float(count.number)), mean_s, max_s, rounding_s)
 
 
 # -- tables ----------------------------------------------------------------------------------------
 
 
-def _from_table(lines: Sequence[str], start: int, name: str, others: Sequence[str]) -> _Row | None:
-    """Read a row of a table by its header; without one, count, mean and maximum stand in this order."""
+def _from_table(lines: Sequence[str], start: int) -> list[_Field]:
+    """Read a row of a table by its header."""
     cells = _cells(lines[start])
     above = reversed(lines[max(0, start - _HEADER_ABOVE) : start])
-    header = next((found for line in above if (found := _header(line, len(cells)))), None)
-    if header is not None:
-        count, mean, largest = (_cell(cells, header, kind) for kind in ("count", "mean", "max"))
-        if count is None or not count.value.is_integer():
-            return None
-        return int(count.value), mean, largest
-    behind = _behind(lines[start], name)
-    numbers = [c for c in re.split(rf"[\s:\"'`*]+|\s*{_CELL_BORDER}\s*", behind) if c]
-    if len(numbers) < 3 or not all(re.fullmatch(rf"{NUMBER}%?|%|-", c) for c in numbers):
-        return None
-    if not numbers[0].isdecimal() or not all(re.fullmatch(NUMBER, c) for c in numbers[1:3]):
-        return None
-    return int(numbers[0]), _time_of(numbers[1], 1e-3), _time_of(numbers[2], 1e-3)
+    titles = next((each for line in above if _is_header(each := _cells(line), len(cells))), None)
+    if titles is not None:
+        measured = ((title, _MEASURED.match(cell.lstrip("'\" "))) for title, cell in zip(titles, cells, strict=True))
+        return [_Field.of(title, match) for title, match in itertools.islice(measured, 1, None) if match is not None]
+    return []
 
 
 def _cells(line: str) -> list[str]:
@@ -198,104 +229,36 @@ def _cells(line: str) -> list[str]:
     return [cell for cell in re.split(border, line.strip().strip("|│┃║")) if cell.strip()]
 
 
-def _header(line: str, width: int) -> dict[str, tuple[int, float]] | None:
-    """Return what stands in which column, counted from the right, and its unit in s; None if this is no header."""
-    titles = _cells(line)
-    if len(titles) != width or width < 3 or re.search(r"\d\.\d", line):
-        return None
-    found: dict[str, tuple[int, float]] = {}
-    for place, title in enumerate(titles, -width):
-        unit_s = _unit_of(title)
-        if re.search(_MOST, title, re.IGNORECASE):
-            found.setdefault("max", (place, unit_s))
-        elif re.search(_MEAN, title, re.IGNORECASE):
-            found.setdefault("mean", (place, unit_s))
-        elif place > -width and not _NOT_RECEIVED.search(title) and "count" not in found:
-            counts = re.search(rf"{_RECEIVED}|{_MESSAGES}|^\W*[nN#]\W*$", title, re.IGNORECASE)
-            found.update({"count": (place, 1.0)} if counts else {})
-    return found if {"mean", "max", "count"} <= set(found) else None
-
-
-def _cell(cells: Sequence[str], header: dict[str, tuple[int, float]], kind: str) -> _Time | None:
-    place, unit_s = header[kind]
-    match = re.match(rf"\W{{0,3}}?({NUMBER})\s*({_UNIT})?", cells[place]) if len(cells) >= -place else None
-    if match is None:
-        return None
-    return _time_of(match[1], _UNITS_S[match[2].lower()] if match[2] and kind != "count" else unit_s)
-
-
-def _unit_of(text: str) -> float:
-    """Return the unit that a title or a label names, in s; milliseconds where it names none."""
-    match = re.search(rf"(?<![A-Za-zµμ])({_UNIT})", text.replace("_", " "))
-    if match is not None:
-        return _UNITS_S[match[1]]
-    return next((value for word, value in _LONG_UNITS if word in text.lower()), 1e-3)
+def _is_header(titles: Sequence[str], width: int) -> bool:
+    if len(titles) != width or width < 3 or any(re.search(r"\d\.\d", title) for title in titles):
+        return False
+    kinds = set(map(_kind_of, titles[1:]))
+    return {"mean", "max"} <= kinds and not kinds.isdisjoint(("received", "messages"))
 
 
 # -- lines and blocks ------------------------------------------------------------------------------
 
 
-def _from_block(lines: Sequence[str], start: int, name: str, others: Sequence[str]) -> _Row | None:
-    """Read what stands behind the name, up to the next name: labelled numbers with their units."""
-    first = _behind(lines[start], name)
-    block = [first]
-    spelt_so = names(lines[start], name)
-    for line in lines[start + 1 : start + _MOST_LINES_OF_A_BLOCK]:
-        if any(names(line, other) if spelt_so else _spelt(other).search(line) for other in (name, *others)):
-            break
-        block.append(line)
+def _from_block(lines: Sequence[str], behind: str, others: Sequence[re.Pattern[str]]) -> list[_Field]:
+    """Read what stands behind the name, and in the lines up to the next name: labelled numbers with their units."""
+    own = itertools.takewhile(lambda line: not any(other.search(line) for other in others), lines)
+    first = _labelled(behind)
     # What one line tells wholly, the next need not; a block goes on where it does not.
-    for text in (first, "\n".join(block)):
-        count = _count(text)
-        read = _time_before if _labels_follow(text) else _time
-        mean_s, max_s = read(text, _MEAN), read(text, _MOST)
-        mean_s = _time(text, _LATENCY) if mean_s is None and max_s is None else mean_s
-        if count is not None and (mean_s is not None or text is not first or len(block) == 1):
-            return count, mean_s, max_s
-    return None
+    row = _row_of(0, first)
+    return first if row is not None and row.mean_s is not None else _labelled("\n".join([behind, *own]))
 
 
-def _count(text: str) -> int | None:
-    behind = r"[^\d\n]{0,20}?"
-    for pattern in (
-        rf"{_RECEIVED}{behind}(\d+)(?!\.?\d)(?!\s*{_UNIT})",
-        rf"(?<!\d)(\d+)\s*{_MESSAGES}",
-        rf"(?<![A-Za-z]){_MESSAGES}{behind}(\d+)(?!\.?\d)(?!\s*{_UNIT})",
-        rf"^\W{{0,5}}(\d+)(?![\d.]|\s*{_UNIT})",
-        r"(?<!\w)n\s?[=:]\s?(\d+)(?!\.?\d)",
-    ):
-        if (match := re.search(pattern, text, re.IGNORECASE)) is not None:
-            return int(match[1])
-    return None
-
-
-def _time(text: str, label: str) -> _Time | None:
-    """Return the time behind a label, in s."""
-    between = r"((?:[^\d\n+-]|-(?=[A-Za-z ])){0,40}?)"
-    behind = rf"\s*({_UNIT})?(\s*(?:milli|micro|nano|second))?"
-    pattern = rf"(?<![A-Za-z]){label}{between}({NUMBER}){behind}"
-    match = re.search(pattern, text, re.IGNORECASE)
-    if match is None:
-        return None
-    unit_s = _UNITS_S[match[3].lower()] if match[3] else _unit_of(f"{match[4] or ''} {match[1]}")
-    return _time_of(match[2], unit_s)
-
-
-_BEFORE_LABEL = rf"({NUMBER})\s*({_UNIT})?(\s*(?:milli|micro|nano|second)[a-z]*)?[\s(]{{0,2}}(?:on )?(?<![A-Za-z])"
-
-
-def _labels_follow(text: str) -> bool:
-    """Whether labels stand behind their numbers, as in ``0.49 ms avg, 2.15 ms max``."""
-    labels = [match for label in (_MEAN, _MOST) if (match := re.search(rf"(?<![A-Za-z]){label}", text, re.IGNORECASE))]
-    if not labels or re.match(rf"\w*[\s:=]*{NUMBER}", text[max(match.end() for match in labels) :]):
-        return False
-    return all(re.search(_BEFORE_LABEL + "$", text[: match.start()], re.IGNORECASE) for match in labels)
-
-
-def _time_before(text: str, label: str) -> _Time | None:
-    """Return the time directly before a label, in s."""
-    match = re.search(_BEFORE_LABEL + label, text, re.IGNORECASE)
-    if match is None:
-        return None
-    unit_s = _UNITS_S[match[2].lower()] if match[2] else _unit_of(match[3] or "")
-    return _time_of(match[1], unit_s)
+def _labelled(text: str) -> list[_Field]:
+    """Return the numbers of a text with their labels: what stands before each, or behind it where nothing does."""
+    fields: list[_Field] = []
+    for part in _BORDER.split(_UNIT_IN_BRACKETS.sub(r" \1 ", text)):
+        found = list(itertools.islice(_MEASURED.finditer(part), _MOST_FIELDS))
+        ends = [0, *(match.end() for match in found)]
+        between = [part[end : match.start()] for end, match in zip(ends, found, strict=False)]
+        behind = [*between[1:], part[ends[-1] :]]
+        follow = found and not _LETTER.search(between[0]) and _LETTER.search(behind[-1])
+        for label, match in zip(behind if follow else between, found, strict=True):
+            fields.append(_Field.of(label, match))
+        if len(fields) > _MOST_FIELDS:
+            break
+    return fields

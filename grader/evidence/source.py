@@ -155,22 +155,14 @@ def _indent(line: str) -> int:
 def _definitions(module: str, tree: ast.Module) -> Iterator[Definition]:
     """Definitions of a tree in the order of their lines; without recursion, as trees may be deep."""
     yield Definition("module", module, 1, ast.get_docstring(tree), True, not tree.body)
-    stack: list[tuple[ast.stmt, ast.AST | None, bool]] = [(node, None, True) for node in reversed(tree.body)]
+    stack: list[tuple[ast.AST, ast.AST | None, bool]] = [(tree, None, True)]
     while stack:
         node, owner, public = stack.pop()
-        inner_owner, inner_public = owner, public
         if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
-            inner_owner, inner_public = node, public and _inner_public(node)
             yield _definition(node, owner, public)
-        inner = [child for child in ast.iter_child_nodes(node) if isinstance(child, ast.stmt)]
-        for part in ast.iter_child_nodes(node):
-            if isinstance(part, (ast.ExceptHandler, ast.match_case)):
-                inner.extend(part.body)
-        stack.extend((child, inner_owner, inner_public) for child in reversed(inner))
-
-
-def _inner_public(node: ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef) -> bool:
-    return isinstance(node, ast.ClassDef) and not node.name.startswith("_")
+            owner, public = node, public and isinstance(node, ast.ClassDef) and not node.name.startswith("_")
+        inner = [child for child in ast.iter_child_nodes(node) if not isinstance(child, ast.expr)]
+        stack += [(child, owner, public) for child in reversed(inner)]
 
 
 def _definition(
@@ -203,11 +195,12 @@ def _is_self_evident(name: str) -> bool:
 
 def _docstring_lines(tree: ast.Module) -> set[int]:
     """Lines taken by strings that stand alone as statements: docstrings and strings used as comments."""
-    found: set[int] = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
-            found.update(range(node.lineno, (node.end_lineno or node.lineno) + 1))
-    return found
+    return {
+        line
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+        for line in range(node.lineno, (node.end_lineno or node.lineno) + 1)
+    }
 
 
 def spin_lines(text: str, others: Iterable[str]) -> tuple[int, ...] | None:

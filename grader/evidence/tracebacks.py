@@ -6,6 +6,7 @@ All styles from Python 3.10 to 3.14 are read, with chained exceptions and except
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -49,7 +50,7 @@ class Frame:
     function: str | None
 
 
-@dataclass(frozen=True)
+@dataclass
 class Raised:
     """One exception as its traceback tells it.
 
@@ -59,7 +60,7 @@ class Raised:
         With its module where Python prints it.
     message : str
         All its lines.
-    frames : tuple of Frame
+    frames : list of Frame
         Outermost first.
     linked : bool
         Whether it came of the one before it ("direct cause" or "during handling").
@@ -67,32 +68,22 @@ class Raised:
         Whether Python went on regardless ("Exception ignored in").
     t_ns : int
         When the line with the type was read.
+    headed : bool
+        Whether "Traceback (most recent call last)" stands above it.
     """
 
-    type: str
-    message: str
-    frames: tuple[Frame, ...]
+    type: str = ""
+    message: str = ""
+    frames: list[Frame] = field(default_factory=list)
     linked: bool = False
     ignored: bool = False
     t_ns: int = 0
+    headed: bool = False
 
     @property
     def name(self) -> str:
         """The type without its module."""
         return self.type.rsplit(".", 1)[-1]
-
-
-@dataclass
-class _Reading:
-    """A traceback while it is read."""
-
-    headed: bool = False
-    linked: bool = False
-    ignored: bool = False
-    t_ns: int = 0
-    frames: list[Frame] = field(default_factory=list)
-    type: str = ""
-    message: list[str] = field(default_factory=list)
 
 
 def without_colours(text: str) -> str:
@@ -138,13 +129,10 @@ def student_frame(frames: Sequence[Frame], root_files: Collection[str]) -> tuple
     root_files : collection of str
         The submission's files, relative to its root.
     """
-    by_name: dict[str, list[str]] = {}
-    for file in root_files:
-        by_name.setdefault(file.rsplit("/", 1)[-1], []).append(file)
     meant: dict[str, str | None] = {}
     for frame in reversed(frames[-FRAME_LIMIT:]):
         if frame.path not in meant:
-            meant[frame.path] = student_file(frame.path, by_name.get(frame.path.rsplit("/", 1)[-1], ()))
+            meant[frame.path] = student_file(frame.path, root_files)
         if (found := meant[frame.path]) is not None:
             return found, frame.line
     return None
@@ -152,82 +140,59 @@ def student_frame(frames: Sequence[Frame], root_files: Collection[str]) -> tuple
 
 def student_file(path: str, root_files: Collection[str]) -> str | None:
     """The file of the submission that `path` means, judged by the longest common end; None if none does."""
-    parts = path.split("/")
-    best: tuple[int, int, str] | None = None
-    for file in root_files:
-        own = file.split("/")
-        if own[-1] != parts[-1]:
-            continue
-        common = 0
-        while common < min(len(own), len(parts)) and own[-1 - common] == parts[-1 - common]:
-            common += 1
-        if common < 2 and _in_library(parts):
-            continue
-        rank = (common, -len(own), file)
-        if best is None or rank > best:
-            best = rank
-    return None if best is None else best[2]
-
-
-def _in_library(parts: Sequence[str]) -> bool:
-    """Whether a path leads into what is installed for an interpreter."""
-    return any(_LIBRARY_FOLDERS.match(part) for part in parts[:-1])
+    parts = path.split("/")[::-1]
+    # What is installed for an interpreter is the student's only with a folder of theirs.
+    least = 2 if any(_LIBRARY_FOLDERS.match(part) for part in parts[1:]) else 1
+    namesakes = [file.split("/")[::-1] for file in root_files if file.endswith(parts[0])]
+    ends = (itertools.takewhile(lambda pair: pair[0] == pair[1], zip(own, parts, strict=False)) for own in namesakes)
+    ranked = [(len(list(end)), -len(own), "/".join(own[::-1])) for end, own in zip(ends, namesakes, strict=True)]
+    best = max(ranked, default=(0, 0, ""))
+    return best[2] if best[0] >= least else None
 
 
 def _read(lines: Sequence[tuple[int, str]]) -> Iterator[Raised]:
-    current: _Reading | None = None
+    current: Raised | None = None
     linked = ignored = False
     for t_ns, raw in lines:
         if _LOG.match(raw):
             continue
         line = _GROUP_MARGIN.sub("", raw)
-        starts = _HEADER.match(line) is not None or line.startswith(("Exception ignored in", _CAUSE, _DURING))
-        if current is not None and (starts or _GROUP_RULE.match(raw) or _is_over(current, line)):
+        is_rule, is_header = _GROUP_RULE.match(raw) is not None, _HEADER.match(line) is not None
+        starts = is_header or line.startswith(("Exception ignored in", _CAUSE, _DURING))
+        if current is not None and (starts or is_rule or _is_over(current, line)):
             if current.type:
-                yield _finished(current)
-                current = None
-            elif starts:
-                current = None
-        if line.startswith((_CAUSE, _DURING)):
-            linked = True
-        elif line.startswith("Exception ignored in"):
-            ignored = True
-        elif _HEADER.match(line):
-            current, linked, ignored = _Reading(True, linked, ignored), False, False
-        elif not _GROUP_RULE.match(raw):
+                yield current
+            current = None if current.type or starts else current
+        if is_header:
+            current, linked, ignored = Raised(linked=linked, ignored=ignored, headed=True), False, False
+        elif starts:
+            linked, ignored = linked or line.startswith((_CAUSE, _DURING)), line.startswith("Exception ignored in")
+        elif not is_rule:
             current = _taken(current, line, t_ns)
     if current is not None and current.type:
-        yield _finished(current)
+        yield current
 
 
-def _is_over(current: _Reading, line: str) -> bool:
+def _is_over(current: Raised, line: str) -> bool:
     """Whether the exception's message has ended."""
     if not current.type:
         return False
-    return not line.strip() or len(current.message) >= _MESSAGE_LINES or _FRAME.match(line) is not None
+    return not line.strip() or current.message.count("\n") + 1 >= _MESSAGE_LINES or _FRAME.match(line) is not None
 
 
-def _taken(current: _Reading | None, line: str, t_ns: int) -> _Reading | None:
+def _taken(current: Raised | None, line: str, t_ns: int) -> Raised | None:
     """Take in a line that may belong to a traceback; the traceback being read after it."""
-    frame = _FRAME.match(line)
+    frame, final = _FRAME.match(line), _FINAL.match(line)
     if frame is not None:
-        current = current or _Reading()
+        current = current or Raised()
         current.frames.append(Frame(frame[1], int(frame[2]), frame[3]))
-        return current
-    final = _FINAL.match(line)
-    if current is None:
-        if final is None or final[1] not in _SYNTAX or not final[2]:
+    elif current is not None and current.type:
+        current.message += f"\n{line}".rstrip()
+    elif final is not None and (final[1] in _SYNTAX or (current is not None and current.headed)):
+        if current is None and not final[2]:
             return None
-        return _Reading(type=final[1], message=[final[2]], t_ns=t_ns)
-    if current.type:
-        current.message.append(line)
+        current = current or Raised()
+        current.type, current.message, current.t_ns = final[1], (final[2] or "").strip(), t_ns
     elif final is not None:
-        if not current.headed and final[1] not in _SYNTAX:
-            return None
-        current.type, current.message, current.t_ns = final[1], [final[2] or ""], t_ns
+        return None
     return current
-
-
-def _finished(current: _Reading) -> Raised:
-    message = "\n".join(current.message).strip()
-    return Raised(current.type, message, tuple(current.frames), current.linked, current.ignored, current.t_ns)

@@ -70,14 +70,11 @@ def measure(items: Iterable[str]) -> int:
 
     Numbers and single Latin letters do not count.
     """
-    spaced = ideographs = unspaced = 0
-    for item in set(items):
-        if _IS_IDEOGRAPH(item):
-            ideographs += 1
-        elif _IS_UNSPACED(item):
-            unspaced += len(item)
-        elif not item[0].isdigit() and not (len(item) == 1 and item.isascii()):
-            spaced += 1
+    unique = set(items)
+    ideographs = sum(1 for item in unique if _IS_IDEOGRAPH(item))
+    unspaced = sum(len(item) for item in unique if _IS_UNSPACED(item))
+    others = (item for item in unique if not _IS_IDEOGRAPH(item) and not _IS_UNSPACED(item) and not item[0].isdigit())
+    spaced = sum(1 for item in others if len(item) > 1 or not item.isascii())
     return spaced + ideographs // IDEOGRAPHS_PER_WORD + unspaced // LETTERS_PER_UNSPACED_WORD
 
 
@@ -112,9 +109,7 @@ def is_placeholder(text: str, undone_limit_words: int = UNDONE_LIMIT_WORDS) -> b
 def sentences(text: str) -> list[str]:
     """Sentences of `text`, without empty ones; a paragraph without full stops is one sentence."""
     parts = _SENTENCE_END.split(text)
-    pieces: list[str] = []
-    for part in parts:
-        pieces.extend(part[i : i + _SENTENCE_LIMIT] for i in range(0, len(part), _SENTENCE_LIMIT))
+    pieces = (part[i : i + _SENTENCE_LIMIT] for part in parts for i in range(0, len(part), _SENTENCE_LIMIT))
     return [piece.strip() for piece in pieces if piece.strip()]
 
 
@@ -129,11 +124,11 @@ class Terms:
 
     Attributes
     ----------
-    pattern : re.Pattern or None
-        Matches in folded text; None when there is no term.
+    pattern : re.Pattern
+        Matches in folded text; nothing when there is no term.
     """
 
-    pattern: re.Pattern[str] | None
+    pattern: re.Pattern[str]
 
     @classmethod
     def of(cls, terms: Iterable[str], ending: int | None = None) -> Terms:
@@ -145,25 +140,24 @@ class Terms:
                 shapes.setdefault(_surroundings(term, ending), []).append(_body(term))
         # Terms of one shape share their surroundings: each class of letters is costly to compile.
         patterns = [f"{before}(?:{'|'.join(bodies)}){after}" for (before, after), bodies in shapes.items()]
-        return cls(re.compile("|".join(patterns)) if patterns else None)
+        return cls(re.compile("|".join(patterns) or r"(?!)"))
 
     def count(self, text: str) -> int:
         """How often any of the terms occurs in `text`."""
-        return 0 if self.pattern is None else sum(1 for _ in self.pattern.finditer(fold(text)))
+        return sum(1 for _ in self.pattern.finditer(fold(text)))
 
     def found(self, text: str) -> bool:
         """Whether any of the terms occurs in `text`."""
-        return self.pattern is not None and self.pattern.search(fold(text)) is not None
+        return self.pattern.search(fold(text)) is not None
 
     def place(self, text: str) -> int | None:
         """Where in the folded `text` the first of the terms begins, None if there is none."""
-        match = None if self.pattern is None else self.pattern.search(fold(text))
-        return None if match is None else match.start()
+        match = self.pattern.search(fold(text))
+        return match.start() if match is not None else None
 
     def without(self, text: str) -> str:
         """Folded `text` with every term blanked out, to the end of the word that it begins."""
-        folded = fold(text)
-        return folded if self.pattern is None else self.pattern.sub(" ", folded)
+        return self.pattern.sub(" ", fold(text))
 
 
 _JOINED = "\u0590-\u08ff\u0e00-\u0eff\u1000-\u109f\u1780-\u17ff\u2e80-\U0003ffff"

@@ -19,7 +19,7 @@ import json
 import mmap
 import shutil
 import struct
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any
 from mcap.opcode import Opcode
 
 from grader.files import replace_file
-from grader.recording.definitions import SEPARATOR, MessageDefinition
+from grader.recording.definitions import MessageDefinition
 from grader.recording.session import Qos
 
 if TYPE_CHECKING:
@@ -453,26 +453,14 @@ def _decoder(topic_type: str, definition: MessageDefinition | None) -> Callable[
 @functools.lru_cache(maxsize=64)
 def _deserializer(topic_type: str, definition: MessageDefinition) -> Callable[[bytes, str], object] | None:
     """Deserialize CDR by the definition in the bag; None where that cannot be understood."""
-    from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
+    from rosbags.typesys import Stores, TypesysError, get_typestore
 
     store = get_typestore(Stores.EMPTY)
     try:
-        if definition.encoding == "ros2msg":
-            store.register(get_types_from_msg(definition.text, topic_type))
-        else:
-            for block in _idl_blocks(definition.text):
-                store.register(get_types_from_idl(block))
+        store.register(definition.types(topic_type))
     except TypesysError:
         return None
     return store.deserialize_cdr
-
-
-def _idl_blocks(text: str) -> Iterator[str]:
-    for block in text.split(SEPARATOR + "\n"):
-        if block.startswith("IDL: "):
-            yield block.partition("\n")[2]
-        elif block.strip():
-            yield block
 
 
 class Bag:

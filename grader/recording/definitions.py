@@ -1,7 +1,7 @@
 """Message definitions as text, found in the installed ROS packages.
 
-A bag carries the definition of each of its types, so that it can be read where ROS is not
-installed. Packages install the definitions in `share/<package>/<msg|srv|action>/`.
+A bag carries the definition of each of its types, so that it can be read where ROS is not installed. Packages install
+descriptions of their types in `share/<package>/<msg|srv|action>/`, with all that services and actions imply.
 """
 
 from __future__ import annotations
@@ -10,20 +10,18 @@ import json
 import os
 import re
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
+
+if TYPE_CHECKING:
+    from rosbags.interfaces.typing import Typesdict
 
 SEPARATOR = "=" * 80
 
 _TYPE_NAME = re.compile(r"([A-Za-z][A-Za-z0-9_]*)/(msg|srv|action)/([A-Za-z][A-Za-z0-9_]*)")
-_PRIMITIVES = frozenset(
-    {"bool", "byte", "char", "string", "wstring", "float32", "float64"}
-    | {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)}
-)
-_CHAR_FIELD = re.compile(r"^\s*char\b", re.MULTILINE)
 # Values of type_description_interfaces/msg/FieldType, as IDL spells the types.
 _IDL_TYPES = {
     2: "int8", 3: "uint8", 4: "int16", 5: "uint16", 6: "int32", 7: "uint32", 8: "int64", 9: "uint64",
@@ -52,15 +50,29 @@ class MessageDefinition:
     Attributes
     ----------
     encoding : str
-        "ros2msg" or "ros2idl", as MCAP names them.
+        "ros2idl", or "ros2msg" in older recordings, as MCAP names them.
     text : str
-        `ros2msg`: the text of the `.msg` file, then a line of 80 `=`, `MSG: package/Type` and the text for
-        each type it depends on. `ros2idl`: for each type a line of 80 `=`, `IDL: package/folder/Type` and
-        one struct.
+        `ros2idl`: for each type a line of 80 `=`, `IDL: package/folder/Type` and one struct. `ros2msg`: the text of
+        the `.msg` file, then a line of 80 `=`, `MSG: package/Type` and the text for each type it depends on.
     """
 
     encoding: Literal["ros2msg", "ros2idl"]
     text: str
+
+    def types(self, topic_type: str) -> Typesdict:
+        """Return the types in it by their names, as `rosbags` describes them.
+
+        Raises
+        ------
+        rosbags.typesys.TypesysError
+            If the text is no definition.
+        """
+        from rosbags.typesys import get_types_from_idl, get_types_from_msg
+
+        if self.encoding == "ros2msg":
+            return get_types_from_msg(self.text, topic_type)
+        blocks = re.sub(r"^IDL: .*", "", self.text, flags=re.MULTILINE).split(SEPARATOR)
+        return {name: kind for block in blocks if block.strip() for name, kind in get_types_from_idl(block).items()}
 
 
 def share_folders() -> tuple[Path, ...]:
@@ -77,7 +89,7 @@ def definition_of(topic_type: str) -> MessageDefinition:
     DefinitionNotFound
         If no installed package defines the type, or a type that it depends on.
     """
-    return _definition_in(topic_type, share_folders())
+    return MessageDefinition("ros2idl", _idl_text(topic_type, share_folders()))
 
 
 def type_hash_of(topic_type: str) -> str:
@@ -99,37 +111,11 @@ def fields_of(name: str) -> Mapping[str, str] | None:
     mapping or None
         Field -> type as `.msg` files spell it, e.g. "float64[]"; None where the type is not known here.
     """
-    package, folder, short = name.split("/")
-    owner, _, part = short.partition("_")
     try:
-        if folder == "srv":
-            halves = re.split(r"^---.*$", _find(f"{package}/srv/{owner}", ".srv", share_folders()), flags=re.MULTILINE)
-            return _fields_in(halves[part != "Request"], package)
-        return _fields_in(_find(name, ".msg", share_folders()), package)
+        known: Mapping[str, Any] = definition_of(name).types(name)
     except DefinitionNotFound:
-        return _fields_in_rosbags(name)
-
-
-def _fields_in(text: str, package: str) -> dict[str, str]:
-    lines = [line.split("#", 1)[0].split() for line in text.splitlines()]
-    # What has a "=" is a constant; a bound of a string is written as "<=".
-    fields = [words for words in lines if len(words) > 1 and not any(word.startswith("=") for word in words[1:3])]
-    return {words[1]: _full_type(words[0], package) for words in fields if "=" not in words[1]}
-
-
-def _full_type(spelled: str, package: str) -> str:
-    """Write "Header[]" as "std_msgs/msg/Header[]"."""
-    name = re.split(r"[\[<]", spelled, maxsplit=1)[0]
-    if name in _PRIMITIVES:
-        return spelled
-    parts = name.split("/")
-    return f"{parts[0] if len(parts) > 1 else package}/msg/{parts[-1]}{spelled[len(name) :]}"
-
-
-def _fields_in_rosbags(name: str) -> dict[str, str] | None:
-    """Return the fields of a message type of ROS itself where ROS is not installed, as where one only regrades."""
-    known = _types_of_rosbags().get(name)
-    return {field: _spelled(*kind) for field, kind in known[1]} if known is not None else None
+        known = _types_of_rosbags()  # ROS itself is known also where one only judges again.
+    return {field: _spelled(*kind) for field, kind in known[name][1]} if name in known else None
 
 
 @lru_cache(maxsize=1)
@@ -160,64 +146,25 @@ def packages_with(folder: str) -> tuple[str, ...]:
     return tuple(sorted({path.parts[-3] for share in share_folders() for path in share.glob(f"*/{folder}/*.{folder}")}))
 
 
-@lru_cache(maxsize=1024)
-def _definition_in(topic_type: str, folders: tuple[Path, ...]) -> MessageDefinition:
-    try:
-        texts = _message_texts(topic_type, folders)
-    except DefinitionNotFound:
-        texts = {}
-    # `rosbags` takes `char` for another type than ROS does, and refuses a whole bag for the hash of one
-    # such topic. The IDL says `uint8`.
-    if not texts or any(_CHAR_FIELD.search(text) for text in texts.values()):
-        return MessageDefinition("ros2idl", _idl_text(topic_type, folders))
-    root = texts.pop(topic_type)
-    blocks = [f"{SEPARATOR}\nMSG: {name.replace('/msg/', '/')}\n{text}" for name, text in texts.items()]
-    return MessageDefinition("ros2msg", "\n".join([root, *blocks]))
-
-
-def _message_texts(root: str, folders: tuple[Path, ...]) -> dict[str, str]:
-    """Text of the `.msg` files of `root` and of all that it depends on, `root` first."""
-    texts: dict[str, str] = {}
-    open_types = [root]
-    while open_types:
-        name = open_types.pop(0)
-        if name not in texts:
-            texts[name] = _find(name, ".msg", folders)
-            open_types += _dependencies(texts[name], name.split("/")[0])
-    return texts
-
-
-def _find(topic_type: str, suffix: str, folders: tuple[Path, ...]) -> str:
+def _description(topic_type: str, folders: tuple[Path, ...]) -> dict[str, Any]:
+    """The installed type description (`.json`) that includes the type."""
     # The name comes from the graph, hence from students: it must not lead out of the folders.
     match = _TYPE_NAME.fullmatch(topic_type)
-    if match is None or (suffix == ".msg" and match[2] != "msg"):
+    if match is None:
         raise DefinitionNotFound(topic_type)
+    # Types that a service or an action implies (X_Event, X_Request, ...) are described with it; the name
+    # of a service or an action itself has no underscore.
+    owner = match[3] if match[2] == "msg" else match[3].partition("_")[0]
     for folder in folders:
         try:
-            return (folder / match[1] / match[2] / (match[3] + suffix)).read_text(encoding="utf-8")
+            description: dict[str, Any] = json.loads((folder / match[1] / match[2] / f"{owner}.json").read_bytes())
         except (OSError, ValueError):
             continue
+        return description
     raise DefinitionNotFound(topic_type)
 
 
-def _dependencies(text: str, package: str) -> Iterator[str]:
-    for line in text.splitlines():
-        words = line.split("#", 1)[0].split()
-        full = _full_type(words[0], package) if words else ""
-        if "/" in full:
-            yield re.split(r"[\[<]", full, maxsplit=1)[0]
-
-
-def _description(topic_type: str, folders: tuple[Path, ...]) -> dict[str, Any]:
-    """The installed type description (`.json`) that includes the type."""
-    # Types that a service or an action implies (X_Event, X_Request, ...) are described with it; the name
-    # of a service or an action itself has no underscore.
-    folder, _, name = topic_type.rpartition("/")
-    owner = topic_type if folder.endswith("/msg") else f"{folder}/{name.partition('_')[0]}"
-    description: dict[str, Any] = json.loads(_find(owner, ".json", folders))
-    return description
-
-
+@lru_cache(maxsize=1024)
 def _idl_text(topic_type: str, folders: tuple[Path, ...]) -> str:
     message = _description(topic_type, folders)["type_description_msg"]
     every = [message["type_description"], *message["referenced_type_descriptions"]]

@@ -7,13 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from datetime import timedelta, timezone
-from decimal import Decimal
 
 from grader.cohort.summary import CheckStatistics, ClassSummary, Need, Row
 from grader.report import views
 from grader.report.figures.scores import scores_figure
 from grader.report.page import render_page
-from grader.report.views import Badge, Share
+from grader.report.views import Badge
 from grader.result import Outcome
 
 #: Letters by which the page's script knows outcomes.
@@ -77,7 +76,7 @@ def render(summary: ClassSummary, *, anonymous: bool = False) -> str:
         single=[(n, mistake) for n, mistake in enumerate(summary.mistakes) if len(mistake.made_by) == 1],
         mistakes=[[k for k, m in enumerate(summary.mistakes) if any(one.row == n for one in m.made_by)] for n in rows],
         codes=[_codes(row, summary) for row in summary.rows],
-        wholes=[_whole(row) for row in summary.rows],
+        wholes=[views.final_share(row.total, row.possible, row.undecided) for row in summary.rows],
         titles={check.id: check.title for check in summary.checks} | {c.id: c.title for c in summary.columns},
         criteria={check.id: summary.columns[check.column].title for check in summary.checks},
         remarks=[_remark(check, summary.chance) for check in summary.checks],
@@ -91,12 +90,6 @@ def _codes(row: Row, summary: ClassSummary) -> str:
     outcomes = [cell.outcome if cell else None for cell in row.cells]
     outcomes += [row.outcomes.get(check.id) for check in summary.checks]
     return "".join(CODES[outcome] for outcome in outcomes)
-
-
-def _whole(row: Row) -> Share:
-    """Describe the points with all adjustments, which may make them more than are possible."""
-    total = max(Decimal(0), min(row.total, row.possible))
-    return views.share_of(total, row.possible, min(row.undecided, row.possible - total))
 
 
 def _zone(summary: ClassSummary) -> timezone | None:

@@ -1,7 +1,7 @@
-"""Untrusted text made fit to be shown: in a page, on a terminal, in the log of a CI job, in XML and in Markdown.
+"""Untrusted text made fit to be shown: in a page, on a terminal, in the log of a CI job and in Markdown.
 
 What would steer a terminal, hide or reorder text becomes visible; what another reader would obey stays text. Escaping
-for HTML is another matter, which the template engine sees to.
+for HTML and XML is another matter, which libraries see to.
 """
 
 from __future__ import annotations
@@ -108,29 +108,6 @@ def terminal_text(text: str, limit: int = 400) -> str:
     """
     whole = uncommanded(line(text, limit))
     return whole if len(whole) <= limit else whole[: limit - 1] + "…"
-
-
-# -- XML ---------------------------------------------------------------------------------------
-
-_ESCAPES = str.maketrans(
-    {"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;", "'": "&#39;", "\n": "&#10;", "\t": "&#9;"}
-)
-
-
-def xml_text(text: str, longest: int = LONGEST) -> str:
-    """Return a text that a parser of XML 1.0 gives back as `shown` shows it.
-
-    Notes
-    -----
-    XML 1.0 has no way to write most control characters, lone surrogates, U+FFFE and U+FFFF, not even by
-    their number; they are shown as ⟨U+0000⟩. `>` is escaped too, so that `]]>` never stands. Line ends are
-    written by number, since a parser makes blanks of those in an attribute.
-
-    References
-    ----------
-    Extensible Markup Language (XML) 1.0, fifth edition, 2.2 (characters), 2.4 and 3.3.3 (normalization).
-    """
-    return shown(text, longest).translate(_ESCAPES)
 
 
 # -- Markdown as GitHub renders it -------------------------------------------------------------

@@ -35,7 +35,7 @@ def render(
         ("report.css",),
         "report.js",
         result=result,
-        score=views.final_share(result),
+        score=views.final_share(result.final, result.score.possible, result.still_undecided),
         judged=views.points(result.score.earned),
         adjustments=views.adjustments_of(result),
         recorded=views.recorded_at(result, sessions),

@@ -197,13 +197,10 @@ def signed(value: Decimal) -> str:
     return f"{'+' if value > 0 else '−'}{points(abs(value))}" if value else "±0"
 
 
-def final_share(result: Result) -> Share:
+def final_share(total: Decimal, possible: Decimal, undecided: Decimal) -> Share:
     """Describe the points with all adjustments; a bonus may make them more than are possible."""
-    possible = result.score.possible
-    shown = share_of(
-        min(result.final, possible), possible, min(result.still_undecided, max(possible - result.final, Decimal(0)))
-    )
-    return replace(shown, earned=points(result.final))
+    within = max(Decimal(0), min(total, possible))
+    return replace(share_of(within, possible, min(undecided, possible - within)), earned=points(total))
 
 
 # -- what interfered with the grader's own nodes and topics ------------------------------------

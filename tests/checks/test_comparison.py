@@ -28,6 +28,7 @@ PROFILES = {"artifact": "it", "profiles": [WANTED]}
 REPORTED = {
     "artifact": "it",
     "rows": [{"name": "fast", "topic": TOPIC}],
+    "pattern": r"(?P<count>\d+) msgs, avg latency: (?P<mean_ms>[\d.]+)ms, max: (?P<max_ms>[\d.]+)ms",
 }
 CLAIM = replace(RELIABLE, history="keep_last", depth=10)
 
@@ -264,9 +265,24 @@ def test_the_machine_does_not_excuse_counts_of_what_never_was(tmp_path: Path) ->
     assert judged("reported_traffic", REPORTED, session).outcome is Outcome.FAILED
 
 
+def test_a_pattern_without_its_groups_is_a_mistake_of_the_rubric(tmp_path: Path) -> None:
+    """The groups are named when the rubric loads."""
+    with pytest.raises(ValidationError, match="count, mean_ms and max_ms"):
+        judged("reported_traffic", {**REPORTED, "pattern": "(x)"}, Session(tmp_path))
+
+
+def test_a_line_in_the_form_asked_for_counts_before_others(tmp_path: Path) -> None:
+    """What else begins with a row's name, behind it or before it, is no result."""
+    for n, lines in enumerate(([row(), "fast | 1 | x"], ["fast | 1 | x", row()])):
+        session = Session(tmp_path, f"s{n}").endpoint("publisher", TOPIC).endpoint("subscription", TOPIC)
+        session.messages(TOPIC, [[0.0]] * 1000, evenly(100, 9.99), latency_s=0.001).process("it", lines)
+        assert judged("reported_traffic", REPORTED, session).outcome is Outcome.PASSED
+
+
 @pytest.mark.parametrize(
     ("check", "parameters"),
     [
+        ("reported_traffic", {**REPORTED, "pattern": "("}),
         ("ends_by_itself", {**ENDS, "output": "("}),
         ("call_answered", {"artifact": "it", "step": "enable", "response": {}, "message": "("}),
         ("readme", {"parts": [], "commands": ["("]}),

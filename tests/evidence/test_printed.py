@@ -64,8 +64,8 @@ def test_where_there_is_no_vector_none_is_found(lines: list[str]) -> None:
         (["Joint   Mean     Max", "  0     0.1     9.0", "  1     0.2     9.0", "  2     0.3     9.0"], "table"),
         (["| joint | mean | max |", "|---|---|---|", "| a | 0.1 | 9 |", "| b | 0.2 | 9 |", "| c | 0.3 | 9 |"], "table"),
         (["joint mean[rad] max", "J 0 0.1 9.0", "J 1 0.2 9.0", "J 2 0.3 9.0", "", "Done 1 2 3"], "table"),
-        (["      j0    j1    j2", "Mean  0.1   0.2   0.3", "Max   9     9     9"], "table"),
-        (["│ Mean │ 0.1 │ 0.2 │ 0.3 │"], "table"),
+        (["      j0    j1    j2", "Mean  0.1   0.2   0.3", "Max   9     9     9"], "vector"),
+        (["│ Mean │ 0.1 │ 0.2 │ 0.3 │"], "vector"),
         (["joint  mean |e|  max |e|", "0  0.1  9.0", "1  0.2  9.0", "2  0.3  9.0"], "table"),
         (["j1: mean=0.1, max=9.0", "j2: mean=0.2, max=9.0", "j3: mean=0.3, max=9.0"], "lines"),
         (

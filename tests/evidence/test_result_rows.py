@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grader.evidence.result_rows import ResultRow, names, plain_numbers, result_row
+from grader.evidence.result_rows import ResultRow, lines_naming, plain_numbers, result_row
 from grader.recording.session import OutputLine
 from tests.counted import calls_of
 
@@ -102,10 +102,7 @@ def test_a_row_does_not_take_its_neighbours_numbers() -> None:
 
 def test_names_stand_by_themselves() -> None:
     """A name may follow `test_` or a slash, and is no part of another word."""
-    assert names("/test_fast: 1", "fast")
-    assert names("'fast'", "fast")
-    assert not names("fast_lane", "fast")
-    assert not names("steadfast", "fast")
+    assert lines_naming(["/test_fast: 1", "'fast'", "fast_lane", "steadfast"], "fast") == [0, 1]
 
 
 @given(st.text(max_size=200), st.text(max_size=200))

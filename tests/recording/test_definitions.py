@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 
 import pytest
-from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, get_typestore
 
 from grader.recording.definitions import (
     SEPARATOR,
     DefinitionNotFound,
     MessageDefinition,
     definition_of,
+    fields_of,
     share_folders,
     type_hash_of,
 )
@@ -29,11 +31,7 @@ def installed_types() -> list[str]:
 def hash_by_rosbags(topic_type: str, definition: MessageDefinition) -> str:
     """The type's hash, computed by `rosbags` from the definition's text alone."""
     store = get_typestore(Stores.EMPTY)
-    if definition.encoding == "ros2msg":
-        store.register(get_types_from_msg(definition.text, topic_type))
-    else:
-        for block in definition.text.split(SEPARATOR + "\n")[1:]:
-            store.register(get_types_from_idl(block.partition("\n")[2]))
+    store.register(definition.types(topic_type))
     return store.hash_rihs01(topic_type)
 
 
@@ -47,15 +45,15 @@ def test_every_installed_definition_gives_the_types_hash() -> None:
 
 
 def test_text_format() -> None:
-    """Messages come as their own text with dependencies after it, service events as IDL structs."""
-    floats = definition_of("std_msgs/msg/Float64MultiArray")
-    assert floats.encoding == "ros2msg"
-    headings = [line for line in floats.text.splitlines() if line.startswith("MSG: ")]
-    assert headings == ["MSG: std_msgs/MultiArrayLayout", "MSG: std_msgs/MultiArrayDimension"]
+    """Messages and service events come as IDL structs, with those that they depend on."""
+    floats = definition_of("std_msgs/msg/Float64MultiArray").text
+    headings = [line for line in floats.splitlines() if line.startswith("IDL: ")]
+    assert headings == [
+        f"IDL: std_msgs/msg/{n}" for n in ("Float64MultiArray", "MultiArrayLayout", "MultiArrayDimension")
+    ]
     event = definition_of("std_srvs/srv/SetBool_Event")
     assert event.encoding == "ros2idl"
     assert event.text.startswith(f"{SEPARATOR}\nIDL: std_srvs/srv/SetBool_Event\n")
-    assert "#include" not in event.text
 
 
 @pytest.mark.parametrize(
@@ -71,15 +69,21 @@ def test_unknown_types_are_named(name: str) -> None:
 
 
 def test_packages_on_the_prefix_path_come_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Packages below AMENT_PREFIX_PATH are found, and their dependencies in the same package."""
+    """Packages below AMENT_PREFIX_PATH are found, with the bounds of their strings and sequences."""
     folder = tmp_path / "share" / "own" / "msg"
     folder.mkdir(parents=True)
-    (folder / "Outer.msg").write_text("int32 LIMIT=3 # a constant\nInner[<=4] parts\nstring<=5 name\n")
-    (folder / "Inner.msg").write_text("builtin_interfaces/Time stamp\n")
+    kinds = {"parts": {"type_id": 97, "capacity": 4, "nested_type_name": "own/msg/Inner"},
+             "name": {"type_id": 21, "string_capacity": 5, "nested_type_name": ""}}  # fmt: skip
+    inner = [{"name": "x", "type": {"type_id": 6, "nested_type_name": ""}}]
+    outer = [{"name": name, "type": kind} for name, kind in kinds.items()]
+    message = {
+        "type_description": {"type_name": "own/msg/Outer", "fields": outer},
+        "referenced_type_descriptions": [{"type_name": "own/msg/Inner", "fields": inner}],
+    }
+    (folder / "Outer.json").write_text(json.dumps({"type_description_msg": message}))
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
     assert share_folders()[0] == tmp_path / "share"
     text = definition_of("own/msg/Outer").text
-    assert [line for line in text.splitlines() if line.startswith("MSG: ")] == [
-        "MSG: own/Inner",
-        "MSG: builtin_interfaces/Time",
-    ]
+    assert "sequence<own::msg::Inner, 4> parts" in text
+    assert "string<5> name" in text
+    assert fields_of("own/msg/Outer") == {"parts": "own/msg/Inner[]", "name": "string"}

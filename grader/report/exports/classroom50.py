@@ -17,7 +17,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from datetime import datetime, timezone
-from decimal import ROUND_FLOOR, ROUND_HALF_UP, Decimal
+from decimal import ROUND_HALF_UP, Decimal
+from itertools import accumulate, pairwise
 from typing import Any
 
 from grader.json_text import json_text
@@ -37,6 +38,8 @@ _GIVEN = {
 }
 VARIABLES = tuple(_GIVEN.values())
 _ZERO = Decimal(0)
+#: No share of points is finer; what a division leaves beyond it must not make a score exceed its maximum.
+_FINE = Decimal("1e-9")
 
 
 def render(graded: Graded, environment: Mapping[str, str]) -> str:
@@ -57,54 +60,33 @@ def render(graded: Graded, environment: Mapping[str, str]) -> str:
 
 def _scores(graded: Graded) -> list[tuple[int, int]]:
     """Return each check's score and maximum; what is open has earned no more than is known."""
-    most = whole_scores([check.possible for check in graded.checks], sum((c.possible for c in graded.checks), _ZERO))
+    most = whole_scores([check.possible for check in graded.checks])
     within = [int(check.earned) if check.open else limit for check, limit in zip(graded.checks, most, strict=True)]
     exact = [
         max(_ZERO, min(Decimal(limit), check.possible, check.earned + check.given))
         for check, limit in zip(graded.checks, within, strict=True)
     ]
-    wanted = max(_ZERO, min(graded.final, Decimal(sum(within))))
-    return list(zip(whole_scores(_spread(exact, within, wanted), wanted, within), most, strict=True))
-
-
-def _spread(exact: Sequence[Decimal], most: Sequence[int], wanted: Decimal) -> list[Decimal]:
-    """Change the tests' points in proportion such that they add up to the total wanted."""
-    earned, room = sum(exact, _ZERO), sum((Decimal(m) for m in most), _ZERO) - sum(exact, _ZERO)
+    earned, room = sum(exact, _ZERO), sum(within) - sum(exact, _ZERO)
+    wanted = max(0, min(_rounded(graded.final), sum(within)))
+    # What the tests do not add up to is spread over them in proportion.
     if wanted < earned:
-        return [value * wanted / earned for value in exact]
-    if wanted > earned and room > 0:
-        return [value + (m - value) * (wanted - earned) / room for value, m in zip(exact, most, strict=True)]
-    return list(exact)
+        exact = [value * wanted / earned for value in exact]
+    elif room > 0:
+        exact = [value + (m - value) * (wanted - earned) / room for value, m in zip(exact, within, strict=True)]
+    return list(zip(whole_scores([value.quantize(_FINE) for value in exact]), most, strict=True))
 
 
-def whole_scores(exact: Sequence[Decimal], total: Decimal, most: Sequence[int] | None = None) -> list[int]:
-    """Round points to whole numbers that add up to the rounded total (method of largest remainders).
+def whole_scores(exact: Sequence[Decimal]) -> list[int]:
+    """Round points, which are not negative, to whole numbers that add up to the rounded total.
 
-    Parameters
-    ----------
-    exact : sequence of Decimal
-        Points, not negative, that add up to `total`.
-    most : sequence of int
-        What each may be at most; no limit by default.
-
-    Notes
-    -----
-    Each result differs from its exact value by less than 1, unless `most` is in the way.
+    Each is what the rounded sum grows by, and so differs from its exact value by less than 1.
     """
-    wanted = int(total.quantize(Decimal(1), ROUND_HALF_UP))
-    whole = [int(value.quantize(Decimal(1), ROUND_FLOOR)) for value in exact]
-    if most is not None:
-        whole = [min(value, limit) for value, limit in zip(whole, most, strict=True)]
-    by_remainder = sorted(range(len(exact)), key=lambda n: (-(exact[n] - whole[n]), n))
-    short = wanted - sum(whole)
-    while short > 0:
-        able = [n for n in by_remainder if most is None or whole[n] < most[n]]
-        if not able:
-            break
-        for n in able[:short]:
-            whole[n] += 1
-        short = wanted - sum(whole)
-    return whole
+    sums = [_rounded(total) for total in accumulate(exact, initial=_ZERO)]
+    return [after - before for before, after in pairwise(sums)]
+
+
+def _rounded(value: Decimal) -> int:
+    return int(value.quantize(Decimal(1), ROUND_HALF_UP))
 
 
 def _test(check: GradedCheck, score: int, most: int) -> dict[str, Any]:

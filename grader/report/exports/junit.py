@@ -13,62 +13,49 @@ Schema `junit-10.xsd` of Jenkins' xUnit plugin. GitLab: unit test reports.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from xml.etree import ElementTree
 
-from grader.report.escape import line, xml_text
-from grader.report.exports.graded import Graded, GradedCheck, GradedCriterion
+from grader.report.escape import line, shown
+from grader.report.exports.graded import Graded, GradedCheck
 from grader.report.exports.words import full_text
 from grader.report.views import badge_of, points
 
 
 def render(graded: Graded, environment: Mapping[str, str]) -> str:
     """Return the XML document."""
+    root = ElementTree.Element("testsuites", {"name": line(graded.lab, 600), **_counts(graded.checks)})
+    del root.attrib["skipped"]  # The schema has it on suites only.
     titles = _unique([(criterion.id, criterion.title) for criterion in graded.criteria])
     # Jenkins puts what is before the last point above the rest: submission, criterion, check.
-    classes = _numbered([xml_text(line(f"{line(graded.submission)}.{c.id}", 500)) for c in graded.criteria])
-    suites = [_suite(*each, graded) for each in zip(graded.criteria, titles, classes, strict=True)]
-    checks = graded.checks
-    totals = _counts(checks)
-    return (
-        '<?xml version="1.0" encoding="UTF-8"?>\n'
-        f'<testsuites name={_quoted(graded.lab)} tests="{len(checks)}" failures="{totals["failures"]}" errors="0">\n'
-        + "".join(suites)
-        + "</testsuites>\n"
-    )
+    classes = _numbered([line(f"{line(graded.submission)}.{c.id}", 500) for c in graded.criteria])
+    for criterion, title, class_name in zip(graded.criteria, titles, classes, strict=True):
+        suite = ElementTree.SubElement(root, "testsuite", {"name": line(title, 600), **_counts(criterion.checks)})
+        sessions = dict.fromkeys(s for check in criterion.checks for s in check.sessions if s in graded.sessions)
+        time_s = sum(graded.sessions[s]["duration_s"] for s in sessions)
+        if sessions and 0 <= time_s < 1e6:
+            suite.set("time", f"{time_s:.3f}")
+        names = _unique([(check.id, check.title) for check in criterion.checks])
+        for check, name in zip(criterion.checks, names, strict=True):
+            case = ElementTree.SubElement(suite, "testcase", name=line(name, 600), classname=line(class_name, 600))
+            if check.lost:
+                word = badge_of(check.outcome).word
+                _tell(case, "failure", f"−{points(check.lost)} of {points(check.possible)} points, {word}", check)
+            elif check.open:
+                _tell(case, "skipped", "undecided, not earned", check)
+    ElementTree.indent(root)
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'
 
 
-def _suite(criterion: GradedCriterion, title: str, class_name: str, graded: Graded) -> str:
-    counts = _counts(criterion.checks)
-    sessions = dict.fromkeys(s for check in criterion.checks for s in check.sessions if s in graded.sessions)
-    time_s = sum(graded.sessions[s]["duration_s"] for s in sessions)
-    time = f' time="{time_s:.3f}"' if sessions and 0 <= time_s < 1e6 else ""
-    titles = _unique([(check.id, check.title) for check in criterion.checks])
-    cases = "".join(_case(*each, class_name) for each in zip(criterion.checks, titles, strict=True))
-    return (
-        f'  <testsuite name={_quoted(title)} tests="{len(criterion.checks)}" failures="{counts["failures"]}"'
-        f' errors="0" skipped="{counts["skipped"]}"{time}>\n{cases}  </testsuite>\n'
-    )
-
-
-def _case(check: GradedCheck, title: str, class_name: str) -> str:
-    opened = f"    <testcase name={_quoted(title)} classname={_quoted(class_name)}"
-    if check.lost:
-        message = f"−{points(check.lost)} of {points(check.possible)} points, {badge_of(check.outcome).word}"
-        return f"{opened}>\n      {_element('failure', message, check)}    </testcase>\n"
-    if check.open:
-        return f"{opened}>\n      {_element('skipped', 'undecided, not earned', check)}    </testcase>\n"
-    return f"{opened}/>\n"
-
-
-def _element(name: str, cost: str, check: GradedCheck) -> str:
+def _tell(case: ElementTree.Element, name: str, cost: str, check: GradedCheck) -> None:
     # GitLab shows the contents alone, Jenkins the message and below it the contents.
     message = f"{cost}: {check.reason}" if check.reason else cost
-    contents = xml_text("\n".join([cost, full_text(check)]))
-    return f"<{name} message={_quoted(message)}>{contents}</{name}>\n"
+    ElementTree.SubElement(case, name, message=line(message, 600)).text = shown("\n".join([cost, full_text(check)]))
 
 
-def _counts(checks: tuple[GradedCheck, ...]) -> dict[str, int]:
+def _counts(checks: Sequence[GradedCheck]) -> dict[str, str]:
+    skipped = sum(1 for check in checks if check.open and not check.lost)
     failures = sum(1 for check in checks if check.lost)
-    return {"failures": failures, "skipped": sum(1 for check in checks if check.open and not check.lost)}
+    return {"tests": str(len(checks)), "failures": str(failures), "errors": "0", "skipped": str(skipped)}
 
 
 def _unique(named: Sequence[tuple[str, str]]) -> list[str]:
@@ -83,7 +70,3 @@ def _unique(named: Sequence[tuple[str, str]]) -> list[str]:
 
 def _numbered(texts: Sequence[str]) -> list[str]:
     return [t if texts.count(t) == 1 else f"{t} {number}" for number, t in enumerate(texts, 1)]
-
-
-def _quoted(text: str) -> str:
-    return f'"{xml_text(line(text, 600))}"'

@@ -106,7 +106,7 @@ _POINTS = st.integers(0, 400).map(lambda n: Decimal(n) / 20)
 @given(st.lists(_POINTS, max_size=40))
 def test_whole_scores_add_up(exact: list[Decimal]) -> None:
     """They add up to the rounded total, and each is less than a point from its own."""
-    whole = whole_scores(exact, sum(exact, Decimal(0)))
+    whole = whole_scores(exact)
     assert sum(whole) == int(sum(exact, Decimal(0)).quantize(Decimal(1), ROUND_HALF_UP))
     assert all(abs(value - each) < 1 for value, each in zip(whole, exact, strict=True))
 

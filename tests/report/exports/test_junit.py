@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 import xml.etree.ElementTree as ElementTree
 
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 
+from grader.report.escape import line
 from tests.report.exports.sample_results import (
     adjusted_and_touched,
     check,
@@ -17,6 +18,7 @@ from tests.report.exports.sample_results import (
     of_recording,
     result,
 )
+from tests.report.untrusted_texts import hostile
 
 #: Of junit-10.xsd: element -> (attributes that must be there, those that may be, elements within).
 _SCHEMA: dict[str, tuple[set[str], set[str], set[str]]] = {
@@ -141,3 +143,15 @@ def test_hostile_texts_are_only_text(plain: dict[str, object]) -> None:
     harmless = assert_valid(exported("junit", adjusted_and_touched()))
     assert [element.tag for element in root.iter()] == [element.tag for element in harmless.iter()]
     assert not list(root.iter("system-out"))
+
+
+@given(hostile)
+@example("]]><x/>")
+@example("<!DOCTYPE x [<!ENTITY e SYSTEM 'file:///etc/passwd'>]>&e;")
+@example("a\nb\tc  d\r\ne\rf")
+def test_a_parser_gives_a_text_back(text: str) -> None:
+    """What a student wrote comes back as it is shown, in the contents of an element and in an attribute."""
+    root = assert_valid(exported("junit", result(criterion("a", check("a.f", "failed", 0, 3, reason=f"x {text}")))))
+    (failure,) = root.iter("failure")
+    assert (failure.text or "").splitlines()[1] == line(f"x {text}", 600)
+    assert (failure.get("message") or "").startswith("−3 of 3 points, failed: x")
