@@ -49,7 +49,7 @@ from grader.cohort.roster import Student, matches, read_class_list
 from grader.errors import SubmissionError
 from grader.intake import Handed, Piece, names_in, text_of, texts_in
 from grader.intake.members import is_folder
-from grader.intake.names import TOOL_FOLDERS, displayed, is_archive, is_litter, is_packed, without_archive_suffix
+from grader.intake.names import TOOL_FOLDERS, displayed, is_litter, is_packed, without_archive_suffix
 from grader.kept_lab import KEPT
 from grader.report.changes import CHANGES_FILE
 from grader.result_folder import (
@@ -452,7 +452,7 @@ _RESULT = "recordings/submission.json"
 def _holds_archives_only(files: Iterable[str]) -> bool:
     """Whether files are what somebody hands in who packs: an archive, and no program beside it."""
     names = [PurePosixPath(file) for file in files]
-    return any(is_archive(name.name) for name in names) and not any(name.suffix in _PROGRAMS for name in names)
+    return any(is_packed(name.name) for name in names) and not any(name.suffix in _PROGRAMS for name in names)
 
 
 def _wanted_names(rubric: Rubric) -> dict[str, frozenset[str]]:
