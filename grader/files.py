@@ -72,15 +72,9 @@ def replace_files(texts: Mapping[Path, str | None]) -> None:
 def beside(results: Path, parts: Sequence[str], keep: Callable[[Path], bool] = lambda new: False) -> Iterator[Path]:
     """Give an empty folder within a folder of results to make new ones in; its parts take their places in the end.
 
-    If the work is broken off, or a part cannot be put in its place, what was there before stays as it was. Who is
-    killed in the midst of that leaves no results that say that they are whole.
-
-    Parameters
-    ----------
-    parts : sequence of str
-        Files and folders that make up the results, the one that says that they are whole last.
-    keep : callable
-        Asked with the folder when the work is broken off: whether what is in it takes its place nevertheless.
+    The part that says that they are whole comes last: who is killed in the midst leaves no results that say so. If the
+    work is broken off, or a part cannot be put in its place, what was there before stays as it was, unless `keep` says
+    of the new folder that what is in it takes its place nevertheless.
     """
     new = results / UNFINISHED
     shutil.rmtree(new, ignore_errors=True)

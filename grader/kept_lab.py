@@ -7,6 +7,7 @@ the user has graded by a lab with this file, named its rubric with `--rubric`, o
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import os
 import re
@@ -14,6 +15,9 @@ from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
+import yaml
+
+import grader
 from grader.errors import RecordingError
 from grader.recording.submission import read_submission
 from grader.rubric import Rubric
@@ -22,6 +26,34 @@ from grader.rubric import Rubric
 KEPT = "rubric.files"
 #: `file.py:name`, as a whole value in JSON.
 _FUNCTION = re.compile(r'"([^"\\]+\.py):\w+"')
+
+
+def lab_folder() -> Path:
+    """Return the folder of the lab that travels with the grader: the checkout's root, or inside the package."""
+    package = Path(grader.__file__).parent
+    inside = package / "lab"
+    return inside if (inside / "rubric.yaml").is_file() else package.parent
+
+
+def lab_id(rubric: Path) -> str:
+    """Return the id of the lab that a rubric is of; empty if it cannot be read."""
+    with suppress(OSError, UnicodeDecodeError):
+        return _id_in(rubric.read_text(encoding="utf-8"))
+    return ""
+
+
+@functools.lru_cache(maxsize=16)
+def _id_in(text: str) -> str:
+    with suppress(yaml.YAMLError, RecursionError, TypeError, KeyError):
+        found = yaml.load(text, yaml.CSafeLoader)["lab"]["id"]
+        # Written out, nested aliases have no end.
+        return str(found) if isinstance(found, (str, int, float)) else ""
+    return ""
+
+
+def is_shipped(rubric: Path) -> bool:
+    """Whether a rubric is of the lab that travels with the grader."""
+    return lab_id(rubric) == lab_id(lab_folder() / "rubric.yaml")
 
 
 def named_files(rubric: Rubric, *, figures: bool = True) -> list[str]:
@@ -63,10 +95,10 @@ def trust(files: Mapping[str, str]) -> None:
             (folder / sha256).touch()
 
 
-def _is_known(name: str, sha256: str, shipped: Path) -> bool:
-    for lab in (shipped, *shipped.glob("labs/*")):
-        if sha256 in sha256s(_texts(lab, [name])).values():
-            return True
+def _is_known(name: str, sha256: str) -> bool:
+    labs = (lab_folder(), *lab_folder().glob("labs/*"))
+    if any(sha256 in sha256s(_texts(lab, [name])).values() for lab in labs):
+        return True
     with suppress(OSError, RuntimeError):
         return (_known_folder() / sha256).is_file()
     return False
@@ -77,13 +109,9 @@ def _known_folder() -> Path:
     return (Path(state) if state else Path.home() / ".local/state") / "grade/known-lab-files"
 
 
-def require_known(copy: Path, shipped: Path) -> None:
-    """Raise RecordingError if code beside a copy of a rubric may not be executed here.
-
-    Known is what lies in the lab that ships with the grader, and in others in its folder `labs`.
-    """
-    hashes = sha256s(kept_files(copy))
-    if unknown := [name for name, sha256 in hashes.items() if not _is_known(name, sha256, shipped)]:
+def require_known(copy: Path) -> None:
+    """Raise RecordingError if code beside a copy of a rubric may not be executed here."""
+    if unknown := [name for name, sha256 in sha256s(kept_files(copy)).items() if not _is_known(name, sha256)]:
         raise RecordingError(
             f"{', '.join(unknown)} came with the recordings and is not known on this machine, so it is not executed",
             where=str(copy.parent / KEPT),
@@ -92,17 +120,14 @@ def require_known(copy: Path, shipped: Path) -> None:
         )
 
 
-def remarks(recordings: Path, rubric: Rubric, shipped: Path | None) -> list[str]:
-    """Say where recordings are judged by other files of the lab than they were made with, or the lab has others now.
-
-    If the rubric is of the lab that ships with the grader, `shipped` is the folder of that.
-    """
+def remarks(recordings: Path, rubric: Rubric) -> list[str]:
+    """Say where recordings are judged by other files of the lab than they were made with, or the lab has others now."""
     submission = read_submission(recordings)
     made_with = submission.lab_files
     if other := _differing(made_with, sha256s(files_of(rubric))):
         return [f"judged by another {other} than it was recorded with"]
-    labs = (lab for lab in (Path(submission.lab_folder), shipped) if lab is not None and lab.is_absolute())
-    lab = next((lab for lab in labs if lab.is_dir()), None)
+    shipped = [lab_folder()] if rubric.lab.id == lab_id(lab_folder() / "rubric.yaml") else []
+    lab = next((lab for lab in (Path(submission.lab_folder), *shipped) if lab.is_absolute() and lab.is_dir()), None)
     if lab is None or not (changed := _differing(made_with, sha256s(_texts(lab, made_with)))):
         return []
     return [f"{changed} in {lab} has changed since it was recorded; name the rubric there by --rubric to judge by it"]

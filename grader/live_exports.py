@@ -29,9 +29,7 @@ class LiveExports:
     """The exports of one submission while it is being graded; raises UsageError if one cannot be made here."""
 
     def __init__(self, targets: Sequence[ExportTarget], results: Path, path_prefix: str = "") -> None:
-        self._targets = targets
-        self._results = results
-        self._prefix = path_prefix
+        self._targets, self._results, self._prefix = targets, results, path_prefix
         self._begun: set[str] = set()
         self._stale = False
         self._child: subprocess.Popen[bytes] | None = None
@@ -87,16 +85,8 @@ class LiveExports:
             self._child = subprocess.Popen(
                 [*command, *self._arguments, "--", str(self._results)], stdin=nothing, stdout=nothing, stderr=nothing
             )
-            _let_yield(self._child.pid)
-
-
-def _let_yield(process: int) -> None:
-    """Let a process run only when no other wants the core; the least priority still disturbs a timer of 100 Hz."""
-    with suppress(OSError):
-        if hasattr(os, "SCHED_IDLE"):
-            os.sched_setscheduler(process, os.SCHED_IDLE, os.sched_param(0))
-        else:
-            os.setpriority(os.PRIO_PROCESS, process, 19)
+            # It runs only when no other wants the core; the least priority still disturbs a timer of 100 Hz.
+            os.sched_setscheduler(self._child.pid, os.SCHED_IDLE, os.sched_param(0))
 
 
 def _clear(path: Path, results: Path) -> None:

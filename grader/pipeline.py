@@ -94,19 +94,9 @@ def grade(
 ) -> Result:
     """Grade one submission: record, judge, run undecided sessions again, report.
 
-    Parameters
-    ----------
-    handed : Handed, Path or Intake
-        The submission: a folder, an archive, what `grader.batch.found` made of more, or what was taken in already.
-    results : Path
-        Folder of this submission's results. Those of an earlier grading stay until all sessions have been recorded.
-    shared : Shared, optional
-        What other submissions on this machine have to do with it.
-
-    Raises
-    ------
-    GraderError
-        If no fair score exists; no result is written then. Once all is recorded, the recordings are kept.
+    It is a folder, an archive, what `grader.batch.found` made of more, or what was taken in already. Results of an
+    earlier grading stay until all sessions have been recorded. Raises GraderError if no fair score exists: no result is
+    written then, but once all is recorded, the recordings are kept.
     """
     from grader.live.environment import require_platform
     from grader.live.scratch import scratch_prefix
@@ -162,10 +152,7 @@ def record(
     shared: Shared | None = None,
     watch: Stopwatch | None = None,
 ) -> Judgement:
-    """Run the live half: stage, isolate, run the sessions, and again those whose checks are undecided.
-
-    Returns what the last recordings were judged to be.
-    """
+    """Run the live half, and sessions again whose checks are undecided; returns the judgement of what is kept."""
     from grader.evidence.elsewhere import modules_to_look_for
     from grader.live.cells import Progress, Sessions, types_in
     from grader.live.environment import absent_modules, versions

@@ -9,7 +9,7 @@ from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_DOWN, Decimal
 from enum import Enum
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, WithJsonSchema, model_validator
+from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
 from grader.yaml_with_lines import Strict
 
@@ -71,13 +71,7 @@ Moment = Annotated[
 
 @dataclass(frozen=True)
 class Amount:
-    """Points, or a share of points.
-
-    Attributes
-    ----------
-    value : Decimal
-        Points, or per cent.
-    """
+    """Points, or a share of points in per cent."""
 
     value: Decimal
     percent: bool
@@ -119,30 +113,20 @@ class Counts(str, Enum):
 
 
 class LatePolicy(Strict):
-    """What lateness costs.
-
-    Attributes
-    ----------
-    due : datetime
-        When submissions are due.
-    grace : timedelta
-        Lateness up to this costs nothing; beyond it, time counts from the due date.
-    per_day : Amount or None
-        What a day costs: points, or a share of the points that the submission would have without it.
-    at_most : Amount or None
-        What lateness costs at most, short of `never_after`.
-    counts : Counts
-        Which days count.
-    never_after : timedelta or None
-        Time after the due date from when nothing is accepted: all points are lost.
-    """
+    """What lateness costs."""
 
     due: Moment
-    grace: TimeSpan = timedelta()
-    per_day: MaybeAmount = None
-    at_most: MaybeAmount = None
+    grace: TimeSpan = Field(
+        timedelta(), description="Lateness up to this costs nothing; beyond it, time counts from the due date."
+    )
+    per_day: MaybeAmount = Field(
+        None, description="Points, or a share of the points that the submission would have without it."
+    )
+    at_most: MaybeAmount = Field(None, description="What lateness costs at most, short of `never_after`.")
     counts: Counts = Counts.STARTED_DAYS
-    never_after: TimeSpan | None = None
+    never_after: TimeSpan | None = Field(
+        None, description="Time after the due date from when nothing is accepted: all points are lost."
+    )
 
     @model_validator(mode="after")
     def _costs_something(self) -> LatePolicy:
@@ -153,15 +137,7 @@ class LatePolicy(Strict):
         return self
 
     def deduction(self, points: Decimal, late: timedelta) -> Decimal:
-        """Return what a lateness takes of some points: from 0 to all of them, in tenths.
-
-        Parameters
-        ----------
-        points : Decimal
-            What the submission would have without it.
-        late : timedelta
-            Time after the due date; negative if it was in time.
-        """
+        """Return what a lateness (negative: in time) takes of the points without it: from 0 to all, in tenths."""
         if late <= max(self.grace, timedelta()):
             return Decimal(0)
         if self.never_after is not None and late > self.never_after:
@@ -182,13 +158,7 @@ class LatePolicy(Strict):
 
 
 class Policy(Strict):
-    """What a rubric says beside points.
-
-    Attributes
-    ----------
-    late : LatePolicy or None
-        None where lateness costs nothing.
-    """
+    """What a rubric says beside points: what lateness costs, if anything."""
 
     late: LatePolicy | None = None
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from functools import cached_property, reduce
 from operator import or_
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import (
     AfterValidator,
@@ -61,8 +61,7 @@ class Parameters(Strict):
         return tuple(value) if isinstance(value, list) else value
 
 
-@dataclass(frozen=True)
-class StepText:
+class StepText(NamedTuple):
     """A step as it stands in the YAML, before it is known to be right."""
 
     kind: str
@@ -72,26 +71,23 @@ class StepText:
 
 @dataclass
 class Scope:
-    """What a rubric defines, read from its plain YAML before any part of it is validated.
-
-    Attributes
-    ----------
-    folder : Path
-        From which files beside the rubric are resolved.
-    checks, figures : mapping
-        Name of a check, kind of a figure -> model of its parameters.
-    session : str or None
-        The session of the part that is being validated.
-    earlier : list of str
-        The checks before it.
-    """
+    """What a rubric defines, read from its plain YAML before any part of it is validated."""
 
     plain: Mapping[str, Any]
+    #: From which files beside the rubric are resolved.
     folder: Path
+    #: Name of a check, kind of a figure -> model of its parameters.
     checks: Mapping[str, type[Parameters]]
     figures: Mapping[str, type[Parameters]]
+    #: Session and check of the part that is being validated, and the checks before it.
     session: str | None = None
+    check: str | None = None
     earlier: list[str] = field(default_factory=list)
+
+    def begin_check(self, name: str) -> None:
+        """Note that a check is being validated."""
+        self.earlier += [] if self.check is None else [self.check]
+        self.check, self.session = name, None
 
     def names(self, part: str) -> list[str]:
         """Return what is defined in a part of the rubric: artifacts, reference nodes, sessions."""
@@ -100,7 +96,7 @@ class Scope:
     @cached_property
     def check_ids(self) -> list[str]:
         """Return the ids of all checks."""
-        criteria = [_mapping(criterion) for criterion in _list(self.plain.get("criteria"))]
+        criteria = (_mapping(criterion) for criterion in _list(self.plain.get("criteria")))
         return [str(_mapping(check).get("id")) for criterion in criteria for check in _list(criterion.get("checks"))]
 
     @property
@@ -108,8 +104,9 @@ class Scope:
         """Return the steps of the present session; None where it is not defined."""
         session = _mapping(self.plain.get("sessions")).get(self.session or "")
         listed = [_mapping(step) for step in _list(_mapping(session).get("steps"))]
-        found = [StepText(kind, _mapping(step[kind]), step.get("label")) for step in listed for kind in step]
-        return None if session is None else [step for step in found if step.kind != "label"]
+        kinds = ((step, kind) for step in listed for kind in step if kind != "label")
+        found = [StepText(kind, _mapping(step[kind]), step.get("label")) for step, kind in kinds]
+        return None if session is None else found
 
     @cached_property
     def types(self) -> dict[str, set[str]]:
@@ -142,17 +139,10 @@ def _parts(value: Any) -> Iterator[Mapping[str, Any]]:
 
 @dataclass(frozen=True)
 class Reference:
-    """Marks a type of values that are looked up in the scope.
-
-    Attributes
-    ----------
-    what : str
-        What its value is, for whoever writes a rubric.
-    look_up : callable
-        Raises ValueError if there is no such thing.
-    """
+    """Marks a type of values that are looked up in the scope; says what they are to whoever writes a rubric."""
 
     what: str
+    #: Raises ValueError if there is no such thing.
     look_up: Callable[[Scope, Any, ValidationInfo], object]
 
     def _check(self, value: Any, info: ValidationInfo) -> Any:
@@ -168,13 +158,7 @@ class Reference:
 
 
 def one_of(value: str, what: str, known: Iterable[str], where: str = "") -> str:
-    """Return a name if it is known.
-
-    Raises
-    ------
-    ValueError
-        If it is not, with what may be meant.
-    """
+    """Return a name if it is known; raises ValueError if it is not, with what may be meant."""
     names = list(known)
     if value not in names:
         raise ValueError(f"there is no {what} {value!r}{where}{suggestion(value, names)}")
@@ -323,12 +307,8 @@ def _wrong_fields(name: str, values: Mapping[str, Any], loc: Loc = ()) -> Iterat
 def fields_of_type(part: str = "", label: str | None = None) -> Reference:
     """Return the type of values by the name of their field, or of one such name.
 
-    Parameters
-    ----------
-    part : str
-        "" for those of a message, "_Request" and "_Response" for those of a service.
-    label : str, optional
-        The key before it that holds the label of a call of that service; without, the `type` beside it is meant.
+    They are of a message, or of the "_Request" or "_Response" `part` of a service. Of which, the key `type` before it
+    says, or else the call that the key `label` before it names.
     """
 
     def look_up(scope: Scope, value: str | Mapping[str, Any], info: ValidationInfo) -> None:
@@ -359,24 +339,21 @@ def _file(scope: Scope, value: str, info: ValidationInfo) -> None:
     one_of(value, "file", _beside(scope, value), " beside the rubric")
 
 
-def _definitions(scope: Scope, value: str) -> dict[str, ast.AST]:
-    """Return the functions and classes of a Python file beside the rubric; it is not run, for it may do anything."""
+def _definition(scope: Scope, value: str) -> ast.FunctionDef | ast.ClassDef:
+    """Return a function or class of a Python file beside the rubric; it is not run, for it may do anything."""
     file, _, name = value.partition(":")
     one_of(file, "Python file", _beside(scope, file), " beside the rubric")
     try:
         tree = ast.parse((scope.folder / file).read_bytes())
     except (SyntaxError, ValueError) as problem:
         raise ValueError(f"{file} is no Python: {problem}") from problem
-    found: dict[str, ast.AST] = {
-        node.name: node for node in tree.body if isinstance(node, (ast.FunctionDef, ast.ClassDef))
-    }
-    one_of(name, "function or class", found, f" in {file}")
-    return found
+    found = {node.name: node for node in tree.body if isinstance(node, (ast.FunctionDef, ast.ClassDef))}
+    return found[one_of(name, "function or class", found, f" in {file}")]
 
 
 FileBeside = Annotated[str, Reference("File beside the rubric.", _file)]
 Loadable = Annotated[
-    str, Reference("file.py:name, beside the rubric.", lambda scope, value, info: _definitions(scope, value))
+    str, Reference("file.py:name, beside the rubric.", lambda scope, value, info: _definition(scope, value))
 ]
 
 #: Types of settings that are looked at; others are left to the reference node.
@@ -386,9 +363,8 @@ _PLAIN_TYPES: dict[str, Any] = {"float": float, "int": int, "bool": bool, "str":
 def _settings(scope: Scope, value: Mapping[str, Any], info: ValidationInfo) -> None:
     """Look settings up in the class that the rubric names for those of the reference node before them."""
     entry = _mapping(_mapping(scope.plain.get("reference")).get(info.data.get("reference") or ""))
-    named = str(entry.get("settings"))
     try:
-        made = _definitions(scope, named)[named.partition(":")[2]]
+        made = _definition(scope, str(entry.get("settings")))
     except ValueError:
         return  # None is named, or it is a mistake where it stands.
     if not isinstance(made, ast.ClassDef):
@@ -416,58 +392,38 @@ def _share(value: Any) -> float:
     return float(share)
 
 
+_SHARE_NUMBER = {"type": "number", "minimum": 0, "maximum": 1}
+_SHARE_TEXT = {"type": "string", "pattern": r"^\s*\d+(\.\d+)?\s*%\s*$"}
 #: A share, written as 0.02 or as 2%.
 Share = Annotated[
     float,
     BeforeValidator(_share),
-    WithJsonSchema(
-        {
-            "description": "A share, such as 2% or 0.02.",
-            "anyOf": [
-                {"type": "number", "minimum": 0, "maximum": 1},
-                {"type": "string", "pattern": r"^\s*\d+(\.\d+)?\s*%\s*$"},
-            ],
-        }
-    ),
+    WithJsonSchema({"description": "A share, such as 2% or 0.02.", "anyOf": [_SHARE_NUMBER, _SHARE_TEXT]}),
 ]
 
 
-def _compiles(value: str) -> str:
-    compiled(value)
-    return value
-
-
 #: A regular expression.
-Pattern = Annotated[str, AfterValidator(_compiles), WithJsonSchema({"type": "string", "format": "regex"})]
+Pattern = Annotated[
+    str, AfterValidator(lambda value: compiled(value).pattern), WithJsonSchema({"type": "string", "format": "regex"})
+]
 
 
 def _several(value: Any) -> Any:
     return (value,) if isinstance(value, str) else tuple(value) if isinstance(value, list) else value
 
 
+_TEXT = {"type": "string"}
 #: One or more regular expressions, of which the first counts that finds anything; the number is its last group.
 Patterns = Annotated[
     tuple[Pattern, ...],
     BeforeValidator(_several),
     WithJsonSchema(
-        {
-            "description": "One or more regular expressions.",
-            "anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}}],
-        }
+        {"description": "One or more regular expressions.", "anyOf": [_TEXT, {"type": "array", "items": _TEXT}]}
     ),
 ]
 
 Reliability = Literal["reliable", "best_effort"]
 Durability = Literal["volatile", "transient_local"]
 History = Literal["keep_last", "keep_all"]
-ParameterType = Literal[
-    "bool",
-    "integer",
-    "double",
-    "string",
-    "byte_array",
-    "bool_array",
-    "integer_array",
-    "double_array",
-    "string_array",
-]
+_Single = Literal["bool", "integer", "double", "string"]
+ParameterType = Literal[_Single, "byte_array", "bool_array", "integer_array", "double_array", "string_array"]

@@ -98,35 +98,24 @@ class Where:
 
 @dataclass(frozen=True)
 class Finding:
-    """What one check found.
-
-    Attributes
-    ----------
-    credit : Decimal
-        Share of the check's points: 1 when passed, 0 when failed.
-    expected, measured : str
-        One line each, with units and the error of the measurement.
-    reason, hint : str
-        Why points were lost, in a sentence, and how to fix it; empty when passed. A check's hint goes before the
-        rubric's.
-    notes : tuple of str
-        Advisories that cost nothing.
-    retry : bool
-        Whether another run can decide what is undecided.
-    settled : Finding or None
-        What it is if it stays undecided however often the session is recorded, since the student's own processes can
-        bring that about; None where only the machine can, or a person has to decide.
-    """
+    """What one check found."""
 
     outcome: Outcome
+    #: Share of the check's points: 1 when passed, 0 when failed.
     credit: Decimal
+    #: One line each, with units and the error of the measurement.
     expected: str = ""
     measured: str = ""
+    #: Why points were lost, in a sentence, and how to fix it; empty when passed. It goes before the rubric's hint.
     reason: str = ""
     hint: str = ""
     where: tuple[Where, ...] = ()
+    #: Advisories that cost nothing.
     notes: tuple[str, ...] = ()
+    #: Whether another run can decide what is undecided.
     retry: bool = True
+    #: What it is if it stays undecided however often the session is recorded, since the student's own processes can
+    #: bring that about; None where only the machine can, or a person has to decide.
     settled: Finding | None = None
 
 
@@ -151,24 +140,17 @@ class ViolationKind(str, Enum):
 
 @dataclass(frozen=True)
 class Violation:
-    """Something of the grader's own that was touched in a session: a fact, for a person to judge; not an intent.
-
-    Attributes
-    ----------
-    evidence : tuple of str
-        What shows it: nodes, gids, counts, times.
-    certain : bool
-        Whether the recording leaves no other explanation than the submission's own processes.
-    checks : tuple of str
-        Ids of the checks that fail because what they measure was touched.
-    """
+    """Something of the grader's own that was touched in a session: a fact, for a person to judge; not an intent."""
 
     kind: ViolationKind
     session: str
     text: str
+    #: What shows it: nodes, gids, counts, times.
     evidence: tuple[str, ...] = ()
     where: Where = Where()
+    #: Whether the recording leaves no other explanation than the submission's own processes.
     certain: bool = True
+    #: Ids of the checks that fail because what they measure was touched.
     checks: tuple[str, ...] = ()
 
 
@@ -176,12 +158,7 @@ class Violation:
 class CheckResult:
     """What one check found, as in `Finding`, with the points that the rubric gives it.
 
-    Attributes
-    ----------
-    undecided : Decimal
-        Points that nobody could decide: neither earned nor lost.
-    session : str or None
-        The session that it judges.
+    Points that nobody could decide are neither earned nor lost.
     """
 
     id: str
@@ -249,17 +226,10 @@ class AdjustmentKind(str, Enum):
 
 @dataclass(frozen=True)
 class Adjustment:
-    """One change of the points after the judgement: by a person's decision, or by the rubric's policy.
-
-    Attributes
-    ----------
-    what : str
-        What it concerns: id of a check or a criterion, a due date, or "score" for the whole.
-    who, when : str
-        Who decided it, and when; empty where the rubric's policy did.
-    """
+    """One change of the points after the judgement: by a person, who is named then, or by the rubric's policy."""
 
     kind: AdjustmentKind
+    #: Id of a check or a criterion, a due date, or "score" for the whole.
     what: str
     points: Change
     reason: str = ""
@@ -307,27 +277,18 @@ BY_HAND = (AdjustmentKind.POINTS, AdjustmentKind.EXCUSED)
 
 @dataclass(frozen=True)
 class Result:
-    """The judgement of one submission.
-
-    Attributes
-    ----------
-    submission : str
-        Name of the submission's folder.
-    advisories : tuple of str
-        Remarks for the student that cost nothing.
-    problems : tuple of str
-        What went wrong on the grader's side; never costs points.
-    adjustments : tuple of Adjustment
-        In the order in which they were applied.
-    """
+    """The judgement of one submission, called as its folder is."""
 
     submission: str
     lab: str
     score: Score
     criteria: tuple[CriterionResult, ...]
+    #: Remarks for the student that cost nothing.
     advisories: tuple[str, ...] = ()
+    #: What went wrong on the grader's side; never costs points.
     problems: tuple[str, ...] = ()
     provenance: Provenance = field(default_factory=Provenance)
+    #: In the order in which they were applied.
     adjustments: tuple[Adjustment, ...] = ()
     violations: tuple[Violation, ...] = ()
 

@@ -6,18 +6,18 @@ The rubric knows the lab: its names, rates, steps and points. Nothing of a lab s
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from decimal import Decimal
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 from pydantic import (
     BaseModel,
     BeforeValidator,
     Field,
-    ModelWrapValidatorHandler,
     PlainValidator,
     SerializeAsAny,
     ValidationError,
@@ -32,42 +32,31 @@ from pydantic.json_schema import models_json_schema
 from grader.policy import Policy
 from grader.references import EarlierCheckId, FileBeside, Loadable, Parameters, RosName, Scope, SessionId, one_of
 from grader.steps import STEPS, Step
-from grader.yaml_with_lines import Loc, Strict, cannot_be_read, parse_yaml, suggestion
-
-if TYPE_CHECKING:
-    from typing_extensions import Self
+from grader.yaml_with_lines import Loc, Strict, cannot_be_read, mistakes_at, parse_yaml, suggestion
 
 _REMEDY = "`grade checks` lists every check with its parameters."
 
 
-def _number(value: Any) -> Decimal | None:
-    known = isinstance(value, (int, float, Decimal)) and not isinstance(value, bool)
-    return Decimal(str(value)) if known and 0 <= value < float("inf") else None
-
-
 def _points(value: Any) -> Decimal:
-    points = _number(value)
-    if points is None:
+    if isinstance(value, bool) or not isinstance(value, (int, float, Decimal)) or not 0 <= value < float("inf"):
         raise ValueError("a number of points is expected")
-    return points
+    return Decimal(str(value))
 
 
 Points = Annotated[Decimal, BeforeValidator(_points), WithJsonSchema({"type": "number", "minimum": 0})]
 
 
-def _list(value: Any) -> Sequence[Any]:
-    return value if isinstance(value, (list, tuple)) else ()
-
-
-def _key(part: Any, key: str) -> Any:
-    return part.get(key) if isinstance(part, Mapping) else getattr(part, key, None)
-
-
-def _total(parts: Any) -> Decimal | None:
-    """Return the points of parts together; None where one has none, which is a mistake of its own."""
-    points = [_number(_key(part, "points")) for part in _list(parts)]
-    known = [number for number in points if number is not None]
-    return sum(known, Decimal(0)) if len(known) == len(points) else None
+def _wrong_sums(plain: Mapping[str, Any]) -> Iterator[tuple[Loc, str]]:
+    """Find points that are not those of their parts together; what is no number is a mistake of its own."""
+    criteria = plain.get("criteria")
+    wholes: list[tuple[Loc, Any, str, Any]] = [(("lab",), plain.get("lab"), "criteria", criteria)]
+    listed = enumerate(criteria if isinstance(criteria, list) else ())
+    wholes += [(("criteria", n), each, "checks", each.get("checks")) for n, each in listed if isinstance(each, dict)]
+    for loc, whole, of, parts in wholes:
+        with suppress(KeyError, TypeError, ValueError):
+            total = sum((_points(part["points"]) for part in parts), Decimal(0))
+            if total != _points(whole["points"]):
+                yield (*loc, "points"), f"the {of}' points add up to {total}, not to {whole['points']}"
 
 
 class LabSpec(Parameters):
@@ -133,28 +122,13 @@ def _step(value: Any, info: ValidationInfo) -> Any:
     if len(kinds) != 1 or kinds[0] not in STEPS:
         near = suggestion(kinds[0], STEPS) if len(kinds) == 1 else ""
         raise ValueError(f"a step has one key of {', '.join(STEPS)}, and a label where checks refer to it{near}")
+    if info.context is not None:
+        info.context.session = info.data.get("id")
     entry = _ENTRIES[kinds[0]].model_validate(value, context=info.context)
     return StepSpec(kinds[0], getattr(entry, kinds[0]), getattr(entry, "label"))  # noqa: B009
 
 
-class _OfSession(Parameters):
-    """What refers to names of one session: that is known to the scope before the names are looked up."""
-
-    @model_validator(mode="wrap")
-    @classmethod
-    def _within(cls, value: Any, handler: ModelWrapValidatorHandler[Self], info: ValidationInfo) -> Self:
-        scope: Scope | None = info.context
-        if scope is None or not isinstance(value, dict):
-            return handler(value)
-        session = value.get("id" if cls is SessionSpec else "session")
-        scope.session = session if isinstance(session, str) else None
-        try:
-            return handler(value)
-        finally:
-            scope.earlier += [str(value.get("id"))] if cls is CheckSpec else []
-
-
-class SessionSpec(_OfSession):
+class SessionSpec(Parameters):
     """One experiment on a part of the submission."""
 
     id: str
@@ -165,13 +139,13 @@ class SessionSpec(_OfSession):
     )
     timeout_s: float = Field(90.0, gt=0, description="When it is given up.")
 
-    @classmethod
-    def wrong_in(cls, plain: Mapping[str, Any]) -> Iterable[tuple[Loc, str]]:
-        """Give the labels that are used twice."""
-        labels = [_key(step, "label") for step in _list(plain.get("steps"))]
-        for n, label in enumerate(labels):
-            if label is not None and label in labels[:n]:
-                yield ("steps", n, "label"), f"{label!r} labels an earlier step"
+    @model_validator(mode="after")
+    def _labels_are_different(self) -> SessionSpec:
+        labels = [step.label for step in self.steps]
+        again = [n for n, label in enumerate(labels) if label is not None and label in labels[:n]]
+        if again:
+            raise mistakes_at((("steps", n, "label"), f"{labels[n]!r} labels an earlier step") for n in again)
+        return self
 
     @property
     def needs(self) -> tuple[str, ...]:
@@ -183,7 +157,7 @@ class SessionSpec(_OfSession):
 # -- criteria --------------------------------------------------------------------------------------
 
 
-class _OfKind(_OfSession):
+class _OfKind(Parameters):
     """A check or a figure: its kind says what stands behind `with`."""
 
     #: The key that names the kind, and where the scope has the models of parameters.
@@ -202,6 +176,7 @@ class _OfKind(_OfSession):
         if isinstance(value, BaseModel) or kind is None or info.context is None:
             return value if isinstance(value, BaseModel) else Parameters()
         model: type[Parameters] = getattr(info.context, cls.models)[kind]
+        info.context.session = info.data.get("session")
         if model.of_session and info.data.get("session", "") is None:
             raise ValueError(f"{kind} looks at a recording; say which by the key session")
         return model.model_validate({} if value is None else value, context=info.context)
@@ -220,6 +195,13 @@ class CheckSpec(_OfKind):
     parameters: SerializeAsAny[BaseModel] = Field(alias="with", default_factory=dict, validate_default=True)
     requires: tuple[EarlierCheckId, ...] = ()
     hint: str = ""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _follows(cls, value: Any, info: ValidationInfo) -> Any:
+        if info.context is not None and isinstance(value, dict):
+            info.context.begin_check(str(value.get("id")))
+        return value
 
     @field_validator("id")
     @classmethod
@@ -250,13 +232,6 @@ class CriterionSpec(Parameters):
     checks: tuple[CheckSpec, ...]
     figures: tuple[FigureSpec, ...] = ()
 
-    @classmethod
-    def wrong_in(cls, plain: Mapping[str, Any]) -> Iterable[tuple[Loc, str]]:
-        """Give the points unless they are those of the checks together."""
-        total = _total(plain.get("checks"))
-        if total is not None and total != _number(plain.get("points")):
-            yield ("points",), f"the checks' points add up to {total}, not to {plain.get('points')}"
-
 
 def _with_ids(value: Any) -> Any:
     """Have each session know its name."""
@@ -275,32 +250,17 @@ class RubricFile(Parameters):
     criteria: tuple[CriterionSpec, ...]
     policy: Policy = Policy()
 
-    @classmethod
-    def wrong_in(cls, plain: Mapping[str, Any]) -> Iterable[tuple[Loc, str]]:
-        """Give the points unless they are those of the criteria together, and criteria that are there twice."""
-        lab, total = plain.get("lab"), _total(plain.get("criteria"))
-        points = lab.get("points") if isinstance(lab, dict) else None
-        if total is not None and points is not None and total != _number(points):
-            yield ("lab", "points"), f"the criteria's points add up to {total}, not to {points}"
-        names = [_key(criterion, "id") for criterion in _list(plain.get("criteria"))]
-        for n, name in enumerate(names):
-            if name is not None and name in names[:n]:
-                yield ("criteria", n, "id"), f"the criterion {name!r} stands here twice"
+    @model_validator(mode="after")
+    def _criteria_are_different(self) -> RubricFile:
+        names = [criterion.id for criterion in self.criteria]
+        if again := [n for n, name in enumerate(names) if name in names[:n]]:
+            raise mistakes_at((("criteria", n, "id"), f"the criterion {names[n]!r} stands here twice") for n in again)
+        return self
 
 
 @dataclass(frozen=True)
 class Rubric:
-    """A validated rubric.
-
-    Attributes
-    ----------
-    folder : Path
-        Folder from which files beside the rubric are resolved.
-    text : str
-        The YAML text, a copy of which travels with each recording.
-    policy : Policy
-        What lateness costs.
-    """
+    """A validated rubric, the folder of the files that it names, and its YAML, a copy of which goes with recordings."""
 
     lab: LabSpec
     artifacts: dict[str, ArtifactSpec]
@@ -339,6 +299,8 @@ def load_rubric(path: Path, kinds: Kinds, *folders: Path) -> Rubric:
     except (OSError, UnicodeDecodeError) as problem:
         raise cannot_be_read("the rubric", path, problem, "Check --rubric.") from problem
     plain, mistakes = parse_yaml(path, text, "the rubric")
+    for loc, words in _wrong_sums(plain):
+        mistakes.add(loc, words)
     errors = []
     for folder in folders or (path.resolve().parent,):
         try:

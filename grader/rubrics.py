@@ -2,32 +2,21 @@
 
 from __future__ import annotations
 
-import functools
 import hashlib
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
 from pathlib import Path
 
-import yaml
-
-import grader
 from grader import kept_lab
 from grader.checks import PARAMETERS_OF
 from grader.cohort.entries import ClassEntry
 from grader.cohort.overrides import OVERRIDES_FILE, Overrides, load_overrides
 from grader.desk import lies_within
 from grader.errors import RecordingError, RubricError, UsageError
+from grader.kept_lab import is_shipped, lab_folder, lab_id
 from grader.report.figures import FIGURES
 from grader.result_folder import RECORDINGS, RUBRIC_COPY
 from grader.rubric import Kinds, Rubric, load_rubric
-
-
-def lab_folder() -> Path:
-    """Return the folder of the lab that travels with the grader: the checkout's root, or inside the package."""
-    package = Path(grader.__file__).parent
-    inside = package / "lab"
-    return inside if (inside / "rubric.yaml").is_file() else package.parent
 
 
 def read_rubric(path: Path | None, kept: Path | None = None) -> Rubric:
@@ -40,10 +29,10 @@ def read_rubric(path: Path | None, kept: Path | None = None) -> Rubric:
     if (path.parent / kept_lab.KEPT).is_dir():
         return recorded_rubric(path)
     folders = [path.resolve().parent]
-    if kept is not None and _lab_id(kept) == _lab_id(path) and kept_lab.kept_files(kept):
-        kept_lab.require_known(kept, lab_folder())
+    if kept is not None and lab_id(kept) == lab_id(path) and kept_lab.kept_files(kept):
+        kept_lab.require_known(kept)
         folders.append(kept.parent / kept_lab.KEPT)
-    elif _is_shipped(path):
+    elif is_shipped(path):
         folders.append(lab_folder())
     rubric = load_rubric(path, rubric_kinds(), *folders)
     kept_lab.trust(kept_lab.files_of(rubric))
@@ -60,35 +49,15 @@ def recorded_rubric(copy: Path, *, trusted: bool = False) -> Rubric:
     if trusted:
         kept_lab.trust(files)
     elif files:
-        kept_lab.require_known(copy, lab_folder())
+        kept_lab.require_known(copy)
     # Before they were kept, those of the grader's own lab were used; for another lab they would be the wrong ones.
-    shipped = not files and _is_shipped(copy)
+    shipped = not files and is_shipped(copy)
     try:
         return load_rubric(copy, rubric_kinds(), lab_folder() if shipped else copy.parent / kept_lab.KEPT)
     except RubricError as error:
         if not files and not shipped:
             error.remedy = "The recordings are without the files of their lab; give its rubric by --rubric."
         raise
-
-
-def _is_shipped(rubric: Path) -> bool:
-    """Whether a rubric is of the lab that travels with the grader."""
-    return _lab_id(rubric) == _lab_id(lab_folder() / "rubric.yaml")
-
-
-def _lab_id(rubric: Path) -> str:
-    with suppress(OSError, UnicodeDecodeError):
-        return _lab_id_in(rubric.read_text(encoding="utf-8"))
-    return ""
-
-
-@functools.lru_cache(maxsize=16)
-def _lab_id_in(text: str) -> str:
-    with suppress(yaml.YAMLError, RecursionError, TypeError, KeyError):
-        found = yaml.load(text, yaml.CSafeLoader)["lab"]["id"]
-        # Written out, nested aliases have no end.
-        return str(found) if isinstance(found, (str, int, float)) else ""
-    return ""
 
 
 def rubric_kinds() -> Kinds:
@@ -121,16 +90,10 @@ def chosen_rubric(folders: Sequence[Path], path: Path) -> Rubric:
 
 def require_lab(results: Path, rubric: Rubric, remedy: str = "Name a rubric of that lab, or none.") -> None:
     """Raise UsageError if results are of another lab than a rubric."""
-    recorded = next(map(_lab_id, _rubric_copies(results)), "")
+    recorded = next(map(lab_id, _rubric_copies(results)), "")
     if recorded not in ("", rubric.lab.id):
         problem = f"these are results of Lab {recorded}, and the rubric is of Lab {rubric.lab.id}"
         raise UsageError(problem, where=str(results), remedy=remedy)
-
-
-def lab_remarks(results: Path, rubric: Rubric) -> list[str]:
-    """Say where results are judged by other files of the lab than they were made with, or the lab has others now."""
-    shipped = lab_folder() if rubric.lab.id == _lab_id(lab_folder() / "rubric.yaml") else None
-    return kept_lab.remarks(results / RECORDINGS, rubric, shipped)
 
 
 def rubric_copy(results: Path) -> Path:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from decimal import ROUND_HALF_UP, Decimal
 
 from grader.result import CheckResult, CriterionResult, Finding, Score
@@ -25,24 +25,15 @@ def score_criteria(rubric: Rubric, findings: Mapping[str, Finding]) -> tuple[Cri
     for criterion in rubric.criteria:
         checks = tuple(score_check(spec, findings[spec.id]) for spec in criterion.checks if spec.id in findings)
         if checks:
-            earned, possible, undecided = _sums(checks)
-            criteria.append(
-                CriterionResult(
-                    criterion.id, criterion.title, earned, possible, undecided, checks, criterion.description
-                )
+            sums = vars(total(checks))
+            found = CriterionResult(
+                criterion.id, criterion.title, checks=checks, description=criterion.description, **sums
             )
+            criteria.append(found)
     return tuple(criteria)
 
 
-def total(criteria: Iterable[CriterionResult]) -> Score:
-    """Add up the criteria."""
-    return Score(*_sums(criteria))
-
-
-def _sums(parts: Iterable[CheckResult | CriterionResult]) -> tuple[Decimal, Decimal, Decimal]:
-    listed = list(parts)
-    return (
-        sum((p.earned for p in listed), Decimal(0)),
-        sum((p.possible for p in listed), Decimal(0)),
-        sum((p.undecided for p in listed), Decimal(0)),
-    )
+def total(parts: Sequence[CheckResult | CriterionResult]) -> Score:
+    """Add up checks or criteria."""
+    keys = ("earned", "possible", "undecided")
+    return Score(*(sum((getattr(part, key) for part in parts), Decimal(0)) for key in keys))

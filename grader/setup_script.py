@@ -27,19 +27,8 @@ class NotRecognisedError(Exception):
 def keyword_of_setup(text: str, name: str, paths: Sequence[str]) -> Any:
     """Return the value of a keyword of the only call of `setup`, None if it is not given; tuples are lists.
 
-    Parameters
-    ----------
-    text : str
-        The file.
-    paths : sequence of str
-        The package's files, relative to its folder.
-
-    Raises
-    ------
-    NotRecognisedError
-        If only running it would tell, or if it is wrong.
-    SyntaxError, ValueError, RecursionError, MemoryError
-        If Python refuses the file.
+    The paths are those of the package's files, relative to its folder. Raises NotRecognisedError if only running it
+    would tell, or if it is wrong; SyntaxError, ValueError, RecursionError or MemoryError if Python refuses the file.
     """
     tree = parse_python(text)
     setups = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and _called(node) == "setup"]

@@ -6,14 +6,13 @@ A further step is a class here, listed in `STEPS`, and what the live half does f
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, ClassVar
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from grader import references as ref
 from grader.references import Parameters
-from grader.yaml_with_lines import Loc
+from grader.yaml_with_lines import mistakes_at
 
 
 class Step(Parameters):
@@ -30,11 +29,11 @@ class Step(Parameters):
     words: ClassVar[str]
     targets: ClassVar[tuple[str, ...]] = ()
 
-    @classmethod
-    def wrong_in(cls, plain: Mapping[str, Any]) -> Iterable[tuple[Loc, str]]:
-        """Give what is wrong unless exactly one target is given."""
-        if cls.targets and sum(plain.get(key) is not None for key in cls.targets) != 1:
-            yield (), f"exactly one of {', '.join(cls.targets)} is needed"
+    @model_validator(mode="after")
+    def _has_one_target(self) -> Step:
+        if self.targets and sum(getattr(self, key) is not None for key in self.targets) != 1:
+            raise ValueError(f"exactly one of {', '.join(self.targets)} is needed")
+        return self
 
     def describe(self) -> str:
         """Say in a few words what it does."""
@@ -60,15 +59,13 @@ class StartStep(Step):
     if_ended: bool = Field(False, description="Start it again only if it has ended.")
     with_: ref.Settings = Field(default_factory=dict, alias="with", description="Settings (reference only).")
 
-    @classmethod
-    def wrong_in(cls, plain: Mapping[str, Any]) -> Iterable[tuple[Loc, str]]:
-        """Give what has no effect besides."""
-        yield from super().wrong_in(plain)
-        owner = {
-            "with": "reference",
-            **dict.fromkeys(("name", "parameters", "remappings", "composed", "if_ended"), "student"),
-        }
-        yield from (((key,), f"only a {owner[key]} takes it") for key in plain if owner.get(key, key) not in plain)
+    @model_validator(mode="after")
+    def _is_of_use(self) -> StartStep:
+        owners = dict.fromkeys(("name", "parameters", "remappings", "composed", "if_ended"), "student")
+        owners["with_"] = "reference"
+        if useless := [key for key in self.model_fields_set & owners.keys() if getattr(self, owners[key]) is None]:
+            raise mistakes_at(((key.rstrip("_"),), f"only a {owners[key]} takes it") for key in useless)
+        return self
 
 
 class WaitForStep(Step):

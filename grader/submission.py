@@ -13,7 +13,7 @@ from pathlib import Path, PurePosixPath
 
 from grader.errors import SubmissionError
 from grader.intake import Intake
-from grader.intake.names import displayed
+from grader.intake.names import TEXT_SUFFIXES, displayed
 from grader.packages import find_packages
 from grader.recording.submission import ArtifactFact, FileFact, PackageFact, SubmissionRecord
 from grader.rubric import ArtifactSpec, Rubric
@@ -21,10 +21,6 @@ from grader.rubric import ArtifactSpec, Rubric
 #: A text beyond this, and the largest of those that are too much together, are not read by the judging half.
 MAX_TEXT_BYTES = 512 * 1024
 MAX_TEXTS_CHARACTERS = 8 * 1024 * 1024
-#: Kinds of files whose text the judging half may read.
-TEXT_SUFFIXES = frozenset(
-    {".py", ".md", ".rst", ".txt", ".xml", ".cfg", ".toml", ".yaml", ".yml", ".launch", ".org", ".adoc", ""}
-)
 #: How similar two file names must be for one to count as a misspelling of the other (difflib's ratio).
 NEAR_MISS_RATIO = 0.75
 
@@ -32,14 +28,11 @@ NEAR_MISS_RATIO = 0.75
 def read_submission(intake: Intake, rubric: Rubric) -> SubmissionRecord:
     """Find the rubric's artifacts in a submission and collect static facts.
 
-    Raises
-    ------
-    SubmissionError
-        If it holds nothing that the rubric asks for, or something of it may not be read: that costs nobody points.
+    Raises SubmissionError if it holds nothing that the rubric asks for, or something of it may not be read: that costs
+    nobody points.
     """
-    record = SubmissionRecord(name=intake.name, left_out=list(intake.left_out))
+    record = SubmissionRecord(name=intake.name, left_out=list(intake.left_out), source=intake.source)
     record.student_id = intake.student_id
-    record.source = intake.source
     record.submitted_at = intake.submitted_at.isoformat() if intake.submitted_at is not None else None
     _collect_files(intake.folder, record)
     if not record.files:
@@ -54,13 +47,12 @@ def read_submission(intake: Intake, rubric: Rubric) -> SubmissionRecord:
     _require_readable(intake, record)
     if all(a.path is None for a in record.artifacts):
         wanted = ", ".join(spec.file for spec in rubric.artifacts.values())
-        raise SubmissionError(
-            "nothing in it looks like a submission",
-            where=intake.where,
-            remedy=f"At least one of these files is expected: {wanted}. "
-            "If it is a folder of several submissions, add --each.",
-        )
-    record.sha256 = _digest_of(record.files)
+        remedy = f"At least one of these files is expected: {wanted}. For a folder of several submissions, add --each."
+        raise SubmissionError("nothing in it looks like a submission", where=intake.where, remedy=remedy)
+    digest = hashlib.sha256()
+    for file in sorted(record.files, key=lambda f: f.path):
+        digest.update(f"{file.path}\0{file.sha256}\n".encode())
+    record.sha256 = digest.hexdigest()
     return record
 
 
@@ -85,13 +77,7 @@ def _require_readable(intake: Intake, record: SubmissionRecord) -> None:
 
 
 def read_submission_folder(folder: Path, rubric: Rubric) -> SubmissionRecord:
-    """Read a folder of the project's own as `read_submission` does; a student's is taken in first.
-
-    Raises
-    ------
-    SubmissionError
-        If it holds nothing that the rubric asks for.
-    """
+    """Read a folder of the project's own as `read_submission` does; a student's is taken in first."""
     return read_submission(Intake(folder, folder.resolve().name, where=str(folder)), rubric)
 
 
@@ -126,13 +112,6 @@ def decode_text(content: bytes) -> str:
         return content.decode("latin-1")
 
 
-def _digest_of(files: list[FileFact]) -> str:
-    digest = hashlib.sha256()
-    for file in sorted(files, key=lambda f: f.path):
-        digest.update(f"{file.path}\0{file.sha256}\n".encode())
-    return digest.hexdigest()
-
-
 def find_artifacts(
     paths: list[PurePosixPath], texts: dict[str, str], specs: dict[str, ArtifactSpec]
 ) -> list[ArtifactFact]:
@@ -161,18 +140,12 @@ def _holds(text: str, spec: ArtifactSpec) -> bool:
 
 def _by_pattern(name: str, spec: ArtifactSpec, paths: list[PurePosixPath]) -> ArtifactFact:
     for pattern in spec.find:
-        hits = [p for p in paths if _matches(p, pattern)]
+        anywhere = pattern.startswith("**/")
+        hits = [p for p in paths if fnmatch.fnmatchcase(p.name if anywhere else str(p), pattern.removeprefix("**/"))]
         if hits:
-            hits.sort(key=lambda p: (len(p.parts), str(p)))
-            others = [str(p) for p in hits[1:]]
-            return ArtifactFact(name, spec.file, str(hits[0]), "name", others)
+            first, *others = sorted(hits, key=lambda p: (len(p.parts), str(p)))
+            return ArtifactFact(name, spec.file, str(first), "name", list(map(str, others)))
     return ArtifactFact(name, spec.file)
-
-
-def _matches(path: PurePosixPath, pattern: str) -> bool:
-    if pattern.startswith("**/"):
-        return fnmatch.fnmatchcase(path.name, pattern[3:])
-    return fnmatch.fnmatchcase(str(path), pattern)
 
 
 def _by_entry_point(executable: str | None, packages: list[PackageFact], texts: dict[str, str]) -> str | None:

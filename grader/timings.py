@@ -28,13 +28,7 @@ class Stage:
 
 @dataclass(frozen=True)
 class CellRun:
-    """A session on its way through a cell: once for each attempt.
-
-    Attributes
-    ----------
-    waited_s : float
-        From when all sessions of the attempt were ready to run.
-    """
+    """A session on its way through a cell, once for each attempt; it waited from when all of them were ready to run."""
 
     session: str
     waited_s: float

@@ -82,22 +82,14 @@ class Strict(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    @classmethod
-    def wrong_in(cls, plain: Mapping[str, Any]) -> Iterable[tuple[Loc, str]]:
-        """Give the mistakes that concern several keys at once: reported beside those in single ones."""
-        return ()
-
     @model_validator(mode="wrap")
     @classmethod
     def _all_mistakes(cls, value: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
-        found = list(cls.wrong_in(value)) if isinstance(value, dict) else []
         try:
-            made = handler(value)
+            return handler(value)
         except ValidationError as error:
-            found += [(tuple(item["loc"]), cls._words_for(item)) for item in error.errors()]
-        if found:
-            raise mistakes_at(found)
-        return made
+            found = [(tuple(item["loc"]), cls._words_for(item)) for item in error.errors()]
+        raise mistakes_at(found)
 
     @classmethod
     def _words_for(cls, item: ErrorDetails) -> str:

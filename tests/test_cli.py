@@ -16,8 +16,8 @@ import yaml
 
 from grader.checks import REGISTRY
 from grader.cli import main
+from grader.kept_lab import lab_folder
 from grader.result_folder import RECORDINGS, REPORT_FILE, RESULT_FILE, RUBRIC_COPY
-from grader.rubrics import lab_folder
 
 ROOT = Path(__file__).resolve().parents[1]
 SHIPPED = lab_folder() / "rubric.yaml"

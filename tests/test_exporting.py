@@ -14,12 +14,13 @@ import pytest
 from grader.errors import GraderError
 from grader.exporting import ExportTarget, write_exports
 from grader.files import replace_file
+from grader.kept_lab import lab_folder
 from grader.live.cells import Progress
 from grader.live_exports import LiveExports
 from grader.pipeline import judge_results
 from grader.report.exports import EXPORTS
 from grader.result_folder import RECORDINGS, RUBRIC_COPY
-from grader.rubrics import lab_folder, read_rubric
+from grader.rubrics import read_rubric
 from tests.report.exports.sample_results import every_outcome, read
 
 SOLUTION = Path(__file__).resolve().parent / "recordings/solution"

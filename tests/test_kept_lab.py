@@ -11,9 +11,9 @@ import pytest
 
 from grader.cli import main
 from grader.evidence.oracle import load_oracle
-from grader.kept_lab import KEPT, files_of, kept_files, sha256s
+from grader.kept_lab import KEPT, files_of, kept_files, lab_folder, sha256s
 from grader.result_folder import RECORDINGS, RESULT_FILE, RUBRIC_COPY
-from grader.rubrics import lab_folder, read_rubric
+from grader.rubrics import read_rubric
 
 ROOT = Path(__file__).resolve().parents[1]
 #: In an oracle's file: shows that it was executed.

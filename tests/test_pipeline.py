@@ -17,6 +17,7 @@ from grader import attempts, judgement, pipeline, result_folder, rubrics
 from grader.cohort.overrides import Overrides
 from grader.errors import GraderError, RubricError
 from grader.judging import judge, open_recordings
+from grader.kept_lab import lab_folder
 from grader.live import environment
 from grader.recording.session import read_session, write_session
 from grader.recording.submission import ArtifactFact, SubmissionRecord
@@ -24,7 +25,7 @@ from grader.rubric import Rubric
 from tests.regraded import regraded
 
 ROOT = Path(__file__).resolve().parents[1]
-SHIPPED = rubrics.lab_folder() / "rubric.yaml"
+SHIPPED = lab_folder() / "rubric.yaml"
 
 
 @pytest.fixture(scope="module")

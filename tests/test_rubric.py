@@ -12,9 +12,10 @@ import pytest
 import yaml
 
 from grader.errors import RubricError
+from grader.kept_lab import lab_folder
 from grader.recording.definitions import fields_of, types_in
 from grader.rubric import Rubric, json_schema, load_rubric
-from grader.rubrics import lab_folder, read_rubric, rubric_kinds
+from grader.rubrics import read_rubric, rubric_kinds
 
 GRADER = Path(__file__).resolve().parents[1] / "grader"
 

@@ -31,7 +31,6 @@ from grader.live.isolation import Level
 from grader.live.probing import probe_isolation
 from grader.live.scratch import scratch_prefix
 from grader.pipeline import PARTS
-from grader.rubric import Rubric
 
 _CONNECT_S = 10
 _WATCH_S = 1.0
@@ -209,15 +208,12 @@ class Cluster:
             await asyncio.sleep(_WATCH_S)
 
     def _bundle(self, job: Job) -> bytes:
-        lab = self._lab(job.rubric)
+        lab = self._labs.setdefault(job.rubric.sha256, packed(fingerprint.lab_files(job.rubric)))
         assert isinstance(job.handed, Handed)
         with taken_in(job.handed, prefix=scratch_prefix()) as intake:
             own = job.options.interpreter == Path(sys.executable)
             sent = replace(job, handed=intake)
             return pickle.dumps(Bundle(self._engine, sent, packed(files_in(intake.folder)), lab, own))
-
-    def _lab(self, rubric: Rubric) -> bytes:
-        return self._labs.setdefault(rubric.sha256, packed(fingerprint.lab_files(rubric)))
 
 
 def _lost(problem: BaseException) -> GraderError:

@@ -40,6 +40,7 @@ from functools import cached_property
 from itertools import chain, islice
 from pathlib import Path, PurePosixPath
 
+from grader import result_folder
 from grader.batch.audit import AUDIT_FILE, HISTORY
 from grader.batch.journal import JOURNAL_FILE
 from grader.batch.last_commit import last_commit_time
@@ -49,19 +50,9 @@ from grader.cohort.roster import Student, matches, read_class_list
 from grader.errors import SubmissionError
 from grader.intake import Handed, Piece, names_in, text_of, texts_in
 from grader.intake.members import is_folder
-from grader.intake.names import TOOL_FOLDERS, displayed, is_archive, is_litter, is_packed, without_archive_suffix
+from grader.intake.names import TOOL_FOLDERS, displayed, is_litter, is_packed, without_archive_suffix
 from grader.kept_lab import KEPT
 from grader.report.changes import CHANGES_FILE
-from grader.result_folder import (
-    ANONYMOUS_GRADES_FILE,
-    ANONYMOUS_PAGE,
-    CLASS_PAGE,
-    GRADES_FILE,
-    RECORDINGS,
-    REPORT_FILE,
-    RESULT_FILE,
-    RUBRIC_COPY,
-)
 from grader.rubric import Rubric
 
 #: Names in one submission that are looked at to tell what it is.
@@ -74,8 +65,8 @@ _MOST_WRAPPERS = 4
 _MOST_NAME_BYTES = 120
 #: What lies among results, or in those of one submission, and is no submission's folder.
 TAKEN_NAMES = frozenset(
-    {JOURNAL_FILE, CLASS_PAGE, GRADES_FILE, OVERRIDES_FILE, "overrides.yml", CHANGES_FILE, AUDIT_FILE, HISTORY}
-    | {RECORDINGS, RUBRIC_COPY, KEPT, RESULT_FILE, REPORT_FILE, ANONYMOUS_PAGE, ANONYMOUS_GRADES_FILE}
+    {JOURNAL_FILE, OVERRIDES_FILE, "overrides.yml", CHANGES_FILE, AUDIT_FILE, HISTORY, KEPT}
+    | {name for constant, name in vars(result_folder).items() if constant.isupper()}
 )
 
 _PART = re.compile(
@@ -452,7 +443,7 @@ _RESULT = "recordings/submission.json"
 def _holds_archives_only(files: Iterable[str]) -> bool:
     """Whether files are what somebody hands in who packs: an archive, and no program beside it."""
     names = [PurePosixPath(file) for file in files]
-    return any(is_archive(name.name) for name in names) and not any(name.suffix in _PROGRAMS for name in names)
+    return any(is_packed(name.name) for name in names) and not any(name.suffix in _PROGRAMS for name in names)
 
 
 def _wanted_names(rubric: Rubric) -> dict[str, frozenset[str]]:

@@ -18,16 +18,6 @@ _MOST_TEXT = 2_000
 
 
 @dataclass(frozen=True)
-class Limits:
-    """What a process that grades a submission may do, in seconds."""
-
-    #: Without a word, beyond what a session may take; all that it does by itself has a tighter bound.
-    silence_s: float = 120.0
-    #: With the machine for itself; after that its sessions are recorded beside the others.
-    alone_s: float = 60.0
-
-
-@dataclass(frozen=True)
 class Job:
     """What to grade, by what, and where its results go."""
 
@@ -39,7 +29,11 @@ class Job:
     #: How students' code is confined on the machine that grades it, and the places there; filled in there.
     isolation: Isolation | None = None
     machine: Machine | None = None
-    limits: Limits = Limits()
+    #: How long its process may say nothing, in seconds, beyond what a session may take; all that it does by itself has
+    #: a tighter bound.
+    silence_s: float = 120.0
+    #: How long it may have the machine for itself; after that its sessions are recorded beside the others.
+    alone_s: float = 60.0
 
 
 #: How a grading ended: with a result, or with the reason why there is none.

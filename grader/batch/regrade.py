@@ -22,13 +22,13 @@ from grader.errors import GraderError, RecordingError, described
 from grader.files import replace_files, uninterrupted
 from grader.judgement import Judgement
 from grader.kept_lab import kept_files
+from grader.kept_lab import remarks as remarks_on_lab
 from grader.pipeline import files_of
 from grader.result import Result, result_of_text
 from grader.result_folder import RECORDINGS, RESULT_FILE
 from grader.rubric import Rubric
 from grader.rubrics import (
     chosen_rubric,
-    lab_remarks,
     read_overrides,
     recorded_rubric,
     require_lab,
@@ -106,7 +106,7 @@ class Regrade:
         remarks += [ignored] if ignored is not None and not self.overrides.sha256 else []
         about: dict[str, list[str]] = {}
         for name, judged in self.judged.items():
-            for remark in lab_remarks(self.results / name, judged.rubric):
+            for remark in remarks_on_lab(self.results / name / RECORDINGS, judged.rubric):
                 about.setdefault(remark, []).append(name)
         return remarks + [f"{', '.join(of)}: {remark}" if whole_class else remark for remark, of in about.items()]
 

@@ -75,7 +75,7 @@ async def _run(job: Job, scratch: Path, on_phase: Callable[[Phase], None], on_st
             limit=_MOST_LINE_BYTES,
         )
     assert process.stdout is not None
-    quiet_s = job.limits.silence_s + max(session.timeout_s for session in job.rubric.sessions.values())
+    quiet_s = job.silence_s + max(session.timeout_s for session in job.rubric.sessions.values())
     ending: Ending | None = None
     try:
         while (line := await asyncio.wait_for(process.stdout.readline(), quiet_s)).endswith(b"\n"):
@@ -170,7 +170,7 @@ class _Turns:
         if self._own is not None:
             self._own()
             self._own = None
-        alone = alone and self._alone_s < self.job.limits.alone_s
+        alone = alone and self._alone_s < self.job.alone_s
         give_back = await self._take(Phase(spec.id, "waits to run alone" if alone else "waits"), alone=alone)
         began_s = time.monotonic()
         try:

@@ -25,7 +25,6 @@ from grader.checks.finding import (
     unexplained,
     without_delay,
 )
-from grader.evidence.printed import text_of
 from grader.evidence.recorded import Floats, Span, clock_step_s
 from grader.evidence.result_rows import LINE_LIMIT, ResultRow, lines_naming, plain_numbers, result_row, rounding_of
 from grader.patterns import compiled, search
@@ -91,7 +90,7 @@ def _without_tracebacks(output: Sequence[OutputLine]) -> str:
             quoting.add(line.stream)
         else:
             quoting.remove(line.stream)  # what is not indented is the message, the last line
-    return text_of(kept)
+    return "\n".join(line.text for line in kept)
 
 
 class TopicsCarryTraffic(Parameters):

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from grader.cohort.entries import ClassEntry
-from grader.result import BY_HAND, Adjustment, CriterionResult, Result, Violation
+from grader.result import BY_HAND, Adjustment, CheckResult, Result, Violation
 from grader.rubric import Rubric
 
 HIDDEN = "‹name›"
@@ -39,15 +39,12 @@ def anonymous(entries: Sequence[ClassEntry], rubric: Rubric) -> list[ClassEntry]
     the submissions do. Of a result only outcomes, points and what the grader says of them stay; names, and parts
     of them, are hidden in these texts. Links, student ids, times of submission and words of adjustments go.
     """
-    key = hashlib.sha256("\n".join(sorted(_fingerprint(entry) for entry in entries)).encode()).digest()
+    handed_in = (entry.result.provenance.get("submission_sha256", "") if entry.result else "" for entry in entries)
+    key = hashlib.sha256("\n".join(sorted(handed_in)).encode()).digest()
     order = sorted(range(len(entries)), key=lambda n: (_keyed(key, entries[n].name), n))
     digits = max(2, len(str(len(entries))))
     hide = _Hider(entries, rubric)
     return [_hidden(entries[place], f"Student {rank:0{digits}d}", hide) for rank, place in enumerate(order, 1)]
-
-
-def _fingerprint(entry: ClassEntry) -> str:
-    return entry.result.provenance.get("submission_sha256", "") if entry.result is not None else ""
 
 
 def _keyed(key: bytes, name: str) -> bytes:
@@ -55,6 +52,7 @@ def _keyed(key: bytes, name: str) -> bytes:
 
 
 def _hidden(entry: ClassEntry, pseudonym: str, hide: _Hider) -> ClassEntry:
+    """Return an entry without what its checks quote of the submission, and what else might tell whose it is."""
     result = entry.result
     if result is None:
         return ClassEntry(pseudonym, None, hide(entry.problem))
@@ -62,28 +60,24 @@ def _hidden(entry: ClassEntry, pseudonym: str, hide: _Hider) -> ClassEntry:
         submission=pseudonym,
         lab=result.lab,
         score=result.score,
-        criteria=tuple(_without_proof(criterion, hide) for criterion in result.criteria),
+        criteria=tuple(
+            replace(criterion, checks=tuple(_unquoted(check, hide) for check in criterion.checks))
+            for criterion in result.criteria
+        ),
         problems=tuple(hide(problem) for problem in result.problems),
         violations=tuple(Violation(v.kind, v.session, hide(v.text), certain=v.certain) for v in result.violations),
-        adjustments=tuple(_nameless(adjustment) for adjustment in result.adjustments),
+        adjustments=tuple(
+            Adjustment(each.kind, each.what if each.kind in BY_HAND else "", each.points) for each in result.adjustments
+        ),
         provenance={"rubric_sha256": result.rubric_sha256},
     )
     return ClassEntry(pseudonym, said)
 
 
-def _without_proof(criterion: CriterionResult, hide: _Hider) -> CriterionResult:
-    """Return a criterion without what its checks quote of the submission."""
-    checks = tuple(
-        replace(check, reason=hide(check.reason), hint=hide(check.hint), expected="", measured="", where=(), notes=())
-        for check in criterion.checks
+def _unquoted(check: CheckResult, hide: _Hider) -> CheckResult:
+    return replace(
+        check, reason=hide(check.reason), hint=hide(check.hint), expected="", measured="", where=(), notes=()
     )
-    return replace(criterion, checks=checks)
-
-
-def _nameless(adjustment: Adjustment) -> Adjustment:
-    """Return an adjustment without words and times, which might tell whose it is."""
-    what = adjustment.what if adjustment.kind in BY_HAND else ""
-    return Adjustment(adjustment.kind, what, adjustment.points)
 
 
 class _Hider:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, TypeVar
 from rich.console import Console
 from rich.text import Text
 
-from grader.errors import GraderError, RubricError
+from grader.errors import GraderError, PlatformError, RubricError
 from grader.report.escape import terminal_text
 
 if TYPE_CHECKING:
@@ -73,6 +73,13 @@ def least_isolation(options: argparse.Namespace, *, several: bool) -> str:
     if options.require_isolation is not None:
         return str(options.require_isolation)
     return "no-cgroup" if several or os.environ.get("CI", "").lower() in _TRUE else "reduced"
+
+
+def interpreter_of(chosen: Path | None) -> Path:
+    """Return what runs students' code, by default what runs this; raises PlatformError if it is not there."""
+    if chosen is not None and not chosen.is_file():
+        raise PlatformError("there is no such interpreter", where=str(chosen), remedy="Check --python.")
+    return Path(sys.executable) if chosen is None else chosen.absolute()
 
 
 def points(text: str) -> Decimal:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich.console import Console
 from rich.padding import Padding
 from rich.text import Text
+
+from grader.commands.arguments import parser_of
 
 _KINDS = {"string": "text", "number": "number", "integer": "whole number", "boolean": "true or false"}
 
@@ -17,9 +18,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
     """List the checks; returns the exit status."""
     from grader.checks import REGISTRY
 
-    argparse.ArgumentParser(prog="grade checks", description="List the checks that a rubric can use.").parse_args(
-        arguments
-    )
+    parser_of("grade checks", "List the checks that a rubric can use.").parse_args(arguments)
     for name, check in REGISTRY.items():
         schema = check.parameters.model_json_schema()
         console.print(f"[bold]{name}[/]: {' '.join(schema['description'].split())}")

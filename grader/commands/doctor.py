@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 from rich.console import Console
 from rich.text import Text
 
-from grader.commands.arguments import add_flag, add_path
+from grader.commands.arguments import add_flag, add_path, interpreter_of
 from grader.report.escape import terminal_text
 
 #: Exit status when something keeps this machine from grading.
@@ -33,7 +31,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
     add_flag(parser, "--calibrate", "also grade the lab's own solution: what can be decided here?")
     add_path(parser, "--rubric", "rubric whose solution is graded")
     options = parser.parse_args(arguments)
-    interpreter = options.python.absolute() if options.python else Path(sys.executable)
+    interpreter = interpreter_of(options.python)
     signs = examine(interpreter)
     if options.calibrate:
         signs = itertools.chain(signs, calibrate(interpreter, rubrics.read_rubric(options.rubric)))

@@ -23,6 +23,7 @@ from grader.commands.arguments import (
     add_jobs,
     add_path,
     each,
+    interpreter_of,
     least_isolation,
     parser_of,
     print_error,
@@ -35,11 +36,11 @@ from grader.errors import GraderError, UsageError
 if TYPE_CHECKING:
     from decimal import Decimal
 
-    from grader.batch.class_run import ClassRun
     from grader.batch.found import Found
     from grader.batch.job import Row
     from grader.batch.machine import Machine
     from grader.intake import Handed
+    from grader.live.cells import Progress
     from grader.live.isolation import Isolation
     from grader.pipeline import Options
     from grader.rubric import Rubric
@@ -66,7 +67,7 @@ def _parser(epilog: str) -> argparse.ArgumentParser:
     add_path(parser, "--rubric", "rubric (default: that of the lab which travels with grade)")
     overrides = "decisions of people, see `grade regrade --help` (default: overrides.yaml where results go)"
     add_path(parser, "--overrides", overrides)
-    parser.add_argument("--sessions", metavar="A,B", help="run only these sessions of the rubric")
+    parser.add_argument("--sessions", type=_names, metavar="A,B", help="run only these sessions of the rubric")
     add_path(parser, "--python", "interpreter for students' code (default: grade's own)")
     parser.add_argument("--seed", type=int, help="seed of the stimuli (default: drawn anew)")
     add_jobs(parser, "sessions side by side (default: as the cores allow)")
@@ -84,6 +85,10 @@ def _parser(epilog: str) -> argparse.ArgumentParser:
     add_flag(parser, "--timings", "also tell where the time went (for a single submission)")
     parser.add_argument("--version", action="version", version=f"grade {__version__}")
     return parser
+
+
+def _names(text: str) -> list[str]:
+    return [name for part in text.split(",") if (name := part.strip())]
 
 
 def _add_class(parser: argparse.ArgumentParser) -> None:
@@ -114,7 +119,7 @@ def run(arguments: Sequence[str], console: Console, epilog: str = "") -> int:
     parser = _parser(epilog)
     options = parser.parse_args(arguments)
     rubric = rubrics.read_rubric(options.rubric)
-    pipeline.require_sessions(_sessions(options) or (), rubric)
+    pipeline.require_sessions(options.sessions or (), rubric)
     require_submissions(options.submissions, rubric)
     found = _found(options, rubric)
     several = len(found.submissions) > 1 or options.scheduler is not None
@@ -130,33 +135,36 @@ def run(arguments: Sequence[str], console: Console, epilog: str = "") -> int:
         parser.error("--timings is for one submission")
     if several and options.exports:
         parser.error("--export is for one submission; for several use `grade export` on their results")
-    live = _live_options(options, rubric, sources, several=several)
+    live = pipeline.Options(
+        interpreter_of(options.python),
+        options.sessions,
+        options.seed,
+        options.jobs,
+        options.launch,
+        least_isolation(options, several=several),
+        rubrics.read_overrides(options.overrides, options.output, rubric, sources),
+        options.exports,
+        options.path_prefix,
+    )
     _tell_of_single_files(options.submissions, rubric, console)
     remove_leavings()
-    if not several:
-        if found.not_understood or found.missing or any(h.late or h.student for h in found.submissions):
-            _tell_found(found, console)
-        return each(
-            found.submissions, lambda handed: _grade_one(handed, rubric, live, options, console), options.fail_under
-        )
-    allowed, status = _of_same_source(found.submissions, options)
-    if not allowed:
-        return status
-    return max(status, _grade_class(replace(found, submissions=allowed), rubric, live, options, console))
-
-
-def _of_same_source(handed: Sequence[Handed], options: argparse.Namespace) -> tuple[tuple[Handed, ...], int]:
-    """Return the submissions that replace no results of another path; the others are named, and give the status."""
+    if several or found.not_understood or found.missing or any(h.late or h.student for h in found.submissions):
+        _tell_found(found, console)
     allowed, status = [], 0
-    for one in handed:
+    for handed in found.submissions:
         try:
             if not options.replace:
-                require_same_source(options.output / one.name, one.source)
-            allowed.append(one)
+                require_same_source(options.output / handed.name, handed.source)
+            allowed.append(handed)
         except UsageError as error:
             print_error(error)
             status = error.exit_status
-    return tuple(allowed), status
+    if several and allowed:
+        found = replace(found, submissions=tuple(allowed))
+        status = max(status, _grade_class(found, rubric, live, options, console))
+    elif allowed:
+        status = each(allowed, lambda one: _grade_one(one, rubric, live, options, console), options.fail_under)
+    return status
 
 
 def _found(options: argparse.Namespace, rubric: Rubric) -> Found:
@@ -166,11 +174,8 @@ def _found(options: argparse.Namespace, rubric: Rubric) -> Found:
     shape = Shape.ONE if options.one else Shape.EACH if options.each else Shape.AUTO
     found = find_submissions(options.submissions, rubric, shape=shape, class_list=options.class_list)
     if not found.submissions:
-        raise SubmissionError(
-            "there are no submissions in it",
-            where=", ".join(map(str, options.submissions)),
-            remedy="Give a submission, or the folder that holds them.",
-        )
+        where, remedy = ", ".join(map(str, options.submissions)), "Give a submission, or the folder that holds them."
+        raise SubmissionError("there are no submissions in it", where=where, remedy=remedy)
     return found
 
 
@@ -180,38 +185,6 @@ def _tell_of_single_files(paths: Sequence[Path], rubric: Rubric, console: Consol
     for path in paths:
         if path.name in names and path.is_file() and any((path.parent / n).is_file() for n in names - {path.name}):
             print_note(console, f"Of the lab's files only {path.name} is graded; for all of them: grade {path.parent}")
-
-
-def _live_options(options: argparse.Namespace, rubric: Rubric, sources: Sequence[str], *, several: bool) -> Options:
-    from grader import pipeline, rubrics
-
-    return pipeline.Options(
-        _interpreter(options.python),
-        _sessions(options),
-        options.seed,
-        options.jobs,
-        options.launch,
-        least_isolation(options, several=several),
-        rubrics.read_overrides(options.overrides, options.output, rubric, sources),
-        options.exports,
-        options.path_prefix,
-    )
-
-
-def _sessions(options: argparse.Namespace) -> list[str] | None:
-    if options.sessions is None:
-        return None
-    return [name for part in options.sessions.split(",") if (name := part.strip())]
-
-
-def _interpreter(chosen: Path | None) -> Path:
-    from grader.errors import PlatformError
-
-    if chosen is None:
-        return Path(sys.executable)
-    if not chosen.is_file():
-        raise PlatformError("there is no such interpreter", where=str(chosen), remedy="Check --python.")
-    return chosen.absolute()
 
 
 # -- one submission -------------------------------------------------------------------------------
@@ -226,18 +199,13 @@ def _grade_one(handed: Handed, rubric: Rubric, live: Options, options: argparse.
 
     output, watch = options.output, Stopwatch()
     results = output / handed.name
-    if not options.replace:
-        require_same_source(results, handed.source)
     before = audit.text_of(results / result_folder.RESULT_FILE)
     with ProgressDisplay(console, handed.name, live.sessions or list(rubric.sessions)) as display:
-        result = pipeline.grade(
-            handed,
-            rubric,
-            results,
-            live,
-            lambda p: display.note(p.session, p.text, p.step, p.steps, p.ended),
-            watch=watch,
-        )
+
+        def show(p: Progress) -> None:
+            display.note(p.session, p.text, p.step, p.steps, p.ended)
+
+        result = pipeline.grade(handed, rubric, results, live, show, watch=watch)
     if live.overrides.sha256:  # Else nobody decides anything here, and a student's tries need no trail.
         after = (results / result_folder.RESULT_FILE).read_text(encoding="utf-8")
         audit.note_replaced(output, handed.name, before, after, "grade", overrides_sha256=live.overrides.sha256)
@@ -262,14 +230,16 @@ def _grade_class(found: Found, rubric: Rubric, live: Options, options: argparse.
 
     began_s = time.monotonic()
     where, machine = _where(options, live)
-    _tell_found(found, console)
     with Journal.open(options.output, afresh=options.afresh) as journal:
         with RunProgress(console, machine.places) as display:
             run = ClassRun(rubric, live, journal, machine, display)
             try:
                 run.grade(found.submissions, where)
             except (KeyboardInterrupt, SystemExit) as end:
-                return _interrupted(run, len(found.submissions), end)
+                kept = sum(not isinstance(row.ending, GraderError) for row in run.rows)
+                told = f"grade: interrupted; {kept} of {len(found.submissions)} submissions are graded and kept."
+                print(f"{told}\n  The same command goes on with the others.", file=sys.stderr)
+                return int(end.code or 0) if isinstance(end, SystemExit) else _INTERRUPTED
         rows = sorted(run.rows, key=lambda row: (row.handed.name.casefold(), row.handed.name))
         print_class(console, rows)
         took_s = time.monotonic() - began_s
@@ -312,16 +282,6 @@ def _tell_found(found: Found, console: Console) -> None:
         print_note(console, f"{told}: {', '.join(late)}")
     if found.missing:
         print_note(console, f"Nothing handed in: {', '.join(found.missing)}")
-
-
-def _interrupted(run: ClassRun, of: int, end: BaseException) -> int:
-    kept = sum(not isinstance(row.ending, GraderError) for row in run.rows)
-    print(
-        f"grade: interrupted; {kept} of {of} submissions are graded and kept.\n"
-        "  The same command goes on with the others.",
-        file=sys.stderr,
-    )
-    return int(end.code or 0) if isinstance(end, SystemExit) else _INTERRUPTED
 
 
 def _report_class(

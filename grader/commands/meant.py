@@ -17,13 +17,7 @@ from grader.rubric import Rubric
 
 
 def require_submissions(paths: Sequence[Path], rubric: Rubric) -> None:
-    """Raise if a path is no submission, but a word like a command, or a folder of results.
-
-    Raises
-    ------
-    UsageError
-        With the command that may be meant.
-    """
+    """Raise UsageError if a path is no submission, but a word like a command, or a folder of results."""
     for path in paths:
         near = difflib.get_close_matches(str(path), COMMANDS, n=1, cutoff=0.75)
         if near and not path.exists():

@@ -285,8 +285,3 @@ _MOST_ELEMENTS = 64
 def _vector(text: str) -> list[str]:
     inside, closed, _ = text.partition("]")
     return _only_numbers(inside) if closed else []
-
-
-def text_of(output: Sequence[OutputLine]) -> str:
-    """Return the text of output lines."""
-    return "\n".join(line.text for line in output)

@@ -38,37 +38,18 @@ def normalise(text: str) -> str:
     return text.encode("utf-8", errors="replace").decode("utf-8")
 
 
-#: Python's compiler compares each function, class and comprehension with those like it, so its time grows by the square
-#: of their number: 12,000 in a file take 20 s, 1,000 take 0.2 s. Files of students have some dozens.
-_MOST_SCOPES = 1000
-_SCOPES = (
-    *(ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.Lambda),
-    *(ast.ListComp, ast.SetComp, ast.DictComp, ast.GeneratorExp),
-)
-
-
-@functools.lru_cache(maxsize=8)  # Each file is read for several checks, one after the other.
-def tree_of(text: str) -> ast.Module | None:
-    """Syntax tree of normalised `text`; None for what Python refuses, and for what nobody has written."""
-    tree = expression_tree(text)
-    try:
-        if tree is not None and sum(isinstance(node, _SCOPES) for node in ast.walk(tree)) <= _MOST_SCOPES:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                compile(text, "<submission>", "exec", dont_inherit=True)
-    except (SyntaxError, ValueError, RecursionError, MemoryError, OverflowError):
-        return None
-    return tree
-
-
 def expression_tree(text: str) -> ast.Module | None:
-    """Tree of a fragment of Python, None where it is not Python."""
+    """Syntax tree of a fragment of Python; None for what its parser refuses, and for what nobody has written."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             return parse_python(text)
     except (SyntaxError, ValueError, RecursionError, MemoryError, OverflowError):
         return None
+
+
+#: The same for a whole normalised file; each is read for several checks, one after the other.
+tree_of = functools.lru_cache(maxsize=8)(expression_tree)
 
 
 def spans(text: str) -> list[re.Match[str]]:

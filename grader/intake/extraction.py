@@ -38,9 +38,8 @@ from grader.intake.members import (
 
 #: What submissions are made of. These files have room of their own, so that a student's recordings and pictures,
 #: however many, do not crowd them out.
-_SOURCE_SUFFIXES = frozenset(
-    {".py", ".md", ".rst", ".txt", ".xml", ".cfg", ".toml", ".yaml", ".yml", ".launch", ".org", ".adoc", ""}
-    | {".c", ".cc", ".cpp", ".h", ".hpp", ".cmake", ".sh", ".json", ".msg", ".srv", ".action", ".urdf", ".xacro"}
+_SOURCE_SUFFIXES = names.TEXT_SUFFIXES | frozenset(
+    {".c", ".cc", ".cpp", ".h", ".hpp", ".cmake", ".sh", ".json", ".msg", ".srv", ".action", ".urdf", ".xacro"}
 )
 #: Beside one of these, an archive is not what was meant to be handed in.
 _PROGRAM_SUFFIXES = frozenset({".py", ".c", ".cc", ".cpp", ".hpp", ".launch", ".sh"})
@@ -92,10 +91,7 @@ T = TypeVar("T")
 def confined(work: Callable[[], T], where: str, bound: Bound = _BOUND) -> T:
     """Return what work on a submission returns, done in a bounded process.
 
-    Raises
-    ------
-    SubmissionError
-        If it raises that, or exceeds the bound; with where the submission comes from.
+    Raises SubmissionError if it raises that, or exceeds the bound; with where the submission comes from.
     """
     try:
         return in_process(work, bound)
@@ -108,49 +104,31 @@ def confined(work: Callable[[], T], where: str, bound: Bound = _BOUND) -> T:
 
 @dataclass(frozen=True)
 class Piece:
-    """Something that was handed in: a folder, an archive, a file, or a part of an archive.
-
-    Attributes
-    ----------
-    member : str
-        What of the archive is meant, as `names_in` tells it: a file, or a folder with a slash at its end; everything
-        if empty.
-    name : str
-        What a single file is called in the submission, if not as its path says.
-    """
+    """Something that was handed in: a folder, an archive, a file, or a part of an archive."""
 
     path: Path
+    #: What of the archive is meant, as `names_in` tells it: a file, or a folder with a slash at its end; or everything.
     member: str = ""
+    #: What a single file is called in the submission, if not as its path says.
     name: str = ""
 
 
 @dataclass(frozen=True)
 class Handed:
-    """A submission as it was handed in.
+    """A submission as it was handed in."""
 
-    Attributes
-    ----------
-    name : str
-        Under which its results are known: fit for a file's name, and of one submission only.
-    student_id, student : str
-        By which a learning-management system knows the student, and the name that it writes; None and empty if none.
-    submitted_at : datetime or None
-        With its offset from UTC, where anything but the archive itself tells it.
-    late : bool
-        Whether a learning-management system marked it so.
-    where : str
-        Where it comes from, in words; written by students, so not to be trusted.
-    source : str
-        The path that it was found by, the same however that was typed; empty where nobody knows.
-    """
-
+    #: Under which its results are known: fit for a file's name, and of one submission only.
     name: str
     pieces: tuple[Piece, ...]
+    #: What a learning-management system tells: its id of the student, when it came (with the offset from UTC), whether
+    #: that is marked as late, and the student's name.
     student_id: str | None = None
     submitted_at: datetime | None = None
     late: bool = False
     student: str = ""
+    #: Where it comes from, in words; written by students, so not to be trusted.
     where: str = ""
+    #: The path that it was found by, the same however that was typed; empty where nobody knows.
     source: str = ""
 
     @classmethod
@@ -163,25 +141,17 @@ class Handed:
 
 @dataclass(frozen=True)
 class Intake:
-    """A submission that was taken in; what is not said here is as in `Handed`.
+    """A submission that was taken in; what is not said here is as in `Handed`."""
 
-    Attributes
-    ----------
-    folder : Path
-        Holds regular files only.
-    left_out : tuple of str
-        What was not taken in, a line each with its reason.
-    submitted_at : datetime or None
-        When it was handed in; else the newest time of a file in the archive, which is what a student's machine said.
-    unreadable : tuple of str
-        Files, and folders with a slash at the end, that are there and may not be read; some of many.
-    """
-
+    #: Holds regular files only.
     folder: Path
     name: str
+    #: What was not taken in, a line each with its reason.
     left_out: tuple[str, ...] = ()
+    #: When it was handed in; else the newest time of a file in the archive, which is what a student's machine said.
     submitted_at: datetime | None = None
     where: str = ""
+    #: Files, and folders with a slash at the end, that are there and may not be read; some of many.
     unreadable: tuple[str, ...] = ()
     student_id: str | None = None
     source: str = ""
@@ -191,13 +161,8 @@ class Intake:
 def taken_in(handed: Handed | Path, *, prefix: str = "grade-", limits: Limits = LIMITS) -> Iterator[Intake]:
     """Take a submission (a path stands for `Handed.of` it) in, for as long as the context lasts.
 
-    Raises
-    ------
-    SubmissionError
-        If there is nothing, or it cannot be read to its end, or is more than anyone hands in.
+    Raises SubmissionError if there is nothing, or it cannot be read to its end, or is more than anyone hands in.
 
-    Notes
-    -----
     Of members with the same name the last counts, as it does for `unzip` and `tar`. Of names that differ only in
     case or in the form of their letters, which Windows and macOS cannot keep apart, the first counts. Hard links in a
     tar are left out; in a folder they cannot be told from files, and are taken in as such. One archive beside which
@@ -411,17 +376,9 @@ def _part_of(members: Iterable[Member], part: str, name: str) -> Iterator[Member
 
 
 def names_in(path: Path, within: str = "") -> list[str] | None:
-    """Return the names of the files in an archive, with slashes, and of folders, with a slash at the end.
+    """Return the names of the files in an archive, or in one `within` it, with slashes; folders end with one.
 
-    Parameters
-    ----------
-    within : str
-        A file in it, if that is an archive whose names are asked for.
-
-    Returns
-    -------
-    list of str or None
-        None if it is no archive, or cannot be read, or holds more than a class hands in.
+    None if it is no archive, or cannot be read, or holds more than a class hands in.
     """
     with suppress(OSError, SubmissionError):
         return confined(partial(_names_in, path, within), str(path))

@@ -55,24 +55,16 @@ class Kind(Enum):
 
 @dataclass(frozen=True)
 class Member:
-    """A file or something else in a folder or an archive.
+    """A file or something else in a folder or an archive."""
 
-    Attributes
-    ----------
-    name : str
-        As it stands there; not to be trusted.
-    size_bytes : int
-        What is claimed.
-    modified : datetime or None
-        With its offset from UTC.
-    pieces : callable
-        Gives the content, piece by piece; only until the next member is asked for.
-    """
-
+    #: As it stands there; not to be trusted.
     name: str
     kind: Kind
+    #: What is claimed.
     size_bytes: int = 0
+    #: With its offset from UTC.
     modified: datetime | None = None
+    #: Gives the content, piece by piece; only until the next member is asked for.
     pieces: Callable[[], Iterator[bytes]] = lambda: iter(())
 
 
@@ -100,12 +92,9 @@ def is_folder(path: Path) -> bool:
 
 
 def open_regular(path: str | Path, folder: int | None = None) -> BinaryIO:
-    """Open a file (relative to an open folder) for reading, if it is a regular one; waits for and follows nothing.
+    """Open a file (relative to an open folder) for reading; waits for and follows nothing.
 
-    Raises
-    ------
-    OSError
-        If it is none, or may not be read.
+    Raises OSError if it is no regular file, or may not be read.
     """
     file = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY, dir_fd=folder)
     if not stat.S_ISREG(os.fstat(file).st_mode):
@@ -117,10 +106,7 @@ def open_regular(path: str | Path, folder: int | None = None) -> BinaryIO:
 def members_of_folder(path: Path, most_depth: int) -> Iterator[Member]:
     """Go through a folder, up to so many folders within each other. Those that tools made are named, not entered.
 
-    Raises
-    ------
-    OSError
-        If the folder itself cannot be read.
+    Raises OSError if the folder itself cannot be read.
     """
     for above, folders, files, folder in os.fwalk(os.path.realpath(path)):
         inside = os.path.relpath(above, os.path.realpath(path))
@@ -151,69 +137,55 @@ def _entry(folder: int, name: str, path: str, is_deepest: bool) -> Iterator[Memb
 # -- archives --------------------------------------------------------------------------------------
 
 
-class Format(Enum):
-    """What kind of archive a file is."""
-
-    ZIP = "zip"
-    TAR = "tar"
-    GZIP = "tar.gz"
-    BZIP2 = "tar.bz2"
-    XZ = "tar.xz"
-    SEVEN_ZIP = "7z"
-    RAR = "rar"
-    ZSTANDARD = "zstd"
-
-
-_OPENED: Mapping[Format | None, Callable[[BinaryIO], IO[bytes]]] = {
-    Format.TAR: lambda file: file,
-    Format.GZIP: lambda file: cast("IO[bytes]", gzip.GzipFile(fileobj=file)),
-    Format.BZIP2: bz2.open,
-    Format.XZ: partial(lzma.open, format=lzma.FORMAT_XZ),
-}
+#: How an archive begins -> what it is.
 _MAGIC = {
-    b"PK\x03\x04": Format.ZIP,
-    b"PK\x05\x06": Format.ZIP,
-    b"PK\x07\x08": Format.ZIP,
-    b"\x1f\x8b": Format.GZIP,
-    b"BZh": Format.BZIP2,
-    b"\xfd7zXZ\x00": Format.XZ,
-    b"7z\xbc\xaf\x27\x1c": Format.SEVEN_ZIP,
-    b"Rar!\x1a\x07": Format.RAR,
-    b"\x28\xb5\x2f\xfd": Format.ZSTANDARD,
+    b"PK\x03\x04": "zip",
+    b"PK\x05\x06": "zip",
+    b"PK\x07\x08": "zip",
+    b"\x1f\x8b": "tar.gz",
+    b"BZh": "tar.bz2",
+    b"\xfd7zXZ\x00": "tar.xz",
+    b"7z\xbc\xaf\x27\x1c": "7z",
+    b"Rar!\x1a\x07": "rar",
+    b"\x28\xb5\x2f\xfd": "zstd",
+}
+_UNPACKED: Mapping[str | None, Callable[[BinaryIO], IO[bytes]]] = {
+    "tar": lambda file: file,
+    "tar.gz": lambda file: cast("IO[bytes]", gzip.GzipFile(fileobj=file)),
+    "tar.bz2": bz2.open,
+    "tar.xz": partial(lzma.open, format=lzma.FORMAT_XZ),
 }
 
 
-def format_of(head: bytes) -> Format | None:
+def format_of(head: bytes) -> str | None:
     """Tell an archive by its first `HEAD_BYTES` bytes; None for anything else."""
     for magic, kind in _MAGIC.items():
         if head.startswith(magic):
             return kind
     with suppress(tarfile.TarError, ValueError):
         tarfile.TarInfo.frombuf(head, "utf-8", "surrogateescape")
-        return Format.TAR
+        return "tar"
     return None
 
 
 def members_of_archive(file: BinaryIO) -> Iterator[Member]:
     """Go through an archive, a regular file open at its beginning, in its own order.
 
-    Raises
-    ------
-    SubmissionError
-        If it is none that is read here, truncated, damaged, has a password, or is larger than anything handed in.
+    Raises SubmissionError if it is none that is read here, truncated, damaged, has a password, or is larger than
+    anything handed in.
     """
     kind = format_of(file.read(HEAD_BYTES))
     file.seek(0)
     with _damage_reported():
-        if kind is Format.ZIP:
+        if kind == "zip":
             yield from _members_of_zip(file)
-        elif kind in _OPENED:
-            yield from _members_of_tar(_OPENED[kind](file))
+        elif kind in _UNPACKED:
+            yield from _members_of_tar(_UNPACKED[kind](file))
         elif kind is None:
             raise SubmissionError("this is not a zip or tar archive", remedy=_GET_ANOTHER)
         else:
             remedy = "Pack it as .zip or .tar.gz, or give the folder."
-            raise SubmissionError(f"a {kind.value} archive is not read here", remedy=remedy)
+            raise SubmissionError(f"a {kind} archive is not read here", remedy=remedy)
 
 
 @contextmanager

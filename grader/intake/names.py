@@ -13,10 +13,13 @@ TOOL_FOLDERS = frozenset(
 )
 #: Files that file managers and version control leave behind, and that nobody means to hand in.
 _LITTER = frozenset({".ds_store", "thumbs.db", "desktop.ini", "icon", ".git", ".gitkeep", ".directory"})
+#: Kinds of files whose text the judging half may read.
+TEXT_SUFFIXES = frozenset(
+    {".py", ".md", ".rst", ".txt", ".xml", ".cfg", ".toml", ".yaml", ".yml", ".launch", ".org", ".adoc", ""}
+)
 _COMPILED = re.compile(r"\.(py[cod]|so(\.\d+)*|dll|dylib|o|a|lib|exe|class|wasm)$", re.IGNORECASE)
-#: `alice.tar.gz` is called `alice`; a wheel is packed, and nobody's submission.
-_ARCHIVE = re.compile(r"\.(zip|tar|tgz|tbz2?|txz|7z|rar|tar\.(gz|bz2|xz|zst))$", re.IGNORECASE)
-_PACKED = re.compile(r"\.(zip|tar|gz|tgz|bz2|tbz2?|xz|txz|zst|7z|rar|whl|egg|jar)$", re.IGNORECASE)
+#: `alice.tar.gz` is called `alice`.
+_PACKED = re.compile(r"(\.tar)?\.(zip|tar|gz|tgz|bz2|tbz2?|xz|txz|zst|7z|rar|whl|egg|jar)$", re.IGNORECASE)
 
 #: Characters of a raw name beyond which nobody looks at it.
 _MOST_CHARACTERS = 1_000
@@ -37,16 +40,10 @@ class UnfitError(ValueError):
 def clean_parts(name: str) -> tuple[str, ...]:
     """Return the parts of the path under which a file is kept; raises UnfitError if there is none.
 
-    Parameters
-    ----------
-    name : str
-        As it stands in the archive or folder. Undecodable bytes are lone surrogates, as `os.fsdecode` leaves them.
-
-    Notes
-    -----
-    Backslashes separate folders, since some Windows tools write them so. Text is brought to Unicode's form NFC,
-    as Python's imports expect it. Characters that nobody sees or that reorder what is shown, and dots and spaces
-    at the end of a name (which Windows cannot have) are dropped; letters of any script stay.
+    Undecodable bytes of its name are lone surrogates, as `os.fsdecode` leaves them. Backslashes separate folders,
+    since some Windows tools write them so. Text is brought to Unicode's form NFC, as Python's imports expect it.
+    Characters that nobody sees or that reorder what is shown, and dots and spaces at the end of a name (which Windows
+    cannot have) are dropped; letters of any script stay.
     """
     if len(name) > _MOST_CHARACTERS:
         raise UnfitError("its path is too long")
@@ -122,14 +119,9 @@ def is_packed(name: str) -> bool:
     return _PACKED.search(name) is not None
 
 
-def is_archive(name: str) -> bool:
-    """Whether a file's name says that it is an archive, and not one file that is packed."""
-    return _ARCHIVE.search(name) is not None
-
-
 def without_archive_suffix(name: str) -> str:
     """Return a file's name without the suffixes that archives have."""
-    return _ARCHIVE.sub("", name) or name
+    return _PACKED.sub("", name) or name
 
 
 def displayed(name: str) -> str:

@@ -22,6 +22,7 @@ from grader.live.isolation import Isolation, free_slot
 from grader.live.ros_launch import NativeLaunch
 from grader.live.scratch import remove_tree, scratch_prefix
 from grader.live.session_plan import PlannedStep, SessionPlan
+from grader.recording.session import SessionRecord
 from grader.recording.submission import SubmissionRecord
 from grader.rubric import Rubric, SessionSpec
 
@@ -55,15 +56,17 @@ def cells_at_a_time(isolation: Isolation) -> int:
 
 def names_in(rubric: Rubric) -> list[str]:
     """Names of topics, services and nodes that the rubric's steps use."""
-    keys = ("node", "publisher", "subscription", "service", "first_message_on")
-    steps = [step for session in rubric.sessions.values() for step in session.steps]
-    return sorted({str(s.parameters[k]) for s in steps for k in keys if s.parameters.get(k)})
+    return _given(rubric, "node", "publisher", "subscription", "service", "first_message_on")
 
 
 def types_in(rubric: Rubric) -> list[str]:
     """Types of messages and services that the rubric's steps use."""
+    return _given(rubric, "type")
+
+
+def _given(rubric: Rubric, *keys: str) -> list[str]:
     steps = [step for session in rubric.sessions.values() for step in session.steps]
-    return sorted({str(s.parameters["type"]) for s in steps if s.parameters.get("type")})
+    return sorted({str(step.parameters[key]) for step in steps for key in keys if step.parameters.get(key)})
 
 
 class Turns(Protocol):
@@ -88,16 +91,10 @@ class Shared:
 
 @dataclass(frozen=True)
 class Sessions:
-    """The sessions of one submission, ready to be recorded.
+    """The sessions of one submission, ready to be recorded, each in a folder of its own below `recordings`.
 
-    Attributes
-    ----------
-    recordings : Path
-        Folder in which each session gets one of its own.
-    attempt : int
-        1, or more where an earlier recording left something undecided.
-    disturbed : frozenset of str
-        Sessions in an earlier recording of which the grader's own processes were disturbed.
+    The `attempt` is 1, or more where an earlier recording left something undecided; in one of those the grader's own
+    processes were `disturbed` in some sessions.
     """
 
     rubric: Rubric
@@ -169,9 +166,15 @@ class Sessions:
 
     def _plan(self, spec: SessionSpec, folder: Path, scratch: Path, slot: int) -> SessionPlan:
         return SessionPlan(
-            session=spec.id,
+            record=SessionRecord(
+                spec.id,
+                attempt=self.attempt,
+                disturbed_before=spec.id in self.disturbed,
+                seed=self.seed,
+                isolation=self.isolation.describe(),
+                versions=self.versions,
+            ),
             steps=[PlannedStep(s.kind, s.parameters, s.label, s.step.describe()) for s in spec.steps],
-            seed=self.seed,
             folder=folder.resolve(),
             scratch=scratch,
             staged=self.staged.resolve(),
@@ -187,9 +190,6 @@ class Sessions:
             slot=slot,
             domain_id=0 if self.isolation.namespaces else slot,
             timeout_s=spec.timeout_s,
-            attempt=self.attempt,
-            disturbed_before=spec.id in self.disturbed,
-            versions=self.versions,
             native=self.native,
         )
 

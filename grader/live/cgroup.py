@@ -43,14 +43,8 @@ _NAMES = {
 class GroupPlaces:
     """Folders in which a cell's group can be made.
 
-    Attributes
-    ----------
-    memory, processes : str
-        Parents of the group in the memory and the pids hierarchy; the same one in version 2.
-    cpu : str or None
-        Parent of the group in the hierarchy that sums up CPU time, where one does that and shares out nothing.
-    version : int
-        1 or 2.
+    `memory` and `processes` are its parents in these hierarchies, the same one in version 2; `cpu` is that in the
+    hierarchy that sums up CPU time, where one does that and shares out nothing.
     """
 
     memory: str
@@ -62,10 +56,7 @@ class GroupPlaces:
 class CellGroup:
     """The control group of a cell's student processes.
 
-    Parameters
-    ----------
-    label : str
-        Tells the group from others of this user.
+    Its `label` tells it from others of this user.
     """
 
     def __init__(self, places: GroupPlaces, label: str) -> None:
@@ -76,13 +67,7 @@ class CellGroup:
         self._cpu = Path(places.cpu) / name if places.cpu is not None else None
 
     def make(self, memory_bytes: int = MEMORY_BYTES, processes: int = PROCESSES) -> None:
-        """Make the group and set its limits.
-
-        Raises
-        ------
-        OSError
-            If that is not permitted here.
-        """
+        """Make the group and set its limits, or raise `OSError` if that is not permitted here."""
         self.remove()
         for folder in self._folders():
             folder.mkdir(exist_ok=True)
@@ -136,8 +121,7 @@ class CellGroup:
             time.sleep(0.002)
 
     def _folders(self) -> list[Path]:
-        known = (self._memory, self._processes, self._cpu)
-        return list(dict.fromkeys(folder for folder in known if folder is not None))
+        return [folder for folder in dict.fromkeys((self._memory, self._processes, self._cpu)) if folder is not None]
 
 
 def _counter(file: Path, name: str) -> int:
@@ -176,20 +160,14 @@ def _mounted_hierarchies() -> Mapping[str, str]:
         for line in Path("/proc/self/mountinfo").read_text().splitlines():
             before, _, after = line.partition(" - ")
             kind, _, options = after.split(" ", 2)
-            if kind == "cgroup2":
-                found.setdefault("", before.split()[4])
-            elif kind == "cgroup":
-                for name in options.split(","):
-                    found.setdefault(name, before.split()[4])
+            for name in {"cgroup2": [""], "cgroup": options.split(",")}.get(kind, []):
+                found.setdefault(name, before.split()[4])
     return found
 
 
 def _own_groups() -> Mapping[str, str]:
     """Return controller -> path of this process's group; version 2 has the name ""."""
-    found: dict[str, str] = {}
     with suppress(OSError):
-        for line in Path("/proc/self/cgroup").read_text().splitlines():
-            _, controllers, path = line.split(":", 2)
-            for name in controllers.split(","):
-                found[name] = path
-    return found
+        lines = [line.split(":", 2) for line in Path("/proc/self/cgroup").read_text().splitlines()]
+        return {name: path for _, controllers, path in lines for name in controllers.split(",")}
+    return {}

@@ -88,16 +88,10 @@ class Cancelled(Exception):
 
 
 class Director:
-    """Serves the requests of one session.
+    """Serves the requests of one session, whose bag of a name goes to a folder.
 
-    Parameters
-    ----------
-    folder, name
-        Where the bag goes, and its name.
-    reference_nodes : list of str
-        Fully qualified names of the reference nodes; all others are the student's.
-    expected : list of str
-        Names that the rubric uses; never taken for a misspelling of another.
+    All nodes but `reference_nodes` (fully qualified) are the student's; `expected` are names that the rubric uses,
+    which are never taken for a misspelling of another.
     """
 
     def __init__(
@@ -186,23 +180,23 @@ class Director:
         self._recorder.follow(graph.endpoints)
         _say("graph", graph)
 
-    def _tick(self) -> None:
-        # Only answers to our own calls need an executor, and spinning one costs some thirty times as much as this.
-        time.sleep(_SPIN_S)
-        self._watch.look()
-
     def _spin(self) -> None:
         self._executor.spin_once(timeout_sec=_SPIN_S)
         self._watch.look()
 
-    def _until(self, condition: Callable[[], bool], timeout_s: float, tick: Callable[[], None] | None = None) -> bool:
+    def _until(self, condition: Callable[[], object], timeout_s: float, *, spins: bool = False) -> bool:
         deadline = Deadline(timeout_s)
         while not condition():
             if self._cancelled:
                 raise Cancelled
             if deadline.passed():
                 return False
-            (tick or self._tick)()
+            # Only answers to our own calls need an executor, and spinning one costs some thirty times as much as this.
+            if spins:
+                self._spin()
+            else:
+                time.sleep(_SPIN_S)
+                self._watch.look()
         return True
 
     # -- waiting ------------------------------------------------------------------------------
@@ -211,36 +205,28 @@ class Director:
         kind = next(k for k in ("node", "publisher", "subscription", "service") if request.get(k))
         wanted, wanted_type = request[kind], request.get("type")
         started_s = time.monotonic()
-        other_since_s: float | None = None
-        found: list[Candidate] = []
+        since_s: float | None = None  # when a node of the student's was first there without the wanted name
 
-        def there() -> bool:
-            nonlocal other_since_s, found
+        def found() -> list[Candidate]:
+            nonlocal since_s
             candidates = self._candidates(kind)
-            found = [c for c in candidates if c.name == wanted]
-            if found:
-                return True
+            since_s = (since_s or time.monotonic()) if self._students() else None
+            same = [c for c in candidates if c.name == wanted]
+            if same or since_s is None or time.monotonic() - since_s <= _NEAR_MISS_AFTER_S:
+                return same
             taken = self._expected | set(self._names.values())
-            others = [c for c in candidates if c.name not in taken]
-            if not self._students():
-                other_since_s = None
-                return False
-            other_since_s = other_since_s or time.monotonic()
-            guess = near_miss(wanted, wanted_type, others)
-            if guess is not None and time.monotonic() - other_since_s > _NEAR_MISS_AFTER_S:
-                found = [guess]
-                return True
-            return False
+            guess = near_miss(wanted, wanted_type, [c for c in candidates if c.name not in taken])
+            return [guess] if guess is not None else []
 
-        outcome = "done" if self._until(there, float(request["timeout_s"])) else "timeout"
+        is_there = self._until(found, float(request["timeout_s"]))
         waited = {"waited_s": round(time.monotonic() - started_s, 3)}
-        if not found:
-            return outcome, {**waited, "there": sorted({c.name for c in self._candidates(kind)})[:50]}
-        same = next((c for c in found if c.type == wanted_type), found[0])
-        if same.name != wanted:
-            self._names[wanted] = same.name
-            self._watch.first.add(same.name)
-        return outcome, {**waited, "name": same.name, "type": same.type}
+        if not is_there:
+            return "timeout", {**waited, "there": sorted({c.name for c in self._candidates(kind)})[:50]}
+        meant = min(found(), key=lambda c: c.type != wanted_type)
+        if meant.name != wanted:
+            self._names[wanted] = meant.name
+            self._watch.first.add(meant.name)
+        return "done", {**waited, "name": meant.name, "type": meant.type}
 
     def _students(self) -> list[str]:
         return [n for n in self._watch.last.nodes if n not in self._reference_nodes]
@@ -369,7 +355,7 @@ class Director:
         if client is None:
             return None
         future = client.call_async(interface_named(service_type).Request(**fields))
-        self._until(future.done, timeout_s, self._spin)
+        self._until(future.done, timeout_s, spins=True)
         return future.result() if future.done() else None
 
     def _node_name(self, request: Mapping[str, Any]) -> str:
@@ -384,7 +370,10 @@ class Director:
         got = self._ask(request, "get_parameters", names=names) if listed is not None else None
         if got is None:
             return "timeout", {"node": node, "problem": _NO_ANSWER}
-        values = {n: _plain_parameter(v) for n, v in zip(names, got.values, strict=False)}
+        values = {
+            name: {"type": Parameter.Type(v.type).name.lower(), "value": _jsonable(parameter_value_to_python(v))}
+            for name, v in zip(names, got.values, strict=False)
+        }
         return "done", {"node": node, "declared": _jsonable(declared[:_MOST_DECLARED]), "values": values}
 
     def _do_set_parameters(self, request: Mapping[str, Any]) -> Answer:
@@ -470,11 +459,6 @@ def in_type_of(held: Any, value: Any) -> Any:
         return type(held)(value) if isinstance(held, (bool, int, float)) else value
     except (TypeError, ValueError):
         return value
-
-
-def _plain_parameter(value: Any) -> dict[str, Any]:
-    kind = Parameter.Type(value.type).name.lower()
-    return {"type": kind, "value": _jsonable(parameter_value_to_python(value))}
 
 
 def _jsonable(value: Any) -> Any:

@@ -27,8 +27,9 @@ def function_to_call(text: str, entry_points: Sequence[str] = ()) -> str | None:
     functions = {n.name for n in defined if isinstance(n, _FUNCTIONS)}
     meant = next((name for name in (*entry_points, "main") if name in functions), None)
     statements = [n for n in tree.body if n not in defined]
-    if meant is None or any(_is_guard(n) for n in statements):
-        return None
+    guards = (n for statement in statements if isinstance(statement, ast.If) for n in ast.walk(statement.test))
+    if meant is None or any(isinstance(n, ast.Name) and n.id == "__name__" for n in guards):
+        return None  # Under `if __name__ == ...` a file says itself how it is run.
     callers: dict[str, list[str]] = {}
     for node in defined:
         for name in _called(ast.walk(node)):
@@ -62,9 +63,3 @@ def _outside_of_functions(node: ast.AST) -> Iterator[ast.AST]:
         yield each
         if not isinstance(each, (*_FUNCTIONS, ast.ClassDef, ast.Lambda)):
             waiting += ast.iter_child_nodes(each)
-
-
-def _is_guard(node: ast.stmt) -> bool:
-    """Whether it is `if __name__ == ...`, under which a file says itself how it is run."""
-    names = (n.id for n in ast.walk(node.test) if isinstance(n, ast.Name)) if isinstance(node, ast.If) else ()
-    return "__name__" in names

@@ -100,13 +100,7 @@ def default_interpreter() -> Path:
 
 
 def require_platform(interpreter: Path | None = None) -> None:
-    """Raise unless ROS 2 nodes can run here, and, if that is looked at too, with the interpreter of students' code.
-
-    Raises
-    ------
-    PlatformError
-        With what is missing.
-    """
+    """Raise `PlatformError` unless ROS 2 nodes can run here, and, if it is given, with students' interpreter."""
     if platform.system() != "Linux" or platform.machine() != "x86_64":
         raise PlatformError(
             f"ROS 2 nodes cannot run on {platform.system()} {platform.machine()}",
@@ -136,10 +130,7 @@ def versions() -> dict[str, str]:
 def ask_interpreter(interpreter: Path, program: str, *arguments: str, isolated: bool = True) -> str:
     """Run a short program with an interpreter, `isolated` as students' processes are, and return what it prints.
 
-    Raises
-    ------
-    ValueError
-        If that fails, with the reason.
+    It raises `ValueError` with the reason if that fails.
     """
     try:
         run = subprocess.run(
@@ -160,12 +151,9 @@ def ask_interpreter(interpreter: Path, program: str, *arguments: str, isolated: 
 
 
 def require_ros(interpreter: Path) -> None:
-    """Raise unless an interpreter other than our own imports ROS 2 in the environment that students' processes get.
+    """Raise `PlatformError` unless another interpreter imports ROS 2 in the environment that students' processes get.
 
-    Raises
-    ------
-    PlatformError
-        Without this, every submission would fail for want of rclpy.
+    Without this, every submission would fail for want of rclpy.
     """
     if interpreter == default_interpreter():
         return
@@ -203,7 +191,8 @@ def interpreter_roots(interpreter: Path) -> list[Path]:
     stdlib = Path(sysconfig.get_path("stdlib")).parent.parent if interpreter == default_interpreter() else real
     # A link may lie anywhere, such as in ~/bin: what else is there is nobody's business.
     linked = [path.parent.parent for path in (interpreter, *_links_of(interpreter))]
-    return list(dict.fromkeys([*filter(_is_installation, linked), real, stdlib]))
+    installed = [p for p in linked if (p / "pyvenv.cfg").is_file() or any(p.glob("lib*/python3*"))]
+    return list(dict.fromkeys([*installed, real, stdlib]))
 
 
 def interpreter_links(interpreter: Path) -> dict[Path, str]:
@@ -221,7 +210,3 @@ def _links_of(interpreter: Path) -> list[Path]:
         links.append(path)
         path = Path(os.path.normpath(path.parent / path.readlink()))
     return links
-
-
-def _is_installation(folder: Path) -> bool:
-    return (folder / "pyvenv.cfg").is_file() or any(folder.glob("lib*/python3*"))

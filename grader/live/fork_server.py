@@ -22,7 +22,6 @@ from collections.abc import Collection, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from types import TracebackType
 
 from grader.live.environment import INSIDE_FOLDER, LAUNCHING_FOLDER, trusted_environment
 from grader.live.forked import Program, become, read_pipe
@@ -70,9 +69,7 @@ class ForkServer:
             )
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._link.close()
         try:
             self._process.wait(_END_S)

@@ -14,17 +14,16 @@ import os
 import socket
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from grader.live.cgroup import PROCESSES, CellGroup, GroupPlaces
-from grader.live.confine import Confinement
+from grader.live.confine import Confinement, confines_signals
 from grader.live.environment import INSIDE_FOLDER, LAUNCHING_FOLDER, interpreter_links, interpreter_roots
-from grader.live.landlock import confines_signals, landlock_version
-from grader.live.machine import processes_of_user, tasks_of
+from grader.live.machine import number_of_tasks, processes_of_user
 from grader.live.seccomp import open_filter
 
 #: Paths inside a confined student's process.
@@ -92,16 +91,9 @@ _ALL_TOGETHER = "a limit that the kernel keeps on the memory and processes of a 
 class Isolation:
     """The confinement of a machine's cells, and what it covers.
 
-    Attributes
-    ----------
-    old_bubblewrap : bool
-        Whether bubblewrap lacks `--disable-userns`.
-    groups : GroupPlaces or None
-        Where control groups can be made (level full).
-    first_uid : int or None
-        Where each cell's student has a user id of its own: that of the cell number 0, see `first_student_uid`.
-    remedy : str
-        What would give more, where more can be had.
+    Bubblewrap may be so old that it lacks `--disable-userns`. Control groups can be made at the level full. `first_uid`
+    is that of the cell number 0, where each cell's student has a user id of its own; `remedy` says what would give
+    more.
     """
 
     level: Level
@@ -124,13 +116,8 @@ class Isolation:
     def describe(self) -> dict[str, Any]:
         """Return what a recording keeps of this: level, form, what is and what is not covered."""
         covers, lacks = self._coverage()
-        return {
-            "level": self.level.value,
-            "form": self.form.value,
-            "covers": covers,
-            "lacks": lacks,
-            "remedy": self.remedy,
-        }
+        words = {"level": self.level.value, "form": self.form.value, "remedy": self.remedy}
+        return {**words, "covers": covers, "lacks": lacks}
 
     def _coverage(self) -> tuple[list[str], list[str]]:
         if self.namespaces:
@@ -142,7 +129,7 @@ class Isolation:
         lacks.append("UDP to other machines is not blocked")
         if not self.own_uid and os.geteuid() == 0:
             lacks.append("a user id of its own: students' code runs as root, without its privileges")
-        if not self.own_uid and not confines_signals(landlock_version()):
+        if not self.own_uid and not confines_signals():
             lacks.append("signals to the grader's processes")
         return covers, lacks
 
@@ -194,16 +181,9 @@ def first_student_uid() -> int:
 
 @dataclass(frozen=True)
 class Room:
-    """What a student's process sees of the file system, and where.
+    """What a student's process, run by an interpreter, sees of the file system.
 
-    Attributes
-    ----------
-    areas : mapping
-        Folders that it may change: where it sees them in a sandbox -> where they are.
-    tools : mapping
-        Folders of ours that it needs to read, likewise.
-    interpreter : Path
-        Python that runs it.
+    It may change its areas and read our tools: where it sees such a folder in a sandbox -> where that is.
     """
 
     areas: Mapping[str, Path]
@@ -245,17 +225,10 @@ def confined(
     cwd: str,
     group: CellGroup | None,
 ) -> Iterator[tuple[list[str], tuple[int, ...], int | None]]:
-    """Give what runs a student's `command` in a cell: a command line, and the descriptors that it needs.
+    """Give what runs a student's `command` in the cell of a slot: a command line, and the descriptors that it needs.
 
     The last of the three is where bubblewrap says the process id of its child, if it is used; who takes it, closes it.
-    Without bubblewrap nothing is passed on, since the student's process would inherit it.
-
-    Parameters
-    ----------
-    slot : int
-        Number of the cell among those that run at a time.
-    cwd : str
-        Working folder as the student's process sees it.
+    Without bubblewrap nothing is passed on, since the student's process would inherit it. `cwd` is as that sees it.
     """
     uid = student_uid(isolation, slot)
     limits = {"nofile": _MAX_OPEN_FILES, "fsize": _MAX_FILE_BYTES, "core": _NO_CORE_BYTES}
@@ -264,7 +237,10 @@ def confined(
         yield ["setpriv", "--pdeathsig", "KILL", *_limited(limits, environment, command)], (), None
         return
     if not isolation.namespaces:
-        limits["nproc"] = PROCESSES if uid is not None else _tasks_of_user() + PROCESSES
+        # It counts all of a user's threads.
+        limits["nproc"] = PROCESSES + (
+            0 if uid is not None else sum(map(number_of_tasks, processes_of_user(os.getuid())))
+        )
         read, write = _readable(room), [*map(str, room.areas.values()), *(f"/dev/{name}" for name in _DEVICES)]
         confinement = Confinement(list(command), dict(environment), cwd, read, write, uid, limits)
         yield confinement.argv(sys.executable), (), None
@@ -302,15 +278,6 @@ def _limited(limits: Mapping[str, int], environment: Mapping[str, str], command:
     shell = ["sh", "-c", 'exec "$@"', "sh"] if "=" in command[0] else []
     limited = ["prlimit", *(f"--{name}={value}" for name, value in limits.items()), "--"]
     return [*limited, "env", "-i", "--", *variables, *shell, *command]
-
-
-def _tasks_of_user() -> int:
-    """Count the threads of all processes of this user, which a limit on processes counts too."""
-    count = 0
-    for pid in processes_of_user(os.getuid()):
-        with suppress(OSError):
-            count += len(tasks_of(pid))
-    return count
 
 
 def _file_system(room: Room) -> list[str]:
@@ -351,18 +318,12 @@ def _file_system(room: Room) -> list[str]:
     for link, target in interpreter_links(room.interpreter).items():
         if not link.is_relative_to("/usr"):
             bind("--symlink", target, str(link))
-    arguments += _hidden_package(room.interpreter)
-    return [*arguments, "--remount-ro", "/"]
-
-
-def _hidden_package(interpreter: Path) -> list[str]:
-    """Cover the grader's own package, oracles and solution included, where it lies among what a student sees."""
-    roots = [Path("/usr"), *interpreter_roots(interpreter)]
-    arguments: list[str] = []
+    # The grader's own package, oracles and solution included, is covered where it lies among what a student sees.
+    roots = [Path("/usr"), *interpreter_roots(room.interpreter)]
     for folder in _own_folders(roots):
         if any(folder.is_relative_to(root) for root in roots):
             arguments += ["--perms", "0555", "--tmpfs", str(folder), "--remount-ro", str(folder)]
-    return arguments
+    return [*arguments, "--remount-ro", "/"]
 
 
 def _own_folders(roots: Sequence[Path]) -> list[Path]:

@@ -138,14 +138,9 @@ class LaunchRunner:
             trial = sandbox.trial
             sandbox.copy_workspace(sandbox.workspace, trial)
         result_read, result_write = os.pipe()
-        command = [
-            "prlimit",
-            f"--as={_MAX_MEMORY_BYTES}",
-            str(sandbox.plan.interpreter),
-            f"{sandbox.seen[LAUNCHING]}/evaluate.py",
-            "--result-fd",
-            str(result_write),
-        ]
+        program = f"{sandbox.seen[LAUNCHING]}/evaluate.py"
+        command = ["prlimit", f"--as={_MAX_MEMORY_BYTES}", str(sandbox.plan.interpreter), program]
+        command += ["--result-fd", str(result_write)]
         native = sandbox.plan.native
         environment = sandbox.environment({"PYTHONPATH": ""})
         if native is not None:
@@ -306,6 +301,6 @@ def _read_plan(text: str, in_time: bool, timeout_s: float, run: ProcessRun, sour
         number = status - 128 if status > 128 else -status
         how = f"by signal {number}" if number > 0 else f"with status {status}"
         said = f"; it said: {run.output[-1].text[:300]}" if run.output else ""
-        message = f"ended the program that reads it ({how}), before it gave a description{said}"
+        message = f"cannot be read: the reading program was ended by it ({how}), before it gave a description{said}"
         remedy = "Take out what ends or replaces the program (os._exit, exec, signals), and return a LaunchDescription."
     return Plan("error", Problem(kind, f"the launch file {message}", source, None, remedy))

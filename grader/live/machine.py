@@ -24,7 +24,10 @@ def sample_machine() -> MachineSample:
     """Read the machine's clock, and what it says of time taken and time waited."""
     now_ns, offset_ns = read_clocks()
     idle_ns = {core: times[3] + times[4] for core, times in _times_of_cores().items()}
-    return MachineSample(now_ns, offset_ns, stolen_ns(), _waiting_us(), idle_ns)
+    waiting_us = None
+    with suppress(OSError, ValueError, IndexError):
+        waiting_us = int(Path("/proc/pressure/cpu").read_text().split("total=", 1)[1].split()[0])
+    return MachineSample(now_ns, offset_ns, stolen_ns(), waiting_us, idle_ns)
 
 
 def read_clocks(
@@ -54,12 +57,6 @@ def _times_of_cores() -> dict[str, list[int]]:
         lines = re.findall(r"^cpu(\d+) (.*)", Path("/proc/stat").read_text(), re.MULTILINE)
         return {core: [int(ticks) * _TICK_NS for ticks in times.split()] for core, times in lines}
     return {}
-
-
-def _waiting_us() -> int | None:
-    with suppress(OSError, ValueError, IndexError):
-        return int(Path("/proc/pressure/cpu").read_text().split("total=", 1)[1].split()[0])
-    return None
 
 
 def network_bytes(user: int | None = None) -> int:
@@ -128,6 +125,13 @@ def cpu_with_children_ns(pid: int) -> int:
 def tasks_of(pid: int) -> list[str]:
     """Return the thread ids of a process."""
     return os.listdir(f"/proc/{pid}/task")  # noqa: PTH208 - names alone, which is faster
+
+
+def number_of_tasks(pid: int) -> int:
+    """Return how many threads a process has, 0 if it has ended."""
+    with suppress(OSError):
+        return len(tasks_of(pid))
+    return 0
 
 
 def processes_of_user(uid: int) -> set[int]:

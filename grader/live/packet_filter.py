@@ -96,8 +96,13 @@ class PacketFilter:
         if prefix and self._marks:
             self._prefixes.add(bytes.fromhex(prefix))
         self._sockets |= new
+        program = filter_program(self._prefixes)
+        steps = ctypes.create_string_buffer(program, len(program))
+        attached = struct.pack(
+            "HxxxxxxQ", len(program) // 8, ctypes.addressof(steps)
+        )  # the kernel's `struct sock_fprog`
         for found in self._sockets.values() if len(self._prefixes) > known else new.values():
-            _attach(found, filter_program(self._prefixes))
+            _set(found, _SO_ATTACH_FILTER, attached)
 
 
 def _udp_sockets(pid: int, known: Collection[tuple[int, str]]) -> Iterator[tuple[tuple[int, str], socket.socket]]:
@@ -127,8 +132,3 @@ def _set(found: socket.socket, option: int, value: int | bytes) -> bool:
     except OSError:
         return False
     return True
-
-
-def _attach(found: socket.socket, program: bytes) -> None:
-    steps = ctypes.create_string_buffer(program, len(program))
-    _set(found, _SO_ATTACH_FILTER, struct.pack("HxxxxxxQ", len(program) // 8, ctypes.addressof(steps)))

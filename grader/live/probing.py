@@ -13,6 +13,7 @@ from pathlib import Path
 
 from grader.errors import IsolationError
 from grader.live.cgroup import CellGroup, group_places
+from grader.live.confine import confines_signals, landlock_version
 from grader.live.isolation import (
     TEMPORARY,
     Form,
@@ -25,7 +26,6 @@ from grader.live.isolation import (
     free_slot,
     student_uid,
 )
-from grader.live.landlock import confines_signals, landlock_version
 from grader.live.namespaces import enter_cell
 
 _PROBE_BYTES = 96 * 1024 * 1024
@@ -73,13 +73,7 @@ def probe_isolation(interpreter: Path) -> Isolation:
 
 
 def require(isolation: Isolation, least: Level) -> None:
-    """Raise unless the confinement is good enough.
-
-    Raises
-    ------
-    IsolationError
-        With the one thing that would mend it.
-    """
+    """Raise `IsolationError`, with the one thing that would mend it, unless the confinement is good enough."""
     if isolation.level.at_least(least):
         return
     freely = "" if least is not Level.REDUCED else " If you trust this code, add --trust-code."
@@ -109,7 +103,7 @@ def _without_namespaces(interpreter: Path, remedy: str) -> Isolation:
         remedy = f"{remedy.rstrip('.')}. Or {_remedy_for_own_uid(interpreter, problem)}"
         found = Isolation(Level.REDUCED, remedy=remedy)
         # As root it could end the grader, where signals are not confined.
-        problem = _try(found, interpreter) if confines_signals(landlock_version()) else problem
+        problem = _try(found, interpreter) if confines_signals() else problem
     return found if problem is None else Isolation(Level.NONE, remedy=remedy)
 
 

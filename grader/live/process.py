@@ -51,16 +51,9 @@ class OutputRoom:
 class RunningProcess:
     """A started process and the record that it leaves.
 
-    Parameters
-    ----------
-    run : ProcessRun
-        Filled in as the process goes.
-    child_pid_fd : int or None
-        Read end of bubblewrap's `--info-fd`; the process itself is a child of the pid written there.
-    on_message : callable or None
-        For trusted processes that speak in lines on standard output: gets each line, whole; none is kept.
-    room : OutputRoom
-        Shared with other processes of the session.
+    With bubblewrap, `child_pid_fd` is the read end of its `--info-fd`: the process is a child of the pid written there.
+    A trusted process may speak in lines on standard output: `on_message` gets each, whole, and none is kept. Of other
+    output as much is kept as there is `room`, which a session's processes share.
     """
 
     def __init__(
@@ -82,7 +75,7 @@ class RunningProcess:
         self._room = room
         assert process.stdout is not None
         assert process.stderr is not None
-        said = self._read(process.stdout, "stdout") if on_message is None else self._hear(process.stdout, on_message)
+        said = self._read(process.stdout, "stdout") if on_message is None else _hear(process.stdout, on_message)
         self._readers = [asyncio.create_task(said), asyncio.create_task(self._read(process.stderr, "stderr"))]
         self.exited = asyncio.create_task(self._wait())
 
@@ -135,10 +128,6 @@ class RunningProcess:
                 self._process.stdin.write(data)
             if last:
                 self._process.stdin.close()
-
-    async def _hear(self, stream: asyncio.StreamReader, on_message: Callable[[bytes], None]) -> None:
-        async for line in stream:
-            on_message(line)
 
     async def _read(self, stream: asyncio.StreamReader, name: str) -> None:
         rest = b""
@@ -269,8 +258,11 @@ class RunningProcess:
         that the node sees all cores when it decides how many threads to have. `user` is a user id of its own.
         """
         for pid in self.descendants():
-            if not _hold(pid, core) and user is not None:
-                _hold_as_user(pid, core, user)
+            try:
+                _hold(pid, core)
+            except PermissionError:
+                if user is not None:
+                    _hold_as_user(pid, core, user)
         root = self.root_pid()
         with suppress(OSError):
             if root is not None and self.run.core != core and os.sched_getaffinity(self._pid() or root) == {core}:
@@ -339,17 +331,17 @@ class PipeReader:
         self._on_end(b"".join(self._blocks).decode("utf-8", "replace"))
 
 
-def _hold(pid: int, core: int) -> bool:
-    """Hold all threads of a process to a core; False if that is not permitted."""
+async def _hear(stream: asyncio.StreamReader, on_message: Callable[[bytes], None]) -> None:
+    async for line in stream:
+        on_message(line)
+
+
+def _hold(pid: int, core: int) -> None:
+    """Hold all threads of a process to a core, or raise `PermissionError`."""
     with suppress(FileNotFoundError):
         for task in tasks_of(pid):
-            try:
+            with suppress(ProcessLookupError):
                 os.sched_setaffinity(int(task), {core})
-            except PermissionError:
-                return False
-            except OSError:  # It has ended.
-                continue
-    return True
 
 
 def _hold_as_user(pid: int, core: int, user: int) -> None:

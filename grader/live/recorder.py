@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -73,31 +73,8 @@ class _Request:
         )
 
 
-class _Tap:
-    """One raw subscription."""
-
-    def __init__(self, node: Node, message_type: type, topic: str, request: _Request) -> None:
-        self._node = node
-        self._message_type = message_type
-        self._subscription = node.create_subscription(
-            message_type,
-            topic,
-            lambda data, info: None,
-            request.profile(),
-            raw=True,
-            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
-        )
-        self._take = self._subscription.handle.take_message
-
-    def take(self) -> tuple[bytes, dict[str, Any]] | None:
-        taken: tuple[bytes, dict[str, Any]] | None = self._take(self._message_type, True)
-        return taken
-
-    def matched(self) -> int:
-        return int(self._subscription.get_publisher_count())
-
-    def close(self) -> None:
-        self._node.destroy_subscription(self._subscription)
+#: Takes the next message of a subscription's queue, with its times.
+_Take = Callable[[type, bool], tuple[bytes, dict[str, Any]] | None]
 
 
 @dataclass
@@ -110,16 +87,31 @@ class _Line:
     node: Node
     message_type: type
     request: _Request
-    taps: list[_Tap]
+    subscriptions: list[Any] = field(default_factory=list)
+    takes: list[_Take] = field(default_factory=list)
     seen: dict[tuple[int, int], None] = field(default_factory=dict)
     stopped: bool = False
     count: int = 0
     written_bytes: int = 0
 
+    def subscribe(self, request: _Request) -> None:
+        """Receive it by one more subscription."""
+        subscription: Any = self.node.create_subscription(
+            self.message_type,
+            self.topic,
+            lambda data, info: None,
+            request.profile(),
+            raw=True,
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+        )
+        self.subscriptions.append(subscription)
+        self.takes.append(subscription.handle.take_message)
+        self.request = request
+
     def is_repeat(self, source_ns: int, sequence: int) -> bool:
         """Whether another subscription has received a message already, if there are several."""
         key = (source_ns, sequence)
-        if len(self.taps) == 1:
+        if len(self.takes) == 1:
             return False
         if key in self.seen:
             return True
@@ -130,20 +122,11 @@ class _Line:
 
 
 class Recorder:
-    """Records every topic that it is told of.
+    """Records every topic that it is told of, and closes the writer of the bag when it stops.
 
-    Parameters
-    ----------
-    writer : BagWriter
-        The bag to write to; closed by `stop`.
-    limit_bytes : int
-        The bag's size at most. A topic may take as much of it as is left for the others; past that it is
-        no longer recorded, so that a flood cannot cost the evidence of other topics.
-
-    Attributes
-    ----------
-    problems, unrecorded : list
-        What went wrong on the recorder's side, and what it left out.
+    A topic may take as much of `limit_bytes` as is left for the others; past that it is no longer recorded, so that a
+    flood cannot cost the evidence of other topics. `problems` are what went wrong on the recorder's side, `unrecorded`
+    what it left out.
     """
 
     def __init__(
@@ -178,7 +161,7 @@ class Recorder:
         """How many publishers the recorder receives a topic from at this moment."""
         with self._lock:
             line = self._lines.get((topic, topic_type))
-            return 0 if line is None or line.stopped else line.taps[-1].matched()
+            return 0 if line is None or line.stopped else int(line.subscriptions[-1].get_publisher_count())
 
     def _leave_out(
         self, key: tuple[str, str], reason: str, limit: bool, messages: int = 0, size_bytes: int = 0
@@ -202,8 +185,13 @@ class Recorder:
             if key in self._refused or self._ending.is_set():
                 continue
             request = _Request.suiting(endpoints)
-            if line := self._lines.get(key):
-                self._weaken(line, request)
+            if (line := self._lines.get(key)) is not None:
+                weaker = line.request.weakened(request)
+                if weaker != line.request and not line.stopped:
+                    # So that a publisher that offers less is received too. No message is taken meanwhile: it could
+                    # come by both.
+                    with self._lock:
+                        line.subscribe(weaker)
                 continue
             try:
                 line = self._open(*key, endpoints, request)
@@ -222,13 +210,14 @@ class Recorder:
         # Only what an installed package defines is imported, as the name comes from outside.
         message_type = interface_named(topic_type)
         node = self._node(sum(known == topic for known, _ in self._lines))
-        tap = _Tap(node, message_type, topic, request)
         # The hash of the definition in the bag, whatever publishers announce: with another one, readers refuse the bag.
         type_hash = type_hash_of(topic_type) or publishers[0].type_hash
         with self._lock:
             offered = [publisher.qos for publisher in publishers]
             channel = self._writer.add_channel(topic, topic_type, type_hash, definition, offered)
-        return _Line(topic, topic_type, channel, node, message_type, request, [tap])
+        line = _Line(topic, topic_type, channel, node, message_type, request)
+        line.subscribe(request)
+        return line
 
     def _node(self, level: int) -> Node:
         """The node whose participant holds the type number `level` of a topic."""
@@ -239,15 +228,6 @@ class Recorder:
             node = silent_node(name, new_context(self._domain_id))
             self._nodes.append(node)
         return self._nodes[level]
-
-    def _weaken(self, line: _Line, request: _Request) -> None:
-        """Add a weaker subscription, so that a publisher that offers less is received too."""
-        weaker = line.request.weakened(request)
-        if weaker != line.request and not line.stopped:
-            # No message is taken meanwhile: it could come by both.
-            with self._lock:
-                line.taps.append(_Tap(line.node, line.message_type, line.topic, weaker))
-                line.request = weaker
 
     # -- taking: on the recorder's thread ------------------------------------------------------
 
@@ -281,13 +261,13 @@ class Recorder:
         """Empty all queues."""
         with self._lock:
             for line in self._lines.values():
-                for tap in tuple(line.taps):
-                    self._empty(line, tap)
+                for take in line.takes:
+                    self._empty(line, take)
 
-    def _empty(self, line: _Line, tap: _Tap) -> None:
+    def _empty(self, line: _Line, take: _Take) -> None:
         # Never more at a time than the queue holds, so that one topic cannot keep the others waiting.
         for _ in range(_DEPTH):
-            if line.stopped or (message := tap.take()) is None:
+            if line.stopped or (message := take(line.message_type, True)) is None:
                 return
             self._write(line, *message)
 
@@ -310,5 +290,5 @@ class Recorder:
         line.stopped = True
         reason = "they fill as much as is left for all other topics"
         self._leave_out((line.topic, line.topic_type), reason, True, line.count, line.written_bytes)
-        for tap in line.taps:
-            tap.close()
+        for subscription in line.subscriptions:
+            line.node.destroy_subscription(subscription)

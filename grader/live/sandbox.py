@@ -30,7 +30,7 @@ from grader.live.namespaces import adopt_orphans, bring_loopback_up, mount_tmpfs
 from grader.live.process import OutputRoom, PipeReader, RunningProcess
 from grader.live.scratch import remove_tree
 from grader.live.session_plan import SessionPlan
-from grader.recording.session import ProcessRun, SessionRecord
+from grader.recording.session import ProcessRun
 
 _WORKSPACE_BYTES = 256 * 1024 * 1024
 _SMALL_BYTES = 64 * 1024 * 1024
@@ -48,24 +48,13 @@ _LEAVES_NO_ROOM = ("processes", "memory")
 class StudentSandbox:
     """Where the student's programs of one session run.
 
-    Attributes
-    ----------
-    processes : dict
-        Name -> the session's processes in order of their start, reference nodes included.
-    trusted : list of RunningProcess
-        The grader's own processes, director and reference nodes.
-    workspace, parameters : Path
-        Where the student's copy of the submission is, and the files that a launch file brings for its nodes.
-    seen : dict
-        Where the student's processes see their folders.
-    trial : Path
-        Where launch files are evaluated: a copy of the workspace, since reading one runs what it will.
-    guard : Guard
-        Watches what they take.
+    The session's `processes` stand in order of their start, reference nodes included; `trusted` are the grader's own
+    ones. Launch files are evaluated in `trial`, a copy of the `workspace`, since reading one runs what it will; the
+    files that one brings for its nodes are in `parameters`. `seen` is where the student's processes see these folders.
     """
 
-    def __init__(self, plan: SessionPlan, record: SessionRecord) -> None:
-        self.plan, self.record, self.isolation = plan, record, plan.isolation
+    def __init__(self, plan: SessionPlan) -> None:
+        self.plan, self.record, self.isolation = plan, plan.record, plan.isolation
         self.uid = student_uid(plan.isolation, plan.slot)
         self.processes: dict[str, RunningProcess] = {}
         self.trusted: list[RunningProcess] = []
@@ -83,7 +72,7 @@ class StudentSandbox:
             self._room.areas,
             sized=plan.isolation.namespaces,
             user=self.uid,
-            on_problem=record.problems.append,
+            on_problem=plan.record.problems.append,
         )
 
     def students(self) -> list[RunningProcess]:
@@ -104,16 +93,14 @@ class StudentSandbox:
             use_up_process_ids(_STUDENTS_IDS)
             _mount(Path("/dev/shm"), _SMALL_BYTES)
             _mount(self.trial, _WORKSPACE_BYTES)
-            self._room.make(self.plan.scratch, self._mount_area)
+            sizes = {self.workspace: _WORKSPACE_BYTES}
+            self._room.make(self.plan.scratch, lambda folder: _mount(folder, sizes.get(folder, _SMALL_BYTES)))
         else:
             adopt_orphans()
             self._room.make(self.plan.scratch)
         if self._group is not None:
             self._group.make()
         self.copy_workspace(self.plan.staged, self.workspace)
-
-    def _mount_area(self, folder: Path) -> None:
-        _mount(folder, _WORKSPACE_BYTES if folder == self.workspace else _SMALL_BYTES)
 
     def copy_workspace(self, source: Path, target: Path) -> None:
         """Make a folder a copy of a staged submission, owned by the student; links are copied as links."""

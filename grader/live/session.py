@@ -12,7 +12,6 @@ import importlib
 import json
 import os
 import signal
-import sys
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -34,7 +33,7 @@ from grader.live.process import RunningProcess
 from grader.live.sandbox import StudentSandbox
 from grader.live.session_plan import SessionPlan
 from grader.recording.bag import recover
-from grader.recording.session import ProcessRun, SessionRecord, StepRun, write_session
+from grader.recording.session import ProcessRun, StepRun, write_session
 from grader.recording.told import participants_told, take_told
 
 #: Address space of each of the grader's own processes.
@@ -55,15 +54,8 @@ class Session:
 
     def __init__(self, plan: SessionPlan) -> None:
         self.plan = plan
-        self.record = SessionRecord(
-            plan.session,
-            attempt=plan.attempt,
-            disturbed_before=plan.disturbed_before,
-            seed=plan.seed,
-            isolation=plan.isolation.describe(),
-            versions=plan.versions,
-        )
-        self.sandbox = StudentSandbox(plan, self.record)
+        self.record = plan.record
+        self.sandbox = StudentSandbox(plan)
         self.processes = self.sandbox.processes
         self.director: DirectorClient | None = None
         self._launch = LaunchRunner(self.sandbox)
@@ -142,7 +134,7 @@ class Session:
     async def _start_director(self) -> None:
         settings = {
             "folder": str(self.plan.folder),
-            "name": self.plan.session,
+            "name": self.record.session,
             "domain_id": self.plan.domain_id,
             "reference_nodes": [spec["node"] for spec in self.plan.reference.values()],
             "expected": self.plan.expected,
@@ -157,7 +149,7 @@ class Session:
     async def _start_reference(self, name: str, settings: dict[str, Any]) -> Answer:
         spec = self.plan.reference[name]
         configuration = {
-            "seed": self.plan.seed,
+            "seed": self.record.seed,
             "names": self.record.names,
             "with": settings,
             "subscriptions": self._subscriptions(),
@@ -202,7 +194,8 @@ class Session:
         for number, planned in enumerate(self.plan.steps, 1):
             step = StepRun(planned.kind, planned.parameters, planned.label, started_ns=time.time_ns())
             self.record.steps.append(step)
-            _tell({"text": planned.words, "index": number, "of": len(self.plan.steps)})
+            with suppress(BrokenPipeError):
+                print(json.dumps({"text": planned.words, "index": number, "of": len(self.plan.steps)}), flush=True)
             # What is not done here is an operation of the director's.
             action = getattr(self, f"_step_{step.kind}", None) or partial(self._direct, step.kind)
             step.outcome, step.result = await action(step.parameters)
@@ -322,12 +315,6 @@ class Session:
         if process is None:
             return "failed", {"problem": f"there is no process {parameters['process']}"}
         return ("done" if await process.wait_exit(parameters["timeout_s"]) else "timeout"), {}
-
-
-def _tell(event: dict[str, Any]) -> None:
-    with suppress(BrokenPipeError):
-        sys.stdout.write(json.dumps(event) + "\n")
-        sys.stdout.flush()
 
 
 def run(plan: SessionPlan) -> None:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from grader.live.isolation import Isolation
 from grader.live.ros_launch import NativeLaunch
+from grader.recording.session import SessionRecord
 
 
 @dataclass(frozen=True)
@@ -24,21 +25,13 @@ class PlannedStep:
 class SessionPlan:
     """All that the process of a session needs to know.
 
-    Attributes
-    ----------
-    folder, scratch : Path
-        The recording's folder, and one of the session's own that the caller removes.
-    executables, sources : dict
-        Artifact -> wrapper relative to `staged`, and -> source relative to `staged`/src.
-    reference : dict
-        Reference node -> {"file": absolute path, "node": fully qualified name}.
-    expected : list of str
-        Names of topics, services and nodes that the rubric uses.
+    The `record` holds what is known before; the caller removes `scratch`. For each artifact there are the wrapper's
+    path relative to `staged`, and the source's relative to `staged`/src; for each reference node the absolute path of
+    its "file" and its full name as "node". `expected` are the names of topics, services and nodes that the rubric uses.
     """
 
-    session: str
+    record: SessionRecord
     steps: list[PlannedStep]
-    seed: int
     folder: Path
     scratch: Path
     staged: Path
@@ -51,7 +44,4 @@ class SessionPlan:
     slot: int
     domain_id: int
     timeout_s: float
-    attempt: int = 1
-    disturbed_before: bool = False
-    versions: dict[str, str] = field(default_factory=dict)
     native: NativeLaunch | None = None

@@ -59,19 +59,10 @@ class Workspace:
 
 
 def stage(source: Path, record: SubmissionRecord, rubric: Rubric, folder: Path, interpreter: str) -> Workspace:
-    """Make the workspace.
+    """Make the workspace of a submission's folder, of which only the files listed in `record` are copied.
 
-    Parameters
-    ----------
-    source : Path
-        The submission's folder; only the files listed in `record` are copied.
-    interpreter : str
-        Absolute path of the Python that runs students' code.
-
-    Notes
-    -----
     Of data there may be more than a session has room for, once it is installed for each of several packages; then what
-    is no text is left out.
+    is no text is left out. The interpreter is the absolute path of the Python that runs students' code.
     """
     for file in record.files:
         origin, target = source / file.path, folder / "src" / file.path
@@ -139,14 +130,7 @@ class _Installation:
             # `ros2 run` knows them by the names that their entry points would have, or by their own.
             for name in {executable, PurePosixPath(artifact.path).name, PurePosixPath(artifact.path).stem}:
                 _write(self.folder / "install/lib" / package / name, text)
-        # Nothing says what would be installed, so all data files are, where they lie and where they usually do.
-        shared = []
-        for path in (PurePosixPath(file.path) for file in self.record.files):
-            if _is_shared(path):
-                usual = _USUAL_FOLDERS.get(path.suffix, "launch" if is_launch_file(path.name) else None)
-                targets = [f"{usual}/{path}"] if usual and len(path.parts) == 1 else []
-                shared += [(f"share/{package}/{target}", str(path)) for target in (path, *targets)]
-        self._share(shared)
+        self._share(self._all_data(package, PurePosixPath()))
 
     # -- packages -----------------------------------------------------------------------------
 
@@ -157,17 +141,17 @@ class _Installation:
             text = self._wrapper_of_entry(package, target)
             if re.fullmatch(r"(?!\.{1,2}$)[\w.+-]{1,200}", name) and self._take_room(program, len(text)):
                 _write(program, text)
-        self._share((self._all_data(package) if package.shared is None else package.shared).items())
+        all_data = self._all_data(package.name, PurePosixPath(package.path))
+        self._share(all_data if package.shared is None else package.shared.items())
 
-    def _all_data(self, package: PackageFact) -> dict[str, str]:
-        """All data files of a package, for one whose setup.py or CMakeLists.txt does not tell."""
-        shared = {}
-        for file in self.record.files:
-            relative, root = PurePosixPath(file.path), PurePosixPath(package.path)
-            if relative.is_relative_to(root) and _is_shared(inside := relative.relative_to(root)):
-                shared[f"share/{package.name}/{inside}"] = file.path
-                if is_launch_file(inside.name) and len(inside.parts) == 1:
-                    shared[f"share/{package.name}/launch/{inside.name}"] = file.path
+    def _all_data(self, package: str, root: PurePosixPath) -> list[tuple[str, str]]:
+        """Return all data files of a package that does not tell of them, where they lie and where they usually do."""
+        shared = []
+        for path in (PurePosixPath(file.path) for file in self.record.files):
+            if path.is_relative_to(root) and _is_shared(inside := path.relative_to(root)):
+                usual = _USUAL_FOLDERS.get(path.suffix, "launch" if is_launch_file(path.name) else None)
+                targets = [f"{usual}/{inside}"] if usual and len(inside.parts) == 1 else []
+                shared += [(f"share/{package}/{target}", str(path)) for target in (inside, *targets)]
         return shared
 
     def _share(self, files: Iterable[tuple[str, str]]) -> None:

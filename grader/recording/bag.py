@@ -401,8 +401,18 @@ class Stream:
 
     @functools.cached_property
     def _decoded(self) -> tuple[object | None, ...]:
-        decode = _decoder(self.topic_type, self.definition)
-        return tuple(decode(data) for data in self.data)
+        deserialize = _deserializer(self.topic_type, self.definition) if self.definition else None
+        if deserialize is None:
+            return (None,) * len(self.data)
+        found: list[object | None] = []
+        for data in self.data:
+            # The bytes are a student's. Decoding them fails in many ways (short, wrong lengths, bad UTF-8), and not by
+            # exceptions of one family.
+            try:
+                found.append(deserialize(data, self.topic_type))
+            except Exception:
+                found.append(None)
+        return tuple(found)
 
     def messages(self) -> list[object | None]:
         """Decode all messages; None stands for one whose bytes do not fit the type."""
@@ -432,22 +442,6 @@ def _pick(value: Any, steps: list[str]) -> Any:
     except (AttributeError, IndexError, TypeError):
         return None
     return value
-
-
-def _decoder(topic_type: str, definition: MessageDefinition | None) -> Callable[[bytes], object | None]:
-    deserialize = _deserializer(topic_type, definition) if definition else None
-    if deserialize is None:
-        return lambda data: None
-
-    def decode(data: bytes) -> object | None:
-        # The bytes are a student's. Decoding them fails in many ways (short, wrong lengths, bad UTF-8),
-        # and not by exceptions of one family.
-        try:
-            return deserialize(data, topic_type)
-        except Exception:
-            return None
-
-    return decode
 
 
 @functools.lru_cache(maxsize=64)

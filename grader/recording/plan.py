@@ -41,18 +41,6 @@ def _as_text(value: Any) -> Any:
     return value if isinstance(value, (Mapping, list, tuple)) else str(value)
 
 
-def _require_path(path: str) -> str:
-    if len(path) > _LONGEST_NAME:
-        raise ValueError("a name or path is longer than any that exists")
-    return _require_word(path)
-
-
-def _require_word(word: str) -> str:
-    if "\0" in word:
-        raise ValueError("it holds a NUL character, which no command can")
-    return word
-
-
 def _require_folder(path: str) -> str:
     """Refuse steps upwards: an evaluation resolves them; what still has one was written to lead elsewhere."""
     if not path.startswith("/") or ".." in PurePosixPath(path).parts:
@@ -87,8 +75,8 @@ def _with_doubles(value: Any) -> Any:
 
 # Nothing is converted from one type to another but what launch files are free to give as any scalar.
 _Text = Annotated[str, BeforeValidator(_as_text)]
-_Word = Annotated[str, AfterValidator(_require_word)]
-_Path = Annotated[str, AfterValidator(_require_path)]
+_Word = Annotated[str, Field(pattern=r"^[^\x00]*$")]
+_Path = Annotated[_Word, Field(max_length=_LONGEST_NAME)]
 _Line = Annotated[int, Strict(), Field(ge=-_LARGEST, le=_LARGEST)]
 _Seconds = Annotated[float, Strict(), Field(ge=-_LARGEST, le=_LARGEST, allow_inf_nan=False)]
 _Flag = Annotated[bool, Strict()]
@@ -419,11 +407,6 @@ class Plan:
     not_started: tuple[Mapping[str, Any], ...] = ()
     parameter_files: _Files = field(default_factory=dict)
 
-    @property
-    def ok(self) -> bool:
-        """Whether the launch file can be launched."""
-        return self.outcome == "ok"
-
     def node(self, full_name: str) -> Process | None:
         """The process that starts a node of a name, if any."""
         return next((p for p in self.processes if p.full_name == full_name), None)
@@ -457,8 +440,7 @@ class Plan:
 
     def to_plain(self) -> dict[str, Any]:
         """The plan as plain data, ready for JSON."""
-        plain = _plain(self)
-        return {"schema": PLAN_SCHEMA, **plain}
+        return {"schema": PLAN_SCHEMA, **_plain(self)}
 
 
 _READER = TypeAdapter(Plan)

@@ -13,9 +13,10 @@ from grader.batch.expectations import Expectation, compare, fixtures_in, load_fi
 from grader.batch.selftest import quick
 from grader.errors import RubricError, SubmissionError
 from grader.judging import judge, open_recordings
+from grader.kept_lab import lab_folder
 from grader.result import Result, read_result, to_plain
 from grader.rubric import Rubric
-from grader.rubrics import lab_folder, read_rubric
+from grader.rubrics import read_rubric
 
 ROOT = Path(__file__).resolve().parents[2]
 SOLUTION = lab_folder() / "reference/solution"

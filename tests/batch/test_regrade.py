@@ -15,10 +15,11 @@ from grader import pipeline, result_folder, rubrics
 from grader.batch.audit import AUDIT_FILE, HISTORY, note_replaced
 from grader.batch.regrade import Regrade, is_class, recorded_in, regrade
 from grader.errors import RecordingError, RubricError
+from grader.kept_lab import lab_folder
 from tests.regraded import regraded
 
 ROOT = Path(__file__).resolve().parents[2]
-SHIPPED = rubrics.lab_folder() / "rubric.yaml"
+SHIPPED = lab_folder() / "rubric.yaml"
 NAMES = ("alice", "bob")
 AT = datetime(2026, 11, 21, 10, tzinfo=timezone.utc)
 WHY = "reason: it was so, who: J. Smith, when: 2026-11-21"

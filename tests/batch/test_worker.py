@@ -13,6 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -20,7 +21,7 @@ pytest.importorskip("rclpy")
 
 sys.path.append(str(Path(__file__).parents[2]))
 
-from grader.batch.job import Ending, Job, Limits
+from grader.batch.job import Ending, Job
 from grader.batch.machine import Machine
 from grader.batch.worker import grade_in_process
 from grader.errors import GraderError
@@ -46,7 +47,7 @@ class Case:
     temporary: Path
     phases: list[str] = field(default_factory=list)
 
-    def ends(self, kill_at: str = "", **limits: float) -> Ending:
+    def ends(self, kill_at: str = "", **limits: Any) -> Ending:
         """Grade it, and check that nothing is left; `kill_at` is the phase from which on its process is killed."""
         phases = self.phases
 
@@ -61,7 +62,7 @@ class Case:
 
         async def scenario() -> Ending:
             watching = asyncio.ensure_future(watch())
-            job = replace(self.job, limits=Limits(**limits))
+            job = replace(self.job, **limits)
             ending = await grade_in_process(job, lambda phase: phases.append(phase.text))
             watching.cancel()
             assert job.machine is not None

@@ -12,9 +12,9 @@ import pytest
 
 from grader.cli import main
 from grader.files import UNFINISHED
+from grader.kept_lab import lab_folder
 from grader.report.exports import EXPORTS
 from grader.result_folder import RECORDINGS, RESULT_FILE, RUBRIC_COPY
-from grader.rubrics import lab_folder
 from tests.report.exports.sample_results import VARIABLES, every_outcome
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -10,10 +10,11 @@ import pytest
 
 from grader.batch.audit import AUDIT_FILE, HISTORY
 from grader.cli import main
+from grader.kept_lab import lab_folder
 from grader.pipeline import judge_results
 from grader.report.changes import CHANGES_FILE
 from grader.result_folder import RECORDINGS, RESULT_FILE, RUBRIC_COPY
-from grader.rubrics import lab_folder, read_rubric
+from grader.rubrics import read_rubric
 
 ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = lab_folder() / "rubric.yaml"

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from grader.cli import main
-from grader.rubrics import lab_folder
+from grader.kept_lab import lab_folder
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grader.evidence.printed import printed_vector, reports, text_of
+from grader.evidence.printed import printed_vector, reports
 from grader.recording.session import OutputLine
 from tests.counted import calls_of
 from tests.synthetic import Session, at
@@ -161,11 +161,6 @@ def test_without_reports_there_are_none(tmp_path: Path) -> None:
     assert reports(recorded, "it", [PATTERN]) == []
     assert reports(recorded, "it", [r"value (\w)"]) == []
     assert reports(recorded, "it", ["value"]) == []
-
-
-def test_text_of_output() -> None:
-    """Lines are joined by line ends."""
-    assert text_of(said("a", "b")) == "a\nb"
 
 
 @pytest.mark.parametrize("line", ["Mean:[", "Mean  x", "Mean: [0.1", "| Mean | Max |", "Mean"])

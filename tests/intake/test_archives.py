@@ -24,7 +24,7 @@ from hypothesis import strategies as st
 
 from grader.errors import SubmissionError
 from grader.intake import names_in, taken_in
-from grader.intake.members import Format, Kind, format_of, members_of_archive
+from grader.intake.members import Kind, format_of, members_of_archive
 from tests.intake.hostile_archives import (
     MEBIBYTE,
     overlapping_zip,
@@ -39,11 +39,11 @@ from tests.intake.hostile_archives import (
 
 FILES = [("lab/a.py", b"print(1)\n"), ("lab/größe.md", "Größe\n".encode() * 999), ("lab/empty.txt", b"")]
 LONG = "/".join(["a" * 90] * 4) + "/node.py"
-PACKERS: dict[Format, Callable[[bytes], bytes]] = {
-    Format.TAR: bytes,
-    Format.GZIP: gzip.compress,
-    Format.BZIP2: bz2.compress,
-    Format.XZ: lzma.compress,
+PACKERS: dict[str, Callable[[bytes], bytes]] = {
+    "tar": bytes,
+    "tar.gz": gzip.compress,
+    "tar.bz2": bz2.compress,
+    "tar.xz": lzma.compress,
 }
 
 
@@ -69,10 +69,10 @@ def test_a_zip_is_read() -> None:
 
 @pytest.mark.parametrize("packer", PACKERS)
 @pytest.mark.parametrize("form", [tarfile.USTAR_FORMAT, tarfile.GNU_FORMAT, tarfile.PAX_FORMAT])
-def test_a_tar_is_read(packer: Format, form: int) -> None:
+def test_a_tar_is_read(packer: str, form: int) -> None:
     """In each format and compression, names and contents come back as they went in."""
     packed = PACKERS[packer](tar_of(FILES, form))
-    assert format_of(packed[:512]) is packer
+    assert format_of(packed[:512]) == packer
     assert contents(packed) == dict(FILES)
 
 
@@ -179,10 +179,10 @@ def damaged(packed: bytes) -> str:
 
 
 @pytest.mark.parametrize("packer", PACKERS)
-def test_a_truncated_tar_is_refused(packer: Format) -> None:
+def test_a_truncated_tar_is_refused(packer: str) -> None:
     """Wherever it was cut off within its files, that is noticed."""
     packed = PACKERS[packer](tar_of([("a.py", bytes(range(256)) * 40)]))
-    for length in (512 + 100, len(packed) // 2) if packer is Format.TAR else (40, len(packed) // 2, len(packed) - 1):
+    for length in (512 + 100, len(packed) // 2) if packer == "tar" else (40, len(packed) // 2, len(packed) - 1):
         assert damaged(packed[:length])
 
 

@@ -21,9 +21,9 @@ from grader.evidence.limits import ended_by_limit
 from grader.evidence.recorded import Recorded
 from grader.live import environment
 from grader.live.cells import Sessions
+from grader.live.confine import confines_signals, landlock_version
 from grader.live.fork_server import ForkServer
 from grader.live.isolation import STUDENT_UIDS, Form, Isolation, Level, Room, confined, first_student_uid
-from grader.live.landlock import confines_signals, landlock_version
 from grader.live.probing import probe_isolation, require
 from grader.live.seccomp import DENIED
 from grader.live.stage import stage
@@ -412,7 +412,7 @@ def test_students_code_that_would_run_as_root_is_told_of_or_refused(tmp_path: Pa
     closed.mkdir(mode=0o700)
     (closed / "python").symlink_to(PYTHON)
     found = probe_isolation(closed / "python")
-    confined = confines_signals(landlock_version())
+    confined = confines_signals()
     assert (found.level, found.own_uid) == (Level.REDUCED if confined else Level.NONE, False)
     assert not confined or any("runs as root" in lack for lack in found.describe()["lacks"])
     shut = next(p for p in reversed((closed / "python").parents) if not p.stat().st_mode & 0o001)

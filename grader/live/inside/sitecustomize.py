@@ -40,20 +40,15 @@ def _type_of(value):
     return "/".join([*module.split(".")[:2], getattr(value, "__name__", "")]) if module else ""
 
 
-def _caller():
-    """File and line of the code that called the wrapped method."""
-    frame = sys._getframe(3)
-    return frame.f_code.co_filename, frame.f_lineno
-
-
-def _note(kind, node, arguments):
+def _note(kind, name, node, arguments):
     global _LIMIT
-    file, line = _caller()
+    frame = sys._getframe(2)  # that of the code which called the wrapped method
+    file, line = frame.f_code.co_filename, frame.f_lineno
     if _LIMIT <= 0 or "/rclpy/" in file:  # What rclpy asks of itself is of no interest.
         return
     _LIMIT -= 1
     note = {"kind": kind, "file": file, "line": line, "node": node.get_fully_qualified_name()}
-    note["name"] = str(arguments.get(_WRAPPED_NAME[kind], ""))[:500]
+    note["name"] = str(arguments.get(name, ""))[:500]
     for key in ("msg_type", "srv_type"):
         if key in arguments:
             note["type"] = _type_of(arguments[key])
@@ -65,10 +60,7 @@ def _note(kind, node, arguments):
     os.write(_FD, (json.dumps(note) + "\n").encode())
 
 
-_WRAPPED_NAME = dict(_WRAPPED.values())
-
-
-def _wrap(cls, method, kind):
+def _wrap(cls, method, kind, name):
     import functools
     import inspect
 
@@ -80,28 +72,12 @@ def _wrap(cls, method, kind):
         result = original(self, *args, **kwargs)
         try:
             bound = signature.bind(self, *args, **kwargs)
-            _note(kind, self, bound.arguments)
+            _note(kind, name, self, bound.arguments)
         except Exception:
             pass  # The tap never disturbs the node.
         return result
 
     setattr(cls, method, noted)
-
-
-class _NodeLoader(importlib.abc.Loader):
-    def __init__(self, loader):
-        self._loader = loader
-
-    def create_module(self, spec):
-        return self._loader.create_module(spec)
-
-    def exec_module(self, module):
-        self._loader.exec_module(module)
-        for method, (kind, _) in _WRAPPED.items():
-            _wrap(module.Node, method, kind)
-
-    def __getattr__(self, name):
-        return getattr(self._loader, name)
 
 
 class _NodeFinder(importlib.abc.MetaPathFinder):
@@ -111,8 +87,17 @@ class _NodeFinder(importlib.abc.MetaPathFinder):
         sys.meta_path.remove(self)
         spec = importlib.machinery.PathFinder.find_spec(name, path, target)
         if spec is not None and spec.loader is not None:
-            spec.loader = _NodeLoader(spec.loader)
+            spec.loader.exec_module = _wrapping(spec.loader.exec_module)
         return spec
+
+
+def _wrapping(exec_module):
+    def exec_and_wrap(module):
+        exec_module(module)
+        for method, (kind, name) in _WRAPPED.items():
+            _wrap(module.Node, method, kind, name)
+
+    return exec_and_wrap
 
 
 if _FD >= 0:

@@ -28,7 +28,9 @@ class PlanTree(FigureKind):
         except MalformedPlanError:
             return None  # The checks say so.
         processes = plan.processes[:_MOST_ITEMS]
-        environments = [[(name, literal(value), "") for name, value in p.env.items()] for p in processes]
+        environments = [
+            [(name, literal(value), "") for name, value in list(p.env.items())[:_MOST_ITEMS]] for p in processes
+        ]
         shared = [e for e in environments[0] if all(e in other for other in environments)] if processes[1:] else []
         content = {
             "outcome": plan.outcome,
@@ -44,13 +46,17 @@ class PlanTree(FigureKind):
                     "conditions": _conditions(p),
                     "words": _own_words(p),
                     "parameters": [item for given in p.parameters[:_MOST_ITEMS] for item in _parameters(given)],
-                    "environment": [e for e in environment if e not in shared][:_MOST_ITEMS],
+                    "environment": [e for e in environment if e not in shared],
                     "remappings": p.remappings[:_MOST_ITEMS],
                 }
                 for p, environment in zip(processes, environments, strict=True)
             ],
             "not_started": [
-                (item.get("what"), _written(str(item.get("why"))), _location(item.get("file"), item.get("line")))
+                (
+                    item.get("what") or "",
+                    _written(str(item.get("why") or "")),
+                    _location(item.get("file"), item.get("line")),
+                )
                 for item in plan.not_started[:_MOST_ITEMS]
             ],
             "warnings": [(w.message, _location(w.file, w.line)) for w in plan.warnings[:_MOST_ITEMS]],

@@ -1,20 +1,33 @@
-"""What the class page is told of a run: results, problems, and who has not handed in."""
+"""What a run over a class does with what was recorded before, and what the class page is told of it."""
 
 from __future__ import annotations
 
+import io
 import shutil
+import sys
 from datetime import datetime, timezone
 from decimal import Decimal
 from pathlib import Path
 
-from grader.batch.class_run import entries_of
+from rich.console import Console
+
+from grader.batch import fingerprint
+from grader.batch.class_run import ClassRun, entries_of
 from grader.batch.job import Row
+from grader.batch.journal import UNJUDGED, Journal
+from grader.batch.machine import Machine
+from grader.batch.progress import RunProgress
+from grader.cohort.overrides import load_overrides
 from grader.cohort.roster import NOTHING_HANDED_IN
 from grader.errors import GraderError
-from grader.intake import Handed, Piece
+from grader.intake import Handed, Piece, taken_in
+from grader.kept_lab import lab_folder
+from grader.live.isolation import Isolation, Level
+from grader.pipeline import Options
 from grader.recording.submission import read_submission, write_submission
 from grader.result import Result, Score, to_json
-from grader.result_folder import RECORDINGS
+from grader.result_folder import RECORDINGS, REPORT_FILE, RESULT_FILE, RUBRIC_COPY
+from grader.rubrics import read_rubric
 
 KEPT = Path(__file__).resolve().parents[1] / "recordings/wrong_topic"
 NOON = datetime(2026, 11, 21, 12, tzinfo=timezone.utc)
@@ -68,3 +81,39 @@ def test_the_time_that_an_archive_tells_is_kept(tmp_path: Path) -> None:
     row = Row(Handed("ann", (Piece(Path("ann.zip")),)), result_named("ann"))
     (entry,) = entries_of(results, [row], [])
     assert (entry.submitted_at, entry.student_id) == (NOON, "7")
+
+
+def test_what_was_recorded_is_judged_again_where_that_suffices(tmp_path: Path) -> None:
+    """Recordings that hold good are judged by what people have decided since, or where a file is missing; else kept."""
+    handed_in, results = tmp_path / "ann", tmp_path / "results"
+    shutil.copytree(lab_folder() / "reference/solution", handed_in)
+    shutil.copytree(KEPT, results / "ann" / RECORDINGS)
+    shutil.copy(lab_folder() / "rubric.yaml", results / "ann" / RECORDINGS / RUBRIC_COPY)
+    decided = "overrides: [{submission: wrong_topic, bonus: 1, reason: r, who: w, when: 2026-11-21}]"
+    (tmp_path / "overrides.yaml").write_text(decided, encoding="utf-8")
+    rubric = read_rubric(None)
+    options = Options(Path(sys.executable), overrides=load_overrides(tmp_path / "overrides.yaml", rubric))
+    key = fingerprint.combined(
+        fingerprint.engine_sha256(), fingerprint.lab_sha256(rubric), fingerprint.options_sha256(options)
+    )
+    with taken_in(Handed.of(handed_in)) as intake:
+        key = fingerprint.combined(key, fingerprint.submission_sha256(intake))
+
+    def graded(journal: Journal) -> Row:
+        display = RunProgress(Console(file=io.StringIO()), 1)
+        run = ClassRun(rubric, options, journal, Machine(1), display)
+        run.grade([Handed.of(handed_in)], Isolation(Level.FULL))
+        (row,) = run.rows
+        return row
+
+    with Journal.open(results) as journal:
+        journal.note("ann", key, UNJUDGED, "full")
+        first = graded(journal)
+        assert isinstance(first.ending, Result)
+        assert (first.reused, first.ending.final) == (False, first.ending.score.earned + 1)
+        text = (results / "ann" / RESULT_FILE).read_bytes()
+        assert graded(journal).reused
+        (results / "ann" / REPORT_FILE).unlink()
+        assert not graded(journal).reused
+        assert (results / "ann" / REPORT_FILE).is_file()
+        assert (results / "ann" / RESULT_FILE).read_bytes() == text
