@@ -79,13 +79,14 @@ def _convert(hint: Any, value: Any) -> Any:
         return None if value is None else _convert(inner[0], value)
     if dataclasses.is_dataclass(hint):
         return from_plain(hint, value)  # type: ignore[arg-type]
-    kind = origin or hint
+    kind: Any = origin or hint
     if kind is Any:
         return value
-    if not isinstance(value, (int, float) if kind is float else kind) or (kind is int and isinstance(value, bool)):
+    accepted = (int, float) if kind is float else kind
+    if not isinstance(value, accepted) or (isinstance(value, bool) and kind is not bool):
         raise ValueError(f"{kind.__name__} expected, found {type(value).__name__}")
     if kind is int and not -(2**63) <= value < 2**63:
         raise ValueError("a number is larger than any")
-    if kind is list:
+    if isinstance(value, list):
         return [_convert(arguments[0], item) for item in value]
-    return {name: _convert(arguments[1], item) for name, item in value.items()} if kind is dict else value
+    return {name: _convert(arguments[1], item) for name, item in value.items()} if isinstance(value, dict) else value
