@@ -28,19 +28,10 @@ _CHANGED = (errno.ENOENT, errno.ENOTDIR, errno.ELOOP, errno.ENXIO, errno.EINVAL,
 
 
 def open_beneath(top: int | Path, path: str | PurePath, flags: int = os.O_RDONLY, mode: int = 0) -> int:
-    """Open a file or folder beneath a folder; returns its descriptor.
+    """Open what somebody else has named beneath a folder, which is open or a path of the grader's own.
 
-    Parameters
-    ----------
-    top : int or Path
-        The folder: open, or a path of the grader's own.
-    path : str or PurePath
-        Written by somebody else.
-
-    Raises
-    ------
-    OSError
-        If it cannot be opened, and where it is absolute, has a step upwards or leads over a link.
+    It raises `OSError` if that cannot be opened, and where the path is absolute, has a step upwards or leads over a
+    link.
     """
     *way, last = _parts(path) or ["."]
     with ExitStack() as opened:
@@ -76,13 +67,7 @@ def _closing(file: int) -> Iterator[int]:
 
 
 def open_regular_beneath(top: int | Path, path: str | PurePath) -> int:
-    """Open a file beneath a folder for reading, if it is a regular one, without waiting for anything.
-
-    Raises
-    ------
-    OSError
-        If it is none, may not be read, or lies elsewhere.
-    """
+    """Open a regular file beneath a folder for reading, without waiting for anything, or raise `OSError`."""
     file = open_beneath(top, path, os.O_RDONLY | _WITHOUT_WAITING)
     if not stat.S_ISREG(os.fstat(file).st_mode):
         os.close(file)
@@ -102,10 +87,7 @@ def is_regular_beneath(top: Path, path: str | PurePath) -> bool:
 def restore_way(top: Path, folder: PurePosixPath, rights: int) -> None:
     """See to it that a folder is there, and that all folders on the way to it have some rights at least.
 
-    Raises
-    ------
-    OSError
-        If it cannot be done beneath `top`: what stands in the way is no folder.
+    It raises `OSError` if that cannot be done beneath `top`: what stands in the way is no folder.
     """
     with ExitStack() as opened:
         here = os.open(top, os.O_PATH | _FOLDER)
@@ -126,12 +108,8 @@ def restore_way(top: Path, folder: PurePosixPath, rights: int) -> None:
 def copy_tree(source: Path, target: Path, owner: int | None = None) -> None:
     """Copy a folder's files, folders and links into a folder, while somebody else may be changing the source.
 
-    Links are copied as links. What is neither, and folders beyond a depth that nobody has, are left out.
-
-    Parameters
-    ----------
-    owner : int or None
-        User and group that the copies shall belong to.
+    Links are copied as links. What is neither, and folders beyond a depth that nobody has, are left out. `owner` is the
+    user and group that the copies shall belong to.
     """
     with _opened(source) as here, _opened(target) as there:
         _copy_below(here, there, owner, _DEEPEST)

@@ -36,16 +36,8 @@ _PIECE_BYTES = 1 << 16
 class Bound:
     """What a process may take.
 
-    Attributes
-    ----------
-    what : str
-        The work, as a message names it.
-    cpu_s, wall_s : float
-        Of computing, so that a busy machine does not count; and in all, for work that waits for ever.
-    memory_bytes : int
-        Of the address space, beyond what this process has.
-    file_bytes : int or None
-        Of a file that it writes.
+    `what` is the work as a message names it, `cpu_s` its computing, so that a busy machine does not count, and `wall_s`
+    all its time, for work that waits for ever. `memory_bytes` is beyond what this process has, `file_bytes` of a file.
     """
 
     what: str
@@ -56,13 +48,7 @@ class Bound:
 
 
 def in_process(work: Callable[[], T], bound: Bound) -> T:
-    """Return what work returns in a process of its own, or raise what it raises.
-
-    Raises
-    ------
-    BoundError
-        If it takes more than the bound.
-    """
+    """Return what work returns in a process of its own, or raise what it raises, or `BoundError` beyond the bound."""
     for _, outcome in in_processes({None: work}, bound):
         if isinstance(outcome, BaseException):
             raise outcome

@@ -35,13 +35,18 @@ from grader.references import Parameters, Share
 from grader.result import Finding, Where
 
 
+def _read_plan(plain: Any) -> Plan | None:
+    """Return a plan as it was recorded; None where that is none."""
+    try:
+        return Plan.from_plain(plain)
+    except MalformedPlanError:
+        return None
+
+
 def plan_of(context: Context, step: str) -> Plan | None:
     """Return the plan that a step made of the launch file, if it was reached."""
     run = context.session.step(step)
-    try:
-        return Plan.from_plain(run.result["plan"]) if run is not None and "plan" in run.result else None
-    except MalformedPlanError:
-        return None
+    return _read_plan(run.result["plan"]) if run is not None and "plan" in run.result else None
 
 
 def mended(context: Context, step: str, *kinds: str) -> list[Mapping[str, Any]]:
@@ -454,11 +459,8 @@ def _is_up(context: Context, node: str | None) -> bool:
     """Whether a node came up, under whatever name, and stayed; one that did not is charged with the nodes."""
     if node is None:
         return True
-    used = context.session.used(node)
-    try:
-        entry = _entry_for(Plan.from_plain(context.session.record.plan), used, "")
-    except MalformedPlanError:
-        entry = None
+    used, plan = context.session.used(node), _read_plan(context.session.record.plan)
+    entry = _entry_for(plan, used, "") if plan is not None else None
     return used in context.session.nodes and not _died(context, entry)
 
 

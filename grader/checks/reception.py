@@ -131,10 +131,9 @@ class Alternative(Parameters):
 
         Numbers of which a share is right all the same are worth at least that.
         """
-        meant, notes = f"These numbers fit {self.meaning}.", finding.notes
-        share = 1.0 if any(map(context.charged, self.charged_by)) else max(self.credit, least)
-        notes = (*notes, meant) if self.credit >= 1 and not any(map(context.charged, self.charged_by)) else notes
-        reason = f"{finding.reason} {meant}".strip()
+        charged, meant = any(map(context.charged, self.charged_by)), f"These numbers fit {self.meaning}."
+        share, reason = 1.0 if charged else max(self.credit, least), f"{finding.reason} {meant}".strip()
+        notes = finding.notes if charged or self.credit < 1 else (*finding.notes, meant)
         return graded(share, finding.expected, finding.measured, reason, where=finding.where, notes=notes)
 
 
@@ -232,7 +231,10 @@ def _kept_silent(context: Context, p: ReportedSeries, silent: Sequence[_Plateau]
     read too late what was printed.
     """
     times = [stream.source_ns for stream in context.streams(p.streams, p.field).values()]
-    run, span = context.session.processes_of(p.artifact)[-1:], Span(min(map(min, times)), max(map(max, times)))
+    run, span = (
+        context.session.processes_of(p.artifact)[-1:],
+        Span(min(int(t[0]) for t in times), max(int(t[-1]) for t in times)),
+    )
     if not run or _ended(context, p.artifact):
         return 0.0, ""
     doubt = kept_from_core(context.session.machine_delay_s(run[0], span), span.duration_s)

@@ -55,12 +55,7 @@ _OUT_OF_MEMORY = ("MemoryError", "bad_alloc")
 class Touched:
     """Something of the grader's own that was touched.
 
-    Attributes
-    ----------
-    spoilt : frozenset of str
-        Topics, services and nodes in the graph of which nothing can be measured any more in this session.
-    whole : bool
-        Whether that goes for all of the session.
+    Of the topics, services and nodes that are `spoilt`, or of the whole session, nothing can be measured any more.
     """
 
     violation: Violation
@@ -312,13 +307,7 @@ class _Census:
 
 
 def census(recorded: Recorded, reference_nodes: Mapping[str, str]) -> tuple[Touched, ...]:
-    """Return what of the grader's own was touched in a session.
-
-    Parameters
-    ----------
-    reference_nodes : mapping
-        Name of each reference process -> fully qualified name of its node.
-    """
+    """Return what of the grader's own was touched in a session; reference nodes by the names of their processes."""
     taken = _Census(recorded, reference_nodes)
     disturbed = tuple(taken.brought_down()) or tuple(taken.not_in_order())
     if not recorded.record.trusted or recorded.silent_references:

@@ -22,13 +22,7 @@ _LEAST_HELD_UP_S = 0.6
 
 
 def may_be_chance(recorded: Recorded, reference_nodes: Iterable[str]) -> str | None:
-    """Say what in the recording of a session has to be seen again before it costs anything; None if nothing.
-
-    Parameters
-    ----------
-    reference_nodes : iterable of str
-        Fully qualified names of the grader's own nodes.
-    """
+    """Say what in the recording of a session has to be seen again before it costs anything; None if nothing."""
     students = [run for run in recorded.record.processes if run.role == "student"]
     if (held_up := _held_up(recorded)) is not None:
         return held_up

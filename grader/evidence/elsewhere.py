@@ -39,13 +39,7 @@ def interface_packages(submission: SubmissionRecord) -> set[str]:
 
 
 def only_elsewhere(found: Diagnosis | None, submission: SubmissionRecord, program: str | None) -> str | None:
-    """Say why a program that ended with this diagnosis may run elsewhere; None if it would not.
-
-    Parameters
-    ----------
-    program : str or None
-        The program's file in the submission.
-    """
+    """Say why a program, by its file, that ended with this diagnosis may run elsewhere; None if it would not."""
     if found is None or found.file is None or found.file not in _reached_from(program, submission):
         return None
     if found.kind in _IMPORT_KINDS and found.exception_type == "ModuleNotFoundError":

@@ -11,14 +11,7 @@ from typing import Any
 
 
 def load_oracle(lab_folder: Path, reference: str) -> Callable[..., Any]:
-    """Load an oracle.
-
-    Parameters
-    ----------
-    lab_folder : Path
-        The rubric's folder.
-    reference : str
-        ``file.py:function``, relative to it.
+    """Load an oracle, `file.py:function` relative to the rubric's folder.
 
     Raises
     ------

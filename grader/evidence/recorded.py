@@ -87,15 +87,7 @@ class Sighting:
 
 
 class Recorded:
-    """One session's recording.
-
-    Parameters
-    ----------
-    record : SessionRecord
-        Contents of `session.json`.
-    bag : Bag
-        The session's traffic.
-    """
+    """One session's recording: the contents of its `session.json`, and its traffic."""
 
     def __init__(self, record: SessionRecord, bag: Bag) -> None:
         self.record = record
@@ -103,13 +95,7 @@ class Recorded:
 
     @classmethod
     def open(cls, folder: Path) -> Recorded:
-        """Open a session's folder.
-
-        Raises
-        ------
-        FileNotFoundError, ValueError
-            If it is not a recording, or of another version.
-        """
+        """Open a session's folder; raises FileNotFoundError or ValueError if it is no recording of this version."""
         return cls(read_session(folder), Bag.open(folder))
 
     # -- names and times ----------------------------------------------------------------------
@@ -193,13 +179,7 @@ class Recorded:
 
     @functools.cache  # noqa: B019
     def numeric(self, name: str, field: str, *, finite: bool = True) -> NumericStream | None:
-        """Return the messages whose field holds numbers of the most frequent length, by source time.
-
-        Parameters
-        ----------
-        finite : bool
-            Leave out messages with a number that is not finite.
-        """
+        """Return the messages whose field holds (finite) numbers of the most frequent length, by source time."""
         stream, all_rows = self.stream(name), self.rows(name, field)
         rows = {i: row for i, row in enumerate(all_rows) if row is not None and len(row)}
         if finite:

@@ -22,14 +22,7 @@ _MOST_KEPT = 4
 
 @dataclass(frozen=True)
 class Missing:
-    """What is missing in a recording.
-
-    Attributes
-    ----------
-    by_student, by_grader : sequence of Unrecorded
-        What was left out since the student's processes published too much, or what cannot be recorded; and what
-        cannot be laid at their door.
-    """
+    """What is missing in a recording through the student's processes, and what cannot be laid at their door."""
 
     by_student: Sequence[Unrecorded]
     by_grader: Sequence[Unrecorded]

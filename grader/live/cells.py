@@ -91,16 +91,10 @@ class Shared:
 
 @dataclass(frozen=True)
 class Sessions:
-    """The sessions of one submission, ready to be recorded.
+    """The sessions of one submission, ready to be recorded, each in a folder of its own below `recordings`.
 
-    Attributes
-    ----------
-    recordings : Path
-        Folder in which each session gets one of its own.
-    attempt : int
-        1, or more where an earlier recording left something undecided.
-    disturbed : frozenset of str
-        Sessions in an earlier recording of which the grader's own processes were disturbed.
+    The `attempt` is 1, or more where an earlier recording left something undecided; in one of those the grader's own
+    processes were `disturbed` in some sessions.
     """
 
     rubric: Rubric

@@ -45,14 +45,8 @@ _ABSTRACT_SOCKETS_AND_SIGNALS = 0b11
 class Confinement:
     """What `confine` needs to know.
 
-    Attributes
-    ----------
-    read, write : list of str
-        Files and folders that may be read (and executed), and those that may be changed as well.
-    uid : int or None
-        User id to take, where this is root.
-    limits : dict
-        `resource.RLIMIT_*` in lower case -> value.
+    What is in `read` may be read and executed, what is in `write` changed as well. `uid` is the user id to take, where
+    this is root; `limits` are `resource.RLIMIT_*` in lower case -> value.
     """
 
     command: list[str]

@@ -88,16 +88,10 @@ class Cancelled(Exception):
 
 
 class Director:
-    """Serves the requests of one session.
+    """Serves the requests of one session, whose bag of a name goes to a folder.
 
-    Parameters
-    ----------
-    folder, name
-        Where the bag goes, and its name.
-    reference_nodes : list of str
-        Fully qualified names of the reference nodes; all others are the student's.
-    expected : list of str
-        Names that the rubric uses; never taken for a misspelling of another.
+    All nodes but `reference_nodes` (fully qualified) are the student's; `expected` are names that the rubric uses,
+    which are never taken for a misspelling of another.
     """
 
     def __init__(

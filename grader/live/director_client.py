@@ -30,13 +30,7 @@ class DirectorClient:
         self._answer: asyncio.Future[Answer] = asyncio.get_running_loop().create_future()
 
     async def wait_ready(self) -> None:
-        """Wait until it is ready.
-
-        Raises
-        ------
-        RuntimeError
-            If it does not get ready.
-        """
+        """Wait until it is ready, or raise `RuntimeError` if it does not get so."""
         if (await self._answered(_START_S))[0] != "done":
             raise RuntimeError(f"the director did not start: {self._last_words(5)}")
         self.running.put_standing()

@@ -100,13 +100,7 @@ def default_interpreter() -> Path:
 
 
 def require_platform(interpreter: Path | None = None) -> None:
-    """Raise unless ROS 2 nodes can run here, and, if that is looked at too, with the interpreter of students' code.
-
-    Raises
-    ------
-    PlatformError
-        With what is missing.
-    """
+    """Raise `PlatformError` unless ROS 2 nodes can run here, and, if it is given, with students' interpreter."""
     if platform.system() != "Linux" or platform.machine() != "x86_64":
         raise PlatformError(
             f"ROS 2 nodes cannot run on {platform.system()} {platform.machine()}",
@@ -136,10 +130,7 @@ def versions() -> dict[str, str]:
 def ask_interpreter(interpreter: Path, program: str, *arguments: str, isolated: bool = True) -> str:
     """Run a short program with an interpreter, `isolated` as students' processes are, and return what it prints.
 
-    Raises
-    ------
-    ValueError
-        If that fails, with the reason.
+    It raises `ValueError` with the reason if that fails.
     """
     try:
         run = subprocess.run(
@@ -160,12 +151,9 @@ def ask_interpreter(interpreter: Path, program: str, *arguments: str, isolated: 
 
 
 def require_ros(interpreter: Path) -> None:
-    """Raise unless an interpreter other than our own imports ROS 2 in the environment that students' processes get.
+    """Raise `PlatformError` unless another interpreter imports ROS 2 in the environment that students' processes get.
 
-    Raises
-    ------
-    PlatformError
-        Without this, every submission would fail for want of rclpy.
+    Without this, every submission would fail for want of rclpy.
     """
     if interpreter == default_interpreter():
         return

@@ -41,18 +41,9 @@ _LEAST_AVAILABLE = 0.04
 class Guard:
     """The watch over a session's student processes.
 
-    Parameters
-    ----------
-    students : callable
-        Returns the student's processes of the session.
-    areas : mapping
-        Folders that the student's processes may change.
-    sized : bool
-        Whether each area is a file system of a size of its own, and the network the session's own.
-    user : int or None
-        User id of the student's processes, where they have one of their own.
-    on_problem : callable
-        Told of what disturbs the session and cannot be laid at anybody's door.
+    They may change `areas`, each a file system of a size of its own, and the network the session's own, if these are
+    `sized`. `user` is their user id, where they have one of their own. `on_problem` is told of what disturbs the
+    session and cannot be laid at anybody's door.
     """
 
     def __init__(

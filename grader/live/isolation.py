@@ -91,16 +91,9 @@ _ALL_TOGETHER = "a limit that the kernel keeps on the memory and processes of a 
 class Isolation:
     """The confinement of a machine's cells, and what it covers.
 
-    Attributes
-    ----------
-    old_bubblewrap : bool
-        Whether bubblewrap lacks `--disable-userns`.
-    groups : GroupPlaces or None
-        Where control groups can be made (level full).
-    first_uid : int or None
-        Where each cell's student has a user id of its own: that of the cell number 0, see `first_student_uid`.
-    remedy : str
-        What would give more, where more can be had.
+    Bubblewrap may be so old that it lacks `--disable-userns`. Control groups can be made at the level full. `first_uid`
+    is that of the cell number 0, where each cell's student has a user id of its own; `remedy` says what would give
+    more.
     """
 
     level: Level
@@ -188,16 +181,9 @@ def first_student_uid() -> int:
 
 @dataclass(frozen=True)
 class Room:
-    """What a student's process sees of the file system, and where.
+    """What a student's process, run by an interpreter, sees of the file system.
 
-    Attributes
-    ----------
-    areas : mapping
-        Folders that it may change: where it sees them in a sandbox -> where they are.
-    tools : mapping
-        Folders of ours that it needs to read, likewise.
-    interpreter : Path
-        Python that runs it.
+    It may change its areas and read our tools: where it sees such a folder in a sandbox -> where that is.
     """
 
     areas: Mapping[str, Path]
@@ -239,17 +225,10 @@ def confined(
     cwd: str,
     group: CellGroup | None,
 ) -> Iterator[tuple[list[str], tuple[int, ...], int | None]]:
-    """Give what runs a student's `command` in a cell: a command line, and the descriptors that it needs.
+    """Give what runs a student's `command` in the cell of a slot: a command line, and the descriptors that it needs.
 
     The last of the three is where bubblewrap says the process id of its child, if it is used; who takes it, closes it.
-    Without bubblewrap nothing is passed on, since the student's process would inherit it.
-
-    Parameters
-    ----------
-    slot : int
-        Number of the cell among those that run at a time.
-    cwd : str
-        Working folder as the student's process sees it.
+    Without bubblewrap nothing is passed on, since the student's process would inherit it. `cwd` is as that sees it.
     """
     uid = student_uid(isolation, slot)
     limits = {"nofile": _MAX_OPEN_FILES, "fsize": _MAX_FILE_BYTES, "core": _NO_CORE_BYTES}

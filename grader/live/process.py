@@ -51,16 +51,9 @@ class OutputRoom:
 class RunningProcess:
     """A started process and the record that it leaves.
 
-    Parameters
-    ----------
-    run : ProcessRun
-        Filled in as the process goes.
-    child_pid_fd : int or None
-        Read end of bubblewrap's `--info-fd`; the process itself is a child of the pid written there.
-    on_message : callable or None
-        For trusted processes that speak in lines on standard output: gets each line, whole; none is kept.
-    room : OutputRoom
-        Shared with other processes of the session.
+    With bubblewrap, `child_pid_fd` is the read end of its `--info-fd`: the process is a child of the pid written there.
+    A trusted process may speak in lines on standard output: `on_message` gets each, whole, and none is kept. Of other
+    output as much is kept as there is `room`, which a session's processes share.
     """
 
     def __init__(

@@ -122,20 +122,11 @@ class _Line:
 
 
 class Recorder:
-    """Records every topic that it is told of.
+    """Records every topic that it is told of, and closes the writer of the bag when it stops.
 
-    Parameters
-    ----------
-    writer : BagWriter
-        The bag to write to; closed by `stop`.
-    limit_bytes : int
-        The bag's size at most. A topic may take as much of it as is left for the others; past that it is
-        no longer recorded, so that a flood cannot cost the evidence of other topics.
-
-    Attributes
-    ----------
-    problems, unrecorded : list
-        What went wrong on the recorder's side, and what it left out.
+    A topic may take as much of `limit_bytes` as is left for the others; past that it is no longer recorded, so that a
+    flood cannot cost the evidence of other topics. `problems` are what went wrong on the recorder's side, `unrecorded`
+    what it left out.
     """
 
     def __init__(

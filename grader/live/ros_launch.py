@@ -54,10 +54,7 @@ class NativeLaunch:
 def find_native_launch(interpreter: Path, choice: LaunchChoice) -> NativeLaunch | None:
     """Find the real `launch` in the environment from which the grader was started; None for the stand-in.
 
-    Raises
-    ------
-    PlatformError
-        If it was asked for and cannot be imported.
+    It raises `PlatformError` if it was asked for and cannot be imported.
     """
     if choice is LaunchChoice.STANDIN:
         return None

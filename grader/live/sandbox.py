@@ -48,20 +48,9 @@ _LEAVES_NO_ROOM = ("processes", "memory")
 class StudentSandbox:
     """Where the student's programs of one session run.
 
-    Attributes
-    ----------
-    processes : dict
-        Name -> the session's processes in order of their start, reference nodes included.
-    trusted : list of RunningProcess
-        The grader's own processes, director and reference nodes.
-    workspace, parameters : Path
-        Where the student's copy of the submission is, and the files that a launch file brings for its nodes.
-    seen : dict
-        Where the student's processes see their folders.
-    trial : Path
-        Where launch files are evaluated: a copy of the workspace, since reading one runs what it will.
-    guard : Guard
-        Watches what they take.
+    The session's `processes` stand in order of their start, reference nodes included; `trusted` are the grader's own
+    ones. Launch files are evaluated in `trial`, a copy of the `workspace`, since reading one runs what it will; the
+    files that one brings for its nodes are in `parameters`. `seen` is where the student's processes see these folders.
     """
 
     def __init__(self, plan: SessionPlan) -> None:

@@ -21,10 +21,8 @@ def scratch_prefix() -> str:
 def remove_leavings() -> list[str]:
     """Remove the temporary folders of this user's gradings that have ended; returns their names.
 
-    Notes
-    -----
-    A process is known by its number, its start and the namespace in which both hold. What belongs to another
-    namespace, such as a container that shares the folder, cannot be judged from here, and stays.
+    A process is known by its number, its start and the namespace in which both hold. What belongs to another namespace,
+    such as a container that shares the folder, cannot be judged from here, and stays.
     """
     removed: list[str] = []
     if not Path("/proc/self/ns/pid").exists():

@@ -25,18 +25,9 @@ class PlannedStep:
 class SessionPlan:
     """All that the process of a session needs to know.
 
-    Attributes
-    ----------
-    record : SessionRecord
-        With what is known before the session.
-    folder, scratch : Path
-        The recording's folder, and one of the session's own that the caller removes.
-    executables, sources : dict
-        Artifact -> wrapper relative to `staged`, and -> source relative to `staged`/src.
-    reference : dict
-        Reference node -> {"file": absolute path, "node": fully qualified name}.
-    expected : list of str
-        Names of topics, services and nodes that the rubric uses.
+    The `record` holds what is known before; the caller removes `scratch`. For each artifact there are the wrapper's
+    path relative to `staged`, and the source's relative to `staged`/src; for each reference node the absolute path of
+    its "file" and its full name as "node". `expected` are the names of topics, services and nodes that the rubric uses.
     """
 
     record: SessionRecord

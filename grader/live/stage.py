@@ -59,19 +59,10 @@ class Workspace:
 
 
 def stage(source: Path, record: SubmissionRecord, rubric: Rubric, folder: Path, interpreter: str) -> Workspace:
-    """Make the workspace.
+    """Make the workspace of a submission's folder, of which only the files listed in `record` are copied.
 
-    Parameters
-    ----------
-    source : Path
-        The submission's folder; only the files listed in `record` are copied.
-    interpreter : str
-        Absolute path of the Python that runs students' code.
-
-    Notes
-    -----
     Of data there may be more than a session has room for, once it is installed for each of several packages; then what
-    is no text is left out.
+    is no text is left out. The interpreter is the absolute path of the Python that runs students' code.
     """
     for file in record.files:
         origin, target = source / file.path, folder / "src" / file.path

@@ -22,13 +22,7 @@ _COLUMNS = "submission,level,id,title,outcome before,outcome after,points before
 
 
 def changes_csv(changes: Iterable[Changes]) -> str:
-    """Return all that changes, a row each: the total first, then its criteria, checks and adjustments.
-
-    Parameters
-    ----------
-    changes : iterable of Changes
-        Those in which points or outcomes differ.
-    """
+    """Return all that changes, a row each: the total first, then its criteria, checks and adjustments."""
     rows: list[Sequence[str | Decimal]] = [[*_COLUMNS.split(","), "undecided before", "undecided after"]]
     for each in changes:
         undecided = [each.undecided_before, each.undecided_after]
@@ -47,13 +41,7 @@ def _word(outcome: Outcome | None) -> str:
 
 
 def print_changes(console: Console, changes: Mapping[str, Changes]) -> None:
-    """Print who changes, by how much, and in which criterion and check; those that change most come first.
-
-    Parameters
-    ----------
-    changes : mapping
-        Name of the submission's folder -> what changes for it.
-    """
+    """Print who changes, by how much, and in which criterion and check; those that change most come first."""
     found = {name: each for name, each in changes.items() if each.matters}
     reworded = sum(each.words and not each.matters for each in changes.values())
     words = f", {reworded} only in words" if reworded else ""

@@ -53,13 +53,7 @@ _TASKS: Mapping[Need, tuple[str, str, Badge]] = {
 
 
 def render(summary: ClassSummary, *, anonymous: bool = False) -> str:
-    """Return the class page as HTML; equal arguments give equal bytes.
-
-    Parameters
-    ----------
-    anonymous : bool
-        Whether names were replaced by pseudonyms, which the page then says.
-    """
+    """Return the class page as HTML, which says whether names were replaced; equal arguments give equal bytes."""
     needs = {todo.need: _TASKS[todo.need] for todo in summary.todos}
     rows = range(len(summary.rows))
     return render_page(

@@ -18,17 +18,7 @@ def render(
     sessions: Mapping[str, SessionRecord],
     submission: SubmissionRecord,
 ) -> str:
-    """Return the report as a page of HTML; equal arguments give equal bytes.
-
-    Parameters
-    ----------
-    figures : mapping
-        Criterion id -> what is shown beside its checks.
-    sessions : mapping
-        Session name -> its record.
-    submission : SubmissionRecord
-        Whose texts are quoted where a finding points at a line.
-    """
+    """Return the report as a page of HTML, with figures by the criterion's id; equal arguments give equal bytes."""
     anchors = views.anchors_of(sessions)
     return render_page(
         "report.html.j2",

@@ -24,15 +24,7 @@ _FOLDER = Path(__file__).parent / "templates"
 
 
 def render_page(name: str, styles: tuple[str, ...], script: str, **values: Any) -> str:
-    """Return a page; equal arguments give equal bytes.
-
-    Parameters
-    ----------
-    name, styles, script : str
-        Files in the folder of templates: the page, its style sheets one after the other, and its script.
-    values
-        What the template shows.
-    """
+    """Return a page, made of files in the folder of templates; equal arguments give equal bytes."""
     page = _template(name, styles, script).render(**values)
     # A lone surrogate cannot be written; all that is shown was cleaned of them, so this changes nothing.
     return page.encode("utf-8", "replace").decode("utf-8")

@@ -24,13 +24,7 @@ _NOTABLE_S = 0.05
 
 
 class ProgressDisplay(Live):
-    """Shows each session and what it waits for; on a terminal in place, else a line when a session ends.
-
-    Parameters
-    ----------
-    sessions : sequence of str
-        In the order in which they are shown.
-    """
+    """Shows each session, in order, and what it waits for; on a terminal in place, else a line when a session ends."""
 
     def __init__(self, console: Console, submission: str, sessions: Sequence[str]) -> None:
         self._console = console

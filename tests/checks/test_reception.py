@@ -213,6 +213,14 @@ def test_a_known_mistake_in_the_series_is_named(tmp_path: Path) -> None:
     assert finding.reason.endswith("right is 0.5000. These numbers fit all errors so far.")
 
 
+def test_a_factor_that_the_rubric_knows_is_named(tmp_path: Path) -> None:
+    """The root of the sum in place of the mean earns nothing, and is called that."""
+    wanted = {**SERIES, "alternatives": [{"parameters": {"scale": 2.645751}, "meaning": "the root of the sum"}]}
+    finding = judged("reported_series", wanted, with_reports(*stimulus(tmp_path), factor=7**0.5))
+    assert finding.outcome is Outcome.FAILED
+    assert finding.reason.endswith("These numbers fit the root of the sum.")
+
+
 def test_a_right_series_is_no_known_mistake(tmp_path: Path) -> None:
     """What is right passes whatever alternatives there are."""
     wanted = {**SERIES, "alternatives": [{"parameters": {}, "meaning": "what is right", "credit": 0}]}

@@ -491,6 +491,15 @@ def test_a_motion_ten_times_too_fast_is_named(tmp_path: Path) -> None:
     assert "frequency 2.000 Hz (wanted 0.5 and 0.2 Hz)" in finding.reason
 
 
+def test_a_slip_that_the_rubric_knows_is_named(tmp_path: Path) -> None:
+    """What a factor on the amplitude means is said where it fits, and not elsewhere."""
+    times = evenly(100, 6.0)
+    rows = [[row[0] * 57.29578, *row[1:]] for row in motion(np.arange(len(times)) * 0.01)]
+    wanted = {**MOTION, "slips": [{"amplitude": 57.29578, "meaning": "It is in degrees."}]}
+    finding = judged("sinusoids", wanted, published(tmp_path, times, rows))
+    assert finding.reason.count("It is in degrees.") == 1
+
+
 def test_an_offset_is_a_mistake_and_is_named(tmp_path: Path) -> None:
     """A sinusoid that does not swing about zero loses points, and the reason says why."""
     finding = moving(tmp_path, offset=0.2)

@@ -146,15 +146,7 @@ class Executor:
     # -- visiting -----------------------------------------------------------------------------
 
     def visit_all(self, entities: Any, context: Any, parent: Any, depth: int = 0) -> None:
-        """Visit entities, and what they yield, in order.
-
-        Raises
-        ------
-        LimitExceededError
-            They are nested without end, or there are too many.
-        AttributeError
-            One of them is no entity.
-        """
+        """Visit entities, and what they yield, in order."""
         from launch import LaunchDescriptionEntity
 
         if depth > DEPTH_LIMIT:
@@ -308,13 +300,7 @@ class Executor:
         self.note("arguments", entry, action)
 
     def enter(self, action: Any, context: Any) -> None:
-        """Note the launch file that `IncludeLaunchDescription` includes.
-
-        Raises
-        ------
-        LimitExceededError
-            It includes itself without end.
-        """
+        """Note the launch file that `IncludeLaunchDescription` includes."""
         if action is self._top:
             return
         file = str(Path(action.launch_description_source.location).absolute())
@@ -381,13 +367,7 @@ class Executor:
         self.note("not_started", {"what": "OpaqueCoroutine", "why": "coroutines are not evaluated"}, action)
 
     def follow_sim_time(self, action: Any, context: Any) -> None:
-        """Warn of `SetUseSimTime`, of which no node gets anything.
-
-        Raises
-        ------
-        RuntimeError
-            It is to end simulation time, which it cannot.
-        """
+        """Warn of `SetUseSimTime`, of which no node gets anything."""
         from launch.utilities.type_utils import perform_typed_substitution
 
         if not perform_typed_substitution(context, action.value, bool):
@@ -398,15 +378,7 @@ class Executor:
     # -- processes ----------------------------------------------------------------------------
 
     def start(self, action: Any, context: Any) -> None:
-        """Note the process that `ExecuteLocal` would start, and play its start and its end.
-
-        Raises
-        ------
-        RuntimeError
-            The same action has started a process before.
-        LimitExceededError
-            There are too many processes.
-        """
+        """Note the process that `ExecuteLocal` would start, and play its start and its end."""
         from launch.event_handlers import OnProcessExit
         from launch.events.process import ProcessExited, ProcessStarted
 

@@ -17,19 +17,7 @@ from .processes import text_of
 def evaluate(file: str, arguments: dict[str, Any], root: str) -> dict[str, Any]:
     """Evaluate a launch file as `ros2 launch FILE name:=value` would, without starting anything.
 
-    Parameters
-    ----------
-    file : str
-        Path of the launch file.
-    arguments : dict
-        Value by name.
-    root : str
-        Folder of the submission; lines are reported of the files in it.
-
-    Returns
-    -------
-    dict
-        The plan, ready for JSON.
+    Takes the path of the launch file, values by name, and the folder of the submission; returns the plan for JSON.
     """
     from launch import LaunchContext
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import difflib
 import itertools
-import os
 import re
 import sys
 import traceback
@@ -27,7 +26,6 @@ SUBSTITUTION_AS_TEXT = re.compile(r"<launch(_ros)?\.(substitutions|parameter_des
 
 #: Programs that come with ROS or a simulator, and are not where this is evaluated.
 _ROS_PROGRAMS = ("xacro", "ros2", "rviz2", "colcon", "gz", "ign", "gazebo", "gzserver", "gzclient", "check_urdf")
-_HAD_PREFIX = bool(os.environ.get("AMENT_PREFIX_PATH"))  # which the launch file may have taken away
 _NOT_HERE = ("unsupported", "missing_module", "missing_package", "missing_program")
 
 Described = tuple[str, str, str]
@@ -112,17 +110,7 @@ def relative(path: str, root: str) -> str:
 def problem_of(
     error: BaseException, root: str, file: str, configurations: Mapping[str, Any]
 ) -> tuple[str, dict[str, Any]]:
-    """The outcome (`error` or `not_assessable`) and the problem of an exception.
-
-    Parameters
-    ----------
-    error : BaseException
-        What the evaluation raised.
-    root, file : str
-        The submission's folder, and the launch file in it.
-    configurations : mapping
-        The launch configurations when it was raised.
-    """
+    """The outcome (`error` or `not_assessable`) and the problem of an exception that the evaluation raised."""
     while type(error).__name__ == "InvalidLaunchFileError" and error.__cause__ is not None:
         error = error.__cause__  # the original tries all formats, and says what came of each
     try:
@@ -142,7 +130,7 @@ def problem_of(
     }
     if kind in _NOT_HERE:
         problem["module"] = getattr(error, "name", None) or ""
-    return ("not_assessable" if kind in (*_NOT_HERE, "no_prefix") else "error"), problem
+    return ("not_assessable" if kind in _NOT_HERE else "error"), problem
 
 
 def _in_markup(remedy: str, file: str) -> str:
@@ -304,12 +292,6 @@ def _exit(error: Any, _: str) -> Described:
     return "exits", "the launch file ends the whole program", "Remove the call of exit()."
 
 
-def _no_prefix(error: Any, _: str) -> Described | None:
-    if "AMENT_PREFIX_PATH" not in str(error) or _HAD_PREFIX:
-        return None
-    return "no_prefix", "the evaluation has no ROS packages to look into", "Set AMENT_PREFIX_PATH."
-
-
 _BY_TYPE: list[tuple[Any, Callable[[Any, str], Described | None]]] = [
     (SyntaxError, _syntax),
     (ImportError, _import),
@@ -318,7 +300,6 @@ _BY_TYPE: list[tuple[Any, Callable[[Any, str], Described | None]]] = [
     (KeyError, _package),
     (FileNotFoundError, _file),
     (IsADirectoryError, _folder),
-    (OSError, _no_prefix),
     (SystemExit, _exit),
     (Exception, _not_found),
 ]

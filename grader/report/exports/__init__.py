@@ -22,16 +22,9 @@ __all__ = ["EXPORTS", "Export", "render_export"]
 
 @dataclass(frozen=True)
 class Export:
-    """A form of the result that another system reads.
+    """A form of the result that another system reads, and the environment's variables that it needs.
 
-    Attributes
-    ----------
-    file_name : str
-        Under which it is written into the results folder, if no other is given.
-    render : callable
-        Takes the result and the environment's variables.
-    variables : tuple of str
-        The variables that it needs.
+    It is written into the results folder under `file_name` if no other is given.
     """
 
     name: str
@@ -41,13 +34,7 @@ class Export:
     variables: tuple[str, ...] = ()
 
     def require_variables(self, environment: Mapping[str, str]) -> None:
-        """Raise if a variable is not set that this form needs.
-
-        Raises
-        ------
-        GraderError
-            With those that are not set.
-        """
+        """Raise GraderError if a variable is not set that this form needs."""
         missing = [name for name in self.variables if not environment.get(name)]
         if missing:
             raise GraderError(
@@ -83,21 +70,9 @@ EXPORTS: Mapping[str, Export] = {
 def render_export(
     name: str, result: Result, *, path_prefix: str = "", environment: Mapping[str, str] | None = None
 ) -> str:
-    """Return a result in another system's form.
+    """Return a result in another system's form; raises GraderError if that needs a variable that is not set.
 
-    Parameters
-    ----------
-    name : str
-        A key of `EXPORTS`.
-    path_prefix : str
-        Folder of the submission in its repository.
-    environment : mapping
-        Variables of the process that grades; none by default.
-
-    Raises
-    ------
-    GraderError
-        If the form needs a variable that is not set.
+    `path_prefix` is the submission's folder in its repository.
     """
     export, variables = EXPORTS[name], environment or {}
     export.require_variables(variables)

@@ -24,14 +24,9 @@ _LONGEST_NAME = 4096
 
 @dataclass(frozen=True)
 class SourceLocation:
-    """A line of a file of the student's repository.
+    """A line of a file of the student's repository, counted from 1; 1 where only the file is known.
 
-    Attributes
-    ----------
-    path : str
-        Relative to the repository, with `/`, never out of it; without characters that cannot be shown.
-    line : int
-        Counted from 1; 1 where only the file is known.
+    The path never leads out of the repository, and has no characters that cannot be shown.
     """
 
     path: str
@@ -42,16 +37,8 @@ class SourceLocation:
 class GradedCheck(CheckResult):
     """A check with what a person decided of it.
 
-    Attributes
-    ----------
-    undecided : Decimal
-        Points that nobody has decided, neither the recording nor a person.
-    given : Decimal
-        What a person's decision added to this check's points.
-    open : bool
-        Whether something of it is undecided.
-    location : SourceLocation or None
-        The first place of its proof that is a file.
+    `undecided` are the points that nobody has decided, `given` those that a person's decision added, and `location` is
+    the first place of its proof that is a file.
     """
 
     given: Decimal = Decimal(0)
@@ -104,13 +91,7 @@ class Graded(Result):
 
 
 def graded(result: Result, path_prefix: str = "") -> Graded:
-    """Return what the exports show of a result.
-
-    Parameters
-    ----------
-    path_prefix : str
-        Folder of the submission in its repository; empty if it is the repository itself.
-    """
+    """Return what the exports show of a result; `path_prefix` is the submission's folder in its repository, if any."""
     by_hand = [each for each in result.adjustments if each.kind in BY_HAND]
     excused = {each.what for each in by_hand if each.kind is AdjustmentKind.EXCUSED}
     open_ids = {check.id for check in result.open_checks}

@@ -21,9 +21,10 @@ needs_the_original = pytest.mark.skipif(
     not (ORIGINAL / "launch").is_dir(), reason=f"the real launch is not at {ORIGINAL} (REAL_LAUNCH names another place)"
 )
 
-# Each request is evaluated in a child of its own, so that they share nothing but the imports.
+# Each request is evaluated in a child of its own, so that they share nothing but the imports; the original reads its
+# grammar and its extensions once for all of them. Nobody waits for a file that sleeps: its plan is the same.
 _BATCH = """
-import importlib.util, json, os, signal, sys, warnings
+import importlib.util, json, os, signal, sys, time, warnings
 warnings.simplefilter("ignore")
 spec = importlib.util.spec_from_file_location("evaluate", sys.argv[1])
 script = importlib.util.module_from_spec(spec)
@@ -31,6 +32,11 @@ spec.loader.exec_module(script)
 sys.path.insert(0, sys.argv[2])
 evaluate = script.evaluation(native=sys.argv[3] == "native")
 import yaml, launch, launch_ros.actions
+if hasattr(launch.frontend.Parser, "load_launch_extensions"):
+    launch.frontend.Parser.load_launch_extensions()
+    launch.frontend.Parser.load_parser_implementations()
+    launch.frontend.parse_substitution.parse_substitution("text")
+time.sleep = lambda seconds, sleep=time.sleep: sleep(min(seconds, 0.05))
 for request in json.load(sys.stdin):
     if os.fork() == 0:
         signal.alarm(10)

@@ -1162,6 +1162,12 @@ SLIPS = [
         for name, (text, kind, line, said) in _WHOLE.items()
     ),
     Case(
+        "the sub-modules of launch are among all that it shows",
+        "from launch import *\ndef generate_launch_description():\n"
+        "    return LaunchDescription([actions.ExecuteProcess(cmd=['true'], name='t')])\n",
+        {"outcome": "ok", "processes.0.line": 3},
+    ),
+    Case(
         "a module of the submission's own package",
         "from robot.parts import generate_launch_description\n",
         {"outcome": "ok", "processes.0.name": "n1"},

@@ -11,9 +11,7 @@ from ._base import (
     Event,
     InvalidLaunchFileError,
     LaunchDescriptionEntity,
-    SomeEntitiesType,
     SomeEntitiesType_types_tuple,
-    SomeSubstitutionsType,
     SomeSubstitutionsType_types_tuple,
     Substitution,
 )

@@ -228,7 +228,6 @@ class Located:
         return f"{type(self).__name__}()"
 
     def described(self, field: str) -> str:
-        """A field for people."""
         return " + ".join(sub.describe() for sub in self.given[field])
 
 
@@ -333,12 +332,7 @@ def _words(subs: list[Any]) -> str:
 class Condition(Located):
     """Decides whether an action is carried out."""
 
-    predicate = Field(None)
-
-    def made(self) -> None:
-        """Refuse what cannot be called."""
-        if self.predicate is not None and not callable(self.predicate):
-            raise TypeError(f"a condition's predicate must be callable, not {type(self.predicate).__name__}")
+    predicate = Field(None, types=(Callable, type(None)))
 
     def holds(self, context: Any) -> bool:
         """What the predicate says."""
@@ -381,7 +375,6 @@ class Action(LaunchDescriptionEntity):
         return cls, read_element(cls, entity, parser)
 
     def get_sub_entities(self) -> list[Any]:
-        """Entities inside this action."""
         return []
 
     def describe_sub_entities(self) -> list[Any]:
@@ -419,9 +412,7 @@ class Event(Located):
     name: Any = property(lambda self: f"{type(self).__module__}.{type(self).__name__}")
 
 
-SomeSubstitutionsType = Any
 SomeSubstitutionsType_types_tuple = (str, Path, Substitution, collections.abc.Iterable)
-SomeEntitiesType = Any
 SomeEntitiesType_types_tuple = (LaunchDescriptionEntity, collections.abc.Iterable)
 
 
@@ -446,21 +437,19 @@ _KIND_OF_ARGUMENT = {
     "parameters": "parameters_not_list",
     "param_file": "bad_parameter_value",
     "value": "bad_parameter_value",
+    "text": "bad_text",
 }
 
 
 def isclassinstance(obj: Any) -> bool:
-    """Whether `obj` is an instance of a class, as anything is."""
     return hasattr(obj, "__class__")
 
 
 def is_a(obj: Any, entity_type: type) -> bool:
-    """Whether `obj` is an instance of a type."""
     return isinstance(obj, entity_type)
 
 
 def is_a_subclass(obj: Any, entity_type: type) -> bool:
-    """Whether `obj` is an instance of a type, or a class below it."""
     try:
         return isinstance(obj, entity_type) or issubclass(obj, entity_type)
     except TypeError:

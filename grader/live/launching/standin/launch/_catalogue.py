@@ -43,9 +43,10 @@ class PublicModule(ModuleType):
         title = self.__name__
         parent = title.rpartition(".")[0]
         known = _jazzy.NAMES.get(title) or _jazzy.NAMES.get(parent, ())
+        inner = _jazzy.SUBMODULES.get(title, ())
         if name == "__all__":
-            return known
-        if name in _jazzy.SUBMODULES.get(title, ()):
+            return [*known, *(each for each in inner if f"{title}.{each}" in _jazzy.NAMES)]
+        if name in inner:
             return importlib.import_module(f"{title}.{name}")
         for home in () if "__file__" in vars(self) else (parent, *_USED):
             if name in _jazzy.NAMES.get(home, ()) and name in vars(held := importlib.import_module(home)):

@@ -16,19 +16,7 @@ _executor = shared("executor")
 def evaluate(file: str, arguments: dict[str, Any], root: str) -> Any:
     """Evaluate a launch file as `ros2 launch FILE name:=value` would, without starting anything.
 
-    Parameters
-    ----------
-    file : str
-        Path of the launch file.
-    arguments : dict
-        Value by name, as given on the command line.
-    root : str
-        Folder of the submission; lines are reported of the files in it.
-
-    Returns
-    -------
-    dict
-        The plan, ready for JSON.
+    Takes the path of the launch file, values by name, and the folder of the submission; returns the plan for JSON.
     """
     context = LaunchContext()
     context.session = _executor.Executor(root)
@@ -51,15 +39,11 @@ class _Locals:
 
 
 class Configurations(dict[str, Any]):
-    """Launch configurations by name."""
-
     def __missing__(self, key: str) -> Any:
         raise KeyError(f"launch configuration '{key}' does not exist")
 
 
 class LaunchContext:
-    """The state of a launch."""
-
     def __init__(self, *, argv: list[str] | None = None, noninteractive: bool = False) -> None:
         self.argv = argv or []
         self.noninteractive = noninteractive

@@ -39,7 +39,6 @@ class LaunchDescription(LaunchDescriptionEntity):
 
     @property
     def deprecated(self) -> bool:
-        """Whether it should no longer be used."""
         return self.deprecated_reason is not None
 
     def visit(self, context: Any) -> list[Any]:
@@ -52,12 +51,9 @@ class LaunchDescription(LaunchDescriptionEntity):
         return self.entities
 
     def add_entity(self, entity: Any) -> None:
-        """Add an entity."""
         self.entities.append(entity)
 
-    def add_action(self, action: Any) -> None:
-        """Add an action."""
-        self.add_entity(action)
+    add_action = add_entity
 
     def get_launch_arguments(self, conditional_inclusion: bool = False) -> list[Any]:
         """The arguments that can be found without launching."""
@@ -140,7 +136,6 @@ class LaunchDescriptionSource(Located):
             return None
 
     def get_launch_description(self, context: Any) -> Any:
-        """The description."""
         if self.__expanded is None:
             self.location = self.__expanded = perform_substitutions(context, self.__path)
         known = self.launch_description

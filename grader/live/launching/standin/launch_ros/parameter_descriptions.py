@@ -15,7 +15,6 @@ from launch._base import (
     SubstitutionFailure,
     Text,
     Typed,
-    ensure_argument_type,
     normalize_to_list_of_substitutions,
     perform_substitutions,
 )
@@ -65,13 +64,8 @@ class ParameterFile(Located):
         types=(*SomeSubstitutionsType_types_tuple, os.PathLike, bytes),
         remedy="Let each item of parameters be a dict or the path of a file.",
     )
-    allow_substs = Typed(False, kind=bool)
-
-    def __init__(self, param_file: Any, *, allow_substs: Any = False) -> None:
-        if not isinstance(allow_substs, list):  # substitutions are what XML and YAML give
-            remedy = "Write allow_substs=True, or leave it out."
-            ensure_argument_type(allow_substs, bool, "allow_substs", "ParameterFile", remedy)
-        super().__init__(param_file, allow_substs=allow_substs)
+    # A list of substitutions is what XML and YAML give.
+    allow_substs = Typed(False, kind=bool, types=(bool, list), remedy="Write allow_substs=True, or leave it out.")
 
     def evaluate(self, context: Any) -> Path:
         """The path; of a file with substitutions, that of a copy in which they are resolved."""

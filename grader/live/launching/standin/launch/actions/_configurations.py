@@ -32,8 +32,6 @@ def _choices(entity: Any, parser: Any) -> Any:
 
 @expose_action("arg")
 class DeclareLaunchArgument(Action):
-    """Declares an argument of the launch file."""
-
     name = Field(positional=POSITIONAL, attribute="name")
     default_value = Text(None, attribute="default")
     description: Any = Field(None, attribute="description")
@@ -83,28 +81,20 @@ class _OnNameAndValue(_OnName):
 
 @expose_action("let")
 class SetLaunchConfiguration(_OnNameAndValue):
-    """Sets a launch configuration."""
-
     def execute(self, context: Any) -> None:
         context.launch_configurations[self.text("name", context)] = self.text("value", context)
 
 
 class UnsetLaunchConfiguration(_OnName):
-    """Removes a launch configuration."""
-
     def execute(self, context: Any) -> None:
         context.launch_configurations.pop(self.text("name", context), None)
 
 
 class PushLaunchConfigurations(Action):
-    """Begins a scope of launch configurations."""
-
     performs = "_push_launch_configurations"
 
 
 class PopLaunchConfigurations(Action):
-    """Ends a scope of launch configurations."""
-
     performs = "_pop_launch_configurations"
 
 
@@ -114,8 +104,6 @@ def _kept(entity: Any, parser: Any) -> Any:
 
 @expose_action("reset")
 class ResetLaunchConfigurations(Action):
-    """Removes all launch configurations but those given."""
-
     launch_configurations = Field(None, POSITIONAL, nested=_kept)
 
     def execute(self, context: Any) -> None:
@@ -138,36 +126,26 @@ def _kept_value(context: Any, value: Any) -> Any:
 
 
 class PushEnvironment(Action):
-    """Begins a scope of environment variables."""
-
     performs = "_push_environment"
 
 
 class PopEnvironment(Action):
-    """Ends a scope of environment variables."""
-
     performs = "_pop_environment"
 
 
 @expose_action("reset_env")
 class ResetEnvironment(Action):
-    """Returns to the environment that the launch began with."""
-
     performs = "_reset_environment"
 
 
 @expose_action("set_env")
 class SetEnvironmentVariable(_OnNameAndValue):
-    """Sets an environment variable for the processes that follow."""
-
     def execute(self, context: Any) -> None:
         context.environment[self.text("name", context)] = self.text("value", context)
 
 
 @expose_action("append_env")
 class AppendEnvironmentVariable(_OnNameAndValue):
-    """Adds to an environment variable for the processes that follow."""
-
     prepend = Typed(False, POSITIONAL, attribute="prepend", kind=bool)
     separator = Text(os.pathsep, POSITIONAL, attribute="separator")
 
@@ -183,8 +161,6 @@ class AppendEnvironmentVariable(_OnNameAndValue):
 
 @expose_action("unset_env")
 class UnsetEnvironmentVariable(_OnName):
-    """Removes an environment variable for the processes that follow."""
-
     def execute(self, context: Any) -> None:
         context.environment.pop(self.text("name", context), None)
 
@@ -236,17 +212,13 @@ def _arguments(entity: Any, parser: Any) -> list[Any]:
 
 @expose_action("include")
 class IncludeLaunchDescription(Action):
-    """Visits another launch description."""
-
-    launch_description_source: Any = Text(positional=POSITIONAL, attribute="file")
+    launch_description_source: Any = Field(positional=POSITIONAL, attribute="file", read=Text.reading)
     launch_arguments: Any = Field(None, nested=_arguments)
 
-    def __init__(self, launch_description_source: Any, *, launch_arguments: Any = None, **kwargs: Any) -> None:
-        source = launch_description_source
-        known = isinstance(source, LaunchDescriptionSource)
-        super().__init__("", **kwargs)
-        self.launch_description_source = source if known else AnyLaunchDescriptionSource(source)
-        self.launch_arguments = () if launch_arguments is None else tuple(launch_arguments)
+    def made(self) -> None:
+        if not isinstance(self.launch_description_source, LaunchDescriptionSource):
+            self.launch_description_source = AnyLaunchDescriptionSource(self.launch_description_source)
+        self.launch_arguments = tuple(self.launch_arguments or ())
 
     def describe(self) -> str:
         return f"IncludeLaunchDescription({self.launch_description_source.location})"

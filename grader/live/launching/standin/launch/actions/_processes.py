@@ -6,6 +6,7 @@ import collections.abc
 import os
 import shlex
 import warnings
+from collections.abc import Callable
 from typing import Any
 
 from .._base import (
@@ -30,8 +31,6 @@ from ..utilities.type_utils import perform_typed_substitution
 
 
 class EmitEvent(Action):
-    """Lets something happen."""
-
     event: Any = Field()
 
     def made(self) -> None:
@@ -46,8 +45,6 @@ class EmitEvent(Action):
 
 @expose_action("shutdown")
 class Shutdown(EmitEvent):
-    """Ends the launch."""
-
     event = None
     reason = Field("reason not given", attribute="reason")
 
@@ -57,24 +54,15 @@ class Shutdown(EmitEvent):
 
 @expose_action("log")
 class LogInfo(Action):
-    """Says something."""
-
     performs = "log"
 
     msg = Text(attribute="message")
 
 
 class OpaqueFunction(Action):
-    """Calls a function of the launch file."""
-
-    function = Field()
+    function = Field(types=Callable, remedy="Give the function itself, without calling it: function=name.")
     args = Field(None, types=(collections.abc.Iterable, type(None)))
     kwargs = Field(None, types=(dict, type(None)))
-
-    def made(self) -> None:
-        if not callable(self.function):
-            remedy = "Give the function itself, without calling it: function=name."
-            raise mistake(TypeError, f"OpaqueFunction needs a function, but {shown(self.function)}", "bad_type", remedy)
 
     def execute(self, context: Any) -> Any:
         return self.function(context, *(self.args or ()), **(self.kwargs or {}))
@@ -85,19 +73,13 @@ class OpaqueCoroutine(Action):
 
     performs = "skip_coroutine"
 
-    coroutine = Field()
+    coroutine = Field(types=Callable)
     args = Field(None)
     kwargs = Field(None)
     ignore_context = Field(False)
 
-    def made(self) -> None:
-        if not callable(self.coroutine):
-            raise TypeError("OpaqueCoroutine needs a coroutine function")
-
 
 class RegisterEventHandler(Action):
-    """Adds an event handler."""
-
     event_handler = Field(positional=POSITIONAL)
 
     def describe_conditional_sub_entities(self) -> list[tuple[str, Any]]:
@@ -112,8 +94,6 @@ class RegisterEventHandler(Action):
 
 
 class UnregisterEventHandler(Action):
-    """Removes an event handler."""
-
     event_handler = Field(positional=POSITIONAL)
 
     def execute(self, context: Any) -> None:
@@ -130,8 +110,6 @@ class _Period(Typed):
 
 @expose_action("timer")
 class TimerAction(Action):
-    """Visits entities after a time."""
-
     performs = "wait"
 
     period = _Period(

@@ -20,8 +20,6 @@ def evaluate_condition_expression(context: Any, expression: Any) -> bool:
 
 
 class IfCondition(Condition):
-    """Holds if its text says so."""
-
     predicate = None
     predicate_expression = Text(positional=POSITIONAL)
 
@@ -33,15 +31,11 @@ class IfCondition(Condition):
 
 
 class UnlessCondition(IfCondition):
-    """Holds if its text says not."""
-
     def holds(self, context: Any) -> bool:
         return not super().holds(context)
 
 
 class LaunchConfigurationEquals(Condition):
-    """Holds if a launch configuration has a value."""
-
     predicate = None
     launch_configuration_name = Field(positional=POSITIONAL)
     expected_value = Text(None, POSITIONAL)
@@ -57,7 +51,5 @@ class LaunchConfigurationEquals(Condition):
 
 
 class LaunchConfigurationNotEquals(LaunchConfigurationEquals):
-    """Holds if a launch configuration has another value."""
-
     def holds(self, context: Any) -> bool:
         return not super().holds(context)

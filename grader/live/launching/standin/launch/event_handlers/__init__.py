@@ -23,7 +23,6 @@ class BaseEventHandler(Located):
         return bool(self.matcher(event))
 
     def describe(self) -> Any:
-        """Text for people, and the entities known beforehand."""
         return type(self).__name__, self._known()
 
     def _known(self) -> list[Any]:
@@ -107,24 +106,18 @@ class _OnEvent(OnActionEventBase):
 
 
 class OnProcessExit(_OnEvent):
-    """Visits entities when a process ends."""
-
     on_exit = Field()
     _follows = "on_exit"
     target_event_cls = ProcessExited
 
 
 class OnProcessStart(_OnEvent):
-    """Visits entities when a process starts."""
-
     on_start = Field()
     _follows = "on_start"
     target_event_cls = ProcessStarted
 
 
 class OnProcessIO(_OnEvent):
-    """Calls functions when a process writes."""
-
     on_stdin = Field(None)
     on_stdout = Field(None)
     on_stderr = Field(None)
@@ -137,16 +130,12 @@ class OnProcessIO(_OnEvent):
 
 
 class OnExecutionComplete(_OnEvent):
-    """Visits entities when an action was carried out."""
-
     on_completion = Field()
     _follows = "on_completion"
     target_event_cls = ExecutionComplete
 
 
 class OnShutdown(BaseEventHandler):
-    """Visits entities when the launch ends."""
-
     matcher = None
     on_shutdown = Field()
 
@@ -159,8 +148,6 @@ class OnShutdown(BaseEventHandler):
 
 
 class OnIncludeLaunchDescription(BaseEventHandler):
-    """Visits a launch description that an event asks for."""
-
     matcher = None
 
     def matches(self, event: Any) -> bool:
@@ -172,10 +159,8 @@ class OnIncludeLaunchDescription(BaseEventHandler):
 
 
 def event_named(event_name: str) -> Callable[[Any], bool]:
-    """A matcher of events by their name."""
     return lambda event: bool(event.name == event_name)
 
 
 def gen_handler(entities: Any) -> Callable[[Any, Any], Any]:
-    """A handler that gives fixed entities."""
     return lambda event, context: entities

@@ -40,7 +40,6 @@ class Parser:
         return parse_if_substitutions(value)
 
     def escape_characters(self, value: Any) -> str:
-        """Remove the backslashes that protect characters."""
         return replace_escaped_characters(str(value))
 
     def condition(self, entity: Entity) -> dict[str, Any]:
@@ -63,7 +62,6 @@ class Parser:
         return found
 
     def parse_action(self, entity: Entity) -> Any:
-        """The action of an element."""
         import launch_ros.actions
 
         with blaming(entity), written_at(*entity.source_line):
@@ -96,5 +94,4 @@ def _action_of(tag: str) -> Any:
 
 
 def instantiate_action(entity: Any, parser: Any) -> Any:
-    """The action of an element."""
     return parser.parse_action(entity)

@@ -112,15 +112,11 @@ class _FileSource(LaunchDescriptionSource):
 
 
 class PythonLaunchDescriptionSource(_FileSource):
-    """A Python launch file."""
-
     def _get_launch_description(self, location: str) -> Any:
         return get_launch_description_from_python_launch_file(location)
 
 
 class FrontendLaunchDescriptionSource(_FileSource):
-    """An XML or YAML launch file."""
-
     parser = Field(None)
 
     def _get_launch_description(self, location: str) -> Any:
@@ -136,7 +132,5 @@ class YAMLLaunchDescriptionSource(FrontendLaunchDescriptionSource):
 
 
 class AnyLaunchDescriptionSource(_FileSource):
-    """A launch file of any format."""
-
     def _get_launch_description(self, location: str) -> Any:
         return get_launch_description_from_any_launch_file(location)

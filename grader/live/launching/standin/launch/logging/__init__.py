@@ -29,7 +29,6 @@ launch_config = LaunchConfig()
 
 
 def get_logger(name: str | None = None) -> Logger:
-    """A logger of Python's own."""
     return logging.getLogger(name)
 
 

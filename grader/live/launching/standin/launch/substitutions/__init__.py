@@ -33,14 +33,7 @@ def _failure(message: str, kind: str, remedy: str) -> Any:
 
 
 class TextSubstitution(Substitution):
-    """A fixed text."""
-
-    text: Any = Field()
-
-    def made(self) -> None:
-        if not isinstance(self.text, str):
-            message = f"TextSubstitution takes a str, but {self.text!r} is of type '{type(self.text).__name__}'"
-            raise mistake(TypeError, message, "bad_text", "Give text.")
+    text: Any = Field(types=str, remedy="Give text.")
 
     def describe(self) -> str:
         return f"'{self.text}'"
@@ -80,8 +73,6 @@ class LaunchConfiguration(Substitution):
 
 @expose_substitution("env")
 class EnvironmentVariable(Substitution):
-    """The value of an environment variable while launching."""
-
     name = Text(positional=POSITIONAL)
     default_value = Text(None)
 
@@ -97,8 +88,6 @@ class EnvironmentVariable(Substitution):
 
 @expose_substitution("find-exec")
 class FindExecutable(Substitution):
-    """Path of a program on the PATH."""
-
     name = Text()
 
     def perform(self, context: Any) -> str:
@@ -132,8 +121,6 @@ class AnonName(Substitution):
 
 
 class LocalSubstitution(Substitution):
-    """A local of the launch context."""
-
     expression = Field(positional=POSITIONAL)
     description = Field(None, POSITIONAL)
 
@@ -208,8 +195,6 @@ class PythonExpression(Substitution):
 
 @expose_substitution("command")
 class Command(Substitution):
-    """The output of a program."""
-
     command = Text(positional=POSITIONAL)
     on_stderr = Text("fail")
 
@@ -252,23 +237,17 @@ class _Local(PathSubstitution):
 
 @expose_substitution("dirname")
 class ThisLaunchFileDir(_Local):
-    """Folder of the launch file that is being read."""
-
     _local = "current_launch_file_directory"
 
 
 @expose_substitution("filename")
 class ThisLaunchFile(_Local):
-    """Path of the launch file that is being read."""
-
     _local = "current_launch_file_path"
 
 
 @expose_substitution("launch_log_dir")
 @expose_substitution("log_dir")
 class LaunchLogDir(PathSubstitution):
-    """Folder of the log files."""
-
     path = None
 
     def perform(self, context: Any) -> str:
@@ -277,8 +256,6 @@ class LaunchLogDir(PathSubstitution):
 
 @expose_substitution("file-content")
 class FileContent(Substitution):
-    """What a file says."""
-
     path = Text(positional=POSITIONAL)
 
     def perform(self, context: Any) -> str:
@@ -315,8 +292,6 @@ class _Logical(Substitution):
 
 @expose_substitution("if")
 class IfElseSubstitution(_Logical):
-    """One of two texts."""
-
     condition = Text(positional=POSITIONAL)
     if_value = Text("", POSITIONAL)
     else_value = Text("", POSITIONAL)
@@ -333,8 +308,6 @@ class IfElseSubstitution(_Logical):
 
 @expose_substitution("not")
 class NotSubstitution(_Logical):
-    """The opposite of a truth value."""
-
     value = Text(positional=POSITIONAL)
     decide = staticmethod(lambda truths: not truths[0])
 
@@ -351,8 +324,6 @@ class AndSubstitution(_Pair):
 
 @expose_substitution("or")
 class OrSubstitution(_Pair):
-    """Whether one of two truth values holds."""
-
     decide = staticmethod(any)
 
 
@@ -374,8 +345,6 @@ class _Several(_Logical):
 
 @expose_substitution("any")
 class AnySubstitution(_Several):
-    """Whether one of several truth values holds."""
-
     decide = staticmethod(any)
 
 
@@ -417,7 +386,5 @@ class EqualsSubstitution(_Logical):
 
 @expose_substitution("not-equals")
 class NotEqualsSubstitution(EqualsSubstitution):
-    """Whether two texts differ."""
-
     def holds(self, context: Any) -> bool:
         return not super().holds(context)

@@ -17,11 +17,6 @@ from .._base import (
 ScalarTypesTuple = (int, float, bool, str)
 ListTypesTuple = (List[int], List[float], List[bool], List[str])  # noqa: UP006
 AllowedTypesTuple = ScalarTypesTuple + ListTypesTuple
-AllowedTypesType = Any
-AllowedValueType = Any
-NormalizedValueType = Any
-SomeValueType = Any
-StrSomeValueType = Any
 
 
 def _unreadable(message: str, raised: type[Exception] = ValueError) -> Any:
@@ -30,7 +25,6 @@ def _unreadable(message: str, raised: type[Exception] = ValueError) -> Any:
 
 
 def is_valid_scalar_type(data_type: Any) -> bool:
-    """Whether a type is one of the four scalar ones."""
     return data_type in ScalarTypesTuple
 
 
@@ -112,7 +106,6 @@ def coerce_to_type(value: str, data_type: Any = None, can_be_str: bool = False) 
 
 
 def coerce_list(value: list[str], data_type: Any = None, can_be_str: bool = False) -> list[Any]:
-    """Read a list of texts as values of one type."""
     ensure_argument_type(value, list, "value", "coerce_list")
     output = [coerce_to_type(item, data_type, can_be_str) for item in value]
     if not is_instance_of_valid_type(output, can_be_str):

@@ -89,13 +89,11 @@ class Node(ExecuteProcess):
 
     @property
     def node_name(self) -> str:
-        """The node's full name."""
         if self.__final_name is None:
             raise RuntimeError("the name of a node is known only once it is executed")
         return self.__final_name
 
     def is_node_name_fully_specified(self) -> bool:
-        """Whether name and namespace are both given."""
         unknown = (self.UNSPECIFIED_NODE_NAME, self.UNSPECIFIED_NODE_NAMESPACE)
         return all(word not in self.node_name for word in unknown)
 

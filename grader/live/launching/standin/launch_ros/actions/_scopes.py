@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from launch._base import POSITIONAL, Action, SubstitutionFailure, Text, Typed, expose_action, mistake
+from launch._base import POSITIONAL, Action, Field, SubstitutionFailure, Text, Typed, expose_action, mistake
 from launch.actions import TimerAction
 
 from ..utilities import (
@@ -21,8 +21,6 @@ from ..utilities import (
 @expose_action("push_ros_namespace")
 @expose_action("push-ros-namespace")
 class PushROSNamespace(Action):
-    """Puts the nodes that follow into a namespace."""
-
     namespace = Text(positional=POSITIONAL, attribute="namespace")
 
     def execute(self, context: Any) -> None:
@@ -47,14 +45,11 @@ def _add(context: Any, kept: str, items: Any) -> None:
 
 @expose_action("set_parameter")
 class SetParameter(Action):
-    """Sets a parameter of the nodes that follow."""
-
     name = Text(positional=POSITIONAL, attribute="name")
-    value: Any = Text(positional=POSITIONAL, attribute="value")
+    value: Any = Field(positional=POSITIONAL, attribute="value", read=Text.reading)
 
-    def __init__(self, name: Any, value: Any, **kwargs: Any) -> None:
-        super().__init__(name, "", **kwargs)
-        self.__parameters = normalize_parameter_dict({tuple(self.name): value})
+    def made(self) -> None:
+        self.__parameters = normalize_parameter_dict({tuple(self.name): self.value})
         self.value = next(iter(self.__parameters.values()))
 
     def execute(self, context: Any) -> None:
@@ -95,8 +90,6 @@ class SetROSLogDir(Action):
 
 @expose_action("set_remap")
 class SetRemap(Action):
-    """Remaps a name in the nodes that follow."""
-
     src = Text(positional=POSITIONAL, attribute="from")
     dst = Text(positional=POSITIONAL, attribute="to")
 

@@ -21,8 +21,6 @@ def _extra(entity: Any, parser: Any) -> Any:
 
 
 class ComposableNode(Located):
-    """A node to be loaded into a container."""
-
     package = Text(attribute="pkg")
     plugin = Text(attribute="plugin")
     name = Text(None, attribute="name")
@@ -42,7 +40,5 @@ class ComposableNode(Located):
 
 
 class ComposableLifecycleNode(ComposableNode):
-    """A lifecycle node to be loaded into a container."""
-
     autostart = Field(False)
     node_autostart = property(lambda self: self.autostart)

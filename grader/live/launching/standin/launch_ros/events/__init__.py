@@ -9,6 +9,5 @@ from . import lifecycle
 
 
 def matches_node_name(node_name: str) -> Callable[[Any], bool]:
-    """A matcher of one node."""
     wanted = node_name if node_name.startswith("/") else f"/{node_name}"
     return lambda action: bool(action.node_name == wanted)

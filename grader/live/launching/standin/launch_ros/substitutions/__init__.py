@@ -23,8 +23,6 @@ class FindPackage(PathSubstitution):
 
 @expose_substitution("find-pkg-prefix")
 class FindPackagePrefix(FindPackage):
-    """Where a package is installed."""
-
     def find(self, package_name: str) -> str:
         from ament_index_python.packages import get_package_prefix
 
@@ -33,8 +31,6 @@ class FindPackagePrefix(FindPackage):
 
 @expose_substitution("find-pkg-share")
 class FindPackageShare(FindPackage):
-    """The share folder of a package."""
-
     def find(self, package_name: str) -> str:
         from ament_index_python.packages import get_package_share_directory
 
@@ -43,8 +39,6 @@ class FindPackageShare(FindPackage):
 
 @expose_substitution("exec-in-pkg")
 class ExecutableInPackage(FindPackagePrefix):
-    """Path of an executable of a package."""
-
     executable = Text(positional=POSITIONAL)
     package = Text(positional=POSITIONAL)
 

@@ -22,12 +22,10 @@ _SCALARS = (str, bool, int, float)
 
 
 def add_node_name(context: Any, node_name: str) -> None:
-    """Note that a node of a name is there."""
     context.extend_globals({"unique_ros_node_names": [*_node_names(context), node_name]})
 
 
 def get_node_name_count(context: Any, node_name: str) -> int:
-    """How often a name of a node has been noted."""
     return _node_names(context).count(node_name)
 
 
@@ -44,7 +42,6 @@ class InvalidNamespaceException(ValueError):
 
 
 def validate_node_name(name: str) -> None:
-    """Check the name of a node."""
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) or len(name) > 255:
         message = (
             f"invalid node name '{name}': it may hold only letters, digits and '_', and may not begin with a digit"
@@ -54,7 +51,6 @@ def validate_node_name(name: str) -> None:
 
 
 def validate_namespace(namespace: str) -> None:
-    """Check an absolute namespace."""
     if namespace != "/" and not re.fullmatch(r"(/[A-Za-z_][A-Za-z0-9_]*)+", namespace):
         message = f"invalid namespace '{namespace}': its parts may hold only letters, digits and '_', "
         message += "may not begin with a digit, and are parted by one '/' each"
@@ -63,17 +59,14 @@ def validate_namespace(namespace: str) -> None:
 
 
 def is_root_namespace(ns: str) -> bool:
-    """Whether it is `/`."""
     return ns == "/"
 
 
 def is_namespace_absolute(ns: str) -> bool:
-    """Whether it begins at the root."""
     return ns.startswith("/")
 
 
 def make_namespace_absolute(ns: str | None) -> str | None:
-    """The namespace, beginning at the root."""
     return ns if ns is None or ns.startswith("/") else "/" + ns
 
 
@@ -89,7 +82,6 @@ def prefix_namespace(base_ns: str | None, ns: str | None) -> str | None:
 
 
 def normalize_remap_rule(remap_rule: Any) -> tuple[list[Substitution], list[Substitution]]:
-    """A remapping as two lists of substitutions."""
     if not isinstance(remap_rule, tuple) or len(remap_rule) != 2:
         why = f"{remap_rule!r:.120} has {len(remap_rule)}" if isinstance(remap_rule, tuple) else shown(remap_rule)
         remedy = "Write a list of tuples: remappings=[('from', 'to')]."
@@ -98,7 +90,6 @@ def normalize_remap_rule(remap_rule: Any) -> tuple[list[Substitution], list[Subs
 
 
 def normalize_remap_rules(remap_rules: Any) -> Iterator[tuple[list[Substitution], list[Substitution]]]:
-    """Remappings as pairs of lists of substitutions."""
     return (normalize_remap_rule(rule) for rule in remap_rules)
 
 
@@ -178,7 +169,6 @@ def evaluate_parameters(context: Any, parameters: Any) -> tuple[Any, ...]:
 
 
 def evaluate_parameter_dict(context: Any, parameters: Any) -> dict[str, Any]:
-    """A normal dict of parameters, resolved."""
     names = {perform_substitutions(context, list(name)): value for name, value in parameters.items()}
     return {name: _evaluate_value(context, name, value) for name, value in names.items()}
 

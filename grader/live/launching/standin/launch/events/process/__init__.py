@@ -10,8 +10,6 @@ from ..._base import Event, Field
 
 
 class RunningProcessEvent(Event):
-    """Something happened to one process."""
-
     action = Field()
     name = Field()
     cmd = Field()
@@ -28,14 +26,10 @@ class ProcessStarted(RunningProcessEvent):
 
 
 class ProcessExited(RunningProcessEvent):
-    """A process ended."""
-
     returncode = Field()
 
 
 class ProcessIO(RunningProcessEvent):
-    """A process wrote or was written to."""
-
     text = Field()
     fd = Field()
 
@@ -45,26 +39,18 @@ class ProcessIO(RunningProcessEvent):
 
 
 class ProcessStdin(ProcessIO):
-    """Text for a process."""
-
     fd = Field(0)
 
 
 class ProcessStdout(ProcessIO):
-    """A process wrote to standard output."""
-
     fd = Field(1)
 
 
 class ProcessStderr(ProcessIO):
-    """A process wrote to standard error."""
-
     fd = Field(2)
 
 
 class ProcessTargetedEvent(Event):
-    """Something is wanted of the processes that match."""
-
     process_matcher = Field()
 
 
@@ -73,8 +59,6 @@ class ShutdownProcess(ProcessTargetedEvent):
 
 
 class SignalProcess(ProcessTargetedEvent):
-    """The processes that match get a signal."""
-
     signal_number = Field()
 
     def made(self) -> None:
@@ -84,15 +68,12 @@ class SignalProcess(ProcessTargetedEvent):
 
 
 def matches_pid(pid: int) -> Callable[[Any], bool]:
-    """A matcher of one process id."""
     return lambda action: bool((action.process_details or {}).get("pid") == pid)
 
 
 def matches_name(name: str) -> Callable[[Any], bool]:
-    """A matcher of one process name."""
     return lambda action: bool((action.process_details or {}).get("name") == name)
 
 
 def matches_executable(name: str) -> Callable[[Any], bool]:
-    """A matcher of one program."""
     return lambda action: bool(action.process_details and action.process_details["cmd"][0].split("/")[-1] == name)

@@ -9,8 +9,6 @@ from launch._base import Event, Field
 
 
 class ChangeState(Event):
-    """Lifecycle nodes are to change their state."""
-
     #: As `lifecycle_msgs/msg/Transition` numbers them: what is asked for, then how each of them can end.
     valid_transitions = frozenset({*range(9), *(tens + how for tens in range(10, 70, 10) for how in range(3))})
 
@@ -23,27 +21,21 @@ class ChangeState(Event):
 
 
 class StateTransition(Event):
-    """A lifecycle node changed its state."""
-
     action = Field()
     msg = Field()
 
     @property
     def transition(self) -> str:
-        """Name of the transition."""
         return str(self.msg.transition.label)
 
     @property
     def start_state(self) -> str:
-        """Name of the state before."""
         return str(self.msg.start_state.label)
 
     @property
     def goal_state(self) -> str:
-        """Name of the state after."""
         return str(self.msg.goal_state.label)
 
 
 def matches_node_name(node_name: str) -> Callable[[Any], bool]:
-    """A matcher of one node."""
     return lambda action: bool(action.node_name == node_name)
