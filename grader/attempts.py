@@ -24,14 +24,9 @@ def retry_undecided(
     record: Callable[[Sequence[str], Path, int, frozenset[str]], None],
     judged: Callable[[], Judgement],
 ) -> Judgement:
-    """Judge recordings, and record sessions again as long as that may decide more.
+    """Judge recordings, and record sessions again, of those chosen, as long as that may decide more.
 
-    Parameters
-    ----------
-    chosen : sequence of str
-        Sessions that may be recorded again.
-    record : callable
-        Records sessions in a folder, as an attempt of this number; told too in which the grader was interfered with.
+    `record` is given the sessions, the folder, the attempt's number, and in which the grader was interfered with.
     """
     judgement = judged()
     disturbed: frozenset[str] = frozenset()

@@ -13,8 +13,6 @@ _LONE = re.compile(r"[\ud800-\udbff](?![\udc00-\udfff])|(?<![\ud800-\udbff])[\ud
 def json_text(value: Any) -> str:
     r"""Return plain data as the text of a JSON file: ASCII, two blanks to a level, a line end at the end.
 
-    Notes
-    -----
     Half of a surrogate pair, as Python makes of a file name that is not UTF-8, could be written as `\ud800`,
     but strict parsers refuse it; it is shown as ⟨U+D800⟩. A number that JSON does not have (infinity, not a
     number) becomes null.

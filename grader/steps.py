@@ -16,17 +16,11 @@ from grader.yaml_with_lines import mistakes_at
 
 
 class Step(Parameters):
-    """Base of the steps.
+    """Base of the steps."""
 
-    Attributes
-    ----------
-    words : str
-        What it does, for the progress display and the report.
-    targets : tuple of str
-        Keys of which exactly one is given; `{key}` and `{target}` in the words are its name and what it holds.
-    """
-
+    #: What it does, for the progress display and the report.
     words: ClassVar[str]
+    #: Keys of which exactly one is given; `{key}` and `{target}` in the words are its name and what it holds.
     targets: ClassVar[tuple[str, ...]] = ()
 
     @model_validator(mode="after")

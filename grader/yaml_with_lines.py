@@ -105,13 +105,7 @@ class Strict(BaseModel):
 
 
 class Mistakes:
-    """Collects mistakes in a file with the line, from 1, of the YAML node that they concern.
-
-    Parameters
-    ----------
-    what : str
-        What the file is, in words, e.g. "the rubric".
-    """
+    """Collects mistakes in a file (in words, e.g. "the rubric") with the line, from 1, of the node they concern."""
 
     def __init__(self, path: Path, what: str, lines: Mapping[Loc, int]) -> None:
         self.path, self.what, self.lines = path, what, lines
