@@ -38,18 +38,12 @@ _GOES_ON = (Outcome.PASSED, Outcome.PARTIAL)
 
 @dataclass(frozen=True)
 class Recordings:
-    """The recordings of one submission.
-
-    Attributes
-    ----------
-    sessions : mapping
-        Session name -> recording, for those that can be judged.
-    problems : tuple of str
-        What is wrong on the grader's side.
-    """
+    """The recordings of one submission."""
 
     submission: SubmissionRecord
+    #: Session name -> recording, for those that can be judged.
     sessions: Mapping[str, Recorded]
+    #: What is wrong on the grader's side.
     problems: tuple[str, ...] = ()
 
 

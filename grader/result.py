@@ -30,14 +30,21 @@ def number(value: Decimal) -> int | float:
     return int(value) if value == value.to_integral_value() else float(value)
 
 
+#: Beyond all points, and all seconds of a session.
+_MOST = 10**9
 _NUMBER = PlainSerializer(number)
 #: Points that somebody has, and the change of points by an adjustment.
-Points = Annotated[Decimal, Field(ge=0), _NUMBER, WithJsonSchema({"type": "number", "minimum": 0})]
-Change = Annotated[Decimal, _NUMBER, WithJsonSchema({"type": "number"})]
+Points = Annotated[Decimal, Field(ge=0, le=_MOST), _NUMBER, WithJsonSchema({"type": "number", "minimum": 0})]
+Change = Annotated[Decimal, Field(ge=-_MOST, le=_MOST), _NUMBER, WithJsonSchema({"type": "number"})]
 #: A share of a check's points, from 0 to 1.
 Credit = Annotated[Decimal, Field(ge=0, le=1), _NUMBER, WithJsonSchema({"type": "number", "minimum": 0, "maximum": 1})]
 #: Seconds since the session's start.
-Seconds = Annotated[float, PlainSerializer(lambda value: round(value, 3)), WithJsonSchema({"type": "number"})]
+Seconds = Annotated[
+    float,
+    Field(ge=-_MOST, le=_MOST),
+    PlainSerializer(lambda value: round(value, 3)),
+    WithJsonSchema({"type": "number"}),
+]
 
 
 class Outcome(str, Enum):
@@ -250,7 +257,7 @@ class Score:
 class SessionProvenance(TypedDict):
     """When a session was recorded, how it was confined, the CPU time in s by role, and process -> limit that it hit."""
 
-    started_ns: int
+    started_ns: Annotated[int, Field(ge=0, lt=2**63)]
     duration_s: float
     isolation: str
     seed: NotRequired[int]

@@ -21,23 +21,16 @@ from grader.result import Finding, Outcome
 
 @dataclass(frozen=True)
 class Check:
-    """A check: its parameters' model and its function, which finds the file of its artifact to be there.
-
-    Attributes
-    ----------
-    by_endpoints : bool
-        Whether it can be passed without all messages of its topics.
-    by_clock : bool
-        Whether what it finds wrong may be so since the system's clock was set at some time in the session, or in the
-        window of the check.
-    seeks : tuple of str
-        Kinds of the endpoints or nodes that its parameters name, where nothing but the graph shows them.
-    """
+    """A check: its parameters' model and its function, which finds the file of its artifact to be there."""
 
     parameters: type[Parameters]
     find: Callable[[Context, Any], Finding]
+    #: Whether it can be passed without all messages of its topics.
     by_endpoints: bool = False
+    #: Whether what it finds wrong may be so since the system's clock was set at some time in the session, or in
+    #: the window of the check.
     by_clock: bool = False
+    #: Kinds of the endpoints or nodes that its parameters name, where nothing but the graph shows them.
     seeks: tuple[str, ...] = ()
 
     def judge(self, context: Context, p: BaseModel) -> Finding:

@@ -19,27 +19,18 @@ from grader.result import Finding, Outcome, Where
 
 @dataclass(frozen=True)
 class Context:
-    """All that a check may look at.
-
-    Attributes
-    ----------
-    recorded : Recorded or None
-        The check's session; None for static checks.
-    sessions : mapping
-        All sessions that were recorded, by name.
-    findings : mapping
-        Findings of the checks before this one, by id.
-    reference_nodes : frozenset of str
-        Fully qualified names of the reference nodes; their endpoints are not the student's.
-    lab_folder : Path
-        Where the rubric's oracles lie.
-    """
+    """All that a check may look at."""
 
     submission: SubmissionRecord
+    #: The check's session; None for static checks.
     recorded: Recorded | None
+    #: All sessions that were recorded, by name.
     sessions: Mapping[str, Recorded]
+    #: Findings of the checks before this one, by id.
     findings: Mapping[str, Finding]
+    #: Fully qualified names of the reference nodes; their endpoints are not the student's.
     reference_nodes: frozenset[str]
+    #: Where the rubric's oracles lie.
     lab_folder: Path
 
     @property
@@ -183,20 +174,14 @@ def graded(
 
 @dataclass(frozen=True)
 class Part:
-    """One of several things that count the same: what it earns, what it is, and why it earns no more.
-
-    Attributes
-    ----------
-    best : float or None
-        The most that it earns as far as the recording and the machine's delays tell; None where that is `share`.
-    doubt : str
-        What keeps it from being decided then.
-    """
+    """One of several things that count the same: what it earns, what it is, and why it earns no more."""
 
     share: float
     text: str = ""
     reason: str = ""
+    #: The most that it earns as far as the recording and the machine's delays tell; None where that is `share`.
     best: float | None = None
+    #: What keeps it from being decided then.
     doubt: str = ""
     hint: str = ""
     where: tuple[Where, ...] = ()

@@ -20,17 +20,11 @@ from grader.recording.told import DIGEST_DIGITS, digest
 
 @dataclass(frozen=True)
 class Authorship:
-    """The messages of a topic, told apart.
+    """The messages of a topic, told apart."""
 
-    Attributes
-    ----------
-    own : Stream
-        Those that the grader's own publishers sent, in the order in which they were received.
-    others_ns : int64[n]
-        When those of other publishers were received, of any type, between the first and the last of `own`.
-    """
-
+    #: Those that the grader's own publishers sent, in the order in which they were received.
     own: Stream
+    #: int64[n]: When those of other publishers were received, of any type, between the first and the last of `own`.
     others_ns: NDArray[np.int64]
 
 

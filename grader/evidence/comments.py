@@ -39,26 +39,18 @@ _FORMULA_NAMES, _PACKAGES, _TYPES = map(words_of, ("formula_names", "imported_pa
 
 @dataclass
 class Comment:
-    """A comment.
+    """A comment."""
 
-    Attributes
-    ----------
-    line, column : int
-        Where it stands; its line counts from 1.
-    body : str
-        All behind its `#`.
-    inline : bool
-        Whether code stands before it on its line.
-    kind : str
-        "explains", "code" (commented-out code), "banner" (rules, headings of a word), "marker" (for tools:
-        shebang, encoding, noqa; licence; a bare TODO), "repeated" (same text as an earlier comment),
-        "echo" (says the code on its line again) or "empty".
-    """
-
+    #: Where it stands; its line counts from 1.
     line: int
     column: int
+    #: All behind its `#`.
     body: str
+    #: Whether code stands before it on its line.
     inline: bool = False
+    #: "explains", "code" (commented-out code), "banner" (rules, headings of a word), "marker" (for tools:
+    #: shebang, encoding, noqa; licence; a bare TODO), "repeated" (same text as an earlier comment), "echo"
+    #: (says the code on its line again) or "empty".
     kind: str = ""
 
     @property

@@ -19,34 +19,23 @@ _MESSAGE_LENGTH = 300
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What went wrong in a process.
+    """What went wrong in a process."""
 
-    Attributes
-    ----------
-    kind : str
-        A slug, e.g. "read-only-property", stable for fixtures and statistics.
-    sentence : str
-        What happened, for a student.
-    remedy : str
-        How to fix it.
-    file, line : str, int or None
-        The deepest line of the submission on the way to the exception.
-    exception_type, message : str
-        As Python printed them; empty where no exception did it.
-    subject : str
-        The name that it is about: a module, a topic, a parameter, an attribute.
-    t_ns : int or None
-        When it was read from the process.
-    """
-
+    #: A slug, e.g. "read-only-property", stable for fixtures and statistics.
     kind: str
+    #: What happened, for a student.
     sentence: str
+    #: How to fix it.
     remedy: str
+    #: The deepest line of the submission on the way to the exception.
     file: str | None = None
     line: int | None = None
+    #: As Python printed them; empty where no exception did it.
     exception_type: str = ""
     message: str = ""
+    #: The name that it is about: a module, a topic, a parameter, an attribute.
     subject: str = ""
+    #: When it was read from the process.
     t_ns: int | None = None
 
 

@@ -36,42 +36,27 @@ _SENTENCE_WORDS = 5
 
 @dataclass(frozen=True)
 class Block:
-    """A piece of a document.
+    """A piece of a document."""
 
-    Attributes
-    ----------
-    kind : str
-        "paragraph", "item" (of a list), "row" (of a table) or "code".
-    text : str
-        Its text; markup inside the line is left as it is, a row's cells are parted by ` | `.
-    line : int
-        Its first line, counted from 1.
-    """
-
+    #: "paragraph", "item" (of a list), "row" (of a table) or "code".
     kind: str
+    #: Its text; markup inside the line is left as it is, a row's cells are parted by ` | `.
     text: str
+    #: Its first line, counted from 1.
     line: int
 
 
 @dataclass(frozen=True)
 class Section:
-    """A heading with what stands below it, up to the next heading of any level.
+    """A heading with what stands below it, up to the next heading of any level."""
 
-    Attributes
-    ----------
-    title : str
-        Empty for what stands above the first heading.
-    level : int
-        From 1; 0 above the first heading.
-    line : int
-        Line of the heading.
-    blocks : list of Block
-        In the order of their lines.
-    """
-
+    #: Empty for what stands above the first heading.
     title: str
+    #: From 1; 0 above the first heading.
     level: int
+    #: Line of the heading.
     line: int
+    #: In the order of their lines.
     blocks: list[Block] = field(default_factory=list)
 
 

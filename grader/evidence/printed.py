@@ -98,18 +98,12 @@ def _report(pattern: str, t_ns: int, text: str) -> Report | None:
 
 @dataclass(frozen=True)
 class PrintedVector:
-    """Numbers that were printed for a label.
-
-    Attributes
-    ----------
-    rounding : float
-        Half a unit of the last place that was printed, 0 where that is coarser than the second.
-    form : str
-        "vector" (behind the label), "table" (a column of one) or "lines" (a number in each of several).
-    """
+    """Numbers that were printed for a label."""
 
     values: tuple[float, ...]
+    #: Half a unit of the last place that was printed, 0 where that is coarser than the second.
     rounding: float = 0.0
+    #: "vector" (behind the label), "table" (a column of one) or "lines" (a number in each of several).
     form: str = "vector"
 
 

@@ -35,21 +35,14 @@ _COMMAND_START = re.compile(r"^[\s>*+-]{0,8}(?:[$#%]\s+)?")
 
 @dataclass(frozen=True)
 class TopicWords:
-    """What a README may call one part of the submission.
+    """What a README may call one part of the submission."""
 
-    Attributes
-    ----------
-    id : str
-        Name of the artifact in the rubric.
-    names : tuple of str
-        Names that mean this part alone: file, executable, node.
-    synonyms : tuple of str
-        What it may be called besides, in any language. A sentence with a name of one part and only synonyms
-        of another is about the first.
-    """
-
+    #: Name of the artifact in the rubric.
     id: str
+    #: Names that mean this part alone: file, executable, node.
     names: tuple[str, ...]
+    #: What it may be called besides, in any language. A sentence with a name of one part and only synonyms of
+    #: another is about the first.
     synonyms: tuple[str, ...] = ()
 
 
@@ -65,23 +58,15 @@ class Passage:
 
 @dataclass(frozen=True)
 class Discussion:
-    """Which concepts are discussed, and how they are weighed against each other.
+    """Which concepts are discussed, and how they are weighed against each other."""
 
-    Attributes
-    ----------
-    discussed : mapping of str to Passage
-        Concepts in the order of the lexicon, each with the first passage that discusses it.
-    related : tuple of Passage
-        Passages that set two or more concepts in relation: with a word of reason or comparison, or at length.
-    strung : tuple of Passage
-        Passages whose words are strung together without sentences, see `lacks_sentences`.
-    words : int
-        Distinct own words of all passages that discuss, besides the concepts' names.
-    """
-
+    #: Concepts in the order of the lexicon, each with the first passage that discusses it.
     discussed: Mapping[str, Passage]
+    #: Passages that set two or more concepts in relation: with a word of reason or comparison, or at length.
     related: tuple[Passage, ...]
+    #: Passages whose words are strung together without sentences, see `lacks_sentences`.
     strung: tuple[Passage, ...]
+    #: Distinct own words of all passages that discuss, besides the concepts' names.
     words: int
 
 

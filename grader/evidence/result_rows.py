@@ -56,24 +56,16 @@ _FIRST_LINES, _LAST_LINES, _HEADER_ABOVE = 20, 40, 60
 
 @dataclass(frozen=True)
 class ResultRow:
-    """What is said of one thing.
+    """What is said of one thing."""
 
-    Attributes
-    ----------
-    t_ns : int
-        When it was read.
-    count : int
-        How many messages.
-    mean_s, max_s : float or None
-        Their latency; None where none is given.
-    rounding_s : float
-        By how much the mean may have been cut when it was printed: 0.4 ms may stand there as 0.
-    """
-
+    #: When it was read.
     t_ns: int
+    #: How many messages.
     count: int
+    #: Their latency; None where none is given.
     mean_s: float | None
     max_s: float | None
+    #: By how much the mean may have been cut when it was printed: 0.4 ms may stand there as 0.
     rounding_s: float = field(default=0.0, compare=False)
 
 

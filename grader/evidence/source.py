@@ -35,33 +35,22 @@ _EMPTY_BLOCK = re.compile(r"expected an indented block after .* on line (\d+)")
 
 @dataclass(frozen=True)
 class Definition:
-    """A module, class, function or method.
+    """A module, class, function or method."""
 
-    Attributes
-    ----------
-    kind : str
-        "module", "class", "function" or "method".
-    name : str
-        Its bare name; a module's is the file's without `.py`.
-    line : int
-        Where it begins.
-    docstring : str or None
-        Its docstring without indentation.
-    public : bool
-        Whether neither its name nor that of what it stands in begins with an underscore, and it is not
-        nested in a function.
-    trivial : bool
-        Whether it needs no explanation: `main`, special methods, bodies of a line or two.
-    owner : str or None
-        Name of the class or function that it stands in.
-    """
-
+    #: "module", "class", "function" or "method".
     kind: str
+    #: Its bare name; a module's is the file's without `.py`.
     name: str
+    #: Where it begins.
     line: int
+    #: Its docstring without indentation.
     docstring: str | None
+    #: Whether neither its name nor that of what it stands in begins with an underscore, and it is not nested in
+    #: a function.
     public: bool
+    #: Whether it needs no explanation: `main`, special methods, bodies of a line or two.
     trivial: bool = False
+    #: Name of the class or function that it stands in.
     owner: str | None = None
 
     @property
@@ -72,26 +61,17 @@ class Definition:
 
 @dataclass(frozen=True)
 class SourceFacts:
-    """What the text of one Python file says.
+    """What the text of one Python file says."""
 
-    Attributes
-    ----------
-    path : str
-        As given to `parse`.
-    definitions : tuple of Definition
-        In the order of their lines, the module first.
-    comments : tuple of Comment
-        All comments, each with what it is worth.
-    code_lines : int
-        Lines with code on them; blank lines, comments and docstrings are none.
-    readable : bool
-        Whether the definitions are known: Python takes the file, or all of it but for a few lines.
-    """
-
+    #: As given to `parse`.
     path: str
+    #: In the order of their lines, the module first.
     definitions: tuple[Definition, ...]
+    #: All comments, each with what it is worth.
     comments: tuple[Comment, ...]
+    #: Lines with code on them; blank lines, comments and docstrings are none.
     code_lines: int
+    #: Whether the definitions are known: Python takes the file, or all of it but for a few lines.
     readable: bool = True
 
     @property
@@ -239,21 +219,14 @@ class Undocumented:
 
 @dataclass(frozen=True)
 class DocstringShare:
-    """How much of a submission's definitions is documented.
+    """How much of a submission's definitions is documented."""
 
-    Attributes
-    ----------
-    share : Decimal
-        Weight of what is documented over weight of what should be, from 0 to 1.
-    documented, needed : int
-        Definitions that should be documented: those that are, and all.
-    undocumented : tuple of Undocumented
-        Definitions that should be documented and are not.
-    """
-
+    #: Weight of what is documented over weight of what should be, from 0 to 1.
     share: Decimal
+    #: Definitions that should be documented: those that are, and all.
     documented: int
     needed: int
+    #: Definitions that should be documented and are not.
     undocumented: tuple[Undocumented, ...]
 
 

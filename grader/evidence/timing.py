@@ -19,35 +19,23 @@ from grader.recording.bag import Stream
 
 @dataclass(frozen=True)
 class Timing:
-    """How a topic was published within a span.
+    """How a topic was published within a span."""
 
-    Attributes
-    ----------
-    rate_hz : float
-        Samples written a second.
-    written : int
-        Samples written, from the sequence numbers.
-    lost : int
-        Samples written but not recorded.
-    intervals_s : float64[n]
-        Times between consecutive samples, without those across a gap.
-    times_ns : int64[n]
-        Source timestamps of the samples that end the intervals.
-    burst_error_hz : float or None
-        Error of the rate where samples come in bursts; None where they do not.
-    arrived : Timing or None
-        The same samples by the times at which the recorder received them.
-    on_the_way_s : float64[n]
-        For each sample the time from its stamp to its arrival.
-    """
-
+    #: Samples written a second.
     rate_hz: float
+    #: Samples written, from the sequence numbers.
     written: int
+    #: Samples written but not recorded.
     lost: int
+    #: float64[n]: Times between consecutive samples, without those across a gap.
     intervals_s: Floats
+    #: int64[n]: Source timestamps of the samples that end the intervals.
     times_ns: Integers
+    #: Error of the rate where samples come in bursts; None where they do not.
     burst_error_hz: float | None = None
+    #: The same samples by the times at which the recorder received them.
     arrived: Timing | None = None
+    #: float64[n]: For each sample the time from its stamp to its arrival.
     on_the_way_s: Floats = field(default_factory=lambda: np.empty(0))
 
     @property

@@ -52,32 +52,21 @@ class Frame:
 
 @dataclass
 class Raised:
-    """One exception as its traceback tells it.
+    """One exception as its traceback tells it."""
 
-    Attributes
-    ----------
-    type : str
-        With its module where Python prints it.
-    message : str
-        All its lines.
-    frames : list of Frame
-        Outermost first.
-    linked : bool
-        Whether it came of the one before it ("direct cause" or "during handling").
-    ignored : bool
-        Whether Python went on regardless ("Exception ignored in").
-    t_ns : int
-        When the line with the type was read.
-    headed : bool
-        Whether "Traceback (most recent call last)" stands above it.
-    """
-
+    #: With its module where Python prints it.
     type: str = ""
+    #: All its lines.
     message: str = ""
+    #: Outermost first.
     frames: list[Frame] = field(default_factory=list)
+    #: Whether it came of the one before it ("direct cause" or "during handling").
     linked: bool = False
+    #: Whether Python went on regardless ("Exception ignored in").
     ignored: bool = False
+    #: When the line with the type was read.
     t_ns: int = 0
+    #: Whether "Traceback (most recent call last)" stands above it.
     headed: bool = False
 
     @property

@@ -23,21 +23,14 @@ _LARGEST = 1e9
 
 @dataclass(frozen=True)
 class Sinusoid:
-    """The sinusoid nearest to a series.
+    """The sinusoid nearest to a series."""
 
-    Attributes
-    ----------
-    amplitude, offset, residual : float
-        In the unit of the series; `residual` is the root mean square of what is left.
-    frequency_hz : float
-    phase : float
-        In rad, at time 0: between -π and π, and 0 for a sine that begins there.
-    """
-
+    #: In the unit of the series; `residual` is the root mean square of what is left.
     amplitude: float
     frequency_hz: float
     offset: float
     residual: float
+    #: In rad, at time 0: between -π and π, and 0 for a sine that begins there.
     phase: float = 0.0
 
 

@@ -121,13 +121,9 @@ class Terms:
     (German compounds); one that ends with `$`, only as a whole word. Blanks, hyphens and underscores in a
     term stand for each other or for nothing. A term of ideographs, or of a script that joins articles and
     particles to its words, is found anywhere.
-
-    Attributes
-    ----------
-    pattern : re.Pattern
-        Matches in folded text; nothing when there is no term.
     """
 
+    #: Matches in folded text; nothing when there is no term.
     pattern: re.Pattern[str]
 
     @classmethod

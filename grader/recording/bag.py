@@ -360,30 +360,20 @@ class TopicInfo:
 
 @dataclass(frozen=True, eq=False)
 class Stream:
-    """All messages of one type on one topic, in the order in which they were received.
+    """All messages of one type on one topic, in the order in which they were received."""
 
-    Attributes
-    ----------
-    topic, topic_type : str
-        `topic_type` is empty if nothing of the topic is in the bag.
-    received_ns : int64[n]
-        When each message was received.
-    source_ns : int64[n]
-        The publisher's DDS source timestamps.
-    sequence : int64[n]
-        Publication sequence numbers; those of several publishers interleave.
-    data : tuple of bytes
-        CDR, with the header of four bytes.
-    definition : MessageDefinition or None
-        The type's definition as the bag has it.
-    """
-
+    #: `topic_type` is empty if nothing of the topic is in the bag.
     topic: str
     topic_type: str
+    #: int64[n]: When each message was received.
     received_ns: Int64s
+    #: int64[n]: The publisher's DDS source timestamps.
     source_ns: Int64s
+    #: int64[n]: Publication sequence numbers; those of several publishers interleave.
     sequence: Int64s
+    #: CDR, with the header of four bytes.
     data: tuple[bytes, ...]
+    #: The type's definition as the bag has it.
     definition: MessageDefinition | None = None
 
     def __len__(self) -> int:

@@ -45,18 +45,12 @@ class DefinitionNotFound(LookupError):
 
 @dataclass(frozen=True)
 class MessageDefinition:
-    """The definition of a message type and of all types in it.
+    """The definition of a message type and of all types in it."""
 
-    Attributes
-    ----------
-    encoding : str
-        "ros2idl", or "ros2msg" in older recordings, as MCAP names them.
-    text : str
-        `ros2idl`: for each type a line of 80 `=`, `IDL: package/folder/Type` and one struct. `ros2msg`: the text of
-        the `.msg` file, then a line of 80 `=`, `MSG: package/Type` and the text for each type it depends on.
-    """
-
+    #: "ros2idl", or "ros2msg" in older recordings, as MCAP names them.
     encoding: Literal["ros2msg", "ros2idl"]
+    #: `ros2idl`: for each type a line of 80 `=`, `IDL: package/folder/Type` and one struct. `ros2msg`: the text
+    #: of the `.msg` file, then a line of 80 `=`, `MSG: package/Type` and the text for each type it depends on.
     text: str
 
     def types(self, topic_type: str) -> Typesdict:

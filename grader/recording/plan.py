@@ -90,27 +90,18 @@ _Remappings = tuple[tuple[_Text, _Text], ...]
 
 @dataclass(frozen=True)
 class Problem:
-    """Why a launch file cannot be launched, or not be assessed.
+    """Why a launch file cannot be launched, or not be assessed."""
 
-    Attributes
-    ----------
-    kind : str
-        A slug, such as `unknown_executable`.
-    message, remedy : str
-        What is wrong, and how to mend it.
-    file : str or None
-        Path relative to the submission.
-    line : int or None
-        Line of `file`, counted from 1.
-    module : str
-        The module that is missing, for a launch file that is not assessable.
-    """
-
+    #: A slug, such as `unknown_executable`.
     kind: str
+    #: What is wrong, and how to mend it.
     message: str
+    #: Path relative to the submission.
     file: str | None = None
+    #: Line of `file`, counted from 1.
     line: _Line | None = None
     remedy: str = ""
+    #: The module that is missing, for a launch file that is not assessable.
     module: str = ""
 
 
@@ -129,19 +120,14 @@ class Argument:
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter (`name`, `value`, `type`) or one file of them (`file`, `content`), in the order given.
-
-    Attributes
-    ----------
-    wildcard : bool
-        It is given on the command line, where it is for any node of the process.
-    """
+    """One parameter (`name`, `value`, `type`) or one file of them (`file`, `content`), in the order given."""
 
     name: str | None = None
     value: _Value = None
     type: str | None = None
     file: str | None = None
     content: _Value = None
+    #: It is given on the command line, where it is for any node of the process.
     wildcard: _Flag = False
 
     def sections(self) -> list[tuple[str, dict[str, Any]]]:
@@ -166,38 +152,22 @@ class Component:
 
 @dataclass(frozen=True)
 class Process:
-    """One process that would be started.
+    """One process that would be started."""
 
-    Attributes
-    ----------
-    id : str
-        Name with a running number, as `ros2 launch` shows it.
-    kind : str
-        `node`, `lifecycle_node`, `container` or `executable`.
-    prefix, path, argv
-        The command line is all three in this order. `{parameters}` in `argv` stands for a folder of the
-        runner's choice that holds `parameter_files`.
-    env, env_unset, env_replaces
-        What differs from the environment of the launch; if `env_replaces`, `env` is all there is.
-    when : mapping or None
-        None: at once. Else what it waits for: `after_s`, `on_start_of`, `on_exit_of`, `on_shutdown`, ...
-    condition_note : str
-        On what condition it was started.
-    parameter_files : mapping
-        Text by file name. Another file of these is meant where a text holds `{parameters}/` and its name.
-    absent : str
-        Why it cannot be started here, through no fault of the launch file's.
-    """
-
+    #: Name with a running number, as `ros2 launch` shows it.
     id: _Path
     path: _Path
+    #: `node`, `lifecycle_node`, `container` or `executable`.
     kind: str = "executable"
     package: str | None = None
     executable: str | None = None
     name: _Path | None = None
     namespace: _Path | None = None
+    #: The command line is all three in this order. `{parameters}` in `argv` stands for a folder of the runner's
+    #: choice that holds `parameter_files`.
     prefix: tuple[_Word, ...] = ()
     argv: tuple[_Word, ...] = ()
+    #: What differs from the environment of the launch; if `env_replaces`, `env` is all there is.
     env: _Environment = field(default_factory=dict)
     env_unset: tuple[_Word, ...] = ()
     env_replaces: _Flag = False
@@ -212,11 +182,15 @@ class Process:
     shell: _Flag = False
     sigterm_timeout_s: _Seconds = 5.0
     sigkill_timeout_s: _Seconds = 5.0
+    #: None: at once. Else what it waits for: `after_s`, `on_start_of`, `on_exit_of`, `on_shutdown`, ...
     when: _Moment | None = None
+    #: On what condition it was started.
     condition_note: str = ""
+    #: Text by file name. Another file of these is meant where a text holds `{parameters}/` and its name.
     parameter_files: _Files = field(default_factory=dict)
     components: tuple[Component, ...] = ()
     autostart: _Flag = False
+    #: Why it cannot be started here, through no fault of the launch file's.
     absent: str = ""
     file: str | None = None
     line: _Line | None = None
@@ -375,26 +349,15 @@ class Note:
 
 @dataclass(frozen=True)
 class Plan:
-    """What a launch file would do.
+    """What a launch file would do."""
 
-    Attributes
-    ----------
-    outcome : str
-        `ok`; `error`: it cannot be launched; `not_assessable`: it cannot be evaluated here, through no
-        fault of its own.
-    problem : Problem or None
-        Why, unless `ok`.
-    configurations : mapping
-        The launch configurations at the end.
-    transitions : tuple of mapping
-        What lifecycle nodes are asked to do: `process`, `transition`, `when`, `file`, `line`.
-    not_started : tuple of mapping
-        What a condition kept back, or what is not evaluated: `what`, `why`, `file`, `line`.
-    """
-
+    #: `ok`; `error`: it cannot be launched; `not_assessable`: it cannot be evaluated here, through no fault of
+    #: its own.
     outcome: Literal["ok", "error", "not_assessable"]
+    #: Why, unless `ok`.
     problem: Problem | None = None
     arguments: tuple[Argument, ...] = ()
+    #: The launch configurations at the end.
     configurations: _Texts = field(default_factory=dict)
     processes: Annotated[tuple[Process, ...], Field(max_length=_MOST_PROCESSES)] = ()
     includes: tuple[Include, ...] = ()
@@ -402,8 +365,10 @@ class Plan:
     warnings: tuple[Note, ...] = ()
     shutdowns: tuple[Mapping[str, Any], ...] = ()
     signals: tuple[Mapping[str, Any], ...] = ()
+    #: What lifecycle nodes are asked to do: `process`, `transition`, `when`, `file`, `line`.
     transitions: tuple[Mapping[str, Any], ...] = ()
     loaded_components: tuple[Mapping[str, Any], ...] = ()
+    #: What a condition kept back, or what is not evaluated: `what`, `why`, `file`, `line`.
     not_started: tuple[Mapping[str, Any], ...] = ()
     parameter_files: _Files = field(default_factory=dict)
 

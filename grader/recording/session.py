@@ -46,68 +46,49 @@ class Usage:
 
 @dataclass
 class MachineSample:
-    """The machine at one time.
-
-    Attributes
-    ----------
-    clock_offset_ns : int
-        The system clock's reading less the monotonic clock's: it changes when the clock is set.
-    stolen_ns : int
-        Time that the host of a virtual machine took from its cores since boot, all cores together.
-    waiting_us : int or None
-        Time since boot in which some process waited for a core (pressure stall information), where it is readable.
-    idle_ns : dict
-        Number of each core -> time since boot in which nothing ran on it.
-    students_ns : int or None
-        CPU time that the student's processes of the session took so far, those included that nobody saw or waited for.
-    """
+    """The machine at one time."""
 
     t_ns: int
+    #: The system clock's reading less the monotonic clock's: it changes when the clock is set.
     clock_offset_ns: int
+    #: Time that the host of a virtual machine took from its cores since boot, all cores together.
     stolen_ns: int = 0
+    #: Time since boot in which some process waited for a core (pressure stall information), where it is
+    #: readable.
     waiting_us: int | None = None
+    #: Number of each core -> time since boot in which nothing ran on it.
     idle_ns: dict[str, int] = field(default_factory=dict)
+    #: CPU time that the student's processes of the session took so far, those included that nobody saw or
+    #: waited for.
     students_ns: int | None = None
 
 
 @dataclass
 class ProcessRun:
-    """One process, from start to exit.
+    """One process, from start to exit."""
 
-    Attributes
-    ----------
-    name : str
-        Unique in the session: the artifact's name, or that of the launched node's process.
-    role : str
-        "student", "reference" or "grader".
-    artifact : str or None
-        The rubric's name of the file that runs, where there is one.
-    exit_status : int or None
-        Exit status; negative for the signal that ended it; None when it had to be given up.
-    ended_by : str
-        "itself", "interrupt" (SIGINT was sent first), "terminate" or "kill" (it did not stop), or "limit".
-    limit : str or None
-        The limit that it hit, whether it was ended for that or not: "memory", "processes", "disk", "files"
-        (their number) or "output".
-    usage : list of Usage
-        Samples over time: CPU time used, and time ready to run but without a core, of all threads together.
-    core, held_ns : int or None
-        The core to which it is held, and since when.
-    """
-
+    #: Unique in the session: the artifact's name, or that of the launched node's process.
     name: str
+    #: "student", "reference" or "grader".
     role: str
     argv: list[str]
+    #: The rubric's name of the file that runs, where there is one.
     artifact: str | None = None
     started_ns: int = 0
     exited_ns: int | None = None
     interrupted_ns: int | None = None
+    #: Exit status; negative for the signal that ended it; None when it had to be given up.
     exit_status: int | None = None
+    #: "itself", "interrupt" (SIGINT was sent first), "terminate" or "kill" (it did not stop), or "limit".
     ended_by: str = "itself"
     output: list[OutputLine] = field(default_factory=list)
     output_dropped_bytes: int = 0
+    #: Samples over time: CPU time used, and time ready to run but without a core, of all threads together.
     usage: list[Usage] = field(default_factory=list)
+    #: The limit that it hit, whether it was ended for that or not: "memory", "processes", "disk", "files"
+    #: (their number) or "output".
     limit: str | None = None
+    #: The core to which it is held, and since when.
     core: int | None = None
     held_ns: int | None = None
 
@@ -173,51 +154,35 @@ class GraphSnapshot:
 
 @dataclass
 class StepRun:
-    """One step of the session as it went.
+    """One step of the session as it went."""
 
-    Attributes
-    ----------
-    kind : str
-        The step's key in the rubric, e.g. "wait_for".
-    label : str or None
-        The step's own label in the rubric, by which checks refer to it.
-    parameters : dict
-        The step's value in the rubric.
-    outcome : str
-        "done", "timeout" (the student's side did not come in time), "cancelled" (the student's processes
-        had ended before it could be done) or "failed".
-    result : dict
-        What the step found; depends on its kind.
-    """
-
+    #: The step's key in the rubric, e.g. "wait_for".
     kind: str
+    #: The step's value in the rubric.
     parameters: dict[str, Any]
+    #: The step's own label in the rubric, by which checks refer to it.
     label: str | None = None
     started_ns: int = 0
     ended_ns: int = 0
+    #: "done", "timeout" (the student's side did not come in time), "cancelled" (the student's processes had
+    #: ended before it could be done) or "failed".
     outcome: str = "done"
+    #: What the step found; depends on its kind.
     result: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass
 class Claim:
-    """What the tap noted in a student's process: a claim by student code, never evidence of behaviour.
-
-    Attributes
-    ----------
-    kind : str
-        "publisher", "subscription", "service", "client", "timer", "parameter", "node".
-    name : str
-        As given in the call (not expanded); period in seconds for a timer.
-    file : str
-        Path relative to the submission's root, or absolute where outside it.
-    """
+    """What the tap noted in a student's process: a claim by student code, never evidence of behaviour."""
 
     process: str
+    #: "publisher", "subscription", "service", "client", "timer", "parameter", "node".
     kind: str
+    #: As given in the call (not expanded); period in seconds for a timer.
     name: str
     node: str = ""
     type: str = ""
+    #: Path relative to the submission's root, or absolute where outside it.
     file: str = ""
     line: int = 0
     qos: Qos | None = None
@@ -226,114 +191,82 @@ class Claim:
 
 @dataclass
 class Trusted:
-    """A process of the grader's with endpoints in the graph, by what it told through its pipe.
+    """A process of the grader's with endpoints in the graph, by what it told through its pipe."""
 
-    Attributes
-    ----------
-    process : str
-        Its name in the session.
-    gid_prefix : str
-        First digits of the gids of all its endpoints: those of its participant, or of its process.
-    """
-
+    #: Its name in the session.
     process: str
+    #: First digits of the gids of all its endpoints: those of its participant, or of its process.
     gid_prefix: str
 
 
 @dataclass
 class Published:
-    """What a process of the grader's published on a topic, as it told through its pipe.
+    """What a process of the grader's published on a topic, as it told through its pipe."""
 
-    Attributes
-    ----------
-    process : str
-        Its name in the session.
-    digests : str
-        `digest` of each message's CDR, one behind the other: that of the message with the publication sequence
-        number n stands at place n, counted from 1.
-    """
-
+    #: Its name in the session.
     process: str
     topic: str
     type: str
+    #: `digest` of each message's CDR, one behind the other: that of the message with the publication sequence
+    #: number n stands at place n, counted from 1.
     digests: str
 
 
 @dataclass
 class Unrecorded:
-    """Messages that the recorder left out: a topic of one type, or what came of it from some time on.
-
-    Attributes
-    ----------
-    t_ns : int
-        When it was left off.
-    messages, size_bytes : int
-        How many were recorded until then, and what they filled.
-    reason : str
-        Why, as a clause.
-    limit : bool
-        Whether it was for a limit of the recording, in bytes or in topics; else it cannot be recorded at all.
-    """
+    """Messages that the recorder left out: a topic of one type, or what came of it from some time on."""
 
     topic: str
     type: str
+    #: When it was left off.
     t_ns: int
+    #: How many were recorded until then, and what they filled.
     messages: int
     size_bytes: int
+    #: Why, as a clause.
     reason: str
+    #: Whether it was for a limit of the recording, in bytes or in topics; else it cannot be recorded at all.
     limit: bool
 
 
 @dataclass
 class SessionRecord:
-    """All of one session but its bag.
-
-    Attributes
-    ----------
-    complete : bool
-        False while it runs, and if the grader was stopped in the midst of it.
-    attempt : int
-        1 for the first recording, more where an earlier one left something undecided.
-    disturbed_before : bool
-        Whether in an earlier recording of this session something was seen that disturbs the grader's own processes.
-    attempts : int
-        How often the session was recorded in all, where this recording was kept of several; see `times_recorded`.
-    problems : list of str
-        The grader's own troubles (a reference node that died, a bag that had to be recovered).
-        They make findings inconclusive, never failed.
-    names : dict
-        Name in the rubric -> name that the student used, where a near miss was found and used.
-    plan : dict or None
-        The plan of a launch file, see `grader.live.launching`.
-    trusted : list of Trusted
-        The grader's own processes in the graph. All other endpoints there are the student's.
-    published : list of Published
-        All that the grader's own processes published.
-    unrecorded : list of Unrecorded
-        What the recorder left out. Whose doing that is, `grader.evidence.unrecorded` tells.
-    """
+    """All of one session but its bag."""
 
     session: str
     schema: str = SESSION_SCHEMA
     seed: int = 0
+    #: 1 for the first recording, more where an earlier one left something undecided.
     attempt: int = 1
+    #: Whether in an earlier recording of this session something was seen that disturbs the grader's own
+    #: processes.
     disturbed_before: bool = False
+    #: How often the session was recorded in all, where this recording was kept of several; see
+    #: `times_recorded`.
     attempts: int = 0
     started_ns: int = 0
     ended_ns: int = 0
+    #: False while it runs, and if the grader was stopped in the midst of it.
     complete: bool = False
     isolation: dict[str, Any] = field(default_factory=dict)
     versions: dict[str, str] = field(default_factory=dict)
+    #: The grader's own troubles (a reference node that died, a bag that had to be recovered). They make
+    #: findings inconclusive, never failed.
     problems: list[str] = field(default_factory=list)
     processes: list[ProcessRun] = field(default_factory=list)
     machine: list[MachineSample] = field(default_factory=list)
     steps: list[StepRun] = field(default_factory=list)
     graph: list[GraphSnapshot] = field(default_factory=list)
+    #: Name in the rubric -> name that the student used, where a near miss was found and used.
     names: dict[str, str] = field(default_factory=dict)
     claims: list[Claim] = field(default_factory=list)
+    #: The plan of a launch file, see `grader.live.launching`.
     plan: dict[str, Any] | None = None
+    #: The grader's own processes in the graph. All other endpoints there are the student's.
     trusted: list[Trusted] = field(default_factory=list)
+    #: All that the grader's own processes published.
     published: list[Published] = field(default_factory=list)
+    #: What the recorder left out. Whose doing that is, `grader.evidence.unrecorded` tells.
     unrecorded: list[Unrecorded] = field(default_factory=list)
 
     @property

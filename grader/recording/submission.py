@@ -26,73 +26,38 @@ class FileFact:
 
 @dataclass
 class ArtifactFact:
-    """Where an artifact of the rubric was found.
-
-    Attributes
-    ----------
-    path : str or None
-        Relative path; None when nothing was found.
-    expected : str
-        The file name that the lab asks for.
-    found_by : str
-        "name" (as asked for), "near miss" (a similar name) or "missing".
-    candidates : list of str
-        Other files that could have been meant.
-    """
+    """Where an artifact of the rubric was found."""
 
     name: str
+    #: The file name that the lab asks for.
     expected: str
+    #: Relative path; None when nothing was found.
     path: str | None = None
+    #: "name" (as asked for), "near miss" (a similar name) or "missing".
     found_by: str = "missing"
+    #: Other files that could have been meant.
     candidates: list[str] = field(default_factory=list)
 
 
 @dataclass
 class PackageFact:
-    """A ROS package in the submission.
-
-    Attributes
-    ----------
-    path : str
-        Folder of its package.xml, relative to the root; "" for the root itself.
-    executables : dict
-        Executable name -> "module:function" or a file's path.
-    shared : dict or None
-        What is installed below `share/`: path below the prefix -> file's path; None if that is not known.
-    problems : list of str
-        What `colcon build` would stumble over, or not install.
-    """
+    """A ROS package in the submission."""
 
     name: str
+    #: Folder of its package.xml, relative to the root; "" for the root itself.
     path: str
     build_type: str
+    #: Executable name -> "module:function" or a file's path.
     executables: dict[str, str] = field(default_factory=dict)
+    #: What is installed below `share/`: path below the prefix -> file's path; None if that is not known.
     shared: dict[str, str] | None = None
+    #: What `colcon build` would stumble over, or not install.
     problems: list[str] = field(default_factory=list)
 
 
 @dataclass
 class SubmissionRecord:
-    """Static facts of one submission.
-
-    Attributes
-    ----------
-    sessions : list of str or None
-        The sessions that were asked for; None for all of the rubric's.
-    submitted_at : str or None
-        When it was handed in, as ISO 8601 with its offset from UTC; None where nobody knows.
-    absent_modules : list of str or None
-        Modules that the submission may import, and that the grader did not find where its programs run; None where
-        it did not look.
-    student_id : str or None
-        By which a grade book knows the student, where a learning-management system or a class list told it.
-    source : str
-        The path that it was found by; empty where nobody knows.
-    lab_folder : str
-        Where the lab was by which it was recorded.
-    lab_files : dict
-        Files that the rubric names -> their hashes.
-    """
+    """Static facts of one submission."""
 
     name: str
     schema: str = SUBMISSION_SCHEMA
@@ -102,12 +67,20 @@ class SubmissionRecord:
     artifacts: list[ArtifactFact] = field(default_factory=list)
     packages: list[PackageFact] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
+    #: The sessions that were asked for; None for all of the rubric's.
     sessions: list[str] | None = None
+    #: When it was handed in, as ISO 8601 with its offset from UTC; None where nobody knows.
     submitted_at: str | None = None
+    #: By which a grade book knows the student, where a learning-management system or a class list told it.
     student_id: str | None = None
+    #: The path that it was found by; empty where nobody knows.
     source: str = ""
+    #: Modules that the submission may import, and that the grader did not find where its programs run; None
+    #: where it did not look.
     absent_modules: list[str] | None = None
+    #: Where the lab was by which it was recorded.
     lab_folder: str = ""
+    #: Files that the rubric names -> their hashes.
     lab_files: dict[str, str] = field(default_factory=dict)
 
     def artifact(self, name: str) -> ArtifactFact | None:

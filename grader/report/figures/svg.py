@@ -31,24 +31,16 @@ Paint = Callable[[int], tuple[float, list[Markup]]]
 
 @dataclass(frozen=True)
 class Figure:
-    """What a part of a report shows: a picture, with or without a table or tree that the template writes.
+    """What a part of a report shows: a picture, with or without a table or tree that the template writes."""
 
-    Attributes
-    ----------
-    caption : str
-        What the picture shows, in words and numbers.
-    key : tuple of (str, str)
-        Style class and meaning of each sort of mark.
-    half : bool
-        Whether two of this kind fit side by side; then it has one form only.
-    table : str
-        The template's macro that writes `content`.
-    """
-
+    #: What the picture shows, in words and numbers.
     caption: str = ""
     paint: Paint | None = None
+    #: Style class and meaning of each sort of mark.
     key: tuple[tuple[str, str], ...] = ()
+    #: Whether two of this kind fit side by side; then it has one form only.
     half: bool = False
+    #: The template's macro that writes `content`.
     table: str = ""
     content: Any = None
     title: str = ""
