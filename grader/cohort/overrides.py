@@ -16,11 +16,11 @@ from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, ValidationError
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, model_validator
 
 from grader.policy import Moment, TimeSpan, parse_time
 from grader.rubric import Rubric
-from grader.yaml_with_lines import Loc, Mistakes, Strict, cannot_be_read, parse_yaml
+from grader.yaml_with_lines import Loc, Mistakes, Strict, cannot_be_read, mistakes_at, parse_yaml
 
 OVERRIDES_FILE = "overrides.yaml"
 #: Stands for all submissions.
@@ -104,18 +104,20 @@ class Override(Strict):
     who: Words
     when: Annotated[str, BeforeValidator(_date)]
 
-    @classmethod
-    def wrong_in(cls, plain: Mapping[str, Any]) -> Iterable[tuple[Loc, str]]:
-        """Say which values are missing, and whether it changes one thing, of what has that."""
-        yield from (((key,), "a value is missing") for key, value in plain.items() if value is None)
-        changes = [name for name in _CHANGES if name in plain]
-        parts = len({"check", "criterion"} & plain.keys())
+    @model_validator(mode="after")
+    def _changes_one_thing(self) -> Override:
+        given = self.model_dump(by_alias=True, include=self.model_fields_set)
+        if empty := [key for key, value in given.items() if value is None]:
+            raise mistakes_at(((key,), "a value is missing") for key in empty)
+        changes = [name for name in _CHANGES if name in given]
+        parts = len({"check", "criterion"} & given.keys())
         if len(changes) != 1:
-            yield (), f"exactly one of {', '.join(_CHANGES)} is needed"
-        elif changes[0] in _OF_A_PART and parts != 1:
-            yield (), f"{changes[0]} needs either a check or a criterion"
-        elif changes[0] not in _OF_A_PART and parts:
-            yield (), f"{changes[0]} is of the whole submission, not of a check or a criterion"
+            raise ValueError(f"exactly one of {', '.join(_CHANGES)} is needed")
+        if changes[0] in _OF_A_PART and parts != 1:
+            raise ValueError(f"{changes[0]} needs either a check or a criterion")
+        if changes[0] not in _OF_A_PART and parts:
+            raise ValueError(f"{changes[0]} is of the whole submission, not of a check or a criterion")
+        return self
 
     def concerns(self, submission: str) -> bool:
         """Whether it is about a submission."""
