@@ -50,6 +50,8 @@ HONEST = "honest"
 CHOSEN = os.environ.get("ATTACKS", "")
 #: Attacks that are graded by one command.
 MOST_IN_BATCH = 6
+#: Each runs as many sessions side by side as the machine takes.
+BATCHES_AT_A_TIME = 2
 #: What one submission may take at most, retries included; a grader that takes longer hangs.
 LONGEST_S = 300.0
 #: A container has a network and process ids of its own, which the cells within share.
@@ -262,7 +264,7 @@ def graded(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
     told = folder / "graded.json"
     # Without root, cells of a plain container share one network with all other such cells of the machine.
     together = batch.environment is Environment.CONTAINER and os.geteuid() != 0
-    with (shared / ("container.lock" if together else f"{batch.name}.lock")).open("w") as lock:
+    with (shared / f"{'container' if together else batch.number % BATCHES_AT_A_TIME}.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not told.exists():
             found = run_batch(batch, folder)
