@@ -105,7 +105,7 @@ WRONG: list[tuple[str, str, str, str]] = [
     ("id: talk.rate", "id: talk.publishes", "id: talk.publishes\n        title: At", "used twice"),
     ("id: talk.rate\n        ", "", "title: At 10 Hz", "this key is missing"),
     ("requires: [talk.publishes]", "requires: [talk.other]", "requires: [talk", "there is no check 'talk.other'"),
-    ("requires: [talk.publishes]", "requires: [talk.rate]", "requires: [talk", "'talk.rate' is no earlier check"),
+    ("requires: [talk.publishes]", "requires: [talk.rate]", "requires: [talk", "'talk.rate' is not an earlier check"),
     ("rate_hz: 10", "rate_hz: ten", "with: {topic: /chat, process", "a number is expected"),
     ("rate_hz: 10", "rate_hz: 0", "with: {topic: /chat, process", "greater than 0"),
     (", rate_hz: 10", "", "with: {topic: /chat, process", "this key is missing"),
@@ -385,11 +385,11 @@ MISTYPED: list[tuple[str, str, str]] = [
     ("title: Rate, session: alone", "title: Rate, session: aline", "no session 'aline'; did you mean 'alone'?"),
     ("requires: [publishes]", "requires: [publish]", "no check 'publish'; did you mean 'publishes'?"),
     ("charged_by: [rate]", "charged_by: [rat]", "no check 'rat'; did you mean 'rate'?"),
-    ("charged_by: [rate]", "charged_by: [ends]", "'ends' is no earlier check"),
+    ("charged_by: [rate]", "charged_by: [ends]", "'ends' is not an earlier check"),
     ("check: ends_by_itself", "check: end_by_itself", "no check 'end_by_itself'; did you mean 'ends_by_itself'?"),
     ("          tolerance: 0.1", "          tolerence: 0.1", "unknown key; did you mean 'tolerance'?"),
     ("- observe: {", "- obseve: {", "did you mean 'observe'?"),
-    ("pattern: '([0-9.]+)'", "pattern: '([0-9.]+'", "no valid regular expression"),
+    ("pattern: '([0-9.]+)'", "pattern: '([0-9.]+'", "not a valid regular expression"),
     ("- start: {student: talk}", "- start: {student: talk, with: {a: 1}}", "only a reference takes it"),
 ]
 
