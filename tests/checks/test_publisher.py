@@ -674,6 +674,6 @@ def test_a_rate_that_just_fails_does_not_read_as_the_one_wanted(tmp_path: Path) 
     strict = {"topic": "/t", "process": "it", "window": "window", "rate_hz": 100, "full_within": "0.01%"}
     finding = judged("topic_rate", {**strict, "zero_beyond": "0.02%"}, session)
     assert finding.outcome is Outcome.FAILED
-    assert "± 0.01%" in finding.expected
+    assert "99.99 to 100.01 Hz" in finding.expected
     assert "100.0 Hz" not in finding.reason
     assert " 0.0%" not in finding.reason
