@@ -11,15 +11,15 @@ from types import FrameType
 
 import pytest
 
-from grader.cmake_script import Installed, installs_of
-from grader.judgement import report_page
-from grader.judging import Recordings, judge, open_recordings
-from grader.live.stage import stage
-from grader.packages import find_packages
+from grader.judging.judge import Recordings, judge, open_recordings
+from grader.judging.judgement import report_page
+from grader.judging.rubrics import read_rubric
+from grader.lab.rubric import Rubric
+from grader.live.session.stage import stage
 from grader.recording.submission import FileFact, SubmissionRecord
 from grader.result import Outcome
-from grader.rubric import Rubric
-from grader.rubrics import read_rubric
+from grader.submission.packages.cmake_script import Installed, installs_of
+from grader.submission.packages.colcon import find_packages
 from tests.hostile_texts import TEXTS
 
 ROOT = Path(__file__).resolve().parents[1]
