@@ -10,9 +10,11 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Iterable
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path, PurePosixPath
 
 from grader.lab.rubric import Rubric
@@ -82,6 +84,8 @@ class _Installation:
     interpreter: str
     size_bytes: int = _MOST_INSTALLED_BYTES
     entries: int = _MOST_INSTALLED
+    #: Many names may stand for one file, in packages within each other too, and it takes long to read.
+    wrappers: dict[tuple[str, str | None], str] = field(default_factory=dict)
 
     def install(self) -> dict[str, str]:
         """Install everything; returns the artifacts' wrappers."""
@@ -138,9 +142,10 @@ class _Installation:
         self._register(package.name)
         for name, target in package.executables.items():
             program = self.folder / "install/lib" / package.name / name
-            text = self._wrapper_of_entry(package, target)
-            if re.fullmatch(r"(?!\.{1,2}$)[\w.+-]{1,200}", name) and self._take_room(program, len(text)):
-                _write(program, text)
+            if re.fullmatch(r"(?!\.{1,2}$)[\w.+-]{1,200}", name) and self._take_room(
+                program, len(_WRAPPER) + 4 * len(target)
+            ):
+                _write(program, self._wrapper_of_entry(package, target))
         all_data = self._all_data(package.name, PurePosixPath(package.path))
         self._share(all_data if package.shared is None else package.shared.items())
 
@@ -179,6 +184,11 @@ class _Installation:
         return self._wrapper(target, PurePosixPath(package.path), module.replace(".", "/") + ".py", run)
 
     def _wrapper_of_file(self, path: str, executable: str | None = None) -> str:
+        if (path, executable) not in self.wrappers:
+            self.wrappers[path, executable] = self._read_wrapper(path, executable)
+        return self.wrappers[path, executable]
+
+    def _read_wrapper(self, path: str, executable: str | None) -> str:
         file = PurePosixPath(path)
         function = function_to_call(self.record.texts.get(path, ""), self._entry_points_of(file, executable))
         root = self._package_root(file)
@@ -193,19 +203,28 @@ class _Installation:
 
     def _entry_points_of(self, path: PurePosixPath, executable: str | None) -> list[str]:
         """Return the functions of a file that entry points of its package name, that of an executable first."""
-        named = []
-        for package in (p for p in self.record.packages if path.is_relative_to(p.path)):
-            module = ".".join(path.relative_to(package.path).with_suffix("").parts)
-            points = sorted(package.executables.items(), key=lambda point: point[0] != executable)
-            targets = [target.split(":") for _, target in points if target.count(":") == 1]
-            named += [function for of_module, function in targets if of_module == module]
+        points = self._entry_points.get(path.with_suffix(""), [])
+        return [function for name, function in sorted(points, key=lambda point: point[0] != executable)]
+
+    @cached_property
+    def _entry_points(self) -> Mapping[PurePosixPath, list[tuple[str, str]]]:
+        """For each module that entry points name: their names and functions."""
+        named = defaultdict(list)
+        for package in self.record.packages:
+            for name, target in package.executables.items():
+                module, colon, function = target.partition(":")
+                if colon:
+                    named[PurePosixPath(package.path, *module.split("."))].append((name, function))
         return named
+
+    @cached_property
+    def _files(self) -> frozenset[str]:
+        return frozenset(file.path for file in self.record.files)
 
     def _package_root(self, path: PurePosixPath) -> PurePosixPath:
         """Folder from which the file's Python package is imported; its own for a file that stands alone."""
-        files = {f.path for f in self.record.files}
         root = path.parent
-        while root.parts and str(root / "__init__.py") in files:
+        while root.parts and str(root / "__init__.py") in self._files:
             if not all(part.isidentifier() for part in (root.name, path.stem)):
                 return path.parent
             root = root.parent

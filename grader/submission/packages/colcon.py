@@ -205,7 +205,7 @@ def _read_cmake(package: PackageFact, texts: dict[str, str], inside: list[str]) 
 def _take_all(package: PackageFact, what: str, inside: list[str]) -> None:
     """Take each Python file for an executable where nobody can say which are, and note it."""
     package.problems.append(f"{what} in a way that the grader does not follow; it takes every Python file for one")
-    for path in (PurePosixPath(p) for p in inside):
-        if path.suffix == ".py" and path.name not in ("setup.py", "__init__.py") and not is_launch_file(path.name):
-            package.executables.setdefault(path.name, _inside(package.path, str(path)))
-            package.executables.setdefault(path.stem, _inside(package.path, str(path)))
+    files = [PurePosixPath(path) for path in inside if path.endswith(".py") and not is_launch_file(path)]
+    for path in [file for file in files if file.name not in ("setup.py", "__init__.py")][:_MOST_SCRIPTS]:
+        package.executables.setdefault(path.name, _inside(package.path, str(path)))
+        package.executables.setdefault(path.stem, _inside(package.path, str(path)))
