@@ -74,7 +74,7 @@ def outcome_of_points(earned: Decimal, possible: Decimal, undecided: Decimal) ->
 
 
 @dataclass(frozen=True)
-class Where:
+class Location:
     """Where the proof of a finding lies: a line, from 1, of a file in the submission, or a place in a recording.
 
     There that is a topic or service, or the output of a process, in a span in seconds since the session's start.
@@ -116,7 +116,7 @@ class Finding:
     #: Why points were lost, in a sentence, and how to fix it; empty when passed. It goes before the rubric's hint.
     reason: str = ""
     hint: str = ""
-    where: tuple[Where, ...] = ()
+    where: tuple[Location, ...] = ()
     #: Advisories that cost nothing.
     notes: tuple[str, ...] = ()
     #: Whether another run can decide what is undecided.
@@ -154,7 +154,7 @@ class Violation:
     text: str
     #: What shows it: nodes, gids, counts, times.
     evidence: tuple[str, ...] = ()
-    where: Where = Where()
+    where: Location = Location()
     #: Whether the recording leaves no other explanation than the submission's own processes.
     certain: bool = True
     #: Ids of the checks that fail because what they measure was touched.
@@ -178,7 +178,7 @@ class CheckResult:
     measured: str = ""
     reason: str = ""
     hint: str = ""
-    where: tuple[Where, ...] = ()
+    where: tuple[Location, ...] = ()
     notes: tuple[str, ...] = ()
     session: str | None = None
     credit: Credit = Decimal(0)
@@ -373,7 +373,7 @@ def load_result(file: Path) -> Result:
         raise
     except (OSError, ValueError, RecursionError) as problem:
         remedy = "Run `grade regrade` on the results folder."
-        raise RecordingError(f"{file.name} cannot be read", where=str(file), remedy=remedy) from problem
+        raise RecordingError(f"{file.name} cannot be read", location=str(file), remedy=remedy) from problem
 
 
 def result_of_text(text: str | None) -> Result | None:

@@ -27,7 +27,7 @@ class Stage:
 
 
 @dataclass(frozen=True)
-class CellRun:
+class SessionRun:
     """A session on its way through a cell, once for each attempt; it waited from when all of them were ready to run."""
 
     session: str
@@ -41,7 +41,7 @@ class Stopwatch:
     def __init__(self) -> None:
         self.started_s = time.monotonic() - _age_s()
         self.stages = [Stage("starting the program", self.started_s, time.monotonic(), time.process_time())]
-        self.cells: list[CellRun] = []
+        self.session_runs: list[SessionRun] = []
         self._ready_s = self.started_s
         self._begun: dict[str, float] = {}
 
@@ -63,7 +63,7 @@ class Stopwatch:
             if not progress.ended:
                 self._begun.setdefault(progress.session, now_s)
             elif (begun_s := self._begun.pop(progress.session, None)) is not None:
-                self.cells.append(CellRun(progress.session, begun_s - self._ready_s, now_s - begun_s))
+                self.session_runs.append(SessionRun(progress.session, begun_s - self._ready_s, now_s - begun_s))
             on_progress(progress)
 
         return listen

@@ -11,7 +11,7 @@ from grader.lab.rubric import Rubric
 from grader.live.sandbox.isolation import Isolation
 from grader.pipeline import Options
 from grader.result import Result
-from grader.submission.extraction import Handed, Intake
+from grader.submission.extraction import Intake, SubmissionSource
 
 #: What is kept of a text that says what went wrong.
 _MOST_TEXT = 2_000
@@ -22,7 +22,7 @@ class Job:
     """What to grade, by what, and where its results go."""
 
     #: The submission; already taken in if another machine did that.
-    handed: Handed | Intake
+    source: SubmissionSource | Intake
     results: Path
     rubric: Rubric
     options: Options
@@ -44,16 +44,16 @@ def problem_of(error: Exception) -> GraderError:
     """Return what an exception says, on one line and of a length that can be shown in a table."""
     found = described(error)
     problem = "; ".join([found.problem, *found.mistakes]) if isinstance(found, RubricError) else found.problem
-    told = GraderError(problem[:_MOST_TEXT], where=found.where[:_MOST_TEXT], remedy=found.remedy[:_MOST_TEXT])
-    told.exit_status = found.exit_status
-    return told
+    shown = GraderError(problem[:_MOST_TEXT], location=found.location[:_MOST_TEXT], remedy=found.remedy[:_MOST_TEXT])
+    shown.exit_status = found.exit_status
+    return shown
 
 
 @dataclass(frozen=True)
 class Row:
     """What became of a submission."""
 
-    handed: Handed
+    source: SubmissionSource
     ending: Ending
     #: Whether it was graded before, and nothing has changed.
     reused: bool = False

@@ -7,11 +7,11 @@ import socket
 from collections.abc import Callable, Iterable
 
 from grader.live.sandbox.isolation import Isolation
-from grader.live.session.runner import cells_at_a_time
+from grader.live.session.runner import sessions_at_a_time
 
 _POLL_S = 0.1
 #: The most places there are; what runs alone holds all of them.
-MOST_PLACES = 16
+MOST_SLOTS = 16
 
 
 class Machine:
@@ -31,8 +31,8 @@ class Machine:
     keep one that waits for all places from them.
     """
 
-    def __init__(self, places: int, name: str = "grade") -> None:
-        self.places = min(places, MOST_PLACES)
+    def __init__(self, slots: int, name: str = "grade") -> None:
+        self.slots = min(slots, MOST_SLOTS)
         self._name = name
 
     @classmethod
@@ -41,18 +41,18 @@ class Machine:
 
         Where cells share a network, one could speak in another's, so that there is one place.
         """
-        return cls(jobs if jobs is not None and isolation.namespaces else cells_at_a_time(isolation))
+        return cls(jobs if jobs is not None and isolation.namespaces else sessions_at_a_time(isolation))
 
     async def take(self, *, alone: bool = False) -> Callable[[], None]:
-        """Wait for a place, or for all; returns what gives them back."""
+        """Wait for a slot, or for all; returns what gives them back."""
         held: list[socket.socket] = []
         turnstile = await self._bind(["turnstile"])
         try:
             if alone:
-                for number in range(1, MOST_PLACES + 1):
-                    held.append(await self._bind([f"place-{number}"]))
+                for number in range(1, MOST_SLOTS + 1):
+                    held.append(await self._bind([f"slot-{number}"]))
             else:
-                held.append(await self._bind([f"place-{number}" for number in range(1, self.places + 1)]))
+                held.append(await self._bind([f"slot-{number}" for number in range(1, self.slots + 1)]))
         except BaseException:
             _close(held)
             raise

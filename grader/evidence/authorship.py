@@ -28,15 +28,15 @@ class Authorship:
     others_ns: NDArray[np.int64]
 
 
-def authorship(bag: Bag, topic: str, told: Sequence[Published]) -> Authorship | None:
+def authorship(bag: Bag, topic: str, published: Sequence[Published]) -> Authorship | None:
     """Tell the messages of a topic apart; None where that cannot be done, as no message that was told is there."""
-    own_type = max(told, key=lambda entry: len(entry.digests)).type if told else ""
+    own_type = max(published, key=lambda entry: len(entry.digests)).type if published else ""
     others = []
     own: Stream | None = None
     for info in bag.topics:
         if info.topic == topic:
             stream = bag.stream(topic, info.topic_type)
-            mine, theirs = _told_apart(stream, [entry for entry in told if entry.type == info.topic_type])
+            mine, theirs = _separated(stream, [entry for entry in published if entry.type == info.topic_type])
             others.append(stream.received_ns[theirs])
             if info.topic_type == own_type:
                 own = stream.only(mine)
@@ -47,12 +47,12 @@ def authorship(bag: Bag, topic: str, told: Sequence[Published]) -> Authorship | 
     return Authorship(own, received_ns[during])
 
 
-def _told_apart(stream: Stream, told: Sequence[Published]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _separated(stream: Stream, published: Sequence[Published]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return which messages of a stream are the grader's own, and which are others'.
 
     What was recorded twice, as the source timestamp tells, is neither the second time.
     """
-    digests = [digests_of(entry) for entry in told]
+    digests = [digests_of(entry) for entry in published]
     taken: dict[tuple[int, int], int] = {}
     mine, theirs = np.zeros(len(stream), dtype=bool), np.zeros(len(stream), dtype=bool)
     rows = zip(stream.sequence.tolist(), stream.source_ns.tolist(), stream.data, strict=True)

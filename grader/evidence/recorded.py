@@ -145,12 +145,12 @@ class Recorded:
 
         Nothing, unless all of its publishers there told it, and the steps do not expect the student to publish there.
         """
-        told = tuple(entry for entry in self.record.published if entry.topic == topic)
-        telling = {entry.process for entry in told}
-        prefixes = tuple(t.gid_prefix for t in self.record.trusted if t.process not in telling)
+        published = tuple(entry for entry in self.record.published if entry.topic == topic)
+        reporting = {entry.process for entry in published}
+        prefixes = tuple(t.gid_prefix for t in self.record.trusted if t.process not in reporting)
         publishers = [e for e in self.endpoints if e.topic == topic and e.kind == "publisher"]
         silent = any(publisher.gid.startswith(prefixes) for publisher in publishers)
-        return () if silent or self.silent_references or topic in self.awaited else told
+        return () if silent or self.silent_references or topic in self.awaited else published
 
     @functools.cached_property
     def silent_references(self) -> tuple[str, ...]:
@@ -161,8 +161,8 @@ class Recorded:
     @functools.cache  # noqa: B019
     def authorship(self, topic: str) -> Authorship | None:
         """Tell the grader's own messages on a topic (of the graph) from others; None where this cannot be done."""
-        told = self.published_on(topic)
-        return authorship(self.bag, topic, told) if told else None
+        published = self.published_on(topic)
+        return authorship(self.bag, topic, published) if published else None
 
     @functools.cache  # noqa: B019
     def rows(self, name: str, field: str) -> tuple[Floats | None, ...]:

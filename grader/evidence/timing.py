@@ -76,15 +76,15 @@ class Timing:
         the times on the way, those left out that the recorder's delay explains, differed by 1.0 ms at most.
         """
         on_the_way = np.sort(self.on_the_way_s)
-        held_up = round(2 * excused_s * self.rate_hz)
-        if self.arrived is None or held_up > _MOST_HELD_UP * len(on_the_way):
+        stalled = round(2 * excused_s * self.rate_hz)
+        if self.arrived is None or stalled > _MOST_STALLED * len(on_the_way):
             return False
-        soonest, latest = np.quantile(on_the_way[: len(on_the_way) - held_up], [0.1, 0.9])
+        soonest, latest = np.quantile(on_the_way[: len(on_the_way) - stalled], [0.1, 0.9])
         return bool(latest - soonest > _UNEVEN_WAY_S)
 
 
 #: By how much the times on the way may differ, and the share of samples that the recorder may hold up for it to tell.
-_UNEVEN_WAY_S, _MOST_HELD_UP = 0.003, 0.7
+_UNEVEN_WAY_S, _MOST_STALLED = 0.003, 0.7
 
 
 def timing_of(stream: Stream, span: Span | None) -> Timing | None:

@@ -213,7 +213,7 @@ class Published:
 
 
 @dataclass
-class Unrecorded:
+class RecordingGap:
     """Messages that the recorder left out: a topic of one type, or what came of it from some time on."""
 
     topic: str
@@ -267,7 +267,7 @@ class SessionRecord:
     #: All that the grader's own processes published.
     published: list[Published] = field(default_factory=list)
     #: What the recorder left out. Whose doing that is, `grader.evidence.gaps` tells.
-    unrecorded: list[Unrecorded] = field(default_factory=list)
+    unrecorded: list[RecordingGap] = field(default_factory=list)
 
     @property
     def times_recorded(self) -> int:

@@ -88,7 +88,7 @@ _BOUND = Bound("unpacking it", cpu_s=20, wall_s=600, memory_bytes=128 * 1024**2,
 T = TypeVar("T")
 
 
-def confined(work: Callable[[], T], where: str, bound: Bound = _BOUND) -> T:
+def confined(work: Callable[[], T], location: str, bound: Bound = _BOUND) -> T:
     """Return what work on a submission returns, done in a bounded process.
 
     Raises SubmissionError if it raises that, or exceeds the bound; with where the submission comes from.
@@ -96,9 +96,9 @@ def confined(work: Callable[[], T], where: str, bound: Bound = _BOUND) -> T:
     try:
         return in_process(work, bound)
     except BoundError as error:
-        raise SubmissionError(error.problem, where=where, remedy=too_much("").remedy) from None
+        raise SubmissionError(error.problem, location=location, remedy=too_much("").remedy) from None
     except SubmissionError as error:
-        error.where = error.where or where
+        error.location = error.location or location
         raise
 
 
@@ -114,7 +114,7 @@ class Piece:
 
 
 @dataclass(frozen=True)
-class Handed:
+class SubmissionSource:
     """A submission as it was handed in."""
 
     #: Under which its results are known: fit for a file's name, and of one submission only.
@@ -127,21 +127,21 @@ class Handed:
     late: bool = False
     student: str = ""
     #: Where it comes from, in words; written by students, so not to be trusted.
-    where: str = ""
+    location: str = ""
     #: The path that it was found by, the same however that was typed; empty where nobody knows.
-    source: str = ""
+    origin: str = ""
 
     @classmethod
-    def of(cls, path: Path) -> Handed:
+    def of(cls, path: Path) -> SubmissionSource:
         """Return the submission that a path stands for, called as the folder or archive is."""
         name = Path(os.path.realpath(path)).name or "submission"
         named = name if is_folder(path) else file_names.without_archive_suffix(name)
-        return cls(named, (Piece(path),), where=str(path), source=os.path.realpath(path))
+        return cls(named, (Piece(path),), location=str(path), origin=os.path.realpath(path))
 
 
 @dataclass(frozen=True)
 class Intake:
-    """A submission that was taken in; what is not said here is as in `Handed`."""
+    """A submission that was taken in; what is not said here is as in `SubmissionSource`."""
 
     #: Holds regular files only.
     folder: Path
@@ -150,16 +150,18 @@ class Intake:
     left_out: tuple[str, ...] = ()
     #: When it was handed in; else the newest time of a file in the archive, which is what a student's machine said.
     submitted_at: datetime | None = None
-    where: str = ""
+    location: str = ""
     #: Files, and folders with a slash at the end, that are there and may not be read; some of many.
     unreadable: tuple[str, ...] = ()
     student_id: str | None = None
-    source: str = ""
+    origin: str = ""
 
 
 @contextmanager
-def taken_in(handed: Handed | Path, *, prefix: str = "grade-", limits: Limits = LIMITS) -> Iterator[Intake]:
-    """Take a submission (a path stands for `Handed.of` it) in, for as long as the context lasts.
+def open_submission(
+    source: SubmissionSource | Path, *, prefix: str = "grade-", limits: Limits = LIMITS
+) -> Iterator[Intake]:
+    """Take a submission (a path stands for `SubmissionSource.of` it) in, for as long as the context lasts.
 
     Raises SubmissionError if there is nothing, or it cannot be read to its end, or is more than anyone hands in.
 
@@ -168,16 +170,16 @@ def taken_in(handed: Handed | Path, *, prefix: str = "grade-", limits: Limits = 
     tar are left out; in a folder they cannot be told from files, and are taken in as such. One archive beside which
     no program lies is unpacked, also within an archive; others are left out.
     """
-    if isinstance(handed, Path):
-        handed = Handed.of(handed)
+    if isinstance(source, Path):
+        source = SubmissionSource.of(source)
     with tempfile.TemporaryDirectory(prefix=f"{prefix}intake-") as scratch:
-        yield confined(partial(_extracted, handed, Path(scratch), limits), handed.where)
+        yield confined(partial(_extracted, source, Path(scratch), limits), source.location)
 
 
-def _extracted(handed: Handed, scratch: Path, limits: Limits) -> Intake:
+def _extracted(source: SubmissionSource, scratch: Path, limits: Limits) -> Intake:
     extraction = _Extraction(scratch, limits)
-    for piece in handed.pieces:
-        extraction.take_piece(piece, alone=len(handed.pieces) == 1)
+    for piece in source.pieces:
+        extraction.add_piece(piece, alone=len(source.pieces) == 1)
     for _ in range(_MOST_NESTED):
         extraction.unpack_single_archive()
     left_out = extraction.left_out()
@@ -187,13 +189,13 @@ def _extracted(handed: Handed, scratch: Path, limits: Limits) -> Intake:
         raise SubmissionError(problem, remedy=remedy)
     return Intake(
         extraction.folder,
-        handed.name,
+        source.name,
         left_out,
-        handed.submitted_at or extraction.newest,
-        handed.where,
+        source.submitted_at or extraction.newest,
+        source.location,
         tuple(extraction.unreadable),
-        handed.student_id,
-        handed.source,
+        source.student_id,
+        source.origin,
     )
 
 
@@ -215,14 +217,14 @@ class _Extraction:
         self._archives: list[str] = []
         self._partial, self._archive = scratch / "partial", scratch / "archive-0"
 
-    def take_piece(self, piece: Piece, *, alone: bool) -> None:
+    def add_piece(self, piece: Piece, *, alone: bool) -> None:
         """Take a piece in; if it is the only one, an archive is the submission."""
         try:
             if is_folder(piece.path):
-                self._take_all(members_of_folder(piece.path, self._limits.depth))
+                self._add_all(members_of_folder(piece.path, self._limits.depth))
             else:
                 with _opened(piece.path) as file:
-                    self._take_file(file, piece, alone=alone)
+                    self._add_file(file, piece, alone=alone)
         except FileNotFoundError:
             remedy = f"Check the path. {_neighbours(piece.path)}".strip()
             raise SubmissionError("there is no such submission", remedy=remedy) from None
@@ -230,16 +232,16 @@ class _Extraction:
             remedy = "Give yourself the right to read it."
             raise SubmissionError("the submission may not be read", remedy=remedy) from None
 
-    def _take_file(self, file: BinaryIO, piece: Piece, *, alone: bool) -> None:
+    def _add_file(self, file: BinaryIO, piece: Piece, *, alone: bool) -> None:
         is_archive = format_of(file.read(HEAD_BYTES)) is not None or file_names.is_packed(piece.path.name)
         file.seek(0)
         if piece.member:
-            self._take_all(_part_of(members_of_archive(file), piece.member, piece.name))
+            self._add_all(_part_of(members_of_archive(file), piece.member, piece.name))
         elif alone and is_archive:
-            self._take_all(members_of_archive(file), timed=True)
+            self._add_all(members_of_archive(file), timed=True)
         else:
             size, name = os.fstat(file.fileno()).st_size, piece.name or piece.path.name
-            self._take_all([Member(name, Kind.FILE, size, pieces=partial(pieces_of, file))])
+            self._add_all([Member(name, Kind.FILE, size, pieces=partial(pieces_of, file))])
 
     def unpack_single_archive(self) -> None:
         """Unpack an archive that was handed in within the archive or beside documents."""
@@ -247,7 +249,7 @@ class _Extraction:
             self._archives.clear()
             with self._archive.open("rb") as file:
                 self._archive.unlink()  # Another may be in it.
-                self._take_all(members_of_archive(file), timed=True)
+                self._add_all(members_of_archive(file), timed=True)
 
     def left_out(self) -> tuple[str, ...]:
         """Return a line for each file that was left out; for those that would be too many, one for each reason."""
@@ -264,20 +266,20 @@ class _Extraction:
     def _note(self, name: str, reason: str) -> None:
         self._reasons.setdefault(reason, []).append(name)
 
-    def _take_all(self, members: Iterable[Member], *, timed: bool = False) -> None:
+    def _add_all(self, members: Iterable[Member], *, timed: bool = False) -> None:
         for member in members:
             self._members += 1
             if self._members > self._limits.members:
                 raise too_much(f"more than {self._limits.members:,} files and folders")
             try:
-                taken = self._take(member, file_names.clean_parts(member.name))
+                added = self._add(member, file_names.clean_parts(member.name))
             except file_names.UnfitError as reason:
                 self._note(member.name, str(reason))
                 continue
-            if taken and timed and member.modified:
+            if added and timed and member.modified:
                 self.newest = max(self.newest or member.modified, member.modified)
 
-    def _take(self, member: Member, parts: tuple[str, ...]) -> bool:
+    def _add(self, member: Member, parts: tuple[str, ...]) -> bool:
         """Take a file in, if it is one that a student may have meant to hand in; returns whether it was."""
         is_folder = member.kind is Kind.FOLDER
         made = file_names.tool_folder((*parts, "") if is_folder else parts)
@@ -296,7 +298,7 @@ class _Extraction:
         head = next(pieces, b"")
         suffix = PurePosixPath(parts[-1]).suffix.lower()
         if (file_names.is_packed(parts[-1]) or suffix in ("", ".py")) and format_of(head[:HEAD_BYTES]) is not None:
-            self._put_aside(member, chain([head], pieces))
+            self._keep_archive(member, chain([head], pieces))
             return False
         if (
             file_names.is_compiled(parts[-1])
@@ -330,7 +332,7 @@ class _Extraction:
             self._note(member.name, "used, without the characters of its name that cannot be displayed")
         self.kept[key] = member.name
 
-    def _put_aside(self, member: Member, content: Iterator[bytes]) -> None:
+    def _keep_archive(self, member: Member, content: Iterator[bytes]) -> None:
         """Keep an archive until it is known whether it is the only one; of others the name is enough."""
         if not self._archives:
             most = self._limits.archive_bytes

@@ -660,10 +660,10 @@ def test_a_program_outlives_its_node_only_with_it(
 
 def padded(session: Session, times: list[float], every: int, lines: int, apart_s: float = 0.0001) -> Session:
     """Let a process report on every n-th state, each time in several lines."""
-    told = [(n, time_s) for n, time_s in enumerate(times) if n % every == 0]
+    describe_diagnosis = [(n, time_s) for n, time_s in enumerate(times) if n % every == 0]
     said = [
         (time_s + 0.001 + k * apart_s, f"RMS tracking error: {abs(ERRORS[n // STATES_EACH]):.4f} rad")
-        for n, time_s in told
+        for n, time_s in describe_diagnosis
         for k in range(lines)
     ]
     return session.process("it", said)

@@ -90,9 +90,9 @@ def _readable(ask: Callable[[], list[T]], otherwise: list[T]) -> list[T]:
 
 def _topics(node: Node, known: Collection[str]) -> list[tuple[str, list[str]]]:
     """Return names and types of topics; of those known by name alone where they cannot be told."""
-    told: list[tuple[str, list[str]]] = [(name, []) for name in known]
-    told = _readable(node.get_topic_names_and_types, told)
-    return [(name, types) for name, types in told if _TOPIC_NAME.fullmatch(name)]
+    facts: list[tuple[str, list[str]]] = [(name, []) for name in known]
+    facts = _readable(node.get_topic_names_and_types, facts)
+    return [(name, types) for name, types in facts if _TOPIC_NAME.fullmatch(name)]
 
 
 def gid_prefix_of(node: Node) -> str:
@@ -131,22 +131,22 @@ def qos_of(profile: QoSProfile) -> Qos:
 _KNOWN: dict[tuple[Any, ...], Endpoint] = {}
 
 
-def _endpoint(topic: str, told: dict[str, Any]) -> Endpoint:
-    type_hash = told["topic_type_hash"]
+def _endpoint(topic: str, facts: dict[str, Any]) -> Endpoint:
+    type_hash = facts["topic_type_hash"]
     key = (
         topic,
-        told["endpoint_type"],
-        told["topic_type"],
+        facts["endpoint_type"],
+        facts["topic_type"],
         (type_hash["version"], type_hash["value"]),
-        told["node_namespace"],
-        told["node_name"],
-        tuple(told["endpoint_gid"]),
-        tuple(getattr(value, "nanoseconds", value) for value in told["qos_profile"].values()),
+        facts["node_namespace"],
+        facts["node_name"],
+        tuple(facts["endpoint_gid"]),
+        tuple(getattr(value, "nanoseconds", value) for value in facts["qos_profile"].values()),
     )
     if key not in _KNOWN:
         if len(_KNOWN) >= MAX_ENDPOINTS:
             _KNOWN.clear()
-        info = TopicEndpointInfo(**told)
+        info = TopicEndpointInfo(**facts)
         _KNOWN[key] = Endpoint(
             kind=info.endpoint_type.name.lower(),
             topic=topic,
@@ -164,11 +164,11 @@ def _endpoints_of(node: Node, topic: str) -> list[Endpoint]:
 
     The node's own functions do: in a session that would be half of what looking at the graph costs.
     """
-    told: list[dict[str, Any]] = []
+    facts: list[dict[str, Any]] = []
     with node.handle:
         for ask in (rcl.rclpy_get_publishers_info_by_topic, rcl.rclpy_get_subscriptions_info_by_topic):
-            told += _readable(partial(ask, node.handle, topic, False), [])
-    return [_endpoint(topic, info) for info in told]
+            facts += _readable(partial(ask, node.handle, topic, False), [])
+    return [_endpoint(topic, info) for info in facts]
 
 
 def snapshot(

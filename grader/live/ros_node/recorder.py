@@ -21,7 +21,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from grader.live.ros_node.graph import interface_named, new_context, silent_node
 from grader.recording.bag import BagWriter
 from grader.recording.definitions import definition_of, type_hash_of
-from grader.recording.session import Endpoint, Unrecorded
+from grader.recording.session import Endpoint, RecordingGap
 
 NODE_NAME = "_grader_recorder"
 DEFAULT_LIMIT_BYTES = 512 * 2**20
@@ -138,7 +138,7 @@ class Recorder:
         limit_topics: int = DEFAULT_LIMIT_TOPICS,
     ) -> None:
         self.problems: list[str] = []
-        self.unrecorded: list[Unrecorded] = []
+        self.unrecorded: list[RecordingGap] = []
         self._writer = writer
         self._domain_id = domain_id
         self._left_bytes = limit_bytes
@@ -167,7 +167,7 @@ class Recorder:
         self, key: tuple[str, str], reason: str, limit: bool, messages: int = 0, size_bytes: int = 0
     ) -> None:
         if len(self.unrecorded) < _MOST_UNRECORDED:
-            self.unrecorded.append(Unrecorded(*key, time.time_ns(), messages, size_bytes, reason, limit))
+            self.unrecorded.append(RecordingGap(*key, time.time_ns(), messages, size_bytes, reason, limit))
 
     # -- subscribing: on the caller's thread ---------------------------------------------------
 

@@ -21,7 +21,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 import grader
-from grader.live.sandbox.cgroup import PROCESSES, CellGroup, GroupPlaces
+from grader.live.sandbox.cgroup import PROCESSES, CgroupParents, SandboxCgroup
 from grader.live.sandbox.confine import Confinement, confines_signals
 from grader.live.sandbox.environment import INSIDE_FOLDER, LAUNCHING_FOLDER, interpreter_links, interpreter_roots
 from grader.live.sandbox.machine import number_of_tasks, processes_of_user
@@ -100,7 +100,7 @@ class Isolation:
     level: Level
     form: Form = Form.NONE
     old_bubblewrap: bool = False
-    groups: GroupPlaces | None = None
+    groups: CgroupParents | None = None
     first_uid: int | None = None
     remedy: str = ""
 
@@ -140,10 +140,10 @@ def student_uid(isolation: Isolation, slot: int) -> int | None:
     return isolation.first_uid + slot if isolation.first_uid is not None else None
 
 
-def cell_group(isolation: Isolation, slot: int) -> CellGroup | None:
+def sandbox_cgroup(isolation: Isolation, slot: int) -> SandboxCgroup | None:
     """Return the control group of a cell, where groups can be made."""
     label = f"cell-{student_uid(isolation, slot) or slot}"
-    return CellGroup(isolation.groups, label) if isolation.groups is not None else None
+    return SandboxCgroup(isolation.groups, label) if isolation.groups is not None else None
 
 
 @contextmanager
@@ -224,7 +224,7 @@ def confined(
     room: Room,
     slot: int,
     cwd: str,
-    group: CellGroup | None,
+    group: SandboxCgroup | None,
 ) -> Iterator[tuple[list[str], tuple[int, ...], int | None]]:
     """Give what runs a student's `command` in the cell of a slot: a command line, and the descriptors that it needs.
 

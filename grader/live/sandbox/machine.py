@@ -88,8 +88,8 @@ def available_share() -> float:
     """Return the share of the machine's memory that can still be had, 1 where that is not known."""
     with suppress(OSError, ValueError, ZeroDivisionError):
         text = Path("/proc/meminfo").read_text()
-        told = {name: int(amount) for name, amount in re.findall(r"^(\w+): +(\d+) kB", text, re.MULTILINE)}
-        return told.get("MemAvailable", told["MemTotal"]) / told["MemTotal"]
+        amounts = {name: int(amount) for name, amount in re.findall(r"^(\w+): +(\d+) kB", text, re.MULTILINE)}
+        return amounts.get("MemAvailable", amounts["MemTotal"]) / amounts["MemTotal"]
     return 1.0
 
 

@@ -51,7 +51,7 @@ def enter_own_mounts(form: Form) -> None:
         _call("mount", b"none", b"/dev/shm", b"tmpfs", _NOSUID | _NODEV, b"size=1m")
 
 
-def enter_cell(form: Form) -> None:
+def enter_sandbox(form: Form) -> None:
     """Become the first process of a new cell, or stay where there are no namespaces.
 
     The calling process, which may have one thread only, is left outside: it waits for the one that goes on, ends with

@@ -26,7 +26,7 @@ from pathlib import Path
 from grader.live.process.forked import Program, become, read_pipe
 from grader.live.sandbox.environment import INSIDE_FOLDER, LAUNCHING_FOLDER, trusted_environment
 from grader.live.sandbox.isolation import Form
-from grader.live.sandbox.namespaces import end_with_parent, enter_cell, enter_own_mounts, name_process
+from grader.live.sandbox.namespaces import end_with_parent, enter_own_mounts, enter_sandbox, name_process
 from grader.live.session.plan import SessionPlan
 from grader.recording.definitions import definition_of, type_hash_of
 
@@ -83,12 +83,12 @@ class ForkServer:
         Returns what its first process says, until all has ended: first the process id by which the cell ends, or why
         the cell could not be made. `form` must be the same for all cells of a server.
         """
-        said, says = os.pipe()
+        reader, writer = os.pipe()
         with errors.open("wb") as file, suppress(ConnectionError):  # Then nothing will be said.
             request = [form.value.encode(), b"\0", os.fsencode(plan)]
-            socket.send_fds(self._link, request, [says, file.fileno()])
-        os.close(says)
-        return await read_pipe(said)
+            socket.send_fds(self._link, request, [writer, file.fileno()])
+        os.close(writer)
+        return await read_pipe(reader)
 
 
 def _serve(link: socket.socket, types: Sequence[str]) -> None:
@@ -119,7 +119,7 @@ def _serve(link: socket.socket, types: Sequence[str]) -> None:
             with suppress(OSError):
                 os.write(descriptors[0], f"{problem}\n".encode())
         if forked == 0:
-            program = Program("cell", partial(_run_in_cell, form, plan), [], trusted_environment(plan.parent, 0))
+            program = Program("cell", partial(_run_in_sandbox, form, plan), [], trusted_environment(plan.parent, 0))
             become(program, server, (null, *descriptors))
         for descriptor in descriptors:
             os.close(descriptor)
@@ -155,12 +155,12 @@ def _load_type(name: str) -> None:
     type_hash_of(recorded)
 
 
-def _run_in_cell(form: Form, file: Path) -> None:
+def _run_in_sandbox(form: Form, file: Path) -> None:
     from grader.live.session.session import run
 
     print(os.getpid(), flush=True)
     plan: SessionPlan = pickle.loads(file.read_bytes())  # the grader's own, in a folder that nobody else may enter
-    enter_cell(form)
+    enter_sandbox(form)
     name_process("session")
     run(plan)
 

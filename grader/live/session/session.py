@@ -34,7 +34,7 @@ from grader.live.session.plan import SessionPlan
 from grader.live.session.student_sandbox import StudentSandbox
 from grader.recording.bag import recover
 from grader.recording.session import ProcessRun, StepRun, write_session
-from grader.recording.trusted_channel import participants_told, take_told
+from grader.recording.trusted_channel import collect_trusted_messages, trusted_participants
 
 #: Address space of each of the grader's own processes.
 _TRUSTED_BYTES = 3 * 1024**3
@@ -111,7 +111,7 @@ class Session:
                 self.record.problems.append(f"the reference node {name} ended with status {process.run.exit_status}")
         if self.director is not None:
             await self.director.stop()
-        take_told(self.record)
+        collect_trusted_messages(self.record)
         await self.sandbox.guard.look()
         self.sandbox.blame_unstarted()
         recover(self.plan.folder)
@@ -164,7 +164,7 @@ class Session:
         if outcome != "done":
             self.record.problems.append(f"the reference node {name} did not become ready")
         running.put_standing()
-        self._filter.protect(running.root_pid() or 0, next(participants_told(run), ""))
+        self._filter.protect(running.root_pid() or 0, next(trusted_participants(run), ""))
         return outcome, result
 
     def _types(self) -> dict[str, str]:

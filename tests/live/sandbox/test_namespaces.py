@@ -19,11 +19,11 @@ PROGRAM = """
 import os, signal, socket, sys, time
 from pathlib import Path
 from grader.live.sandbox.isolation import Form
-from grader.live.sandbox.namespaces import enter_cell
+from grader.live.sandbox.namespaces import enter_sandbox
 
 before = {{name: os.readlink(f"/proc/self/ns/{{name}}") for name in ("net", "mnt", "ipc", "uts", "pid")}}
 outside = os.getpid()
-enter_cell(Form.{form})
+enter_sandbox(Form.{form})
 {body}
 """
 

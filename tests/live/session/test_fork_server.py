@@ -19,7 +19,7 @@ from grader.classroom.worker import limit_memory
 from grader.errors import PlatformError
 from grader.live.sandbox.isolation import Form
 from grader.live.session.fork_server import ForkServer
-from grader.live.session.runner import first_word
+from grader.live.session.runner import sandbox_pid
 from tests.live.small_lab import below, command_of, make_lab, name_of, until
 
 pytestmark = pytest.mark.live
@@ -30,7 +30,7 @@ FORM = Form.NONE
 async def said_by(forks: ForkServer, plan: Path, errors: Path) -> tuple[int, bytes]:
     """Start a cell, and return its process id and what it says until its end."""
     said = await forks.start(FORM, plan, errors)
-    return await first_word(said), await said.read()
+    return await sandbox_pid(said), await said.read()
 
 
 def process_id_of_server() -> int:
@@ -69,14 +69,14 @@ WITHOUT_SHARED_MEMORY = """
 import asyncio, subprocess, sys
 from pathlib import Path
 from grader.errors import PlatformError
-from grader.live.session.runner import first_word
+from grader.live.session.runner import sandbox_pid
 from grader.live.session.fork_server import ForkServer
 from grader.live.sandbox.isolation import Form
-from grader.live.sandbox.namespaces import enter_cell
+from grader.live.sandbox.namespaces import enter_sandbox
 
 form, folder = Form(sys.argv[1]), Path(sys.argv[2])
 try:
-    enter_cell(form)
+    enter_sandbox(form)
 except OSError as problem:
     sys.exit(f"no namespaces here: {problem}")
 for name in ("null", "urandom"):
@@ -87,7 +87,7 @@ subprocess.run(["mount", "--rbind", folder, "/dev"], check=True)
 async def ask(forks):
     said = await forks.start(form, folder / "plan.json", folder / "errors")
     try:
-        await first_word(said)
+        await sandbox_pid(said)
     except PlatformError as error:
         print(error)
 
