@@ -92,14 +92,14 @@ def test_a_part_that_cannot_be_put_in_its_place_leaves_the_old_results(tmp_path:
 KILLED = """
 import os, sys
 from pathlib import Path
-from grader.files import beside
+from grader.files import atomic_replacement
 
 def kill(event, about):
     if event == "os.rename" and str(about[0]).endswith("/recordings") and Path(about[0]).parent != results:
         os._exit(9)
 
 results = Path(sys.argv[1])
-with beside(results, sys.argv[2:]) as new:
+with atomic_replacement(results, sys.argv[2:]) as new:
     for part in sys.argv[2:]:
         (new / part).write_text("new")
     sys.addaudithook(kill)
