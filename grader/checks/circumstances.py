@@ -10,10 +10,11 @@ from typing import Any
 
 from grader.checks.endpoints import claimed_at
 from grader.checks.finding import Context, Unexplained, failed, inconclusive, told, undecided
+from grader.evidence.cpu_delay import Span
 from grader.evidence.diagnosis import Diagnosis
 from grader.evidence.elsewhere import only_elsewhere
 from grader.evidence.limits import ended_by_limit, hit_limit
-from grader.evidence.recorded import Span, clock_step_s
+from grader.evidence.recorded import clock_step_s
 from grader.evidence.source import spin_lines
 from grader.recording.session import Claim
 from grader.result import Finding, Where

@@ -25,9 +25,10 @@ from grader.checks.finding import (
     told,
     without_delay,
 )
+from grader.evidence.cpu_delay import Span
 from grader.evidence.elsewhere import is_newer_python, missing_here
 from grader.evidence.launch_source import parameter_line
-from grader.evidence.recorded import Recorded, Span, clock_step_s
+from grader.evidence.recorded import Recorded, clock_step_s
 from grader.evidence.timing import timing_of
 from grader.recording.plan import MalformedPlanError, Plan, Problem, Process
 from grader.recording.session import ProcessRun

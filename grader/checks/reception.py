@@ -27,8 +27,9 @@ from grader.checks.finding import (
     unclear,
     unexplained,
 )
+from grader.evidence.cpu_delay import Span
 from grader.evidence.printed import PrintedVector, Report, printed_vector, reports
-from grader.evidence.recorded import NumericStream, Span
+from grader.evidence.recorded import NumericStream
 from grader.patterns import search
 from grader.recording.session import Endpoint, ProcessRun, StepRun
 from grader.references import Parameters, Pattern, Patterns, Share
@@ -274,7 +275,7 @@ def _lost_to_machine(context: Context, p: Streams) -> tuple[float, str]:
     length_s = max(span.duration_s, 1e-9)
     claims = [claim_of(context, "subscription", topic) for topic in p.streams.values()]
     room = min(c.qos.depth if c is not None and c.qos is not None else 1 for c in claims) - 1
-    lost_s = context.session.long_delays_s(processes[-1], span, max(0, room) * length_s / len(most))
+    lost_s = context.session.backlog(processes[-1], span, max(0, room) * length_s / len(most)).lost_s
     return lost_s / length_s, kept_from_core(context.session.machine_delay_s(processes[-1], span), length_s)
 
 

@@ -24,7 +24,7 @@ from grader.checks.finding import (
     unclear,
     unexplained,
 )
-from grader.evidence.recorded import Span
+from grader.evidence.cpu_delay import Span
 from grader.patterns import search, without
 from grader.recording.session import StepRun
 from grader.references import Parameters, Pattern, Share

@@ -16,7 +16,8 @@ from pathlib import Path
 
 from grader import pipeline, result_folder, rubrics
 from grader.errors import PlatformError
-from grader.evidence.recorded import Recorded, Span
+from grader.evidence.cpu_delay import Span
+from grader.evidence.recorded import Recorded
 from grader.evidence.timing import timing_of
 from grader.live.cells import cells_at_a_time
 from grader.live.environment import ask_interpreter, require_platform

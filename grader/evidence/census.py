@@ -19,7 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from grader.evidence.recorded import Recorded, Sighting, Span
+from grader.evidence.cpu_delay import Span
+from grader.evidence.recorded import Recorded, Sighting
 from grader.evidence.unrecorded import dropped
 from grader.recording.bag import Stream
 from grader.recording.session import (
