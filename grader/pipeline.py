@@ -12,26 +12,26 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from grader import kept_lab
-from grader.attempts import retry_undecided
 from grader.bounded import Bound
-from grader.cohort.overrides import Overrides
-from grader.desk import made_from
 from grader.errors import UsageError, described
-from grader.exporting import ExportTarget
 from grader.files import UNFINISHED, beside, replace_files
-from grader.intake import Handed, Intake, confined, taken_in
-from grader.judgement import Judgement, judge_bounded
+from grader.judging.attempts import retry_undecided
+from grader.judging.judgement import Judgement, judge_bounded
+from grader.judging.rubrics import read_overrides, recorded_rubric, rubric_copy, rubric_files, rubric_files_of_result
+from grader.lab import kept_lab
+from grader.lab.overrides import Overrides
+from grader.lab.rubric import Rubric
 from grader.recording.submission import SubmissionRecord, write_submission
+from grader.report.exports.writing import ExportTarget
 from grader.result import CheckResult, Result
 from grader.result_folder import RECORDINGS, REPORT_FILE, RESULT_FILE, RUBRIC_COPY
-from grader.rubric import Rubric
-from grader.rubrics import read_overrides, recorded_rubric, rubric_copy, rubric_files, rubric_files_of_result
-from grader.submission import read_submission
+from grader.submission.artifacts import read_submission
+from grader.submission.extraction import Handed, Intake, confined, taken_in
+from grader.submission.separation import made_from
 from grader.timings import Stopwatch
 
 if TYPE_CHECKING:
-    from grader.live.cells import Shared
+    from grader.live.session.runner import Shared
 
 #: What a grading makes, the file that says that it is whole last.
 PARTS = (RUBRIC_COPY, kept_lab.KEPT, RECORDINGS, REPORT_FILE, RESULT_FILE)
@@ -94,12 +94,12 @@ def grade(
 ) -> Result:
     """Grade one submission: record, judge, run undecided sessions again, report.
 
-    It is a folder, an archive, what `grader.batch.found` made of more, or what was taken in already. Results of an
-    earlier grading stay until all sessions have been recorded. Raises GraderError if no fair score exists: no result is
-    written then, but once all is recorded, the recordings are kept.
+    It is a folder, an archive, what `grader.submission.discovery` made of more, or what was taken in already. Results
+    of an earlier grading stay until all sessions have been recorded. Raises GraderError if no fair score exists: no
+    result is written then, but once all is recorded, the recordings are kept.
     """
-    from grader.live.environment import require_platform
-    from grader.live.scratch import scratch_prefix
+    from grader.live.sandbox.environment import require_platform
+    from grader.live.sandbox.scratch import scratch_prefix
     from grader.live_exports import LiveExports
 
     require_platform(options.interpreter)
@@ -153,15 +153,15 @@ def record(
     watch: Stopwatch | None = None,
 ) -> Judgement:
     """Run the live half, and sessions again whose checks are undecided; returns the judgement of what is kept."""
-    from grader.evidence.elsewhere import modules_to_look_for
-    from grader.live.cells import Progress, Sessions, types_in
-    from grader.live.environment import absent_modules, versions
-    from grader.live.fork_server import ForkServer
-    from grader.live.isolation import Level
-    from grader.live.probing import probe_isolation, require
-    from grader.live.ros_launch import LaunchChoice, find_native_launch
-    from grader.live.scratch import scratch_prefix
-    from grader.live.stage import stage
+    from grader.evidence.environment_gap import modules_to_look_for
+    from grader.live.sandbox.environment import absent_modules, versions
+    from grader.live.sandbox.isolation import Level
+    from grader.live.sandbox.probing import probe_isolation, require
+    from grader.live.sandbox.scratch import scratch_prefix
+    from grader.live.session.fork_server import ForkServer
+    from grader.live.session.ros_launch import LaunchChoice, find_native_launch
+    from grader.live.session.runner import Progress, Sessions, types_in
+    from grader.live.session.stage import stage
 
     watch = watch or Stopwatch()
     turns = shared.turns if shared is not None else None

@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from grader.checks import REGISTRY, Context
+from grader.checks.registry import REGISTRY, Context
 from grader.evidence.recorded import Recorded
 from grader.recording.bag import BagWriter
 from grader.recording.definitions import SEPARATOR, MessageDefinition
@@ -158,6 +158,12 @@ class Session:
         run = next(p for p in self.record.processes if p.name == name)
         shares = [n / (2 * until_s) for n in range(round(2 * until_s) + 1)]
         run.usage = [Usage(at(s * until_s), round(s * cpu_s * 1e9), round(s * delay_s * 1e9)) for s in shares]
+        return self
+
+    def disturbed(self, name: str, *delays_s: tuple[float, float]) -> Session:
+        """Let a process have been watched, and the machine have kept it from its core at some times for so long."""
+        run = next(p for p in self.record.processes if p.name == name)
+        run.disturbed = [[at(start_s), round(delay_s * 1e9), round(delay_s * 1e9)] for start_s, delay_s in delays_s]
         return self
 
     def clock(self, ahead_s: Mapping[float, float]) -> Session:

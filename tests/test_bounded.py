@@ -12,11 +12,12 @@ from pathlib import Path
 
 import pytest
 
-from grader import judgement, pipeline, result_folder, rubrics
-from grader.batch.regrade import recorded_in, regrade
+from grader import pipeline, result_folder
 from grader.bounded import Bound, in_process, in_processes
+from grader.classroom.regrade import recorded_in, regrade
 from grader.errors import BoundError, RecordingError
-from grader.rubric import Rubric, load_rubric
+from grader.judging import judgement, rubrics
+from grader.lab.rubric import Rubric, load_rubric
 from tests.regraded import regraded
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 from pydantic import Field
 
-from grader import references as ref
-from grader.checks.finding import Context
+from grader.checks.base import Context
+from grader.lab import references as ref
+from grader.lab.references import Parameters, Share
 from grader.recording.session import Claim, Endpoint, Qos
-from grader.references import Parameters, Share
 from grader.result import Where
 
 

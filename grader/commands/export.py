@@ -11,9 +11,9 @@ from rich.console import Console
 
 from grader.commands.arguments import add_flag, parser_of, print_error
 from grader.errors import GraderError, RecordingError
-from grader.exporting import STANDARD_OUTPUT, ExportTarget, write_exports
 from grader.report.escape import terminal_text
 from grader.report.exports import EXPORTS
+from grader.report.exports.writing import STANDARD_OUTPUT, ExportTarget, write_exports
 from grader.result import load_result
 
 

@@ -7,13 +7,12 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from grader.batch.audit import HISTORY
 from grader.commands import COMMANDS
 from grader.errors import UsageError
-from grader.intake.names import is_packed
+from grader.lab.rubric import Rubric
 from grader.recording.submission import SUBMISSION_FILE
-from grader.result_folder import RECORDINGS
-from grader.rubric import Rubric
+from grader.result_folder import HISTORY, RECORDINGS
+from grader.submission.file_names import is_packed
 
 
 def require_submissions(paths: Sequence[Path], rubric: Rubric) -> None:

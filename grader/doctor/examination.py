@@ -14,19 +14,20 @@ from enum import Enum
 from importlib.metadata import version
 from pathlib import Path
 
-from grader import pipeline, result_folder, rubrics
+from grader import pipeline, result_folder
 from grader.errors import PlatformError
 from grader.evidence.cpu_delay import Span
 from grader.evidence.recorded import Recorded
 from grader.evidence.timing import timing_of
-from grader.live.cells import cells_at_a_time
-from grader.live.environment import ask_interpreter, require_platform
-from grader.live.isolation import Isolation, Level
-from grader.live.machine import stolen_ns
-from grader.live.probing import probe_isolation
+from grader.judging import rubrics
+from grader.lab.rubric import Rubric
+from grader.live.sandbox.environment import ask_interpreter, require_platform
+from grader.live.sandbox.isolation import Isolation, Level
+from grader.live.sandbox.machine import stolen_ns
+from grader.live.sandbox.probing import probe_isolation
+from grader.live.session.runner import cells_at_a_time
 from grader.result import Outcome
-from grader.rubric import Rubric
-from grader.submission import read_submission_folder
+from grader.submission.artifacts import read_submission_folder
 
 _LAB = Path(__file__).parent / "lab"
 #: What the lab's node does.

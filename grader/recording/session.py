@@ -91,8 +91,8 @@ class ProcessRun:
     #: The core to which it is held, and since when.
     core: int | None = None
     held_ns: int | None = None
-    #: When the machine kept it from its core, see `grader.live.cpu_watch`: [begin of a time, its length, for how
-    #: long within it], in ns. None where it was not watched.
+    #: When the machine kept it from its core: [begin of a time, its length, for how long within it], in ns. None
+    #: where it was not watched.
     disturbed: list[list[int]] | None = None
 
 
@@ -263,13 +263,13 @@ class SessionRecord:
     #: Name in the rubric -> name that the student used, where a near miss was found and used.
     names: dict[str, str] = field(default_factory=dict)
     claims: list[Claim] = field(default_factory=list)
-    #: The plan of a launch file, see `grader.live.launching`.
+    #: The plan of a launch file, see `grader.live.launch`.
     plan: dict[str, Any] | None = None
     #: The grader's own processes in the graph. All other endpoints there are the student's.
     trusted: list[Trusted] = field(default_factory=list)
     #: All that the grader's own processes published.
     published: list[Published] = field(default_factory=list)
-    #: What the recorder left out. Whose doing that is, `grader.evidence.unrecorded` tells.
+    #: What the recorder left out. Whose doing that is, `grader.evidence.gaps` tells.
     unrecorded: list[Unrecorded] = field(default_factory=list)
 
     @property

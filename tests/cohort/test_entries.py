@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from grader.cohort.entries import ClassEntry, entries_in, report_link
-from grader.cohort.roster import NOTHING_HANDED_IN, Student, with_roster
+from grader.cohort.entries import NOTHING_HANDED_IN, ClassEntry, entries_in, report_link, with_roster
 from grader.recording.submission import SubmissionRecord, write_submission
 from grader.result import Result, Score, to_json
+from grader.submission.roster import Student
 
 
 def result_named(name: str) -> Result:

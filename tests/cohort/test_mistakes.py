@@ -9,8 +9,8 @@ import pytest
 
 from grader.cohort.entries import ClassEntry
 from grader.cohort.mistakes import Mistake, gist, pattern_of
-from grader.cohort.summary import summarise
-from grader.rubric import Rubric
+from grader.cohort.statistics import summarise
+from grader.lab.rubric import Rubric
 from tests.cohort.made_up import entry_of, result_of, rubric_of
 
 RATE = "Messages come at {} Hz, {}% slower than 100 Hz."

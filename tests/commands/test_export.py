@@ -12,7 +12,7 @@ import pytest
 
 from grader.cli import main
 from grader.files import UNFINISHED
-from grader.kept_lab import lab_folder
+from grader.lab.kept_lab import lab_folder
 from grader.report.exports import EXPORTS
 from grader.result_folder import RECORDINGS, RESULT_FILE, RUBRIC_COPY
 from tests.report.exports.sample_results import VARIABLES, every_outcome

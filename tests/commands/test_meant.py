@@ -9,9 +9,9 @@ import pytest
 
 from grader.cli import main
 from grader.commands.meant import is_results
-from grader.kept_lab import lab_folder
+from grader.judging.rubrics import read_rubric
+from grader.lab.kept_lab import lab_folder
 from grader.result_folder import RECORDINGS, RUBRIC_COPY
-from grader.rubrics import read_rubric
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -8,6 +8,7 @@ import pytest
 from grader.evidence.cpu_delay import Calm, Delay, Span, backlog, calm_intervals
 from tests.synthetic import at
 
+INFINITE = float("inf")
 SPAN = Span(at(0), at(10))
 
 
@@ -54,8 +55,10 @@ def test_a_queue_overflows_by_what_it_has_no_room_for(
 
 def test_short_delays_make_nothing_late() -> None:
     """A second in one piece makes what comes in ten seconds a tenth of a second late; in a hundred pieces, 1 ms."""
-    assert backlog([delay(1, 1.0)], SPAN, float("inf"), 0.1).late_s == pytest.approx(0.1)
-    assert backlog([delay(n / 10, 0.01) for n in range(100)], SPAN, float("inf"), 0.1).late_s == pytest.approx(0.001, rel=0.1)
+    assert backlog([delay(1, 1.0)], SPAN, INFINITE, 0.1).late_s == pytest.approx(0.1)
+    assert backlog([delay(n / 10, 0.01) for n in range(100)], SPAN, float("inf"), 0.1).late_s == pytest.approx(
+        0.001, rel=0.1
+    )
 
 
 # -- what is calm ----------------------------------------------------------------------------------

@@ -33,10 +33,10 @@ pytest.importorskip("rclpy")
 ROOT = Path(__file__).parents[2]
 sys.path.append(str(ROOT))
 
-from grader import rubrics  # noqa: E402
-from grader.intake import Handed  # noqa: E402
-from grader.live.isolation import STUDENT_UIDS  # noqa: E402
+from grader.judging import rubrics  # noqa: E402
+from grader.live.sandbox.isolation import STUDENT_UIDS  # noqa: E402
 from grader.result import result_schema  # noqa: E402
+from grader.submission.extraction import Handed  # noqa: E402
 from tests.live.attacks import ESCAPED, SOLUTION, Attack, lay_out, read_corpus  # noqa: E402
 from tests.live.surroundings import Leavings, Surroundings  # noqa: E402
 from tests.report.taken_apart import Page  # noqa: E402

@@ -8,12 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from grader import pipeline, result_folder, rubrics
-from grader.batch.expectations import compare, load_fixture
-from grader.judging import judge, open_recordings
-from grader.live.cells import Progress
-from grader.rubric import Rubric
-from grader.submission import read_submission_folder
+from grader import pipeline, result_folder
+from grader.classroom.expectations import compare, load_fixture
+from grader.judging import rubrics
+from grader.judging.judge import judge, open_recordings
+from grader.lab.rubric import Rubric
+from grader.live.session.runner import Progress
+from grader.submission.artifacts import read_submission_folder
 from tests.machine import alone
 
 ROOT = Path(__file__).parents[2]

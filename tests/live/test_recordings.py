@@ -24,13 +24,14 @@ from rosbags.highlevel import AnyReader
 ROOT = Path(__file__).parents[2]
 sys.path.append(str(ROOT))
 
-from grader import judgement, pipeline, result_folder, rubrics  # noqa: E402
+from grader import pipeline, result_folder  # noqa: E402
 from grader.errors import BoundError  # noqa: E402
 from grader.evidence.recorded import Recorded  # noqa: E402
-from grader.judging import judge, open_recordings  # noqa: E402
+from grader.judging import judgement, rubrics  # noqa: E402
+from grader.judging.judge import judge, open_recordings  # noqa: E402
+from grader.lab.rubric import Rubric  # noqa: E402
 from grader.result import Outcome  # noqa: E402
-from grader.rubric import Rubric  # noqa: E402
-from grader.submission import read_submission_folder  # noqa: E402
+from grader.submission.artifacts import read_submission_folder  # noqa: E402
 from tests.live.small_lab import (  # noqa: E402
     TALKER,
     TEXT,
