@@ -106,7 +106,7 @@ def grade(
     watch = watch or Stopwatch()
     taking = nullcontext(handed) if isinstance(handed, Intake) else taken_in(handed, prefix=scratch_prefix())
     with ExitStack() as stack:
-        with watch.stage("taking the submission in"):
+        with watch.stage("unpacking the submission"):
             intake = stack.enter_context(taking)
             submission = confined(partial(read_submission, intake, rubric), intake.where, _READING_BOUND)
         submission.sessions = list(options.sessions) if options.sessions is not None else None
@@ -124,13 +124,13 @@ def grade(
 
 @contextmanager
 def _naming_kept(folder: Path, results: Path) -> Iterator[None]:
-    """Where a stage fails once all is recorded in a folder, say that this is kept, and what goes on from there."""
+    """Where a stage fails once all is recorded in a folder, say that this is kept, and what continues from there."""
     try:
         yield
     except (Exception, KeyboardInterrupt) as error:
         if not _is_recorded(folder / RECORDINGS):
             raise
-        kept = f"The recordings are kept; `grade regrade {results}` goes on from there."
+        kept = f"The recordings are kept; `grade regrade {results}` continues from there."
         if isinstance(error, KeyboardInterrupt):
             raise KeyboardInterrupt(kept) from error
         told = described(error)
@@ -174,7 +174,7 @@ def record(
 
     # It begins to import while the isolation is tried.
     with ForkServer(types_in(rubric)) as forks:
-        with watch.stage("trying the isolation"):
+        with watch.stage("testing the sandbox"):
             isolation = shared.isolation if shared is not None else probe_isolation(options.interpreter)
         require(isolation, Level.of(options.least_isolation))
         native = find_native_launch(options.interpreter, LaunchChoice(options.launch))
@@ -210,7 +210,7 @@ def record(
 
             def retry(undecided: Sequence[str], folder: Path, attempt: int, disturbed: frozenset[str]) -> None:
                 alone = replace(sessions, recordings=folder, attempt=attempt, disturbed=disturbed)
-                with watch.stage(f"sessions again, attempt {attempt}"):
+                with watch.stage(f"repeating sessions, attempt {attempt}"):
                     alone.record(undecided, on_progress, at_a_time=1)
 
             def judged() -> Judgement:

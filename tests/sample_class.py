@@ -48,7 +48,7 @@ class Slip:
 
 SLIPS = (
     Slip(0.45, "qos.explains", "0", "There is next to nothing in writing about the trade-offs."),
-    Slip(0.42, "subscriber.mean", "0", "These numbers fit the signed error; the lab asks for |error|."),
+    Slip(0.42, "subscriber.mean", "0", "Your numbers match the signed error; the lab asks for |error|."),
     Slip(
         0.38,
         "service.refuses",

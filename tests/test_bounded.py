@@ -54,7 +54,7 @@ def test_what_work_raises_is_raised() -> None:
     ("work", "bound", "words"),
     [
         # On a busy machine a second of computing takes long.
-        (_spin, dataclasses.replace(SMALL, wall_s=120.0), "more than 1 s of computing"),
+        (_spin, dataclasses.replace(SMALL, wall_s=120.0), "more than 1 s of CPU time"),
         (lambda: time.sleep(60), SMALL, "longer than 3 s"),
         (lambda: len(bytearray(2**30)), SMALL, "more than 0.25 GiB of memory"),
         (_end_itself, SMALL, "status -9"),

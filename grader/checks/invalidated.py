@@ -53,7 +53,7 @@ def without_rest(finding: Finding, left_out: Unrecorded, *, timed: bool) -> Find
     )
 
 
-_HINT = "Send messages no larger and no more often than is asked for."
+_HINT = "Send messages no larger and no more often than the lab asks for."
 
 
 def is_timed(spec: CheckSpec, recorded: Recorded) -> bool:

@@ -81,7 +81,9 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
     if newer or (plan.outcome == "not_assessable" and not _is_made_up(problem, context)):
         reason = "The grader cannot evaluate this launch file."
         if newer:
-            reason = "It is written in Python 3.12 or later, and was read with an older one. A person has to decide."
+            reason = (
+                "It uses syntax of Python 3.12 or later, which the grading computer lacks. Your instructor decides."
+            )
         return inconclusive(expected, problem.message, reason, where=_at(context, problem), retry=False)
     place = f" ({problem.file}, line {problem.line})" if problem.file and problem.line else ""
     reason = _sentence(problem.message) + place
@@ -209,14 +211,14 @@ def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
     absent = [n.node for n in p.nodes if _entry_for(plan, n.node, n.executable) is None]
     absent = [node for node in absent if node not in context.session.nodes]
     if absent and (plan.loaded_components or any(process.components for process in plan.processes)):
-        reason = "The grader cannot evaluate nodes that are loaded into a container of components: it runs none."
+        reason = "The grader runs no component containers, so it cannot judge nodes that are loaded into one."
         return inconclusive(expected, f"no {', '.join(absent)}, but components", reason, retry=False)
     parts = [_judge_node(context, plan, wanted, p.other_name_credit) for wanted in p.nodes]
     stopping = []
     for noted in mended(context, p.step, "unknown_executable", "unknown_package"):
         missing = [a.expected.removesuffix(".py") for a in context.submission.artifacts if a.path is None]
         if any(name in noted["message"] for name in missing):
-            note = f"{_sentence(noted['message'])} Its file is missing, which is charged elsewhere."
+            note = f"{_sentence(noted['message'])} Its file is missing, which costs points in another check."
             parts[0] = replace(parts[0], notes=(*parts[0].notes, note))
         else:
             stopping.append(noted)
@@ -246,19 +248,19 @@ def _judge_node(context: Context, plan: Plan, wanted: WantedNode, other_name_cre
         return Part(0.0, "", f"Nothing in the launch file starts {wanted.executable} as {wanted.node}.")
     name = wanted.node.rsplit("/", 1)[-1]
     if context.path_of(wanted.artifact) is None:
-        note = f"The file for {wanted.node} is missing, which is charged in {wanted.charged_by}."
+        note = f"The file for {wanted.node} is missing, which costs points in {wanted.charged_by}."
         return Part(1.0, notes=(note,))
     if entry.called in (name, None) and context.charged(wanted.charged_by):
-        note = f"{wanted.node} did not come up as such by its own fault, which is charged in {wanted.charged_by}."
+        note = f"{wanted.node} has a fault of its own, which costs points in {wanted.charged_by}."
         return Part(1.0, notes=(note,))
     if (charged := _charged_alone(context, entry, wanted.artifact)) is not None:
-        return Part(1.0, notes=(f"{wanted.node} ended as it does by itself, which is charged in {charged}.",))
+        return Part(1.0, notes=(f"{wanted.node} ended as it does alone, which costs points in {charged}.",))
     run = context.session.process(entry.id)
     found = context.explain(run) if run is not None else None
     if (gap := environment_gap(context, wanted.artifact, found)) is not None:
         return Part(0.0, best=1.0, doubt=f"{wanted.node} did not come up. {gap}")
     if found is not None and found.kind == "parameter-type" and context.charged(wanted.types_charged_by):
-        note = f"{wanted.node} ended for a parameter's type, which is charged in {wanted.types_charged_by}."
+        note = f"{wanted.node} ended because of a parameter's type, which costs points in {wanted.types_charged_by}."
         return Part(1.0, notes=(note,))
     used = context.session.used(wanted.node)
     if not _died(context, entry) and (entry.called not in (name, None) or used != wanted.node):
@@ -304,7 +306,7 @@ def _why_down(context: Context, entry: Process, executable: str) -> Part:
         return Part(0.0, "", f"{executable} ran, but no such node appeared.", where=spot)
     found = context.explain(run)
     if found is None:
-        said = f", saying {run.output[-1].text!r}." if run.output else "."
+        said = f": {run.output[-1].text!r}." if run.output else "."
         return Part(0.0, "", f"{executable} ended with status {run.exit_status}{said}", where=spot)
     line = entry.line
     if found.kind == "parameter-type" and entry.file:
@@ -452,7 +454,9 @@ def launch_together(context: Context, p: LaunchTogether) -> Finding:
     nodes = (p.commands.node, p.follows.node, p.answers.node)
     judged = [part for part, node in zip(parts, nodes, strict=True) if part is not None and _is_up(context, node)]
     if not judged:
-        return not_reached("None of the nodes does its part, by faults that other checks charge.", expected=expected)
+        return not_reached(
+            "Not tested, because each node has a fault that costs points in another check.", expected=expected
+        )
     return of_parts(expected, judged, where=(context.where(p.commands.topic),), doubt=kept_from_core(delay_s, length_s))
 
 
@@ -470,7 +474,7 @@ def _commands_come(context: Context, p: TogetherCommands, span: Span | None, del
     if timing is None:
         if context.charged(p.charged_by):
             return None
-        reason = "No commands came while all ran together; do the nodes follow the simulation's clock?"
+        reason = "No commands arrived while all ran together; do the nodes follow the simulation's clock?"
         return Part(0.0, "no commands", reason)
     wanted_hz, alone = context.parameter(p.rate_step, p.rate_parameter), context.sessions.get(p.alone_session)
     alone_hz = _rate_alone_hz(alone, p) if alone is not None else None

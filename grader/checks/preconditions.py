@@ -80,15 +80,15 @@ def _ended_already(context: Context, artifact: str) -> Explanation | None:
     after_s = (run.exited_ns - run.started_ns) / 1e9
     if run.exit_status != 0:
         reason = f"Your {artifact} node had already ended, with exit status {run.exit_status} after {after_s:.1f} s."
-        return reason, "See in its output what ended it.", (output,)
+        return reason, "Its output shows what ended it.", (output,)
     path = context.path_of(artifact) or ""
     ended = f"Your {artifact} node had already ended (exit status 0 after {after_s:.1f} s, no error)"
     if path and spin_lines(context.submission.texts.get(path, ""), context.submission.texts) == ():
         return f"{ended}: main() never reaches rclpy.spin(node).", _SPIN_HINT, (Where(file=path), output)
-    return f"{ended}.", "See that main() goes on to spin the node until Ctrl-C.", (output,)
+    return f"{ended}.", "Let main() spin the node until Ctrl-C.", (output,)
 
 
-_SPIN_HINT = "Call rclpy.spin(node) in main() once the node is made: it serves the node's callbacks until Ctrl-C."
+_SPIN_HINT = "Call rclpy.spin(node) in main() after creating the node: it runs the node's callbacks until Ctrl-C."
 
 
 def runs_elsewhere(context: Context, artifact: str, expected: str) -> Finding | None:
@@ -169,4 +169,4 @@ def clock_set(context: Context, p: Any, *, lost: bool) -> str:
     record, window = context.session.record, getattr(p, "window", None)
     span = context.session.window(window) if window else Span(record.started_ns, record.ended_ns)
     step_s = clock_step_s(record, span) if span is not None and (lost or window) else 0.0
-    return f"The machine's clock was set by {step_s * 1e3:.1f} ms while this was measured." if step_s else ""
+    return f"The grading computer's clock jumped by {step_s * 1e3:.1f} ms during this measurement." if step_s else ""

@@ -82,7 +82,7 @@ def _wrong_definition(context: Context, topic: str, endpoints: Sequence[Endpoint
 
 def _silent_publisher(context: Context, artifact: str, used: str) -> tuple[str, str]:
     """Say of a publisher without messages what its timers tell: reason and hint."""
-    silent, timers = f"The publisher on {used} exists, but not one message came from it.", _timers(context)
+    silent, timers = f"The publisher on {used} exists, but sent no message.", _timers(context)
     source = context.submission.texts.get(context.path_of(artifact) or "", "")
     if timers and "use_sim_time" in source and not len(context.session.stream("/clock")):
         return (
@@ -112,7 +112,7 @@ class _Timed(Parameters):
         late_s = context.session.recorder_delay_s(span)
         if timing is None or not timing.contradicted_by_arrival(late_s):
             return timing, span, delay_s, ""
-        by = " by their arrival, as the time stamps that they carry are not those of their sending"
+        by = " by times of arrival, as the time stamps are not the times of publication"
         return timing.arrived, span, delay_s + late_s, by
 
     def calm(self, context: Context, timing: Timing, by: str, harmless_s: float) -> Calm | None:
@@ -137,7 +137,7 @@ def _doubt(delay_s: float, length_s: float) -> dict[str, Any]:
     """Say what keeps a share from being decided, and whether that is the machine's doing."""
     if delay_s > _NOTABLE_DELAY * length_s:
         return {"doubt": kept_from_core(delay_s, length_s), "by_machine": True}
-    return {"doubt": "The measurement's error reaches over a step of the credit.", "by_machine": False}
+    return {"doubt": "The measurement error spans more than one credit level.", "by_machine": False}
 
 
 class TopicRate(_Timed):
@@ -151,14 +151,17 @@ class TopicRate(_Timed):
 def topic_rate(context: Context, p: TopicRate) -> Finding:
     """Judge the rate from source timestamps and sequence numbers."""
     timing, span, delay_s, by = p.measured(context)
+    full, zero = (
+        [f"{p.rate_hz * (1 + sign * share):g}" for sign in (-1, 1)] for share in (p.full_within, p.zero_beyond)
+    )
     expected = (
-        f"{p.rate_hz:g} Hz ± {percent(p.full_within)}; credit falls by tenths to none at ± {percent(p.zero_beyond)}"
+        f"{full[0]} to {full[1]} Hz for full credit; less the further off; none below {zero[0]} or above {zero[1]} Hz"
     )
     timers, spot = _timers(context), p.spot(context, span)
     where = (*(claimed_at(timers[0]) if len(timers) == 1 else ()), spot)
     if timing is None:
         count = len(context.session.stream(p.topic))
-        reason = f"Only {count} messages came, too few to speak of a rate."
+        reason = f"Only {count} messages arrived, too few to measure a rate."
         return failed(expected, f"{count} messages", reason, where=where)
     length_s = span.duration_s if span else timing.written / timing.rate_hz
     run, before_s = context.session.process(p.process), 0.0
@@ -233,7 +236,7 @@ def _silence_s(context: Context, p: TopicRate, span: Span | None) -> tuple[float
     return max(0.0, of_s - lasted_s), of_s
 
 
-_SILENT_HINT = "A node publishes for as long as it runs; see what ends or stops it."
+_SILENT_HINT = "Publish for as long as the node runs; its output shows what ended or stopped it."
 #: Share of a span for which a process was kept from a core, from which its usual interval may be longer by that.
 _MANY_DELAYS = 0.25
 
@@ -274,13 +277,16 @@ class TopicJitter(_Timed):
 def topic_jitter(context: Context, p: TopicJitter) -> Finding:
     """Judge the evenness of intervals between consecutive samples."""
     timing, span, delay_s, by = p.measured(context)
+    half_within_s = (p.full_within_s + p.zero_beyond_s) / _JITTER_STEPS
     expected = (
-        f"{percent(p.share)} of the intervals within {p.full_within_s * 1e3:g} ms of their median; "
-        f"credit falls by halves to none at {p.zero_beyond_s * 1e3:g} ms"
+        f"{percent(p.share)} of the gaps between messages within {p.full_within_s * 1e3:g} ms of the usual gap; "
+        f"half credit within {half_within_s * 1e3:g} ms"
     )
     where = (p.spot(context, span),)
     if timing is None or not len(timing.intervals_s):
-        return failed(expected, "too few messages", "Too few messages came to speak of intervals.", where=where)
+        return failed(
+            expected, "too few messages", "Too few messages arrived to measure the gaps between them.", where=where
+        )
     deviation_s = timing.deviation_s(p.share)
     longest = f"longest {timing.intervals_s.max() * 1e3:.1f} ms"
     limits_ms = (p.full_within_s * 1e3, p.zero_beyond_s * 1e3)
@@ -292,7 +298,7 @@ def topic_jitter(context: Context, p: TopicJitter) -> Finding:
         least_s, largest_s = _within(calm.deviations_s(p.share), (least_s, largest_s))
     worst, best = (ramp(d, p.full_within_s, p.zero_beyond_s) for d in (largest_s, least_s))
     off = f"{apart(deviation_s * 1e3, *limits_ms, places=1)} ms off the usual {timing.median_s * 1e3:.1f} ms"
-    reason = f"One interval in {round(1 / (1 - p.share))} is more than {off}."
+    reason = f"One gap in {round(1 / (1 - p.share))} is more than {off}."
     doubt = _doubt(delay_s, span.duration_s if span else float(timing.intervals_s.sum()))
     return graded(worst, expected, measured, reason, where=where, best=best, steps=_JITTER_STEPS, **doubt)
 
@@ -310,13 +316,13 @@ def message_values(context: Context, p: MessageValues) -> Finding:
     expected = f"{p.length} finite numbers in '{p.field}' of every message"
     rows = context.rows(p.topic, p.field)
     if not rows:
-        return failed(expected, "no messages", "No message came.")
+        return failed(expected, "no messages", "No message arrived.")
     lengths = [len(row) if row is not None else 0 for row in rows]
     finite = [row is not None and bool(np.isfinite(row).all()) for row in rows]
     others = sum(n != p.length for n in lengths)
     good = sum(n == p.length and ok for n, ok in zip(lengths, finite, strict=True))
     usual = max(set(lengths), key=lengths.count)
-    measured = f"{usual} numbers in most of {len(rows)} messages, {finite.count(False)} messages with NaN or infinity"
+    measured = f"{good} of {len(rows)} messages hold {p.length} finite numbers"
     reasons = (
         [f"{others} of {len(rows)} messages do not hold {p.length} numbers (most hold {usual})."] if others else []
     )
@@ -349,7 +355,7 @@ class Sinusoids(Parameters):
     topic: ref.Topic
     field: ref.FieldPath
     components: tuple[Component, ...]
-    tick_s: float = Field(gt=0, description="Time per message in the node's own reckoning.")
+    tick_s: float = Field(gt=0, description="Time step per message with which the node computes.")
     others_still: int = Field(0, description="The elements up to this one that have no component stay at 0.")
     tolerance: Share = 0.05
     phase_tolerance: Share = Field(0.125, description="Share of a period by which a sinusoid may begin elsewhere.")
@@ -369,7 +375,7 @@ def sinusoids(context: Context, p: Sinusoids) -> Finding:
     expected = f"{wanted}, the others 0"
     series = context.numeric(p.topic, p.field, finite=False)
     if series is None or len(series.values) < _FEWEST:
-        return failed(expected, "too few numbers", "Too few messages with numbers came to see a motion.")
+        return failed(expected, "too few numbers", "Too few messages with numbers arrived to see a motion.")
     parts, elsewhere = [], set()
     for component in p.components:
         part = _judge_component(series, component, p)
@@ -420,7 +426,7 @@ def _judge_component(series: NumericStream, c: Component, p: Sinusoids) -> Part:
         early = min((f for f in fits if _badness(f, c) <= p.tolerance), key=lambda fit: abs(fit.phase))
         if abs(early.phase) <= 2 * np.pi * p.phase_tolerance:
             return Part(1.0, text)
-        begins = f"{np.degrees(early.phase):.0f}° into its sine instead of at 0° (180° turns its sign round)"
+        begins = f"{np.degrees(early.phase):.0f}° into its sine instead of at 0° (180° inverts the sign)"
         reason = f"Element {c.index} has the right amplitude and frequency, but begins {begins}."
         return Part(p.phase_credit, text, reason)
     if float(np.ptp(values)) < p.tolerance * c.amplitude:
@@ -488,7 +494,7 @@ def offered_qos(context: Context, p: OfferedQos) -> Finding:
     expected = "offers " + ", ".join(v.upper() for v in wanted.values())
     endpoints = student_endpoints(context, p.topic, "publisher")
     if not endpoints:
-        return failed(expected, "no publisher", "There is no publisher to look at.")
+        return failed(expected, "no publisher", "There is no publisher.")
     # Which of several publishers sent what is not known; one that fits does not make up for another.
     unfit = [e.qos for e in endpoints if any(getattr(e.qos, name) != value for name, value in wanted.items())]
     qos = unfit[0] if unfit else endpoints[0].qos

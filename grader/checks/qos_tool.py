@@ -42,7 +42,9 @@ class EndsByItself(Parameters):
     least_s: float
     most_s: float
     output: Pattern = Field(description="Regular expression that its output matches.")
-    half_credit: Share = Field(0.5, description="Credit of results without an end in time, or the other way round.")
+    half_credit: Share = Field(
+        0.5, description="Credit for results without an end in time, or an end in time without results."
+    )
 
 
 def ends_by_itself(context: Context, p: EndsByItself) -> Finding:
@@ -64,7 +66,7 @@ def ends_by_itself(context: Context, p: EndsByItself) -> Finding:
     shown_s = apart(ran_s, p.least_s, places=1)
     measured = f"ended after {shown_s} s with status {run.exit_status}" + ("" if said else ", no results")
     if said:
-        reason = f"It ended after {shown_s} s already, which is too soon."
+        reason = f"It ended after {shown_s} s, which is too early."
         share = half if ran_s < p.least_s else 1.0
         return graded(share, expected, measured, reason, notes=[] if run.exit_status == 0 else [_BAD_END])
     if run.exit_status == 0 and ran_s >= p.least_s:
@@ -116,8 +118,8 @@ def topics_carry_traffic(context: Context, p: TopicsCarryTraffic) -> Finding:
         renamed, few = bool(count) and used != topic, count < p.least_messages
         least, most = (in_steps(n / p.least_messages) for n in (count, without_delay(count, delay_s, length_s)))
         share, best = (max(0.0, min(1.0, each) - p.other_name_costs * renamed) for each in (least, most))
-        reasons = [f"Too little came on {topic}."] * few
-        reasons += [f"{topic} is named {used}; the rest is judged on that."] * renamed
+        reasons = [f"Too few messages arrived on {topic}."] * few
+        reasons += [f"{topic} is named {used}; the other checks use that name."] * renamed
         parts.append(Part(share, f"{used} {count}", " ".join(reasons), best))
     return of_parts(expected, parts, doubt=kept_from_core(delay_s, length_s))
 
@@ -201,7 +203,7 @@ def qos_profiles(context: Context, p: QosProfiles) -> Finding:
     unknown = [f"the {s.kind} on {w.topic}" for w, each in sides.items() for s in each if s.seen and s.asked is None]
     if not unknown or finding.outcome is not Outcome.PASSED:
         return finding
-    return undecided(finding, f"The run does not say which history and depth {unknown[0]} has.", retry=False)
+    return undecided(finding, f"The recording does not show the history and depth of {unknown[0]}.", retry=False)
 
 
 def _judge_profile(wanted: WantedProfile, sides: Sequence[_Side]) -> Part:
@@ -259,7 +261,7 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
         f"for each profile the messages delivered (± {percent(p.count_tolerance)}) and a latency that is possible"
     )
     if not rows:
-        return not_reached("Nothing was sent on any of the topics, which is charged above.", expected=expected)
+        return not_reached("Not tested, because nothing was sent on any of the topics.", expected=expected)
     run = context.session.process(p.artifact)
     delay_s, length_s = _delay_s(context, run) if run is not None else (0.0, 1.0)
     late_s = context.session.backlog(run, _life(context, run)).late_s if run is not None else 0.0
@@ -355,7 +357,7 @@ def _latency_problem(context: Context, p: ReportedTraffic, row: Row, got: Result
     if not len(latencies):
         return ""
     if _stamped_otherwise(context, latencies):
-        return f"What is sent on {row.topic} carries time stamps that are not those of its sending."
+        return f"The messages on {row.topic} have time stamps that are not their times of publication."
     truth_s = float(np.mean(latencies))
     least_s = float(np.min(latencies)) / p.latency_factor
     most_s = max(truth_s * p.latency_factor, truth_s + p.latency_slack_s) + late_s
@@ -364,7 +366,9 @@ def _latency_problem(context: Context, p: ReportedTraffic, row: Row, got: Result
         return ""
     most = f" (max {got.max_s * 1e3:.2f} ms)" if got.max_s is not None else ""
     mean_ms = apart(got.mean_s * 1e3, *([] if got.max_s is None else [got.max_s * 1e3]), places=2)
-    slip = " It would be right in s: times 1000, it is in ms." if least_s <= 1e3 * got.mean_s <= most_s else ""
+    slip = (
+        " The value is right in seconds; multiply it by 1000 for ms." if least_s <= 1e3 * got.mean_s <= most_s else ""
+    )
     return f"{row.name} reports a mean latency of {mean_ms} ms{most}; recorded was {truth_s * 1e3:.2f} ms.{slip}"
 
 

@@ -36,7 +36,7 @@ def service_offered(context: Context, p: ServiceOffered) -> Finding:
     offers = [s for graph in context.session.record.graph for s in graph.services if s.name == used]
     offers = [s for s in offers if s.node not in context.reference_nodes]
     if not offers:
-        fallback = f"The service {p.service} never came up, nor one of a similar name. A client would wait in vain."
+        fallback = f"The service {p.service} did not appear, nor one of a similar name. A client would wait forever."
         return unexplained(failed(expected, "no service in the graph", fallback))
     offer = next((s for s in offers if s.type == p.type), offers[0])
     wrong = p.faults("service", (p.service, p.type), (used, offer.type), [offer.node])
@@ -65,8 +65,10 @@ class CallAnswered(Parameters):
     )
     message_field: Annotated[str, ref.fields_of_type("_Response", "step")] = "message"
     message: Pattern | None = Field(None, description="Regular expression for the message field.")
-    contrary: Pattern | None = Field(None, description="A message that matches says the contrary: no credit.")
-    again: ref.CallLabel | None = Field(None, description="A later step with the same request, to be answered alike.")
+    contrary: Pattern | None = Field(None, description="A message that matches contradicts the answer: no credit.")
+    again: ref.CallLabel | None = Field(
+        None, description="A later step with the same request, which must get the same answer."
+    )
     again_charged_by: ref.EarlierCheckId | None = Field(
         None, description="Where this check took points, neither a later answer nor a contrary message takes any."
     )
@@ -129,7 +131,7 @@ def _earlier_silence(context: Context, step: StepRun | None, expected: str) -> F
 
 
 _THEN_THESE = "Fix that, and these points can be earned too."
-_STUCK = "The node does not answer questions for its parameters either: it does not spin, or a callback never returns."
+_STUCK = "The node does not answer parameter requests either: it does not spin, or a callback never returns."
 _STUCK_HINT = (
     "rclpy.spin(node) must be reached; and a callback that waits for an answer, as client.call() does, keeps the node "
     "from getting it: use call_async()."
@@ -139,7 +141,7 @@ _STUCK_HINT = (
 def _silence(context: Context, step: StepRun | None, expected: str, problem: str) -> Finding:
     """State that a call had no answer, which is charged once: with the first of them."""
     stuck = any(s.kind == "get_parameters" and s.outcome == "timeout" for s in context.session.record.steps)
-    hint = _STUCK_HINT if stuck else "A service callback must return its response, and soon."
+    hint = _STUCK_HINT if stuck else "End the service callback with `return response`, and do not wait in it."
     reason = f"{problem} {_STUCK}" if stuck else problem
     fails = failed(expected, "no answer", reason, hint=hint, where=(_spot(context, step),))
     return _earlier_silence(context, step, expected) or unexplained(fails)
@@ -165,7 +167,7 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
     later = [] if context.charged(p.again_charged_by) else _later_answers(context, p)
     contrary = next((answer for answer in (response, *later) if _says_contrary(p, answer)), None)
     if contrary is not None and not context.charged(p.again_charged_by):
-        reason = f"To this request it answers {_shown(contrary)}, which says the contrary."
+        reason = f"It answers this request with {_shown(contrary)}, which means the opposite."
         return failed(expected, measured, reason, hint=_CONTRARY_HINT, where=where)
     if (changed := next((answer for answer in later if not _fits(answer, p.response)), None)) is not None:
         reason = f"To the same request it answers {_shown(changed)} later."
@@ -174,12 +176,12 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
     if p.message is not None and not text.strip():
         return graded(p.wordless_credit, expected, measured, "The answer's message is empty.", where=where)
     other_words = p.message is not None and not search(p.message, text)
-    notes = [f"The message {text!r} is worded otherwise than the lab's."] if other_words else []
+    notes = [f"The message {text!r} is not worded as in the lab."] if other_words else []
     return passed(expected, measured, where=where, notes=notes)
 
 
-_CONTRARY_HINT = "Do what request.data says, without switching over; and tell the new state, not the one before."
-_ALIKE_HINT = "Answer each request by what it asks for, whatever the state was before."
+_CONTRARY_HINT = "Set the state to request.data instead of toggling it, and report the new state, not the previous one."
+_ALIKE_HINT = "Answer each request by its own content, whatever the previous state was."
 
 
 def _fits(answer: Mapping[str, Any] | None, wanted: Mapping[str, Any]) -> bool:
@@ -207,7 +209,7 @@ class CallGated(Parameters):
     recovered_step: ref.CallLabel
     from_start_step: ref.CallLabel = Field(description="The call to a node that had the parameter from its start.")
     enables: ref.EarlierCheckId | None = Field(
-        None, description="Check of the answer while all is well; without it nothing is said."
+        None, description="Check of the answer in the normal case; if that one fails, this is not tested."
     )
     refused: Annotated[Mapping[str, Any], ref.fields_of_type("_Response", "refused_step")]
     recovered: Annotated[Mapping[str, Any], ref.fields_of_type("_Response", "recovered_step")]
@@ -236,19 +238,19 @@ def call_gated(context: Context, p: CallGated) -> Finding:
         if _earlier_silence(context, steps[p.refused_step], expected) is None:
             problem = "No answer came while the parameter was false."
             return _silence(context, steps[p.refused_step], expected, problem)
-        reason = "The node had stopped answering before, which is charged there, so no change could be looked at."
+        reason = "Not tested, because the node had already stopped answering."
         return graded(p.half_credit * refuses_at_start, expected, measured, reason, hint=_THEN_THESE, where=where)
     unset = _not_set(context.session.step(p.set_step))
     words = str(off.get(p.message_field, "")) if off is not None else ""
     only_said = recovers and p.refusal is not None and search(p.refusal, words)
     kept = unset or "a change while it runs has no effect."
     rows: tuple[tuple[object, float, str, str], ...] = (
-        (turned, p.half_credit, _REVERSED, "Turn the condition round."),
+        (turned, p.half_credit, _REVERSED, "Invert the condition."),
         (refuses and recovers, 1.0, "", ""),
         (refuses, p.half_credit, "It refuses, but does not recover when the parameter is true again.", ""),
-        (only_said, p.half_credit, _ONLY_SAID, "Set what tells of success to False beside the message."),
+        (only_said, p.half_credit, _ONLY_SAID, "Set the field for success to False as well, not only the message."),
         (refuses_at_start, p.half_credit, f"{_AT_START} {kept}", _SET_HINT if unset else ""),
-        (unset, 0.0, f"It goes on enabling, since {unset}", _SET_HINT),
+        (unset, 0.0, f"It still enables the robot, because {unset}", _SET_HINT),
         (True, 0.0, "It enables although the parameter is false.", ""),
     )
     _, share, reason, hint = next(row for row in rows if row[0])
@@ -264,10 +266,8 @@ def _not_set(step: StepRun | None) -> str:
 
 
 _AT_START = "It refuses only when the parameter is false from the start;"
-_ONLY_SAID = "Its message refuses, but the other fields say that it was done, and those are what a program goes by."
-_REVERSED = (
-    "It follows the parameter, but the wrong way round: it enables while it is false and refuses while it is true."
-)
+_ONLY_SAID = "Its message refuses, but the other fields report success, and client programs read those."
+_REVERSED = "It follows the parameter, but inverted: it enables while it is false and refuses while it is true."
 _SET_HINT = (
     "Declare the parameter with a default of the type that the lab gives it, not read-only; others can then set it."
 )
@@ -319,7 +319,9 @@ class CallsInTime(Parameters):
 
     step: ref.CallLabel
     within_s: float = Field(gt=0)
-    enough: int = Field(10, description="Where all were in time, so many will do if there was no time for more.")
+    enough: int = Field(
+        10, description="If all answers were in time, this many calls are enough where there was no time for more."
+    )
 
 
 def calls_in_time(context: Context, p: CallsInTime) -> Finding:
@@ -341,7 +343,7 @@ def calls_in_time(context: Context, p: CallsInTime) -> Finding:
     delays = [_delay_s(context, call) for call in calls]
     best = sum(_latency_s(call) - delay <= p.within_s for call, delay in zip(calls, delays, strict=True)) / len(calls)
     share, notes = quick / len(calls), [few] if few else []
-    doubt = f"The machine kept a process from a core for up to {max(delays):.2f} s during a call, which may be why."
+    doubt = f"Not your fault: the grading computer was too busy to time the calls (up to {max(delays):.2f} s)."
     reason = f"{len(calls) - quick} of {len(calls)} calls took longer than {p.within_s:g} s, or got no answer."
     reason += f" The quickest took {apart(min(latencies), p.within_s, places=2)} s." if latencies and not quick else ""
     return graded(share, expected, measured, reason, where=where, notes=notes, best=max(share, best), doubt=doubt)

@@ -132,7 +132,7 @@ class Alternative(Parameters):
 
         Numbers of which a share is right all the same are worth at least that.
         """
-        charged, meant = any(map(context.charged, self.charged_by)), f"These numbers fit {self.meaning}."
+        charged, meant = any(map(context.charged, self.charged_by)), f"Your numbers match {self.meaning}."
         share, reason = 1.0 if charged else max(self.credit, least), f"{finding.reason} {meant}".strip()
         notes = finding.notes if charged or self.credit < 1 else (*finding.notes, meant)
         return graded(share, finding.expected, finding.measured, reason, where=finding.where, notes=notes)
@@ -188,18 +188,18 @@ def reported_series(context: Context, p: ReportedSeries) -> Finding:
     heard = reports(context.session, p.artifact, p.pattern)
     plateaus = _plateaus(context, p, heard)
     count = len(plateaus)
-    expected = f"the right value on each of {count} plateaus (times of constant messages), ± {p.tolerance:g} or 1%"
+    expected = f"the right value in each of {count} phases of constant commands and states, ± {p.tolerance:g} or 1%"
     if not plateaus:
         return unclear(expected, "no stimulus recorded", _NO_STIMULUS)
     if not heard:
         printed = [line.text for line in context.session.output_of(p.artifact)]
         last = f"; it printed {len(printed)} others, the last of which is {printed[-1][:100]!r}." if printed else "."
-        reason = f"The node reported no tracking error at all in the form asked for, on its output or in its log{last}"
+        reason = f"The node printed no tracking error in the requested form, neither to its output nor to its log{last}"
         return unexplained(failed(expected, "no report", reason))
     fits = [plateau.shows(plateau.value, p) for plateau in plateaus]
     right, reached = sum(fits), max((n for n, each in enumerate(plateaus, 1) if each.reports), default=0)
     where = (context.output_of(p.artifact), context.where(next(iter(p.streams.values()))))
-    measured = f"right on {right} of {count} plateaus ({len(heard)} reports)"
+    measured = f"right in {right} of {count} phases ({len(heard)} reports)"
     if right == count:
         return passed(expected, measured, where=where)
     example = _wrong(context, plateaus[fits.index(False)])
@@ -213,7 +213,7 @@ def reported_series(context: Context, p: ReportedSeries) -> Finding:
     last_right = max((n for n, fit in enumerate(fits, 1) if fit), default=0)
     elsewhere, notes = sum(not plateau.reports for plateau in plateaus[:last_right]), []
     if p.end_charged_by is not None and reached < count and _ended(context, p.artifact):
-        notes = [f"The node ended before the last {count - reached} plateaus, which is charged in {p.end_charged_by}."]
+        notes = [f"The node ended before the last {count - reached} phases, which costs points in {p.end_charged_by}."]
         elsewhere += min(count - reached, count // 2)
     judged = max(right, count - elsewhere)
     kept, doubt = _kept_silent(context, p, plateaus[reached:])
@@ -251,7 +251,7 @@ def _wrong(context: Context, plateau: _Plateau) -> str:
     """Say what is reported on a plateau, and what is right."""
     begin_s, value = context.session.since_start_s(plateau.span.start_ns), plateau.value
     if value is None:
-        return f"From {begin_s:.1f} s on there is no report on a whole plateau."
+        return f"From {begin_s:.1f} s on there is no report during a whole phase of constant commands and states."
     shown, wanted = apart(value, plateau.right, places=4), apart(plateau.right, value, places=4)
     return f"At {begin_s:.1f} s it reports {shown}; right is {wanted}."
 
@@ -338,7 +338,7 @@ _HIT_IN_A_CALL = "RuntimeError: Unable to convert call argument"
 def _ended_by_chance(run: ProcessRun) -> str:
     """Say what befell a program at Ctrl-C that correct ones meet too now and then, if anything."""
     if any(_HIT_IN_A_CALL in line.text for line in run.output):
-        return "Ctrl-C came in the midst of a call into rclpy, which made another error of it; that is chance."
+        return "Ctrl-C arrived inside a call into rclpy and became another error; a correct program can meet this too."
     if run.interrupted_ns and run.ended_by in ("terminate", "kill"):
         return "The node did not end in time after Ctrl-C, and had to be stopped before it printed statistics."
     return ""
@@ -360,14 +360,12 @@ def _judge_vector(
     ]
     measured, right_text = next((pair for pair in shown if share < 1 and pair[0] != pair[1]), shown[0])
     expected = f"{right_text} from the recording, behind '{p.label}:' at Ctrl-C"
-    other_form = f"{p.label} is printed in a form of its own; the lab asks for a line '{p.label}: [...]'."
+    other_form = f"{p.label} is printed in another form; the lab asks for a line '{p.label}: [...]'."
     notes = [] if printed.form == "vector" else [other_form]
     if share >= 1:
         return passed(expected, measured, notes=notes)
     if len(printed.values) != p.length:
-        reason = (
-            f"{len(printed.values)} numbers are printed, not one for each of {p.length}. Right would be {right_text}."
-        )
+        reason = f"{len(printed.values)} numbers are printed, not one for each of {p.length}. Expected: {right_text}."
         return failed(expected, measured, reason)
     heard, of = _heard_of_some(context, p, streams)
     fits = bool(heard) and _agreement(context, p, streams, {"reports": heard}, printed) >= 1
@@ -381,12 +379,10 @@ def _judge_vector(
             return other.explains(context, passed(expected, measured, notes=notes))
     lost, late = _lost_to_machine(context, p)
     if fits:
-        reason = (
-            f"These numbers fit the {len(heard)} messages alone on which the node reported; it left out the others."
-        )
+        reason = f"Your numbers match only the {len(heard)} messages that the node reported; it missed the others."
         return graded(of_all, expected, measured, reason, best=of_all + lost / p.full_from, doubt=late, steps=STEPS)
     best = 1.0 if heard and lost >= _LOST_SHARE else share
-    return graded(share, expected, measured, f"Right would be {right_text}.", notes=notes, best=best, doubt=late)
+    return graded(share, expected, measured, f"Expected: {right_text}.", notes=notes, best=best, doubt=late)
 
 
 def _silent_when_shorter(context: Context, p: ReportedStatistics, shorter: Shorter) -> str:
@@ -533,7 +529,7 @@ def report_share(context: Context, p: ReportShare) -> Finding:
     possible = int(p.answer(context, streams))
     lines = reports(context.session, p.artifact, p.pattern)
     if not lines:
-        return not_reached("There is no report at all, as said above.", expected=expected)
+        return not_reached("Not tested, because the node printed no report.", expected=expected)
     heard = len(_without_repeats(context, p, lines))
     repeats = f", and {len(lines) - heard} that repeat one" if heard < len(lines) else ""
     kept = ", as far as its output is kept: it printed more" if full else ""

@@ -237,7 +237,7 @@ def entries_of(results: Path, rows: Sequence[Row], missing: Sequence[str]) -> li
         handed = row.handed
         entry = entries.get(handed.name)
         if isinstance(row.ending, GraderError) or entry is None:
-            problem = row.ending.problem if isinstance(row.ending, GraderError) else "Its results are not there."
+            problem = row.ending.problem if isinstance(row.ending, GraderError) else "There are no results of it."
             entry = ClassEntry(handed.name, None, problem)
         entries[handed.name] = replace(
             entry,

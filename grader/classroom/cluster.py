@@ -35,7 +35,7 @@ from grader.submission.extraction import Handed, Intake, taken_in
 _CONNECT_S = 10
 _WATCH_S = 1.0
 _POLL_S = 0.2
-_LOST = "Look at the workers' logs, and give the same command again: what is graded is kept."
+_LOST = "Read the workers' logs, then run the same command again: finished submissions are kept."
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def unpack(content: bytes, folder: Path) -> None:
             path = PurePosixPath(member.name)
             file = archive.extractfile(member) if member.isreg() else None
             if file is None or path.is_absolute() or ".." in path.parts:
-                raise ValueError(f"{member.name!r} has no place in a bundle")
+                raise ValueError(f"{member.name!r} cannot be part of a bundle")
             (folder / path).parent.mkdir(parents=True, exist_ok=True)
             (folder / path).write_bytes(file.read())
 
@@ -218,7 +218,7 @@ class Cluster:
 
 def _lost(problem: BaseException) -> GraderError:
     if type(problem).__name__ == "KilledWorker":
-        return GraderError("each of the workers that had it was lost", remedy=_LOST)
+        return GraderError("the connection to each worker that graded it was lost", remedy=_LOST)
     if isinstance(problem, CancelledError):
-        return GraderError("the scheduler was lost", remedy=_LOST)
+        return GraderError("the connection to the scheduler was lost", remedy=_LOST)
     return GraderError(f"the cluster failed: {type(problem).__name__}: {problem}", remedy=_LOST)

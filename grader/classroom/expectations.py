@@ -137,7 +137,7 @@ def load_fixture(folder: Path) -> Fixture:
         expectation = Expectation.model_validate(plain)
     except ValidationError as error:
         mistakes.add_validation((), error)
-    mistakes.raise_any("fixtures/README.md says what stands in it.")
+    mistakes.raise_any("fixtures/README.md describes its format.")
     base, own = expectation.with_files_of, folder / "submission"
     layers = [folder.resolve().parent.parent / base] if base is not None else []
     return Fixture(folder.name, (*layers, *([own] if own.is_dir() else [])), expectation)
@@ -163,7 +163,7 @@ def fixtures_in(folder: Path) -> list[Fixture]:
 def solution(folder: Path, rubric: Rubric) -> Fixture:
     """Return the lab's own solution as a fixture: every check of the rubric passes, and all points are earned."""
     expectation = Expectation(
-        about="The lab's own solution has all points.",
+        about="The lab's own solution earns all points.",
         sessions=tuple(rubric.sessions),
         criteria={criterion.id: ExpectedCriterion() for criterion in rubric.criteria},
         total=(rubric.lab.points, rubric.lab.points),

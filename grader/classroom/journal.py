@@ -147,7 +147,7 @@ def _lock(file: int, results: Path) -> None:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         remedy = "Wait until it has ended, or give another folder by -o."
-        problem = "another run of grade is at work in this results folder"
+        problem = "another run of grade is writing to this results folder"
         raise GraderError(problem, where=str(results), remedy=remedy) from None
 
 

@@ -87,8 +87,8 @@ async def _run(job: Job, scratch: Path, on_phase: Callable[[Phase], None], on_st
                 ending = said
         await asyncio.wait_for(process.wait(), quiet_s)
     except asyncio.TimeoutError:
-        remedy = "Grade it by itself and watch; the other submissions are not concerned."
-        ending = ending or GraderError(f"the grader's process said nothing for {quiet_s:g} s", remedy=remedy)
+        remedy = "Grade this submission alone and watch its progress; the others are not affected."
+        ending = ending or GraderError(f"the grader's process reported nothing for {quiet_s:g} s", remedy=remedy)
     finally:
         await _end(process)
         remove_leavings()
@@ -114,7 +114,7 @@ def _broken(status: int | None, said: Path) -> GraderError:
     how = f"status {status}" if status is None or status >= 0 else signal.Signals(-status).name
     lines = said.read_text(encoding="utf-8", errors="replace").strip().splitlines()
     last = f": {lines[-1]}" if lines else ""
-    remedy = "Grade it by itself; a SIGKILL that nobody sent means that the machine ran out of memory."
+    remedy = "Grade this submission alone. A SIGKILL that nobody sent means that the machine ran out of memory."
     return GraderError(f"the grader's process ended with {how}{last}", remedy=remedy)
 
 

@@ -61,9 +61,9 @@ def _entry(folder: Path) -> ClassEntry:
     try:
         result = load_result(folder / RESULT_FILE)
     except FileNotFoundError:
-        return ClassEntry(folder.name, None, "There is no result; the grading was broken off.", report)
+        return ClassEntry(folder.name, None, "There is no result; the grading was interrupted.", report)
     except RecordingError:
-        problem = f"Its {RESULT_FILE} cannot be read, or is of another version; `grade regrade` makes it anew."
+        problem = f"Its {RESULT_FILE} cannot be read, or is of another version; `grade regrade` writes it again."
         return ClassEntry(folder.name, None, problem, report)
     try:
         record = read_submission(folder / RECORDINGS)

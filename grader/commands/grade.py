@@ -82,7 +82,7 @@ def _parser(epilog: str) -> argparse.ArgumentParser:
     add_isolation(parser)
     add_exports(parser, "--export")
     add_fail_under(parser)
-    add_flag(parser, "--timings", "also tell where the time went (for a single submission)")
+    add_flag(parser, "--timings", "also print where the time went (for a single submission)")
     parser.add_argument("--version", action="version", version=f"grade {__version__}")
     return parser
 
@@ -239,7 +239,7 @@ def _grade_class(found: Found, rubric: Rubric, live: Options, options: argparse.
             except (KeyboardInterrupt, SystemExit) as end:
                 kept = sum(not isinstance(row.ending, GraderError) for row in run.rows)
                 told = f"grade: interrupted; {kept} of {len(found.submissions)} submissions are graded and kept."
-                print(f"{told}\n  The same command goes on with the others.", file=sys.stderr)
+                print(f"{told}\n  Run the same command again to grade the others.", file=sys.stderr)
                 return int(end.code or 0) if isinstance(end, SystemExit) else _INTERRUPTED
         rows = sorted(run.rows, key=lambda row: (row.handed.name.casefold(), row.handed.name))
         print_class(console, rows)
@@ -279,7 +279,7 @@ def _tell_found(found: Found, console: Console) -> None:
         print_note(console, f"and {len(found.not_understood) - _MOST_LISTED} more.")
     late = [handed.name for handed in found.submissions if handed.late and handed.submitted_at is None]
     if late:
-        told = "Marked as late, but the download does not tell when they were handed in; --class-list can"
+        told = "Marked as late, but the download does not say when they were handed in; --class-list can"
         print_note(console, f"{told}: {', '.join(late)}")
     if found.missing:
         print_note(console, f"Nothing handed in: {', '.join(found.missing)}")
@@ -297,7 +297,7 @@ def _report_class(
     entries = entries_of(options.output, rows, missing)
     known = {*(row.handed.name for row in rows), *missing}
     if earlier := [entry.name for entry in entries if entry.name not in known]:
-        print_note(console, f"Of earlier runs, and not among these: {', '.join(earlier)}. They are on the page too.")
+        print_note(console, f"Results of earlier runs, on the page too: {', '.join(earlier)}.")
     if options.class_list is not None:
         entries = with_roster(entries, read_class_list(options.class_list))
     for anonymous in (False, True)[: 1 + options.anonymous]:

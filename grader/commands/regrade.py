@@ -144,7 +144,7 @@ def _regrade_class(folder: Path, options: argparse.Namespace, console: Console) 
     console.print(f"Judged in {took_s:.1f} s. {written if matter or options.apply else ''}".rstrip())
     console.print(f"Table: {folder / CHANGES_FILE}", soft_wrap=True, markup=False)
     if options.apply and matter and (folder / result_folder.CLASS_PAGE).exists():
-        print_note(console, f"The class page is of before; `grade report {folder}` makes it anew.", "")
+        print_note(console, f"The class page is out of date; run `grade report {folder}`.", "")
     return _status(found, matter, options)
 
 

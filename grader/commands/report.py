@@ -61,7 +61,9 @@ def run(arguments: Sequence[str], console: Console) -> int:
     copy = None if options.rubric else rubrics.rubric_of_class(options.results, entries)
     rubric = rubrics.recorded_rubric(copy) if copy else rubrics.read_rubric(options.rubric)
     for entry in entries:
-        rubrics.require_lab(options.results / entry.name, rubric, "Part the results of the labs into two folders.")
+        rubrics.require_lab(
+            options.results / entry.name, rubric, "Move the results of each lab into a folder of its own."
+        )
     if options.class_list is not None:
         entries = with_roster(entries, read_class_list(options.class_list))
     report_class(options.results, entries, rubric, console, anonymous=options.anonymous, counted=True)

@@ -20,7 +20,7 @@ from grader.evidence.known_packages import known_packages
 from grader.evidence.text.syntax import expression_tree, normalise, tree_of
 from grader.recording.submission import SubmissionRecord
 
-_LAST_WORD = "A person has to decide."
+_LAST_WORD = "Your instructor will run it by hand."
 _INTERFACES = (".msg", ".srv", ".action")
 _IMPORT_KINDS = ("missing-module", "missing-interface", "missing-sibling")
 
@@ -47,10 +47,7 @@ def only_elsewhere(found: Diagnosis | None, submission: SubmissionRecord, progra
     if found.kind != "syntax-error" or not is_newer_python(submission.texts.get(found.file, "")):
         return None
     place = f" (line {found.line})" if found.line else ""
-    return (
-        f"{found.file}{place} is written in Python 3.12 or later, and was run with an older one, which cannot read it. "
-        f"{_LAST_WORD}"
-    )
+    return f"{found.file}{place} uses syntax of Python 3.12 or later, which the grading computer lacks. {_LAST_WORD}"
 
 
 def missing_here(module: str, file: str, line: int | None, submission: SubmissionRecord) -> str | None:
@@ -67,7 +64,7 @@ def missing_here(module: str, file: str, line: int | None, submission: Submissio
     if submission.absent_modules is not None and name not in submission.absent_modules:
         return None
     if name in known_packages():
-        return f"It needs {name}, which is not installed where it was graded. {_LAST_WORD}"
+        return f"It needs {name}, which the grading computer lacks. {_LAST_WORD}"
     if name in interface_packages(submission):
         return f"It needs the interfaces of its own package {name}, which were not built. {_LAST_WORD}"
     return None

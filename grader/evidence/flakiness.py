@@ -28,13 +28,13 @@ def may_be_chance(recorded: Recorded, reference_nodes: Iterable[str]) -> str | N
     if (held_up := _held_up(recorded)) is not None:
         return held_up
     if is_believed(recorded) and any(_was_refused_tasks(run) for run in students):
-        return "A program could start no thread, and not since it had too many: the machine may have."
+        return "A program could not start a thread although it had few: the machine may have run out of them."
     if recorded.record.times_recorded > 1:
         return None
     if any(_killed_by_nobody(run) for run in students):
-        return "A program was killed, and by nobody of this session; the system does so when its memory is short."
+        return "A program was killed, but not by this session; the system does that when memory is short."
     if _nobody_came(recorded, students, frozenset(reference_nodes)):
-        return "The program ran, but no node of it came into the graph in time. Once is no proof."
+        return "The program ran, but its node did not appear in time. A single occurrence is not conclusive."
     return None
 
 
@@ -53,7 +53,7 @@ def _held_up(recorded: Recorded) -> str | None:
         enough_s = max(_LEAST_HELD_UP_S, _HELD_UP * span.duration_s)
         if delay_s > enough_s and recorded.students_cpu_s(span) < _OWN_DOING * span.duration_s:
             late = f"for {min(delay_s, span.duration_s):.1f} s of {span.duration_s:.1f} s"
-            return f"Something was waited for in vain while the machine kept a process from a core {late}."
+            return f"Something did not appear in time while the grading computer was busy {late}."
     return None
 
 

@@ -100,7 +100,7 @@ class _Census:
         for sighting in sightings[:_MOST_NAMED]:
             endpoint = sighting.endpoint
             start_s, end_s = self.seconds(sighting.start_ns, sighting.end_ns)
-            node = "a node that never told its name" if UNKNOWN_NODE in endpoint.node else f"node {endpoint.node}"
+            node = "a node whose name is not known" if UNKNOWN_NODE in endpoint.node else f"node {endpoint.node}"
             kind, gid = endpoint.kind, endpoint.gid
             yield f"{kind} on {endpoint.topic} of {node}, gid {gid}, in the graph from {start_s:g} to {end_s:g} s"
         if len(sightings) > _MOST_NAMED:
@@ -116,7 +116,7 @@ class _Census:
             if node in self.nodes or node.startswith(GRADER_NAMESPACE + "/"):
                 by_name.setdefault(node if node in self.nodes else GRADER_NAMESPACE, []).append(sighting)
         for name, sightings in by_name.items():
-            text = f"A node of the submission has the name {name}, which is that of a node of the grader's."
+            text = f"A node of the submission has the name {name}, which is the name of a node of the grader's."
             if name == GRADER_NAMESPACE:
                 text = f"Nodes of the submission are in the grader's own namespace {name}."
             evidence = list(self.described(sightings))
@@ -217,7 +217,7 @@ class _Census:
         if not problems or alone or once or self._machine_was_late(span):
             return
         text = (
-            f"In {self.record.times_recorded} recordings the experiment could not be carried out in order while "
+            f"In {self.record.times_recorded} recordings the session could not be carried out as planned while "
             "programs of the submission were running, and the machine was not busy."
         )
         yield self.touched(ViolationKind.DISTURBS_RECORDING, text, problems, span, certain=False)
@@ -277,7 +277,7 @@ class _Census:
             kind = ViolationKind.PUBLISHES_ON_REFERENCE_TOPIC
             text = f"{who} published on {topic}, where in this session only the grader is to publish."
             if not spoilt:
-                evidence.append("what rests on this topic was judged by the grader's own messages alone")
+                evidence.append("checks of this topic used the grader's own messages only")
         return self.touched(kind, text, evidence, span, topic, spoilt=spoilt, certain=bool(publishers))
 
     # -- logs ---------------------------------------------------------------------------------
@@ -294,7 +294,7 @@ class _Census:
         # When a node is made it declares its parameters; no parameter of ours is changed later.
         changes = events.only(np.isin(np.arange(len(events)), list(told))).field("changed_parameters")
         told = {row: node for (row, node), changed in zip(sorted(told.items()), changes, strict=True) if changed}
-        text = "Events on /parameter_events tell of changed parameters of the grader's, where none can be changed."
+        text = "Events on /parameter_events report changed parameters of the grader's nodes, which cannot be changed."
         yield from self._forged(ViolationKind.FORGES_PARAMETER_EVENTS, text, events, told)
 
     def _forged(self, kind: ViolationKind, text: str, stream: Stream, rows: Mapping[int, str]) -> Iterator[Touched]:
@@ -350,7 +350,7 @@ def _naming(stream: Stream, field: str, names: Mapping[str, str]) -> dict[int, s
 def _brought_down(run: ProcessRun) -> str:
     """Say that a process of the grader's was ended by something in its native code, or had to be killed, if so."""
     if run.ended_by in ("terminate", "kill"):
-        return "no longer heeded anybody and had to be killed"
+        return "no longer reacted and had to be killed"
     status = run.exit_status or 0
     if run.ended_by == "itself" and status < 0 and status not in _SENT_BY_OTHERS:
         return f"ended by signal {-status}"

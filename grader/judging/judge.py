@@ -59,7 +59,7 @@ def open_recordings(folder: Path, rubric: Rubric) -> Recordings:
         submission = read_submission(folder)
     except (OSError, ValueError) as problem:
         raise RecordingError(
-            "this is no folder of recordings",
+            "this is not a folder of recordings",
             where=str(folder),
             remedy=f"Give a results folder of `grade`. ({problem})",
         ) from problem
@@ -156,7 +156,7 @@ def _judge(
     if touched is not None and touched.kind.disturbs:
         return not_measurable("", touched)
     if recorded is not None and (faults := _faults(recorded)):
-        return inconclusive("", "", f"The experiment could not be carried out in order: {'; '.join(faults)}")
+        return inconclusive("", "", f"The session could not be carried out as planned: {'; '.join(faults)}")
     finding = _found(spec, context)
     if touched is not None:
         finding = not_measurable(finding.expected, touched)
@@ -177,7 +177,7 @@ def _blocked(spec: CheckSpec, findings: Mapping[str, Finding], rubric: Rubric) -
     title = next(check.title for check in rubric.checks() if check.id == required)
     earlier = findings[required]
     if not earlier.outcome.decided:
-        return inconclusive("", "", f"It depends on '{title}', which is undecided.", retry=False)
+        return inconclusive("", "", f"Depends on '{title}', which is not decided yet.", retry=False)
     if earlier.outcome is Outcome.NOT_REACHED:
         return not_reached(earlier.reason)  # It names what is at the root of both.
     return not_reached(f"It could not be looked at, since '{title}' failed.")
@@ -190,7 +190,9 @@ def _found(spec: CheckSpec, context: Context) -> Finding:
         with patterns_bounded() as budget, np.errstate(over="ignore", invalid="ignore"):
             finding = REGISTRY[spec.check].judge(context, spec.parameters)
     except Exception as problem:
-        return Finding(Outcome.ERROR, Decimal(0), reason=f"The check broke: {type(problem).__name__}: {problem}")
+        return Finding(
+            Outcome.ERROR, Decimal(0), reason=f"The check failed with an error: {type(problem).__name__}: {problem}"
+        )
     if budget.exceeded:
         return dataclasses.replace(finding, notes=(*finding.notes, f"'{spec.title}': {NOTE}"))
     return finding
@@ -201,7 +203,7 @@ def _settled(finding: Finding, recorded: Recorded) -> Finding:
     settled = finding.settled
     if settled is None or is_believed(recorded):
         return finding
-    often = f"The session was recorded {recorded.record.times_recorded} times; a program can bring this about itself."
+    often = f"The session was recorded {recorded.record.times_recorded} times; a program can cause this itself."
     return dataclasses.replace(settled, reason=f"{settled.reason} {often}")
 
 
@@ -211,7 +213,7 @@ def _faults(recorded: Recorded) -> list[str]:
     if not recorded.record.complete:
         return [*faults, "The recording was cut off."]
     # A copy that was cut short must not be taken for a node that fell silent.
-    return faults if recorded.bag.finished else [*faults, "The bag is damaged, or not all of it is there."]
+    return faults if recorded.bag.finished else [*faults, "The bag is damaged or incomplete."]
 
 
 def _as_far_as_recorded(finding: Finding, spec: CheckSpec, recorded: Recorded) -> Finding:
@@ -257,7 +259,7 @@ def _advisories(recordings: Recordings, criteria: tuple[CriterionResult, ...]) -
         found.append(f"{', '.join(named)}: {text}" if named else text)
     for fact in recordings.submission.artifacts:
         if fact.found_by == "near miss":
-            found.append(f"{fact.path} was taken for {fact.expected}.")
+            found.append(f"{fact.path} was used as {fact.expected}.")
     for package in recordings.submission.packages:
         found += [f"Package {package.name}: {p}" for p in package.problems]
     found += [note for c in criteria for check in c.checks for note in check.notes]

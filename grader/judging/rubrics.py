@@ -75,7 +75,7 @@ def read_overrides(path: Path | None, results: Path, rubric: Rubric, sources: It
     if path is None and (lies_within(results, sources) or not beside.is_file()):
         misnamed = beside.with_suffix(".yml")
         if misnamed.is_file() and not lies_within(results, sources):
-            problem = f"the file of overrides is called {OVERRIDES_FILE}; under this name nothing in it would count"
+            problem = f"the file of overrides is called {OVERRIDES_FILE}; under this name it would have no effect"
             remedy = f"Rename it, or give it with --overrides {misnamed}."
             raise RubricError(problem, [], where=str(misnamed), remedy=remedy)
         return Overrides()

@@ -57,7 +57,7 @@ def _names(value: Any) -> Any:
 def _words(value: Any) -> Any:
     if isinstance(value, str) and value.strip():
         return " ".join(value.split())
-    raise ValueError("words are expected")
+    raise ValueError("a text is expected")
 
 
 def _date(value: Any) -> Any:
@@ -170,7 +170,7 @@ def load_overrides(path: Path, rubric: Rubric) -> Overrides:
     plain, mistakes = parse_yaml(path, text, _WHAT)
     for key in plain:
         if key != "overrides":
-            mistakes.add((key,), "unknown key; known is overrides")
+            mistakes.add((key,), "unknown key; the only key is overrides")
     listed = plain.get("overrides", [])
     if not isinstance(listed, list):
         mistakes.add(("overrides",), "a list of entries is expected")

@@ -24,8 +24,7 @@ Match = regex.Match
 #: tests, all patterns of a submission take 0.02 s together.
 BUDGET_S = 2.0
 NOTE = (
-    "What was printed or written took longer to compare with the rubric's patterns than they may take, so the rest of "
-    "it was not read; a person should look at it."
+    "Comparing the text with the rubric's patterns took too long, so the rest was not read; a person should look at it."
 )
 
 
@@ -57,7 +56,7 @@ def compiled(pattern: str, *, ignore_case: bool = False) -> regex.Pattern[str]:
     try:
         return regex.compile(pattern, regex.IGNORECASE if ignore_case else 0)
     except regex.error as problem:
-        raise ValueError(f"no valid regular expression: {problem}") from problem
+        raise ValueError(f"not a valid regular expression: {problem}") from problem
 
 
 def search(pattern: str, text: str, *, ignore_case: bool = False) -> regex.Match[str] | None:

@@ -175,7 +175,7 @@ def _defined(part: str, what: str) -> Reference:
 def _before(scope: Scope, value: str, info: ValidationInfo) -> None:
     if value not in scope.earlier:
         one_of(value, "check", scope.check_ids)
-        raise ValueError(f"{value!r} is no earlier check")
+        raise ValueError(f"{value!r} is not an earlier check")
 
 
 def step_label(*kinds: str) -> Reference:
@@ -241,7 +241,7 @@ _EXAMPLES = {"msg": "std_msgs/msg/String", "srv": "std_srvs/srv/SetBool"}
 def _interface(value: str, folder: str) -> None:
     package, _, rest = value.partition("/")
     if not re.fullmatch(rf"{folder}/[A-Z][A-Za-z0-9]*", rest):
-        raise ValueError(f"{value!r} is no type such as {_EXAMPLES[folder]}")
+        raise ValueError(f"{value!r} is not a type such as {_EXAMPLES[folder]}")
     known = types_in(package, folder)
     if known:
         one_of(value, "type", known)
@@ -346,7 +346,7 @@ def _definition(scope: Scope, value: str) -> ast.FunctionDef | ast.ClassDef:
     try:
         tree = ast.parse((scope.folder / file).read_bytes())
     except (SyntaxError, ValueError) as problem:
-        raise ValueError(f"{file} is no Python: {problem}") from problem
+        raise ValueError(f"{file} is not valid Python: {problem}") from problem
     found = {node.name: node for node in tree.body if isinstance(node, (ast.FunctionDef, ast.ClassDef))}
     return found[one_of(name, "function or class", found, f" in {file}")]
 

@@ -137,7 +137,7 @@ class SessionSpec(Parameters):
     typical_s: float = Field(
         10.0, gt=0, description="How long it takes with a correct submission; the longest session is started first."
     )
-    timeout_s: float = Field(90.0, gt=0, description="When it is given up.")
+    timeout_s: float = Field(90.0, gt=0, description="Time after which the session is stopped.")
 
     @model_validator(mode="after")
     def _labels_are_different(self) -> SessionSpec:

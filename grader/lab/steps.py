@@ -111,7 +111,7 @@ class CallStep(Step):
     repeat: int = Field(1, ge=1, le=10_000)
     clients: int = Field(1, ge=1, le=16)
     timeout_s: float = Field(5.0, gt=0, le=60, description="For each call.")
-    at_most_s: float = Field(30.0, gt=0, le=300, description="For all of them; what is not called by then is left.")
+    at_most_s: float = Field(30.0, gt=0, le=300, description="For all of them; calls not made by then are skipped.")
 
 
 class GetParametersStep(Step):

@@ -44,14 +44,14 @@ def _as_text(value: Any) -> Any:
 def _require_folder(path: str) -> str:
     """Refuse steps upwards: an evaluation resolves them; what still has one was written to lead elsewhere."""
     if not path.startswith("/") or ".." in PurePosixPath(path).parts:
-        raise ValueError("a working folder leads elsewhere")
+        raise ValueError("a working folder is none that a plan can name")
     return path
 
 
 def _require_file_name(name: str) -> str:
     """Refuse what is no name of a file beside the others in one folder."""
     if name in ("", ".", "..") or "/" in name or "\0" in name or len(os.fsencode(name)) > _LONGEST_FILE_NAME:
-        raise ValueError("a launch plan's file cannot be called so")
+        raise ValueError("not a name for a file of a launch plan")
     return name
 
 
@@ -386,21 +386,21 @@ class Plan:
             It is no plan. The data may come from a process that ran a student's code, so nothing is trusted.
         """
         if not _is_shallow(plain):
-            raise MalformedPlanError("this is no launch plan: it is larger than any")
+            raise MalformedPlanError("this is not a launch plan: it is too large")
         if not isinstance(plain, Mapping) or plain.get("schema") != PLAN_SCHEMA:
-            raise MalformedPlanError(f"this is no launch plan: its schema is not {PLAN_SCHEMA}")
+            raise MalformedPlanError(f"this is not a launch plan: its schema is not {PLAN_SCHEMA}")
         try:
             return _READER.validate_python(plain)
         except ValidationError as problem:
             first = problem.errors(include_url=False, include_context=False)[0]
             place = ".".join(str(part) for part in first["loc"])
-            raise MalformedPlanError(f"this is no launch plan: {place:.80}: {first['msg']}") from problem
+            raise MalformedPlanError(f"this is not a launch plan: {place:.80}: {first['msg']}") from problem
 
     @model_validator(mode="after")
     def _few_files(self) -> Plan:
         texts = [self.parameter_files, *(process.parameter_files for process in self.processes)]
         if sum(map(len, texts)) > _MOST_FILES:
-            raise ValueError("it has more files than any")
+            raise ValueError("it has too many files")
         return self
 
     def to_plain(self) -> dict[str, Any]:

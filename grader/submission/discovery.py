@@ -306,7 +306,7 @@ class _Finding:
             raise SubmissionError(
                 f"it holds an archive of several submissions, {displayed(packed)}",
                 where=str(place.path),
-                remedy=f"Unpack it, and give {displayed(packed)}; if it is all of one student, add --one.",
+                remedy=f"Unpack it and give the path {displayed(packed)}; if all of it is one student's, add --one.",
             )
 
     def _students(self, place: _Place, shape: Shape) -> _Place | None:
@@ -522,7 +522,7 @@ def _with_class_list(
     """
     found = matches(students, submissions, lambda handed: (handed.name, handed.student, names[_origin(handed)]))
     unclear = [
-        f"{handed.where}: by the name alone, the class list does not tell who this is"
+        f"{handed.where}: the name alone does not say who of the class list this is"
         for handed, place, may_be in found
         if place is None and may_be
     ]

@@ -182,7 +182,7 @@ def _extracted(handed: Handed, scratch: Path, limits: Limits) -> Intake:
         extraction.unpack_single_archive()
     left_out = extraction.left_out()
     if not extraction.kept:
-        problem = "nothing of the submission could be taken in" if left_out else "the submission is empty"
+        problem = "no file of the submission could be used" if left_out else "the submission is empty"
         remedy = f"Left out: {'; '.join(left_out[:3])}." if left_out else "Put the lab's files into it."
         raise SubmissionError(problem, remedy=remedy)
     return Intake(
@@ -253,7 +253,7 @@ class _Extraction:
         """Return a line for each file that was left out; for those that would be too many, one for each reason."""
         several = len(self._archives) > 1 and not self._has_programs
         for name in self._archives:
-            self._note(name, _WITHIN + ", one of several; nothing says which of them counts" * several)
+            self._note(name, _WITHIN + ", one of several; it is not clear which of them counts" * several)
         lines = []
         for reason, left_out in self._reasons.items():
             lines += [f"{file_names.displayed(name)}: {reason}" for name in left_out[:_MOST_NAMED]]
@@ -313,7 +313,7 @@ class _Extraction:
         if room[0] <= 0:
             raise file_names.UnfitError(f"more than {self._limits.files:,} files of its kind")
         if room[1] < self._limits.file_bytes:
-            size = self._write(member, content, room[1], "no room left for files of its kind")
+            size = self._write(member, content, room[1], "files of its kind are too large together")
         else:
             most = self._limits.file_bytes
             size = self._write(member, content, most, f"larger than {most // 1024**2} MiB")
@@ -327,7 +327,7 @@ class _Extraction:
         if key in self.kept:
             self._note(member.name, "an earlier file of the same name")
         elif file_names.differ(member.name, parts):
-            self._note(member.name, "taken in without the characters in its name that cannot be shown")
+            self._note(member.name, "used, without the characters of its name that cannot be displayed")
         self.kept[key] = member.name
 
     def _put_aside(self, member: Member, content: Iterator[bytes]) -> None:

@@ -54,7 +54,7 @@ def clean_parts(name: str) -> tuple[str, ...]:
     if name.startswith(("/", "\\")) or (cleaned and _DRIVE.match(cleaned[0])):
         raise UnfitError("an absolute path, which leads outside the submission")
     if not cleaned or "" in cleaned:
-        raise UnfitError("nothing is left of its name without what cannot be shown")
+        raise UnfitError("its name has no character that can be displayed")
     lengths = [len(part.encode()) for part in cleaned]
     if max(lengths) > _MOST_PART_BYTES or sum(lengths) + len(lengths) > _MOST_PATH_BYTES:
         raise UnfitError("its path is too long")

@@ -32,7 +32,7 @@ HEAD_BYTES = 512
 _PIECE_BYTES = 64 * 1024
 #: Of a tar, which can only be read from its beginning to its end.
 _MOST_UNPACKED_BYTES = 512 * 1024 * 1024
-_GET_ANOTHER = "Get it once more, or unpack it."
+_GET_ANOTHER = "Download it again, or unpack it."
 #: The time that zip tools write when they know none.
 _ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)
 _ZIP_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)
@@ -47,7 +47,7 @@ class Kind(Enum):
     HARD_LINK = "a hard link"
     SPECIAL = "not a regular file"
     SPARSE = "a sparse file"
-    METHOD = "packed by a method that is not read here"
+    METHOD = "compressed by a method that grade does not read"
     UNREADABLE = "not readable"
     CLOSED = "a folder that is not readable"
     DEEP = "too many folders deep"
@@ -185,7 +185,7 @@ def members_of_archive(file: BinaryIO) -> Iterator[Member]:
             raise SubmissionError("this is not a zip or tar archive", remedy=_GET_ANOTHER)
         else:
             remedy = "Pack it as .zip or .tar.gz, or give the folder."
-            raise SubmissionError(f"a {kind} archive is not read here", remedy=remedy)
+            raise SubmissionError(f"a {kind} archive cannot be read", remedy=remedy)
 
 
 @contextmanager
@@ -220,7 +220,7 @@ def _members_of_zip(file: BinaryIO) -> Iterator[Member]:
 
 def _open_zipped(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> IO[bytes]:
     if info.flag_bits & 0x1:
-        remedy = "Pack it without, or unpack it and give the folder."
+        remedy = "Pack it without a password, or unpack it and give the folder."
         raise SubmissionError("the archive is protected by a password", remedy=remedy)
     return archive.open(info)
 
@@ -262,7 +262,7 @@ def _members_of_tar(stream: IO[bytes]) -> Iterator[Member]:
     with stream, tarfile.open(fileobj=stream, mode="r:") as archive:
         for info in archive:
             if archive.offset < info.offset_data:
-                raise ValueError("a file's size is below zero")
+                raise ValueError("a file has a negative size")
             _require_at_most(archive.offset)
             pieces = partial(_pieces, partial(archive.extractfile, info))
             yield Member(info.name, _tar_kind(info), info.size, _utc(info.mtime), pieces)

@@ -98,7 +98,7 @@ def _listed(row: dict[str, str]) -> Student:
         raise ValueError("neither a name nor a student_id")
     submitted_at = parse_time(time) if time else None
     if time and submitted_at is None:
-        raise ValueError(f"{time!r} is no time")
+        raise ValueError(f"{time!r} is not a time")
     return Student(name, student_id or None, submitted_at.astimezone() if submitted_at is not None else None)
 
 

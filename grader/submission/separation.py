@@ -43,9 +43,9 @@ def require_no_links(results: Path, sources: Iterable[str], *, inside: bool = Tr
     link = next((str(path) for path in (chain(way, below) if inside else way) if path.is_symlink()), None)
     if link is not None:
         raise UsageError(
-            "the submission brought a link along where its results go",
+            "the submission holds a link where its results are to be written",
             where=link,
-            remedy="Results go to another folder by -o, or remove the link.",
+            remedy="Write results to another folder with -o, or remove the link.",
         )
 
 
@@ -76,5 +76,5 @@ def require_same_source(folder: Path, source: str) -> None:
             f"there are results of {folder.name} that were made from {before}, and this is another submission",
             where=source,
             remedy="If they are of the same student, --replace replaces them; if this is a part of one submission, "
-            "--one grades that under its own name; else results go to another folder by -o.",
+            "--one grades that under its own name; else write results to another folder with -o.",
         )

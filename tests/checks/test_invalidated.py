@@ -140,7 +140,7 @@ def test_a_recorder_that_is_brought_down_does_not_pay(
 def cut_short(folder: Path, session: str, topic: str, messages: int) -> None:
     """Let the recorder have left off a topic of a session, after so many messages."""
     record = read_session(folder / session)
-    reason = "they fill as much as is left for all other topics"
+    reason = "they fill as much space as is left for all other topics"
     left_out = Unrecorded(
         topic, "std_msgs/msg/Float64MultiArray", record.started_ns, messages, 10**6, reason, limit=True
     )

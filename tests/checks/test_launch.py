@@ -193,9 +193,7 @@ def test_a_node_at_fault_by_itself_is_not_charged_again(tmp_path: Path) -> None:
     session = planned(Session(tmp_path), processes=BOTH).node("/talker")
     finding = nodes(session, listen_receives=FAILED)
     assert finding.outcome is Outcome.PASSED
-    assert finding.notes == (
-        "/listener did not come up as such by its own fault, which is charged in listen.receives.",
-    )
+    assert finding.notes == ("/listener has a fault of its own, which costs points in listen.receives.",)
     assert nodes(session.recorded(), listen_receives=passed("", "")).credit == Decimal("0.5")  # type: ignore[arg-type]
 
 
@@ -212,7 +210,7 @@ def test_a_node_whose_file_is_missing_is_charged_elsewhere(tmp_path: Path) -> No
     [
         (None, "listen was not started."),
         ({"exited_ns": None}, "ran, but no such node appeared"),
-        ({"interrupted_ns": None, "exit_status": 3}, "ended with status 3, saying 'oh'."),
+        ({"interrupted_ns": None, "exit_status": 3}, "ended with status 3: 'oh'."),
     ],
 )
 def test_why_a_node_is_down_is_told(tmp_path: Path, run: dict[str, Any] | None, words: str) -> None:
@@ -592,7 +590,7 @@ def test_the_same_end_as_alone_is_charged_once(
     findings = {"talk.rate": rate, "talk.publishes": passed("", "")}
     finding = judged("launch_nodes", NODES, session, findings=findings, others={"alone": alone.recorded()})
     assert finding.credit == Decimal(credit)
-    assert any("charged in talk.rate" in note for note in finding.notes) == (credit == "1")
+    assert any("costs points in talk.rate" in note for note in finding.notes) == (credit == "1")
 
 
 def test_nodes_that_did_not_stay_are_shown_so(tmp_path: Path) -> None:

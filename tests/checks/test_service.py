@@ -61,7 +61,7 @@ def test_a_service_as_asked_passes(tmp_path: Path) -> None:
     ("wrong", "credit", "words"),
     [
         ({"name": "/enable"}, "0.4", "named /enable, not /robot/enable"),
-        ({"name": f"/arm{NAME}", "node": "/arm/student"}, "0.4", "in the namespace of its node, /arm."),
+        ({"name": f"/arm{NAME}", "node": "/arm/student"}, "0.4", "in its node's namespace, /arm."),
         ({"kind": "std_srvs/srv/Trigger"}, "0.4", "is std_srvs/srv/Trigger"),
         ({"node": "/other"}, "0.8", "named /other, not /student"),
         ({"node": "/arm/student"}, "1", ""),
@@ -82,7 +82,7 @@ def test_no_service_fails(tmp_path: Path) -> None:
     session = Session(tmp_path).service(NAME, "/ours").process("it", interrupted_ns=None, ended_by="x")
     finding = judged("service_offered", OFFERED, session, reference_nodes=["/ours"])
     assert finding.outcome is Outcome.FAILED
-    assert "never came up" in finding.reason
+    assert "did not appear" in finding.reason
     assert judged("service_offered", OFFERED, Session(tmp_path), submission(it=None)).measured == "no such file"
 
 
@@ -115,7 +115,7 @@ AGAIN = {**ANSWERED, "again": "many", "contrary": r"(?i)\bdisabled\b"}
     [
         (answer(True, "Robot already enabled"), "1", ""),
         (answer(True, "Robot enabled (was disabled)"), "1", ""),
-        (answer(True, "Robot disabled"), "0", "says the contrary"),
+        (answer(True, "Robot disabled"), "0", "means the opposite"),
         (answer(False, "Robot already enabled"), "0.75", "later"),
     ],
 )

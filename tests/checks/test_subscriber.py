@@ -145,7 +145,7 @@ def test_a_topic_in_the_namespace_of_its_node_is_told(tmp_path: Path) -> None:
     session = subscribed(tmp_path, state=f"/arm{STATE}", node="/arm/student").called(f"{STATE}=/arm{STATE}")
     finding = judged("topics_subscribed", SUBSCRIBED, session)
     assert finding.credit == Decimal("0.7")
-    assert "in the namespace of its node, /arm." in finding.reason
+    assert "in its node's namespace, /arm." in finding.reason
 
 
 def test_no_subscription_at_all_fails(tmp_path: Path) -> None:
@@ -171,7 +171,7 @@ def test_right_reports_pass(tmp_path: Path) -> None:
     """The right value on each plateau earns all."""
     finding = judged("reported_series", SERIES, with_reports(*stimulus(tmp_path)))
     assert finding.outcome is Outcome.PASSED
-    assert finding.measured.startswith("right on 4 of 4 plateaus")
+    assert finding.measured.startswith("right in 4 of 4 phases")
 
 
 def test_one_wrong_plateau_costs_a_quarter(tmp_path: Path) -> None:
@@ -210,7 +210,7 @@ def test_a_known_mistake_in_the_series_is_named(tmp_path: Path) -> None:
     wanted = {**SERIES, "alternatives": [HISTORY_INSTEAD]}
     finding = judged("reported_series", wanted, session.process("it", lines))
     assert finding.credit == Decimal("0.5")
-    assert finding.reason.endswith("right is 0.5000. These numbers fit all errors so far.")
+    assert finding.reason.endswith("right is 0.5000. Your numbers match all errors so far.")
 
 
 def test_a_factor_that_the_rubric_knows_is_named(tmp_path: Path) -> None:
@@ -218,7 +218,7 @@ def test_a_factor_that_the_rubric_knows_is_named(tmp_path: Path) -> None:
     wanted = {**SERIES, "alternatives": [{"parameters": {"scale": 2.645751}, "meaning": "the root of the sum"}]}
     finding = judged("reported_series", wanted, with_reports(*stimulus(tmp_path), factor=7**0.5))
     assert finding.outcome is Outcome.FAILED
-    assert finding.reason.endswith("These numbers fit the root of the sum.")
+    assert finding.reason.endswith("Your numbers match the root of the sum.")
 
 
 def test_a_right_series_is_no_known_mistake(tmp_path: Path) -> None:
@@ -237,7 +237,7 @@ def test_a_node_that_ended_is_charged_where_the_rubric_says(tmp_path: Path, plat
     session.delayed("it", 2.0, 5.0)  # What has ended cannot be kept from a core.
     finding = judged("reported_series", {**SERIES, "end_charged_by": "other"}, session)
     assert finding.credit == Decimal(credit)
-    assert "charged in other" in finding.notes[0]
+    assert "costs points in other" in finding.notes[0]
 
 
 def test_no_report_fails(tmp_path: Path) -> None:
@@ -245,7 +245,7 @@ def test_no_report_fails(tmp_path: Path) -> None:
     session, _ = stimulus(tmp_path)
     finding = judged("reported_series", SERIES, session.process("it", interrupted_ns=None))
     assert finding.outcome is Outcome.FAILED
-    assert "no tracking error at all" in finding.reason
+    assert "no tracking error" in finding.reason
 
 
 def test_what_a_node_reports_in_another_form_is_shown(tmp_path: Path) -> None:
@@ -262,7 +262,7 @@ def test_a_node_that_stopped_reporting_loses_the_rest(tmp_path: Path) -> None:
     session, times = stimulus(tmp_path)
     finding = judged("reported_series", SERIES, with_reports(session, times[: 2 * STATES_EACH]))
     assert finding.credit == Decimal("0.5")
-    assert "no report on a whole plateau" in finding.reason
+    assert "no report during a whole phase" in finding.reason
 
 
 @pytest.mark.parametrize(("delay_s", "outcome"), [(3.0, Outcome.INCONCLUSIVE), (0.5, Outcome.PARTIAL)])
@@ -286,7 +286,7 @@ def test_without_a_stimulus_nothing_is_decided(tmp_path: Path) -> None:
 
 def test_a_pattern_that_is_none_is_a_mistake_of_the_rubric(tmp_path: Path) -> None:
     """A regular expression that does not compile is refused when the rubric loads."""
-    with pytest.raises(ValidationError, match="no valid regular expression"):
+    with pytest.raises(ValidationError, match="not a valid regular expression"):
         judged("reported_series", {**SERIES, "pattern": "("}, Session(tmp_path))
 
 
@@ -372,7 +372,7 @@ def test_a_forgotten_absolute_value_is_named(tmp_path: Path) -> None:
     """The signed mean fails and the reason says so."""
     finding = printed(tmp_path, float(history(100).mean()))
     assert finding.outcome is Outcome.FAILED
-    assert finding.reason == "These numbers fit the signed error."
+    assert finding.reason == "Your numbers match the signed error."
     assert f"{float(np.abs(history(100)).mean()):.4f}" in finding.expected
 
 
@@ -382,14 +382,14 @@ def test_another_history_earns_what_the_rubric_leaves(tmp_path: Path) -> None:
     assert whole.credit == Decimal("0.5")
     ten = printed(tmp_path / "ten", float(np.abs(history(10)).mean()))
     assert ten.outcome is Outcome.PASSED
-    assert ten.notes == ("These numbers fit the last 10 states.",)
+    assert ten.notes == ("Your numbers match the last 10 states.",)
 
 
 def test_numbers_of_no_known_origin_fail_with_the_right_ones(tmp_path: Path) -> None:
     """What fits nothing is answered with what would be right."""
     finding = printed(tmp_path, 12.0)
     assert finding.outcome is Outcome.FAILED
-    assert "Right would be [" in finding.reason
+    assert "Expected: [" in finding.reason
 
 
 def test_a_mistake_that_another_check_charged_costs_nothing_again(tmp_path: Path) -> None:
@@ -722,7 +722,7 @@ def test_statistics_earn_the_share_of_the_states_that_they_are_over(
     wanted = {**STATISTICS, "parameters": {"history": 1000}, "alternatives": [], "full_from": 0.25}
     finding = judged("reported_statistics", wanted, session)
     assert float(finding.credit) == pytest.approx(credit, abs=0.005)
-    assert ("left out the others" in finding.reason) == (credit < 1)
+    assert ("missed the others" in finding.reason) == (credit < 1)
 
 
 def test_right_statistics_are_shown_with_the_usual_digits(tmp_path: Path) -> None:

@@ -113,7 +113,7 @@ def test_a_run_that_is_asked_to_end_keeps_what_is_done(tmp_path: Path, number: s
     assert process.returncode == 128 + number
     assert errors.splitlines() == [
         "grade: interrupted; 1 of 3 submissions are graded and kept.",
-        "  The same command goes on with the others.",
+        "  Run the same command again to grade the others.",
     ]
     until(lambda: not family.left())
     assert small.graded() == ["ann"]

@@ -59,4 +59,4 @@ def test_a_mistake_of_the_grader_is_called_one() -> None:
     """Anything unforeseen is told with its kind."""
     told = problem_of(KeyError("x"))
     assert "KeyError" in told.problem
-    assert "mistake in grade" in told.remedy
+    assert "defect of grade" in told.remedy

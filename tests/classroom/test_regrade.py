@@ -332,5 +332,5 @@ def test_something_else_in_place_of_a_result(results: Path) -> None:
 
 def test_a_result_that_is_none_is_refused(results: Path) -> None:
     """The trail never notes a new result that cannot be read."""
-    with pytest.raises(RecordingError, match="no result"):
+    with pytest.raises(RecordingError, match="not a result"):
         note_replaced(results, "alice", None, "{}", "regrade")

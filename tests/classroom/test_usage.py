@@ -87,4 +87,4 @@ def test_who_is_on_the_page_from_earlier_runs_is_told(tmp_path: Path) -> None:
     options = Namespace(output=tmp_path, class_list=None, anonymous=False)
     _report_class(rows, ("zoe",), read_rubric(None), options, console)
     assert isinstance(console.file, io.StringIO)
-    assert "Of earlier runs, and not among these: old." in console.file.getvalue()
+    assert "Results of earlier runs, on the page too: old." in console.file.getvalue()

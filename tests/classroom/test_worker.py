@@ -106,7 +106,7 @@ def test_a_process_that_says_nothing_is_ended(case: Case, silence_s: float, phas
     """One that hangs, be it in a session or as it starts, costs its places until then."""
     ending = case.ends(silence_s=silence_s - case.job.rubric.sessions["only"].timeout_s)
     assert isinstance(ending, GraderError)
-    assert ending.problem == f"the grader's process said nothing for {silence_s:g} s"
+    assert ending.problem == f"the grader's process reported nothing for {silence_s:g} s"
     assert case.phases == [] if phase == "reading" else phase in case.phases[-1]
 
 

@@ -140,6 +140,6 @@ def test_a_file_in_newer_syntax_is_for_a_person_to_decide() -> None:
     found = Diagnosis("syntax-error", "", "", file="it.py", line=1)
     told = only_elsewhere(found, submission({"it.py": NEWER[0]}), "it.py")
     assert told is not None
-    assert told.startswith("it.py (line 1) is written in Python 3.12")
+    assert told.startswith("it.py (line 1) uses syntax of Python 3.12")
     assert only_elsewhere(found, submission({"it.py": BROKEN[0]}), "it.py") is None
     assert only_elsewhere(found, submission({"other.py": ""}), "other.py") is None

@@ -12,7 +12,7 @@ from grader.recording.trusted_channel import digest
 from tests.synthetic import FLOATS, Session, at, floats
 
 STATES, COMMANDS = "/joint_states", "/joint_commands"
-FILLED = "they fill as much as is left for all other topics"
+FILLED = "they fill as much space as is left for all other topics"
 
 
 def cut(topic: str, messages: int = 3, size_bytes: int = 24_000_150) -> Unrecorded:

@@ -289,7 +289,7 @@ def test_whose_doing_the_end_of_the_recorder_is(tmp_path: Path, facts: dict[str,
     [
         ("the session took longer than 90 s and was stopped", 3, 0.0, 1),
         ("recording stopped early: KeyError: 7", 2, 0.0, 1),
-        ("the reference node arm did not get ready", 1, 0.0, 0),
+        ("the reference node arm did not become ready", 1, 0.0, 0),
         ("the recorder died: KeyError: 'seed'", 2, 9.0, 0),
     ],
 )

@@ -190,7 +190,7 @@ def test_a_grading_whose_judging_fails_keeps_its_recordings(tmp_path: Path, monk
     """Without memory for judging there is an error with a remedy, no older result, and recordings to judge again."""
     steps: list[dict[str, Any]] = [
         {"start": {"student": "talker"}},
-        {"observe": {"duration_s": 1}},
+        {"observe": {"duration_s": 0.5, "first_message_on": "/chatter", "timeout_s": 20}},
         {"interrupt": {"process": "talker"}},
     ]
     lab = make_lab(tmp_path, {"talker": TALKER}, {"only": steps}, checks=[published("/chatter")])

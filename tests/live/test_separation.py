@@ -73,7 +73,7 @@ def test_nothing_is_written_through_a_link_of_a_submission(link: str, tmp_path: 
     (repository / link).parent.mkdir(parents=True, exist_ok=True)
     (repository / link).symlink_to(outside)
     run = grade(".", "--one", cwd=repository)
-    assert (run.returncode, "the submission brought a link" in run.stderr) == (2, True)
+    assert (run.returncode, "the submission holds a link" in run.stderr) == (2, True)
     assert f"{link}: the submission" in run.stderr
     assert sorted(p.name for p in outside.rglob("*")) == ["alice", "overrides.yaml"]
 

@@ -550,7 +550,7 @@ def test_a_list_does_not_tell_namesakes_apart(rubric: Rubric, tmp_path: Path) ->
             ("300", False),
         ]
         assert found.missing == ()
-        assert sum("does not tell who this is" in line for line in found.understood) == 2
+        assert sum("the name alone does not say" in line for line in found.understood) == 2
 
 
 def test_a_list_does_not_call_missing_who_handed_in_twice(rubric: Rubric, tmp_path: Path) -> None:

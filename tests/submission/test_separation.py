@@ -83,7 +83,7 @@ def test_links_that_a_submission_brought_are_no_place_to_write(repository: Path,
     place.parent.mkdir(parents=True, exist_ok=True)
     place.symlink_to(target)
     assert lies_within(repository / "results", [str(repository)])
-    with pytest.raises(UsageError, match="brought a link") as refused:
+    with pytest.raises(UsageError, match="holds a link") as refused:
         require_no_links(repository / "results", [str(repository)])
     assert refused.value.where == str(place)
     require_no_links(repository / "results", [str(repository.parent / "bob")])
@@ -94,7 +94,7 @@ def test_an_export_may_lie_beside_links_but_not_behind_one(repository: Path) -> 
     (repository / "out").symlink_to("../outside")
     require_no_links(repository, [str(repository)], inside=False)
     for way in ("out", "out/deeper"):
-        with pytest.raises(UsageError, match="brought a link"):
+        with pytest.raises(UsageError, match="holds a link"):
             require_no_links(repository / way, [str(repository)], inside=False)
 
 

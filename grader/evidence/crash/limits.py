@@ -17,6 +17,6 @@ def hit_limit(run: ProcessRun) -> tuple[str, str] | None:
     """Return (what happened, how to fix it) of a process that hit a limit; None of one that did not."""
     if run.limit is None:
         return None
-    what, remedy = table()["limits"].get(run.limit, (f"exceeded the limit '{run.limit}'", "Take less."))
+    what, remedy = table()["limits"].get(run.limit, (f"exceeded the limit '{run.limit}'", "Use less of it."))
     how = "was ended" if ended_by_limit(run) else "went on"
     return f"The program {what} (limit: {run.limit}), and {how}.", remedy

@@ -40,7 +40,7 @@ class LimitExceededError(RuntimeError):
 class UnsupportedByStandin(ImportError):
     """The launch file uses something real that is not evaluated: not the student's fault."""
 
-    launch_kind, launch_remedy = "unsupported", "Nothing: this part cannot be judged by evaluation."
+    launch_kind, launch_remedy = "unsupported", "No change is needed: the grader cannot evaluate this part."
 
 
 def mistake(raised: type[BaseException], message: str, kind: str, remedy: str) -> Any:
@@ -211,7 +211,7 @@ def _import(error: Any, root: str) -> Described | None:
         remedy = "Put it into the Python package of a ROS package, and import it as package.module."
         return "unknown_import", message, remedy
     message = f"the launch file imports '{module}', which is not installed where it is evaluated"
-    return "missing_module", message, "Nothing, if the module is installed where you launch."
+    return "missing_module", message, "No change is needed if the module is installed where you launch."
 
 
 def _attribute(error: Any, _: str) -> Described | None:
@@ -246,7 +246,7 @@ def _package(error: Any, _: str) -> Described | None:
     if is_released(name):
         error.name = name
         message = f"the launch file needs the package '{name}', which is not installed where it is evaluated"
-        return "missing_package", message, "Nothing, if the package is installed where you launch."
+        return "missing_package", message, "No change is needed if the package is installed where you launch."
     own, there = own_packages()
     listed = ", ".join(own[:8]) + (" …" if len(own) > 8 else "") if own else "no package"
     remedy = f"{near(name, own or there)}Write the name as in package.xml and setup.py."
@@ -274,7 +274,7 @@ def missing_program(program: str | None) -> Described | None:
     if program not in _ROS_PROGRAMS:
         return None
     message = f"the launch file runs '{program}', which is not installed where it is evaluated"
-    return "missing_program", message, "Nothing, if the program is installed where you launch."
+    return "missing_program", message, "No change is needed if the program is installed where you launch."
 
 
 def _not_found(error: Any, _: str) -> Described | None:

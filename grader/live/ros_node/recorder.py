@@ -288,7 +288,7 @@ class Recorder:
     def _cut(self, line: _Line) -> None:
         """Record this topic no longer."""
         line.stopped = True
-        reason = "they fill as much as is left for all other topics"
+        reason = "they fill as much space as is left for all other topics"
         self._leave_out((line.topic, line.topic_type), reason, True, line.count, line.written_bytes)
         for subscription in line.subscriptions:
             line.node.destroy_subscription(subscription)

@@ -161,7 +161,7 @@ def free_slot() -> Iterator[int]:
                 continue
             yield number
             return
-    raise RuntimeError("there are 101 cells on this machine already")
+    raise RuntimeError("there are 101 sandboxes on this machine already")
 
 
 def first_student_uid() -> int:

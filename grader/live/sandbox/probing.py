@@ -80,7 +80,7 @@ def require(isolation: Isolation, least: Level) -> None:
     raise IsolationError(
         f"students' code can be confined here at the level '{isolation.level.value}' only, "
         f"and '{least.value}' is required",
-        remedy=f"{isolation.remedy}{freely} `grade doctor` tells more.",
+        remedy=f"{isolation.remedy}{freely} `grade doctor` shows more.",
     )
 
 
@@ -133,11 +133,11 @@ def _try(isolation: Isolation, interpreter: Path) -> str | None:
         return str(problem)
     said = run.stdout.split()
     if run.returncode != 0 or said[:1] != ["in"]:
-        return run.stderr.strip() or "no answer from the cell"
+        return run.stderr.strip() or "no answer from the sandbox"
     _, uid, capabilities, no_new_privileges, seccomp, denied = said
     wanted = student_uid(isolation, 0)
     if (wanted is not None and int(uid) != wanted) or capabilities != "0":
-        return f"the cell runs as user {uid} with capabilities {capabilities}"
+        return f"the sandbox runs as user {uid} with capabilities {capabilities}"
     return None if (no_new_privileges, seccomp, denied) == ("1", "2", "-1") else "the system call filter does not hold"
 
 

@@ -64,7 +64,7 @@ class DirectorClient:
         await self.running.wait_exit(_STOP_S)
         await self.running.kill()
         if self.run.exit_status != 0:
-            self._record.problems.append("the recorder did not end in order; its bag was recovered")
+            self._record.problems.append("the recorder did not end properly; its bag was recovered")
 
     async def _answered(self, timeout_s: float | None = None) -> Answer:
         answer = self._answer

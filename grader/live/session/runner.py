@@ -33,7 +33,7 @@ _MOST_CELLS = 4
 _GRACE_S = 25.0
 #: How long a cell that is to end may take to say by which process id, and then to end.
 _END_S = 5.0
-_REMEDY = "See whether memory or processes ran out, and whether /dev/shm is there; `grade doctor` tells more."
+_REMEDY = "Check whether memory or processes ran out and whether /dev/shm exists; `grade doctor` shows more."
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ class Sessions:
         async def one(spec: SessionSpec) -> None:
             async with turn if self.turns is None else self.turns.cell(spec, alone=self.attempt > 1):
                 await self._record_one(spec, on_progress)
-                again = " again, since something was left undecided" if self.attempt > 1 else ""
+                again = " retry, as something was undecided" if self.attempt > 1 else ""
                 on_progress(Progress(spec.id, f"recorded{again}", ended=True))
 
         tasks = [asyncio.ensure_future(one(spec)) for spec in queue]
@@ -209,7 +209,7 @@ async def first_word(said: asyncio.StreamReader) -> int:
     """Return the process id by which a cell ends, or raise `PlatformError` with why it could not be made."""
     word = (await said.readline()).decode("utf-8", "replace").strip()
     if not word.isdecimal():
-        reason = word or "the process that starts cells has ended"
+        reason = word or "the process that starts sandboxes has ended"
         raise PlatformError(f"a session cannot be started here: {reason}", remedy=_REMEDY)
     return int(word)
 

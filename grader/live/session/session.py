@@ -167,7 +167,7 @@ class Session:
         self.processes[name] = running
         outcome, result = await self._wait_output(name, "ready", _REFERENCE_START_S)
         if outcome != "done":
-            self.record.problems.append(f"the reference node {name} did not get ready")
+            self.record.problems.append(f"the reference node {name} did not become ready")
         running.put_standing()
         self._filter.protect(running.root_pid() or 0, next(participants_told(run), ""))
         return outcome, result

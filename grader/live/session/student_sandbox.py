@@ -193,7 +193,7 @@ class StudentSandbox:
     def note_unstarted(self, run: ProcessRun, what: str) -> None:
         """Note that a program of the student's never began; `blame_unstarted` says in the end whose doing that is."""
         said = run.output[-1].text if run.output else "nothing"
-        self._unstarted.append((run, f"{what} in its cell: {said}"))
+        self._unstarted.append((run, f"{what} in its sandbox: {said}"))
 
     def blame_unstarted(self) -> None:
         """Lay it at the student's door where its own processes left no room for more; else it is a problem."""

@@ -53,7 +53,7 @@ def validate_node_name(name: str) -> None:
 def validate_namespace(namespace: str) -> None:
     if namespace != "/" and not re.fullmatch(r"(/[A-Za-z_][A-Za-z0-9_]*)+", namespace):
         message = f"invalid namespace '{namespace}': its parts may hold only letters, digits and '_', "
-        message += "may not begin with a digit, and are parted by one '/' each"
+        message += "may not begin with a digit, and are separated by one '/' each"
         remedy = "Use letters, digits and '_', with one '/' between the parts."
         raise mistake(InvalidNamespaceException, message, "bad_name", remedy)
 
