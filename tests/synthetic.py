@@ -160,6 +160,12 @@ class Session:
         run.usage = [Usage(at(s * until_s), round(s * cpu_s * 1e9), round(s * delay_s * 1e9)) for s in shares]
         return self
 
+    def disturbed(self, name: str, *delays_s: tuple[float, float]) -> Session:
+        """Let a process have been watched, and the machine have kept it from its core at some times for so long."""
+        run = next(p for p in self.record.processes if p.name == name)
+        run.disturbed = [[at(start_s), round(delay_s * 1e9), round(delay_s * 1e9)] for start_s, delay_s in delays_s]
+        return self
+
     def clock(self, ahead_s: Mapping[float, float]) -> Session:
         """Let the system's clock be ahead of the monotonic one by some seconds, as sampled at some times."""
         self.record.machine = [MachineSample(at(t), round(ahead * 1e9)) for t, ahead in ahead_s.items()]

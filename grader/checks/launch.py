@@ -24,8 +24,9 @@ from grader.checks.base import (
     without_delay,
 )
 from grader.checks.preconditions import environment_gap_of
+from grader.evidence.cpu_delay import Span
 from grader.evidence.environment_gap import absent_module, is_newer_python
-from grader.evidence.recorded import Recorded, Span, clock_step_s
+from grader.evidence.recorded import Recorded, clock_step_s
 from grader.evidence.text.launch_source import parameter_line
 from grader.evidence.timing import timing_of
 from grader.lab import references as ref

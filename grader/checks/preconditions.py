@@ -10,10 +10,11 @@ from typing import Any
 
 from grader.checks.base import Context, Unexplained, describe_diagnosis, failed, inconclusive, undecided
 from grader.checks.endpoints import claimed_at
+from grader.evidence.cpu_delay import Span
 from grader.evidence.crash.diagnosis import Diagnosis
 from grader.evidence.crash.limits import ended_by_limit, hit_limit
 from grader.evidence.environment_gap import environment_gap
-from grader.evidence.recorded import Span, clock_step_s
+from grader.evidence.recorded import clock_step_s
 from grader.evidence.text.source import spin_lines
 from grader.recording.session import Claim
 from grader.result import Finding, Location

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Sequence
 from typing import Any
@@ -26,7 +25,8 @@ from grader.checks.base import (
     without_delay,
 )
 from grader.checks.endpoints import OfEndpoint, claim_of, claimed_at, student_endpoints
-from grader.evidence.recorded import Floats, NumericStream, Span
+from grader.evidence.cpu_delay import Calm, Span, calm_intervals, shares_around
+from grader.evidence.recorded import Floats, NumericStream
 from grader.evidence.sinusoid import Sinusoid, fit_sinusoid
 from grader.evidence.timing import Timing, timing_of
 from grader.lab import references as ref
@@ -115,6 +115,14 @@ class _Timed(Parameters):
         by = " by times of arrival, as the time stamps are not the times of publication"
         return timing.arrived, span, delay_s + late_s, by
 
+    def calm(self, context: Context, timing: Timing, by: str, harmless_s: float) -> Calm | None:
+        """Return the intervals that no delay of the machine touched which does harm; None where they are too few."""
+        run = context.session.process(self.process)
+        if run is None or run.disturbed is None or by or timing.burst_error_hz is not None:
+            return None
+        calm = calm_intervals(context.session.delays(run), timing.times_ns, timing.intervals_s, harmless_s)
+        return calm if calm.is_enough else None
+
     def location(self, context: Context, span: Span | None) -> Location:
         """Point at the messages in a window."""
         ends = {"start_s": span.start_ns, "end_s": span.end_ns} if span is not None else {}
@@ -163,6 +171,8 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
     least_hz, best_hz = _bounds_hz(timing, length_s, delay_s, before_s, p.rate_hz)
     error_hz = timing.burst_error_hz or 2 * timing.deviation_s() * timing.rate_hz / max(length_s, 1e-9)
     span_hz = (least_hz - error_hz, best_hz + error_hz)
+    if (calm := p.calm(context, timing, by, _HARMLESS * timing.median_s)) is not None:
+        span_hz = _within(calm.rate_hz(), span_hz)
     off_by = [abs(hz / p.rate_hz - 1) for hz in span_hz]
     least_off = 0.0 if span_hz[0] <= p.rate_hz <= span_hz[1] else min(off_by)
     worst, best = (ramp(off, p.full_within, p.zero_beyond) for off in (max(off_by), least_off))
@@ -185,6 +195,16 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
     reason = f"Messages come at {rate} Hz, {than} {p.rate_hz:g} Hz.{_by_timer(timers)}"
     doubt = _doubt(delay_s, length_s)
     return graded(worst, expected, measured, reason, where=where, best=best, levels=CREDIT_LEVELS, **doubt)
+
+
+#: A delay of this share of an interval does not change how many there are.
+_HARMLESS = 0.2
+
+
+def _within(bounds: tuple[float, float], others: tuple[float, float]) -> tuple[float, float]:
+    """Return bounds as far as they lie within others, which hold whatever the machine did."""
+    least, most = (min(max(bound, others[0]), others[1]) for bound in bounds)
+    return least, most
 
 
 def _by_timer(timers: Sequence[Claim]) -> str:
@@ -244,8 +264,6 @@ def _timers(context: Context) -> list[Claim]:
 
 #: Credit for evenness comes in halves: a quantile is known only to some part of itself.
 _JITTER_LEVELS = 2
-#: Standard deviations of a sample's quantile that count as its error.
-_CONFIDENCE = 3.0
 
 
 class TopicJitter(_Timed):
@@ -274,9 +292,10 @@ def topic_jitter(context: Context, p: TopicJitter) -> Finding:
     limits_ms = (p.full_within_s * 1e3, p.zero_beyond_s * 1e3)
     shown_ms = apart(deviation_s * 1e3, *limits_ms, places=2)
     measured = f"{percent(p.share)} within {shown_ms} ms of {timing.median_s * 1e3:.2f} ms ({longest}){by}"
-    spread = _CONFIDENCE * math.sqrt(p.share * (1 - p.share) / len(timing.intervals_s))
-    largest_s = timing.deviation_s(min(1.0, p.share + spread))
-    least_s = timing.deviation_s(max(0.0, p.share - spread), delay_s)
+    least, largest = shares_around(p.share, len(timing.intervals_s))
+    least_s, largest_s = timing.deviation_s(least, delay_s), timing.deviation_s(largest)
+    if (calm := p.calm(context, timing, by, p.full_within_s / 2)) is not None:
+        least_s, largest_s = _within(calm.deviations_s(p.share), (least_s, largest_s))
     worst, best = (ramp(d, p.full_within_s, p.zero_beyond_s) for d in (largest_s, least_s))
     off = f"{apart(deviation_s * 1e3, *limits_ms, places=1)} ms off the usual {timing.median_s * 1e3:.1f} ms"
     reason = f"One gap in {round(1 / (1 - p.share))} is more than {off}."

@@ -24,7 +24,8 @@ from grader.checks.base import (
     without_delay,
 )
 from grader.checks.endpoints import claim_of, claimed_at, clash, student_endpoints
-from grader.evidence.recorded import Floats, Span, clock_step_s
+from grader.evidence.cpu_delay import Span
+from grader.evidence.recorded import Floats, clock_step_s
 from grader.evidence.text.result_rows import LINE_LIMIT, ResultRow, lines_naming, plain_numbers, result_row, rounding_of
 from grader.lab import references as ref
 from grader.lab.patterns import compiled, search
@@ -125,8 +126,12 @@ def topics_carry_traffic(context: Context, p: TopicsCarryTraffic) -> Finding:
 
 def _delay_s(context: Context, run: ProcessRun) -> tuple[float, float]:
     """Return for how long the machine kept a process from its core, and how long it ran, in s."""
-    span = Span(run.started_ns, run.exited_ns or context.session.record.ended_ns)
+    span = _life(context, run)
     return context.session.machine_delay_s(run, span), span.duration_s
+
+
+def _life(context: Context, run: ProcessRun) -> Span:
+    return Span(run.started_ns, run.exited_ns or context.session.record.ended_ns)
 
 
 def _written(context: Context, topic: str, until_ns: int | None = None) -> int:
@@ -261,6 +266,7 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
         return not_reached("Not tested, because nothing was sent on any of the topics.", expected=expected)
     run = context.session.process(p.artifact)
     delay_s, length_s = _delay_s(context, run) if run is not None else (0.0, 1.0)
+    late_s = context.session.backlog(run, _life(context, run)).late_s if run is not None else 0.0
     parts = []
     for row in rows:
         claim = claims[row.name]
@@ -271,7 +277,7 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
         written = min((_written(context, row.topic, t) for t in (None, claim.t_ns)), key=lambda n: abs(n - claim.count))
         share, reason = _judge_row(context, p, row, claim, written)
         # What waits for a core comes late, and may push out of a short queue what waits already.
-        late_s, pushed_out = delay_s**2 / length_s, written * delay_s / length_s
+        pushed_out = written * delay_s / length_s
         best, _ = _judge_row(context, p, row, claim, written, late_s=late_s, pushed_out=pushed_out)
         latency = "no latency" if claim.mean_s is None else f"{claim.mean_s * 1e3:.2f} ms"
         hint = _SIDES_HINT if "incompatible" in reason else ""

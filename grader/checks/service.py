@@ -12,7 +12,7 @@ from pydantic import Field
 
 from grader.checks.base import Context, Part, apart, failed, graded, not_reached, of_parts, passed, unclear, unexplained
 from grader.checks.endpoints import OfEndpoint, claim_of, claimed_at
-from grader.evidence.recorded import Span
+from grader.evidence.cpu_delay import Span
 from grader.lab import references as ref
 from grader.lab.patterns import search, without
 from grader.lab.references import Parameters, Pattern, Share

@@ -26,7 +26,8 @@ from grader.checks.base import (
     unexplained,
 )
 from grader.checks.endpoints import OfEndpoint, OfferedProfile, claim_of, claimed_at, clash, student_endpoints
-from grader.evidence.recorded import NumericStream, Span
+from grader.evidence.cpu_delay import Span
+from grader.evidence.recorded import NumericStream
 from grader.evidence.text.printed import PrintedVector, Report, printed_vector, reports
 from grader.lab import references as ref
 from grader.lab.patterns import search
@@ -274,7 +275,7 @@ def _lost_to_machine(context: Context, p: Streams) -> tuple[float, str]:
     length_s = max(span.duration_s, 1e-9)
     claims = [claim_of(context, "subscription", topic) for topic in p.streams.values()]
     room = min(c.qos.depth if c is not None and c.qos is not None else 1 for c in claims) - 1
-    lost_s = context.session.long_delays_s(processes[-1], span, max(0, room) * length_s / len(most))
+    lost_s = context.session.backlog(processes[-1], span, max(0, room) * length_s / len(most)).lost_s
     return lost_s / length_s, cpu_delay_doubt(context.session.machine_delay_s(processes[-1], span), length_s)
 
 

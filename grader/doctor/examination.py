@@ -16,7 +16,8 @@ from pathlib import Path
 
 from grader import pipeline, result_folder
 from grader.errors import PlatformError
-from grader.evidence.recorded import Recorded, Span
+from grader.evidence.cpu_delay import Span
+from grader.evidence.recorded import Recorded
 from grader.evidence.timing import timing_of
 from grader.judging import rubrics
 from grader.lab.rubric import Rubric

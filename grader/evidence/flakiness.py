@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from grader.evidence.cpu_delay import Span
 from grader.evidence.crash.limits import ended_by_limit
-from grader.evidence.recorded import Recorded, Span
+from grader.evidence.recorded import Recorded
 from grader.recording.session import ProcessRun
 
 _KILLED = (-9, 137)

@@ -19,8 +19,9 @@ from typing import Any
 
 import numpy as np
 
+from grader.evidence.cpu_delay import Span
 from grader.evidence.gaps import dropped
-from grader.evidence.recorded import Recorded, Sighting, Span
+from grader.evidence.recorded import Recorded, Sighting
 from grader.recording.bag import Stream
 from grader.recording.session import (
     GRADER_NAMESPACE,

@@ -13,7 +13,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from grader.evidence.recorded import Floats, Integers, Span
+from grader.evidence.cpu_delay import Span
+from grader.evidence.recorded import Floats, Integers
 from grader.recording.bag import Stream
 
 

@@ -91,6 +91,9 @@ class ProcessRun:
     #: The core to which it is held, and since when.
     core: int | None = None
     held_ns: int | None = None
+    #: When the machine kept it from its core: [begin of a time, its length, for how long within it], in ns. None
+    #: where it was not watched.
+    disturbed: list[list[int]] | None = None
 
 
 @dataclass

@@ -269,6 +269,43 @@ def test_a_node_that_burns_its_core_has_itself_to_blame(tmp_path: Path) -> None:
     assert judged("topic_rate", RATE, session).outcome is Outcome.FAILED
 
 
+def stopped(rate_hz: float, stop_s: float) -> tuple[list[float], list[tuple[float, float]]]:
+    """Give the times of a timer's messages when all stands still for a while every 0.1 s, and when that is."""
+    stops = [(1.03 + n / 10, stop_s) for n in range(60)]
+    times = evenly(rate_hz, 6.0)
+    for start_s, length_s in stops:
+        times = [start_s + length_s if start_s < t < start_s + length_s else t for t in times]
+    return sorted(set(times)), stops
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "rate", "even"),
+    [(100.0, Outcome.PASSED, Outcome.PASSED), (85.0, Outcome.PARTIAL, Outcome.PASSED)],
+)
+def test_what_the_machine_disturbs_is_judged_by_what_it_did_not(
+    tmp_path: Path, rate_hz: float, rate: Outcome, even: Outcome
+) -> None:
+    """A quarter of the time all stands still; between, a right node is seen to be right and a slow one to be slow."""
+    times, stops = stopped(rate_hz, 0.025)
+    session = published(tmp_path, times).disturbed("it", *stops)
+    assert judged("topic_rate", RATE, session).outcome is rate
+    assert judged("topic_jitter", JITTER, session).outcome is even
+
+
+def test_what_is_uneven_between_disturbances_is_uneven(tmp_path: Path) -> None:
+    """That the machine stood still excuses nothing that happened when it did not."""
+    session = published(tmp_path, uneven(0.4, 0.0095)).disturbed("it", *((1.03 + n, 0.1) for n in range(6)))
+    assert judged("topic_jitter", JITTER, session).outcome is Outcome.FAILED
+
+
+def test_without_enough_time_undisturbed_it_stays_undecided(tmp_path: Path) -> None:
+    """Where hardly two intervals follow each other undisturbed, nothing is concluded from them."""
+    times, stops = stopped(100.0, 0.06)
+    session = published(tmp_path, times).disturbed("it", *stops)
+    assert judged("topic_rate", RATE, session).outcome is Outcome.INCONCLUSIVE
+    assert "too busy" in judged("topic_jitter", JITTER, session).reason
+
+
 def test_two_messages_are_no_rate(tmp_path: Path) -> None:
     """With fewer than three messages the check fails and says how many came."""
     finding = judged("topic_rate", RATE, published(tmp_path, [1.0, 1.01]))

@@ -340,6 +340,18 @@ def test_short_delays_lose_no_reports_while_the_queue_has_room(tmp_path: Path) -
         assert judged("report_share", SHARE, session).outcome is outcome
 
 
+def test_only_a_disturbance_that_fills_the_queue_loses_reports(tmp_path: Path) -> None:
+    """A second and a half in short pieces loses nothing that a queue of ten holds; in one piece it may."""
+    queue = Qos("reliable", "volatile", "keep_last", 10)
+    for name, delays, outcome in (
+        ("a", [(n / 40, 0.008) for n in range(190)], Outcome.PARTIAL),
+        ("b", [(1.0, 1.5)], Outcome.INCONCLUSIVE),
+    ):
+        session = with_reports(*stimulus(tmp_path / name), every=2).disturbed("it", *delays)
+        session.claim("subscription", "/commands", qos=queue).claim("subscription", "/states", qos=queue)
+        assert judged("report_share", SHARE, session).outcome is outcome
+
+
 # -- statistics at the end -------------------------------------------------------------------------
 
 

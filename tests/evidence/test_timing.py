@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grader.evidence.recorded import Span
+from grader.evidence.cpu_delay import Span
 from grader.evidence.timing import Timing, timing_of
 from grader.recording.bag import Stream
 from tests.synthetic import START_NS, at
