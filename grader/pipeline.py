@@ -94,9 +94,9 @@ def grade(
 ) -> Result:
     """Grade one submission: record, judge, run undecided sessions again, report.
 
-    It is a folder, an archive, what `grader.submission.discovery` made of more, or what was taken in already. Results
-    of an earlier grading stay until all sessions have been recorded. Raises GraderError if no fair score exists: no
-    result is written then, but once all is recorded, the recordings are kept.
+    It is a folder, an archive, what `grader.submission.discovery` made of more, or one that is extracted already.
+    Results of an earlier grading stay until all sessions have been recorded. Raises GraderError if no fair score
+    exists: no result is written then, but once all is recorded, the recordings are kept.
     """
     from grader.live.sandbox.environment import require_platform
     from grader.live.sandbox.scratch import scratch_prefix
@@ -171,7 +171,7 @@ def record(
 
     @contextmanager
     def work(what: str) -> Iterator[None]:
-        """Measure a piece of work, and have it wait for its turn where the machine is shared."""
+        """Measure a piece of work, and have it wait for its slot where the machine is shared."""
         with scheduler.work(what) if scheduler is not None else nullcontext(), watch.stage(what):
             yield
 

@@ -127,7 +127,7 @@ class Finding:
 
 
 class ViolationKind(str, Enum):
-    """What of the grader's own was touched in a session."""
+    """What of the grader's own was tampered with in a session."""
 
     IMPERSONATES_NODE = "impersonates_node"
     PUBLISHES_ON_REFERENCE_TOPIC = "publishes_on_reference_topic"
@@ -141,13 +141,13 @@ class ViolationKind(str, Enum):
 
     @property
     def disturbs(self) -> bool:
-        """Whether it leaves the recording unsound: seen once it may be chance, and the session is recorded again."""
+        """Whether it makes the recording unsound: a single occurrence is not conclusive; the session is repeated."""
         return self in (ViolationKind.ENDS_REFERENCE, ViolationKind.DISTURBS_RECORDING)
 
 
 @dataclass(frozen=True)
 class Violation:
-    """Something of the grader's own that was touched in a session: a fact, for a person to judge; not an intent."""
+    """Tampering with the grader's own in a session: a fact, for a person to judge; not an intent."""
 
     kind: ViolationKind
     session: str
@@ -157,7 +157,7 @@ class Violation:
     where: Location = Location()
     #: Whether the recording leaves no other explanation than the submission's own processes.
     certain: bool = True
-    #: Ids of the checks that fail because what they measure was touched.
+    #: Ids of the checks that fail because what they measure was tampered with.
     checks: tuple[str, ...] = ()
 
 

@@ -28,7 +28,7 @@ class Stage:
 
 @dataclass(frozen=True)
 class SessionRun:
-    """A session on its way through a cell, once for each attempt; it waited from when all of them were ready to run."""
+    """A session in its sandbox, once for each attempt; it waited from when all of them were ready to run."""
 
     session: str
     waited_s: float
@@ -36,7 +36,7 @@ class SessionRun:
 
 
 class Stopwatch:
-    """Collects `stages` and `cells` (sessions on their way) of a grading, in the order in which they end."""
+    """Collects `stages` and `session_runs` of a grading, in the order in which they end."""
 
     def __init__(self) -> None:
         self.started_s = time.monotonic() - _age_s()

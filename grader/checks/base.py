@@ -307,7 +307,7 @@ def cpu_delay_doubt(delay_s: float, length_s: float) -> str:
 
 
 def without_delay(value: float, delay_s: float, length_s: float) -> float:
-    """Return what a count or a rate may have been, had the machine not kept the process from a core for so long."""
+    """Return what a count or a rate may have been, had the machine not delayed the process for so long."""
     return value / (1 - min(0.5, delay_s / max(length_s, 1e-9)))
 
 

@@ -1,4 +1,4 @@
-"""Which checks cannot be judged since something of the grader's own was touched, or since the recording was filled."""
+"""Which checks are invalidated by tampering with the grader's own, or by a recording that was filled."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from grader.result import Finding, Outcome, Violation
 
 
 def with_checks(tampering: Tampering, recorded: Recorded, rubric: Rubric) -> Violation:
-    """Return a violation with the checks of its session that rest on what was spoilt.
+    """Return a violation with the checks of its session that rest on what was invalidated.
 
     A check rests on a topic, a service or a node if its parameters name it, or the label of a step that does.
     """
@@ -31,7 +31,7 @@ def with_checks(tampering: Tampering, recorded: Recorded, rubric: Rubric) -> Vio
 
 
 def not_measurable(expected: str, violation: Violation) -> Finding:
-    """Return what is found instead, where what a check measures was touched."""
+    """Return what is found instead, where what a check measures was tampered with."""
     reason = f"{violation.text} So this cannot be measured."
     return Finding(Outcome.FAILED, Decimal(0), expected, "not measured", reason, where=(violation.where,))
 

@@ -51,7 +51,7 @@ def plan_of(context: Context, step: str) -> Plan | None:
 
 
 def worked_around(context: Context, step: str, *kinds: str) -> list[Mapping[str, Any]]:
-    """Return the problems of some kinds that the live half noted and mended, so that the rest could be judged."""
+    """Return the problems of some kinds that the live half noted and worked around, to judge the rest."""
     run = context.session.step(step)
     return [m for m in (run.result.get("mended", []) if run is not None else []) if m["kind"] in kinds]
 
@@ -501,7 +501,7 @@ def _rate_alone_hz(alone: Recorded, p: TogetherCommands) -> float | None:
     return timing.rate_hz if timing is not None and not (span and clock_step_s(alone.record, span)) else None
 
 
-#: Share of a window for which a process was kept from a core, from which what others do may depend on that.
+#: Share of a window for which a process was delayed, from which what others do may depend on that.
 _MANY_DELAYS = 0.25
 
 

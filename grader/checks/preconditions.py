@@ -23,7 +23,7 @@ Explanation = tuple[str, str, tuple[Location, ...]]
 
 
 def missing_artifact(context: Context, artifact: str | None) -> Finding | None:
-    """State that an artifact's file is not there, or None if it is; and if one of its name was not taken in, why."""
+    """State that an artifact's file is not there, or None if it is; and if one of its name was not extracted, why."""
     if artifact is None or context.path_of(artifact) is not None:
         return None
     fact = context.submission.artifact(artifact)

@@ -116,7 +116,7 @@ class _Timed(Parameters):
         return timing.arrived, span, delay_s + late_s, by
 
     def calm(self, context: Context, timing: Timing, by: str, harmless_s: float) -> Calm | None:
-        """Return the intervals that no delay of the machine touched which does harm; None where they are too few."""
+        """Return the intervals that no harmful delay of the machine affected; None where they are too few."""
         run = context.session.process(self.process)
         if run is None or run.disturbed is None or by or timing.burst_error_hz is not None:
             return None
@@ -129,7 +129,7 @@ class _Timed(Parameters):
         return context.location(self.topic, **{end: context.session.since_start_s(t_ns) for end, t_ns in ends.items()})
 
 
-#: Share of a span for which a process was kept from a core, from which that is named as the reason of a doubt.
+#: Share of a span for which a process was delayed, from which that is the reason of a doubt.
 _NOTABLE_DELAY = 0.005
 
 
@@ -237,7 +237,7 @@ def _silence_s(context: Context, p: TopicRate, span: Span | None) -> tuple[float
 
 
 _SILENT_HINT = "Publish for as long as the node runs; its output shows what ended or stopped it."
-#: Share of a span for which a process was kept from a core, from which its usual interval may be longer by that.
+#: Share of a span for which a process was delayed, from which its usual interval may be longer by that.
 _MANY_DELAYS = 0.25
 
 

@@ -125,7 +125,7 @@ def topics_carry_traffic(context: Context, p: TopicsCarryTraffic) -> Finding:
 
 
 def _delay_s(context: Context, run: ProcessRun) -> tuple[float, float]:
-    """Return for how long the machine kept a process from its core, and how long it ran, in s."""
+    """Return for how long the machine delayed a process, and how long it ran, in s."""
     span = _life(context, run)
     return context.session.machine_delay_s(run, span), span.duration_s
 

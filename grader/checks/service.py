@@ -339,7 +339,7 @@ def calls_in_time(context: Context, p: CallsInTime) -> Finding:
     few = f"There was time for {len(calls)} of {wanted} calls." if len(calls) < wanted else ""
     if few and quick == len(calls) < p.enough:
         return unclear(expected, measured, f"{few} Those were answered in time.")
-    # What the machine kept from a core in a call, that which makes it included, may be why it took so long.
+    # How long the machine delayed a process in a call, that which makes it included, may be why it took so long.
     delays = [_delay_s(context, call) for call in calls]
     best = sum(_latency_s(call) - delay <= p.within_s for call, delay in zip(calls, delays, strict=True)) / len(calls)
     share, notes = quick / len(calls), [few] if few else []
@@ -350,7 +350,7 @@ def calls_in_time(context: Context, p: CallsInTime) -> Finding:
 
 
 def _delay_s(context: Context, call: Mapping[str, Any]) -> float:
-    """Return for how long the machine kept a process from its core during a call, that which makes it included."""
+    """Return for how long the machine delayed a process during a call, that which makes it included."""
     span = Span(int(call["started_ns"]), int(call["ended_ns"]))
     own_s = context.session.recorder_delay_s(span) + int(call.get("held_up_ns", 0)) / 1e9
     return context.session.longest_delay_s(span) + own_s

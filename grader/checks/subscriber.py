@@ -221,14 +221,14 @@ def reported_series(context: Context, p: ReportedSeries) -> Finding:
     return graded(right / judged, expected, measured, example, where=where, notes=notes, best=best, doubt=doubt)
 
 
-#: So long the grader may stand still without reading a report at another value than that for which it was printed.
+#: So long the grader may stall without reading a report at another value than that for which it was printed.
 _READ_LATE_S = 0.3
 
 
 def _kept_silent(context: Context, p: ReportedSeries, silent: Sequence[_Plateau]) -> tuple[float, str]:
     """Return on how many plateaus the machine may have kept a node from what is right, and say so.
 
-    Those are the silent ones at the end for half of which it had no core; and any, where the grader stood still and
+    Those are the silent ones at the end for half of which it had no core; and any, where the grader stalled and
     read too late what was printed.
     """
     times = [stream.source_ns for stream in context.streams(p.streams, p.field).values()]
@@ -553,7 +553,7 @@ def _without_repeats(context: Context, p: Streams, heard: Sequence[Report]) -> l
 
     A node that fell behind reports on several messages at once, and may say the same of each. But of messages that
     came together after a silence it cannot say more than came until then. Where more is said than the time in which
-    the grader stood still explains, lines are repeated: those that follow each other faster than messages count once.
+    the grader stalled explains, lines are repeated: those that follow each other faster than messages count once.
     """
     streams = context.streams(p.streams, p.field).values()
     begun_ns = max((int(stream.source_ns[0]) for stream in streams), default=0)

@@ -41,7 +41,7 @@ class Site(Protocol):
 
 
 class Here:
-    """Grading on this machine, so many submissions at a time as it has places."""
+    """Grading on this machine, so many submissions at a time as it has slots."""
 
     def __init__(self, isolation: Isolation, machine: Machine) -> None:
         self._isolation = isolation

@@ -1,6 +1,6 @@
 """Other machines, through a Dask scheduler: a submission goes there as bytes, its results come back as bytes.
 
-Each worker grades as this machine would: in a process of its own for each submission, and within the places of the
+Each worker grades as this machine would: in a process of its own for each submission, and within the slots of the
 worker's machine. The scheduler gives the submissions of a worker that is lost to others.
 """
 
@@ -45,7 +45,7 @@ class Bundle:
     #: Hash of the grader that sends it; only the same one may grade it.
     engine: str
     job: Job
-    #: The files that were taken in, packed.
+    #: The extracted files, packed.
     submission: bytes
     #: The files beside the rubric.
     lab: bytes

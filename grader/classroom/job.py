@@ -21,12 +21,12 @@ _MOST_TEXT = 2_000
 class Job:
     """What to grade, by what, and where its results go."""
 
-    #: The submission; already taken in if another machine did that.
+    #: The submission; already extracted if another machine did that.
     source: SubmissionSource | Intake
     results: Path
     rubric: Rubric
     options: Options
-    #: How students' code is confined on the machine that grades it, and the places there; filled in there.
+    #: How students' code is confined on the machine that grades it, and the slots there; filled in there.
     isolation: Isolation | None = None
     machine: Machine | None = None
     #: How long its process may say nothing, in seconds, beyond what a session may take; all that it does by itself has

@@ -90,7 +90,7 @@ class RunProgress(Live):
         self.done(row.source.name, None if row.reused else _line(row), remark)
 
     def note(self, text: str) -> None:
-        """Tell something about the run as a whole."""
+        """Report something about the run as a whole."""
         self._console.print(Text(terminal_text(text), "yellow"), soft_wrap=True)
 
     # -- what is shown ------------------------------------------------------------------------

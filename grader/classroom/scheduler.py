@@ -1,4 +1,4 @@
-"""Places for cells on this machine, shared by all gradings that run on it at a time."""
+"""Slots for sandboxes on this machine, shared by all gradings that run on it at a time."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from grader.live.sandbox.isolation import Isolation
 from grader.live.session.runner import sessions_at_a_time
 
 _POLL_S = 0.1
-#: The most places there are; what runs alone holds all of them.
+#: The most slots there are; what runs alone holds all of them.
 MOST_SLOTS = 16
 
 
 class Machine:
-    """A number of places for cells, or all of them for one.
+    """A number of slots for sandboxes, or all of them for one.
 
     Parameters
     ----------
     places : int
-        Cells at a time.
+        Sandboxes at a time.
     name : str
         Under which gradings find each other.
 
     Notes
     -----
-    Whoever holds the abstract socket of a place's name holds the place, so the kernel frees what a killed process
-    held, and nothing is left behind. Everyone comes through a `turnstile`, so that cells which come later do not
-    keep one that waits for all places from them.
+    Whoever holds the abstract socket of a slot's name holds the slot, so the kernel frees what a killed process
+    held, and nothing is left behind. Everyone comes through a `turnstile`, so that sandboxes which come later do not
+    keep one that waits for all slots from them.
     """
 
     def __init__(self, slots: int, name: str = "grade") -> None:
@@ -37,9 +37,9 @@ class Machine:
 
     @classmethod
     def of(cls, isolation: Isolation, jobs: int | None = None) -> Machine:
-        """Return this machine's places: so many as are wanted, or as its cores allow.
+        """Return this machine's slots: so many as are wanted, or as its cores allow.
 
-        Where cells share a network, one could speak in another's, so that there is one place.
+        Where sandboxes share a network, one could speak in another's, so that there is one slot.
         """
         return cls(jobs if jobs is not None and isolation.namespaces else sessions_at_a_time(isolation))
 

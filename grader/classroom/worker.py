@@ -2,7 +2,7 @@
 
 Both ends: `grade_in_process` starts the process with a job in a file, and ends it when it hangs; the process says on
 its standard output what it is doing, and at last how that ended. For each session, and for its own work, it waits for
-one of the machine's places.
+one of the machine's slots.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ _MOST_LINE_BYTES = 64 * 1024 * 1024
 async def grade_in_process(job: Job, on_phase: Callable[[Phase], None]) -> Ending:
     """Grade one submission in a process of its own; returns how it ended, and never fails because of it."""
     assert job.machine is not None
-    # So that starting takes no core from a session; the process itself takes the next place.
+    # So that starting takes no core from a session; the process itself takes the next slot.
     give_back = await job.machine.take()
     try:
         with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as scratch:
@@ -150,9 +150,9 @@ def _describe(progress: Progress) -> None:
 
 @dataclass
 class _WorkerScheduler:
-    """The machine's places for the sessions of this process, and for its own work.
+    """The machine's slots for the sessions of this process, and for its own work.
 
-    A place for work is kept until the first session asks for one, since it is of this process alone, which does
+    A slot for work is kept until the first session asks for one, since it is of this process alone, which does
     both in turn. What this process holds is freed at its end in any case.
     """
 
@@ -166,7 +166,7 @@ class _WorkerScheduler:
 
     @asynccontextmanager
     async def session_slot(self, spec: SessionSpec, *, alone: bool) -> AsyncIterator[None]:
-        """Hold a place for a session."""
+        """Hold a slot for a session."""
         if self._own is not None:
             self._own()
             self._own = None
@@ -181,7 +181,7 @@ class _WorkerScheduler:
 
     @contextmanager
     def work(self, what: str) -> Iterator[None]:
-        """Hold a place for work of this process."""
+        """Hold a slot for work of this process."""
         if self._own is None:
             self._own = asyncio.run(self._take(Phase("", what)))
         else:
@@ -198,7 +198,7 @@ class _WorkerScheduler:
 
 
 def limit_memory() -> None:
-    """Limit this process, but not the cells that it starts, which have limits of their own."""
+    """Limit this process, but not the sandboxes that it starts, which have limits of their own."""
     soft, hard = resource.getrlimit(resource.RLIMIT_AS)
     if soft == resource.RLIM_INFINITY or soft > _MOST_MEMORY_BYTES:
         resource.setrlimit(resource.RLIMIT_AS, (_MOST_MEMORY_BYTES, hard))

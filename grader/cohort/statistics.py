@@ -185,7 +185,7 @@ class ClassSummary:
     mistakes: tuple[Mistake, ...]
     #: By kind, in the order of `Need`.
     todos: tuple[Todo, ...]
-    #: Correlations nearer to 0 than this are what chance alone would give in a class of this size (two standard
+    #: Correlations nearer to 0 than this are insignificant in a class of this size (two standard
     #: errors).
     noise: float | None
 

@@ -258,7 +258,7 @@ def _grade_class(found: Discovery, rubric: Rubric, live: Options, options: argpa
 
 
 def _grading_location(options: argparse.Namespace, live: Options) -> tuple[Isolation | str, Machine]:
-    """Return where to grade (how code is confined here, or a scheduler), and this machine's places."""
+    """Return where to grade (how code is confined here, or a scheduler), and this machine's slots."""
     from grader.classroom.scheduler import Machine
     from grader.live.sandbox import environment
     from grader.live.sandbox.isolation import Isolation, Level

@@ -143,7 +143,7 @@ def _space() -> Status:
 
 
 def _traffic(interpreter: Path) -> Iterator[Status]:
-    """Record the examination's node in a real cell, and see what of its 100 messages a second arrives."""
+    """Record the examination's node in a real sandbox, and see what of its 100 messages a second arrives."""
     with tempfile.TemporaryDirectory(prefix="grade-doctor-") as scratch:
         started = time.monotonic()
         recorded = _record(interpreter, Path(scratch))

@@ -1,7 +1,7 @@
-"""Whose a recorded message is. DDS does not tell the recorder; the digests that came through the pipe do.
+"""Whose a recorded message is. DDS does not report it; the digests that came through the pipe do.
 
-A message is the grader's own if one of its publishers told the same digest for the same publication sequence number.
-Another publisher cannot know the digest of a message before it was sent, so what it sends of the same contents
+A message is the grader's own if one of its publishers reported the same digest for the same publication sequence
+number. Another publisher cannot know the digest of a message before it was sent, so what it sends of the same contents
 under the same number comes later: of several, the first is the grader's.
 """
 
@@ -20,7 +20,7 @@ from grader.recording.trusted_channel import DIGEST_DIGITS, digest
 
 @dataclass(frozen=True)
 class Authorship:
-    """The messages of a topic, told apart."""
+    """The messages of a topic, separated."""
 
     #: Those that the grader's own publishers sent, in the order in which they were received.
     own: Stream
@@ -29,7 +29,7 @@ class Authorship:
 
 
 def authorship(bag: Bag, topic: str, published: Sequence[Published]) -> Authorship | None:
-    """Tell the messages of a topic apart; None where that cannot be done, as no message that was told is there."""
+    """Separate the messages of a topic; None where that cannot be done, as no message that was reported is there."""
     own_type = max(published, key=lambda entry: len(entry.digests)).type if published else ""
     others = []
     own: Stream | None = None
@@ -73,5 +73,5 @@ def _separated(stream: Stream, published: Sequence[Published]) -> tuple[NDArray[
 
 
 def digests_of(entry: Published) -> list[str]:
-    """Return the digests that a process told, in the order of its publications."""
+    """Return the digests that a process reported, in the order of its publications."""
     return [entry.digests[n : n + DIGEST_DIGITS] for n in range(0, len(entry.digests), DIGEST_DIGITS)]

@@ -1,4 +1,4 @@
-"""What once in a while happens to correct programs too, so that one recording of it proves nothing."""
+"""Flakiness: what correct programs meet once in a while too, so that a single occurrence is not conclusive."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _KILLED = (-9, 137)
 #: What programs say when they may have no more threads or processes. The kernel counts those of a user, and in
 #: another container on the machine somebody else may have the same.
 _NO_MORE_TASKS = ("Resource temporarily unavailable", "can't start new thread")
-#: Recordings in which that is believed; what a program says of itself can be made up.
+#: Recordings up to which that counts; what a program reports of itself can be made up.
 _FLAKY_RECORDINGS = 2
 #: Share of the time for which something was waited for in vain, from which it may be the machine's doing that it did
 #: not come; and the share for which the student's own programs may have used a core in it.
@@ -44,7 +44,7 @@ def may_be_flaky(recorded: Recorded) -> bool:
 
 
 def _stalled(recorded: Recorded) -> str | None:
-    """Say that something did not come in time while the machine kept a process from its core, if so."""
+    """Say that something did not come in time while the machine delayed a process, if so."""
     for step in recorded.record.steps:
         span = Span(step.started_ns, step.ended_ns)
         if step.outcome != "timeout" or span.duration_s <= 0:

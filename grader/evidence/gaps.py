@@ -29,14 +29,14 @@ class Gaps:
 
 
 def gaps(recorded: Recorded) -> Gaps:
-    """Tell what is missing in a recording by whose doing it is.
+    """Return the gaps of a recording by whose doing they are.
 
     Notes
     -----
-    Topics share the room of a recording, so that it counts who filled the whole. What the grader's own processes told
-    that they published is theirs, and all else is the student's; where one of them told nothing, nobody can say.
-    A topic of which nothing was recorded, since there were too many or it is of an unknown type, is the student's
-    unless the grader publishes it.
+    Topics share the room of a recording, so that it counts who filled the whole. What the grader's own processes
+    reported that they published is theirs, and all else is the student's; where one of them reported nothing, nobody
+    can say. A topic of which nothing was recorded, since there were too many or it is of an unknown type, is the
+    student's unless the grader publishes it.
     """
     ours = {(entry.topic, entry.type) for entry in recorded.record.published}
     parts: tuple[list[RecordingGap], list[RecordingGap]] = ([], [])
@@ -110,12 +110,12 @@ _MATCHED_WITHIN_S = 5.0
 
 @functools.lru_cache(maxsize=_MOST_KEPT)
 def dropped(recorded: Recorded) -> tuple[Dropped, ...]:
-    """Compare what the grader's own processes told that they published with what is recorded of it.
+    """Compare what the grader's own processes reported that they published with what is recorded of it.
 
     Notes
     -----
-    Whoever can send packets in the network of a session can send them in another's name, and make a reader believe
-    that messages are gone, or that others stand in their place. What was told came through pipes.
+    Whoever can send packets in the network of a session can send them in another's name, and pretend
+    that messages are gone, or that others stand in their place. What was reported came through the trusted channel.
     """
     record = recorded.record
     limited = {gap.topic for gap in record.unrecorded}

@@ -1,10 +1,10 @@
-"""The census of a session's graph: what of the grader's own the student's processes touched.
+"""The integrity of a session: what of the grader's own the student's processes tampered with.
 
-The grader's endpoints and messages are known by what its processes told through their pipes; whatever else is in
-the graph is the student's. Where a recording does not hold what was told, as older ones do not, nothing is found.
+The grader's endpoints and messages are known by what its processes reported through the trusted channel; whatever else
+is in the graph is the student's. Where a recording does not hold these reports, as older ones do not, nothing is found.
 
 What is found has honest causes too: a publisher on a wrong topic, or an arm simulator of the student's own.
-So it is stated as seen, and the grader's own messages are told from others (see `grader.evidence.authorship`)
+So it is stated as seen, and the grader's own messages are separated from others (see `grader.evidence.authorship`)
 wherever that suffices to measure all the same.
 """
 
@@ -54,9 +54,9 @@ _OUT_OF_MEMORY = ("MemoryError", "bad_alloc")
 
 @dataclass(frozen=True)
 class Tampering:
-    """Something of the grader's own that was touched.
+    """Something of the grader's own that was tampered with.
 
-    Of the topics, services and nodes that are `spoilt`, or of the whole session, nothing can be measured any more.
+    Of the topics, services and nodes that are `invalidated`, or of the whole session, nothing can be measured any more.
     """
 
     violation: Violation
@@ -184,8 +184,8 @@ class _Integrity:
     def brought_down(self) -> Iterator[Tampering]:
         """Find the grader's own processes that died in their native code, or no longer heeded anybody.
 
-        In a session's network only its own processes speak, so that whatever does this comes from one of them. Once it
-        may be chance; where it is so in two recordings, what the submission's programs sent is what did it.
+        In a session's network only its own processes speak, so that whatever does this comes from one of them. A
+        single occurrence is not conclusive; where it is so in two recordings, the submission's programs did it.
         """
         for run in self.record.processes:
             span = Span(run.started_ns, run.exited_ns or self.record.ended_ns)
@@ -196,7 +196,7 @@ class _Integrity:
                 yield self._disturbed(ViolationKind.ENDS_REFERENCE, text, span, whole=True)
 
     def dropped_messages(self) -> Iterator[Tampering]:
-        """Find messages of the grader's that never reached its recorder, though the machine did not hold it up."""
+        """Find messages of the grader's that never reached its recorder, though the machine did not delay it."""
         span = Span(self.record.started_ns, self.record.ended_ns)
         for loss in dropped(self.recorded) if not self._machine_was_busy(span) else ():
             text = f"{loss.text} Packets in the grader's name can do that, and the machine was not busy."
@@ -254,7 +254,7 @@ class _Integrity:
                 yield self._on_topic(topic, publishers, mixed, _whole(publishers))
 
     def _mixed(self, topic: str) -> str:
-        """Say why messages of others cannot be told from the grader's; empty where they need not."""
+        """Describe why messages of others cannot be separated from the grader's; empty where they need not."""
         stream = self.recorded.bag.stream(topic)
         if repeated := _repeated(stream):
             return f"{repeated} of {len(stream)} messages recorded there repeat a publication sequence number"
@@ -312,7 +312,7 @@ class _Integrity:
 
 
 def tampering_in(recorded: Recorded, reference_nodes: Mapping[str, str]) -> tuple[Tampering, ...]:
-    """Return what of the grader's own was touched in a session; reference nodes by the names of their processes."""
+    """Return the tampering in a session; reference nodes by the names of their processes."""
     integrity = _Integrity(recorded, reference_nodes)
     disturbed = tuple(integrity.brought_down()) or tuple(integrity.repeatedly_disturbed())
     if not recorded.record.trusted or recorded.silent_references:

@@ -84,7 +84,7 @@ def open_recordings(folder: Path, rubric: Rubric) -> Recordings:
 
 
 def violations_of(recordings: Recordings, rubric: Rubric) -> tuple[Violation, ...]:
-    """Return what of the grader's own was touched in the sessions, with the checks that cannot be judged for it."""
+    """Return the tampering in the sessions, with the checks that cannot be judged for it."""
     nodes = {name: reference.node for name, reference in rubric.reference.items()}
     return tuple(
         with_checks(tampering, recorded, rubric)
@@ -123,8 +123,8 @@ def _judge(
 
     Notes
     -----
-    What the machine, the grader or chance may have done makes a finding inconclusive, and it is asked about in this
-    order; what comes first has the last word.
+    What the machine or the grader may have done, or what is flaky, makes a finding inconclusive, and it is asked about
+    in this order; what comes first has the last word.
 
     1. A check that it requires was lost or is undecided.
     2. Its session was not recorded.
@@ -133,7 +133,7 @@ def _judge(
     5. The check by itself: whether the file is there; the share within the bounds that the machine's delays leave
        open (`graded`); what is missing where it was graded; and the clock (`Check.judge`).
     6. What a program can bring about itself counts as failed where it was so in every recording (`Finding.settled`).
-    7. What it measures was touched: failed.
+    7. What it measures was tampered with: failed.
     8. Messages are missing, the grader's own, or since the student's filled the recording: then failed.
     9. What befalls correct programs too has to be seen again (`grader.evidence.flakiness`).
     """

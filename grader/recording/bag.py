@@ -311,7 +311,7 @@ def recover(folder: Path) -> bool:
     Returns
     -------
     bool
-        Whether the bag had to be mended; False if it was whole.
+        Whether the bag had to be repaired; False if it was whole.
 
     Raises
     ------

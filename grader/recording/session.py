@@ -2,7 +2,7 @@
 
 Times are integer nanoseconds of the system clock (CLOCK_REALTIME), the clock of DDS timestamps.
 The models are read by the judging half and written by the live half; neither ROS nor processes
-are needed here. Standard library only, since the trusted processes in a cell import it too.
+are needed here. Standard library only, since the trusted processes in a sandbox import it too.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ class ProcessRun:
     #: The core to which it is held, and since when.
     core: int | None = None
     held_ns: int | None = None
-    #: When the machine kept it from its core: [begin of a time, its length, for how long within it], in ns. None
+    #: When the machine delayed it: [begin of a time, its length, for how long within it], in ns. None
     #: where it was not watched.
     disturbed: list[list[int]] | None = None
 

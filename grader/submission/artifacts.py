@@ -1,4 +1,4 @@
-"""A submission that was taken in → the artifacts that the rubric asks for, and static facts.
+"""An extracted submission → the artifacts that the rubric asks for, and static facts.
 
 Nothing is executed or imported here.
 """
@@ -79,7 +79,7 @@ def _require_readable(intake: Intake, record: SubmissionRecord) -> None:
 
 
 def read_submission_folder(folder: Path, rubric: Rubric) -> SubmissionRecord:
-    """Read a folder of the project's own as `read_submission` does; a student's is taken in first."""
+    """Read a folder of the project's own as `read_submission` does; a student's is extracted first."""
     return read_submission(Intake(folder, folder.resolve().name, location=str(folder)), rubric)
 
 

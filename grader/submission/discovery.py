@@ -138,7 +138,7 @@ def find_submissions(
     -----
     A name is made from the student's alone and does not depend on who else has handed in, so that results are found
     again. Only where two would be the same, they get a mark made from their paths. The time of submission is that of
-    the class list, else of the download, else of the last commit. An archive's own is found when it is taken in.
+    the class list, else of the download, else of the last commit. An archive's own is found when it is extracted.
     """
     search = _Search(rubric)
     for path in paths:

@@ -1,8 +1,8 @@
 """The one way in: every file that a student hands in passes the same rules into a clean folder.
 
-A folder is taken in as an archive is. So what a student changes meanwhile does not matter, and the rest of the grader
-meets nothing but regular files under names that can be shown. The work is done in a process of its own, of which the
-kernel bounds time, memory and the size of files, whatever an archive makes its reader do.
+A folder is copied as an archive is extracted. So what a student changes meanwhile does not matter, and the rest of the
+grader meets nothing but regular files under names that can be shown. The work is done in a process of its own, of which
+the kernel bounds time, memory and the size of files, whatever an archive makes its reader do.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ _MOST_LISTED = 200_000
 
 @dataclass(frozen=True)
 class Limits:
-    """What is taken in at most; the rest is left out and listed."""
+    """What is extracted at most; the rest is left out and listed."""
 
     #: Files and folders that are looked at; with more, the submission is refused.
     members: int = 50_000
@@ -115,7 +115,7 @@ class Piece:
 
 @dataclass(frozen=True)
 class SubmissionSource:
-    """A submission as it was handed in."""
+    """Where a submission comes from, before it is extracted."""
 
     #: Under which its results are known: fit for a file's name, and of one submission only.
     name: str
@@ -141,12 +141,12 @@ class SubmissionSource:
 
 @dataclass(frozen=True)
 class Intake:
-    """A submission that was taken in; what is not said here is as in `SubmissionSource`."""
+    """An extracted submission; what is not described here is as in `SubmissionSource`."""
 
     #: Holds regular files only.
     folder: Path
     name: str
-    #: What was not taken in, a line each with its reason.
+    #: What was not extracted, a line each with its reason.
     left_out: tuple[str, ...] = ()
     #: When it was handed in; else the newest time of a file in the archive, which is what a student's machine said.
     submitted_at: datetime | None = None
@@ -161,13 +161,13 @@ class Intake:
 def open_submission(
     source: SubmissionSource | Path, *, prefix: str = "grade-", limits: Limits = LIMITS
 ) -> Iterator[Intake]:
-    """Take a submission (a path stands for `SubmissionSource.of` it) in, for as long as the context lasts.
+    """Extract a submission (a path stands for `SubmissionSource.of` it) for as long as the context lasts.
 
     Raises SubmissionError if there is nothing, or it cannot be read to its end, or is more than anyone hands in.
 
     Of members with the same name the last counts, as it does for `unzip` and `tar`. Of names that differ only in
     case or in the form of their letters, which Windows and macOS cannot keep apart, the first counts. Hard links in a
-    tar are left out; in a folder they cannot be told from files, and are taken in as such. One archive beside which
+    tar are left out; in a folder they cannot be told from files, and are copied as such. One archive beside which
     no program lies is unpacked, also within an archive; others are left out.
     """
     if isinstance(source, Path):
@@ -200,7 +200,7 @@ def _extracted(source: SubmissionSource, scratch: Path, limits: Limits) -> Intak
 
 
 class _Extraction:
-    """A submission that is being taken in."""
+    """A submission that is being extracted."""
 
     def __init__(self, scratch: Path, limits: Limits) -> None:
         self.folder = scratch / "submission"
@@ -218,7 +218,7 @@ class _Extraction:
         self._partial, self._archive = scratch / "partial", scratch / "archive-0"
 
     def add_piece(self, piece: Piece, *, alone: bool) -> None:
-        """Take a piece in; if it is the only one, an archive is the submission."""
+        """Add a piece; if it is the only one, an archive is the submission."""
         try:
             if is_folder(piece.path):
                 self._add_all(members_of_folder(piece.path, self._limits.depth))
@@ -280,7 +280,7 @@ class _Extraction:
                 self.newest = max(self.newest or member.modified, member.modified)
 
     def _add(self, member: Member, parts: tuple[str, ...]) -> bool:
-        """Take a file in, if it is one that a student may have meant to hand in; returns whether it was."""
+        """Add a file, if it is one that a student may have meant to hand in; returns whether it was."""
         is_folder = member.kind is Kind.FOLDER
         made = file_names.tool_folder((*parts, "") if is_folder else parts)
         if made is not None and made not in self._tool_folders:

@@ -71,7 +71,7 @@ def test_all_who_are_known_are_told_once(tmp_path: Path) -> None:
 
 
 def test_the_time_that_an_archive_tells_is_kept(tmp_path: Path) -> None:
-    """What was found when a submission was taken in stands in its record, and on the page."""
+    """What was found when a submission was extracted stands in its record, and on the page."""
     results = tmp_path / "results"
     shutil.copytree(KEPT, results / "ann" / RECORDINGS)
     (results / "ann" / "result.json").write_text(to_json(result_named("ann")), encoding="utf-8")

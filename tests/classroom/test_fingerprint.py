@@ -27,7 +27,7 @@ def rubric() -> Rubric:
 
 
 def submission(folder: Path) -> str:
-    """Hash a submission as it is graded: taken in first."""
+    """Hash a submission as it is graded: extracted first."""
     with open_submission(folder) as intake:
         return fingerprint.submission_sha256(intake)
 

@@ -1,4 +1,4 @@
-"""Places for cells: as many as there are, all of them for one, and none lost with a killed holder."""
+"""Places for sandboxes: as many as there are, all of them for one, and none lost with a killed holder."""
 
 from __future__ import annotations
 

@@ -81,7 +81,7 @@ def case(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Case:
     """Give a submission whose session waits for a minute."""
     isolation = probe_isolation(Path(sys.executable))
     if not isolation.level.at_least(Level.NO_CGROUP):
-        pytest.skip(f"no cells here: {isolation.remedy}")
+        pytest.skip(f"no sandboxes here: {isolation.remedy}")
     small = make_class(tmp_path, {"ann": SLEEPS})
     monkeypatch.setattr(tempfile, "tempdir", str(small.temporary))
     monkeypatch.setenv("TMPDIR", str(small.temporary))

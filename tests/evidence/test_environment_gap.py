@@ -110,7 +110,7 @@ def test_a_file_that_the_program_does_not_import_excuses_nothing() -> None:
 
 
 def test_files_that_import_each_other_are_looked_at_once() -> None:
-    """As many files as are taken in, which all import all others, take no time to speak of."""
+    """As many files as are extracted, which all import all others, take no time to speak of."""
     names = [f"m{n}" for n in range(2000)]
     every = submission({"it.py": f"import {', '.join(names)}\n", **{f"{name}.py": "import it, m1\n" for name in names}})
     found = Diagnosis("missing-module", "", "", "m1999.py", 1, "ModuleNotFoundError", subject="scipy")

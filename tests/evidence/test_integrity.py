@@ -1,4 +1,4 @@
-"""The census of the graph: what of the grader's own was touched, and what was not."""
+"""The census of the graph: what of the grader's own was tampered with, and what was not."""
 
 from __future__ import annotations
 
@@ -402,7 +402,7 @@ def test_messages_without_a_publisher_are_not_certain(tmp_path: Path) -> None:
 
 
 def test_messages_that_cannot_be_told_apart_spoil_the_topic(tmp_path: Path) -> None:
-    """Where the reference node told no digests, two publishers are known by repeated sequence numbers alone."""
+    """Where the reference node reported no digests, two publishers are known by repeated sequence numbers alone."""
     made = session(tmp_path).messages(STATES, [[9.0]], [1.5])
     made.record.published.clear()
     add(made, endpoint("/joint_state_subscriber", STUDENT, STATES, number=9))
@@ -430,7 +430,7 @@ def test_one_publisher_that_told_nothing_spoils_nothing(tmp_path: Path) -> None:
 
 
 def test_a_second_clock_spoils_what_is_paced_by_it(tmp_path: Path) -> None:
-    """Time itself cannot be told apart afterwards: every topic of the session hangs on it."""
+    """Time itself cannot be told apart afterwards: every topic of the session depends on it."""
     ticks = [struct.pack("<BBHiI", 0, 1, 0, n, 0) for n in range(4)]
     definition = f"builtin_interfaces/Time clock\n{TIME}"
     made = session(tmp_path).raw(CLOCK, CLOCK_TYPE, definition, ticks[:3], [1.0, 2.0, 3.0])

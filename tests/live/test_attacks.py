@@ -55,7 +55,7 @@ MOST_IN_BATCH = 6
 BATCHES_AT_A_TIME = 2
 #: What one submission may take at most, retries included; a grader that takes longer hangs.
 LONGEST_S = 300.0
-#: A container has a network and process ids of its own, which the cells within share.
+#: A container has a network and process ids of its own, which the sandboxes within share.
 OWN_SPACES = ["unshare", "--net", "--pid", "--mount", "--fork", "--kill-child", "--mount-proc"]
 #: Folders that every user of a machine may write to.
 SHARED_FOLDERS = (Path("/tmp"), Path("/dev/shm"), Path("/var/tmp"))
@@ -261,7 +261,7 @@ def graded(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
     folder = shared / batch.name
     folder.mkdir(parents=True, exist_ok=True)
     told = folder / "graded.json"
-    # Without root, cells of a plain container share one network with all other such cells of the machine.
+    # Without root, sandboxes of a plain container share one network with all other such sandboxes of the machine.
     together = batch.environment is Environment.CONTAINER and os.geteuid() != 0
     with (shared / f"{'container' if together else batch.number % BATCHES_AT_A_TIME}.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)

@@ -1,4 +1,4 @@
-"""The census in real cells: a node that touches all of the grader's own, an honest one, and a reference that leaves."""
+"""Integrity in real sandboxes: a node that tampers with all, an honest one, and a reference that leaves."""
 
 from __future__ import annotations
 
@@ -181,9 +181,9 @@ def test_a_reference_node_that_leaves_decides_nothing(sessions: dict[str, Record
     assert "beacon ended" in problem
 
 
-@pytest.mark.skipif(all(name == "lo" for _, name in socket.if_nameindex()), reason="this network is like a cell's own")
+@pytest.mark.skipif(all(name == "lo" for _, name in socket.if_nameindex()), reason="not a network of our own")
 def test_other_nodes_in_the_network_are_a_problem(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where cells share a network, nodes that were there before are told, and not taken for the student's."""
+    """Where sandboxes share a network, nodes that were there before are told, and not taken for the student's."""
     import rclpy
 
     domain_id, _ = own_domain()

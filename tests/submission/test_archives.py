@@ -329,7 +329,7 @@ def test_empty_pieces_by_the_thousand_are_harmless(tmp_path: Path) -> None:
 
 
 def test_overlapping_entries_do_not_multiply(tmp_path: Path) -> None:
-    """A hundred names for one piece of zeros give nothing that is taken in."""
+    """A hundred names for one piece of zeros give nothing that is extracted."""
     assert refused_soon(overlapping_zip(100, 7 * MEBIBYTE), tmp_path)
 
 

@@ -1,4 +1,4 @@
-"""Submissions that were taken in: found whatever their shape, refused with a remedy where there is nothing."""
+"""Submissions that were extracted: found whatever their shape, refused with a remedy where there is nothing."""
 
 from __future__ import annotations
 

@@ -141,7 +141,7 @@ def test_a_folder_of_submissions(tree: str, form: str, rubric: Rubric, tmp_path:
 
 @pytest.mark.parametrize("form", ["folder", ".zip", ".tar"])
 def test_each_gets_its_own_files(form: str, rubric: Rubric, tmp_path: Path) -> None:
-    """What is found can be taken in, and holds the files of that student alone."""
+    """What is found can be extracted, and holds the files of that student alone."""
     folder = lay_out(tmp_path / "group", in_folders({"lab/alice": FIVE, "lab/bob/src/p": FIVE}))
     path = folder if form == "folder" else pack(folder, tmp_path / f"group{form}")
     alice, bob = find_submissions([path], rubric).submissions

@@ -28,7 +28,7 @@ PROGRAM = b"import rclpy\n"
 
 
 def kept(intake: Intake) -> dict[str, bytes]:
-    """Give the files that were taken in; each is a regular one."""
+    """Give the files that were extracted; each is a regular one."""
     found = {}
     for path in intake.folder.rglob("*"):
         assert not path.is_symlink()

@@ -42,7 +42,7 @@ class Guard:
     """The watch over a session's student processes.
 
     They may change `areas`, each a file system of a size of its own, and the network the session's own, if these are
-    `sized`. `user` is their user id, where they have one of their own. `on_problem` is told of what disturbs the
+    `sized`. `user` is their user id, where they have one of their own. `on_problem` receives what disturbs the
     session and cannot be laid at anybody's door.
     """
 

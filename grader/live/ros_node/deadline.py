@@ -1,13 +1,13 @@
-"""Deadlines that only run while somebody looks: who stands still for a while must not take others for late."""
+"""Deadlines that only run while somebody looks: who stalls for a while must not take others for late."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 
-#: Who waits looks every few hundredths of a second; where so much lies between two looks, it stood still itself.
+#: Who waits looks every few hundredths of a second; where so much lies between two looks, it stalled itself.
 _STALL_S = 0.25
-#: So much standing still is left out of account, and no more.
+#: So much of a stall is left out of account, and no more.
 _MOST_LEFT_OUT_S = 10.0
 
 

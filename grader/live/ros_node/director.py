@@ -1,4 +1,4 @@
-"""The director: one trusted process in a cell that probes the ROS graph and records all traffic.
+"""The director: one trusted process in a sandbox that probes the ROS graph and records all traffic.
 
 It reads one JSON request a line from standard input, and writes lines of JSON to standard output: the name of a list of
 the session's record with an entry for it, or "answer" with outcome ("done", "timeout", "cancelled" or "failed") and
@@ -67,7 +67,7 @@ _SPIN_S = 0.01
 _MATCH_S = 3.0
 #: How long it stays for a subscription that has not taken all of it.
 _ACKNOWLEDGED_S = 1.0
-#: In a network that is not the cell's own, how long to look for nodes that do not belong there.
+#: In a network that is not the sandbox's own, how long to look for nodes that do not belong there.
 _FOREIGN_S = 0.5
 #: Service events that the middleware keeps until the recorder has them.
 _EVENTS_DEPTH = 100
@@ -141,7 +141,7 @@ class Director:
 
     def _require_empty_graph(self) -> None:
         """See to it that nothing is in the graph before the first process is started: it would be taken for its."""
-        # A network with loopback alone is the cell's own, and new.
+        # A network with loopback alone is the sandbox's own, and new.
         shared = any(name != "lo" for _, name in socket.if_nameindex())
         end_s = time.monotonic() + (_FOREIGN_S if shared else 0.0)
         while True:

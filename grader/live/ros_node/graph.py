@@ -33,7 +33,7 @@ from grader.recording.session import (
     ServiceOffer,
 )
 
-#: Topics and nodes looked at in one snapshot, and endpoints told; a flood of them must not stall the session.
+#: Topics and nodes looked at in one snapshot, and endpoints reported; a flood of them must not stall the session.
 MAX_TOPICS = 400
 MAX_NODES = 400
 MAX_ENDPOINTS = 4000
@@ -81,7 +81,7 @@ def is_reserved(name: str) -> bool:
 
 
 def _readable(ask: Callable[[], list[T]], otherwise: list[T]) -> list[T]:
-    """Return what rclpy tells of the graph, or something else where a name in it is no text, or empty: it gives up."""
+    """Return what rclpy reports of the graph, or something else where a name in it is no text or empty."""
     try:
         return ask()
     except (UnicodeDecodeError, RuntimeError):
@@ -89,7 +89,7 @@ def _readable(ask: Callable[[], list[T]], otherwise: list[T]) -> list[T]:
 
 
 def _topics(node: Node, known: Collection[str]) -> list[tuple[str, list[str]]]:
-    """Return names and types of topics; of those known by name alone where they cannot be told."""
+    """Return names and types of topics; of those known by name alone where types are not known."""
     facts: list[tuple[str, list[str]]] = [(name, []) for name in known]
     facts = _readable(node.get_topic_names_and_types, facts)
     return [(name, types) for name, types in facts if _TOPIC_NAME.fullmatch(name)]
@@ -127,7 +127,7 @@ def qos_of(profile: QoSProfile) -> Qos:
     )
 
 
-#: What rcl told of an endpoint, by which it is known again.
+#: What rcl reported of an endpoint, by which it is known again.
 _KNOWN: dict[tuple[Any, ...], Endpoint] = {}
 
 
@@ -160,7 +160,7 @@ def _endpoint(topic: str, facts: dict[str, Any]) -> Endpoint:
 
 
 def _endpoints_of(node: Node, topic: str) -> list[Endpoint]:
-    """Return the endpoints on a topic, without making objects anew of what rcl has told before.
+    """Return the endpoints on a topic, without making objects anew of what rcl has reported before.
 
     The node's own functions do: in a session that would be half of what looking at the graph costs.
     """
@@ -176,7 +176,7 @@ def snapshot(
 ) -> GraphSnapshot:
     """Take a snapshot of the graph, without the endpoints of the process that `own_prefix` is of.
 
-    Of too many topics those of `first` are looked at before all others. Where names cannot be told, those of the last
+    Of too many topics those of `first` are looked at before all others. Where names are not known, those of the last
     snapshot stand in.
     """
     taken = GraphSnapshot(time.time_ns())

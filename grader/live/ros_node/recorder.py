@@ -1,4 +1,4 @@
-"""Records the traffic of a cell: raw subscriptions, written to a bag as they come.
+"""Records the traffic of a sandbox: raw subscriptions, written to a bag as they come.
 
 The recorder has contexts of its own, since one participant cannot hold two types on one topic. It does not
 spin an executor: the middleware stamps each message when it receives it, so that it does not matter when the
@@ -122,7 +122,7 @@ class _Line:
 
 
 class Recorder:
-    """Records every topic that it is told of, and closes the writer of the bag when it stops.
+    """Records every topic that it is asked to, and closes the writer of the bag when it stops.
 
     A topic may take as much of `limit_bytes` as is left for the others; past that it is no longer recorded, so that a
     flood cannot cost the evidence of other topics. `problems` are what went wrong on the recorder's side, `unrecorded`

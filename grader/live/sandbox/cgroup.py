@@ -1,6 +1,6 @@
-"""Memory and process limits of a cell's students by control groups, version 1 or 2, where these can be made.
+"""Memory and process limits of a sandbox's students by control groups, version 1 or 2, where these can be made.
 
-Each cell has one group for all of the student's processes in it. Its name comes from the cell's number, so
+Each sandbox has one group for all of the student's processes in it. Its name comes from the sandbox's number, so
 that what a killed grader left behind is taken over by the next.
 """
 
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-#: Limit of all of a cell's student processes together.
+#: Limit of all of a sandbox's student processes together.
 MEMORY_BYTES = 2 * 1024**3
 PROCESSES = 256
 
@@ -41,7 +41,7 @@ _NAMES = {
 
 @dataclass(frozen=True)
 class CgroupParents:
-    """Folders in which a cell's group can be made.
+    """Folders in which a sandbox's group can be made.
 
     `memory` and `processes` are its parents in these hierarchies, the same one in version 2; `cpu` is that in the
     hierarchy that sums up CPU time, where one does that and shares out nothing.
@@ -54,7 +54,7 @@ class CgroupParents:
 
 
 class SandboxCgroup:
-    """The control group of a cell's student processes.
+    """The control group of a sandbox's student processes.
 
     Its `label` tells it from others of this user.
     """

@@ -1,4 +1,4 @@
-"""Environments of the processes in a cell, built from nothing.
+"""Environments of the processes in a sandbox, built from nothing.
 
 What the caller has sourced or exported (a ROS installation, PYTHONPATH, a DDS profile, a domain)
 reaches no process of a session.

@@ -146,7 +146,7 @@ def processes_of_user(uid: int) -> set[int]:
 
 
 def read_bytes_of(file: str) -> bytes:
-    """Read what the system tells of a thread; as a `Path` it would take five times as long, twice a second for all."""
+    """Read what the system reports of a thread; as a `Path` it would take five times as long, twice a second."""
     descriptor = os.open(file, os.O_RDONLY)
     try:
         return os.read(descriptor, _READ_BYTES)

@@ -73,7 +73,7 @@ def probe_isolation(interpreter: Path) -> Isolation:
 
 
 def require(isolation: Isolation, least: Level) -> None:
-    """Raise `IsolationError`, with the one thing that would mend it, unless the confinement is good enough."""
+    """Raise `IsolationError`, with the one thing that would fix it, unless the confinement is good enough."""
     if isolation.level.at_least(least):
         return
     freely = "" if least is not Level.REDUCED else " If you trust this code, add --trust-code."
@@ -126,7 +126,7 @@ def _closed_to_others(interpreter: Path) -> Path | None:
 
 
 def _try(isolation: Isolation, interpreter: Path) -> str | None:
-    """Run the interpreter in a cell with the real arguments; return None or what went wrong."""
+    """Run the interpreter in a sandbox with the real arguments; return None or what went wrong."""
     try:
         run = _run(isolation, interpreter, _WHO)
     except (OSError, subprocess.TimeoutExpired) as problem:
@@ -159,7 +159,7 @@ def _limits_memory(isolation: Isolation, interpreter: Path) -> bool:
 def _run(
     isolation: Isolation, interpreter: Path, program: str, slot: int = 0, group: SandboxCgroup | None = None
 ) -> subprocess.CompletedProcess[str]:
-    """Run a program as sessions run a student's, in a cell of its own."""
+    """Run a program as sessions run a student's, in a sandbox of its own."""
     with tempfile.TemporaryDirectory(prefix="grade-probe-", ignore_cleanup_errors=True) as scratch:
         room = Room.below(Path(scratch), interpreter)
         room.make(Path(scratch))

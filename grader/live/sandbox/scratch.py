@@ -1,4 +1,4 @@
-"""Temporary folders whose names tell their owner, so that those of a killed grader can be told and removed."""
+"""Temporary folders whose names hold their owner, so that stale ones of a killed grader are found and removed."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 The stand-ins for `launch` and `launch_ros` make a *plan* of what `ros2 launch` would start; its processes
 are then started like any other of the student's. A mistake that is charged by one check must not hide all
-else, so a misnamed executable or package and an argument that is not declared are mended after they were
+else, so a misnamed executable or package and an argument that is not declared are worked around after they were
 noted, and the evaluation goes on.
 """
 
@@ -34,7 +34,7 @@ _MAX_PLAN_BYTES = 4 * 1024 * 1024
 _MOST_WORKAROUNDS = 6
 #: Where a prefix lists its packages.
 _INDEX = "share/ament_index/resource_index/packages"
-#: What a second evaluation gets in any case: the mistake that the first one found is mended to see the rest.
+#: What a second evaluation gets in any case: the mistake that the first one found is worked around to see the rest.
 _LEAST_EVALUATION_S = 1.0
 _MAX_MEMORY_BYTES = 2 * 1024 * 1024 * 1024
 #: A process that is to be started again and again is so at most this often.

@@ -1,4 +1,4 @@
-"""Runs a submission's sessions, each in a cell of its own, side by side as the cores allow."""
+"""Runs a submission's sessions, each in a sandbox of its own, side by side as the cores allow."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ from grader.recording.submission import SubmissionRecord
 #: Sessions per core for which 100 Hz timing was seen to hold (p99 jitter under 6 ms), and the most at a time.
 _SESSIONS_PER_CORE = 2
 _MOST_SESSIONS = 4
-#: Time that a session may take beyond its own limit before its cell is killed.
+#: Time that a session may take beyond its own limit before its sandbox is killed.
 _GRACE_S = 25.0
-#: How long a cell that is to end may take to say by which process id, and then to end.
+#: How long a sandbox that is to end may take to say by which process id, and then to end.
 _END_S = 5.0
 _REMEDY = "Check whether memory or processes ran out and whether /dev/shm exists; `grade doctor` shows more."
 
@@ -48,7 +48,7 @@ class Progress:
 
 
 def sessions_at_a_time(isolation: Isolation) -> int:
-    """How many cells may run side by side here; one where they would share a network."""
+    """How many sandboxes may run side by side here; one where they would share a network."""
     if not isolation.namespaces:
         return 1
     return max(1, min(_MOST_SESSIONS, _SESSIONS_PER_CORE * len(os.sched_getaffinity(0))))
@@ -73,7 +73,7 @@ class Scheduler(Protocol):
     """When a session, or the grader's own work, may burden a machine that several submissions share."""
 
     def session_slot(self, spec: SessionSpec, *, alone: bool) -> AbstractAsyncContextManager[None]:
-        """Wait until a session may run, `alone` if nothing else may meanwhile, and hold its place while it does."""
+        """Wait until a session may run, `alone` if nothing else may meanwhile, and hold its slot while it does."""
         ...
 
     def work(self, what: str) -> AbstractContextManager[None]:
@@ -83,7 +83,7 @@ class Scheduler(Protocol):
 
 @dataclass(frozen=True)
 class SchedulingContext:
-    """What gradings on one machine have in common: turns, and how students' code is confined here."""
+    """What gradings on one machine have in common: the scheduler, and how students' code is confined here."""
 
     scheduler: Scheduler
     isolation: Isolation
@@ -118,7 +118,7 @@ class SessionRunner:
         """Record the chosen sessions; returns when all have ended.
 
         A session that cannot be run to its end leaves a recording that says so. If the grader is ended by
-        Ctrl-C or by a signal that asks for it, the cells end too, and nothing of their sessions stays.
+        Ctrl-C or by a signal that asks for it, the sandboxes end too, and nothing of their sessions stays.
         """
         run_to_an_end(self._record_all(chosen, on_progress, at_a_time or sessions_at_a_time(self.isolation)))
 
@@ -206,7 +206,7 @@ class SessionRunner:
 
 
 async def sandbox_pid(messages: asyncio.StreamReader) -> int:
-    """Return the process id by which a cell ends, or raise `PlatformError` with why it could not be made."""
+    """Return the process id by which a sandbox ends, or raise `PlatformError` with why it could not be made."""
     first = (await messages.readline()).decode("utf-8", "replace").strip()
     if not first.isdecimal():
         reason = first or "the process that starts sandboxes has ended"
@@ -217,7 +217,7 @@ async def sandbox_pid(messages: asyncio.StreamReader) -> int:
 async def _follow(
     messages: asyncio.StreamReader, pid: asyncio.Future[int], session: str, on_progress: Callable[[Progress], None]
 ) -> None:
-    """Pass on what a session tells, until its cell has ended."""
+    """Pass on what a session reports, until its sandbox has ended."""
     await asyncio.shield(pid)
     async for line in messages:
         with suppress(ValueError, KeyError):
@@ -226,7 +226,7 @@ async def _follow(
 
 
 async def _end(messages: asyncio.StreamReader, pid: asyncio.Future[int]) -> None:
-    """End a cell that has not ended by itself, and return when nothing of it is left."""
+    """End a sandbox that has not ended by itself, and return when nothing of it is left."""
     with suppress(asyncio.TimeoutError, PlatformError):
         number = await asyncio.wait_for(pid, _END_S)
         if not messages.at_eof():

@@ -91,7 +91,7 @@ class Session:
             self.sandbox.clean_up()
 
     async def _stop_for_time(self) -> None:
-        """End the student's processes, for which each step waited as long as it may; unless the machine stood still."""
+        """End the student's processes, for which each step waited as long as it may; unless the machine stalled."""
         step, now_ns = self.record.steps[-1], time.time_ns()
         step.outcome, step.ended_ns = "timeout", now_ns
         alive = [process for process in self.sandbox.students() if process.alive]

@@ -26,7 +26,7 @@ def adjustment_texts(graded: Graded) -> list[str]:
 
 
 def violation_texts(graded: Graded) -> list[str]:
-    """Return what of the grader's own was touched, each as a line of text that is still untrusted."""
+    """Return what of the grader's own was tampered with, each as a line of text that is still untrusted."""
     return [
         " ".join([violation.text, note_of(violation), *violation.evidence[:MOST_LOCATIONS]])
         for violation in graded.violations[:MOST_REMARKS]
