@@ -161,7 +161,7 @@ def test_a_killed_recorder_costs_no_points(tmp_path: Path) -> None:
     def on_progress(progress: Any) -> None:
         if "until talker ends" in progress.text:
             if not killed_ns:
-                # The bag grows while we look, for the cell does not wait for us.
+                # The bag grows while we look, for the sandbox does not wait for us.
                 look_on(1.0)
                 (director,) = (p for p in below(os.getpid()) if name_of(p) == "director")
                 killed_ns.append(time.time_ns())
@@ -190,7 +190,7 @@ def test_a_grading_whose_judging_fails_keeps_its_recordings(tmp_path: Path, monk
     """Without memory for judging there is an error with a remedy, no older result, and recordings to judge again."""
     steps: list[dict[str, Any]] = [
         {"start": {"student": "talker"}},
-        {"observe": {"duration_s": 1}},
+        {"observe": {"duration_s": 0.5, "first_message_on": "/chatter", "timeout_s": 20}},
         {"interrupt": {"process": "talker"}},
     ]
     lab = make_lab(tmp_path, {"talker": TALKER}, {"only": steps}, checks=[published("/chatter")])
