@@ -294,10 +294,10 @@ _SIDES_HINT = "Give publisher and subscription of a profile the same QoSProfile;
 def _claimed(context: Context, p: ReportedTraffic, row: Row) -> ResultRow | None:
     """Return what is printed about a row: in the pattern's form, or in another that can be read."""
     output = context.session.output_of(p.artifact)
-    lines = [plain_numbers(line.text[:LINE_LIMIT]) for line in output]
+    lines = [line.text[:LINE_LIMIT] for line in output]
     for loosely in (False, True):
         for place in lines_naming(lines, row.name, loosely=loosely):
-            if match := search(p.pattern, lines[place]):
+            if match := search(p.pattern, plain_numbers(lines[place])):
                 mean_s, max_s = (float(match[name]) / 1e3 for name in ("mean_ms", "max_ms"))
                 rounding_s = rounding_of(match["mean_ms"], 1e-3)
                 return ResultRow(output[place].t_ns, int(match["count"]), mean_s, max_s, rounding_s)
