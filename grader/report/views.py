@@ -8,13 +8,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from decimal import ROUND_HALF_UP, Decimal
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from grader.lab.steps import STEPS
 from grader.recording.session import OutputLine, ProcessRun, SessionRecord, StepRun
 from grader.recording.submission import ArtifactFact
 from grader.report.escape import line
-from grader.report.figures.svg import Figure
 from grader.result import (
     Adjustment,
     AdjustmentKind,
@@ -26,6 +25,9 @@ from grader.result import (
     Violation,
     outcome_of_points,
 )
+
+if TYPE_CHECKING:
+    from grader.report.figures.svg import Figure
 
 HEAD_LINES, TAIL_LINES = 40, 60
 PRINTED_HEAD_LINES, PRINTED_TAIL_LINES = 6, 14
