@@ -267,8 +267,8 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
     )
     if not rows:
         return not_reached("Not tested, because nothing was sent on any of the topics.", expected=expected)
-    if written := _written_beforehand(context, p, [claim for claim in claims.values() if claim is not None]):
-        return failed(expected, "constants of the source", _CONSTANTS_REASON, hint=_CONSTANTS_HINT, where=written)
+    if constants := _written_beforehand(context, p, [claim for claim in claims.values() if claim is not None]):
+        return failed(expected, "constants of the source", _CONSTANTS_REASON, hint=_CONSTANTS_HINT, where=constants)
     run = context.session.process(p.artifact)
     delay_s, length_s = _delay_s(context, run) if run is not None else (0.0, 1.0)
     late_s = context.session.backlog(run, _life(context, run)).late_s if run is not None else 0.0
