@@ -59,7 +59,7 @@ def test_a_program_that_ends_with_results_passes(tmp_path: Path) -> None:
         (22.0, [], {"interrupted_ns": at(22.1), "ended_by": "kill"}, "0", "still running after 22 s"),
     ],
 )
-def test_each_other_end_is_told_apart(
+def test_each_other_end_is_distinguished(
     tmp_path: Path, after_s: float, lines: list[str], facts: dict[str, Any], credit: str, words: str
 ) -> None:
     """Ending well and having results are half each."""
@@ -151,7 +151,7 @@ def test_a_side_that_is_missing_costs_half(tmp_path: Path) -> None:
     assert f"no subscription on {TOPIC}" in finding.reason
 
 
-def test_sides_that_differ_are_told_apart(tmp_path: Path) -> None:
+def test_sides_that_differ_are_distinguished(tmp_path: Path) -> None:
     """Where only the subscription is wrong, reason and measurement say so."""
     session = Session(tmp_path).endpoint("publisher", TOPIC).endpoint("subscription", TOPIC, qos=BEST_EFFORT).process()
     finding = judged("qos_profiles", PROFILES, session)

@@ -190,7 +190,7 @@ def test_an_entry_point_may_name_any_function(name: str, text: str, tmp_path: Pa
     assert run(workspace.folder / "install/lib/arm_lab/talk") == "run"
 
 
-def test_nodes_in_one_file_are_told_apart_by_their_entry_points(tmp_path: Path) -> None:
+def test_nodes_in_one_file_are_distinguished_by_their_entry_points(tmp_path: Path) -> None:
     """Each artifact runs the function that the entry point of its name names."""
     points = "['joint_publisher = arm_lab.nodes:send', 'joint_subscriber = arm_lab.nodes:hear']"
     text = "".join(f"def {name}():\n    print('{name}')\n" for name in ("hear", "main", "send"))
