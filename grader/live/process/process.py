@@ -77,8 +77,8 @@ class RunningProcess:
         self._room = room
         assert process.stdout is not None
         assert process.stderr is not None
-        said = self._read(process.stdout, "stdout") if on_message is None else _hear(process.stdout, on_message)
-        self._readers = [asyncio.create_task(said), asyncio.create_task(self._read(process.stderr, "stderr"))]
+        reader = self._read(process.stdout, "stdout") if on_message is None else _hear(process.stdout, on_message)
+        self._readers = [asyncio.create_task(reader), asyncio.create_task(self._read(process.stderr, "stderr"))]
         self.exited = asyncio.create_task(self._wait())
 
     @classmethod
