@@ -112,6 +112,11 @@ class Calm:
         """Whether they can stand for all of a window."""
         return len(self.intervals_s) >= _ENOUGH and float(self.intervals_s.sum()) >= _ENOUGH_S
 
+    @property
+    def said(self) -> str:
+        """A clause that tells how much of the time they are."""
+        return f", by {self.intervals_s.sum():.1f} s in which the grading computer was not busy"
+
     def rate_hz(self) -> tuple[float, float]:
         """Return the bounds of the rate.
 
