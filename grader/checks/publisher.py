@@ -381,16 +381,16 @@ def sinusoids(context: Context, p: Sinusoids) -> Finding:
     series = context.numeric(p.topic, p.field, finite=False)
     if series is None or len(series.values) < _FEWEST:
         return failed(expected, "too few numbers", "Too few messages with numbers arrived to see a motion.")
-    parts, elsewhere = [], set()
+    parts, misplaced = [], set()
     for component in p.components:
         part = _judge_component(series, component, p)
-        if part.share < p.misplaced_credit and (place := _place_of(series, component, p)) is not None:
-            elsewhere.add(place)
+        if part.share < p.misplaced_credit and (element := _element_of(series, component, p)) is not None:
+            misplaced.add(element)
             part = Part(
-                p.misplaced_credit, part.text, f"The motion of element {component.index} is in element {place}."
+                p.misplaced_credit, part.text, f"The motion of element {component.index} is in element {element}."
             )
         parts.append(part)
-    moving = [str(index) for index in _others_that_move(series.values, p) if index not in elsewhere]
+    moving = [str(index) for index in _others_that_move(series.values, p) if index not in misplaced]
     parts.append(Part(0.0, "", f"Element {', '.join(moving)} should stay at 0, but moves.") if moving else Part(1.0))
     return of_parts(expected, parts)
 
@@ -399,7 +399,7 @@ def sinusoids(context: Context, p: Sinusoids) -> Finding:
 _FEWEST = 20
 
 
-def _place_of(series: NumericStream, c: Component, p: Sinusoids) -> int | None:
+def _element_of(series: NumericStream, c: Component, p: Sinusoids) -> int | None:
     """Return the other element that moves as a component should."""
     places = (i for i in range(min(p.others_still, series.values.shape[1])) if i != c.index)
     finite = (i for i in places if np.isfinite(series.values[:, i]).all())

@@ -51,10 +51,10 @@ def entry(executable: str, name: str | None, **more: Any) -> dict[str, Any]:
     return {"id": f"{executable}-1", "path": "/x", "executable": executable, "name": name, "kind": "node", **more}
 
 
-def planned(session: Session, label: str = "plan", mended: Any = (), **plan: Any) -> Session:
+def planned(session: Session, label: str = "plan", worked_around: Any = (), **plan: Any) -> Session:
     """Add the step that evaluated a launch file."""
     whole = {"schema": PLAN_SCHEMA, "outcome": "error" if "problem" in plan else "ok", **plan}
-    return session.step("plan", label, plan=whole, mended=list(mended))
+    return session.step("plan", label, plan=whole, mended=list(worked_around))
 
 
 # -- it loads --------------------------------------------------------------------------------------
@@ -144,10 +144,10 @@ def test_each_argument_is_a_part(tmp_path: Path, defaults: dict[str, str | None]
     assert words in finding.reason
 
 
-def test_an_argument_that_was_assumed_is_told(tmp_path: Path) -> None:
+def test_an_argument_that_was_assumed_is_reported(tmp_path: Path) -> None:
     """An argument that is used but not declared is named with its line."""
-    mended = [{"kind": "undefined_configuration", "message": "sim is not declared", "file": "it.py", "line": 9}]
-    session = planned(Session(tmp_path), mended=mended, arguments=[{"name": "rate", "default": "100.0"}])
+    worked_around = [{"kind": "undefined_configuration", "message": "sim is not declared", "file": "it.py", "line": 9}]
+    session = planned(Session(tmp_path), worked_around=worked_around, arguments=[{"name": "rate", "default": "100.0"}])
     finding = judged("launch_arguments", ARGUMENTS, session)
     assert finding.credit == Decimal("0.5")
     assert "Sim is not declared." in finding.reason
@@ -213,7 +213,7 @@ def test_a_node_whose_file_is_missing_is_charged_elsewhere(tmp_path: Path) -> No
         ({"interrupted_ns": None, "exit_status": 3}, "ended with status 3: 'oh'."),
     ],
 )
-def test_why_a_node_is_down_is_told(tmp_path: Path, run: dict[str, Any] | None, words: str) -> None:
+def test_why_a_node_is_down_is_reported(tmp_path: Path, run: dict[str, Any] | None, words: str) -> None:
     """Not started, running without a node, and ended are told apart."""
     session = planned(Session(tmp_path), processes=BOTH).node("/talker")
     if run is not None:
@@ -298,23 +298,25 @@ def test_a_node_that_was_there_for_a_moment_is_down(tmp_path: Path) -> None:
 
 def test_a_misnamed_executable_costs_a_part(tmp_path: Path) -> None:
     """The message says that `ros2 launch` would stop there."""
-    mended = [
+    worked_around = [
         {"kind": "unknown_executable", "message": "no executable hear", "file": "it.py", "line": 5, "remedy": "x"}
     ]
-    session = planned(Session(tmp_path), mended=mended, processes=BOTH[:1]).node("/talker")
+    session = planned(Session(tmp_path), worked_around=worked_around, processes=BOTH[:1]).node("/talker")
     finding = nodes(session)
     assert finding.outcome is Outcome.FAILED
     assert "`ros2 launch` stops there" in finding.reason
     assert (finding.hint, finding.where[0].line) == ("x", 5)
 
 
-def test_several_misnamed_executables_are_told_in_their_order(tmp_path: Path) -> None:
+def test_several_misnamed_executables_are_reported_in_their_order(tmp_path: Path) -> None:
     """Each is named, and that the launch stops is said once."""
-    mended = [
+    worked_around = [
         {"kind": "unknown_executable", "message": f"no executable {name}", "file": "it.py", "line": n, "remedy": name}
         for n, name in enumerate(("talk", "listen"), 1)
     ]
-    finding = nodes(planned(Session(tmp_path), mended=mended, processes=BOTH).node("/talker").node("/listener"))
+    finding = nodes(
+        planned(Session(tmp_path), worked_around=worked_around, processes=BOTH).node("/talker").node("/listener")
+    )
     assert finding.reason == "No executable talk. No executable listen. `ros2 launch` stops there and starts nothing."
     assert (finding.hint, finding.where[0].line) == ("talk", 1)
     assert finding.measured == "your file starts nothing; with the names corrected by the grader: /talker, /listener"

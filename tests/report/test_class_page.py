@@ -75,7 +75,7 @@ def test_the_page_needs_nothing_else(summary: ClassSummary) -> None:
     assert not [name for _, attributes in page.elements for name in attributes if name.startswith("on")]
     assert not re.search(r"url\(|@import|https?:", "".join(page.scripts))
     outside = [href for href in page.values("href") if not href.startswith("#")]
-    assert {re.sub(r"^[a-z%A-Z0-9_]+/report\.html(#check-[a-z._]+|#touched)?$", "", href) for href in outside} == {""}
+    assert {re.sub(r"^[a-z%A-Z0-9_]+/report\.html(#check-[a-z._]+|#tampering)?$", "", href) for href in outside} == {""}
 
 
 def test_the_same_class_gives_the_same_bytes(summary: ClassSummary) -> None:
@@ -209,7 +209,7 @@ def test_times_of_submission_can_be_compared(offsets: tuple[int, int], heading: 
     assert shown in words
 
 
-def test_outcomes_are_told_by_more_than_colour() -> None:
+def test_outcomes_are_reported_by_more_than_colour() -> None:
     """Each cell has a sign, and a word for who does not see it."""
     words = " ".join(page_of(entry("alice", [1, 1, None]), entry("bob", [0.5, 1, 0])).words.split())
     for text in ("✓ passed 20", "? undecided 0", "◐ partial 14", "✕ failed 0"):
