@@ -75,7 +75,6 @@ REGISTRY: dict[str, Check] = {
     "reported_series": Check(reception.ReportedSeries, reception.reported_series, by_clock=True),
     "reported_statistics": Check(reception.ReportedStatistics, reception.reported_statistics, by_clock=True),
     "survives": Check(reception.Survives, reception.survives, by_endpoints=True, by_clock=True),
-    "report_share": Check(reception.ReportShare, reception.report_share),
     # A node that serves.
     "service_offered": Check(services.ServiceOffered, services.service_offered, by_endpoints=True, seeks=("service",)),
     "call_answered": Check(services.CallAnswered, services.call_answered),
