@@ -9,13 +9,17 @@ STAMP := $(VENV)/.installed
 DEV_STAMP := $(VENV)/.installed-dev
 NOT_INSTALLED = { echo "The packages could not be installed, see above; the first time, this needs a network."; exit 1; }
 
-.PHONY: alice test attacks bench system system-dev lint types layers house clean
+.PHONY: alice test fixtures attacks bench system system-dev lint types layers house clean
 
 alice: $(STAMP) system
 	$(BIN)/grade submissions/alice/
 
 test: $(DEV_STAMP) system-dev lint types layers house
 	$(BIN)/python -m pytest -n 4
+
+# Every fixture; some six minutes. `make test` grades the half of them that the commit's name chooses.
+fixtures: $(DEV_STAMP) system
+	FIXTURES=all $(BIN)/python -m pytest -n 3 tests/live/test_fixtures.py
 
 # Every attack of fixtures/attacks in all three environments; some twelve minutes. `make test` tries a part of them.
 attacks: $(DEV_STAMP) system

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from grader.live.environment import trusted_environment
+from grader.live.sandbox.environment import trusted_environment
 
 _ROOT = Path(__file__).resolve().parent.parent
 _DOMAIN = 97

@@ -53,7 +53,7 @@ def in_process(work: Callable[[], T], bound: Bound) -> T:
         if isinstance(outcome, BaseException):
             raise outcome
         return outcome
-    raise AssertionError("there was no outcome")
+    raise AssertionError("nothing was returned")
 
 
 def in_processes(
@@ -122,14 +122,16 @@ class _Child:
         if os.waitstatus_to_exitcode(status) == 0:
             return pickle.loads(b"".join(self.received))  # From a copy of this process.
         if os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGXCPU:
-            return _exceeded(self.bound, f"took more than {self.bound.cpu_s:g} s of computing")
+            return _exceeded(self.bound, f"took more than {self.bound.cpu_s:g} s of CPU time")
         if not self.is_over:
             return _exceeded(self.bound, f"took longer than {self.bound.wall_s:g} s")
         return _exceeded(self.bound, f"ended with status {os.waitstatus_to_exitcode(status)}")
 
 
 def _exceeded(bound: Bound, problem: str) -> BoundError:
-    remedy = "Nothing else is concerned. No text of a student's may cause this: report it with the recordings."
+    remedy = (
+        "Nothing else is affected. No text of a student's should cause this: please report it, with the recordings."
+    )
     return BoundError(f"{bound.what} {problem}", remedy=remedy)
 
 

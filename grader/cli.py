@@ -18,7 +18,7 @@ _EXIT_STATUS = """\
 exit status:
   0  graded, whatever the score    1  below --fail-under         2  wrong usage
   3  no usable submission          4  rubric or overrides wrong  5  platform not supported
-  6  recording not readable        7  confinement not to be had  70 other trouble
+  6  recording not readable        7  code cannot be confined    70 other trouble
   130 interrupted                  of several submissions: the highest
 """
 

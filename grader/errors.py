@@ -68,4 +68,6 @@ def described(error: Exception) -> GraderError:
     if isinstance(error, OSError):
         remedy = "Check that the disk is not full and that the folder can be written to."
         return GraderError(error.strerror or str(error), where=str(error.filename or ""), remedy=remedy)
-    return GraderError(f"the grader broke: {type(error).__name__}: {error}", remedy="This is a mistake in grade.")
+    return GraderError(
+        f"the grader failed: {type(error).__name__}: {error}", remedy="This is a defect of grade; please report it."
+    )

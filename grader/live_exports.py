@@ -18,8 +18,8 @@ from types import TracebackType
 from typing import Any
 
 from grader.errors import UsageError
-from grader.exporting import STANDARD_OUTPUT, ExportTarget, write_exports
 from grader.report.exports import EXPORTS
+from grader.report.exports.writing import STANDARD_OUTPUT, ExportTarget, write_exports
 from grader.result import Result
 
 _CHILD_ENDS_S = 5.0

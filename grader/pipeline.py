@@ -12,26 +12,26 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from grader import kept_lab
-from grader.attempts import retry_undecided
 from grader.bounded import Bound
-from grader.cohort.overrides import Overrides
-from grader.desk import made_from
 from grader.errors import UsageError, described
-from grader.exporting import ExportTarget
 from grader.files import UNFINISHED, beside, replace_files
-from grader.intake import Handed, Intake, confined, taken_in
-from grader.judgement import Judgement, judge_bounded
+from grader.judging.attempts import retry_undecided
+from grader.judging.judgement import Judgement, judge_bounded
+from grader.judging.rubrics import read_overrides, recorded_rubric, rubric_copy, rubric_files, rubric_files_of_result
+from grader.lab import kept_lab
+from grader.lab.overrides import Overrides
+from grader.lab.rubric import Rubric
 from grader.recording.submission import SubmissionRecord, write_submission
+from grader.report.exports.writing import ExportTarget
 from grader.result import CheckResult, Result
 from grader.result_folder import RECORDINGS, REPORT_FILE, RESULT_FILE, RUBRIC_COPY
-from grader.rubric import Rubric
-from grader.rubrics import read_overrides, recorded_rubric, rubric_copy, rubric_files, rubric_files_of_result
-from grader.submission import read_submission
+from grader.submission.artifacts import read_submission
+from grader.submission.extraction import Handed, Intake, confined, taken_in
+from grader.submission.separation import made_from
 from grader.timings import Stopwatch
 
 if TYPE_CHECKING:
-    from grader.live.cells import Shared
+    from grader.live.session.runner import Shared
 
 #: What a grading makes, the file that says that it is whole last.
 PARTS = (RUBRIC_COPY, kept_lab.KEPT, RECORDINGS, REPORT_FILE, RESULT_FILE)
@@ -94,19 +94,19 @@ def grade(
 ) -> Result:
     """Grade one submission: record, judge, run undecided sessions again, report.
 
-    It is a folder, an archive, what `grader.batch.found` made of more, or what was taken in already. Results of an
-    earlier grading stay until all sessions have been recorded. Raises GraderError if no fair score exists: no result is
-    written then, but once all is recorded, the recordings are kept.
+    It is a folder, an archive, what `grader.submission.discovery` made of more, or what was taken in already. Results
+    of an earlier grading stay until all sessions have been recorded. Raises GraderError if no fair score exists: no
+    result is written then, but once all is recorded, the recordings are kept.
     """
-    from grader.live.environment import require_platform
-    from grader.live.scratch import scratch_prefix
+    from grader.live.sandbox.environment import require_platform
+    from grader.live.sandbox.scratch import scratch_prefix
     from grader.live_exports import LiveExports
 
     require_platform(options.interpreter)
     watch = watch or Stopwatch()
     taking = nullcontext(handed) if isinstance(handed, Intake) else taken_in(handed, prefix=scratch_prefix())
     with ExitStack() as stack:
-        with watch.stage("taking the submission in"):
+        with watch.stage("unpacking the submission"):
             intake = stack.enter_context(taking)
             submission = confined(partial(read_submission, intake, rubric), intake.where, _READING_BOUND)
         submission.sessions = list(options.sessions) if options.sessions is not None else None
@@ -124,13 +124,13 @@ def grade(
 
 @contextmanager
 def _naming_kept(folder: Path, results: Path) -> Iterator[None]:
-    """Where a stage fails once all is recorded in a folder, say that this is kept, and what goes on from there."""
+    """Where a stage fails once all is recorded in a folder, say that this is kept, and what continues from there."""
     try:
         yield
     except (Exception, KeyboardInterrupt) as error:
         if not _is_recorded(folder / RECORDINGS):
             raise
-        kept = f"The recordings are kept; `grade regrade {results}` goes on from there."
+        kept = f"The recordings are kept; `grade regrade {results}` continues from there."
         if isinstance(error, KeyboardInterrupt):
             raise KeyboardInterrupt(kept) from error
         told = described(error)
@@ -153,15 +153,15 @@ def record(
     watch: Stopwatch | None = None,
 ) -> Judgement:
     """Run the live half, and sessions again whose checks are undecided; returns the judgement of what is kept."""
-    from grader.evidence.elsewhere import modules_to_look_for
-    from grader.live.cells import Progress, Sessions, types_in
-    from grader.live.environment import absent_modules, versions
-    from grader.live.fork_server import ForkServer
-    from grader.live.isolation import Level
-    from grader.live.probing import probe_isolation, require
-    from grader.live.ros_launch import LaunchChoice, find_native_launch
-    from grader.live.scratch import scratch_prefix
-    from grader.live.stage import stage
+    from grader.evidence.environment_gap import modules_to_look_for
+    from grader.live.sandbox.environment import absent_modules, versions
+    from grader.live.sandbox.isolation import Level
+    from grader.live.sandbox.probing import probe_isolation, require
+    from grader.live.sandbox.scratch import scratch_prefix
+    from grader.live.session.fork_server import ForkServer
+    from grader.live.session.ros_launch import LaunchChoice, find_native_launch
+    from grader.live.session.runner import Progress, Sessions, types_in
+    from grader.live.session.stage import stage
 
     watch = watch or Stopwatch()
     turns = shared.turns if shared is not None else None
@@ -174,7 +174,7 @@ def record(
 
     # It begins to import while the isolation is tried.
     with ForkServer(types_in(rubric)) as forks:
-        with watch.stage("trying the isolation"):
+        with watch.stage("testing the sandbox"):
             isolation = shared.isolation if shared is not None else probe_isolation(options.interpreter)
         require(isolation, Level.of(options.least_isolation))
         native = find_native_launch(options.interpreter, LaunchChoice(options.launch))
@@ -210,7 +210,7 @@ def record(
 
             def retry(undecided: Sequence[str], folder: Path, attempt: int, disturbed: frozenset[str]) -> None:
                 alone = replace(sessions, recordings=folder, attempt=attempt, disturbed=disturbed)
-                with watch.stage(f"sessions again, attempt {attempt}"):
+                with watch.stage(f"repeating sessions, attempt {attempt}"):
                     alone.record(undecided, on_progress, at_a_time=1)
 
             def judged() -> Judgement:

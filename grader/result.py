@@ -364,7 +364,7 @@ def read_result(plain: Any) -> Result:
             first = problem.errors(include_url=False, include_input=False)[0]
             words = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
         remedy = f"Run `grade regrade` on the results folder. ({words})"
-        raise RecordingError("this is no result of this version of grade", remedy=remedy) from None
+        raise RecordingError("this is not a result of this version of grade", remedy=remedy) from None
 
 
 def load_result(file: Path) -> Result:

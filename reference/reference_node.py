@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 # No sleep is longer than this, so that a stop is noticed soon: a signal does not cut `time.sleep` short.
 LONGEST_SLEEP_S = 0.02
 BAD_CONFIGURATION_STATUS = 2
-# As `grader.recording.told` has them. A line of output may not be longer than 8 KiB.
+# As `grader.recording.trusted_channel` has them. A line of output may not be longer than 8 KiB.
 DIGEST_BYTES, PARTICIPANT_BYTES, DIGESTS_IN_LINE = 6, 12, 500
 
 T = TypeVar("T")

@@ -9,10 +9,13 @@ from __future__ import annotations
 import fcntl
 import os
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+#: How the reasons begin for which a busy machine leaves a measurement undecided.
+MACHINE = ("The machine kept ", "The measurement's error ")
 #: Whether this process has a part of the machine now: tests within a test share it.
 _shares = False
 
@@ -52,3 +55,23 @@ def alone() -> Iterator[None]:
     finally:
         fcntl.flock(_MACHINE, fcntl.LOCK_SH)
         fcntl.flock(_GATE, fcntl.LOCK_UN)
+
+
+class Others:
+    """What others took of this machine since this was made: other programs, and the host of a virtual machine."""
+
+    def __init__(self) -> None:
+        self._begun = self._look()
+
+    @staticmethod
+    def _look() -> tuple[float, float, float]:
+        of_all_cores = Path("/proc/stat").read_text(encoding="ascii").split("\n", 1)[0]
+        user, nice, system, _, _, irq, softirq, steal = (int(number) for number in of_all_cores.split()[1:9])
+        busy_s = (user + nice + system + irq + softirq + steal) / os.sysconf("SC_CLK_TCK")
+        return time.monotonic(), busy_s, sum(os.times()[:4])
+
+    @property
+    def share(self) -> float:
+        """The part of all cores; of this process, those of its children that have ended are its own."""
+        elapsed_s, busy_s, own_s = (now - then for now, then in zip(self._look(), self._begun, strict=True))
+        return (busy_s - own_s) / (elapsed_s * (os.cpu_count() or 1))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from grader.batch.regrade import regrade
+from grader.classroom.regrade import regrade
 from grader.result import Result
 
 

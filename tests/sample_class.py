@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from grader.cohort.entries import ClassEntry, report_link
-from grader.judging import judge, open_recordings
+from grader.judging.judge import judge, open_recordings
+from grader.lab.rubric import Rubric
 from grader.result import read_result, to_plain
-from grader.rubric import Rubric
 
 SOLUTION = Path(__file__).parent / "recordings/solution"
 DUE = datetime(2026, 11, 20, 22, 59, tzinfo=timezone.utc)
@@ -48,7 +48,7 @@ class Slip:
 
 SLIPS = (
     Slip(0.45, "qos.explains", "0", "There is next to nothing in writing about the trade-offs."),
-    Slip(0.42, "subscriber.mean", "0", "These numbers fit the signed error; the lab asks for |error|."),
+    Slip(0.42, "subscriber.mean", "0", "Your numbers match the signed error; the lab asks for |error|."),
     Slip(
         0.38,
         "service.refuses",

@@ -10,8 +10,8 @@ import pytest
 ROOT = Path(__file__).parents[1]
 sys.path.append(str(ROOT))
 
-from grader import rubrics  # noqa: E402
-from grader.rubric import Rubric  # noqa: E402
+from grader.judging import rubrics  # noqa: E402
+from grader.lab.rubric import Rubric  # noqa: E402
 from tests.live.attacks import HONEST, SOLUTION, Attack, read_corpus  # noqa: E402
 
 PARTS = {"results", "processes", "network", "ros", "intake", "report"}

@@ -12,11 +12,12 @@ from pathlib import Path
 
 import pytest
 
-from grader import judgement, pipeline, result_folder, rubrics
-from grader.batch.regrade import recorded_in, regrade
+from grader import pipeline, result_folder
 from grader.bounded import Bound, in_process, in_processes
+from grader.classroom.regrade import recorded_in, regrade
 from grader.errors import BoundError, RecordingError
-from grader.rubric import Rubric, load_rubric
+from grader.judging import judgement, rubrics
+from grader.lab.rubric import Rubric, load_rubric
 from tests.regraded import regraded
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -53,7 +54,7 @@ def test_what_work_raises_is_raised() -> None:
     ("work", "bound", "words"),
     [
         # On a busy machine a second of computing takes long.
-        (_spin, dataclasses.replace(SMALL, wall_s=120.0), "more than 1 s of computing"),
+        (_spin, dataclasses.replace(SMALL, wall_s=120.0), "more than 1 s of CPU time"),
         (lambda: time.sleep(60), SMALL, "longer than 3 s"),
         (lambda: len(bytearray(2**30)), SMALL, "more than 0.25 GiB of memory"),
         (_end_itself, SMALL, "status -9"),

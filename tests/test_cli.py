@@ -14,9 +14,9 @@ import jsonschema
 import pytest
 import yaml
 
-from grader.checks import REGISTRY
+from grader.checks.registry import REGISTRY
 from grader.cli import main
-from grader.kept_lab import lab_folder
+from grader.lab.kept_lab import lab_folder
 from grader.result_folder import RECORDINGS, REPORT_FILE, RESULT_FILE, RUBRIC_COPY
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -11,15 +11,17 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grader.evidence import diagnosis, elsewhere, launch_source, markup, printed, prose, result_rows, source
-from grader.intake.names import UnfitError, clean_parts, displayed
-from grader.live.launching import parameter_text
-from grader.live.names import likeness
-from grader.packages import find_packages
-from grader.patterns import Budget, patterns_bounded, search
+from grader.evidence import environment_gap
+from grader.evidence.crash import diagnosis
+from grader.evidence.text import launch_source, markup, printed, prose, result_rows, source
+from grader.judging.rubrics import read_rubric
+from grader.lab.patterns import Budget, patterns_bounded, search
+from grader.live.launch import parameter_text
+from grader.live.ros_node.near_miss import likeness
 from grader.recording.session import OutputLine
 from grader.report.escape import shown
-from grader.rubrics import read_rubric
+from grader.submission.file_names import UnfitError, clean_parts, displayed
+from grader.submission.packages.colcon import find_packages
 
 NAMES = ("best_effort", "reliable")
 TOPICS = [prose.TopicWords("a", ("publisher",), ("node",)), prose.TopicWords("b", ("subscriber",))]
@@ -43,7 +45,7 @@ def _read_source(text: str) -> None:
     facts = source.parse("a.py", text)
     source.docstring_share([facts])
     prose.source_passages(facts)
-    elsewhere.is_newer_python(text)
+    environment_gap.is_newer_python(text)
     launch_source.parameter_line(text, 1, "p")
 
 
@@ -118,7 +120,7 @@ def test_nested_f_strings_are_read_once_a_level() -> None:
     for _ in range(90):
         nested = "f'{" + nested + "}'"
     began_s = time.process_time()
-    assert not elsewhere.is_newer_python(f"{nested}\n(")
+    assert not environment_gap.is_newer_python(f"{nested}\n(")
     assert time.process_time() - began_s < 1.0
 
 

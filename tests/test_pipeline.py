@@ -13,15 +13,16 @@ from pathlib import Path
 
 import pytest
 
-from grader import attempts, judgement, pipeline, result_folder, rubrics
-from grader.cohort.overrides import Overrides
+from grader import pipeline, result_folder
 from grader.errors import GraderError, RubricError
-from grader.judging import judge, open_recordings
-from grader.kept_lab import lab_folder
-from grader.live import environment
+from grader.judging import attempts, judgement, rubrics
+from grader.judging.judge import judge, open_recordings
+from grader.lab.kept_lab import lab_folder
+from grader.lab.overrides import Overrides
+from grader.lab.rubric import Rubric
+from grader.live.sandbox import environment
 from grader.recording.session import read_session, write_session
 from grader.recording.submission import ArtifactFact, SubmissionRecord
-from grader.rubric import Rubric
 from tests.regraded import regraded
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -12,7 +12,7 @@ from pathlib import Path
 from bench.programs.publisher import TOPIC
 from bench.programs.work import until_told
 from grader.evidence.timing import timing_of
-from grader.live.recorder import Recorder
+from grader.live.ros_node.recorder import Recorder
 from grader.recording.bag import Bag, BagWriter
 from grader.recording.session import Endpoint, Qos
 

@@ -10,13 +10,13 @@ from pathlib import PurePosixPath
 
 from pydantic import Field
 
-from grader import references as ref
-from grader.checks.finding import Context, apart, failed, graded, inconclusive, percent
-from grader.evidence.lexicon import one_of
-from grader.evidence.markup import Document, read_markdown
-from grader.evidence.prose import TopicWords, concepts, descriptions, document_passages, run_lines, source_passages
-from grader.evidence.source import SourceFacts, docstring_share, parse
-from grader.references import Parameters, Pattern, Share
+from grader.checks.base import Context, apart, failed, graded, inconclusive, percent
+from grader.evidence.text.lexicon import one_of
+from grader.evidence.text.markup import Document, read_markdown
+from grader.evidence.text.prose import TopicWords, concepts, descriptions, document_passages, run_lines, source_passages
+from grader.evidence.text.source import SourceFacts, docstring_share, parse
+from grader.lab import references as ref
+from grader.lab.references import Parameters, Pattern, Share
 from grader.result import Finding, Where
 
 #: What a README is called in other languages.

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 from pydantic import Field
 
-from grader import references as ref
-from grader.checks.finding import Context
+from grader.checks.base import Context
+from grader.lab import references as ref
+from grader.lab.references import Parameters, Share
 from grader.recording.session import Claim, Endpoint, Qos
-from grader.references import Parameters, Share
 from grader.result import Where
 
 
@@ -23,9 +23,9 @@ class OfferedProfile(Parameters):
 class OfEndpoint(Parameters):
     """What it costs where an endpoint is there, but not as it is asked for."""
 
-    other_name_costs: Share = Field(0.6, description="Share of the credit that another name of it costs.")
+    other_name_costs: Share = Field(0.6, description="Share of the credit that another name costs.")
     other_type_costs: Share = Field(0.6, description="Share of the credit that another type costs.")
-    other_node_costs: Share = Field(0.2, description="Share of the credit that another name of its node costs.")
+    other_node_costs: Share = Field(0.2, description="Share of the credit that another node name costs.")
 
     def faults(
         self, kind: str, wanted: tuple[str, str], got: tuple[str, str], nodes: Sequence[str]
@@ -39,8 +39,8 @@ class OfEndpoint(Parameters):
         if used != name:
             namespaces = (node.rpartition("/")[0] for node in nodes)
             space = next((n for n in namespaces if n and used == n + name), None)
-            within = f" It lies in the namespace of its node, {space}." if space else ""
-            reason = f"The {kind} is named {used}, not {name}; the rest is judged on {used}.{within}"
+            within = f" It is in its node's namespace, {space}." if space else ""
+            reason = f"The {kind} is named {used}, not {name}; the other checks use {used}.{within}"
             found.append((self.other_name_costs, reason))
         if used_type != its_type:
             reason = f"The type of {used} is {used_type}, not {its_type}; endpoints of different types never connect."

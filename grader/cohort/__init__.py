@@ -1,1 +1,1 @@
-"""A class as a whole, from its results: statistics, adjustments, changes. Pure, like all of the judging half."""
+"""A class as a whole, from its results; pure. Imports the lab, the submission and results."""

@@ -10,8 +10,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from grader.cohort.entries import ClassEntry
+from grader.lab.rubric import Rubric
 from grader.result import BY_HAND, Adjustment, CheckResult, Result, Violation
-from grader.rubric import Rubric
 
 HIDDEN = "‹name›"
 #: Shortest parts of a name, in letters and in digits, that are hidden.

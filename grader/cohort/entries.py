@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from urllib.parse import quote
 
-from grader.cohort.overrides import moment_of
 from grader.errors import RecordingError
+from grader.lab.overrides import moment_of
 from grader.recording.submission import read_submission
 from grader.result import Result, load_result
 from grader.result_folder import RECORDINGS, REPORT_FILE, RESULT_FILE
+from grader.submission.roster import Student, matches
+
+NOTHING_HANDED_IN = "There is no result under this name: nothing was handed in, or under another name."
 
 
 @dataclass(frozen=True)
@@ -57,12 +61,29 @@ def _entry(folder: Path) -> ClassEntry:
     try:
         result = load_result(folder / RESULT_FILE)
     except FileNotFoundError:
-        return ClassEntry(folder.name, None, "There is no result; the grading was broken off.", report)
+        return ClassEntry(folder.name, None, "There is no result; the grading was interrupted.", report)
     except RecordingError:
-        problem = f"Its {RESULT_FILE} cannot be read, or is of another version; `grade regrade` makes it anew."
+        problem = f"Its {RESULT_FILE} cannot be read, or is of another version; `grade regrade` writes it again."
         return ClassEntry(folder.name, None, problem, report)
     try:
         record = read_submission(folder / RECORDINGS)
     except (OSError, ValueError):
         return ClassEntry(folder.name, result, "", report)
     return ClassEntry(folder.name, result, "", report, moment_of(record.submitted_at), record.student_id)
+
+
+def with_roster(entries: Sequence[ClassEntry], students: Sequence[Student]) -> list[ClassEntry]:
+    """Return the entries with what a list knows of them, and one for each student of it who has none, by name."""
+    found = matches(students, entries, lambda entry: (entry.name, _without_id(entry)))
+    completed = {entry.name: entry for entry, _, _ in found}
+    there = [students[place] for _, place, _ in found if place is not None]
+    for student in (student for student in students if student not in there):
+        name = student.name or student.student_id or ""
+        missing = ClassEntry(name, None, NOTHING_HANDED_IN, "", student.submitted_at, student.student_id)
+        completed.setdefault(name, missing)
+    return sorted(completed.values(), key=lambda entry: entry.name)
+
+
+def _without_id(entry: ClassEntry) -> str:
+    """Return the student's name in a name that ends with the id, as of a download; empty if there is none."""
+    return entry.name.removesuffix(f"_{entry.student_id}") if entry.student_id else ""

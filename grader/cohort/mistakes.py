@@ -13,8 +13,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 
+from grader.lab.rubric import Rubric
 from grader.result import CheckResult, Outcome, Result
-from grader.rubric import Rubric
 
 MOST_VALUES = 3
 MOST_CHARACTERS = 2000

@@ -87,13 +87,13 @@ def points(text: str) -> Decimal:
     with suppress(InvalidOperation):
         if (number := Decimal(text)).is_finite():
             return number
-    raise argparse.ArgumentTypeError(f"{text!r} is no number of points")
+    raise argparse.ArgumentTypeError(f"{text!r} is not a number of points")
 
 
 def count(text: str) -> int:
     """Read a number from 1 on from an argument."""
     if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r} is no number from 1 on")
+        raise argparse.ArgumentTypeError(f"must be a whole number from 1 on, not {text!r}")
     return int(text)
 
 

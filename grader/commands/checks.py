@@ -16,7 +16,7 @@ _KINDS = {"string": "text", "number": "number", "integer": "whole number", "bool
 
 def run(arguments: Sequence[str], console: Console) -> int:
     """List the checks; returns the exit status."""
-    from grader.checks import REGISTRY
+    from grader.checks.registry import REGISTRY
 
     parser_of("grade checks", "List the checks that a rubric can use.").parse_args(arguments)
     for name, check in REGISTRY.items():

@@ -19,8 +19,8 @@ _STYLES = {"PASS": "green", "CAUTION": "yellow", "FAIL": "red"}
 
 def run(arguments: Sequence[str], console: Console) -> int:
     """Examine the machine; returns the exit status."""
-    from grader import rubrics
     from grader.doctor.examination import Verdict, calibrate, examine
+    from grader.judging import rubrics
 
     parser = argparse.ArgumentParser(
         prog="grade doctor",

@@ -11,9 +11,9 @@ from rich.console import Console
 
 from grader.commands.arguments import add_flag, parser_of, print_error
 from grader.errors import GraderError, RecordingError
-from grader.exporting import STANDARD_OUTPUT, ExportTarget, write_exports
 from grader.report.escape import terminal_text
 from grader.report.exports import EXPORTS
+from grader.report.exports.writing import STANDARD_OUTPUT, ExportTarget, write_exports
 from grader.result import load_result
 
 
@@ -97,10 +97,10 @@ def _export(results: Path, targets: Sequence[ExportTarget], options: argparse.Na
 def _targets(parser: argparse.ArgumentParser, options: argparse.Namespace) -> list[ExportTarget]:
     targets: list[ExportTarget] = options.exports
     if not targets:
-        parser.error("say with --to in which form")
+        parser.error("name the form with --to")
     if options.output is not None:
         if len(targets) > 1 or targets[0].file is not None:
-            parser.error("-o is for a single --to NAME")
+            parser.error("-o needs a single --to NAME")
         try:
             targets = [ExportTarget.parse(f"{targets[0].name}={options.output}")]
         except ValueError as problem:

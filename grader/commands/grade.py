@@ -30,20 +30,20 @@ from grader.commands.arguments import (
     print_note,
 )
 from grader.commands.export import add_exports
-from grader.desk import require_no_links, require_same_source, uncounted_overrides
 from grader.errors import GraderError, UsageError
+from grader.submission.separation import require_no_links, require_same_source, uncounted_overrides
 
 if TYPE_CHECKING:
     from decimal import Decimal
 
-    from grader.batch.found import Found
-    from grader.batch.job import Row
-    from grader.batch.machine import Machine
-    from grader.intake import Handed
-    from grader.live.cells import Progress
-    from grader.live.isolation import Isolation
+    from grader.classroom.job import Row
+    from grader.classroom.scheduler import Machine
+    from grader.lab.rubric import Rubric
+    from grader.live.sandbox.isolation import Isolation
+    from grader.live.session.runner import Progress
     from grader.pipeline import Options
-    from grader.rubric import Rubric
+    from grader.submission.discovery import Found
+    from grader.submission.extraction import Handed
 
 _INTERRUPTED = 130
 #: Files that belong to no submission are listed up to so many.
@@ -82,7 +82,7 @@ def _parser(epilog: str) -> argparse.ArgumentParser:
     add_isolation(parser)
     add_exports(parser, "--export")
     add_fail_under(parser)
-    add_flag(parser, "--timings", "also tell where the time went (for a single submission)")
+    add_flag(parser, "--timings", "also print where the time went (for a single submission)")
     parser.add_argument("--version", action="version", version=f"grade {__version__}")
     return parser
 
@@ -111,10 +111,11 @@ def _add_class(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: Sequence[str], console: Console, epilog: str = "") -> int:
     """Grade the submissions; returns the exit status."""
-    from grader import pipeline, rubrics
-    from grader.batch.regrade import recorded_in
+    from grader import pipeline
+    from grader.classroom.regrade import recorded_in
     from grader.commands.meant import require_submissions
-    from grader.live.scratch import remove_leavings
+    from grader.judging import rubrics
+    from grader.live.sandbox.scratch import remove_leavings
 
     parser = _parser(epilog)
     options = parser.parse_args(arguments)
@@ -168,8 +169,8 @@ def run(arguments: Sequence[str], console: Console, epilog: str = "") -> int:
 
 
 def _found(options: argparse.Namespace, rubric: Rubric) -> Found:
-    from grader.batch.found import Shape, find_submissions
     from grader.errors import SubmissionError
+    from grader.submission.discovery import Shape, find_submissions
 
     shape = Shape.ONE if options.one else Shape.EACH if options.each else Shape.AUTO
     found = find_submissions(options.submissions, rubric, shape=shape, class_list=options.class_list)
@@ -192,7 +193,7 @@ def _tell_of_single_files(paths: Sequence[Path], rubric: Rubric, console: Consol
 
 def _grade_one(handed: Handed, rubric: Rubric, live: Options, options: argparse.Namespace, console: Console) -> Decimal:
     from grader import pipeline, result_folder
-    from grader.batch import audit
+    from grader.classroom import audit
     from grader.report.terminal import ProgressDisplay, print_result
     from grader.report.timings import print_timings
     from grader.timings import Stopwatch
@@ -224,9 +225,9 @@ def _grade_one(handed: Handed, rubric: Rubric, live: Options, options: argparse.
 
 
 def _grade_class(found: Found, rubric: Rubric, live: Options, options: argparse.Namespace, console: Console) -> int:
-    from grader.batch.class_run import ClassRun
-    from grader.batch.journal import Journal
-    from grader.batch.progress import RunProgress, print_class, summary
+    from grader.classroom.class_run import ClassRun
+    from grader.classroom.journal import Journal
+    from grader.classroom.progress import RunProgress, print_class, summary
 
     began_s = time.monotonic()
     where, machine = _where(options, live)
@@ -238,7 +239,7 @@ def _grade_class(found: Found, rubric: Rubric, live: Options, options: argparse.
             except (KeyboardInterrupt, SystemExit) as end:
                 kept = sum(not isinstance(row.ending, GraderError) for row in run.rows)
                 told = f"grade: interrupted; {kept} of {len(found.submissions)} submissions are graded and kept."
-                print(f"{told}\n  The same command goes on with the others.", file=sys.stderr)
+                print(f"{told}\n  Run the same command again to grade the others.", file=sys.stderr)
                 return int(end.code or 0) if isinstance(end, SystemExit) else _INTERRUPTED
         rows = sorted(run.rows, key=lambda row: (row.handed.name.casefold(), row.handed.name))
         print_class(console, rows)
@@ -256,10 +257,10 @@ def _grade_class(found: Found, rubric: Rubric, live: Options, options: argparse.
 
 def _where(options: argparse.Namespace, live: Options) -> tuple[Isolation | str, Machine]:
     """Return where to grade (how code is confined here, or a scheduler), and this machine's places."""
-    from grader.batch.machine import Machine
-    from grader.live import environment
-    from grader.live.isolation import Isolation, Level
-    from grader.live.probing import probe_isolation, require
+    from grader.classroom.scheduler import Machine
+    from grader.live.sandbox import environment
+    from grader.live.sandbox.isolation import Isolation, Level
+    from grader.live.sandbox.probing import probe_isolation, require
 
     if options.scheduler is not None:
         return str(options.scheduler), Machine.of(Isolation(Level.FULL))
@@ -278,7 +279,7 @@ def _tell_found(found: Found, console: Console) -> None:
         print_note(console, f"and {len(found.not_understood) - _MOST_LISTED} more.")
     late = [handed.name for handed in found.submissions if handed.late and handed.submitted_at is None]
     if late:
-        told = "Marked as late, but the download does not tell when they were handed in; --class-list can"
+        told = "Marked as late, but the download does not say when they were handed in; --class-list can"
         print_note(console, f"{told}: {', '.join(late)}")
     if found.missing:
         print_note(console, f"Nothing handed in: {', '.join(found.missing)}")
@@ -288,14 +289,15 @@ def _report_class(
     rows: Sequence[Row], missing: Sequence[str], rubric: Rubric, options: argparse.Namespace, console: Console
 ) -> None:
     """Write the class page and the table of grades, over all results that lie in the folder."""
-    from grader.batch.class_run import entries_of
-    from grader.cohort.roster import read_class_list, with_roster
+    from grader.classroom.class_run import entries_of
+    from grader.cohort.entries import with_roster
     from grader.commands.report import report_class
+    from grader.submission.roster import read_class_list
 
     entries = entries_of(options.output, rows, missing)
     known = {*(row.handed.name for row in rows), *missing}
     if earlier := [entry.name for entry in entries if entry.name not in known]:
-        print_note(console, f"Of earlier runs, and not among these: {', '.join(earlier)}. They are on the page too.")
+        print_note(console, f"Results of earlier runs, on the page too: {', '.join(earlier)}.")
     if options.class_list is not None:
         entries = with_roster(entries, read_class_list(options.class_list))
     for anonymous in (False, True)[: 1 + options.anonymous]:

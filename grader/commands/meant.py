@@ -7,13 +7,12 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from grader.batch.audit import HISTORY
 from grader.commands import COMMANDS
 from grader.errors import UsageError
-from grader.intake.names import is_packed
+from grader.lab.rubric import Rubric
 from grader.recording.submission import SUBMISSION_FILE
-from grader.result_folder import RECORDINGS
-from grader.rubric import Rubric
+from grader.result_folder import HISTORY, RECORDINGS
+from grader.submission.file_names import is_packed
 
 
 def require_submissions(paths: Sequence[Path], rubric: Rubric) -> None:
@@ -21,12 +20,12 @@ def require_submissions(paths: Sequence[Path], rubric: Rubric) -> None:
     for path in paths:
         near = difflib.get_close_matches(str(path), COMMANDS, n=1, cutoff=0.75)
         if near and not path.exists():
-            remedy = f"Is the command meant? It comes first: grade {near[0]} ..."
+            remedy = f"If you mean the command, write it first: grade {near[0]} ..."
             raise UsageError(f"there is neither a submission nor a command {str(path)!r}", remedy=remedy)
         if is_results(path, rubric):
             remedy = f"`grade regrade {path}` judges them again, without ROS."
             if not _is_recorded(path):
-                remedy += f" `grade report {path}` makes the page over the class anew."
+                remedy += f" `grade report {path}` writes the class page again."
             raise UsageError("these are results, not submissions", where=str(path), remedy=remedy)
 
 

@@ -26,7 +26,7 @@ from grader.commands.arguments import (
 from grader.files import replace_file
 
 if TYPE_CHECKING:
-    from grader.batch.regrade import Regrade
+    from grader.classroom.regrade import Regrade
     from grader.cohort.changes import Changes
 
 _DESCRIPTION = """\
@@ -80,7 +80,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def run(arguments: Sequence[str], console: Console) -> int:
     """Judge the results again; returns the exit status."""
-    from grader.batch.regrade import is_class
+    from grader.classroom.regrade import is_class
 
     parser = _parser()
     options = parser.parse_args(arguments)
@@ -95,7 +95,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
 
 
 def _regrade_one(folder: Path, options: argparse.Namespace, console: Console) -> Decimal:
-    from grader.batch.regrade import regrade
+    from grader.classroom.regrade import regrade
     from grader.report.changes import changes_table
     from grader.report.terminal import print_result
 
@@ -115,8 +115,9 @@ def _regrade_one(folder: Path, options: argparse.Namespace, console: Console) ->
 
 def _regrade_class(folder: Path, options: argparse.Namespace, console: Console) -> int:
     from grader import result_folder
-    from grader.batch.regrade import recorded_in, regrade
-    from grader.report.changes import CHANGES_FILE, changes_csv, print_changes
+    from grader.classroom.regrade import recorded_in, regrade
+    from grader.report.changes import changes_csv, print_changes
+    from grader.result_folder import CHANGES_FILE
 
     began_s = time.monotonic()
     folders = recorded_in(folder)
@@ -143,7 +144,7 @@ def _regrade_class(folder: Path, options: argparse.Namespace, console: Console) 
     console.print(f"Judged in {took_s:.1f} s. {written if matter or options.apply else ''}".rstrip())
     console.print(f"Table: {folder / CHANGES_FILE}", soft_wrap=True, markup=False)
     if options.apply and matter and (folder / result_folder.CLASS_PAGE).exists():
-        print_note(console, f"The class page is of before; `grade report {folder}` makes it anew.", "")
+        print_note(console, f"The class page is out of date; run `grade report {folder}`.", "")
     return _status(found, matter, options)
 
 

@@ -22,7 +22,7 @@ from grader.result_folder import (
 
 if TYPE_CHECKING:
     from grader.cohort.entries import ClassEntry
-    from grader.rubric import Rubric
+    from grader.lab.rubric import Rubric
 
 _DESCRIPTION = """\
 Write index.html, a page over a class, and grades.csv, a line a student, into the folder of a class's results.
@@ -45,10 +45,10 @@ def _parser() -> argparse.ArgumentParser:
 
 def run(arguments: Sequence[str], console: Console) -> int:
     """Write page and table; returns the exit status."""
-    from grader import rubrics
-    from grader.cohort.entries import entries_in
-    from grader.cohort.roster import read_class_list, with_roster
+    from grader.cohort.entries import entries_in, with_roster
     from grader.errors import SubmissionError
+    from grader.judging import rubrics
+    from grader.submission.roster import read_class_list
 
     options = _parser().parse_args(arguments)
     entries = entries_in(options.results)
@@ -61,7 +61,9 @@ def run(arguments: Sequence[str], console: Console) -> int:
     copy = None if options.rubric else rubrics.rubric_of_class(options.results, entries)
     rubric = rubrics.recorded_rubric(copy) if copy else rubrics.read_rubric(options.rubric)
     for entry in entries:
-        rubrics.require_lab(options.results / entry.name, rubric, "Part the results of the labs into two folders.")
+        rubrics.require_lab(
+            options.results / entry.name, rubric, "Move the results of each lab into a folder of its own."
+        )
     if options.class_list is not None:
         entries = with_roster(entries, read_class_list(options.class_list))
     report_class(options.results, entries, rubric, console, anonymous=options.anonymous, counted=True)
@@ -79,7 +81,7 @@ def report_class(
 ) -> None:
     """Sum up a class and write its page and its table of grades, or both under pseudonyms and names of their own."""
     from grader.cohort.anonymous import anonymous as under_pseudonyms
-    from grader.cohort.summary import summarise
+    from grader.cohort.statistics import summarise
     from grader.report import class_page, grades_csv
     from grader.report.views import tenths
 

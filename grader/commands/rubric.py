@@ -12,8 +12,8 @@ from rich.console import Console
 
 def run(arguments: Sequence[str], console: Console) -> int:
     """Check a rubric; returns the exit status."""
-    from grader.rubric import json_schema
-    from grader.rubrics import read_rubric, rubric_kinds
+    from grader.judging.rubrics import read_rubric, rubric_kinds
+    from grader.lab.rubric import json_schema
 
     parser = argparse.ArgumentParser(prog="grade rubric", description=__doc__.split(": ", 1)[1] if __doc__ else "")
     parser.add_argument("rubric", nargs="?", type=Path, help="by default that of the lab which travels with the grader")

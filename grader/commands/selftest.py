@@ -21,9 +21,9 @@ from grader.errors import SubmissionError
 from grader.report.escape import terminal_text
 
 if TYPE_CHECKING:
-    from grader.batch.expectations import Fixture
-    from grader.batch.selftest import FixtureRun
-    from grader.rubric import Rubric
+    from grader.classroom.expectations import Fixture
+    from grader.classroom.selftest import FixtureRun
+    from grader.lab.rubric import Rubric
 
 _DESCRIPTION = """\
 Grade submissions whose verdict is known, and compare: the lab's solution has all points, an empty starter none, and
@@ -50,9 +50,9 @@ def _parser() -> argparse.ArgumentParser:
 
 def run(arguments: Sequence[str], console: Console) -> int:
     """Grade the fixtures and compare; returns the exit status."""
-    from grader import rubrics
-    from grader.batch.selftest import print_fixtures
-    from grader.live import environment
+    from grader.classroom.selftest import print_fixtures
+    from grader.judging import rubrics
+    from grader.live.sandbox import environment
 
     parser = _parser()
     options = parser.parse_args(arguments)
@@ -80,8 +80,8 @@ def run(arguments: Sequence[str], console: Console) -> int:
 
 def _fixtures(options: argparse.Namespace, rubric: Rubric, console: Console) -> list[Fixture]:
     """Return what is to be graded: the lab's solution, and the fixtures where there are any."""
-    from grader.batch.expectations import fixtures_in, solution
-    from grader.batch.selftest import quick
+    from grader.classroom.expectations import fixtures_in, solution
+    from grader.classroom.selftest import quick
 
     found = []
     if rubric.lab.solution is not None and (rubric.folder / rubric.lab.solution).is_dir():
@@ -103,11 +103,11 @@ def _run(
     fixtures: Sequence[Fixture], rubric: Rubric, options: argparse.Namespace, console: Console
 ) -> list[FixtureRun]:
     from grader import pipeline
-    from grader.batch.class_run import Here
-    from grader.batch.machine import Machine
-    from grader.batch.progress import RunProgress
-    from grader.batch.selftest import run_fixtures
-    from grader.live.probing import probe_isolation
+    from grader.classroom.class_run import Here
+    from grader.classroom.progress import RunProgress
+    from grader.classroom.scheduler import Machine
+    from grader.classroom.selftest import run_fixtures
+    from grader.live.sandbox.probing import probe_isolation
 
     interpreter = Path(sys.executable)
     isolation = probe_isolation(interpreter)

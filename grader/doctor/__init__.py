@@ -1,1 +1,1 @@
-"""`grade doctor`: what this machine can do, and what would mend what it cannot."""
+"""`grade doctor`: what this machine can do, and how to fix what it cannot. Imports what grading does."""

@@ -14,18 +14,19 @@ from enum import Enum
 from importlib.metadata import version
 from pathlib import Path
 
-from grader import pipeline, result_folder, rubrics
+from grader import pipeline, result_folder
 from grader.errors import PlatformError
 from grader.evidence.recorded import Recorded, Span
 from grader.evidence.timing import timing_of
-from grader.live.cells import cells_at_a_time
-from grader.live.environment import ask_interpreter, require_platform
-from grader.live.isolation import Isolation, Level
-from grader.live.machine import stolen_ns
-from grader.live.probing import probe_isolation
+from grader.judging import rubrics
+from grader.lab.rubric import Rubric
+from grader.live.sandbox.environment import ask_interpreter, require_platform
+from grader.live.sandbox.isolation import Isolation, Level
+from grader.live.sandbox.machine import stolen_ns
+from grader.live.sandbox.probing import probe_isolation
+from grader.live.session.runner import cells_at_a_time
 from grader.result import Outcome
-from grader.rubric import Rubric
-from grader.submission import read_submission_folder
+from grader.submission.artifacts import read_submission_folder
 
 _LAB = Path(__file__).parent / "lab"
 #: What the lab's node does.
@@ -97,13 +98,13 @@ def _confinement(isolation: Isolation) -> Iterator[Sign]:
         said = subprocess.run(["bwrap", "--version"], capture_output=True, text=True, check=False).stdout.strip()
         old = " (old: nested user namespaces are left to the system call filter)" if isolation.old_bubblewrap else ""
         yield Sign(Verdict.PASS, "bubblewrap", said + old)
-    how = "as root, a user id for each cell" if isolation.own_uid else "in a user namespace"
-    found = f"network, processes, mounts: {how}" if isolation.namespaces else "not to be had"
+    how = "as root, a user id for each sandbox" if isolation.own_uid else "in a user namespace"
+    found = f"network, processes, mounts: {how}" if isolation.namespaces else "not available"
     yield _sign(isolation.namespaces, "namespaces", found, isolation.remedy)
     if isolation.groups is not None:
         yield Sign(Verdict.PASS, "control groups", f"version {isolation.groups.version}: memory and processes")
     elif isolation.namespaces:
-        found = "not to be had; memory is watched by the grader instead, which suffices for a class"
+        found = "not available; the grader watches memory instead, which suffices for a class"
         yield Sign(Verdict.PASS, "control groups", found)
     verdict = Verdict.PASS if isolation.level.at_least(Level.NO_CGROUP) else Verdict.CAUTION
     verdict = Verdict.FAIL if isolation.level is Level.NONE else verdict
@@ -121,7 +122,7 @@ def _noise() -> Sign:
     waited_s = (_own_wait_ns() - stat) / 1e9
     steal_s = (stolen_ns() - steal_before) / 1e9
     found = f"{waited_s * 1000:.0f} ms of {_BUSY_S:g} s waiting for a core, {steal_s * 1000:.0f} ms taken by the host"
-    remedy = "End what else is running; what the machine delays is left undecided and run again, which takes longer."
+    remedy = "End other programs; what the machine delays is undecided and repeated, which takes longer."
     return _sign(max(waited_s, steal_s) <= _BUSY_SHARE * _BUSY_S, "noise", found, remedy)
 
 
@@ -152,7 +153,7 @@ def _traffic(interpreter: Path) -> Iterator[Sign]:
             yield Sign(Verdict.FAIL, "discovery", said[:300], "Look for a firewall on the loopback interface.")
             return
         waited_s = float(step.result["waited_s"])
-        found = f"a node in a real cell was heard {waited_s:.2f} s after its start, by unicast on loopback"
+        found = f"a node in a real sandbox was heard {waited_s:.2f} s after its start, by unicast on loopback"
         remedy = "The machine is slow to start programs; expect longer gradings."
         yield _sign(waited_s < _SLOW_DISCOVERY_S, "discovery", found, remedy)
         timing = timing_of(recorded.stream(_TOPIC), window)
@@ -167,7 +168,7 @@ def _traffic(interpreter: Path) -> Iterator[Sign]:
             f"lost, {delay_s * 1000:.0f} ms of machine delay; the session took {took_s:.1f} s"
         )
         good = abs(timing.rate_hz / _RATE_HZ - 1) < _RATE_OFF and jitter_s < _JITTER_S and timing.lost == 0
-        remedy = "Grade when less is running; timing that the machine spoils is left undecided."
+        remedy = "Grade when less is running; timing that a busy machine disturbs is undecided."
         yield _sign(good, "100 Hz", found, remedy)
 
 
@@ -194,7 +195,7 @@ def calibrate(interpreter: Path, rubric: Rubric) -> Iterator[Sign]:
         share = max(delays, default=0.0) / max(span.duration_s, 1e-9)
         again = f", recorded {record.attempt} times" if record.attempt > 1 else ""
         found = f"a student's process waited for a core {share:.1%} of {span.duration_s:.1f} s at most{again}"
-        remedy = "Timing may be left undecided; end what else is running."
+        remedy = "Timing may be undecided; end other programs."
         yield _sign(share <= _UNSTEADY_SHARE, f"session {record.session}", found, remedy)
     for check in result.checks:
         if check.outcome is not Outcome.PASSED:

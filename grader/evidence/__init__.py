@@ -1,1 +1,1 @@
-"""Numbers and facts out of a recording or a text; knows nothing of right or wrong."""
+"""Numbers and facts; knows nothing of right or wrong. Imports the submission, the lab, the recording's format."""

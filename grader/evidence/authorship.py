@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from grader.recording.bag import Bag, Stream
 from grader.recording.session import Published
-from grader.recording.told import DIGEST_DIGITS, digest
+from grader.recording.trusted_channel import DIGEST_DIGITS, digest
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grader.evidence.authorship import Authorship, authorship
-from grader.evidence.tracebacks import without_colours
+from grader.evidence.crash.tracebacks import without_colours
 from grader.recording.bag import Bag, Stream
 from grader.recording.session import (
     PARTICIPANT_DIGITS,

@@ -1,1 +1,1 @@
-"""The live half: the only part that starts processes or knows ROS."""
+"""The live half: it alone starts processes or knows ROS. Imports the lab, the submission, the recording's format."""

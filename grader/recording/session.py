@@ -260,13 +260,13 @@ class SessionRecord:
     #: Name in the rubric -> name that the student used, where a near miss was found and used.
     names: dict[str, str] = field(default_factory=dict)
     claims: list[Claim] = field(default_factory=list)
-    #: The plan of a launch file, see `grader.live.launching`.
+    #: The plan of a launch file, see `grader.live.launch`.
     plan: dict[str, Any] | None = None
     #: The grader's own processes in the graph. All other endpoints there are the student's.
     trusted: list[Trusted] = field(default_factory=list)
     #: All that the grader's own processes published.
     published: list[Published] = field(default_factory=list)
-    #: What the recorder left out. Whose doing that is, `grader.evidence.unrecorded` tells.
+    #: What the recorder left out. Whose doing that is, `grader.evidence.gaps` tells.
     unrecorded: list[Unrecorded] = field(default_factory=list)
 
     @property

@@ -1,1 +1,1 @@
-"""Words and layout of a result: HTML page, JSON, terminal. No arithmetic."""
+"""Words and layout of a result: pages, exports, terminal. No arithmetic. Imports the evidence and the cohort."""

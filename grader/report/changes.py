@@ -16,8 +16,6 @@ from grader.report.grades_csv import csv_text
 from grader.report.views import points, signed
 from grader.result import Outcome
 
-CHANGES_FILE = "changes.csv"
-
 _COLUMNS = "submission,level,id,title,outcome before,outcome after,points before,points after,difference"
 
 

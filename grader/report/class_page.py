@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from datetime import timedelta, timezone
 
-from grader.cohort.summary import CheckStatistics, ClassSummary, Need, Row
+from grader.cohort.statistics import CheckStatistics, ClassSummary, Need, Row
 from grader.report import views
 from grader.report.figures.scores import scores_figure
 from grader.report.page import render_page

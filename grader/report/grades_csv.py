@@ -13,7 +13,7 @@ import re
 from collections.abc import Iterable, Sequence
 from decimal import Decimal
 
-from grader.cohort.summary import ClassSummary
+from grader.cohort.statistics import ClassSummary
 from grader.report.escape import line
 from grader.report.views import points
 from grader.result import CriterionResult

@@ -10,6 +10,7 @@ from datetime import datetime, timezone
 from decimal import ROUND_HALF_UP, Decimal
 from typing import Any
 
+from grader.lab.steps import STEPS
 from grader.recording.session import OutputLine, ProcessRun, SessionRecord, StepRun
 from grader.recording.submission import ArtifactFact
 from grader.report.escape import line
@@ -24,7 +25,6 @@ from grader.result import (
     Where,
     outcome_of_points,
 )
-from grader.steps import STEPS
 
 HEAD_LINES, TAIL_LINES = 40, 60
 PRINTED_HEAD_LINES, PRINTED_TAIL_LINES = 6, 14

@@ -12,10 +12,10 @@ from playwright.sync_api import Browser, Locator, Page, expect
 
 from grader.cohort.anonymous import anonymous
 from grader.cohort.entries import ClassEntry
-from grader.cohort.summary import ClassSummary, summarise
+from grader.cohort.statistics import ClassSummary, summarise
+from grader.judging.rubrics import read_rubric
 from grader.report.class_page import render
 from grader.result import Outcome
-from grader.rubrics import read_rubric
 from tests.browser.chromium import DESK, PHONE, browser, visit
 from tests.sample_class import sample_class
 

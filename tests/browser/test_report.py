@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, expect
 
-from grader import pipeline, result_folder, rubrics
+from grader import pipeline, result_folder
+from grader.judging import rubrics
 from tests.browser.chromium import DESK, PHONE, browser, visit
 
 pytestmark = pytest.mark.browser

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
+from grader.judging.rubrics import read_rubric
 from grader.recording.submission import FileFact, SubmissionRecord
 from grader.result import Finding, Outcome
-from grader.rubrics import read_rubric
 from tests.synthetic import judged, submission
 
 README: dict[str, Any] = {

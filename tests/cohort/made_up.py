@@ -10,9 +10,9 @@ from typing import Any
 
 from grader.cohort.entries import ClassEntry
 from grader.json_text import json_text
-from grader.policy import Policy
+from grader.lab.policy import Policy
+from grader.lab.rubric import CheckSpec, CriterionSpec, LabSpec, Rubric
 from grader.result import RESULT_SCHEMA, read_result
-from grader.rubric import CheckSpec, CriterionSpec, LabSpec, Rubric
 
 
 def rubric_of(*checks: tuple[str, int], requires: dict[str, tuple[str, ...]] | None = None) -> Rubric:

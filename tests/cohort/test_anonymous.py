@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from grader.cohort.anonymous import HIDDEN, anonymous
 from grader.cohort.entries import ClassEntry, report_link
-from grader.cohort.summary import summarise
+from grader.cohort.statistics import summarise
 from grader.report import class_page, grades_csv
 from tests.cohort.made_up import entry_of, result_of, rubric_of
 

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 from grader.cohort.changes import Changes, changes_between, plain_changes
-from grader.judging import judge, open_recordings
+from grader.judging.judge import judge, open_recordings
+from grader.judging.rubrics import read_rubric
 from grader.result import Outcome, read_result, to_plain
-from grader.rubrics import read_rubric
 
 SOLUTION = Path(__file__).resolve().parents[1] / "recordings/solution"
 

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from grader.cohort.entries import ClassEntry, entries_in, report_link
-from grader.cohort.roster import NOTHING_HANDED_IN, Student, with_roster
+from grader.cohort.entries import NOTHING_HANDED_IN, ClassEntry, entries_in, report_link, with_roster
 from grader.recording.submission import SubmissionRecord, write_submission
 from grader.result import Result, Score, to_json
+from grader.submission.roster import Student
 
 
 def result_named(name: str) -> Result:
@@ -53,11 +53,11 @@ def test_a_damaged_result_is_told_and_hurts_no_other(text: str, tmp_path: Path) 
 
 
 def test_recordings_without_a_result_are_not_graded(tmp_path: Path) -> None:
-    """A grading that was broken off is told, and has no link to a report that is not there."""
+    """A grading that was interrupted is told, and has no link to a report that is not there."""
     (tmp_path / "alice/recordings").mkdir(parents=True)
     (entry,) = entries_in(tmp_path)
     assert (entry.result, entry.report) == (None, "")
-    assert "broken off" in entry.problem
+    assert "interrupted" in entry.problem
 
 
 def test_the_time_of_submission_comes_from_the_recordings(tmp_path: Path) -> None:

@@ -9,8 +9,8 @@ import pytest
 
 from grader.cohort.entries import ClassEntry
 from grader.cohort.mistakes import Mistake, gist, pattern_of
-from grader.cohort.summary import summarise
-from grader.rubric import Rubric
+from grader.cohort.statistics import summarise
+from grader.lab.rubric import Rubric
 from tests.cohort.made_up import entry_of, result_of, rubric_of
 
 RATE = "Messages come at {} Hz, {}% slower than 100 Hz."
@@ -34,7 +34,7 @@ RATE = "Messages come at {} Hz, {}% slower than 100 Hz."
         ("Without a docstring: module a_b (none), class C (none).", "Without a docstring: method A.b (none)."),
         ("Python finds no module named scipy. It is not here.", "Python finds no module named pandas."),
         ("The class TalkerNode uses its node too early.", "The class PubNode uses its node too early."),
-        ("Right would be [0.1 0.2].", "Right would be [3 -1e-3 2]."),
+        ("Expected: [0.1 0.2].", "Expected: [3 -1e-3 2]."),
     ],
 )
 def test_other_names_and_numbers_are_the_same_mistake(one: str, other: str) -> None:

@@ -12,7 +12,7 @@ import pytest
 
 from grader.cli import main
 from grader.files import UNFINISHED
-from grader.kept_lab import lab_folder
+from grader.lab.kept_lab import lab_folder
 from grader.report.exports import EXPORTS
 from grader.result_folder import RECORDINGS, RESULT_FILE, RUBRIC_COPY
 from tests.report.exports.sample_results import VARIABLES, every_outcome
@@ -95,12 +95,12 @@ def test_what_is_no_result_does_not_keep_others_from_their_forms(
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ([], "say with --to"),
+        ([], "name the form with --to"),
         (["--to", "junitt"], "there is no export 'junitt'; there are github-summary"),
         (["--to", "junit=/dev/stdout"], "- is the standard output"),
         (["--to", "junit", "-o", "/dev/fd/1"], "- is the standard output"),
-        (["--to", "junit=a", "-o", "b"], "-o is for a single"),
-        (["--to", "junit", "--to", "gradescope", "-o", "b"], "-o is for a single"),
+        (["--to", "junit=a", "-o", "b"], "-o needs a single"),
+        (["--to", "junit", "--to", "gradescope", "-o", "b"], "-o needs a single"),
     ],
 )
 def test_wrong_usage(results: Path, arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -9,9 +9,9 @@ import pytest
 
 from grader.cli import main
 from grader.commands.meant import is_results
-from grader.kept_lab import lab_folder
+from grader.judging.rubrics import read_rubric
+from grader.lab.kept_lab import lab_folder
 from grader.result_folder import RECORDINGS, RUBRIC_COPY
-from grader.rubrics import read_rubric
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -48,7 +48,7 @@ def test_a_misspelt_command_grades_nothing(
     """It is wrong usage, wherever it stands, and the command is named."""
     status, errors = run(capsys, *arguments, "-o", tmp_path / "out")
     assert status == 2
-    assert f"Is the command meant? It comes first: grade {meant}" in errors
+    assert f"If you mean the command, write it first: grade {meant}" in errors
     assert not (tmp_path / "out").exists()
 
 
@@ -60,7 +60,7 @@ def test_results_are_not_graded(more: list[str], results: Path, capsys: pytest.C
     assert "grade report" not in errors
     status, errors = run(capsys, results, *more, "-o", results.parent / "out")
     assert (status, f"`grade regrade {results}` judges them again" in errors) == (2, True)
-    assert f"`grade report {results}` makes the page" in errors
+    assert f"`grade report {results}` writes the class page" in errors
     assert not (results.parent / "out").exists()
 
 

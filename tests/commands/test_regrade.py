@@ -8,13 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from grader.batch.audit import AUDIT_FILE, HISTORY
 from grader.cli import main
-from grader.kept_lab import lab_folder
+from grader.judging.rubrics import read_rubric
+from grader.lab.kept_lab import lab_folder
 from grader.pipeline import judge_results
-from grader.report.changes import CHANGES_FILE
-from grader.result_folder import RECORDINGS, RESULT_FILE, RUBRIC_COPY
-from grader.rubrics import read_rubric
+from grader.result_folder import AUDIT_FILE, CHANGES_FILE, HISTORY, RECORDINGS, RESULT_FILE, RUBRIC_COPY
 
 ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = lab_folder() / "rubric.yaml"

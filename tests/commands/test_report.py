@@ -8,9 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from grader import pipeline, result_folder, rubrics
+from grader import pipeline, result_folder
 from grader.cli import main
-from grader.rubric import Rubric
+from grader.judging import rubrics
+from grader.lab.rubric import Rubric
 
 KEPT = Path(__file__).resolve().parents[1] / "recordings"
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from grader.cli import main
-from grader.kept_lab import lab_folder
+from grader.lab.kept_lab import lab_folder
 
 ROOT = Path(__file__).resolve().parents[2]
 

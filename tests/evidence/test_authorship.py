@@ -8,7 +8,7 @@ from pathlib import Path
 from grader.evidence.authorship import Authorship
 from grader.evidence.recorded import Recorded
 from grader.recording.session import Published, Trusted
-from grader.recording.told import digest
+from grader.recording.trusted_channel import digest
 from tests.synthetic import FLOATS, TEXT, Session, at, floats
 
 TOPIC = "/joint_states"

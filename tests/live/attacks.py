@@ -12,7 +12,7 @@ from typing import Any
 
 import yaml
 
-from grader.rubric import Rubric
+from grader.lab.rubric import Rubric
 
 ROOT = Path(__file__).parents[2]
 CORPUS = ROOT / "fixtures" / "attacks"

@@ -14,11 +14,12 @@ from typing import Any
 
 import yaml
 
-from grader import pipeline, result_folder, rubrics
+from grader import pipeline, result_folder
 from grader.evidence.recorded import Recorded
-from grader.live.cells import Progress
-from grader.rubric import Rubric
-from grader.submission import read_submission_folder
+from grader.judging import rubrics
+from grader.lab.rubric import Rubric
+from grader.live.session.runner import Progress
+from grader.submission.artifacts import read_submission_folder
 
 ROOT = Path(__file__).parents[2]
 FLOATS, TEXT, SET_BOOL = "std_msgs/msg/Float64MultiArray", "std_msgs/msg/String", "std_srvs/srv/SetBool"

@@ -33,12 +33,13 @@ pytest.importorskip("rclpy")
 ROOT = Path(__file__).parents[2]
 sys.path.append(str(ROOT))
 
-from grader import rubrics  # noqa: E402
-from grader.intake import Handed  # noqa: E402
-from grader.live.isolation import STUDENT_UIDS  # noqa: E402
+from grader.judging import rubrics  # noqa: E402
+from grader.live.sandbox.isolation import STUDENT_UIDS  # noqa: E402
 from grader.result import result_schema  # noqa: E402
+from grader.submission.extraction import Handed  # noqa: E402
 from tests.live.attacks import ESCAPED, SOLUTION, Attack, lay_out, read_corpus  # noqa: E402
 from tests.live.surroundings import Leavings, Surroundings  # noqa: E402
+from tests.machine import MACHINE  # noqa: E402
 from tests.report.taken_apart import Page  # noqa: E402
 
 pytestmark = pytest.mark.live
@@ -59,8 +60,6 @@ OWN_SPACES = ["unshare", "--net", "--pid", "--mount", "--fork", "--kill-child", 
 #: Folders that every user of a machine may write to.
 SHARED_FOLDERS = (Path("/tmp"), Path("/dev/shm"), Path("/var/tmp"))
 REFUSED = 3
-#: How the reasons begin for which a busy machine leaves a measurement undecided.
-MACHINE = ("The machine kept ", "The measurement's error ")
 #: What spreadsheets compute; a number with a sign is a number.
 FORMULA = re.compile(r"[\t\r]|[=@+-](?![\d.]+$)")
 

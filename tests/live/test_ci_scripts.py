@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from grader.rubrics import read_rubric
+from grader.judging.rubrics import read_rubric
 from tests.report.exports.sample_results import VARIABLES
 from tests.report.runner_commands import bracket_command, colon_command
 

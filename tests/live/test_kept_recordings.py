@@ -19,7 +19,7 @@ sys.path.append(str(Path(__file__).parents[2]))
 from grader import pipeline, result_folder
 from grader.cli import main
 from grader.recording.session import read_session
-from tests.batch.small_class import make_class
+from tests.classroom.small_class import make_class
 from tests.live.small_lab import TALKER, TEXT, make_lab, published
 
 pytestmark = pytest.mark.live

@@ -17,11 +17,12 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from grader import pipeline, rubrics
-from grader.live.cells import Progress
-from grader.live.probing import probe_isolation
+from grader import pipeline
+from grader.judging import rubrics
+from grader.live.sandbox.probing import probe_isolation
+from grader.live.session.runner import Progress
 from grader.result import CheckResult, Outcome, Result
-from grader.submission import read_submission_folder
+from grader.submission.artifacts import read_submission_folder
 from tests.live.small_lab import Watch, until
 
 pytestmark = pytest.mark.live
@@ -159,7 +160,7 @@ def test_a_launch_file_that_misbehaves_is_contained(misdeed: Misdeed, tmp_path: 
     if not isolation.namespaces:
         pytest.skip(f"no cells here: {isolation.remedy}")
     submission = submission_of(misdeed, tmp_path / "submissions")
-    watched = [submission, ROOT / "grader/live/launching", ROOT / "reference"]
+    watched = [submission, ROOT / "grader/live/launch", ROOT / "reference"]
     before = [state_of(folder) for folder in watched]
     began = time.monotonic()
     watch = Watch()

@@ -24,13 +24,14 @@ from rosbags.highlevel import AnyReader
 ROOT = Path(__file__).parents[2]
 sys.path.append(str(ROOT))
 
-from grader import judgement, pipeline, result_folder, rubrics  # noqa: E402
+from grader import pipeline, result_folder  # noqa: E402
 from grader.errors import BoundError  # noqa: E402
 from grader.evidence.recorded import Recorded  # noqa: E402
-from grader.judging import judge, open_recordings  # noqa: E402
+from grader.judging import judgement, rubrics  # noqa: E402
+from grader.judging.judge import judge, open_recordings  # noqa: E402
+from grader.lab.rubric import Rubric  # noqa: E402
 from grader.result import Outcome  # noqa: E402
-from grader.rubric import Rubric  # noqa: E402
-from grader.submission import read_submission_folder  # noqa: E402
+from grader.submission.artifacts import read_submission_folder  # noqa: E402
 from tests.live.small_lab import (  # noqa: E402
     TALKER,
     TEXT,
@@ -189,7 +190,7 @@ def test_a_grading_whose_judging_fails_keeps_its_recordings(tmp_path: Path, monk
     """Without memory for judging there is an error with a remedy, no older result, and recordings to judge again."""
     steps: list[dict[str, Any]] = [
         {"start": {"student": "talker"}},
-        {"observe": {"duration_s": 1}},
+        {"observe": {"duration_s": 0.5, "first_message_on": "/chatter", "timeout_s": 20}},
         {"interrupt": {"process": "talker"}},
     ]
     lab = make_lab(tmp_path, {"talker": TALKER}, {"only": steps}, checks=[published("/chatter")])

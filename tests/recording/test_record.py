@@ -25,12 +25,20 @@ KINDS: dict[str, tuple[type[Any], str]] = {
     "publisher/session.json": (SessionRecord, SESSION_SCHEMA),
     "launch/session.json": (SessionRecord, SESSION_SCHEMA),
 }
-PLAIN = {name: json.loads((RECORDINGS / name).read_text(encoding="utf-8")) for name in KINDS}
+
+
+def _shortened(value: Any) -> Any:
+    """Give data with the first two of what lies in each list."""
+    if isinstance(value, dict):
+        return {key: _shortened(part) for key, part in value.items()}
+    return [_shortened(part) for part in value[:2]] if isinstance(value, list) else value
+
+
+PLAIN = {name: _shortened(json.loads((RECORDINGS / name).read_text(encoding="utf-8"))) for name in KINDS}
 
 
 def _places(value: Any, above: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
-    """Name the places of data: of what lies in a list, the first two."""
-    parts = value.items() if isinstance(value, dict) else enumerate(value[:2]) if isinstance(value, list) else ()
+    parts = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     for key, part in parts:
         yield (*above, key)
         yield from _places(part, (*above, key))

@@ -10,7 +10,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "reference"))
 
 from plateau_schedule import COMMAND, STATE, PlateauSettings, schedule
 
-from grader.recording.told import DIGEST_DIGITS, digest
+from grader.recording.trusted_channel import DIGEST_DIGITS, digest
 from tests.reference.live_graph import Listener, lines, listener, started, stop, stop_and_hear, use_private_graph
 
 # Short, so that the test is: the node knows nothing of the numbers.

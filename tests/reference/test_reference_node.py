@@ -20,7 +20,7 @@ from reference_node import (
 )
 
 from grader.recording.session import PARTICIPANT_DIGITS
-from grader.recording.told import DIGEST_DIGITS
+from grader.recording.trusted_channel import DIGEST_DIGITS
 
 
 def test_configuration_is_read_and_names_are_mapped() -> None:

@@ -14,13 +14,13 @@ import jsonschema
 import pytest
 from rich.console import Console
 
-from grader.judging import judge, open_recordings
+from grader.judging.judge import judge, open_recordings
+from grader.judging.rubrics import read_rubric
 from grader.recording.submission import SubmissionRecord
-from grader.report import html
+from grader.report import submission_page
 from grader.report.terminal import print_result
 from grader.report.views import adjustments_of, final_share
 from grader.result import Adjustment, AdjustmentKind, Result, result_schema, to_json, to_plain
-from grader.rubrics import read_rubric
 from tests.report.untrusted_texts import FRAGMENTS
 
 KEPT = Path(__file__).resolve().parents[1] / "recordings"
@@ -57,7 +57,7 @@ def adjusted(judged: Result) -> Result:
 
 def page_of(result: Result) -> str:
     """Give the report of a result without recordings."""
-    return html.render(result, {}, {}, SubmissionRecord("ann"))
+    return submission_page.render(result, {}, {}, SubmissionRecord("ann"))
 
 
 def words_of(page: str) -> str:

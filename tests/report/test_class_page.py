@@ -13,10 +13,10 @@ import pytest
 
 from grader.cohort.anonymous import anonymous
 from grader.cohort.entries import ClassEntry, report_link
-from grader.cohort.summary import ClassSummary, summarise
+from grader.cohort.statistics import ClassSummary, summarise
+from grader.judging.rubrics import read_rubric
+from grader.lab.rubric import Rubric
 from grader.report.class_page import render
-from grader.rubric import Rubric
-from grader.rubrics import read_rubric
 from tests.cohort.made_up import entry_of, result_of, rubric_of
 from tests.report.taken_apart import Page
 from tests.sample_class import sample_class

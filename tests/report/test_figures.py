@@ -13,9 +13,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from grader.evidence.recorded import Recorded
+from grader.lab.rubric import FigureSpec
 from grader.recording.bag import Bag, BagWriter
 from grader.recording.definitions import definition_of
-from grader.recording.plan import PLAN_SCHEMA
+from grader.recording.launch_plan import PLAN_SCHEMA
 from grader.recording.session import (
     Claim,
     Endpoint,
@@ -28,7 +29,6 @@ from grader.recording.session import (
 )
 from grader.report.figures import FIGURES, draw
 from grader.report.figures.svg import HALF, MOST_POINTS, NARROW, WIDE, Figure, duration
-from grader.rubric import FigureSpec
 
 FLOATS = "std_msgs/msg/Float64MultiArray"
 START_NS = 1_800_000_000_000_000_000

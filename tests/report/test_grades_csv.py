@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grader.cohort.entries import ClassEntry
-from grader.cohort.summary import summarise
+from grader.cohort.statistics import summarise
 from grader.report.grades_csv import BYTE_ORDER_MARK, csv_cell, render
 from tests.cohort.made_up import entry_of, result_of, rubric_of
 

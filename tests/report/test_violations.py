@@ -11,7 +11,7 @@ from rich.console import Console
 
 from grader.recording.session import SessionRecord
 from grader.recording.submission import SubmissionRecord
-from grader.report.html import render
+from grader.report.submission_page import render
 from grader.report.terminal import print_result
 from grader.report.views import EXPLANATION, HEADING
 from grader.result import (

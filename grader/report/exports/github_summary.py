@@ -126,4 +126,4 @@ def _foot(graded: Graded) -> str:
     if graded.rubric_sha256:
         facts.append(f"rubric {markdown_text(graded.rubric_sha256[:12])}")
     told = f" ({'; '.join(facts)})" if facts else ""
-    return f"The proof of each point is in `report.html`, among the files of this job{told}.\n"
+    return f"The evidence for each point is in `report.html`, among the files of this job{told}.\n"

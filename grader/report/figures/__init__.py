@@ -7,12 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from grader.evidence.recorded import Recorded
+from grader.lab.rubric import FigureSpec
 from grader.report.figures.graph import Calls, QosTable
 from grader.report.figures.plan import PlanTree
 from grader.report.figures.svg import Figure, FigureKind
 from grader.report.figures.timing import Intervals, Latency, Rate
 from grader.report.figures.values import Reports, Series
-from grader.rubric import FigureSpec
 
 FIGURES: Mapping[str, type[FigureKind]] = {
     "intervals": Intervals,

@@ -9,8 +9,8 @@ from typing import Any
 
 from markupsafe import Markup
 
-from grader import references as ref
 from grader.evidence.recorded import Recorded
+from grader.lab import references as ref
 from grader.recording.session import Claim, Endpoint
 from grader.report.escape import line
 from grader.report.figures.svg import SINCE, Figure, FigureKind, duration, frame_in, padded, rule, tag, text

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from grader.evidence.recorded import Recorded
-from grader.recording.plan import Argument, MalformedPlanError, Parameter, Plan, Process
+from grader.recording.launch_plan import Argument, MalformedPlanError, Parameter, Plan, Process
 from grader.report.figures.svg import Figure, FigureKind
 from grader.report.views import fields, literal
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from markupsafe import Markup
 
-from grader.cohort.summary import Spread
+from grader.cohort.statistics import Spread
 from grader.report.figures.svg import BOTTOM, Figure, Frame, rect, rule, short, text
 from grader.report.views import tenths
 

@@ -15,7 +15,7 @@ from typing import Any
 from markupsafe import Markup, escape
 
 from grader.evidence.recorded import Floats, Recorded
-from grader.references import Parameters
+from grader.lab.references import Parameters
 from grader.report.escape import shown
 
 WIDE, HALF, NARROW = 920, 440, 400

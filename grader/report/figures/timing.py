@@ -9,9 +9,9 @@ import numpy as np
 from markupsafe import Markup
 from pydantic import Field
 
-from grader import references as ref
 from grader.evidence.recorded import Floats, Integers, Recorded
 from grader.evidence.timing import timing_of
+from grader.lab import references as ref
 from grader.recording.bag import Stream
 from grader.report.escape import line
 from grader.report.figures import svg

@@ -12,11 +12,11 @@ import numpy as np
 from markupsafe import Markup
 from pydantic import Field
 
-from grader import references as ref
 from grader.evidence.oracle import load_oracle
-from grader.evidence.printed import reports
 from grader.evidence.recorded import Floats, Recorded
-from grader.references import Patterns
+from grader.evidence.text.printed import reports
+from grader.lab import references as ref
+from grader.lab.references import Patterns
 from grader.report.figures import svg
 from grader.report.figures.svg import SINCE, Figure, FigureKind, Frame
 from grader.report.figures.timing import FAR_NS

@@ -12,10 +12,10 @@ from typing import Any
 from hypothesis import strategies as st
 
 from grader.json_text import json_text
-from grader.judging import judge, open_recordings
+from grader.judging.judge import judge, open_recordings
+from grader.judging.rubrics import read_rubric
 from grader.report.exports import render_export
 from grader.result import Result, read_result, to_json
-from grader.rubrics import read_rubric
 from tests.report.untrusted_texts import MEGABYTE, hostile
 
 ROOT = Path(__file__).resolve().parents[3]

@@ -1,0 +1,318 @@
+"""What every check gets and gives: the context of a judgement, and ways to state a finding."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+from grader.evidence.crash.diagnosis import Diagnosis, explain
+from grader.evidence.oracle import load_oracle
+from grader.evidence.recorded import Floats, NumericStream, Recorded, can_hold_row
+from grader.recording.session import ProcessRun
+from grader.recording.submission import SubmissionRecord
+from grader.result import Finding, Outcome, Where
+
+
+@dataclass(frozen=True)
+class Context:
+    """All that a check may look at."""
+
+    submission: SubmissionRecord
+    #: The check's session; None for static checks.
+    recorded: Recorded | None
+    #: All sessions that were recorded, by name.
+    sessions: Mapping[str, Recorded]
+    #: Findings of the checks before this one, by id.
+    findings: Mapping[str, Finding]
+    #: Fully qualified names of the reference nodes; their endpoints are not the student's.
+    reference_nodes: frozenset[str]
+    #: Where the rubric's oracles lie.
+    lab_folder: Path
+
+    @property
+    def session(self) -> Recorded:
+        """The check's session.
+
+        Raises
+        ------
+        LookupError
+            If the check has none: a mistake in the rubric.
+        """
+        if self.recorded is None:
+            raise LookupError("this check needs a session; name one in the rubric")
+        return self.recorded
+
+    def where(self, topic: str | None = None, **more: Any) -> Where:
+        """Point at the check's session, and at a topic there under the name that the student used."""
+        name = self.recorded.record.session if self.recorded else None
+        used = self.session.used(topic) if topic else None
+        return Where(session=name, topic=used, **more)
+
+    def path_of(self, artifact: str) -> str | None:
+        """Return an artifact's path in the submission, or None if it is missing."""
+        fact = self.submission.artifact(artifact)
+        return fact.path if fact else None
+
+    def output_of(self, artifact: str) -> Where:
+        """Point at what an artifact's process printed."""
+        return Where(session=self.session.record.session, process=artifact)
+
+    def charged(self, check: str | None) -> bool:
+        """Whether a check, if any, has already taken points."""
+        finding = self.findings.get(check) if check is not None else None
+        return finding is not None and finding.outcome in (Outcome.FAILED, Outcome.PARTIAL, Outcome.NOT_REACHED)
+
+    def explain(self, run: ProcessRun) -> Diagnosis | None:
+        """Explain why a process ended or misbehaved, from its output."""
+        return explain(run.output, [f.path for f in self.submission.files], run.interrupted_ns)
+
+    def diagnosis(self, artifact: str) -> Diagnosis | None:
+        """Explain why one of an artifact's processes ended or misbehaved."""
+        runs = self.recorded.processes_of(artifact) if self.recorded is not None else ()
+        return next(filter(None, map(self.explain, runs)), None)
+
+    def parameter(self, step: str | None, name: str | None) -> Any:
+        """Return the value of a parameter as a step read it in the running node; None if it did not."""
+        run = self.session.step(step) if step is not None else None
+        read = (run.result.get("values", {}) if run is not None else {}).get(name)
+        return read["value"] if read is not None else None
+
+    def streams(self, roles: Mapping[str, str], fieldname: str) -> dict[str, NumericStream]:
+        """Return the numeric streams for an oracle, by role; roles without numbers are left out."""
+        found = {role: self.numeric(topic, fieldname) for role, topic in roles.items()}
+        return {role: stream for role, stream in found.items() if stream is not None}
+
+    def numeric(self, topic: str, fieldname: str, *, finite: bool = True) -> NumericStream | None:
+        """Return the messages on a topic that carry rows of numbers in a field, see `Recorded.numeric`."""
+        self._require_row(topic, fieldname)
+        return self.session.numeric(topic, fieldname, finite=finite)
+
+    def rows(self, topic: str, fieldname: str) -> tuple[Floats | None, ...]:
+        """Return the row of numbers in a field of each message on a topic, see `Recorded.rows`."""
+        self._require_row(topic, fieldname)
+        return self.session.rows(topic, fieldname)
+
+    def _require_row(self, topic: str, fieldname: str) -> None:
+        """See that a field of the type that the rubric gives a topic can hold a row of numbers.
+
+        Raises
+        ------
+        LookupError
+            If it cannot, which no student can help: a mistake in the rubric.
+        """
+        stream = self.session.stream(topic)
+        given = (step.parameters for step in self.session.record.steps if topic in step.parameters.values())
+        types = {str(parameters["type"]) for parameters in given if parameters.get("type")}
+        if types and stream.topic_type not in types:
+            return  # Another type is the student's, and charged where it is published.
+        first = next((message for message in stream.messages() if message is not None), None)
+        if first is not None and not can_hold_row(first, fieldname):
+            problem = f"the field '{fieldname}' of {stream.topic_type} on {topic} holds no row of numbers"
+            raise LookupError(f"{problem}: name another in the rubric")
+
+    def oracle(self, reference: str) -> Callable[..., Any]:
+        """Load an oracle by ``file.py:function``, relative to the rubric's folder."""
+        return load_oracle(self.lab_folder, reference)
+
+
+def credit_of(share: float) -> Decimal:
+    """Turn a share into credit: between 0 and 1, in thousandths."""
+    return Decimal(str(round(min(1.0, max(0.0, share)), 3)))
+
+
+def passed(expected: str, measured: str, *, where: Sequence[Where] = (), notes: Sequence[str] = ()) -> Finding:
+    """State that all is as it should be."""
+    return Finding(Outcome.PASSED, Decimal(1), expected, measured, where=tuple(where), notes=tuple(notes))
+
+
+#: What is nearer to full credit than points are given is full credit.
+_AS_GOOD_AS_FULL = Decimal("0.99")
+
+
+def graded(
+    share: float,
+    expected: str,
+    measured: str,
+    reason: str,
+    *,
+    hint: str = "",
+    where: Sequence[Where] = (),
+    notes: Sequence[str] = (),
+    best: float | None = None,
+    doubt: str = "",
+    steps: int = 0,
+    by_machine: bool = True,
+) -> Finding:
+    """State a finding by the share of credit that it earns; the reason is dropped when that is all.
+
+    Bounds that earn the same decide it. Those that are further apart than a step, and not for the machine's delays, are
+    the program's own unevenness: where they stay so, the lower one counts.
+
+    Parameters
+    ----------
+    share, best : float
+        The least and the most that it earns as far as the recording and the machine's delays tell.
+    doubt : str
+        What keeps it from being decided where these differ.
+    steps : int
+        Number of steps in which a measured share earns credit; 0 where it is none.
+    """
+    low, high = (credit_of(in_steps(s, steps) if steps else s) for s in (share, share if best is None else best))
+    if low != high:
+        uneven = not by_machine and float(high - low) > 1.5 / steps
+        settled = graded(float(low), expected, measured, reason, where=where) if uneven else None
+        return inconclusive(expected, measured, doubt, where=where, settled=settled)
+    if low >= _AS_GOOD_AS_FULL:
+        return passed(expected, measured, where=where, notes=notes)
+    outcome = Outcome.PARTIAL if low > 0 else Outcome.FAILED
+    return Finding(outcome, low, expected, measured, reason, hint, tuple(where), tuple(notes))
+
+
+@dataclass(frozen=True)
+class Part:
+    """One of several things that count the same: what it earns, what it is, and why it earns no more."""
+
+    share: float
+    text: str = ""
+    reason: str = ""
+    #: The most that it earns as far as the recording and the machine's delays tell; None where that is `share`.
+    best: float | None = None
+    #: What keeps it from being decided then.
+    doubt: str = ""
+    hint: str = ""
+    where: tuple[Where, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def of_parts(
+    expected: str,
+    parts: Sequence[Part],
+    *,
+    measured: str = "",
+    costs: Sequence[tuple[float, str]] = (),
+    hint: str = "",
+    where: Sequence[Where] = (),
+    doubt: str = "",
+) -> Finding:
+    """State what parts earn together, of which each counts the same, less what costs a share of the whole."""
+    lost, count = sum(share for share, _ in costs), max(1, len(parts))
+    best = sum(part.share if part.best is None else max(part.share, part.best) for part in parts)
+    return graded(
+        max(0.0, sum(part.share for part in parts) / count - lost),
+        expected,
+        measured or "; ".join(part.text for part in parts if part.text),
+        " ".join([*(reason for _, reason in costs), *(part.reason for part in parts if part.reason)]),
+        hint=hint or next((part.hint for part in parts if part.hint), ""),
+        where=[*(spot for part in parts for spot in part.where), *where],
+        notes=[note for part in parts for note in part.notes],
+        best=max(0.0, best / count - lost),
+        doubt=" ".join(part.doubt for part in parts if part.doubt) or doubt,
+    )
+
+
+#: Steps in which a measured share earns credit.
+STEPS = 10
+
+
+def in_steps(share: float, steps: int = STEPS) -> float:
+    """Return a measured share as credit in even steps, rounded down; what is as good as full is full.
+
+    Two recordings of the same program never measure exactly the same. Steps keep the score the same, except
+    where the measurement lies at a step's edge, which `graded` leaves undecided.
+    """
+    if share >= float(_AS_GOOD_AS_FULL):
+        return 1.0
+    return math.floor(max(0.0, share) * steps + 1e-9) / steps
+
+
+def failed(expected: str, measured: str, reason: str, *, hint: str = "", where: Sequence[Where] = ()) -> Finding:
+    """State that nothing of it is as it should be."""
+    return graded(0.0, expected, measured, reason, hint=hint, where=where)
+
+
+class Unexplained(Finding):
+    """A finding with another reason, hint and proof where the program crashed, ended or hit a limit."""
+
+
+def unexplained(finding: Finding) -> Unexplained:
+    """Return a finding for which the engine looks whether the program crashed, ended or hit a limit."""
+    return Unexplained(**vars(finding))
+
+
+def inconclusive(
+    expected: str,
+    measured: str,
+    reason: str,
+    *,
+    where: Sequence[Where] = (),
+    retry: bool = True,
+    settled: Finding | None = None,
+) -> Finding:
+    """State that the recording cannot answer: the machine's doing, or for a person to decide; it earns nothing."""
+    return Finding(Outcome.INCONCLUSIVE, Decimal(0), expected, measured, reason, "", tuple(where), (), retry, settled)
+
+
+def undecided(finding: Finding, reason: str, *, retry: bool = True, settled: Finding | None = None) -> Finding:
+    """Return a finding as one that the recording cannot answer after all."""
+    lost: dict[str, Any] = {"credit": Decimal(0), "reason": reason, "hint": "", "retry": retry, "settled": settled}
+    return replace(finding, outcome=Outcome.INCONCLUSIVE, **lost)
+
+
+def unclear(expected: str, measured: str, reason: str) -> Finding:
+    """State that the recording cannot answer, which a program can bring about too: repeated, it has failed."""
+    fails = failed(expected, measured, reason)
+    return undecided(fails, reason, settled=fails)
+
+
+def not_reached(reason: str, *, expected: str = "") -> Finding:
+    """State that an earlier failure kept this from being looked at."""
+    return Finding(Outcome.NOT_REACHED, Decimal(0), expected, "", reason)
+
+
+def ramp(value: float, full: float, zero: float) -> float:
+    """Return 1 up to `full`, 0 from `zero`, and a straight line between (or the same downwards)."""
+    if full == zero:
+        return 1.0 if value <= full else 0.0
+    return min(1.0, max(0.0, (zero - value) / (zero - full)))
+
+
+#: Decimal places after which numbers are taken for equal.
+_MOST_PLACES = 9
+
+
+def apart(value: float, *limits: float, places: int) -> str:
+    """Return a number with so many decimal places, or more, that it reads on its own side of each limit.
+
+    A verdict by 99.98 must not read as if it were by 100.0.
+    """
+    for digits in range(places, _MOST_PLACES):
+        shown = [(round(value, digits) > round(n, digits)) - (round(value, digits) < round(n, digits)) for n in limits]
+        if shown == [(value > n) - (value < n) for n in limits]:
+            return f"{value:.{digits}f}"
+    return f"{value:.{places}f}"
+
+
+def percent(share: float) -> str:
+    """Return a share from a rubric as it is written there."""
+    return f"{100 * share:g}%"
+
+
+def kept_from_core(delay_s: float, length_s: float) -> str:
+    """Say that the machine's delay may be why something is not as it should be."""
+    return f"Not your fault: the grading computer was too busy to measure this ({delay_s:.2f} s of {length_s:.1f} s)."
+
+
+def without_delay(value: float, delay_s: float, length_s: float) -> float:
+    """Return what a count or a rate may have been, had the machine not kept the process from a core for so long."""
+    return value / (1 - min(0.5, delay_s / max(length_s, 1e-9)))
+
+
+def told(found: Diagnosis) -> str:
+    """Return a diagnosis as a sentence, with the exception and the student's line."""
+    place = f"{found.file}, line {found.line}" if found.file and found.line else found.file or ""
+    parts = [part for part in (found.exception_type, place) if part]
+    return f"{found.sentence} ({' in '.join(parts)})" if parts else found.sentence

@@ -1,0 +1,81 @@
+"""Which checks cannot be judged since something of the grader's own was touched, or since the recording was filled."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from decimal import Decimal
+from typing import Any
+
+from grader.evidence.gaps import sentence_on
+from grader.evidence.integrity import Touched
+from grader.evidence.recorded import Recorded
+from grader.lab.rubric import CheckSpec, Rubric
+from grader.recording.session import Unrecorded
+from grader.result import Finding, Outcome, Violation
+
+
+def with_checks(touched: Touched, recorded: Recorded, rubric: Rubric) -> Violation:
+    """Return a violation with the checks of its session that rest on what was spoilt.
+
+    A check rests on a topic, a service or a node if its parameters name it, or the label of a step that does.
+    """
+    violation = touched.violation
+    if not violation.certain:
+        return violation
+    specs = [spec for spec in rubric.checks() if spec.session == violation.session]
+    spoilt = tuple(s.id for s in specs if touched.whole or not touched.spoilt.isdisjoint(named(s, recorded)))
+    return replace(violation, checks=spoilt)
+
+
+def not_measurable(expected: str, violation: Violation) -> Finding:
+    """Return what is found instead, where what a check measures was touched."""
+    reason = f"{violation.text} So this cannot be measured."
+    return Finding(Outcome.FAILED, Decimal(0), expected, "not measured", reason, where=(violation.where,))
+
+
+def without_rest(finding: Finding, left_out: Unrecorded, *, timed: bool) -> Finding:
+    """Return what is found where a check cannot see all messages of a topic, through the student's own doing.
+
+    Parameters
+    ----------
+    timed : bool
+        Whether it measures over time: then what is missing looks like silence, and the student was not silent.
+    """
+    seen = finding.outcome in (Outcome.FAILED, Outcome.PARTIAL) and left_out.messages > 0 and not timed
+    return replace(
+        finding,
+        outcome=Outcome.FAILED,
+        credit=Decimal(0),
+        measured=finding.measured if seen else "not measured in full",
+        reason=" ".join([*([finding.reason] if seen else []), sentence_on(left_out)]),
+        hint=finding.hint if seen else _HINT,
+    )
+
+
+_HINT = "Send messages no larger and no more often than the lab asks for."
+
+
+def is_timed(spec: CheckSpec, recorded: Recorded) -> bool:
+    """Whether a check measures within the time of an `observe` step."""
+    words = set(_words(spec.parameters.model_dump()))
+    return any(step.kind == "observe" and step.label in words for step in recorded.record.steps)
+
+
+def named(spec: CheckSpec, recorded: Recorded) -> set[str]:
+    """Return the names that a check's parameters hold, and those of the steps to which they refer."""
+    words = set(_words(spec.parameters.model_dump()))
+    labelled = [step for step in recorded.record.steps if step.label in words]
+    words.update(word for step in labelled for word in _words(step.parameters))
+    return {recorded.used(word) for word in words}
+
+
+def _words(value: Any) -> Iterator[str]:
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, Mapping):
+        for part in value.values():
+            yield from _words(part)
+    elif isinstance(value, (list, tuple)):
+        for part in value:
+            yield from _words(part)

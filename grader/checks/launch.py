@@ -1,0 +1,562 @@
+"""Checks of a launch file: that it loads, what it declares and starts, and that it works when it runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from pydantic import Field
+
+from grader.checks.base import (
+    Context,
+    Part,
+    apart,
+    credit_of,
+    failed,
+    in_steps,
+    inconclusive,
+    kept_from_core,
+    not_reached,
+    of_parts,
+    passed,
+    told,
+    without_delay,
+)
+from grader.checks.preconditions import environment_gap
+from grader.evidence.environment_gap import is_newer_python, missing_here
+from grader.evidence.recorded import Recorded, Span, clock_step_s
+from grader.evidence.text.launch_source import parameter_line
+from grader.evidence.timing import timing_of
+from grader.lab import references as ref
+from grader.lab.references import Parameters, Share
+from grader.recording.launch_plan import MalformedPlanError, Plan, Problem, Process
+from grader.recording.session import ProcessRun
+from grader.result import Finding, Where
+
+
+def _read_plan(plain: Any) -> Plan | None:
+    """Return a plan as it was recorded; None where that is none."""
+    try:
+        return Plan.from_plain(plain)
+    except MalformedPlanError:
+        return None
+
+
+def plan_of(context: Context, step: str) -> Plan | None:
+    """Return the plan that a step made of the launch file, if it was reached."""
+    run = context.session.step(step)
+    return _read_plan(run.result["plan"]) if run is not None and "plan" in run.result else None
+
+
+def mended(context: Context, step: str, *kinds: str) -> list[Mapping[str, Any]]:
+    """Return the problems of some kinds that the live half noted and mended, so that the rest could be judged."""
+    run = context.session.step(step)
+    found = run.result.get("mended", []) if run is not None else []
+    return [m for m in found if m["kind"] in kinds or not kinds]
+
+
+class LaunchLoads(Parameters):
+    """The launch file can be evaluated as `ros2 launch` would, as it was handed in."""
+
+    artifact: ref.Artifact
+    step: ref.PlanLabel
+    repaired_rest: Share = Field(
+        0.667, description="Share that the checks which depend on this one earn where a mistake was repaired on a copy."
+    )
+
+
+def launch_loads(context: Context, p: LaunchLoads) -> Finding:
+    """Judge the evaluation; a module that we do not have is no fault of the student's.
+
+    What was repaired on a copy is charged here, and the rest is judged there.
+    """
+    expected = "a launch description without an error"
+    plan = plan_of(context, p.step)
+    if plan is None:
+        return inconclusive(expected, "not evaluated", "The recording does not hold an evaluation of the launch file.")
+    problem = plan.problem
+    noted = [*mended(context, p.step), *([vars(problem)] if problem is not None else [])]
+    excuses = [excuse for each in noted if (excuse := _excuse(context, each))]
+    if problem is None and len(excuses) < len(noted):
+        return _repaired([each for each in noted if not _excuse(context, each)], expected, p.repaired_rest)
+    if problem is None or len(excuses) == len(noted):
+        notes = excuses
+        notes += [f"{w.message} ({w.file}:{w.line})" if w.file else w.message for w in plan.warnings]
+        measured = f"{len(plan.processes)} processes, {len(plan.arguments)} arguments"
+        return passed(expected, measured, where=_at(context, problem), notes=[*notes, *_silent(plan)])
+    newer = problem.kind == "syntax_error" and is_newer_python(context.submission.texts.get(problem.file or "", ""))
+    if newer or (plan.outcome == "not_assessable" and not _is_made_up(problem, context)):
+        reason = "The grader cannot evaluate this launch file."
+        if newer:
+            reason = (
+                "It uses syntax of Python 3.12 or later, which the grading computer lacks. Your instructor decides."
+            )
+        return inconclusive(expected, problem.message, reason, where=_at(context, problem), retry=False)
+    place = f" ({problem.file}, line {problem.line})" if problem.file and problem.line else ""
+    reason = _sentence(problem.message) + place
+    finding = failed(expected, problem.message, reason, hint=problem.remedy, where=_at(context, problem))
+    # What it declares until it stops was seen, and counts.
+    return replace(finding, rest=credit_of(p.repaired_rest)) if plan.arguments else finding
+
+
+def _excuse(context: Context, noted: Mapping[str, Any]) -> str:
+    """Say why a name of something that is not there is no mistake of the launch file, if it is none."""
+    submission, said = context.submission, _sentence(noted["message"])
+    missing = [a.expected.removesuffix(".py") for a in submission.artifacts if a.path is None]
+    if noted["kind"] in ("unknown_executable", "unknown_package") and any(name in said for name in missing):
+        return f"{said} Its file is missing, which is charged elsewhere."
+    near = "Did you mean" in noted["remedy"]
+    if noted["kind"] == "unknown_package" and not submission.packages and not near:
+        return f"{said} The files were handed in without their package, so that its name cannot be wrong."
+    return ""
+
+
+def _repaired(faults: Sequence[Mapping[str, Any]], expected: str, rest: float) -> Finding:
+    """State that a launch file does not load as it was handed in, by what, and what was repaired to judge the rest."""
+    done = "; ".join(noted["repair"] for noted in faults if noted.get("repair"))
+    reasons = " ".join(dict.fromkeys(_sentence(noted["message"]) for noted in faults))
+    judged = f"To judge the rest, it was repaired on a copy{f': {done}' if done else ''}."
+    finding = failed(
+        expected,
+        "it stops before it starts anything",
+        f"{reasons} `ros2 launch` stops there. {judged}",
+        hint=" ".join(dict.fromkeys(str(noted["remedy"]) for noted in faults)),
+        where=[Where(file=noted["file"], line=noted["line"]) for noted in faults if noted["file"]],
+    )
+    return replace(finding, rest=credit_of(rest))
+
+
+def _at(context: Context, problem: Problem | None) -> tuple[Where, ...]:
+    at_line = problem is not None and problem.file
+    return (Where(file=problem.file, line=problem.line) if problem is not None and at_line else context.where(),)
+
+
+def _is_made_up(problem: Problem, context: Context) -> bool:
+    """Whether a module is said to be missing that the launch file does not import, or that is not missing here."""
+    said = problem.kind == "missing_module"
+    return said and missing_here(problem.module, problem.file or "", problem.line, context.submission) is None
+
+
+def _silent(plan: Plan) -> list[str]:
+    """Advise where what nodes print goes to a log file alone; it costs nothing."""
+    quiet = [p for p in plan.processes if p.output == "log" and p.kind != "executable" and not p.absent]
+    if not quiet:
+        return []
+    named = list(dict.fromkeys(p.called or p.runs for p in quiet))
+    places = ", ".join(dict.fromkeys(f"{p.file}:{p.line}" for p in quiet if p.file))
+    verb = "prints" if len(named) == 1 else "print"
+    said = f"What {', '.join(named)} {verb} goes into a log file and not to the screen; output='screen' shows it"
+    return [said + (f" ({places})." if places else ".")]
+
+
+def _sentence(message: str) -> str:
+    first = message.split(" ", 1)[0]
+    text = message[:1].upper() + message[1:] if first.isalpha() else message  # a name stays as it is
+    return text if text.endswith((".", "?", "!")) else text + "."
+
+
+class WantedArgument(Parameters):
+    """A launch argument with its default."""
+
+    name: str
+    default: str
+
+
+class LaunchArguments(Parameters):
+    """The launch file declares arguments with defaults; each is a part, half for being declared."""
+
+    step: ref.PlanLabel
+    arguments: tuple[WantedArgument, ...]
+    other_default_credit: Share = Field(0.5, description="Credit of one that is declared with another default.")
+
+
+def _same(a: Any, b: Any) -> bool:
+    """Whether two values mean the same: 100 and "100.0", True and "true"."""
+    if str(a).strip().lower() == str(b).strip().lower():
+        return True
+    try:
+        return not isinstance(a, bool) and not isinstance(b, bool) and float(a) == float(b)
+    except (TypeError, ValueError, OverflowError):
+        return False
+
+
+def launch_arguments(context: Context, p: LaunchArguments) -> Finding:
+    """Judge the declared arguments by the plan."""
+    expected = ", ".join(f"{a.name} = {a.default!r}" for a in p.arguments)
+    plan = plan_of(context, p.step)
+    declared = {a.name: a for a in plan.arguments} if plan is not None else {}
+    parts = []
+    assumed = " ".join(str(noted["message"]) for noted in mended(context, p.step, "undefined_configuration"))
+    for wanted in p.arguments:
+        got = declared.get(wanted.name)
+        if got is None and f"'{wanted.name}'" in assumed:
+            parts.append(Part(1.0))  # That it is not declared keeps the file from loading, and is charged there.
+        elif got is None:
+            others = ", ".join(n for n in declared if n not in {a.name for a in p.arguments})
+            known = f"; declared are {others}" if others else ""
+            until = "" if plan is None or plan.problem is None else " until the file stops"
+            parts.append(Part(0.0, reason=f"The argument {wanted.name} is not declared{until}{known}."))
+        else:
+            right = got.default is not None and _same(got.default, wanted.default)
+            default = "no default" if got.default is None else f"the default {got.default!r}"
+            reason = "" if right else f"The argument {wanted.name} has {default}; {wanted.default!r} is asked for."
+            where = (Where(file=got.file, line=got.line),)
+            parts.append(Part(1.0 if right else p.other_default_credit, "", reason, where=where))
+    measured = ", ".join(f"{n} = {a.default!r}" for n, a in declared.items()) or "no arguments"
+    return of_parts(expected, parts, measured=measured)
+
+
+class WantedNode(Parameters):
+    """A node that the launch file starts."""
+
+    node: ref.RosName
+    artifact: ref.Artifact
+    executable: str
+    charged_by: ref.EarlierCheckId
+    types_charged_by: ref.EarlierCheckId | None = Field(
+        None, description="Check that charges parameters declared with a wrong type."
+    )
+
+
+class LaunchNodes(Parameters):
+    """The launch file starts nodes under their names; each is a part."""
+
+    step: ref.PlanLabel
+    nodes: tuple[WantedNode, ...]
+    other_name_credit: Share = Field(0.5, description="Credit of one that runs under another name.")
+    down_costs: Share = Field(0.0, description="Least share of the credit that is lost where one of them does not run.")
+
+
+def _entry_for(plan: Plan, node: str, executable: str) -> Process | None:
+    """Return the plan's process that was meant: by the node's name, else by its executable."""
+    short = node.rsplit("/", 1)[-1]
+    by_name = next((e for e in plan.processes if e.called == short), None)
+    stem = executable.removesuffix(".py")
+    return by_name or next((e for e in plan.processes if e.runs.removesuffix(".py") == stem), None)
+
+
+def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
+    """Judge each node by the plan, and by the graph when it was really started."""
+    expected = ", ".join(n.node for n in p.nodes)
+    plan = plan_of(context, p.step)
+    if plan is None or plan.problem is not None:
+        problem = plan.problem if plan is not None else None
+        reason = _sentence(problem.message) if problem is not None else "The launch file could not be evaluated."
+        reason, hint = f"{reason} {_STOPS}", problem.remedy if problem is not None else ""
+        return failed(expected, "nothing was started", reason, hint=hint, where=_at(context, problem))
+    absent = [n.node for n in p.nodes if _entry_for(plan, n.node, n.executable) is None]
+    absent = [node for node in absent if node not in context.session.nodes]
+    if absent and (plan.loaded_components or any(process.components for process in plan.processes)):
+        reason = "The grader runs no component containers, so it cannot judge nodes that are loaded into one."
+        return inconclusive(expected, f"no {', '.join(absent)}, but components", reason, retry=False)
+    parts = [_judge_node(context, plan, wanted, p.other_name_credit) for wanted in p.nodes]
+    mean = sum(part.share for part in parts) / len(parts)
+    if mean and any(part.share == 0.0 and part.best is None for part in parts):
+        kept = min(1.0, (1 - p.down_costs) / mean)
+        parts = [replace(part, share=part.share * kept) for part in parts]
+    seen = (n for n in context.session.nodes if n not in context.reference_nodes)
+    up = ", ".join(n + " (ended)" * _died(context, _entry_for(plan, n, "")) for n in seen)
+    finding = of_parts(
+        expected,
+        parts,
+        measured=up or "no node of the student in the graph",
+    )
+    return replace(finding, retry=not any(part.doubt for part in parts))
+
+
+_STOPS = "`ros2 launch` stops there and starts nothing."
+
+
+def _judge_node(context: Context, plan: Plan, wanted: WantedNode, other_name_credit: float) -> Part:
+    entry = _entry_for(plan, wanted.node, wanted.executable)
+    if wanted.node in context.session.nodes and not _died(context, entry):
+        return Part(1.0)
+    if entry is None:
+        return Part(0.0, "", f"Nothing in the launch file starts {wanted.executable} as {wanted.node}.")
+    name = wanted.node.rsplit("/", 1)[-1]
+    if context.path_of(wanted.artifact) is None:
+        note = f"The file for {wanted.node} is missing, which costs points in {wanted.charged_by}."
+        return Part(1.0, notes=(note,))
+    if entry.called in (name, None) and context.charged(wanted.charged_by):
+        note = f"{wanted.node} has a fault of its own, which costs points in {wanted.charged_by}."
+        return Part(1.0, notes=(note,))
+    if (charged := _charged_alone(context, entry, wanted.artifact)) is not None:
+        return Part(1.0, notes=(f"{wanted.node} ended as it does alone, which costs points in {charged}.",))
+    run = context.session.process(entry.id)
+    found = context.explain(run) if run is not None else None
+    if (gap := environment_gap(context, wanted.artifact, found)) is not None:
+        return Part(0.0, best=1.0, doubt=f"{wanted.node} did not come up. {gap}")
+    if found is not None and found.kind == "parameter-type" and context.charged(wanted.types_charged_by):
+        note = f"{wanted.node} ended because of a parameter's type, which costs points in {wanted.types_charged_by}."
+        return Part(1.0, notes=(note,))
+    used = context.session.used(wanted.node)
+    if not _died(context, entry) and (entry.called not in (name, None) or used != wanted.node):
+        shown = used if used != wanted.node else entry.full_name or entry.called
+        reason = f"{wanted.executable} runs under the name {shown}, not {wanted.node}."
+        return Part(other_name_credit, "", reason, where=(Where(file=entry.file, line=entry.line),))
+    return _why_down(context, entry, wanted.executable)
+
+
+def _died(context: Context, entry: Process | None) -> bool:
+    """Whether a launched process ended by itself for good; for a moment its node may have been there."""
+    if entry is None or entry.respawn:
+        return False
+    run = context.session.process(entry.id)
+    return run is not None and run.exited_ns is not None and run.interrupted_ns is None
+
+
+def _charged_alone(context: Context, entry: Process, artifact: str) -> str | None:
+    """Return the check that charged the end of a launched node, where the node ends the same way in another session."""
+    run = context.session.process(entry.id)
+    end = _end_of(context, run) if run is not None else None
+    others = [session for session in context.sessions.values() if session is not context.session and end is not None]
+    alike = {s.record.session for s in others if end in (_end_of(context, r) for r in s.processes_of(artifact))}
+    charged = ((check, finding) for check, finding in context.findings.items() if context.charged(check))
+    return next((check for check, finding in charged if alike & {spot.session for spot in finding.where}), None)
+
+
+def _end_of(context: Context, run: ProcessRun) -> tuple[object, ...] | None:
+    """Return what tells one end of a program from another; None for one that went on until it was stopped."""
+    if run.exited_ns is None or run.interrupted_ns is not None:
+        return None
+    found = context.explain(run)
+    return (run.limit, run.exit_status) if found is None else (found.file, found.line, found.kind, found.exception_type)
+
+
+def _why_down(context: Context, entry: Process, executable: str) -> Part:
+    spot = (Where(file=entry.file, line=entry.line),)
+    run = context.session.process(entry.id)
+    if run is None:
+        why = f": {entry.absent}" if entry.absent else ""
+        return Part(0.0, "", f"{executable} was not started{why}.", where=spot)
+    if run.exited_ns is None or run.interrupted_ns is not None:
+        return Part(0.0, "", f"{executable} ran, but no such node appeared.", where=spot)
+    found = context.explain(run)
+    if found is None:
+        said = f": {run.output[-1].text!r}." if run.output else "."
+        return Part(0.0, "", f"{executable} ended with status {run.exit_status}{said}", where=spot)
+    line = entry.line
+    if found.kind == "parameter-type" and entry.file:
+        line = parameter_line(context.submission.texts.get(entry.file, ""), entry.line, found.subject)
+    where = (Where(file=entry.file, line=line), *([Where(file=found.file, line=found.line)] if found.file else []))
+    reason = f"{executable} ended with status {run.exit_status}: {told(found)}"
+    return Part(0.0, "", reason, hint=found.remedy, where=where)
+
+
+class WantedNodeParameter(Parameters):
+    """A parameter of a launched node, with the value for the default arguments and for others."""
+
+    node: ref.RosName
+    executable: str
+    step: ref.GetLabel
+    name: str
+    value: Any
+    other: Any = None
+    argument: str | None = Field(None, description="Launch argument that it follows; its default is judged elsewhere.")
+
+
+class LaunchParameters(Parameters):
+    """Parameters reach the running nodes, and follow the launch arguments; each is a part."""
+
+    step: ref.PlanLabel
+    parameters: tuple[WantedNodeParameter, ...]
+    other_step: ref.PlanLabel = Field(description="Step that evaluated the file with other arguments.")
+    unwired_credit: Share = Field(0.5, description="Credit of one that does not follow its argument.")
+
+
+def launch_parameters(context: Context, p: LaunchParameters) -> Finding:
+    """Judge values in the running nodes, or in the plan where a node does not declare the parameter."""
+    expected = ", ".join(f"{w.node.rsplit('/', 1)[-1]}.{w.name} = {w.value!r}" for w in p.parameters)
+    plan, other = plan_of(context, p.step), plan_of(context, p.other_step)
+    parts = []
+    for wanted in p.parameters:
+        entry = _entry_for(plan, wanted.node, wanted.executable) if plan is not None else None
+        if plan is not None and entry is None:
+            continue  # The node is not started, which is charged with the nodes.
+        part = _judge_parameter(context, p, wanted, plan, other)
+        if entry is not None and entry.file and part.reason:
+            line = parameter_line(context.submission.texts.get(entry.file, ""), entry.line, wanted.name)
+            part = replace(part, where=(Where(file=entry.file, line=line),))
+        parts.append(part)
+    if not parts:
+        return not_reached("None of the nodes is started.", expected=expected)
+    return of_parts(expected, parts)
+
+
+_MISSING = object()
+
+
+def _planned(plan: Plan | None, wanted: WantedNodeParameter) -> Any:
+    """Return the value that a plan gives a node's parameter."""
+    entry = _entry_for(plan, wanted.node, wanted.executable) if plan is not None else None
+    return entry.effective_parameters(wanted.node).get(wanted.name, _MISSING) if entry is not None else _MISSING
+
+
+def _judge_parameter(
+    context: Context, p: LaunchParameters, wanted: WantedNodeParameter, plan: Plan | None, other: Plan | None
+) -> Part:
+    planned = _planned(plan, wanted)
+    step = context.session.step(wanted.step)
+    result = step.result if step is not None else {}
+    running = result.get("values", {}).get(wanted.name)
+    short = wanted.node.rsplit("/", 1)[-1]
+    subject, value = f"{wanted.name} of {short}", running["value"] if running is not None else planned
+    text = f"{short}.{wanted.name} {'missing' if value is _MISSING else f'= {value!r}'}"
+    if planned is _MISSING:
+        own = f"; {value!r} is the node's own default" if value is not _MISSING else ""
+        return Part(0.0, text, f"The launch file gives {short} no {wanted.name}{own}.")
+    if running is None and step is not None and step.outcome == "done" and wanted.name in result.get("declared", []):
+        return Part(0.0, f"{short}.{wanted.name} unreadable", f"{subject} could not be read.")
+    # What default the launch file gives the argument is charged with the arguments, and so is one that is missing.
+    declared = {a.name: a.default for a in plan.arguments} if plan is not None else {}
+    follows = wanted.argument is not None and _same(value, declared.get(wanted.argument))
+    if not _same(value, wanted.value) and not follows:
+        return Part(0.0, text, f"{subject} is {value!r}, not {wanted.value!r}.")
+    changed = _planned(other, wanted)
+    no_argument = plan is not None and wanted.argument is not None and wanted.argument not in declared
+    if wanted.other is None or no_argument or (changed is not _MISSING and _same(changed, wanted.other)):
+        return Part(1.0, text)
+    shown = "nothing" if changed is _MISSING else repr(changed)
+    moves = changed is not _MISSING and not _same(changed, planned)
+    how = "follows its launch argument, but not as it should" if moves else "is not wired to its launch argument"
+    reason = f"{subject} {how}: with another argument it is {shown}, not {wanted.other!r}."
+    return Part(p.unwired_credit, f"{text} ({shown} with another argument)", reason)
+
+
+_NODE: Any = Field(None, description="The node that does it; if it is not up, the check of the nodes charges that.")
+
+
+class TogetherCommands(Parameters):
+    """Commands arrive as they do alone."""
+
+    topic: ref.Topic
+    alone_session: ref.SessionId
+    charged_by: ref.EarlierCheckId
+    window: ref.Window
+    least_share: Share = 0.8
+    node: ref.RosName | None = _NODE
+    rate_step: ref.GetLabel | None = Field(None, description="Step that read the parameter below in the running node.")
+    rate_parameter: str | None = Field(
+        None, description="Parameter that sets the rate; which value it is given is judged elsewhere."
+    )
+
+
+class TogetherFollows(Parameters):
+    """The arm moves as it is commanded."""
+
+    topic: ref.Topic
+    command: ref.Topic
+    field: ref.FieldPath
+    index: int
+    charged_by: ref.EarlierCheckId
+    node: ref.RosName | None = _NODE
+
+
+class TogetherAnswers(Parameters):
+    """The service answers."""
+
+    step: ref.CallLabel
+    charged_by: ref.EarlierCheckId
+    node: ref.RosName | None = _NODE
+
+
+class LaunchTogether(Parameters):
+    """The launched nodes and the arm work together; each of the three parts counts the same."""
+
+    commands: TogetherCommands
+    follows: TogetherFollows
+    answers: TogetherAnswers
+
+
+def launch_together(context: Context, p: LaunchTogether) -> Finding:
+    """Judge what happened while all ran; a part whose node is at fault by itself is left out."""
+    expected = "commands at the rate the publisher has alone, an arm that follows, a service that answers"
+    span = context.session.window(p.commands.window)
+    delay_s, length_s = (context.session.longest_delay_s(span), span.duration_s) if span is not None else (0.0, 0.0)
+    parts = [
+        _commands_come(context, p.commands, span, delay_s),
+        _arm_follows(context, p.follows, late=delay_s > _MANY_DELAYS * length_s),
+        _service_answers(context, p.answers),
+    ]
+    nodes = (p.commands.node, p.follows.node, p.answers.node)
+    judged = [part for part, node in zip(parts, nodes, strict=True) if part is not None and _is_up(context, node)]
+    if not judged:
+        return not_reached(
+            "Not tested, because each node has a fault that costs points in another check.", expected=expected
+        )
+    return of_parts(expected, judged, where=(context.where(p.commands.topic),), doubt=kept_from_core(delay_s, length_s))
+
+
+def _is_up(context: Context, node: str | None) -> bool:
+    """Whether a node came up, under whatever name, and stayed; one that did not is charged with the nodes."""
+    if node is None:
+        return True
+    used, plan = context.session.used(node), _read_plan(context.session.record.plan)
+    entry = _entry_for(plan, used, "") if plan is not None else None
+    return used in context.session.nodes and not _died(context, entry)
+
+
+def _commands_come(context: Context, p: TogetherCommands, span: Span | None, delay_s: float) -> Part | None:
+    timing = timing_of(context.session.stream(p.topic), span)
+    if timing is None:
+        if context.charged(p.charged_by):
+            return None
+        reason = "No commands arrived while all ran together; do the nodes follow the simulation's clock?"
+        return Part(0.0, "no commands", reason)
+    wanted_hz, alone = context.parameter(p.rate_step, p.rate_parameter), context.sessions.get(p.alone_session)
+    alone_hz = _rate_alone_hz(alone, p) if alone is not None else None
+    as_set = isinstance(wanted_hz, (int, float)) and 0 < wanted_hz * p.least_share <= timing.rate_hz <= 2 * wanted_hz
+    if alone_hz is None or as_set:
+        return Part(1.0, f"commands at {timing.rate_hz:.1f} Hz")
+    most_hz = without_delay(timing.rate_hz, delay_s, span.duration_s) if span is not None else timing.rate_hz
+    share, best = (in_steps(min(1.0, hz / alone_hz / p.least_share), 2) for hz in (timing.rate_hz, most_hz))
+    both = (timing.rate_hz, alone_hz)
+    shown, alone_shown = (apart(hz, *(both if share < 1 else ()), places=1) for hz in both)
+    reason = f"Commands come at {shown} Hz, while alone they come at {alone_shown} Hz."
+    return Part(share, f"commands at {shown} Hz ({alone_shown} Hz alone)", reason, best)
+
+
+def _rate_alone_hz(alone: Recorded, p: TogetherCommands) -> float | None:
+    """Measure the commands of the session in which they come alone; None where its clock was set meanwhile."""
+    span = alone.window(p.window)
+    timing = timing_of(alone.stream(p.topic), span)
+    return timing.rate_hz if timing is not None and not (span and clock_step_s(alone.record, span)) else None
+
+
+#: Share of a window for which a process was kept from a core, from which what others do may depend on that.
+_MANY_DELAYS = 0.25
+
+
+def _arm_follows(context: Context, p: TogetherFollows, *, late: bool) -> Part | None:
+    command, state = (context.numeric(t, p.field) for t in (p.command, p.topic))
+    if command is None or state is None or max(command.values.shape[1], state.values.shape[1]) <= p.index:
+        return None
+    own = (e for e in context.session.endpoints_on(p.command, "subscription") if e.node in context.reference_nodes)
+    asked = {endpoint.type for endpoint in own}
+    heard = not asked or context.session.stream(p.command).topic_type in asked
+    alike = heard and command.values.shape[1] == state.values.shape[1]
+    if not alike or float(np.ptp(command.values[:, p.index])) < 1e-3:
+        return None  # The arm takes no commands of another type or length, and cannot follow what does not move.
+    measured = np.interp(command.source_ns, state.source_ns, state.values[:, p.index])
+    half = len(measured) // 2
+    error = float(np.sqrt(np.mean((measured[half:] - command.values[half:, p.index]) ** 2)))
+    size = float(np.sqrt(np.mean(command.values[half:, p.index] ** 2)))
+    text = f"the arm is off by {error:.3f} rad"
+    # An arm that stands still is off by the whole size of the command.
+    if error < 0.5 * size + 0.05:
+        return Part(1.0, text)
+    if context.charged(p.charged_by):
+        return None
+    return Part(0.0, text, "The arm does not follow the commands.", float(late))
+
+
+def _service_answers(context: Context, p: TogetherAnswers) -> Part | None:
+    step = context.session.step(p.step)
+    calls: Sequence[Mapping[str, Any]] = step.result.get("calls", []) if step is not None else []
+    if calls and calls[0]["response"] is not None:
+        return Part(1.0, "the service answers")
+    if context.charged(p.charged_by):
+        return None
+    return Part(0.0, "no answer from the service", "The service does not answer while all run together.")

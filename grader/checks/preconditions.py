@@ -1,0 +1,171 @@
+"""What the engine asks about each check alike: is the file there, how did the program end, was the clock set."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import PurePosixPath
+from typing import Any
+
+from grader.checks.base import Context, Unexplained, failed, inconclusive, told, undecided
+from grader.checks.endpoints import claimed_at
+from grader.evidence.crash.diagnosis import Diagnosis
+from grader.evidence.crash.limits import ended_by_limit, hit_limit
+from grader.evidence.environment_gap import only_elsewhere
+from grader.evidence.recorded import Span, clock_step_s
+from grader.evidence.text.source import spin_lines
+from grader.recording.session import Claim
+from grader.result import Finding, Where
+
+Explanation = tuple[str, str, tuple[Where, ...]]
+
+
+def missing_artifact(context: Context, artifact: str | None) -> Finding | None:
+    """State that an artifact's file is not there, or None if it is; and if one of its name was not taken in, why."""
+    if artifact is None or context.path_of(artifact) is not None:
+        return None
+    fact = context.submission.artifact(artifact)
+    name = fact.expected if fact else artifact
+    left_out = [said for said in context.submission.left_out if PurePosixPath(said.partition(": ")[0]).name == name]
+    reason = f"There is no {name} in the submission." + (f" Left out was {left_out[0]}." if left_out else "")
+    return failed(f"a file {name}", "no such file", reason, hint=f"Hand in a file named {name}.")
+
+
+def proof(context: Context, p: Any) -> tuple[Where, ...]:
+    """Return where the proof of a finding lies that names no other place."""
+    if context.recorded is None:
+        return ()
+    artifact = getattr(p, "artifact", None)
+    return (
+        context.where(p.topic) if hasattr(p, "topic") else context.output_of(artifact) if artifact else context.where(),
+    )
+
+
+def explained(context: Context, p: Any, finding: Finding) -> Finding:
+    """Put in what kept the program from it, where it crashed, ended or hit a limit, and the check has not said so."""
+    if not isinstance(finding, Unexplained):
+        return finding
+    run = context.session.process(getattr(p, "process", ""))
+    students = (run.artifact for run in context.session.record.processes if run.role == "student")
+    artifact = getattr(p, "artifact", None) or (run.artifact if run is not None else next(students, None))
+    reason, hint, where = (artifact and why_nothing(context, artifact)) or (finding.reason, "", ())
+    where = (*where, *(spot for spot in finding.where or proof(context, p) if spot not in where))
+    return Finding(**{**vars(finding), "reason": reason, "hint": hint or finding.hint, "where": where})
+
+
+def why_nothing(context: Context, artifact: str) -> Explanation | None:
+    """Say why an artifact's process did not show what was expected: reason, hint and where; None if it went on."""
+    output, processes = context.output_of(artifact), context.session.processes_of(artifact)
+    hit = hit_limit(processes[-1]) if processes else None
+    found = context.diagnosis(artifact)
+    if hit is not None and (found is None or ended_by_limit(processes[-1])):
+        return *hit, (output,)
+    if found is not None:
+        return told(found), found.remedy, (Where(file=found.file, line=found.line) if found.file else output,)
+    return _ended_already(context, artifact)
+
+
+def _ended_already(context: Context, artifact: str) -> Explanation | None:
+    """Say of a program that ended by itself without an error what was seen of it.
+
+    That it never spins is said only where its source shows it; None if it went on until it was asked to end.
+    """
+    runs = context.session.processes_of(artifact)
+    run = runs[-1] if runs else None
+    if run is None or run.exited_ns is None or run.interrupted_ns is not None or run.ended_by != "itself":
+        return None
+    output = context.output_of(artifact)
+    after_s = (run.exited_ns - run.started_ns) / 1e9
+    if run.exit_status != 0:
+        reason = f"Your {artifact} node had already ended, with exit status {run.exit_status} after {after_s:.1f} s."
+        return reason, "Its output shows what ended it.", (output,)
+    path = context.path_of(artifact) or ""
+    ended = f"Your {artifact} node had already ended (exit status 0 after {after_s:.1f} s, no error)"
+    if path and spin_lines(context.submission.texts.get(path, ""), context.submission.texts) == ():
+        return f"{ended}: main() never reaches rclpy.spin(node).", _SPIN_HINT, (Where(file=path), output)
+    return f"{ended}.", "Let main() spin the node until Ctrl-C.", (output,)
+
+
+_SPIN_HINT = "Call rclpy.spin(node) in main() after creating the node: it runs the node's callbacks until Ctrl-C."
+
+
+def runs_elsewhere(context: Context, artifact: str, expected: str) -> Finding | None:
+    """State that a program cannot be judged since it needs what is missing here, or None if it does not."""
+    found = context.diagnosis(artifact)
+    reason = environment_gap(context, artifact, found)
+    if found is None or reason is None:
+        return None
+    spot = Where(file=found.file, line=found.line) if found.file else context.where()
+    return inconclusive(expected, told(found), reason, where=(spot,), retry=False)
+
+
+def environment_gap(context: Context, artifact: str, found: Diagnosis | None) -> str | None:
+    """Say what a program needs that is missing here, by how one of its runs ended; None if all runs do not end so.
+
+    What is missing is missing whenever the program runs, in whatever session.
+    """
+    reason = only_elsewhere(found, context.submission, context.path_of(artifact))
+    if found is None or reason is None:
+        return None
+    records = [recorded.record for recorded in context.sessions.values()]
+    runs = [run for record in records for run in record.processes if run.role == "student" and run.artifact == artifact]
+    ends = map(context.explain, runs)
+    alike = all(end is not None and (end.kind, end.subject) == (found.kind, found.subject) for end in ends)
+    return reason if alike else None
+
+
+def unseen(context: Context, p: Any, finding: Finding, kinds: Sequence[str]) -> Finding | None:
+    """State that a program which went on asked for something that the graph never showed, or None if that is not so.
+
+    Then the discovery failed, or the program forged its request: both leave open what it would have done.
+    """
+    for kind, wanted in itertools.product(kinds, _wanted(p)):
+        used = context.session.used(wanted[_NAMED_BY[kind]])
+        claims = [] if _is_in_graph(context, kind, used) else context.session.record.claims
+        claim = next((c for c in claims if _asks_for(c, kind, used) and _went_on(context, c)), None)
+        if claim is not None:
+            reason = (
+                f"The node asked for the {kind} {used} ({claim.file}:{claim.line}), but it was not seen in the graph."
+            )
+            return undecided(replace(finding, where=claimed_at(claim)), reason, settled=finding)
+    return None
+
+
+#: What names an endpoint of a kind in a check's parameters.
+_NAMED_BY = {"publisher": "topic", "subscription": "topic", "service": "service", "node": "node"}
+
+
+def _wanted(p: Any) -> list[dict[str, Any]]:
+    """Return what each of several parts asks for, or the check itself."""
+    plain = p.model_dump()
+    return next((list(plain[name]) for name in ("topics", "nodes", "profiles") if name in plain), [plain])
+
+
+def _is_in_graph(context: Context, kind: str, name: str) -> bool:
+    session = context.session
+    if kind == "node":
+        return name in session.nodes
+    if kind == "service":
+        return any(offer.name == name for graph in session.record.graph for offer in graph.services)
+    return bool(session.endpoints_on(name, kind, context.reference_nodes))
+
+
+def _asks_for(claim: Claim, kind: str, name: str) -> bool:
+    return claim.node == name if kind == "node" else (claim.kind, claim.name.lstrip("/")) == (kind, name.lstrip("/"))
+
+
+def _went_on(context: Context, claim: Claim) -> bool:
+    """Whether a program was there until it was told to end, or was seen at least, and nothing else kept it."""
+    run = context.session.process(claim.process)
+    if run is None or run.limit is not None or context.explain(run) is not None:
+        return False
+    return run.interrupted_ns is not None or claim.node in context.session.nodes
+
+
+def clock_set(context: Context, p: Any, *, lost: bool) -> str:
+    """Say that the machine's clock was set in the window of a check, or else in the session where it is lost."""
+    record, window = context.session.record, getattr(p, "window", None)
+    span = context.session.window(window) if window else Span(record.started_ns, record.ended_ns)
+    step_s = clock_step_s(record, span) if span is not None and (lost or window) else 0.0
+    return f"The grading computer's clock jumped by {step_s * 1e3:.1f} ms during this measurement." if step_s else ""

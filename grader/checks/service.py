@@ -1,0 +1,357 @@
+"""Checks of a node that serves: the service offered, its answers, its parameters, its quickness.
+
+All answers come from the grader's own client calls.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from grader.checks.base import Context, Part, apart, failed, graded, not_reached, of_parts, passed, unclear, unexplained
+from grader.checks.endpoints import OfEndpoint, claim_of, claimed_at
+from grader.evidence.recorded import Span
+from grader.lab import references as ref
+from grader.lab.patterns import search, without
+from grader.lab.references import Parameters, Pattern, Share
+from grader.recording.session import StepRun
+from grader.result import Finding, Outcome, Where
+
+
+class ServiceOffered(OfEndpoint):
+    """A node offers a service of a type under a name."""
+
+    artifact: ref.Artifact
+    service: ref.RosName
+    type: ref.ServiceType
+    node: ref.RosName | None = None
+
+
+def service_offered(context: Context, p: ServiceOffered) -> Finding:
+    """Judge the service from discovery."""
+    expected = f"{p.service} of type {p.type}" + (f", from node {p.node}" if p.node else "")
+    used = context.session.used(p.service)
+    offers = [s for graph in context.session.record.graph for s in graph.services if s.name == used]
+    offers = [s for s in offers if s.node not in context.reference_nodes]
+    if not offers:
+        fallback = f"The service {p.service} did not appear, nor one of a similar name. A client would wait forever."
+        return unexplained(failed(expected, "no service in the graph", fallback))
+    offer = next((s for s in offers if s.type == p.type), offers[0])
+    wrong = p.faults("service", (p.service, p.type), (used, offer.type), [offer.node])
+    wrong += p.node_faults(p.node, [offer.node])
+    measured = f"{used} of type {offer.type}, from {offer.node}"
+    where = (*claimed_at(claim_of(context, "service", p.service)), context.where())
+    return of_parts(expected, [Part(1.0, measured)], costs=wrong, where=where)
+
+
+class Given(Parameters):
+    """A parameter with the value under which an answer is asked for; its own default is judged elsewhere."""
+
+    step: ref.GetLabel = Field(description="The step that read the parameter.")
+    name: str
+    value: Any
+    instead: ref.CallLabel = Field(description="The call that counts where the node began with another value.")
+
+
+class CallAnswered(Parameters):
+    """A call is answered with the right values; an empty message, or another answer later, costs a part."""
+
+    artifact: ref.Artifact
+    step: ref.CallLabel
+    response: Annotated[Mapping[str, Any], ref.fields_of_type("_Response", "step")] = Field(
+        description="Fields that must have these values."
+    )
+    message_field: Annotated[str, ref.fields_of_type("_Response", "step")] = "message"
+    message: Pattern | None = Field(None, description="Regular expression for the message field.")
+    contrary: Pattern | None = Field(None, description="A message that matches contradicts the answer: no credit.")
+    again: ref.CallLabel | None = Field(
+        None, description="A later step with the same request, which must get the same answer."
+    )
+    again_charged_by: ref.EarlierCheckId | None = Field(
+        None, description="Where this check took points, neither a later answer nor a contrary message takes any."
+    )
+    given: Given | None = Field(None, description="A parameter on which the answer depends.")
+    changed_credit: Share = Field(0.75, description="Credit of a right answer that is another one later.")
+    wordless_credit: Share = Field(0.75, description="Credit of a right answer whose message is empty.")
+
+
+def _calls(step: StepRun | None) -> list[Mapping[str, Any]]:
+    return step.result.get("calls", []) if step is not None else []
+
+
+def _answer(step: StepRun | None) -> Mapping[str, Any] | None:
+    """Return the response to the first call of a step, None without one."""
+    calls = _calls(step)
+    return calls[0]["response"] if calls else None
+
+
+def _latency_s(call: Mapping[str, Any]) -> float:
+    return float(call["ended_ns"] - call["started_ns"]) / 1e9
+
+
+def _problem(step: StepRun | None) -> str:
+    """Say what went wrong in place of an answer."""
+    if calls := _calls(step):
+        return f"No answer came within {_latency_s(calls[0]):.1f} s."
+    problem = str(step.result.get("problem", "")) if step is not None else ""
+    return f"The call could not be made{': ' + problem if problem else ''}."
+
+
+def _spot(context: Context, step: StepRun | None) -> Where:
+    if step is None:
+        return context.where()
+    service = step.result.get("service") or step.parameters.get("service")
+    return Where(
+        session=context.session.record.session,
+        topic=service,
+        start_s=context.session.since_start_s(step.started_ns),
+        end_s=context.session.since_start_s(step.ended_ns or step.started_ns),
+    )
+
+
+def _shown(response: Mapping[str, Any] | None) -> str:
+    return "no answer" if response is None else ", ".join(f"{k}={v!r}" for k, v in response.items())
+
+
+def _silent(step: StepRun) -> bool:
+    return step.kind == "call" and all(c["response"] is None for c in _calls(step))
+
+
+def _earlier_silence(context: Context, step: StepRun | None, expected: str) -> Finding | None:
+    """State that a call could not be judged since an earlier one had no answer either; that is one mistake."""
+    steps = context.session.record.steps
+    before = steps[: steps.index(step)] if step is not None else steps
+    silent = next((earlier for earlier in before if _silent(earlier)), None)
+    if silent is None:
+        return None
+    reason = f'Not tested, because the call "{silent.label}" got no answer. {_THEN_THESE}'
+    return not_reached(reason, expected=expected)
+
+
+_THEN_THESE = "Fix that, and these points can be earned too."
+_STUCK = "The node does not answer parameter requests either: it does not spin, or a callback never returns."
+_STUCK_HINT = (
+    "rclpy.spin(node) must be reached; and a callback that waits for an answer, as client.call() does, keeps the node "
+    "from getting it: use call_async()."
+)
+
+
+def _silence(context: Context, step: StepRun | None, expected: str, problem: str) -> Finding:
+    """State that a call had no answer, which is charged once: with the first of them."""
+    stuck = any(s.kind == "get_parameters" and s.outcome == "timeout" for s in context.session.record.steps)
+    hint = _STUCK_HINT if stuck else "End the service callback with `return response`, and do not wait in it."
+    reason = f"{problem} {_STUCK}" if stuck else problem
+    fails = failed(expected, "no answer", reason, hint=hint, where=(_spot(context, step),))
+    return _earlier_silence(context, step, expected) or unexplained(fails)
+
+
+def call_answered(context: Context, p: CallAnswered) -> Finding:
+    """Judge one answer."""
+    step = context.session.step(p.step)
+    if p.given is not None:
+        value = context.parameter(p.given.step, p.given.name)
+        otherwise = isinstance(value, type(p.given.value)) and value != p.given.value
+        step = context.session.step(p.given.instead) if otherwise else step
+    request = step.parameters.get("request", {}) if step is not None else {}
+    expected = f"{_shown(request)} → {_shown(p.response)}"
+    response = _answer(step)
+    where = (_spot(context, step),)
+    if response is None:
+        return _silence(context, step, expected, _problem(step))
+    measured = f"{_shown(response)} after {_latency_s(_calls(step)[0]) * 1e3:.1f} ms"
+    wrong = [f"{k} is {response.get(k)!r}, not {v!r}" for k, v in p.response.items() if response.get(k) != v]
+    if wrong:
+        return failed(expected, measured, f"In the answer, {' and '.join(wrong)}.", where=where)
+    later = [] if context.charged(p.again_charged_by) else _later_answers(context, p)
+    contrary = next((answer for answer in (response, *later) if _says_contrary(p, answer)), None)
+    if contrary is not None and not context.charged(p.again_charged_by):
+        reason = f"It answers this request with {_shown(contrary)}, which means the opposite."
+        return failed(expected, measured, reason, hint=_CONTRARY_HINT, where=where)
+    if (changed := next((answer for answer in later if not _fits(answer, p.response)), None)) is not None:
+        reason = f"To the same request it answers {_shown(changed)} later."
+        return graded(p.changed_credit, expected, measured, reason, hint=_ALIKE_HINT, where=where)
+    text = str(response.get(p.message_field, ""))
+    if p.message is not None and not text.strip():
+        return graded(p.wordless_credit, expected, measured, "The answer's message is empty.", where=where)
+    other_words = p.message is not None and not search(p.message, text)
+    notes = [f"The message {text!r} is not worded as in the lab."] if other_words else []
+    return passed(expected, measured, where=where, notes=notes)
+
+
+_CONTRARY_HINT = "Set the state to request.data instead of toggling it, and report the new state, not the previous one."
+_ALIKE_HINT = "Answer each request by its own content, whatever the previous state was."
+
+
+def _fits(answer: Mapping[str, Any] | None, wanted: Mapping[str, Any]) -> bool:
+    return answer is not None and all(answer.get(k) == v for k, v in wanted.items())
+
+
+def _later_answers(context: Context, p: CallAnswered) -> list[Mapping[str, Any]]:
+    """Return the answers of the later step, if it made the same request."""
+    step, later = context.session.step(p.step), context.session.step(p.again) if p.again else None
+    alike = step is not None and later is not None and later.parameters.get("request") == step.parameters.get("request")
+    return [c["response"] for c in _calls(later) if c["response"] is not None] if alike else []
+
+
+def _says_contrary(p: CallAnswered, answer: Mapping[str, Any]) -> bool:
+    """Whether a message says the contrary of the request, and not what is wanted too, as "enabled (was disabled)"."""
+    rest, found = without(p.contrary, str(answer.get(p.message_field, ""))) if p.contrary is not None else ("", False)
+    return bool(found) and not (p.message is not None and search(p.message, rest))
+
+
+class CallGated(Parameters):
+    """A parameter decides over the answer, and may be changed while the node runs."""
+
+    set_step: ref.SetLabel = Field(description="The step that sets the parameter.")
+    refused_step: ref.CallLabel
+    recovered_step: ref.CallLabel
+    from_start_step: ref.CallLabel = Field(description="The call to a node that had the parameter from its start.")
+    enables: ref.EarlierCheckId | None = Field(
+        None, description="Check of the answer in the normal case; if that one fails, this is not tested."
+    )
+    refused: Annotated[Mapping[str, Any], ref.fields_of_type("_Response", "refused_step")]
+    recovered: Annotated[Mapping[str, Any], ref.fields_of_type("_Response", "recovered_step")]
+    message_field: Annotated[str, ref.fields_of_type("_Response", "refused_step")] = "message"
+    refusal: Pattern | None = Field(None, description="A message that refuses, whatever the other fields say.")
+    half_credit: Share = Field(0.5, description="Credit of one half, such as refusing without recovering.")
+    from_start_credit: Share = Field(0.5, description="Credit of refusing only what was given from the start.")
+
+
+def call_gated(context: Context, p: CallGated) -> Finding:
+    """Judge refusal (half) and recovery (half); refusing only with the parameter given at start earns less."""
+    expected = (
+        f"{_shown(p.refused)} while the parameter is off (half), {_shown(p.recovered)} when it is on again (half)"
+    )
+    steps = {name: context.session.step(name) for name in (p.refused_step, p.recovered_step, p.from_start_step)}
+    off, on, started_off = (_answer(step) for step in steps.values())
+    refuses, recovers, refuses_at_start = _fits(off, p.refused), _fits(on, p.recovered), _fits(started_off, p.refused)
+    measured = f"off: {_shown(off)}; on again: {_shown(on)}; off from the start: {_shown(started_off)}"
+    where = tuple(_spot(context, step) for step in steps.values())
+    enabling = context.findings.get(p.enables) if p.enables is not None else None
+    fails = enabling is not None and enabling.outcome in (Outcome.FAILED, Outcome.NOT_REACHED)
+    turned = fails and _fits(off, p.recovered) and _fits(on, p.refused)
+    if fails and not turned and not (refuses and recovers):
+        reason = "Not tested: the robot cannot be enabled at all, so a refusal proves nothing."
+        return not_reached(reason, expected=expected)
+    if off is None and not turned:
+        if _earlier_silence(context, steps[p.refused_step], expected) is None:
+            problem = "No answer came while the parameter was false."
+            return _silence(context, steps[p.refused_step], expected, problem)
+        reason = "Not tested, because the node had already stopped answering."
+        return graded(p.half_credit * refuses_at_start, expected, measured, reason, hint=_THEN_THESE, where=where)
+    unset = _not_set(context.session.step(p.set_step))
+    words = str(off.get(p.message_field, "")) if off is not None else ""
+    only_said = recovers and p.refusal is not None and search(p.refusal, words)
+    rows: tuple[tuple[object, float, str, str], ...] = (
+        (turned, p.half_credit, _REVERSED, "Invert the condition."),
+        (refuses and recovers, 1.0, "", ""),
+        (refuses, p.half_credit, "It refuses, but does not recover when the parameter is true again.", ""),
+        (only_said, p.half_credit, _ONLY_SAID, "Set the field for success to False as well, not only the message."),
+        (refuses_at_start and unset, p.half_credit, f"{_AT_START} {unset}", _SET_HINT),
+        (refuses_at_start, p.from_start_credit, f"{_AT_START} a change while it runs has no effect.", ""),
+        (unset, 0.0, f"It still enables the robot, because {unset}", _SET_HINT),
+        (True, 0.0, "It enables although the parameter is false.", ""),
+    )
+    _, share, reason, hint = next(row for row in rows if row[0])
+    return graded(share, expected, measured, reason, hint=hint, where=where)
+
+
+def _not_set(step: StepRun | None) -> str:
+    """Say that the parameter could not be set while the node ran, and what the node answered, if so."""
+    if step is None or step.outcome == "done":
+        return ""
+    why = "; ".join(str(problem).rstrip(".") for problem in step.result.get("refused", {}).values())
+    return f"the parameter could not be set while it ran{': ' + why if why else ''}."
+
+
+_AT_START = "It refuses only when the parameter is false from the start;"
+_ONLY_SAID = "Its message refuses, but the other fields report success, and client programs read those."
+_REVERSED = "It follows the parameter, but inverted: it enables while it is false and refuses while it is true."
+_SET_HINT = (
+    "Declare the parameter with a default of the type that the lab gives it, not read-only; others can then set it."
+)
+
+
+class WantedParameter(Parameters):
+    """A parameter with its type and default."""
+
+    name: str
+    type: ref.ParameterType
+    value: Any
+
+
+class ParametersDeclared(Parameters):
+    """A node declares parameters with defaults; each is a part, half for being declared."""
+
+    step: ref.GetLabel
+    parameters: tuple[WantedParameter, ...]
+    other_value_credit: Share = Field(0.5, description="Credit of one that is declared with another type or default.")
+
+
+def parameters_declared(context: Context, p: ParametersDeclared) -> Finding:
+    """Judge the parameters as the running node gives them."""
+    expected = ", ".join(f"{w.name} = {w.value!r}" for w in p.parameters)
+    step = context.session.step(p.step)
+    read = step is not None and step.outcome == "done"
+    if step is not None and not read and any(map(_silent, context.session.record.steps)):
+        ended = "the node had ended before it could be asked" if step.outcome == "cancelled" else "it answers no call"
+        return not_reached(f"Not tested: {ended}. {_THEN_THESE}", expected=expected)
+    if step is None or not read:
+        problem = str(step.result.get("problem", "")) if step is not None else ""
+        reason = f"The node's parameters could not be read{': ' + problem if problem else ''}."
+        return failed(expected, "no answer", reason)
+    values: Mapping[str, Mapping[str, Any]] = step.result["values"]
+    parts = []
+    for wanted in p.parameters:
+        got = values.get(wanted.name, {"type": "", "value": None})
+        right = (got["type"], got["value"]) == (wanted.type, wanted.value)
+        reason = f"{wanted.name} is {got['value']!r} ({got['type']}), not {wanted.value!r} ({wanted.type})."
+        reason = reason if wanted.name in values else f"{wanted.name} is not declared."
+        share = p.other_value_credit if wanted.name in values else 0.0
+        parts.append(Part(1.0) if right else Part(share, reason=reason))
+    measured = ", ".join(f"{n} = {v['value']!r}" for n, v in values.items()) or "none of them"
+    return of_parts(expected, parts, measured=measured)
+
+
+class CallsInTime(Parameters):
+    """Calls back to back are each answered in time."""
+
+    step: ref.CallLabel
+    within_s: float = Field(gt=0)
+    enough: int = Field(
+        10, description="If all answers were in time, this many calls are enough where there was no time for more."
+    )
+
+
+def calls_in_time(context: Context, p: CallsInTime) -> Finding:
+    """Judge the share of calls answered in time."""
+    step = context.session.step(p.step)
+    wanted = int(step.parameters.get("repeat", 1)) if step is not None else 1
+    expected = f"{wanted} calls, each answered within {p.within_s:g} s"
+    calls, where = _calls(step), (_spot(context, step),)
+    if step is None or _silent(step):
+        return _silence(context, step, expected, _problem(step))
+    latencies = [_latency_s(call) for call in calls if call["response"] is not None]
+    quick = sum(latency <= p.within_s for latency in latencies)
+    slowest = f", slowest {apart(max(latencies) * 1e3, p.within_s * 1e3, places=1)} ms" if latencies else ""
+    measured = f"{quick} of {len(calls)} calls made in time{slowest}"
+    few = f"There was time for {len(calls)} of {wanted} calls." if len(calls) < wanted else ""
+    if few and quick == len(calls) < p.enough:
+        return unclear(expected, measured, f"{few} Those were answered in time.")
+    # What the machine kept from a core in a call, that which makes it included, may be why it took so long.
+    delays = [_delay_s(context, call) for call in calls]
+    best = sum(_latency_s(call) - delay <= p.within_s for call, delay in zip(calls, delays, strict=True)) / len(calls)
+    share, notes = quick / len(calls), [few] if few else []
+    doubt = f"Not your fault: the grading computer was too busy to time the calls (up to {max(delays):.2f} s)."
+    reason = f"{len(calls) - quick} of {len(calls)} calls took longer than {p.within_s:g} s, or got no answer."
+    reason += f" The quickest took {apart(min(latencies), p.within_s, places=2)} s." if latencies and not quick else ""
+    return graded(share, expected, measured, reason, where=where, notes=notes, best=max(share, best), doubt=doubt)
+
+
+def _delay_s(context: Context, call: Mapping[str, Any]) -> float:
+    """Return for how long the machine kept a process from its core during a call, that which makes it included."""
+    span = Span(int(call["started_ns"]), int(call["ended_ns"]))
+    own_s = context.session.recorder_delay_s(span) + int(call.get("held_up_ns", 0)) / 1e9
+    return context.session.longest_delay_s(span) + own_s

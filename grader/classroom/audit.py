@@ -1,0 +1,95 @@
+"""The trail of results that were replaced: one line each in `audit.jsonl`, and each old result in `history/`.
+
+Nothing that stands there is ever changed. Both lie beside the submissions' folders.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from datetime import datetime, timezone
+from pathlib import Path
+
+import grader
+from grader.cohort.changes import Changes, changes_between, plain_changes
+from grader.files import replace_file
+from grader.result import read_result, result_of_text
+from grader.result_folder import AUDIT_FILE, HISTORY
+
+AUDIT_SCHEMA = "ros-lab-grader/audit/v1"
+
+
+def text_of(path: Path) -> str | None:
+    """Return a file's text; None if there is none, or none that can be read as text."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except (FileNotFoundError, UnicodeDecodeError):
+        return None
+
+
+def note_replaced(
+    results: Path,
+    name: str,
+    before: str | None,
+    after: str,
+    command: str,
+    *,
+    overrides_sha256: str = "",
+    at: datetime | None = None,
+) -> Changes:
+    """Keep an old result and add a line to the trail; nothing is written where nothing was replaced.
+
+    Parameters
+    ----------
+    results : Path
+        Folder with a folder of results for each submission.
+    name : str
+        Name of the submission's folder.
+    before, after : str or None
+        Text of `result.json` as it was, and as it is.
+    command : str
+        By what it was replaced, e.g. "regrade".
+    overrides_sha256 : str
+        Hash of the file of overrides that was applied; empty if there was none.
+    at : datetime or None
+        When; now by default.
+
+    Raises
+    ------
+    RecordingError
+        If `after` is no result.
+    """
+    old, new = result_of_text(before), read_result(json.loads(after))
+    changes = changes_between(old, new)
+    replaced = old is not None and before != after
+    if replaced or (old is None and new.adjustments):
+        texts, results_of = (before, after), (old, new)
+        line = {
+            "schema": AUDIT_SCHEMA,
+            "at": (at or datetime.now(timezone.utc)).isoformat(timespec="seconds"),
+            "command": command,
+            "grader": grader.__version__,
+            "submission": name,
+            "overrides_sha256": overrides_sha256 or None,
+            "rubric_sha256": [result.rubric_sha256 if result is not None else None for result in results_of],
+            "result_sha256": [_sha256(text) if text is not None else None for text in texts],
+            "kept": keep(results, name, before) if replaced and before is not None else None,
+            **plain_changes(changes),
+        }
+        with (results / AUDIT_FILE).open("a", encoding="utf-8", newline="\n") as trail:
+            trail.write(json.dumps(line, ensure_ascii=True) + "\n")
+    return changes
+
+
+def keep(results: Path, name: str, text: str) -> str:
+    """Keep the text of a result under its hash; returns the path relative to the results."""
+    folder = results / HISTORY / name
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"{_sha256(text)[:16]}.json"
+    if not path.exists():
+        replace_file(path, text)
+    return path.relative_to(results).as_posix()
+
+
+def _sha256(text: str) -> str:
+    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()

@@ -1,0 +1,248 @@
+"""A class: all submissions side by side, each result kept as soon as it is whole, and reused while nothing changes."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Coroutine, Iterable, Sequence
+from contextlib import AbstractAsyncContextManager, nullcontext, suppress
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, Protocol, TypeVar
+
+from grader.classroom import audit, fingerprint
+from grader.classroom.cluster import cluster
+from grader.classroom.job import Ending, Job, Phase, Row, problem_of
+from grader.classroom.journal import UNJUDGED, Entry, Journal, recordings_sha256
+from grader.classroom.progress import RunProgress
+from grader.classroom.regrade import judge_again
+from grader.classroom.scheduler import Machine
+from grader.classroom.worker import grade_in_process
+from grader.cohort.entries import NOTHING_HANDED_IN, ClassEntry, entries_in
+from grader.errors import GraderError, RecordingError
+from grader.lab.rubric import Rubric
+from grader.live.sandbox.isolation import Isolation, Level
+from grader.live.sandbox.scratch import scratch_prefix
+from grader.live.session.runner import run_to_an_end
+from grader.pipeline import Options
+from grader.recording.submission import read_submission, write_submission
+from grader.result import Result, load_result
+from grader.result_folder import RECORDINGS, REPORT_FILE, RESULT_FILE
+from grader.submission.extraction import Handed, taken_in
+
+T = TypeVar("T")
+
+
+class Site(Protocol):
+    """Where submissions are graded: this machine, or others."""
+
+    async def grade(self, job: Job, on_phase: Callable[[Phase], None]) -> tuple[Ending, Level]:
+        """Grade a submission; returns how it ended, and how its code was confined."""
+
+
+class Here:
+    """Grading on this machine, so many submissions at a time as it has places."""
+
+    def __init__(self, isolation: Isolation, machine: Machine) -> None:
+        self._isolation = isolation
+        self._machine = machine
+        self._room = asyncio.Semaphore(machine.places)
+
+    async def grade(self, job: Job, on_phase: Callable[[Phase], None]) -> tuple[Ending, Level]:
+        """Grade a submission in a process of its own."""
+        async with self._room:
+            here = replace(job, isolation=self._isolation, machine=self._machine)
+            return await grade_in_process(here, on_phase), self._isolation.level
+
+
+async def side_by_side(works: Iterable[Coroutine[Any, Any, T]]) -> list[T]:
+    """Do all of them at a time; when that is cancelled, wait until each has cleaned up."""
+    running = [asyncio.ensure_future(work) for work in works]
+    try:
+        return await asyncio.gather(*running)
+    finally:
+        if running:
+            await asyncio.wait(running)
+
+
+@dataclass(frozen=True)
+class _Task:
+    """A submission, and what its result depends on."""
+
+    handed: Handed
+    submission: str
+    submitted_at: str | None
+    key: str
+    policy: str
+
+
+@dataclass
+class ClassRun:
+    """One run over the submissions of a class."""
+
+    rubric: Rubric
+    options: Options
+    journal: Journal
+    machine: Machine
+    display: RunProgress
+    #: What is known so far, in the order in which it came to be.
+    rows: list[Row] = field(default_factory=list)
+
+    def grade(self, handed: Sequence[Handed], where: Isolation | str) -> None:
+        """Grade what has not been graded, here or on the machines of a scheduler; whatever becomes of one submission.
+
+        Parameters
+        ----------
+        where : Isolation or str
+            How students' code is confined here, or the address of a Dask scheduler for other machines.
+
+        Raises
+        ------
+        PlatformError
+            If the scheduler is not to be reached.
+        KeyboardInterrupt, SystemExit
+            When asked to end; all processes have ended then, and what is graded is kept.
+        """
+        common = fingerprint.combined(
+            fingerprint.engine_sha256(), fingerprint.lab_sha256(self.rubric), fingerprint.options_sha256(self.options)
+        )
+        least = where.level if isinstance(where, Isolation) else Level.of(self.options.least_isolation)
+        # All are read, and judged where that suffices, before the first is started, so that no session is timed then.
+        tasks = [self._task(one, common) for one in handed]
+        entries = [self._entry(task, least) for task in tasks]
+        new = [task for task, entry in zip(tasks, entries, strict=True) if entry is None]
+        for task in new:
+            self.display.expect(task.handed.name, self._work_s())
+        self._judge({task: entry for task, entry in zip(tasks, entries, strict=True) if entry is not None})
+        run_to_an_end(self._record(new, where))
+
+    def _task(self, handed: Handed, common: str) -> _Task:
+        try:
+            with taken_in(handed, prefix=scratch_prefix()) as intake:
+                submission = fingerprint.submission_sha256(intake)
+                submitted_at = intake.submitted_at.isoformat() if intake.submitted_at is not None else None
+        except Exception:
+            submission, submitted_at = "", None  # What is wrong with it will be said when it is its turn.
+        policy = fingerprint.policy_sha256(self.options, handed.name, submitted_at)
+        return _Task(handed, submission, submitted_at, fingerprint.combined(common, submission), policy)
+
+    def _entry(self, task: _Task, least: Level) -> Entry | None:
+        """Return what the journal says of recordings that hold good."""
+        entry = self.journal.holds(task.handed.name, task.key) if task.submission else None
+        enough = [level.value for level in Level if level.at_least(least)]
+        return entry if entry is not None and entry.isolation in enough else None
+
+    def _work_s(self) -> float:
+        sessions = self.rubric.sessions
+        return sum(sessions[s].typical_s for s in self.options.sessions or sessions if s in sessions)
+
+    def _end(self, row: Row) -> None:
+        self.rows.append(row)
+        self.display.ended(row)
+
+    # -- what was recorded before ----------------------------------------------------------------
+
+    def _judge(self, kept: dict[_Task, Entry]) -> None:
+        """Take over the results that hold good, and judge the recordings whose policy is another now."""
+        others = {}
+        for task, entry in kept.items():
+            result = self._result(task) if entry.policy == task.policy else None
+            if result is not None:
+                self._end(Row(task.handed, result, reused=True))
+            else:
+                others[task.handed.name] = task, entry
+                self._state_submission_time(task)
+        results = self.journal.results
+        measure = self.rubric, self.options.overrides
+        found = judge_again(results, {results / name: measure for name in others}, pages=True)
+        found.apply("grade")
+        for name, (task, entry) in others.items():
+            if name in found.judged:
+                self.journal.note(name, task.key, task.policy, entry.isolation)
+                self._end(Row(task.handed, found.judged[name].result))
+            else:
+                self._end(Row(task.handed, problem_of(found.failed[name])))
+
+    def _result(self, task: _Task) -> Result | None:
+        """Return the finished result of a submission by this rubric, or None if there is no such."""
+        folder = self.journal.results / task.handed.name
+        with suppress(FileNotFoundError, RecordingError):
+            result = load_result(folder / RESULT_FILE)
+            whole = result.rubric_sha256 == self.rubric.sha256 and (folder / REPORT_FILE).is_file()
+            return result if whole else None
+        return None
+
+    def _state_submission_time(self, task: _Task) -> None:
+        recordings = self.journal.results / task.handed.name / RECORDINGS
+        record = read_submission(recordings)
+        if record.submitted_at != task.submitted_at:
+            record.submitted_at = task.submitted_at
+            write_submission(recordings, record)
+
+    # -- what is to be recorded ------------------------------------------------------------------
+
+    async def _record(self, tasks: Sequence[_Task], where: Isolation | str) -> None:
+        site: AbstractAsyncContextManager[Site] = (
+            cluster(where, self.display.note) if isinstance(where, str) else nullcontext(Here(where, self.machine))
+        )
+        async with site as opened:
+            await side_by_side(self._one(task, opened) for task in tasks)
+
+    async def _one(self, task: _Task, site: Site) -> None:
+        name, seed = task.handed.name, self.options.seed
+        if seed is None:
+            seed = fingerprint.seed_for(task.submission, self.journal.run_seed)
+        job = Job(task.handed, self.journal.results / name, self.rubric, replace(self.options, seed=seed))
+        try:
+            ending = await self._grade(task, job, site)
+        except Exception as error:
+            ending = self._abandoned(task, problem_of(error))
+        self._end(Row(task.handed, ending, took_s=self.display.took_s(name)))
+
+    async def _grade(self, task: _Task, job: Job, site: Site) -> Ending:
+        name, decided_by = task.handed.name, self.options.overrides.sha256
+        before, recorded = audit.text_of(job.results / RESULT_FILE), recordings_sha256(job.results)
+        ending, isolation = await site.grade(job, partial(self.display.phase, name))
+        if not isinstance(ending, GraderError):
+            after = (job.results / RESULT_FILE).read_text(encoding="utf-8")
+            audit.note_replaced(self.journal.results, name, before, after, "grade", overrides_sha256=decided_by)
+            self.journal.note(name, task.key, task.policy, isolation.value)
+            return ending
+        if recordings_sha256(job.results) in ("", recorded) or ending.exit_status == RecordingError.exit_status:
+            return self._abandoned(task, ending)
+        # What was recorded could not be judged: the next run tries again.
+        if before is not None:
+            audit.keep(self.journal.results, name, before)
+        self.journal.note(name, task.key, UNJUDGED, isolation.value)
+        return ending
+
+    def _abandoned(self, task: _Task, why: GraderError) -> GraderError:
+        with suppress(OSError):  # Such as a full disk, which is likely to be the reason itself.
+            self.journal.abandon(task.handed.name, why)
+        return why
+
+
+def entries_of(results: Path, rows: Sequence[Row], missing: Sequence[str]) -> list[ClassEntry]:
+    """Return an entry for each submission of the run, for each other result in the folder, and for who is missing.
+
+    Parameters
+    ----------
+    missing : sequence of str
+        Who has not handed in.
+    """
+    entries = {entry.name: entry for entry in entries_in(results)}
+    for name in missing:
+        entries.setdefault(name, ClassEntry(name, None, NOTHING_HANDED_IN))
+    for row in rows:
+        handed = row.handed
+        entry = entries.get(handed.name)
+        if isinstance(row.ending, GraderError) or entry is None:
+            problem = row.ending.problem if isinstance(row.ending, GraderError) else "There are no results of it."
+            entry = ClassEntry(handed.name, None, problem)
+        entries[handed.name] = replace(
+            entry,
+            # What only the archive tells stands in the record.
+            submitted_at=handed.submitted_at or entry.submitted_at,
+            student_id=handed.student_id or entry.student_id,
+        )
+    return sorted(entries.values(), key=lambda entry: entry.name)

@@ -1,0 +1,224 @@
+"""Other machines, through a Dask scheduler: a submission goes there as bytes, its results come back as bytes.
+
+Each worker grades as this machine would: in a process of its own for each submission, and within the places of the
+worker's machine. The scheduler gives the submissions of a worker that is lost to others.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import io
+import pickle
+import sys
+import tarfile
+import tempfile
+import uuid
+from collections.abc import AsyncIterator, Callable
+from concurrent.futures import CancelledError
+from contextlib import asynccontextmanager, suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from grader.classroom import fingerprint
+from grader.classroom.job import Ending, Job, Phase
+from grader.classroom.scheduler import Machine
+from grader.classroom.worker import grade_in_process
+from grader.errors import GraderError, PlatformError
+from grader.files import beside
+from grader.live.sandbox.isolation import Level
+from grader.live.sandbox.probing import probe_isolation
+from grader.live.sandbox.scratch import scratch_prefix
+from grader.pipeline import PARTS
+from grader.submission.extraction import Handed, Intake, taken_in
+
+_CONNECT_S = 10
+_WATCH_S = 1.0
+_POLL_S = 0.2
+_LOST = "Read the workers' logs, then run the same command again: finished submissions are kept."
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """What another machine needs to grade a submission."""
+
+    #: Hash of the grader that sends it; only the same one may grade it.
+    engine: str
+    job: Job
+    #: The files that were taken in, packed.
+    submission: bytes
+    #: The files beside the rubric.
+    lab: bytes
+    own_interpreter: bool
+
+
+def packed(files: dict[str, Path]) -> bytes:
+    """Return files as an archive, by the names that they shall have."""
+    stream = io.BytesIO()
+    with tarfile.open(fileobj=stream, mode="w:gz", compresslevel=1, format=tarfile.PAX_FORMAT) as archive:
+        for name, path in files.items():
+            archive.add(path, name, recursive=False)
+    return stream.getvalue()
+
+
+def files_in(folder: Path) -> dict[str, Path]:
+    """Return the regular files below a folder by their paths within it."""
+    return {path.relative_to(folder).as_posix(): path for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+def unpack(content: bytes, folder: Path) -> None:
+    """Write the files of an archive below an empty folder.
+
+    Raises
+    ------
+    ValueError
+        If there is anything but regular files with plain names.
+    """
+    with tarfile.open(fileobj=io.BytesIO(content), mode="r:gz") as archive:
+        for member in archive:
+            path = PurePosixPath(member.name)
+            file = archive.extractfile(member) if member.isreg() else None
+            if file is None or path.is_absolute() or ".." in path.parts:
+                raise ValueError(f"{member.name!r} cannot be part of a bundle")
+            (folder / path).parent.mkdir(parents=True, exist_ok=True)
+            (folder / path).write_bytes(file.read())
+
+
+def grade_bundle(bundle: bytes) -> tuple[Ending, str, bytes]:
+    """Grade a submission on the machine where this is called: what a worker does.
+
+    Returns
+    -------
+    tuple
+        How it ended, the level of confinement, and the packed results: without points too, for what was recorded.
+    """
+    sent: Bundle = pickle.loads(bundle)
+    if sent.engine != fingerprint.engine_sha256():
+        remedy = "Install the same version of grade, Python and the ROS 2 packages on all machines."
+        return PlatformError("a worker's grade differs from the one here", remedy=remedy), Level.NONE.value, b""
+    with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as scratch:
+        job = _laid_out(sent, Path(scratch))
+        isolation = probe_isolation(job.options.interpreter)
+        job = replace(job, isolation=isolation, machine=Machine.of(isolation, job.options.jobs))
+        ending = asyncio.run(grade_in_process(job, lambda phase: None))
+        made = files_in(job.results)
+        return ending, isolation.level.value, packed(made) if made else b""
+
+
+def _laid_out(sent: Bundle, scratch: Path) -> Job:
+    lab, submission = scratch / "lab", scratch / "submission"
+    for folder, content in ((lab, sent.lab), (submission, sent.submission)):
+        folder.mkdir()
+        unpack(content, folder)
+    assert isinstance(sent.job.handed, Intake)
+    options = sent.job.options
+    return replace(
+        sent.job,
+        handed=replace(sent.job.handed, folder=submission),
+        results=scratch / "results",
+        rubric=replace(sent.job.rubric, folder=lab),
+        options=replace(options, interpreter=Path(sys.executable)) if sent.own_interpreter else options,
+    )
+
+
+@asynccontextmanager
+async def cluster(address: str, note: Callable[[str], None]) -> AsyncIterator[Cluster]:
+    """Connect to a scheduler, by its address or by the file that it wrote.
+
+    Raises
+    ------
+    PlatformError
+        If the cluster's software is not installed, or the scheduler is not to be reached.
+    """
+    try:
+        import distributed
+    except ImportError:
+        remedy = "In a checkout of the grader: pip install '.[cluster]'"
+        raise PlatformError("the Python package distributed is not installed", remedy=remedy) from None
+    where: dict[str, Any] = {"scheduler_file": address} if Path(address).is_file() else {"address": address}
+    try:
+        client_of: Any = distributed.Client
+        client = await client_of(**where, asynchronous=True, timeout=_CONNECT_S, set_as_default=False)
+    except (OSError, ValueError, asyncio.TimeoutError) as problem:
+        remedy = f"Check --scheduler, and that the scheduler runs. ({problem})"
+        raise PlatformError("the scheduler cannot be reached", where=address, remedy=remedy) from problem
+    opened = Cluster(client)
+    if not await opened.workers():
+        note("The scheduler has no workers yet; waiting for them.")
+    watching = asyncio.ensure_future(opened.watch())
+    try:
+        yield opened
+    finally:
+        watching.cancel()
+        with suppress(Exception):  # A scheduler that is gone needs no farewell.
+            await client.close()
+
+
+@dataclass
+class Cluster:
+    """The machines of a scheduler's workers."""
+
+    client: Any
+    # As many submissions as the workers have threads, earlier ones first. A scheduler that had more of them would give
+    # them out in advance, by the time that it expects them to take; the next one would then wait behind one that
+    # hangs, beside a worker that has nothing to do.
+    _threads: int = 0
+    _next: asyncio.Lock = field(default_factory=asyncio.Lock)
+    _under_way: dict[str, Callable[[Phase], None]] = field(default_factory=dict)
+    _labs: dict[str, bytes] = field(default_factory=dict)
+    _engine: str = field(default_factory=fingerprint.engine_sha256)
+
+    async def grade(self, job: Job, on_phase: Callable[[Phase], None]) -> tuple[Ending, Level]:
+        """Grade a submission on one of the workers."""
+        key = f"grade-{uuid.uuid4().hex}"
+        async with self._next:
+            while len(self._under_way) >= self._threads:
+                await asyncio.sleep(_POLL_S)
+            self._under_way[key] = on_phase
+        try:
+            on_phase(Phase("", "waits for a worker"))
+            future = self.client.submit(grade_bundle, await asyncio.to_thread(self._bundle, job), key=key, pure=False)
+            try:
+                ending, level, results = await future
+            except asyncio.CancelledError:
+                with suppress(Exception):
+                    await future.cancel()
+                raise
+            except (Exception, CancelledError) as problem:
+                return _lost(problem), Level.NONE
+        finally:
+            del self._under_way[key]
+        if results:
+            with beside(job.results, PARTS) as new:
+                await asyncio.to_thread(unpack, results, new)
+        return ending, Level(level)
+
+    async def workers(self) -> int:
+        """Return how many submissions the workers can grade at a time."""
+        return sum((await self.client.nthreads()).values())
+
+    async def watch(self) -> None:
+        """Follow which workers there are and what they do, until cancelled."""
+        while True:
+            with suppress(OSError, asyncio.TimeoutError):
+                self._threads = await self.workers()
+                for worker, keys in (await self.client.processing()).items():
+                    for on_phase in filter(None, (self._under_way.get(str(key)) for key in keys)):
+                        on_phase(Phase("", f"with {worker}"))
+            await asyncio.sleep(_WATCH_S)
+
+    def _bundle(self, job: Job) -> bytes:
+        lab = self._labs.setdefault(job.rubric.sha256, packed(fingerprint.lab_files(job.rubric)))
+        assert isinstance(job.handed, Handed)
+        with taken_in(job.handed, prefix=scratch_prefix()) as intake:
+            own = job.options.interpreter == Path(sys.executable)
+            sent = replace(job, handed=intake)
+            return pickle.dumps(Bundle(self._engine, sent, packed(files_in(intake.folder)), lab, own))
+
+
+def _lost(problem: BaseException) -> GraderError:
+    if type(problem).__name__ == "KilledWorker":
+        return GraderError("the connection to each worker that graded it was lost", remedy=_LOST)
+    if isinstance(problem, CancelledError):
+        return GraderError("the connection to the scheduler was lost", remedy=_LOST)
+    return GraderError(f"the cluster failed: {type(problem).__name__}: {problem}", remedy=_LOST)

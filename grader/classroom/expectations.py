@@ -1,0 +1,212 @@
+"""Fixtures: submissions with the verdict that they must get, and how a result differs from it."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass
+from decimal import Decimal
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
+
+from grader.errors import SubmissionError
+from grader.lab.rubric import Rubric
+from grader.lab.yaml_with_lines import Strict, cannot_be_read, parse_yaml
+from grader.result import CheckResult, Outcome, Result
+
+EXPECTED_FILE = "expected.yaml"
+
+
+def _rising(value: Any) -> Any:
+    if isinstance(value, (list, tuple)) and len(value) == 2 and value[0] <= value[1]:
+        return tuple(Decimal(str(number)) for number in value)
+    raise ValueError("the least and the most points are expected, such as [1, 5]")
+
+
+_OR_EMPTY = BeforeValidator(lambda value: {} if value is None else value)
+Bounds = Annotated[tuple[Decimal, Decimal], BeforeValidator(_rising)]
+_NOTHING = (Decimal(0), Decimal(0))
+
+
+class ExpectedCheck(Strict):
+    """What a check must say."""
+
+    outcome: Literal["passed", "partial", "failed", "not_reached"]
+    #: The least and the most points. By default nothing where it fails; anything where it is partial.
+    earned: Bounds | None = None
+    #: What its reason or hint mentions; case does not matter.
+    reason_has: str = ""
+
+    def differences(self, check: CheckResult) -> Iterator[str]:
+        """Say in what a check's result differs from this."""
+        found = " | ".join(part for part in (check.measured, check.reason) if part)
+        if check.outcome.value != self.outcome:
+            is_now, wanted = (outcome.replace("_", " ") for outcome in (check.outcome.value, self.outcome))
+            yield f"{check.id} is {is_now}, not {wanted}: {found}"
+        loses_all = check.outcome in (Outcome.FAILED, Outcome.NOT_REACHED)
+        bounds = self.earned or (_NOTHING if loses_all else (check.earned, check.earned))
+        if not bounds[0] <= check.earned <= bounds[1]:
+            yield f"{check.id} earns {check.earned}, not {_span(*bounds)}: {found}"
+        if self.reason_has.lower() not in f"{check.reason} {check.hint}".lower():
+            yield f"{check.id} does not mention {self.reason_has!r}: {check.reason} {check.hint}"
+
+
+class ExpectedCriterion(Strict):
+    """The checks of a criterion that do not pass; the others must."""
+
+    checks: Annotated[dict[str, ExpectedCheck], _OR_EMPTY] = Field(default_factory=dict)
+
+
+class Expectation(Strict):
+    """The verdict that a fixture must get."""
+
+    about: str
+    #: Those that run; only what they and the files decide is asserted.
+    sessions: tuple[str, ...]
+    #: Folder, relative to that in which the folder of fixtures lies, whose files are laid below the fixture's
+    #: own.
+    with_files_of: str | None = None
+    #: Which of these are left out.
+    without: tuple[str, ...] = ()
+    #: Criteria that are asserted, by their id.
+    criteria: Annotated[dict[str, ExpectedCriterion], _OR_EMPTY]
+    #: The least and the most points of all that is judged.
+    total: Bounds | None = None
+
+    @model_validator(mode="after")
+    def _asserts_something(self) -> Expectation:
+        if not self.criteria and self.total is None:
+            raise ValueError("it asserts nothing: name a criterion or the total")
+        return self
+
+    def loses_in(self, criterion: str) -> bool:
+        """Whether a check of a criterion is expected not to pass."""
+        expected = self.criteria.get(criterion)
+        return expected is not None and any(check.outcome != "passed" for check in expected.checks.values())
+
+    def unfit(self, rubric: Rubric) -> list[str]:
+        """Say what is named here and is not in a rubric."""
+        checks = {criterion.id: {check.id for check in criterion.checks} for criterion in rubric.criteria}
+        found = [f"the rubric has no session {name!r}" for name in self.sessions if name not in rubric.sessions]
+        for name, expected in self.criteria.items():
+            if name not in checks:
+                found.append(f"the rubric has no criterion {name!r}")
+            else:
+                unknown = [check for check in expected.checks if check not in checks[name]]
+                found += [f"the rubric's criterion {name!r} has no check {check!r}" for check in unknown]
+        return found
+
+
+@dataclass(frozen=True)
+class Fixture:
+    """A submission with its expected verdict."""
+
+    name: str
+    #: Folders of files, each laid over those before it.
+    layers: tuple[Path, ...]
+    expectation: Expectation
+
+    def lay_out(self, target: Path) -> Path:
+        """Make the submission below a folder; returns its folder."""
+        submission, left_out = target / self.name, shutil.ignore_patterns("__pycache__")
+        for number, layer in enumerate(self.layers):
+            shutil.copytree(layer, submission, ignore=left_out, dirs_exist_ok=True)
+            for name in self.expectation.without if number == 0 else ():
+                (submission / name).unlink()
+        return submission
+
+
+def load_fixture(folder: Path) -> Fixture:
+    """Read a fixture.
+
+    Raises
+    ------
+    RubricError
+        With every mistake in its `expected.yaml`, each with its line.
+    """
+    path = folder / EXPECTED_FILE
+    what = f"what {folder.name} expects"
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as problem:
+        raise cannot_be_read(what, path, problem, "Each fixture has one.") from problem
+    plain, mistakes = parse_yaml(path, text, what)
+    try:
+        expectation = Expectation.model_validate(plain)
+    except ValidationError as error:
+        mistakes.add_validation((), error)
+    mistakes.raise_any("fixtures/README.md describes its format.")
+    base, own = expectation.with_files_of, folder / "submission"
+    layers = [folder.resolve().parent.parent / base] if base is not None else []
+    return Fixture(folder.name, (*layers, *([own] if own.is_dir() else [])), expectation)
+
+
+def fixtures_in(folder: Path) -> list[Fixture]:
+    """Read all fixtures of a folder, in the order of their names.
+
+    Raises
+    ------
+    SubmissionError
+        If there are none.
+    RubricError
+        With every mistake in the first `expected.yaml` that has some.
+    """
+    found = sorted(path.parent for path in folder.glob(f"*/{EXPECTED_FILE}"))
+    if not found:
+        remedy = "They come with a checkout of the grader; --fixtures names the folder that holds them."
+        raise SubmissionError("there are no fixtures", where=str(folder), remedy=remedy)
+    return [load_fixture(path) for path in found]
+
+
+def solution(folder: Path, rubric: Rubric) -> Fixture:
+    """Return the lab's own solution as a fixture: every check of the rubric passes, and all points are earned."""
+    expectation = Expectation(
+        about="The lab's own solution earns all points.",
+        sessions=tuple(rubric.sessions),
+        criteria={criterion.id: ExpectedCriterion() for criterion in rubric.criteria},
+        total=(rubric.lab.points, rubric.lab.points),
+    )
+    return Fixture("solution", (folder,), expectation)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """How a result compares with what is expected."""
+
+    differences: tuple[str, ...]
+    #: Whether something that is asserted is undecided, so that another run may tell.
+    undecided: bool
+
+
+def compare(expectation: Expectation, result: Result, rubric: Rubric) -> Verdict:
+    """Say in which points a result differs from what is expected.
+
+    Checks by the files alone are asserted where they are named, or where their criterion has no others.
+    """
+    differences: list[str] = []
+    undecided = False
+    judged = {criterion.id: {check.id: check for check in criterion.checks} for criterion in result.criteria}
+    in_sessions = {check.id for check in rubric.checks() if check.session is not None}
+    for name, expected in expectation.criteria.items():
+        checks = judged.get(name, {})
+        absent = [check for check in expected.checks if check not in checks]
+        differences += [f"{check} is expected, but was not judged" for check in absent]
+        if not checks:
+            differences.append(f"{name} is expected, but nothing of it was judged")
+        asserted = (checks.keys() & in_sessions or checks.keys()) | expected.checks.keys()
+        for check in (check for check in checks.values() if check.id in asserted):
+            wanted = expected.checks.get(check.id, ExpectedCheck(outcome="passed"))
+            differences += wanted.differences(check)
+            undecided = undecided or not check.outcome.decided
+    if expectation.total is not None:
+        least, most = expectation.total
+        undecided = undecided or bool(result.score.undecided)
+        if not least <= result.score.earned <= most:
+            differences.append(f"it earns {result.score.earned} points in all, not {_span(least, most)}")
+    return Verdict(tuple(differences), undecided)
+
+
+def _span(least: Decimal, most: Decimal) -> str:
+    return str(least) if least == most else f"from {least} to {most}"

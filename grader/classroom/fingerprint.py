@@ -1,0 +1,94 @@
+"""What a result depends on, as a hash: equal hashes need no second grading."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import grader
+from grader.lab.kept_lab import named_files
+from grader.lab.rubric import Rubric
+from grader.live.sandbox.environment import versions
+from grader.pipeline import Options
+from grader.submission.extraction import Intake
+
+
+def engine_sha256() -> str:
+    """Return the hash of the grader's own code and of the versions that a recording keeps."""
+    package = Path(grader.__file__).parent
+    ours = {name: path for name, path in _files_below(package) if not name.startswith("shipped_lab/")}
+    stated = {name: version for name, version in versions().items() if name != "kernel"}
+    return _sha256_of(stated, sorted(ours.items()))
+
+
+def lab_files(rubric: Rubric, *, figures: bool = True) -> dict[str, Path]:
+    """Return the files beside a rubric that a grading by it may use, by their path relative to the rubric's folder.
+
+    These are the reference programs and oracles, with all else in their folders.
+
+    Parameters
+    ----------
+    figures : bool
+        Whether those count that only figures name.
+    """
+    files = {}
+    named = (rubric.folder / name for name in named_files(rubric, figures=figures))
+    for folder in {path.parent for path in named if path.is_file()}:
+        for name, path in _files_below(folder):
+            # Of the rubric's own folder, which may be anybody's home, only what lies in it.
+            if folder != rubric.folder or "/" not in name:
+                files[path.relative_to(rubric.folder).as_posix()] = path
+    return dict(sorted(files.items()))
+
+
+def lab_sha256(rubric: Rubric) -> str:
+    """Return the hash of a rubric with its reference programs and oracles; no points depend on figures."""
+    return _sha256_of(rubric.sha256, list(lab_files(rubric, figures=False).items()))
+
+
+def submission_sha256(intake: Intake) -> str:
+    """Return the hash of a submission that was taken in."""
+    return _sha256_of(intake.left_out, sorted(_files_below(intake.folder)))
+
+
+def options_sha256(options: Options) -> str:
+    """Return the hash of the options on which recordings depend."""
+    stated = (options.interpreter, options.interpreter.resolve(), options.sessions, options.seed, options.launch)
+    return _sha256_of(stated, [])
+
+
+def policy_sha256(options: Options, name: str, submitted_at: str | None) -> str:
+    """Return the hash of what people decided about a submission, which needs no other recordings."""
+    return _sha256_of((repr(options.overrides.of(name)), submitted_at), [])
+
+
+def combined(*hashes: str) -> str:
+    """Return the hash of several hashes."""
+    return _sha256_of(hashes, [])
+
+
+def seed_for(submission: str, run_seed: int) -> int:
+    """Return the seed of stimuli for a submission's hash: another for each, the same wherever it is graded."""
+    return int(_sha256_of([submission, run_seed], [])[:8], 16) % 2**31
+
+
+def _sha256_of(stated: Any, files: list[tuple[str, Path]]) -> str:
+    digest = hashlib.sha256(json.dumps(stated, sort_keys=True, default=str).encode())
+    for name, path in files:
+        content = path.read_bytes()
+        digest.update(f"\0{name}\0{len(content)}\0".encode("utf-8", "surrogateescape") + content)
+    return digest.hexdigest()
+
+
+def _files_below(folder: Path) -> Iterator[tuple[str, Path]]:
+    """Yield the regular files below a folder, without compiled Python; links are not followed."""
+    for root, folders, files in os.walk(folder, followlinks=False):
+        folders[:] = [name for name in folders if name != "__pycache__"]
+        for name in files:
+            path = Path(root) / name
+            if path.is_file() and not path.is_symlink():
+                yield path.relative_to(folder).as_posix(), path

@@ -1,0 +1,72 @@
+"""What is said between the process that grades many submissions and those that grade one each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from grader.classroom.scheduler import Machine
+from grader.errors import GraderError, RubricError, described
+from grader.lab.rubric import Rubric
+from grader.live.sandbox.isolation import Isolation
+from grader.pipeline import Options
+from grader.result import Result
+from grader.submission.extraction import Handed, Intake
+
+#: What is kept of a text that says what went wrong.
+_MOST_TEXT = 2_000
+
+
+@dataclass(frozen=True)
+class Job:
+    """What to grade, by what, and where its results go."""
+
+    #: The submission; already taken in if another machine did that.
+    handed: Handed | Intake
+    results: Path
+    rubric: Rubric
+    options: Options
+    #: How students' code is confined on the machine that grades it, and the places there; filled in there.
+    isolation: Isolation | None = None
+    machine: Machine | None = None
+    #: How long its process may say nothing, in seconds, beyond what a session may take; all that it does by itself has
+    #: a tighter bound.
+    silence_s: float = 120.0
+    #: How long it may have the machine for itself; after that its sessions are recorded beside the others.
+    alone_s: float = 60.0
+
+
+#: How a grading ended: with a result, or with the reason why there is none.
+Ending = Result | GraderError
+
+
+def problem_of(error: Exception) -> GraderError:
+    """Return what an exception says, on one line and of a length that can be shown in a table."""
+    found = described(error)
+    problem = "; ".join([found.problem, *found.mistakes]) if isinstance(found, RubricError) else found.problem
+    told = GraderError(problem[:_MOST_TEXT], where=found.where[:_MOST_TEXT], remedy=found.remedy[:_MOST_TEXT])
+    told.exit_status = found.exit_status
+    return told
+
+
+@dataclass(frozen=True)
+class Row:
+    """What became of a submission."""
+
+    handed: Handed
+    ending: Ending
+    #: Whether it was graded before, and nothing has changed.
+    reused: bool = False
+    #: From its first phase on.
+    took_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Phase:
+    """What a submission is doing now."""
+
+    #: The session concerned; empty for the grader's own work.
+    session: str
+    text: str
+    #: Whether that has been done.
+    ended: bool = False

@@ -1,0 +1,175 @@
+"""`journal.jsonl` in a results folder: what has been graded there, so that an interrupted run goes on where it stopped.
+
+Only ever appended to, a line at a time, each on the disk before the run goes on. A result counts as whole if the
+journal says so, and if the recordings in its folder are those of which the journal speaks. It may end anywhere:
+half a line is no line.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import os
+import random
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass, fields
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+from grader.errors import GraderError
+from grader.recording.session import SESSION_FILE
+from grader.recording.submission import read_submission
+from grader.result_folder import JOURNAL_FILE, RECORDINGS
+
+#: Earlier results of submissions whose present state could not be graded.
+OUTDATED = ".outdated"
+#: In place of the hash of a policy: what was recorded has not been judged yet.
+UNJUDGED = ""
+_SCHEMA = "ros-lab-grader/journal/v1"
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What the journal says of a submission that was graded."""
+
+    #: Hash of all that the recordings and their judgement depend on.
+    key: str
+    #: Hash of what people decided since, such as overrides; another needs another judgement only.
+    policy: str
+    #: Level at which students' code was confined.
+    isolation: str
+    #: Hash of the recordings; see `recordings_sha256`.
+    recordings: str
+
+
+class Journal:
+    """The journal of one run, which has the results folder for itself."""
+
+    def __init__(self, results: Path, file: int, *, afresh: bool) -> None:
+        self.results = results
+        self._file = file
+        self._entries: dict[str, Entry] = {}
+        self._seed: int | None = None
+        self._read()
+        if afresh or self._seed is None:
+            self._append({"journal": _SCHEMA, "run_seed": random.SystemRandom().randrange(2**31)})
+            self._read()
+
+    @property
+    def run_seed(self) -> int:
+        """The number from which the seeds of this class come, until it is graded afresh."""
+        assert self._seed is not None
+        return self._seed
+
+    @classmethod
+    @contextmanager
+    def open(cls, results: Path, *, afresh: bool = False) -> Iterator[Journal]:
+        """Open a results folder for a run.
+
+        Parameters
+        ----------
+        afresh : bool
+            Whether what was graded before shall not count.
+
+        Raises
+        ------
+        GraderError
+            If another run is at work there.
+        """
+        results.mkdir(parents=True, exist_ok=True)
+        file = os.open(results / JOURNAL_FILE, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
+        try:
+            _lock(file, results)
+            yield cls(results, file, afresh=afresh)
+        finally:
+            os.close(file)
+
+    def holds(self, name: str, key: str) -> Entry | None:
+        """Return the entry of a submission that was graded from the same, if its recordings are still there."""
+        entry = self._entries.get(name)
+        there = entry is not None and entry.key == key and recordings_sha256(self.results / name) == entry.recordings
+        return entry if there else None
+
+    def note(self, name: str, key: str, policy: str, isolation: str) -> None:
+        """Note that the results of a submission are whole, and lie on the disk.
+
+        Raises
+        ------
+        OSError
+            If they cannot be brought there.
+        """
+        for path in [*(self.results / name).rglob("*"), self.results / name, self.results]:
+            _sync(path)
+        self._entries[name] = Entry(key, policy, isolation, recordings_sha256(self.results / name))
+        self._append({"graded": name, **asdict(self._entries[name])})
+
+    def abandon(self, name: str, why: GraderError) -> None:
+        """Note that a submission could not be graded; the next run tries again.
+
+        Earlier results of it are put aside, since they are not of what was handed in.
+        """
+        shutil.rmtree(self.results / OUTDATED / name, ignore_errors=True)
+        if (self.results / name).is_dir():
+            (self.results / OUTDATED).mkdir(exist_ok=True)
+            (self.results / name).rename(self.results / OUTDATED / name)
+        self._entries.pop(name, None)
+        self._append({"not graded": name, **vars(why), "exit_status": why.exit_status})
+
+    def _read(self) -> None:
+        content = (self.results / JOURNAL_FILE).read_bytes()
+        for line in content.split(b"\n"):
+            with suppress(ValueError, KeyError, TypeError, AttributeError):
+                self._take(json.loads(line))
+        if content and not content.endswith(b"\n"):
+            os.write(self._file, b"\n")
+
+    def _take(self, line: Mapping[str, Any]) -> None:
+        if "journal" in line:
+            self._seed = int(line["run_seed"]) if line["journal"] == _SCHEMA else None
+            self._entries.clear()
+        elif "graded" in line:
+            self._entries[str(line["graded"])] = Entry(*(str(line[field.name]) for field in fields(Entry)))
+        elif "not graded" in line:
+            self._entries.pop(str(line["not graded"]), None)
+
+    def _append(self, line: Mapping[str, Any]) -> None:
+        at = datetime.now(timezone.utc).isoformat(timespec="seconds")
+        os.write(self._file, (json.dumps({**line, "at": at}) + "\n").encode())
+        os.fsync(self._file)
+
+
+def _lock(file: int, results: Path) -> None:
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        remedy = "Wait until it has ended, or give another folder by -o."
+        problem = "another run of grade is writing to this results folder"
+        raise GraderError(problem, where=str(results), remedy=remedy) from None
+
+
+def recordings_sha256(folder: Path) -> str:
+    """Return the hash that tells the recordings of a submission's results from any others; empty without such.
+
+    The records hold their own times, so no two are equal; of the bags, which are large, the sizes must do.
+    """
+    recordings = folder / RECORDINGS
+    try:
+        digest = hashlib.sha256(read_submission(recordings).sha256.encode())
+        for path in sorted(path for path in recordings.glob("*/*") if path.is_file()):
+            content = path.read_bytes() if path.name == SESSION_FILE else str(path.stat().st_size).encode()
+            digest.update(f"\0{path.relative_to(recordings)}\0".encode() + content)
+    except (OSError, ValueError, KeyError):
+        return ""
+    return digest.hexdigest()
+
+
+def _sync(path: Path) -> None:
+    file = os.open(path, os.O_RDONLY | os.O_NOFOLLOW)
+    try:
+        os.fsync(file)
+    finally:
+        os.close(file)

@@ -1,0 +1,176 @@
+"""The terminal's view of a class while it is graded, and the table at its end."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter, deque
+from collections.abc import Sequence
+from decimal import Decimal
+from pathlib import Path
+
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
+
+from grader.classroom.job import Phase, Row
+from grader.errors import GraderError
+from grader.report.escape import terminal_text
+from grader.report.views import points
+from grader.result import Result
+
+_NAME_WIDTH = 40
+_PROBLEM_WIDTH = 200
+_SHOWN_ENDED = 6
+_BAR_WIDTH = 40
+
+
+class RunProgress(Live):
+    """What is done, what runs and in which phase, what waits, and how long it will take.
+
+    On a terminal in place; elsewhere, as in a CI job, a line when a submission ends.
+
+    Parameters
+    ----------
+    at_a_time : int
+        Sessions side by side, for the first estimate of the time.
+    """
+
+    def __init__(self, console: Console, at_a_time: int, noun: str = "submissions") -> None:
+        self._console = console
+        self._noun = noun
+        self._began_s = time.monotonic()
+        self._speed = float(at_a_time)
+        self._work_s: dict[str, float] = {}
+        self._done_s = 0.0
+        self._phases: dict[str, dict[str, str]] = {}
+        self._since_s: dict[str, float] = {}
+        self._ended: deque[Text] = deque(maxlen=_SHOWN_ENDED)
+        self._done = 0
+        self._remarks: Counter[str] = Counter()
+        super().__init__(console=console, get_renderable=self.view, transient=True)
+
+    def expect(self, name: str, work_s: float) -> None:
+        """Take note of a submission that is to be graded, with the time that its sessions take together."""
+        self._work_s[name] = work_s
+
+    def phase(self, name: str, phase: Phase) -> None:
+        """Take note of what a submission is doing."""
+        self._since_s.setdefault(name, time.monotonic())
+        phases = self._phases.setdefault(name, {})
+        if phase.session:
+            phases.pop("", None)  # The grader's own work comes before or after all sessions.
+        if phase.ended:
+            phases.pop(phase.session, None)
+        else:
+            phases[phase.session] = phase.text
+
+    def took_s(self, name: str) -> float:
+        """Return how long ago a submission was first heard of; 0 if that was not yet."""
+        now_s = time.monotonic()
+        return now_s - self._since_s.get(name, now_s)
+
+    def done(self, name: str, line: Text | None, remark: str = "") -> None:
+        """Take note that a submission needs no more; remarks of a kind are counted."""
+        self._phases.pop(name, None)
+        self._done_s += self._work_s.pop(name, 0.0)
+        self._done += 1
+        self._remarks.update([remark] if remark else [])
+        if line is not None:
+            self._ended.append(line)
+            if not self._console.is_terminal:
+                count = Text(f"[{self._done}/{self._done + len(self._work_s)}] ")
+                self._console.print(count.append(line), soft_wrap=True, highlight=False)
+
+    def ended(self, row: Row) -> None:
+        """Take note of what became of a submission of a class."""
+        failed = isinstance(row.ending, GraderError)
+        remark = "as before" if row.reused else "not graded" if failed else ""
+        self.done(row.handed.name, None if row.reused else _line(row), remark)
+
+    def note(self, text: str) -> None:
+        """Tell something about the run as a whole."""
+        self._console.print(Text(terminal_text(text), "yellow"), soft_wrap=True)
+
+    # -- what is shown ------------------------------------------------------------------------
+
+    def view(self) -> RenderableType:
+        """Return what the terminal shows."""
+        table = Table.grid(padding=(0, 2))
+        table.add_column(no_wrap=True, max_width=_NAME_WIDTH)
+        table.add_column(no_wrap=True, overflow="ellipsis")
+        for name, phases in self._phases.items():
+            doing = " · ".join(f"{session}: {text}" if session else text for session, text in phases.items())
+            table.add_row(Text(terminal_text(name, _NAME_WIDTH)), Text(terminal_text(doing, 300), "dim"))
+        bar = Table.grid()  # by itself it would not end its line
+        bar.add_row(ProgressBar(total=max(1, self._done + len(self._work_s)), completed=self._done, width=_BAR_WIDTH))
+        return Group(*self._ended, Text(""), self._headline(), bar, table)
+
+    def _headline(self) -> Text:
+        waiting = len(self._work_s) - len(self._phases)
+        parts = [f"{self._done} of {self._done + len(self._work_s)} {self._noun} done"]
+        parts += [f"{count} {remark}" for remark, count in self._remarks.items()]
+        parts += [f"{len(self._phases)} under way", f"{waiting} in the queue", f"about {self._time_left()} left"]
+        return Text(" · ".join(parts), "bold")
+
+    def _time_left(self) -> str:
+        """Estimate the time left: by the speed so far, as soon as there is one."""
+        elapsed_s = time.monotonic() - self._began_s
+        speed = self._done_s / elapsed_s if self._done_s and elapsed_s > 0 else self._speed
+        left_s = sum(self._work_s.values()) / speed
+        return f"{left_s / 60:.0f} min" if left_s >= 90 else f"{left_s:.0f} s"
+
+
+def _line(row: Row) -> Text:
+    name = terminal_text(row.handed.name, _NAME_WIDTH)
+    if isinstance(row.ending, GraderError):
+        return Text(f"✗ {name}: not graded: {_problem(row.ending, row.handed.name)}", "red")
+    score = row.ending.score
+    undecided = f", {points(score.undecided)} undecided" if score.undecided else ""
+    return Text(f"✓ {name}: {_points(row.ending)}{undecided} ({row.took_s:.0f} s)")
+
+
+def _points(result: Result) -> str:
+    return f"{points(result.final)} / {points(result.score.possible)}"
+
+
+def _problem(ending: GraderError, name: str) -> str:
+    where = f"{ending.where}: " if ending.where and Path(ending.where).name != name else ""
+    return terminal_text(f"{where}{ending.problem}", _PROBLEM_WIDTH)
+
+
+def print_class(console: Console, rows: Sequence[Row]) -> None:
+    """Print the points of a class, a line each, and below them what needs a person."""
+    table = Table(box=None, padding=(0, 2, 0, 0))
+    table.add_column("submission", overflow="fold")
+    table.add_column("points", justify="right", no_wrap=True)
+    table.add_column("undecided", justify="right", no_wrap=True)
+    for row in rows:
+        name = Text(terminal_text(row.handed.name, _NAME_WIDTH))
+        if isinstance(row.ending, Result):
+            undecided = row.ending.score.undecided
+            table.add_row(name, _points(row.ending), Text(points(undecided) if undecided else "", "magenta"))
+        else:
+            table.add_row(name, Text("not graded", "red"), "")
+    console.print(table)
+    for row in rows:
+        if isinstance(row.ending, GraderError):
+            shown = terminal_text(row.handed.name, _NAME_WIDTH)
+            console.print(Text(f"{shown}: not graded: {_problem(row.ending, row.handed.name)}", "red"), soft_wrap=True)
+            if row.ending.remedy:
+                console.print(Text(f"  → {terminal_text(row.ending.remedy)}", "cyan"), soft_wrap=True)
+
+
+def summary(rows: Sequence[Row]) -> str:
+    """Return a sentence on the rows."""
+    graded = [row.ending for row in rows if isinstance(row.ending, Result)]
+    parts = [f"{len(graded)} graded"]
+    parts += [f"{reused} of them as before"] if (reused := sum(row.reused for row in rows)) else []
+    undecided = sum(bool(result.score.undecided) for result in graded)
+    parts += [f"{undecided} with undecided points"] if undecided else []
+    parts += [f"{missing} not graded"] if (missing := len(rows) - len(graded)) else []
+    if graded:
+        mean = sum((g.final for g in graded), Decimal(0)) / len(graded)
+        parts.append(f"mean {mean:.1f} points")
+    return ", ".join(parts)

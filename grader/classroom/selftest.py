@@ -1,0 +1,124 @@
+"""Fixtures graded side by side, each compared with what it expects."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from decimal import Decimal
+from functools import partial
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from grader.classroom.class_run import Here, side_by_side
+from grader.classroom.expectations import Fixture, compare
+from grader.classroom.job import Job, problem_of
+from grader.classroom.progress import RunProgress
+from grader.errors import GraderError
+from grader.lab.rubric import Rubric
+from grader.pipeline import Options
+from grader.report.escape import terminal_text
+from grader.report.views import points
+from grader.submission.extraction import Handed
+
+_STYLES = {"✓": "green", "?": "magenta"}
+_LONGEST = 600
+
+
+@dataclass(frozen=True)
+class FixtureRun:
+    """What became of a fixture."""
+
+    name: str
+    #: "✓" as expected, "✗" not, "?" undecided, "!" not graded.
+    sign: str
+    #: In what it differs from what is expected, or why it was not graded.
+    differences: tuple[str, ...] = ()
+    #: Points of what was judged.
+    earned: Decimal = Decimal(0)
+    possible: Decimal = Decimal(0)
+    took_s: float = 0.0
+
+    @property
+    def points(self) -> str:
+        """Its points in words."""
+        if not self.possible:
+            return "not graded" if self.sign in "!✗" else ""
+        return f"{points(self.earned)} / {points(self.possible)}"
+
+
+async def run_fixtures(
+    fixtures: Sequence[Fixture], rubric: Rubric, options: Options, here: Here, folder: Path, display: RunProgress
+) -> list[FixtureRun]:
+    """Grade fixtures on this machine; whatever becomes of one, the others are graded.
+
+    Submissions are laid out in the folder, and results go there.
+    """
+
+    async def one(fixture: Fixture) -> FixtureRun:
+        unfit = tuple(fixture.expectation.unfit(rubric))
+        found = FixtureRun(fixture.name, "✗", unfit)
+        if not unfit:
+            found = await _graded(fixture, rubric, options, here, folder, display)
+        found = replace(found, took_s=display.took_s(fixture.name))
+        line = Text(f"{found.sign} ", _STYLES.get(found.sign, "red")).append(terminal_text(found.name, 40), "default")
+        line.append(f": {found.points} ({found.took_s:.0f} s)", "dim")
+        display.done(found.name, line, "" if found.sign == "✓" else "not as expected")
+        return found
+
+    for fixture in fixtures:
+        sessions = (rubric.sessions[s] for s in fixture.expectation.sessions if s in rubric.sessions)
+        display.expect(fixture.name, sum(session.typical_s for session in sessions))
+    return await side_by_side(one(fixture) for fixture in fixtures)
+
+
+async def _graded(
+    fixture: Fixture, rubric: Rubric, options: Options, here: Here, folder: Path, display: RunProgress
+) -> FixtureRun:
+    name = fixture.name
+    try:
+        handed = Handed.of(fixture.lay_out(folder / "submissions"))
+        options = replace(options, sessions=list(fixture.expectation.sessions))
+        ending, _ = await here.grade(Job(handed, folder / name, rubric, options), partial(display.phase, name))
+    except OSError as error:
+        ending = problem_of(error)
+    if isinstance(ending, GraderError):
+        where = f"{ending.where}: " if ending.where else ""
+        return FixtureRun(name, "!", (f"not graded: {where}{ending.problem}",))
+    verdict = compare(fixture.expectation, ending, rubric)
+    sign = "✓" if not verdict.differences else "?" if verdict.undecided else "✗"
+    return FixtureRun(name, sign, verdict.differences, ending.final, ending.score.possible)
+
+
+def print_fixtures(console: Console, found: Sequence[FixtureRun]) -> None:
+    """Print a table of all fixtures, and below it in what some differ from what is expected."""
+    table = Table(box=None, padding=(0, 2, 0, 0), show_header=False)
+    table.add_column(no_wrap=True)
+    table.add_column(overflow="fold")
+    table.add_column(justify="right", no_wrap=True)
+    table.add_column(justify="right", no_wrap=True)
+    for each in found:
+        name = Text(terminal_text(each.name, 40))
+        table.add_row(Text(each.sign, _STYLES.get(each.sign, "red")), name, each.points, f"{each.took_s:.1f} s")
+    console.print(table)
+    for each in found:
+        if each.differences:
+            console.print(Text(f"\n{terminal_text(each.name, 40)}", "bold"))
+            for difference in each.differences:
+                console.print(Text(f"  • {terminal_text(difference, _LONGEST)}"))
+
+
+def quick(fixtures: Sequence[Fixture], rubric: Rubric) -> list[Fixture]:
+    """Choose fixtures that say much in little time.
+
+    These are all that state their total or need no session, and for each criterion the first one of one session
+    that loses points there.
+    """
+    chosen = [f for f in fixtures if not f.expectation.sessions or f.expectation.total is not None]
+    for criterion in rubric.criteria:
+        losing = (f for f in fixtures if len(f.expectation.sessions) == 1 and f.expectation.loses_in(criterion.id))
+        first = next(losing, None)
+        chosen += [first] if first is not None and first not in chosen else []
+    return sorted(chosen, key=list(fixtures).index)

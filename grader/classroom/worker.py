@@ -1,0 +1,208 @@
+"""One submission in a process of its own, so that nothing it holds can end the grading of the others.
+
+Both ends: `grade_in_process` starts the process with a job in a file, and ends it when it hangs; the process says on
+its standard output what it is doing, and at last how that ended. For each session, and for its own work, it waits for
+one of the machine's places.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import os
+import pickle
+import resource
+import shutil
+import signal
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from grader import pipeline
+from grader.classroom.job import Ending, Job, Phase, problem_of
+from grader.errors import GraderError
+from grader.files import UNFINISHED
+from grader.lab.rubric import SessionSpec
+from grader.live.sandbox.scratch import remove_leavings, scratch_prefix
+from grader.live.session.runner import Progress, Shared
+
+#: What reading and judging a submission may take of the address space; some 0.7 GiB suffice.
+_MOST_MEMORY_BYTES = 4 * 1024**3
+#: How long it may take to end when it is asked to.
+_END_S = 15.0
+#: How often one that waits says so.
+_STILL_WAITS_S = 10.0
+#: The last line holds the whole result.
+_MOST_LINE_BYTES = 64 * 1024 * 1024
+
+
+# -- the process that grades many ----------------------------------------------------------------
+
+
+async def grade_in_process(job: Job, on_phase: Callable[[Phase], None]) -> Ending:
+    """Grade one submission in a process of its own; returns how it ended, and never fails because of it."""
+    assert job.machine is not None
+    # So that starting takes no core from a session; the process itself takes the next place.
+    give_back = await job.machine.take()
+    try:
+        with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as scratch:
+            (Path(scratch) / "job").write_bytes(pickle.dumps(job))
+            return await _run(job, Path(scratch), on_phase, give_back)
+    except (OSError, ValueError) as error:
+        return problem_of(error)
+    finally:
+        give_back()
+        shutil.rmtree(job.results / UNFINISHED, ignore_errors=True)
+        with suppress(OSError):  # It is not empty, as a rule.
+            job.results.rmdir()
+
+
+async def _run(job: Job, scratch: Path, on_phase: Callable[[Phase], None], on_started: Callable[[], None]) -> Ending:
+    with (scratch / "stderr").open("wb") as errors:
+        process = await asyncio.create_subprocess_exec(
+            *("setpriv", "--pdeathsig", "KILL", sys.executable, "-I", "-m", "grader.classroom.worker"),
+            str(scratch / "job"),
+            stdin=asyncio.subprocess.DEVNULL,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=errors,
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+            start_new_session=True,
+            limit=_MOST_LINE_BYTES,
+        )
+    assert process.stdout is not None
+    quiet_s = job.silence_s + max(session.timeout_s for session in job.rubric.sessions.values())
+    ending: Ending | None = None
+    try:
+        while (line := await asyncio.wait_for(process.stdout.readline(), quiet_s)).endswith(b"\n"):
+            on_started()
+            said: Phase | Ending = pickle.loads(base64.b64decode(line))
+            if isinstance(said, Phase):
+                on_phase(said)
+            else:
+                ending = said
+        await asyncio.wait_for(process.wait(), quiet_s)
+    except asyncio.TimeoutError:
+        remedy = "Grade this submission alone and watch its progress; the others are not affected."
+        ending = ending or GraderError(f"the grader's process reported nothing for {quiet_s:g} s", remedy=remedy)
+    finally:
+        await _end(process)
+        remove_leavings()
+    return ending or _broken(process.returncode, scratch / "stderr")
+
+
+async def _end(process: asyncio.subprocess.Process) -> None:
+    """Ask the process to end if it has not, and see that it does."""
+    if process.returncode is None:
+        with suppress(ProcessLookupError):
+            process.terminate()
+        try:
+            await asyncio.wait_for(process.wait(), _END_S)
+        except asyncio.TimeoutError:
+            with suppress(ProcessLookupError):
+                process.kill()
+    with suppress(asyncio.TimeoutError):
+        await asyncio.wait_for(process.communicate(), _END_S)
+
+
+def _broken(status: int | None, said: Path) -> GraderError:
+    """Return what is known of a process that ended without an ending."""
+    how = f"status {status}" if status is None or status >= 0 else signal.Signals(-status).name
+    lines = said.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+    last = f": {lines[-1]}" if lines else ""
+    remedy = "Grade this submission alone. A SIGKILL that nobody sent means that the machine ran out of memory."
+    return GraderError(f"the grader's process ended with {how}{last}", remedy=remedy)
+
+
+# -- the process that grades one -----------------------------------------------------------------
+
+
+def main(argv: list[str]) -> int:
+    """Grade the submission of a job; returns the exit status."""
+    limit_memory()
+    try:
+        job: Job = pickle.loads(Path(argv[0]).read_bytes())
+        assert job.isolation is not None
+        shared = Shared(_Turns(job), job.isolation)
+        ending: Ending = pipeline.grade(job.handed, job.rubric, job.results, job.options, _describe, shared)
+    except Exception as error:
+        traceback.print_exc()
+        ending = problem_of(error)
+    # Not through a file: that the disk is full may be what has to be said.
+    _say(ending)
+    return 0
+
+
+def _say(what: Phase | Ending) -> None:
+    line = memoryview(base64.b64encode(pickle.dumps(what)) + b"\n")
+    while line:
+        line = line[os.write(sys.stdout.fileno(), line) :]
+
+
+def _describe(progress: Progress) -> None:
+    step = f" ({progress.step} of {progress.steps})" if progress.steps else ""
+    _say(Phase(progress.session, progress.text[:200] + step, progress.ended))
+
+
+@dataclass
+class _Turns:
+    """The machine's places for the sessions of this process, and for its own work.
+
+    A place for work is kept until the first session asks for one, since it is of this process alone, which does
+    both in turn. What this process holds is freed at its end in any case.
+    """
+
+    job: Job
+    _own: Callable[[], None] | None = None
+    _alone_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        with self.work("reading"):
+            pass
+
+    @asynccontextmanager
+    async def cell(self, spec: SessionSpec, *, alone: bool) -> AsyncIterator[None]:
+        """Hold a place for a session."""
+        if self._own is not None:
+            self._own()
+            self._own = None
+        alone = alone and self._alone_s < self.job.alone_s
+        give_back = await self._take(Phase(spec.id, "waits to run alone" if alone else "waits"), alone=alone)
+        began_s = time.monotonic()
+        try:
+            yield
+        finally:
+            give_back()
+            self._alone_s += (time.monotonic() - began_s) * alone
+
+    @contextmanager
+    def work(self, what: str) -> Iterator[None]:
+        """Hold a place for work of this process."""
+        if self._own is None:
+            self._own = asyncio.run(self._take(Phase("", what)))
+        else:
+            _say(Phase("", what))
+        yield
+
+    async def _take(self, phase: Phase, *, alone: bool = False) -> Callable[[], None]:
+        assert self.job.machine is not None
+        taking = asyncio.ensure_future(self.job.machine.take(alone=alone))
+        while not taking.done():
+            _say(phase)
+            await asyncio.wait({taking}, timeout=_STILL_WAITS_S)
+        return taking.result()
+
+
+def limit_memory() -> None:
+    """Limit this process, but not the cells that it starts, which have limits of their own."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    if soft == resource.RLIM_INFINITY or soft > _MOST_MEMORY_BYTES:
+        resource.setrlimit(resource.RLIMIT_AS, (_MOST_MEMORY_BYTES, hard))
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,309 @@
+"""A class in numbers: who has what, how the points spread, what each check tells, and what needs a person.
+
+Pure: equal entries and rubric give an equal summary, in the order of the entries.
+"""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+from enum import Enum
+
+from grader.cohort.entries import ClassEntry
+from grader.cohort.mistakes import Mistake, mistakes_of
+from grader.lab.rubric import Rubric
+from grader.result import Adjustment, CriterionResult, Outcome, Result
+
+#: Submissions below which a correlation says next to nothing.
+LEAST_FOR_DISCRIMINATION = 10
+BARS = 20
+UNCERTAIN = "This may have another cause than the submission."
+
+
+@dataclass(frozen=True)
+class Row:
+    """One student."""
+
+    entry: ClassEntry
+    #: By criterion of the rubric; None for one that was not judged.
+    cells: tuple[CriterionResult | None, ...]
+
+    @property
+    def outcomes(self) -> dict[str, Outcome]:
+        """Check id -> outcome."""
+        return {check.id: check.outcome for check in self.result.checks} if self.result else {}
+
+    @property
+    def result(self) -> Result | None:
+        """None if the submission was not graded."""
+        return self.entry.result
+
+    @property
+    def problem(self) -> str:
+        """Why it was not graded; empty if it was."""
+        return "" if self.result else self.entry.problem or "It was not graded."
+
+    @property
+    def total(self) -> Decimal:
+        """Points with all adjustments; 0 if it was not graded."""
+        return self.result.final if self.result else Decimal(0)
+
+    @property
+    def possible(self) -> Decimal:
+        """Points that could be had."""
+        return self.result.score.possible if self.result else Decimal(0)
+
+    @property
+    def undecided(self) -> Decimal:
+        """Points that are neither earned nor lost, and that no person has decided since."""
+        return self.result.still_undecided if self.result else Decimal(0)
+
+    @property
+    def adjustments(self) -> tuple[Adjustment, ...]:
+        """What changed the points after the judgement."""
+        return self.result.adjustments if self.result else ()
+
+
+class Need(str, Enum):
+    """Why a submission needs a person."""
+
+    NOT_GRADED = "not graded"
+    VIOLATION = "violation"
+    UNDECIDED = "undecided"
+    OTHER_RUBRIC = "other rubric"
+
+
+@dataclass(frozen=True)
+class Todo:
+    """Something that a person has to look at."""
+
+    #: Place of the student in the class, from 0.
+    row: int
+    need: Need
+    #: Points that depend on it.
+    points: Decimal
+    #: Titles of checks, or kinds of violations.
+    titles: tuple[str, ...]
+    #: What is known of it, each sentence once.
+    texts: tuple[str, ...]
+    #: The first check concerned; empty if it is about no check.
+    check_id: str = ""
+
+
+@dataclass(frozen=True)
+class Bar:
+    """How many have from `low` points up to, but without, `high`; the last bar is with it and beyond."""
+
+    low: Decimal
+    high: Decimal
+    count: int
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How points are spread over those that were graded.
+
+    Notes
+    -----
+    Quartiles lie between the two nearest values in proportion (the method of spreadsheets' QUARTILE.INC).
+    What is undecided is not counted.
+    """
+
+    count: int
+    possible: Decimal
+    mean: Decimal
+    lowest: Decimal
+    first_quartile: Decimal
+    median: Decimal
+    third_quartile: Decimal
+    highest: Decimal
+    bars: tuple[Bar, ...]
+
+
+class Silent(str, Enum):
+    """Why there is no discrimination."""
+
+    TOO_FEW = "too few"
+    ALL_ALIKE = "all alike"
+
+
+@dataclass(frozen=True)
+class CheckStatistics:
+    """What a check tells about a class, over the submissions for which it is decided.
+
+    Notes
+    -----
+    The discrimination is the corrected item-total correlation: Pearson's correlation between the check's credit
+    and the share of points earned in all other decided checks, before adjustments. (Where credit is only all or
+    nothing, this is the point-biserial correlation.) The check itself is left out of the total, since it would
+    otherwise correlate with itself. Undecided checks are left out of both. There is none for fewer than
+    `LEAST_FOR_DISCRIMINATION` submissions, nor where all have the same credit or the same rest.
+
+    References
+    ----------
+    Henrysson, S. (1963). Correction of item-total correlations in item analysis. Psychometrika 28, 211-218.
+    """
+
+    id: str
+    title: str
+    #: Place of its criterion, from 0.
+    column: int
+    points: Decimal
+    #: Number of those submissions, and of those that passed it.
+    decided: int
+    passed: int
+    #: Mean share of its points, from 0 to 1; None if it is decided for nobody.
+    mean_credit: float | None
+    #: Whether it tells strong submissions from weak ones: see Notes.
+    discrimination: float | Silent
+
+
+@dataclass(frozen=True)
+class Column:
+    """A criterion, and the mean of what was earned in it by those for whom all of it is decided."""
+
+    id: str
+    title: str
+    points: Decimal
+    mean: Decimal | None
+
+
+@dataclass(frozen=True)
+class ClassSummary:
+    """A class."""
+
+    lab: str
+    #: In the order of the entries.
+    rows: tuple[Row, ...]
+    columns: tuple[Column, ...]
+    #: None if nothing was graded.
+    spread: Spread | None
+    checks: tuple[CheckStatistics, ...]
+    mistakes: tuple[Mistake, ...]
+    #: By kind, in the order of `Need`.
+    todos: tuple[Todo, ...]
+    #: Correlations nearer to 0 than this are what chance alone would give in a class of this size (two standard
+    #: errors).
+    chance: float | None
+
+
+def summarise(entries: Sequence[ClassEntry], rubric: Rubric) -> ClassSummary:
+    """Sum up a class; what was judged by another rubric than this is told among the things to do."""
+    rows = tuple(
+        Row(entry, tuple(_cell(entry.result, criterion.id) for criterion in rubric.criteria)) for entry in entries
+    )
+    results = {n: row.result for n, row in enumerate(rows) if row.result is not None}
+    return ClassSummary(
+        f"Lab {rubric.lab.id}: {rubric.lab.title}",
+        rows,
+        tuple(_column(n, rubric, rows) for n in range(len(rubric.criteria))),
+        _spread([row.total for row in rows if row.result], rubric.lab.points) if results else None,
+        _check_statistics(list(results.values()), rubric),
+        mistakes_of(results, rubric),
+        tuple(sorted(_todos(rows, rubric), key=lambda todo: list(Need).index(todo.need))),
+        2 / math.sqrt(len(results)) if len(results) >= LEAST_FOR_DISCRIMINATION else None,
+    )
+
+
+def _cell(result: Result | None, criterion: str) -> CriterionResult | None:
+    return next((judged for judged in result.criteria if judged.id == criterion), None) if result else None
+
+
+def _column(place: int, rubric: Rubric, rows: Sequence[Row]) -> Column:
+    spec = rubric.criteria[place]
+    cells = [row.cells[place] for row in rows]
+    whole = [cell.earned for cell in cells if cell is not None and not cell.undecided]
+    return Column(spec.id, spec.title, spec.points, statistics.mean(whole) if whole else None)
+
+
+# -- how points spread -------------------------------------------------------------------------
+
+
+def _spread(totals: Sequence[Decimal], possible: Decimal) -> Spread:
+    ordered = sorted(totals)
+    first, median, third = statistics.quantiles(ordered * 2 if len(ordered) == 1 else ordered, method="inclusive")
+    mean, bars = statistics.mean(ordered), _bars(ordered, possible)
+    return Spread(len(ordered), possible, mean, ordered[0], first, median, third, ordered[-1], bars)
+
+
+def _bars(totals: Sequence[Decimal], possible: Decimal) -> tuple[Bar, ...]:
+    width = possible / BARS
+    counts = [0] * BARS
+    for total in totals:
+        counts[max(0, min(BARS - 1, int(total / width) if width else 0))] += 1
+    return tuple(Bar(width * n, width * (n + 1), count) for n, count in enumerate(counts))
+
+
+# -- what each check tells ---------------------------------------------------------------------
+
+
+def _check_statistics(results: Sequence[Result], rubric: Rubric) -> tuple[CheckStatistics, ...]:
+    pairs: dict[str, list[tuple[float, float]]] = {check.id: [] for check in rubric.checks()}
+    passed = dict.fromkeys(pairs, 0)
+    for result in results:
+        earned = sum((c.earned for c in result.checks), Decimal(0))
+        decided = sum((c.possible - c.undecided for c in result.checks), Decimal(0))
+        for check in result.checks:
+            if check.share is not None and check.id in pairs:
+                rest = decided - check.possible
+                pairs[check.id].append((check.share, float((earned - check.earned) / rest) if rest else math.nan))
+                passed[check.id] += check.outcome is Outcome.PASSED
+    return tuple(
+        CheckStatistics(
+            check.id,
+            check.title,
+            column,
+            check.points,
+            len(pairs[check.id]),
+            passed[check.id],
+            statistics.fmean(credit for credit, _ in pairs[check.id]) if pairs[check.id] else None,
+            discrimination(pairs[check.id]),
+        )
+        for column, criterion in enumerate(rubric.criteria)
+        for check in criterion.checks
+    )
+
+
+def discrimination(pairs: Sequence[tuple[float, float]]) -> float | Silent:
+    """Return the correlation of a check's credit with the share of all other points; see `CheckStatistics`.
+
+    Parameters
+    ----------
+    pairs : sequence of (float, float)
+        For each submission the credit and the rest; a rest of NaN, where there are no other checks, is left out.
+    """
+    known = [pair for pair in pairs if not math.isnan(pair[1])]
+    if len(known) < LEAST_FOR_DISCRIMINATION:
+        return Silent.TOO_FEW
+    credits, rests = zip(*known, strict=True)
+    if len(set(credits)) == 1 or len(set(rests)) == 1:
+        return Silent.ALL_ALIKE
+    return statistics.correlation(credits, rests)
+
+
+# -- what needs a person -----------------------------------------------------------------------
+
+
+def _todos(rows: Sequence[Row], rubric: Rubric) -> list[Todo]:
+    found = []
+    for n, row in enumerate(rows):
+        if row.result is None:
+            found.append(Todo(n, Need.NOT_GRADED, rubric.lab.points, (), (row.problem,)))
+            continue
+        violations = row.result.violations
+        if violations:
+            kinds = tuple(dict.fromkeys(v.kind.value.replace("_", " ") for v in violations))
+            said = (v.text if v.certain else f"{v.text} {UNCERTAIN}" for v in violations if v.text)
+            texts = tuple(dict.fromkeys(said))
+            found.append(Todo(n, Need.VIOLATION, row.possible, kinds, texts))
+        undecided = row.result.open_checks
+        if undecided:
+            texts = tuple(dict.fromkeys(c.reason for c in undecided if c.reason))
+            titles = tuple(c.title for c in undecided)
+            found.append(Todo(n, Need.UNDECIDED, row.undecided, titles, texts, undecided[0].id))
+        if row.result.rubric_sha256 != rubric.sha256:
+            found.append(Todo(n, Need.OTHER_RUBRIC, Decimal(0), (), ()))
+    return found

@@ -1,0 +1,172 @@
+"""What would run on a student's machine and does not here: libraries that are missing, and newer syntax.
+
+That is no mistake of the student's as long as the lab does not forbid it, and for a person to decide. What a program
+prints of it can be made up, so that it only points at the place: the evidence is the submitted source, and what the
+grader itself did not find when it recorded.
+"""
+
+from __future__ import annotations
+
+import ast
+import functools
+import re
+from collections.abc import Mapping
+from pathlib import PurePosixPath
+
+import regex
+
+from grader.evidence.crash.diagnosis import Diagnosis
+from grader.evidence.known_packages import known_packages
+from grader.evidence.text.syntax import expression_tree, normalise, tree_of
+from grader.recording.submission import SubmissionRecord
+
+_LAST_WORD = "Your instructor will run it by hand."
+_INTERFACES = (".msg", ".srv", ".action")
+_IMPORT_KINDS = ("missing-module", "missing-interface", "missing-sibling")
+
+
+def modules_to_look_for(submission: SubmissionRecord) -> list[str]:
+    """Return the modules that a submission may import, and that may be missing through no fault of its own."""
+    named = {word for text in _sources(submission).values() for word in re.findall(r"\w+", text)}
+    return sorted((known_packages() | interface_packages(submission)) & named - _own_modules(submission))
+
+
+def interface_packages(submission: SubmissionRecord) -> set[str]:
+    """Return the packages of a submission that define interfaces, which have to be built before they are imported."""
+    defined = [PurePosixPath(f.path) for f in submission.files if f.path.endswith(_INTERFACES)]
+    folders = {path.parent.parent for path in defined}
+    return {package.name for package in submission.packages if PurePosixPath(package.path) in folders}
+
+
+def only_elsewhere(found: Diagnosis | None, submission: SubmissionRecord, program: str | None) -> str | None:
+    """Say why a program, by its file, that ended with this diagnosis may run elsewhere; None if it would not."""
+    if found is None or found.file is None or found.file not in _reached_from(program, submission):
+        return None
+    if found.kind in _IMPORT_KINDS and found.exception_type == "ModuleNotFoundError":
+        return missing_here(found.subject, found.file, found.line, submission)
+    if found.kind != "syntax-error" or not is_newer_python(submission.texts.get(found.file, "")):
+        return None
+    place = f" (line {found.line})" if found.line else ""
+    return f"{found.file}{place} uses syntax of Python 3.12 or later, which the grading computer lacks. {_LAST_WORD}"
+
+
+def missing_here(module: str, file: str, line: int | None, submission: SubmissionRecord) -> str | None:
+    """Say that the import at a line cannot work where it was graded; None unless the grader's own evidence shows it.
+
+    The source imports it there, the grader looked for it and did not find it, and it is a package that others have,
+    or one of the submission's own that has to be built.
+    """
+    name = module.split(".")[0]
+    imports = _imports(submission.texts.get(file, ""))
+    imported = any(first <= (line or 0) <= last and name == found for first, last, found in imports)
+    if not imported or name in _own_modules(submission):
+        return None
+    if submission.absent_modules is not None and name not in submission.absent_modules:
+        return None
+    if name in known_packages():
+        return f"It needs {name}, which the grading computer lacks. {_LAST_WORD}"
+    if name in interface_packages(submission):
+        return f"It needs the interfaces of its own package {name}, which were not built. {_LAST_WORD}"
+    return None
+
+
+def _sources(submission: SubmissionRecord) -> Mapping[str, str]:
+    return {path: text for path, text in submission.texts.items() if path.endswith(".py")}
+
+
+def _own_modules(submission: SubmissionRecord) -> set[str]:
+    """Return the names of the submission's own Python files."""
+    return {PurePosixPath(file.path).stem for file in submission.files if file.path.endswith(".py")}
+
+
+@functools.lru_cache(maxsize=256)
+def _imports(text: str) -> tuple[tuple[int, int, str], ...]:
+    """Return the first and last line of each import with the top-level module that it imports."""
+    tree = tree_of(normalise(text))
+    found: list[tuple[int, int, str]] = []
+    for node in ast.walk(tree) if tree is not None else ():
+        if isinstance(node, (ast.Import, ast.ImportFrom)):
+            whole = [node.module] if isinstance(node, ast.ImportFrom) and node.module and not node.level else []
+            modules = [alias.name for alias in node.names] if isinstance(node, ast.Import) else whole
+            found += [(node.lineno, node.end_lineno or node.lineno, name.split(".")[0]) for name in modules]
+    return tuple(found)
+
+
+_IMPORT_LINE = re.compile(r"^[ \t]*(?:from|import)[ \t](.*)$", re.MULTILINE)
+
+
+def _reached_from(program: str | None, submission: SubmissionRecord) -> set[str]:
+    """Return a program's file, and those of the submission that it imports: others excuse nothing."""
+    texts, found = _sources(submission), {program} if program else set()
+    by_stem: dict[str, list[str]] = {}
+    for path in texts:
+        by_stem.setdefault(PurePosixPath(path).stem, []).append(path)
+    queue = list(found)
+    while queue:
+        lines = " ".join(_IMPORT_LINE.findall(texts.get(queue.pop(), "")))
+        # What a name stands for is queued once, however many files import it.
+        new = {path for name in set(re.findall(r"\w+", lines)) for path in by_stem.pop(name, ())} - found
+        found |= new
+        queue += new
+    return found
+
+
+_TYPE_ALIAS = re.compile(r"^([ \t]*)type[ \t]+(\w+)[ \t]*(?:\[[^\]\n]*\][ \t]*)?=", re.MULTILINE)
+_TYPE_PARAMETERS = re.compile(r"^([ \t]*(?:async[ \t]+)?(?:def|class)[ \t]+\w+)[ \t]*\[[^\]\n]*\]", re.MULTILINE)
+#: An f-string with its fields, which may hold braces and f-strings of their own.
+_F_STRING = regex.compile(
+    r"""(?<!\w)(?:[fF][rR]?|[rR][fF])
+    (?:(?P<quotes>\"{3}|'{3})(?>\{\{|\}\}|\\.|(?P<field>\{(?>[^{}]|(?&field)){0,500}\})|[^{}\\]){0,2000}?(?P=quotes)
+    |(?P<quote>["'])(?>\{\{|\}\}|\\.|(?&field)|[^{}\\\n]){0,2000}?(?P=quote))""",
+    regex.VERBOSE | regex.DOTALL,
+)
+_FIELD = regex.compile(r"\{\{|\\.|(?P<field>\{(?>[^{}]|(?&field))*\})", regex.DOTALL)
+
+
+def is_newer_python(text: str) -> bool:
+    """Whether a text is right by the syntax of Python 3.12, and not by an older one's.
+
+    Type aliases, type parameters, and f-strings that hold their own quotation marks are written as before 3.12;
+    what is then right was right.
+    """
+    text = normalise(text)
+    older = _TYPE_PARAMETERS.sub(r"\1", _TYPE_ALIAS.sub(r"\1\2 =", text))
+    older = _without_inner_quotes(older)
+    return older != text and tree_of(older) is not None
+
+
+def _without_inner_quotes(text: str) -> str:
+    """Return a text in which a bare name stands in those fields of f-strings that are expressions of the newer kind."""
+    try:
+        return _F_STRING.sub(_without_newer_fields, text, timeout=_LONGEST_SEARCH_S)
+    except TimeoutError:
+        return text
+
+
+def _without_newer_fields(string: regex.Match[str]) -> str:
+    quotes = string["quotes"] or string["quote"]
+    signs = (quotes, "\n" if len(quotes) == 1 else quotes, "\\")
+
+    def older(found: regex.Match[str]) -> str:
+        newer = found["field"] and any(sign in found[0] for sign in signs)
+        return "{_}" if newer and _is_expression(found[0][1:-1]) else found[0]
+
+    begin = string[0].index(quotes) + len(quotes)
+    return string[0][:begin] + _FIELD.sub(older, string[0][begin:])
+
+
+#: Ordinary files take a thousandth of it.
+_LONGEST_SEARCH_S = 2.0
+_CONVERSION = re.compile(r"(?<![!=<>])=?\s{0,9}(?:![rsa])?(?::(?!=).*)?$", re.DOTALL)
+
+
+def _is_expression(field: str) -> bool:
+    """Whether the contents of a field are an expression, with what says how to show it or without."""
+    if len(field) > _LONGEST_FIELD:
+        return False
+    older = _without_inner_quotes(field)  # once for all readings: what is nested would else be read three times a level
+    readings = dict.fromkeys((older, _CONVERSION.sub("", older), older.rpartition(":")[0]))
+    return any(text.strip() and expression_tree(f"({text})") is not None for text in readings)
+
+
+_LONGEST_FIELD = 500

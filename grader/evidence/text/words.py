@@ -1,0 +1,178 @@
+"""Words in any script: counting them, folding them, and finding terms among them.
+
+Documentation is judged by its substance, whatever its language. So words are counted alike for scripts
+that part words by spaces and for those that do not, and terms are found regardless of case and accents.
+Every function is linear in the length of its text.
+"""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from grader.evidence.text.lexicon import one_of, words_of
+
+IDEOGRAPHS_PER_WORD = 2
+"""Han and kana characters that say as much as one spaced word."""
+
+LETTERS_PER_UNSPACED_WORD = 4
+"""Letters of Thai, Lao, Khmer and Burmese that say as much as one word."""
+
+_IDEOGRAPH = "\u3041-\u30ff\u31f0-\u31ff\u3400-\u4dbf\u4e00-\u9fff\uf900-\ufaff\U00020000-\U0003ffff"
+_UNSPACED = "\u0e00-\u0eff\u1000-\u109f\u1780-\u17ff"
+_WORD = re.compile(rf"[{_IDEOGRAPH}]|[{_UNSPACED}]+|(?:(?![{_IDEOGRAPH}{_UNSPACED}])[^\W_])+")
+_IS_IDEOGRAPH = re.compile(f"[{_IDEOGRAPH}]").match
+_IS_UNSPACED = re.compile(f"[{_UNSPACED}]").match
+_SENTENCE_END = re.compile(r"(?<=[.!?])\s+|[。！？；।؟۔]+|\n[ \t]*\n")
+_SENTENCE_LIMIT = 20_000
+_UNDONE = re.compile(r"\W*(?:todo|tbd|tba|fixme|xxx|wip|lorem ipsum|coming soon)\b|\W*(?:待办|待完成|未完成)", re.I)
+UNDONE_LIMIT_WORDS = 12
+"""Words up to which a text that begins with TODO is no more than that."""
+
+_PLACEHOLDER = re.compile(rf"\W*{one_of('placeholders')}\b", re.IGNORECASE)
+_PLACEHOLDER_LIMIT_WORDS = 6
+_BRACKETED = re.compile(r"^\W{0,80}[<\[{][^<>\[\]{}]{0,80}[>\]}]\W*$")
+_LOREM = words_of("blind_text")
+
+
+def fold(text: str) -> str:
+    """Lower case without accents, for comparisons; dotless and dotted i are the same letter.
+
+    The result may differ from `text` in length.
+    """
+    if text.isascii():
+        return text.lower()
+    plain = unicodedata.normalize("NFKD", text.casefold().replace("ı", "i"))
+    return unicodedata.normalize("NFC", "".join(c for c in plain if not _is_accent(c)))
+
+
+def _is_accent(character: str) -> bool:
+    """Whether it is a combining mark of a script where leaving it out keeps the letter (not Indic vowels)."""
+    return "\u0300" <= character <= "\u036f" or "\u064b" <= character <= "\u0652"
+
+
+def words(text: str) -> list[str]:
+    """Words of `text`, folded; each ideograph is an item of its own.
+
+    Marks inside a word (as Indic vowel signs) do not part it.
+    """
+    folded = fold(text)
+    if folded.isascii():
+        return _WORD.findall(folded)
+    joined = "".join(c for c in folded if not unicodedata.category(c).startswith("M"))
+    return _WORD.findall(joined)
+
+
+def measure(items: Iterable[str]) -> int:
+    """Amount of text in `items` of `words`, counting each distinct item once, in words of a spaced script.
+
+    Numbers and single Latin letters do not count.
+    """
+    unique = set(items)
+    ideographs = sum(1 for item in unique if _IS_IDEOGRAPH(item))
+    unspaced = sum(len(item) for item in unique if _IS_UNSPACED(item))
+    others = (item for item in unique if not _IS_IDEOGRAPH(item) and not _IS_UNSPACED(item) and not item[0].isdigit())
+    spaced = sum(1 for item in others if len(item) > 1 or not item.isascii())
+    return spaced + ideographs // IDEOGRAPHS_PER_WORD + unspaced // LETTERS_PER_UNSPACED_WORD
+
+
+def substance(text: str) -> int:
+    """Distinct words in `text`; two ideographs count as a word. See `measure`."""
+    return measure(words(text))
+
+
+def normal_form(text: str) -> str:
+    """`text` reduced to its folded words, so that repeats are seen whatever their punctuation."""
+    return " ".join(words(text))
+
+
+def is_placeholder(text: str, undone_limit_words: int = UNDONE_LIMIT_WORDS) -> bool:
+    """Whether `text` only holds the place of a text: a TODO, dots, a template's field, blind text.
+
+    A TODO of more than `undone_limit_words` words says something.
+    """
+    stripped = text.strip()[:400]
+    if not any(c.isalnum() for c in stripped):
+        return True
+    found = words(stripped)
+    if _UNDONE.match(stripped) and len(found) <= undone_limit_words:
+        return True
+    if _PLACEHOLDER.match(stripped) and len(found) <= _PLACEHOLDER_LIMIT_WORDS:
+        return True
+    if _BRACKETED.match(stripped):
+        return True
+    return len(found) >= 4 and sum(word in _LOREM for word in found) > 0.6 * len(found)
+
+
+def sentences(text: str) -> list[str]:
+    """Sentences of `text`, without empty ones; a paragraph without full stops is one sentence."""
+    parts = _SENTENCE_END.split(text)
+    pieces = (part[i : i + _SENTENCE_LIMIT] for part in parts for i in range(0, len(part), _SENTENCE_LIMIT))
+    return [piece.strip() for piece in pieces if piece.strip()]
+
+
+@dataclass(frozen=True)
+class Terms:
+    """A set of terms to be found in texts of any language.
+
+    A term in a spaced script is found where a word begins; one that starts with `*`, also inside a word
+    (German compounds); one that ends with `$`, only as a whole word. Blanks, hyphens and underscores in a
+    term stand for each other or for nothing. A term of ideographs, or of a script that joins articles and
+    particles to its words, is found anywhere.
+    """
+
+    #: Matches in folded text; nothing when there is no term.
+    pattern: re.Pattern[str]
+
+    @classmethod
+    def of(cls, terms: Iterable[str], ending: int | None = None) -> Terms:
+        """Terms from their spellings; up to `ending` letters may follow one, None for any number."""
+        unique = sorted({fold(term).strip() for term in terms}, key=lambda term: (-len(term), term))
+        shapes: dict[tuple[str, str], list[str]] = {}
+        for term in unique:
+            if term.strip("*$ \t\n_-"):
+                shapes.setdefault(_surroundings(term, ending), []).append(_body(term))
+        # Terms of one shape share their surroundings: each class of letters is costly to compile.
+        patterns = [f"{before}(?:{'|'.join(bodies)}){after}" for (before, after), bodies in shapes.items()]
+        return cls(re.compile("|".join(patterns) or r"(?!)"))
+
+    def count(self, text: str) -> int:
+        """How often any of the terms occurs in `text`."""
+        return sum(1 for _ in self.pattern.finditer(fold(text)))
+
+    def found(self, text: str) -> bool:
+        """Whether any of the terms occurs in `text`."""
+        return self.pattern.search(fold(text)) is not None
+
+    def place(self, text: str) -> int | None:
+        """Where in the folded `text` the first of the terms begins, None if there is none."""
+        match = self.pattern.search(fold(text))
+        return match.start() if match is not None else None
+
+    def without(self, text: str) -> str:
+        """Folded `text` with every term blanked out, to the end of the word that it begins."""
+        return self.pattern.sub(" ", fold(text))
+
+
+_JOINED = "\u0590-\u08ff\u0e00-\u0eff\u1000-\u109f\u1780-\u17ff\u2e80-\U0003ffff"
+_SPACED_LETTER = rf"[^\W\d_{_JOINED}]"
+_SPACED_WORD = rf"[^\W_{_JOINED}]"
+
+
+def _body(term: str) -> str:
+    parts = [re.escape(part) for part in re.split(r"[\s_-]+", term.strip("*$")) if part]
+    return r"[\s_-]{0,2}".join(parts)
+
+
+def _surroundings(term: str, ending: int | None) -> tuple[str, str]:
+    """What may stand before and after a term."""
+    if re.search(f"[{_JOINED}]", term):
+        return "", ""
+    before = "" if term.startswith("*") else f"(?<!{_SPACED_WORD})"
+    if term.endswith("$"):
+        ending = 0
+    if ending is None:
+        return before, f"{_SPACED_LETTER}*"
+    return before, f"{_SPACED_LETTER}{{0,{ending}}}(?!{_SPACED_WORD})"

@@ -1,0 +1,114 @@
+"""What changes the points after the judgement: people's decisions first, then what lateness costs. Pure.
+
+The judgement itself stays as it is; each adjustment says how many points it adds or takes, so that they add up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from datetime import datetime, timedelta
+from decimal import Decimal
+
+from grader.lab.overrides import Override
+from grader.lab.policy import Counts, LatePolicy, span_text, time_text
+from grader.result import Adjustment, AdjustmentKind, CheckResult, CriterionResult, Result
+
+_WHOLE = "score"
+
+
+def adjust(
+    result: Result, entries: Iterable[Override], late: LatePolicy | None = None, submitted: datetime | None = None
+) -> Result:
+    """Return a result with its adjustments; those that it had are replaced.
+
+    Parameters
+    ----------
+    entries : iterable of Override
+        Those about this submission, in the order in which they are applied.
+    late : LatePolicy or None
+        What lateness costs, by the rubric.
+    submitted : datetime or None
+        When it was handed in, if that is known.
+
+    Notes
+    -----
+    A check's points stay from 0 to what it has, and so do a criterion's; only a bonus goes beyond. Checks come
+    before criteria, then what is of the whole, and lateness last, so that a share is taken of what would stand
+    without it. The total is never below 0.
+    """
+    listed = list(entries)
+    parts: list[CheckResult | CriterionResult] = [*result.criteria, *result.checks]
+    earned = {_part(each): each.earned for each in parts}
+    possible = {_part(each): each.possible for each in parts}
+    criterion_of = {check.id: criterion.id for criterion in result.criteria for check in criterion.checks}
+    made: list[Adjustment] = []
+    for entry in sorted(listed, key=lambda entry: entry.check is None):
+        part = ("check", entry.check) if entry.check is not None else ("criterion", entry.criterion)
+        if part in earned:  # Else nothing of it was judged.
+            change = _changed(earned[part], entry, possible[part]) - earned[part]
+            earned[part] += change
+            if entry.check is not None:
+                earned["criterion", criterion_of[entry.check]] += change
+            kind = AdjustmentKind.EXCUSED if entry.excused else AdjustmentKind.POINTS
+            made.append(_by_hand(kind, str(part[1]), change, entry))
+    made += [_by_hand(AdjustmentKind.BONUS, _WHOLE, e.bonus, e) for e in listed if e.bonus is not None]
+    if late is not None:
+        standing = result.score.earned + sum((change.points for change in made), Decimal(0))
+        made += _lateness(standing, listed, late, submitted)
+    return replace(result, adjustments=tuple(made))
+
+
+def _part(judged: CheckResult | CriterionResult) -> tuple[str, str | None]:
+    return ("check" if isinstance(judged, CheckResult) else "criterion", judged.id)
+
+
+def _changed(points: Decimal, entry: Override, possible: Decimal) -> Decimal:
+    if entry.excused:
+        return possible
+    wanted = entry.set_ if entry.set_ is not None else points + (entry.add or Decimal(0))
+    return min(max(wanted, Decimal(0)), possible)
+
+
+def _by_hand(kind: AdjustmentKind, what: str, points: Decimal, entry: Override) -> Adjustment:
+    return Adjustment(kind, what, points, entry.reason, entry.who, entry.when)
+
+
+def _lateness(
+    standing: Decimal, entries: list[Override], late: LatePolicy, submitted: datetime | None
+) -> list[Adjustment]:
+    """Return what moved the times, and what lateness takes of the points that stand."""
+    due, changes = late.due, []
+    for entry in entries:
+        if entry.submitted is not None:
+            submitted = entry.submitted
+            changes.append(_by_hand(AdjustmentKind.SUBMITTED, time_text(submitted), Decimal(0), entry))
+        elif entry.due is not None or entry.extension is not None:
+            due = entry.due if entry.due is not None else due + (entry.extension or timedelta())
+            changes.append(_by_hand(AdjustmentKind.EXTENSION, f"due {time_text(due)}", Decimal(0), entry))
+    if submitted is None:
+        reason = "It is not known when this was handed in, so it does not count as late."
+        return [*changes, Adjustment(AdjustmentKind.LATE, _WHOLE, Decimal(0), reason)]
+    if submitted > due:
+        behind = submitted - due
+        reason = f"Handed in {time_text(submitted)}, {span_text(behind)} after it was due. {_price(late, behind)}"
+        changes.append(Adjustment(AdjustmentKind.LATE, _WHOLE, -late.deduction(standing, behind), reason))
+    return changes
+
+
+def _price(late: LatePolicy, behind: timedelta) -> str:
+    """Say how lateness is counted."""
+    if behind <= late.grace:
+        return f"Up to {span_text(late.grace)} costs nothing."
+    if late.never_after is not None and behind > late.never_after:
+        limit = f"more than {span_text(late.never_after)} " if late.never_after else ""
+        return f"Nothing is accepted {limit}after it is due."
+    if late.per_day is None:
+        return "That costs nothing."
+    words = {Counts.STARTED_DAYS: "started", Counts.FULL_DAYS: "full"}
+    days = late.days(behind)
+    number = f"{days.normalize():f}" if late.counts is not Counts.EXACT_TIME else f"{days:.2f}"
+    word = f"{words[late.counts]} " if late.counts in words else ""
+    limit = f", at most {late.at_most}" if late.at_most is not None else ""
+    of = " of the points" if late.per_day.percent else ""
+    return f"{number} {word}day{'s' * (number != '1')} at {late.per_day}{of}{limit}."

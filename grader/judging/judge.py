@@ -1,0 +1,311 @@
+"""The judging half in one place: recordings + submission facts + rubric → result. Pure.
+
+No ROS, no processes, no clock, no randomness: the same recording and rubric give the same bytes.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+from pathlib import Path
+
+import numpy as np
+
+from grader import __version__
+from grader.checks.base import inconclusive, not_reached, undecided
+from grader.checks.invalidated import is_timed, named, not_measurable, with_checks, without_rest
+from grader.checks.preconditions import missing_artifact
+from grader.checks.registry import REGISTRY, Context
+from grader.errors import RecordingError
+from grader.evidence.crash.diagnosis import advisories
+from grader.evidence.crash.limits import hit_limit
+from grader.evidence.flakiness import is_believed, may_be_chance
+from grader.evidence.gaps import dropped, limits_hit, missing, sentence_on
+from grader.evidence.integrity import census
+from grader.evidence.recorded import Recorded
+from grader.judging.score import score_criteria, total
+from grader.lab.patterns import NOTE, patterns_bounded
+from grader.lab.rubric import CheckSpec, Rubric
+from grader.recording.session import SESSION_FILE
+from grader.recording.submission import SubmissionRecord, read_submission
+from grader.result import CriterionResult, Finding, Outcome, Provenance, Result, SessionProvenance, Violation
+
+#: Outcomes after which the checks that require this one can still be looked at.
+_GOES_ON = (Outcome.PASSED, Outcome.PARTIAL)
+
+
+@dataclass(frozen=True)
+class Recordings:
+    """The recordings of one submission."""
+
+    submission: SubmissionRecord
+    #: Session name -> recording, for those that can be judged.
+    sessions: Mapping[str, Recorded]
+    #: What is wrong on the grader's side.
+    problems: tuple[str, ...] = ()
+
+
+def open_recordings(folder: Path, rubric: Rubric) -> Recordings:
+    """Open `recordings/` of one submission.
+
+    Raises
+    ------
+    RecordingError
+        If the folder holds no recording, or one of another version.
+    """
+    try:
+        submission = read_submission(folder)
+    except (OSError, ValueError) as problem:
+        raise RecordingError(
+            "this is not a folder of recordings",
+            where=str(folder),
+            remedy=f"Give a results folder of `grade`. ({problem})",
+        ) from problem
+    sessions, problems = {}, []
+    for name in rubric.sessions:
+        if not (folder / name / SESSION_FILE).exists():
+            continue
+        try:
+            recorded = Recorded.open(folder / name)
+        except FileNotFoundError:
+            problems.append(f"The recording '{name}' has no bag; its checks are undecided.")
+            continue
+        except ValueError as problem:
+            raise RecordingError(
+                "a recording cannot be read",
+                where=str(folder / name),
+                remedy=f"It may be of another version. ({problem})",
+            ) from problem
+        sessions[name] = recorded
+        problems += [f"{name}: {fault}" for fault in _faults(recorded)]
+    return Recordings(submission, sessions, tuple(problems))
+
+
+def violations_of(recordings: Recordings, rubric: Rubric) -> tuple[Violation, ...]:
+    """Return what of the grader's own was touched in the sessions, with the checks that cannot be judged for it."""
+    nodes = {name: reference.node for name, reference in rubric.reference.items()}
+    return tuple(
+        with_checks(touched, recorded, rubric)
+        for recorded in recordings.sessions.values()
+        for touched in census(recorded, nodes)
+    )
+
+
+def judge_checks(
+    recordings: Recordings, rubric: Rubric, violations: Sequence[Violation] | None = None
+) -> dict[str, Finding]:
+    """Judge all checks in the rubric's order; those of sessions that were not asked for are left out.
+
+    Parameters
+    ----------
+    violations : sequence of Violation, optional
+        See `violations_of`, which gives them where they are not known yet.
+    """
+    known = violations_of(recordings, rubric) if violations is None else violations
+    chosen = recordings.submission.sessions
+    findings: dict[str, Finding] = {}
+    for spec in rubric.checks():
+        if chosen is None or spec.session is None or spec.session in chosen:
+            findings[spec.id] = _of_the_rest(spec, _judge(spec, recordings, rubric, findings, known), findings, rubric)
+    return findings
+
+
+def _of_the_rest(spec: CheckSpec, finding: Finding, findings: Mapping[str, Finding], rubric: Rubric) -> Finding:
+    """Return a finding with its share of credit where what it depends on failed and was repaired for it."""
+    repaired = next((findings[r] for r in _all_required(spec, rubric) if r in findings and findings[r].rest), None)
+    if repaired is None or not finding.credit:
+        return finding
+    credit = finding.credit * (repaired.rest or Decimal(1))
+    said = f"It was judged on a repaired copy, where it earns {float(repaired.rest or 1):.0%}. {finding.reason}".strip()
+    hint = finding.hint or repaired.hint
+    return dataclasses.replace(finding, outcome=Outcome.PARTIAL, credit=credit, reason=said, hint=hint)
+
+
+def _all_required(spec: CheckSpec, rubric: Rubric) -> list[str]:
+    """Return the ids of the checks that one requires, and of those that they require."""
+    by_id = {check.id: check for check in rubric.checks()}
+    return [id_ for r in spec.requires for id_ in (r, *_all_required(by_id[r], rubric))]
+
+
+def _judge(
+    spec: CheckSpec,
+    recordings: Recordings,
+    rubric: Rubric,
+    findings: Mapping[str, Finding],
+    violations: Sequence[Violation],
+) -> Finding:
+    """Judge a check, and say whose fault it is where it is not the student's.
+
+    Notes
+    -----
+    What the machine, the grader or chance may have done makes a finding inconclusive, and it is asked about in this
+    order; what comes first has the last word.
+
+    1. A check that it requires was lost or is undecided.
+    2. Its session was not recorded.
+    3. The student's programs disturbed the recording, and not once only: failed.
+    4. The recording is not sound.
+    5. The check by itself: whether the file is there; the share within the bounds that the machine's delays leave
+       open (`graded`); what is missing where it was graded; and the clock (`Check.judge`).
+    6. What a program can bring about itself counts as failed where it was so in every recording (`Finding.settled`).
+    7. What it measures was touched: failed.
+    8. Messages are missing, the grader's own, or since the student's filled the recording: then failed.
+    9. What befalls correct programs too has to be seen again (`grader.evidence.flakiness`).
+    """
+    if (blocked := _blocked(spec, findings, rubric)) is not None:
+        return blocked
+    recorded = recordings.sessions.get(spec.session) if spec.session else None
+    context = Context(
+        submission=recordings.submission,
+        recorded=recorded,
+        sessions=recordings.sessions,
+        findings=findings,
+        reference_nodes=frozenset(ref.node for ref in rubric.reference.values()),
+        lab_folder=rubric.folder,
+    )
+    if spec.session and recorded is None:
+        needs = rubric.sessions[spec.session].needs
+        missing_file = missing_artifact(context, needs[0]) if needs else None
+        return missing_file or inconclusive("", "", f"The session '{spec.session}' was not recorded.")
+    touched = next((violation for violation in violations if spec.id in violation.checks), None)
+    if touched is not None and touched.kind.disturbs:
+        return not_measurable("", touched)
+    if recorded is not None and (faults := _faults(recorded)):
+        return inconclusive("", "", f"The session could not be carried out as planned: {'; '.join(faults)}")
+    finding = _found(spec, context)
+    if touched is not None:
+        finding = not_measurable(finding.expected, touched)
+    elif recorded is not None:
+        finding = _as_far_as_recorded(_settled(finding, recorded), spec, recorded)
+    if finding.outcome not in (Outcome.FAILED, Outcome.PARTIAL):
+        return finding
+    if recorded is not None and (chance := may_be_chance(recorded, context.reference_nodes)) is not None:
+        return undecided(finding, chance)
+    return finding if finding.hint else dataclasses.replace(finding, hint=spec.hint)
+
+
+def _blocked(spec: CheckSpec, findings: Mapping[str, Finding], rubric: Rubric) -> Finding | None:
+    """Pass on that an earlier check was lost or is undecided, None if all that this one requires went on."""
+    earlier_ones = ((r, findings[r]) for r in spec.requires if r in findings)
+    required = next((r for r, found in earlier_ones if found.outcome not in _GOES_ON and not found.rest), None)
+    if required is None:
+        return None
+    title = next(check.title for check in rubric.checks() if check.id == required)
+    earlier = findings[required]
+    if not earlier.outcome.decided:
+        return inconclusive("", "", f"Depends on '{title}', which is not decided yet.", retry=False)
+    if earlier.outcome is Outcome.NOT_REACHED:
+        return not_reached(earlier.reason)  # It names what is at the root of both.
+    return not_reached(f"It could not be looked at, since '{title}' failed.")
+
+
+def _found(spec: CheckSpec, context: Context) -> Finding:
+    """Return what the check itself finds; a broken one never costs points, and does not take the others with it."""
+    try:
+        # Students may publish the largest numbers that there are.
+        with patterns_bounded() as budget, np.errstate(over="ignore", invalid="ignore"):
+            finding = REGISTRY[spec.check].judge(context, spec.parameters)
+    except Exception as problem:
+        return Finding(
+            Outcome.ERROR, Decimal(0), reason=f"The check failed with an error: {type(problem).__name__}: {problem}"
+        )
+    if budget.exceeded:
+        return dataclasses.replace(finding, notes=(*finding.notes, f"'{spec.title}': {NOTE}"))
+    return finding
+
+
+def _settled(finding: Finding, recorded: Recorded) -> Finding:
+    """Return what became of a finding that stayed undecided in all recordings, by what a program can do itself."""
+    settled = finding.settled
+    if settled is None or is_believed(recorded):
+        return finding
+    often = f"The session was recorded {recorded.record.times_recorded} times; a program can cause this itself."
+    return dataclasses.replace(settled, reason=f"{settled.reason} {often}")
+
+
+def _faults(recorded: Recorded) -> list[str]:
+    """Return what is wrong with a recording on the grader's side."""
+    faults = [*recorded.record.problems, *(sentence_on(left_out) for left_out in missing(recorded).by_grader)]
+    if not recorded.record.complete:
+        return [*faults, "The recording was cut off."]
+    # A copy that was cut short must not be taken for a node that fell silent.
+    return faults if recorded.bag.finished else [*faults, "The bag is damaged or incomplete."]
+
+
+def _as_far_as_recorded(finding: Finding, spec: CheckSpec, recorded: Recorded) -> Finding:
+    """Return what is found of a check that rests on a topic whose messages are not all recorded."""
+    check, names = REGISTRY[spec.check], named(spec, recorded)
+    if (gap := next((d for d in dropped(recorded) if d.topic in names), None)) is not None:
+        return undecided(finding, gap.text)
+    left_out = next((u for u in missing(recorded).by_student if u.topic in names), None)
+    if left_out is None or finding.outcome is Outcome.ERROR or (check.by_endpoints and finding.outcome in _GOES_ON):
+        return finding
+    return without_rest(finding, left_out, timed=is_timed(spec, recorded))
+
+
+def judge(recordings: Recordings, rubric: Rubric) -> Result:
+    """Judge one submission."""
+    violations = violations_of(recordings, rubric)
+    criteria = score_criteria(rubric, judge_checks(recordings, rubric, violations))
+    return Result(
+        submission=recordings.submission.name,
+        lab=f"Lab {rubric.lab.id}: {rubric.lab.title}",
+        score=total(criteria),
+        criteria=criteria,
+        advisories=_advisories(recordings, criteria),
+        problems=recordings.problems,
+        provenance=_provenance(recordings, rubric),
+        violations=violations,
+    )
+
+
+def _advisories(recordings: Recordings, criteria: tuple[CriterionResult, ...]) -> tuple[str, ...]:
+    """Collect what costs nothing: from the processes' output (by artifact), the files, and the checks' notes."""
+    sources: dict[str, list[str]] = {}
+    for recorded in recordings.sessions.values():
+        limits = limits_hit(recorded)
+        for process in recorded.record.processes:
+            if process.role == "student":
+                hit = hit_limit(dataclasses.replace(process, limit=limits.get(process.name)))
+                for text in (*advisories(process.output), *((" ".join(hit),) if hit is not None else ())):
+                    sources.setdefault(text, []).append(process.artifact or "")
+    found = []
+    for text, names in sources.items():
+        named = list(dict.fromkeys(name for name in names if name))
+        found.append(f"{', '.join(named)}: {text}" if named else text)
+    for fact in recordings.submission.artifacts:
+        if fact.found_by == "near miss":
+            found.append(f"{fact.path} was used as {fact.expected}.")
+    for package in recordings.submission.packages:
+        found += [f"Package {package.name}: {p}" for p in package.problems]
+    found += [note for c in criteria for check in c.checks for note in check.notes]
+    return tuple(dict.fromkeys(found))
+
+
+def _provenance(recordings: Recordings, rubric: Rubric) -> Provenance:
+    sessions: dict[str, SessionProvenance] = {}
+    for name, recorded in recordings.sessions.items():
+        record = recorded.record
+        sessions[name] = {
+            "started_ns": record.started_ns,
+            "duration_s": round((record.ended_ns - record.started_ns) / 1e9, 3),
+            "seed": record.seed,
+            "isolation": record.isolation.get("level", "unknown"),
+            "cpu_s": {
+                role: round(sum(p.usage[-1].cpu_ns for p in record.processes if p.role == role and p.usage) / 1e9, 3)
+                for role in ("student", "reference", "grader")
+            },
+            "limits": limits_hit(recorded),
+        }
+    versions = next((dict(r.record.versions) for r in recordings.sessions.values()), {})
+    return {
+        "grader": __version__,
+        "lab": rubric.lab.id,
+        "rubric_sha256": rubric.sha256,
+        "submission_sha256": recordings.submission.sha256,
+        "versions": versions,
+        "sessions": sessions,
+        "left_out": list(recordings.submission.left_out),
+    }

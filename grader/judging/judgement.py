@@ -1,0 +1,61 @@
+"""What recordings are judged to be by a rubric and by what people decided, with its page: within a bound."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from grader.bounded import Bound, in_process
+from grader.judging.adjust import adjust
+from grader.judging.judge import Recordings, judge, open_recordings
+from grader.lab.overrides import Overrides, moment_of
+from grader.lab.patterns import patterns_bounded
+from grader.lab.rubric import Rubric
+from grader.result import Result, to_json
+
+#: What judging one submission may take. The solution takes 0.25 s and 0.1 GiB on a core of today; more than a hundred
+#: times that is no fair wait. In a class, a process that says nothing is given up in any case (`batch.worker`).
+JUDGING_BOUND = Bound(what="judging the submission", cpu_s=30.0, wall_s=100.0, memory_bytes=2 * 1024**3)
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What recordings were judged to be: by the rubric alone, and with what people and the rubric's policy make of it.
+
+    `page` is the report, empty where none was wanted, and `text` is `result.json`.
+    """
+
+    by_rubric: Result
+    result: Result
+    page: str
+    text: str
+
+
+def judge_recordings(folder: Path, rubric: Rubric, overrides: Overrides, *, page: bool = True) -> Judgement:
+    """Judge recordings in this process; raises RecordingError if there are none that can be judged."""
+    recordings = open_recordings(folder, rubric)
+    by_rubric, submission = judge(recordings, rubric), recordings.submission
+    moment = moment_of(submission.submitted_at)
+    result = adjust(by_rubric, overrides.of(submission.name), rubric.policy.late, moment)
+    return Judgement(by_rubric, result, report_page(result, recordings, rubric) if page else "", to_json(result))
+
+
+def judge_bounded(folder: Path, rubric: Rubric, overrides: Overrides, *, page: bool = True) -> Judgement:
+    """Do as `judge_recordings` in a process of its own; raises BoundError if that takes more than it may."""
+    return in_process(partial(judge_recordings, folder, rubric, overrides, page=page), JUDGING_BOUND)
+
+
+def report_page(result: Result, recordings: Recordings, rubric: Rubric) -> str:
+    """Return the HTML report of a result."""
+    from grader.report.figures import draw
+    from grader.report.submission_page import render
+
+    figures = {}
+    with patterns_bounded():
+        for criterion in rubric.criteria:
+            there = [s for s in criterion.figures if s.session in recordings.sessions]
+            drawn = [draw(spec, recordings.sessions[spec.session], rubric.folder) for spec in there]
+            figures[criterion.id] = [figure for figure in drawn if figure is not None]
+    records = {name: recorded.record for name, recorded in recordings.sessions.items()}
+    return render(result, figures, records, recordings.submission)

@@ -1,0 +1,137 @@
+"""The files of a lab that judging executes, beside the copy of its rubric, and which of them may be executed here.
+
+Recordings travel: from a student's CI job to an instructor, from one machine to another. What lies in their folder may
+come from anybody, so a file of it is executed only if this machine knows it by its hash: it ships with the grader, or
+the user has graded by a lab with this file, named its rubric with `--rubric`, or said `--trust-lab`.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import os
+import re
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from pathlib import Path
+
+import yaml
+
+import grader
+from grader.errors import RecordingError
+from grader.lab.rubric import Rubric
+from grader.recording.submission import read_submission
+
+#: Folder beside the copy of a rubric, in which the files that it names lie as they do beside the rubric itself.
+KEPT = "rubric.files"
+#: `file.py:name`, as a whole value in JSON.
+_FUNCTION = re.compile(r'"([^"\\]+\.py):\w+"')
+
+
+def lab_folder() -> Path:
+    """Return the folder of the lab that travels with the grader: the checkout's root, or inside the package."""
+    package = Path(grader.__file__).parent
+    inside = package / "shipped_lab"
+    return inside if (inside / "rubric.yaml").is_file() else package.parent
+
+
+def lab_id(rubric: Path) -> str:
+    """Return the id of the lab that a rubric is of; empty if it cannot be read."""
+    with suppress(OSError, UnicodeDecodeError):
+        return _id_in(rubric.read_text(encoding="utf-8"))
+    return ""
+
+
+@functools.lru_cache(maxsize=16)
+def _id_in(text: str) -> str:
+    with suppress(yaml.YAMLError, RecursionError, TypeError, KeyError):
+        found = yaml.load(text, yaml.CSafeLoader)["lab"]["id"]
+        # Written out, nested aliases have no end.
+        return str(found) if isinstance(found, (str, int, float)) else ""
+    return ""
+
+
+def is_shipped(rubric: Path) -> bool:
+    """Whether a rubric is of the lab that travels with the grader."""
+    return lab_id(rubric) == lab_id(lab_folder() / "rubric.yaml")
+
+
+def named_files(rubric: Rubric, *, figures: bool = True) -> list[str]:
+    """Return the files beside a rubric that it names: reference programs and oracles, also those of figures."""
+    models = [*rubric.reference.values(), *(check.parameters for check in rubric.checks())]
+    models += [figure for criterion in rubric.criteria for figure in criterion.figures if figures]
+    functions = (file for model in models for file in _FUNCTION.findall(model.model_dump_json()))
+    return list(dict.fromkeys([*(spec.file for spec in rubric.reference.values()), *functions]))
+
+
+def files_of(rubric: Rubric) -> dict[str, str]:
+    """Return the texts of the files that a rubric names, where they are there."""
+    return _texts(rubric.folder, named_files(rubric))
+
+
+def kept_files(copy: Path) -> dict[str, str]:
+    """Return the texts of what is kept beside a copy of a rubric."""
+    folder = copy.parent / KEPT
+    return _texts(folder, [path.relative_to(folder).as_posix() for path in sorted(folder.rglob("*"))])
+
+
+def _texts(folder: Path, names: Iterable[str]) -> dict[str, str]:
+    paths = {name: folder / name for name in names}
+    inside = {name: path for name, path in paths.items() if path.resolve().is_relative_to(folder.resolve())}
+    return {n: path.read_bytes().decode("utf-8", "surrogateescape") for n, path in inside.items() if path.is_file()}
+
+
+def sha256s(files: Mapping[str, str]) -> dict[str, str]:
+    """Return the hash of each text."""
+    return {n: hashlib.sha256(text.encode("utf-8", "surrogateescape")).hexdigest() for n, text in files.items()}
+
+
+def trust(files: Mapping[str, str]) -> None:
+    """Remember that the user has chosen to execute these files."""
+    with suppress(OSError, RuntimeError):  # Without a home nothing is remembered, and is asked for again.
+        folder = _known_folder()
+        folder.mkdir(parents=True, exist_ok=True)
+        for sha256 in sha256s(files).values():
+            (folder / sha256).touch()
+
+
+def _is_known(name: str, sha256: str) -> bool:
+    labs = (lab_folder(), *lab_folder().glob("labs/*"))
+    if any(sha256 in sha256s(_texts(lab, [name])).values() for lab in labs):
+        return True
+    with suppress(OSError, RuntimeError):
+        return (_known_folder() / sha256).is_file()
+    return False
+
+
+def _known_folder() -> Path:
+    state = os.environ.get("XDG_STATE_HOME")
+    return (Path(state) if state else Path.home() / ".local/state") / "grade/known-lab-files"
+
+
+def require_known(copy: Path) -> None:
+    """Raise RecordingError if code beside a copy of a rubric may not be executed here."""
+    if unknown := [name for name, sha256 in sha256s(kept_files(copy)).items() if not _is_known(name, sha256)]:
+        raise RecordingError(
+            f"{', '.join(unknown)} came with the recordings and is not known on this machine, so it is not executed",
+            where=str(copy.parent / KEPT),
+            remedy="Name the lab's own rubric by --rubric; or, if you know where the recordings come from, judge them "
+            "by `grade regrade --trust-lab`.",
+        )
+
+
+def remarks(recordings: Path, rubric: Rubric) -> list[str]:
+    """Say where recordings are judged by other files of the lab than they were made with, or the lab has others now."""
+    submission = read_submission(recordings)
+    made_with = submission.lab_files
+    if other := _differing(made_with, sha256s(files_of(rubric))):
+        return [f"judged by another {other} than it was recorded with"]
+    shipped = [lab_folder()] if rubric.lab.id == lab_id(lab_folder() / "rubric.yaml") else []
+    lab = next((lab for lab in (Path(submission.lab_folder), *shipped) if lab.is_absolute() and lab.is_dir()), None)
+    if lab is None or not (changed := _differing(made_with, sha256s(_texts(lab, made_with)))):
+        return []
+    return [f"{changed} in {lab} has changed since it was recorded; name the rubric there by --rubric to judge by it"]
+
+
+def _differing(made_with: Mapping[str, str], others: Mapping[str, str]) -> str:
+    return " and ".join(name for name, sha256 in others.items() if made_with.get(name, sha256) != sha256)

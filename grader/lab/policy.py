@@ -1,0 +1,181 @@
+"""What the lab says of lateness, and how people write times: "10 min", "2 days", "10 %", a date with its zone."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from datetime import date, datetime, timedelta
+from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_DOWN, Decimal
+from enum import Enum
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
+
+from grader.lab.yaml_with_lines import Strict
+
+_TENTH = Decimal("0.1")
+_DAY = timedelta(days=1)
+_UNITS = {
+    **dict.fromkeys(("min", "minute", "minutes"), timedelta(minutes=1)),
+    **dict.fromkeys(("h", "hour", "hours"), timedelta(hours=1)),
+    **dict.fromkeys(("d", "day", "days"), _DAY),
+    **dict.fromkeys(("w", "week", "weeks"), timedelta(weeks=1)),
+}
+_SPAN = re.compile(r"(\d{1,6}(?:\.\d{1,3})?)\s*([a-z]+)")
+_SPANS = re.compile(rf"(?:{_SPAN.pattern}\s*)+")
+_AMOUNT = re.compile(r"(\d{1,6}(?:\.\d{1,3})?)\s*(%|points?)")
+
+
+def _time_span(value: Any) -> Any:
+    if isinstance(value, timedelta):
+        return value
+    text = value.strip().lower() if isinstance(value, str) else ""
+    parts = _SPAN.findall(text)
+    if not _SPANS.fullmatch(text) or any(unit not in _UNITS for _, unit in parts):
+        raise ValueError("a time with its unit is expected, such as 10 min, 36 h or 2 days")
+    return sum((float(number) * _UNITS[unit] for number, unit in parts), timedelta())
+
+
+def _moment(value: Any) -> Any:
+    moment = parse_time(value) if isinstance(value, str) else value
+    if not isinstance(moment, datetime):
+        raise ValueError("a date with its time is expected, such as 2026-11-20T23:59:00+01:00")
+    if moment.utcoffset() is None:
+        raise ValueError("the time needs its offset from UTC, such as +01:00, or Z")
+    return moment
+
+
+def parse_time(text: str) -> datetime | None:
+    """Read a date with its time from ISO 8601, also with "UTC" at its end, as GitHub and Canvas write it."""
+    try:
+        return datetime.fromisoformat(
+            re.sub(r"([Zz]|UTC)$", "+00:00", re.sub(r"(?<!\s)\s+(?=[+-]|([Zz]|UTC)$)", "", text.strip()))
+        )
+    except ValueError:
+        return None
+
+
+#: A length of time, written as "10 min", "36 h", "2 days" or "1 day 12 h".
+TimeSpan = Annotated[
+    timedelta,
+    BeforeValidator(_time_span),
+    WithJsonSchema({"type": "string", "pattern": _SPANS.pattern, "description": "A time, such as 10 min or 2 days."}),
+]
+#: A date and time with its offset from UTC.
+Moment = Annotated[
+    datetime,
+    BeforeValidator(_moment),
+    WithJsonSchema({"type": "string", "description": "A date with its time, such as 2026-11-20T23:59:00+01:00."}),
+]
+
+
+@dataclass(frozen=True)
+class Amount:
+    """Points, or a share of points in per cent."""
+
+    value: Decimal
+    percent: bool
+
+    def of(self, points: Decimal) -> Decimal:
+        """Return the points that this is of some points; not rounded."""
+        return points * self.value / 100 if self.percent else self.value
+
+    def __str__(self) -> str:
+        return f"{self.value:f} %" if self.percent else f"{self.value:f} point{'s' * (self.value != 1)}"
+
+
+def _amount(value: Any) -> Any:
+    if isinstance(value, Amount):
+        return value
+    found = _AMOUNT.fullmatch(value.strip().lower()) if isinstance(value, str) else None
+    if found is None:
+        raise ValueError("an amount with its unit is expected, such as 10 % or 5 points")
+    number, unit = Decimal(found[1]), found[2]
+    if unit == "%" and number > 100:
+        raise ValueError("more than 100 % cannot be taken")
+    return Amount(number, unit == "%")
+
+
+#: Points, or a share of them, written as "10 %" or "5 points".
+MaybeAmount = Annotated[
+    Amount | None,
+    BeforeValidator(lambda value: None if value is None else _amount(value)),
+    WithJsonSchema({"type": "string", "description": "An amount, such as 10 % or 5 points."}),
+]
+
+
+class Counts(str, Enum):
+    """How time after the due date becomes days."""
+
+    STARTED_DAYS = "started days"
+    FULL_DAYS = "full days"
+    EXACT_TIME = "exact time"
+
+
+class LatePolicy(Strict):
+    """What lateness costs."""
+
+    due: Moment
+    grace: TimeSpan = Field(
+        timedelta(), description="Lateness up to this costs nothing; beyond it, time counts from the due date."
+    )
+    per_day: MaybeAmount = Field(
+        None, description="Points, or a share of the points that the submission would have without it."
+    )
+    at_most: MaybeAmount = Field(None, description="What lateness costs at most, short of `never_after`.")
+    counts: Counts = Counts.STARTED_DAYS
+    never_after: TimeSpan | None = Field(
+        None, description="Time after the due date from when nothing is accepted: all points are lost."
+    )
+
+    @model_validator(mode="after")
+    def _costs_something(self) -> LatePolicy:
+        if self.per_day is None and self.never_after is None:
+            raise ValueError("one of per_day and never_after is needed, or lateness costs nothing")
+        if self.at_most is not None and self.per_day is None:
+            raise ValueError("at_most limits per_day, which is missing")
+        return self
+
+    def deduction(self, points: Decimal, late: timedelta) -> Decimal:
+        """Return what a lateness (negative: in time) takes of the points without it: from 0 to all, in tenths."""
+        if late <= max(self.grace, timedelta()):
+            return Decimal(0)
+        if self.never_after is not None and late > self.never_after:
+            return points
+        if self.per_day is None:
+            return Decimal(0)
+        taken = self.per_day.of(points) * self.days(late)
+        if self.at_most is not None:
+            taken = min(taken, self.at_most.of(points))
+        return min(taken.quantize(_TENTH, ROUND_HALF_DOWN), points)
+
+    def days(self, late: timedelta) -> Decimal:
+        """Return how many days a lateness counts as."""
+        exact = Decimal(late // timedelta(microseconds=1)) / Decimal(_DAY // timedelta(microseconds=1))
+        if self.counts is Counts.EXACT_TIME:
+            return exact
+        return exact.to_integral_value(ROUND_CEILING if self.counts is Counts.STARTED_DAYS else ROUND_FLOOR)
+
+
+class Policy(Strict):
+    """What a rubric says beside points: what lateness costs, if anything."""
+
+    late: LatePolicy | None = None
+
+
+def time_text(moment: datetime | date) -> str:
+    """Write a date, with time and offset where it has them."""
+    if not isinstance(moment, datetime):
+        return moment.isoformat()
+    if moment.utcoffset() is None:
+        return moment.strftime("%Y-%m-%d %H:%M")
+    offset = moment.strftime("%z")
+    return moment.strftime("%Y-%m-%d %H:%M ") + f"{offset[:3]}:{offset[3:5]}"
+
+
+def span_text(span: timedelta) -> str:
+    """Write a length of time with its two largest units, rounded down; "less than a minute" below one."""
+    minutes = int(span.total_seconds() // 60)
+    parts = ((minutes // 1440, "day"), (minutes // 60 % 24, "h"), (minutes % 60, "min"))
+    words = [f"{n} {unit}{'s' * (unit == 'day' and n != 1)}" for n, unit in parts if n]
+    return " ".join(words[:2]) or "less than a minute"

@@ -1,0 +1,429 @@
+"""What a part of a rubric may refer to, and types of its values: each is checked when the rubric loads.
+
+A reference is a type of text. Its value is looked up in the `Scope` with which the rubric is validated; a part that is
+made without one, as in Python, is taken at its word.
+"""
+
+from __future__ import annotations
+
+import ast
+import difflib
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, reduce
+from operator import or_
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    ConfigDict,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    StringConstraints,
+    ValidationInfo,
+    WithJsonSchema,
+    create_model,
+    field_validator,
+)
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
+
+from grader.lab.patterns import compiled
+from grader.lab.yaml_with_lines import Loc, Strict, mistakes_at, suggestion
+from grader.recording.definitions import fields_of, packages_with, types_in
+
+#: Topics that every ROS system has.
+_STANDARD_TOPICS = {
+    "/clock": "rosgraph_msgs/msg/Clock",
+    "/rosout": "rcl_interfaces/msg/Log",
+    "/parameter_events": "rcl_interfaces/msg/ParameterEvent",
+}
+_ENDPOINTS = ("topic", "publisher", "subscription", "service")
+
+
+class Parameters(Strict):
+    """Base of what stands behind a `with`, and of all that has a session: values are of their types as they stand."""
+
+    model_config = ConfigDict(strict=True)
+    #: Whether it says something of a session's recording, so that it cannot be without one.
+    of_session: ClassVar[bool] = True
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _lists_are_tuples(cls, value: Any, info: ValidationInfo) -> Any:
+        if "tuple[" not in str(cls.model_fields[str(info.field_name)].annotation):
+            return value
+        if isinstance(value, dict):
+            return {key: tuple(inner) if isinstance(inner, list) else inner for key, inner in value.items()}
+        return tuple(value) if isinstance(value, list) else value
+
+
+class StepText(NamedTuple):
+    """A step as it stands in the YAML, before it is known to be right."""
+
+    kind: str
+    parameters: Mapping[str, Any]
+    label: Any
+
+
+@dataclass
+class Scope:
+    """What a rubric defines, read from its plain YAML before any part of it is validated."""
+
+    plain: Mapping[str, Any]
+    #: From which files beside the rubric are resolved.
+    folder: Path
+    #: Name of a check, kind of a figure -> model of its parameters.
+    checks: Mapping[str, type[Parameters]]
+    figures: Mapping[str, type[Parameters]]
+    #: Session and check of the part that is being validated, and the checks before it.
+    session: str | None = None
+    check: str | None = None
+    earlier: list[str] = field(default_factory=list)
+
+    def begin_check(self, name: str) -> None:
+        """Note that a check is being validated."""
+        self.earlier += [] if self.check is None else [self.check]
+        self.check, self.session = name, None
+
+    def names(self, part: str) -> list[str]:
+        """Return what is defined in a part of the rubric: artifacts, reference nodes, sessions."""
+        return [str(name) for name in _mapping(self.plain.get(part))]
+
+    @cached_property
+    def check_ids(self) -> list[str]:
+        """Return the ids of all checks."""
+        criteria = (_mapping(criterion) for criterion in _list(self.plain.get("criteria")))
+        return [str(_mapping(check).get("id")) for criterion in criteria for check in _list(criterion.get("checks"))]
+
+    @property
+    def steps(self) -> list[StepText] | None:
+        """Return the steps of the present session; None where it is not defined."""
+        session = _mapping(self.plain.get("sessions")).get(self.session or "")
+        listed = [_mapping(step) for step in _list(_mapping(session).get("steps"))]
+        kinds = ((step, kind) for step in listed for kind in step if kind != "label")
+        found = [StepText(kind, _mapping(step[kind]), step.get("label")) for step, kind in kinds]
+        return None if session is None else found
+
+    @cached_property
+    def types(self) -> dict[str, set[str]]:
+        """Return the types of all topics and services that are waited for, typed, or the new name of others."""
+        found = {topic: {name} for topic, name in _STANDARD_TOPICS.items()}
+        for part in _parts(self.plain):
+            renamed = [*_mapping(part.get("remappings")).values(), *_mapping(part.get("composed")).values()]
+            awaited = [_mapping(part.get("wait_for")).get(key) for key in _ENDPOINTS]
+            typed = [part.get(key) for key in _ENDPOINTS] if isinstance(part.get("type"), str) else []
+            for name in (n for n in (*renamed, *awaited, *typed) if isinstance(n, str)):
+                found.setdefault(name, set()).update({part["type"]} if name in typed else ())
+        return found
+
+
+def _mapping(value: Any) -> Mapping[str, Any]:
+    return value if isinstance(value, Mapping) else {}
+
+
+def _list(value: Any) -> Sequence[Any]:
+    return value if isinstance(value, list) else ()
+
+
+def _parts(value: Any) -> Iterator[Mapping[str, Any]]:
+    """Give all mappings in a value."""
+    if isinstance(value, Mapping):
+        yield value
+    for inner in value.values() if isinstance(value, Mapping) else _list(value):
+        yield from _parts(inner)
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Marks a type of values that are looked up in the scope; says what they are to whoever writes a rubric."""
+
+    what: str
+    #: Raises ValueError if there is no such thing.
+    look_up: Callable[[Scope, Any, ValidationInfo], object]
+
+    def _check(self, value: Any, info: ValidationInfo) -> Any:
+        if isinstance(info.context, Scope):
+            self.look_up(info.context, value, info)
+        return value
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return AfterValidator(self._check).__get_pydantic_core_schema__(source, handler)
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        return {**handler(schema), "description": self.what}
+
+
+def one_of(value: str, what: str, known: Iterable[str], where: str = "") -> str:
+    """Return a name if it is known; raises ValueError if it is not, with what may be meant."""
+    names = list(known)
+    if value not in names:
+        raise ValueError(f"there is no {what} {value!r}{where}{suggestion(value, names)}")
+    return value
+
+
+# -- what is defined in the rubric -----------------------------------------------------------------
+
+
+def _defined(part: str, what: str) -> Reference:
+    return Reference(f"Name of the {what}.", lambda scope, value, info: one_of(value, what, scope.names(part)))
+
+
+def _before(scope: Scope, value: str, info: ValidationInfo) -> None:
+    if value not in scope.earlier:
+        one_of(value, "check", scope.check_ids)
+        raise ValueError(f"{value!r} is not an earlier check")
+
+
+def step_label(*kinds: str) -> Reference:
+    """Return the type of a label of a step of the session, of one of these kinds; of any without."""
+
+    def look_up(scope: Scope, value: str, info: ValidationInfo) -> None:
+        labelled = {str(step.label): step.kind for step in scope.steps or () if step.label is not None}
+        if scope.steps is not None:
+            one_of(value, "step labelled", labelled, f" in session '{scope.session}'")
+            if kinds and labelled[value] not in kinds:
+                raise ValueError(f"{value!r} labels a step of kind {labelled[value]}; {' or '.join(kinds)} is needed")
+
+    return Reference(f"Label of the step{f', of kind {kinds[0]}' if kinds else ''}.", look_up)
+
+
+def _process(*more: str) -> Reference:
+    def look_up(scope: Scope, value: str, info: ValidationInfo) -> None:
+        starts = [step.parameters for step in scope.steps or () if step.kind == "start"]
+        # How the processes of a launch file are called stands in that file.
+        if scope.steps is not None and not any("launch" in start for start in starts):
+            names = [str(s.get("name") or s.get("student") or s.get("reference")) for s in starts]
+            one_of(value, "process", [*names, *more], f" in session '{scope.session}'")
+
+    return Reference("Name of a process that the session starts.", look_up)
+
+
+Artifact = Annotated[str, _defined("artifacts", "artifact")]
+ReferenceNode = Annotated[str, _defined("reference", "reference node")]
+SessionId = Annotated[str, _defined("sessions", "session")]
+CheckId = Annotated[str, Reference("Id of a check.", lambda scope, value, _: one_of(value, "check", scope.check_ids))]
+#: While a check is judged, the findings of those before it are known.
+EarlierCheckId = Annotated[str, Reference("Id of an earlier check.", _before)]
+AnyStep = Annotated[str, step_label()]
+CallLabel = Annotated[str, step_label("call")]
+PlanLabel = Annotated[str, step_label("plan")]
+GetLabel = Annotated[str, step_label("get_parameters")]
+SetLabel = Annotated[str, step_label("set_parameters")]
+ExitLabel = Annotated[str, step_label("wait_exit")]
+Window = Annotated[str, step_label("observe")]
+Process = Annotated[str, _process()]
+StudentProcesses = Annotated[str, _process("*")]
+
+
+# -- what is in the ROS graph ----------------------------------------------------------------------
+
+
+def _known_topic(scope: Scope, value: str, info: ValidationInfo) -> None:
+    """Look for one that is nearly so named; another may be a reference node's own, or be one of several by number."""
+    near = difflib.get_close_matches(value, scope.types, n=1, cutoff=0.75) if value not in scope.types else []
+    if near and re.sub(r"\d", "", near[0]) != re.sub(r"\d", "", value):
+        words = "no step waits for it, and nothing gives its type"
+        raise ValueError(f"{value!r} is not known: {words}{suggestion(value, near)}")
+
+
+#: A topic, service or node that may be named here for the first time: "/a/b", "a", "~/a".
+RosName = Annotated[str, StringConstraints(pattern=r"^(~/|/)?[A-Za-z_{][A-Za-z0-9_{}]*(/[A-Za-z_{][A-Za-z0-9_{}]*)*$")]
+#: One that is used besides; where a step waits for it or its type stands somewhere, fields are looked up in that.
+Topic = Annotated[str, Reference("A topic or service.", _known_topic)]
+
+_EXAMPLES = {"msg": "std_msgs/msg/String", "srv": "std_srvs/srv/SetBool"}
+
+
+def _interface(value: str, folder: str) -> None:
+    package, _, rest = value.partition("/")
+    if not re.fullmatch(rf"{folder}/[A-Z][A-Za-z0-9]*", rest):
+        raise ValueError(f"{value!r} is not a type such as {_EXAMPLES[folder]}")
+    known = types_in(package, folder)
+    if known:
+        one_of(value, "type", known)
+    # A package that is not known here may be known where submissions are graded.
+    elif near := difflib.get_close_matches(package, packages_with(folder), n=1, cutoff=0.8):
+        raise ValueError(f"there is no type {value!r}{suggestion(package, near)}")
+
+
+MessageType = Annotated[str, Reference("A message type.", lambda scope, value, info: _interface(value, "msg"))]
+ServiceType = Annotated[str, Reference("A service type.", lambda scope, value, info: _interface(value, "srv"))]
+#: A service's where the key `service` stands before it.
+AnyType = Annotated[
+    str,
+    Reference(
+        "A message or service type.",
+        lambda scope, value, info: _interface(value, "srv" if info.data.get("service") else "msg"),
+    ),
+]
+
+
+def _type_at(name: str, path: str) -> str | None:
+    """Return the type of a field ("layout.dim.0.size" is one of an element); None where the type is not known here."""
+    spelled = name
+    for step in path.split("."):
+        if step.isdecimal() and spelled.endswith("]"):
+            spelled = spelled[: spelled.rindex("[")]
+            continue
+        fields = fields_of(spelled) if spelled.count("/") == 2 and not spelled.endswith("]") else {}
+        if fields is None:
+            return None
+        if step not in fields:
+            raise ValueError(f"{spelled} has no field {step!r}" + suggestion(step, fields))
+        spelled = fields[step]
+    return spelled
+
+
+_NUMBERS = re.compile(r"(float|u?int|byte|char)\d*\[")
+
+
+def _numbers_at(scope: Scope, value: str, info: ValidationInfo) -> None:
+    """Look a field up in the types of the topics that stand before it."""
+    several = info.data.get("streams") or info.data.get("topics") or {"": info.data.get("topic")}
+    for topic in several.values():
+        found = [_type_at(name, value) for name in sorted(scope.types.get(topic, ()))]
+        if found and not any(spelled is None or _NUMBERS.match(spelled) for spelled in found):
+            raise ValueError(f"{value!r} of {topic} is a {found[0]}; an array of numbers is needed")
+
+
+FieldPath = Annotated[str, Reference("A field that is an array of numbers.", _numbers_at)]
+
+
+def _wrong_fields(name: str, values: Mapping[str, Any], loc: Loc = ()) -> Iterator[tuple[Loc, str]]:
+    for key, value in values.items():
+        try:
+            spelled = _type_at(name, key)
+        except ValueError as problem:
+            yield (*loc, key), str(problem)
+        else:
+            if isinstance(value, Mapping) and spelled is not None:
+                yield from _wrong_fields(spelled, value, (*loc, key))
+
+
+def fields_of_type(part: str = "", label: str | None = None) -> Reference:
+    """Return the type of values by the name of their field, or of one such name.
+
+    They are of a message, or of the "_Request" or "_Response" `part` of a service. Of which, the key `type` before it
+    says, or else the call that the key `label` before it names.
+    """
+
+    def look_up(scope: Scope, value: str | Mapping[str, Any], info: ValidationInfo) -> None:
+        name = info.data.get("type")
+        if label is not None:
+            calls = (s.parameters.get("type") for s in scope.steps or () if s.label == info.data.get(label))
+            name = next(calls, None)
+        if isinstance(name, str) and name.count("/") == 2:
+            wrong = list(_wrong_fields(name + part, {value: None} if isinstance(value, str) else value))
+            if wrong:
+                raise mistakes_at(wrong)
+
+    return Reference("By the names of fields.", look_up)
+
+
+# -- files beside the rubric -----------------------------------------------------------------------
+
+
+def _beside(scope: Scope, name: str) -> list[str]:
+    """Return the files in the folder of a file, as a rubric names them; none outside of its own folder."""
+    top = scope.folder.resolve()
+    folder = (top / name).resolve().parent
+    inside = folder.glob("*") if folder.is_relative_to(top) else ()
+    return [path.relative_to(top).as_posix() for path in inside if path.is_file()]
+
+
+def _file(scope: Scope, value: str, info: ValidationInfo) -> None:
+    one_of(value, "file", _beside(scope, value), " beside the rubric")
+
+
+def _definition(scope: Scope, value: str) -> ast.FunctionDef | ast.ClassDef:
+    """Return a function or class of a Python file beside the rubric; it is not run, for it may do anything."""
+    file, _, name = value.partition(":")
+    one_of(file, "Python file", _beside(scope, file), " beside the rubric")
+    try:
+        tree = ast.parse((scope.folder / file).read_bytes())
+    except (SyntaxError, ValueError) as problem:
+        raise ValueError(f"{file} is not valid Python: {problem}") from problem
+    found = {node.name: node for node in tree.body if isinstance(node, (ast.FunctionDef, ast.ClassDef))}
+    return found[one_of(name, "function or class", found, f" in {file}")]
+
+
+FileBeside = Annotated[str, Reference("File beside the rubric.", _file)]
+Loadable = Annotated[
+    str, Reference("file.py:name, beside the rubric.", lambda scope, value, info: _definition(scope, value))
+]
+
+#: Types of settings that are looked at; others are left to the reference node.
+_PLAIN_TYPES: dict[str, Any] = {"float": float, "int": int, "bool": bool, "str": str, "None": type(None)}
+
+
+def _settings(scope: Scope, value: Mapping[str, Any], info: ValidationInfo) -> None:
+    """Look settings up in the class that the rubric names for those of the reference node before them."""
+    entry = _mapping(_mapping(scope.plain.get("reference")).get(info.data.get("reference") or ""))
+    try:
+        made = _definition(scope, str(entry.get("settings")))
+    except ValueError:
+        return  # None is named, or it is a mistake where it stands.
+    if not isinstance(made, ast.ClassDef):
+        return
+    typed: dict[str, Any] = {}
+    for node in made.body:
+        if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+            words = ast.unparse(node.annotation).split(" | ")
+            known = all(word in _PLAIN_TYPES for word in words)
+            typed[node.target.id] = (reduce(or_, (_PLAIN_TYPES[word] for word in words)) if known else Any, None)
+    create_model(made.name, __base__=Parameters, **typed).model_validate(value)
+
+
+Settings = Annotated[dict[str, Any], Reference("Settings of the reference node.", _settings)]
+
+
+# -- values ----------------------------------------------------------------------------------------
+
+
+def _share(value: Any) -> float:
+    number = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*%\s*", value) if isinstance(value, str) else None
+    share = float(number[1]) / 100 if number else value
+    if isinstance(share, bool) or not isinstance(share, (int, float)) or not 0 <= share <= 1:
+        raise ValueError("a share from 0 to 1 is expected, such as 2% or 0.02")
+    return float(share)
+
+
+_SHARE_NUMBER = {"type": "number", "minimum": 0, "maximum": 1}
+_SHARE_TEXT = {"type": "string", "pattern": r"^\s*\d+(\.\d+)?\s*%\s*$"}
+#: A share, written as 0.02 or as 2%.
+Share = Annotated[
+    float,
+    BeforeValidator(_share),
+    WithJsonSchema({"description": "A share, such as 2% or 0.02.", "anyOf": [_SHARE_NUMBER, _SHARE_TEXT]}),
+]
+
+
+#: A regular expression.
+Pattern = Annotated[
+    str, AfterValidator(lambda value: compiled(value).pattern), WithJsonSchema({"type": "string", "format": "regex"})
+]
+
+
+def _several(value: Any) -> Any:
+    return (value,) if isinstance(value, str) else tuple(value) if isinstance(value, list) else value
+
+
+_TEXT = {"type": "string"}
+#: One or more regular expressions, of which the first counts that finds anything; the number is its last group.
+Patterns = Annotated[
+    tuple[Pattern, ...],
+    BeforeValidator(_several),
+    WithJsonSchema(
+        {"description": "One or more regular expressions.", "anyOf": [_TEXT, {"type": "array", "items": _TEXT}]}
+    ),
+]
+
+Reliability = Literal["reliable", "best_effort"]
+Durability = Literal["volatile", "transient_local"]
+History = Literal["keep_last", "keep_all"]
+_Single = Literal["bool", "integer", "double", "string"]
+ParameterType = Literal[_Single, "byte_array", "bool_array", "integer_array", "double_array", "string_array"]

@@ -1,0 +1,344 @@
+"""`rubric.yaml` → `Rubric`: one typed model, whose mistakes are reported all at once, each with its line.
+
+The rubric knows the lab: its names, rates, steps and points. Nothing of a lab stands in Python here.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from decimal import Decimal
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    Field,
+    PlainValidator,
+    SerializeAsAny,
+    ValidationError,
+    ValidationInfo,
+    WithJsonSchema,
+    create_model,
+    field_validator,
+    model_validator,
+)
+from pydantic.json_schema import models_json_schema
+
+from grader.lab.policy import Policy
+from grader.lab.references import EarlierCheckId, FileBeside, Loadable, Parameters, RosName, Scope, SessionId, one_of
+from grader.lab.steps import STEPS, Step
+from grader.lab.yaml_with_lines import Loc, Strict, cannot_be_read, mistakes_at, parse_yaml, suggestion
+
+_REMEDY = "`grade checks` lists every check with its parameters."
+
+
+def _points(value: Any) -> Decimal:
+    if isinstance(value, bool) or not isinstance(value, (int, float, Decimal)) or not 0 <= value < float("inf"):
+        raise ValueError("a number of points is expected")
+    return Decimal(str(value))
+
+
+Points = Annotated[Decimal, BeforeValidator(_points), WithJsonSchema({"type": "number", "minimum": 0})]
+
+
+def _wrong_sums(plain: Mapping[str, Any]) -> Iterator[tuple[Loc, str]]:
+    """Find points that are not those of their parts together; what is no number is a mistake of its own."""
+    criteria = plain.get("criteria")
+    wholes: list[tuple[Loc, Any, str, Any]] = [(("lab",), plain.get("lab"), "criteria", criteria)]
+    listed = enumerate(criteria if isinstance(criteria, list) else ())
+    wholes += [(("criteria", n), each, "checks", each.get("checks")) for n, each in listed if isinstance(each, dict)]
+    for loc, whole, of, parts in wholes:
+        with suppress(KeyError, TypeError, ValueError):
+            total = sum((_points(part["points"]) for part in parts), Decimal(0))
+            if total != _points(whole["points"]):
+                yield (*loc, "points"), f"the {of}' points add up to {total}, not to {whole['points']}"
+
+
+class LabSpec(Parameters):
+    """What the lab is called, how many points it has, and the package name of bare files."""
+
+    id: str
+    title: str
+    points: Points
+    package: str = Field("student_lab", description="Package under which bare files are installed.")
+    solution: str | None = Field(None, description="Folder of a submission that earns all points.")
+
+
+class ArtifactSpec(Parameters):
+    """A file that students hand in."""
+
+    file: str = Field(description="The name that the lab asks for.")
+    find: tuple[str, ...] = Field(
+        default_factory=lambda data: (data.get("file"), f"**/{data.get('file')}"),
+        description="Patterns, best first; '**/x' matches x in any folder.",
+    )
+    executable: str | None = Field(None, description="Name under which it is installed as an executable.")
+    contains: tuple[str, ...] = Field((), description="Words that give the file away when its name is another.")
+
+
+class ReferenceSpec(Parameters):
+    """A reference node: a program beside the rubric, started with a JSON configuration as its argument."""
+
+    file: FileBeside
+    node: RosName = Field(description="Fully qualified name of its node; all other nodes are the student's.")
+    settings: Loadable | None = Field(
+        None, description="file.py:Class, the dataclass of what a start step may give it; without, all is passed on."
+    )
+
+
+# -- sessions --------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class StepSpec:
+    """One step of a session, and the label by which checks refer to it."""
+
+    kind: str
+    step: Step
+    label: str | None = None
+
+    @cached_property
+    def parameters(self) -> dict[str, Any]:
+        """What it is given, as plain data with its defaults."""
+        return self.step.model_dump(mode="json", by_alias=True)
+
+
+#: Kind of a step -> model of its mapping in the list of steps.
+_ENTRIES: dict[str, type[Strict]] = {
+    kind: create_model(model.__name__, __base__=Parameters, **{kind: (model, ...), "label": (str | None, None)})  # type: ignore[call-overload]
+    for kind, model in STEPS.items()
+}
+
+
+def _step(value: Any, info: ValidationInfo) -> Any:
+    if isinstance(value, StepSpec):
+        return value
+    kinds = [str(key) for key in value if key != "label"] if isinstance(value, dict) else []
+    if len(kinds) != 1 or kinds[0] not in STEPS:
+        near = suggestion(kinds[0], STEPS) if len(kinds) == 1 else ""
+        raise ValueError(f"a step has one key of {', '.join(STEPS)}, and a label where checks refer to it{near}")
+    if info.context is not None:
+        info.context.session = info.data.get("id")
+    entry = _ENTRIES[kinds[0]].model_validate(value, context=info.context)
+    return StepSpec(kinds[0], getattr(entry, kinds[0]), getattr(entry, "label"))  # noqa: B009
+
+
+class SessionSpec(Parameters):
+    """One experiment on a part of the submission."""
+
+    id: str
+    title: str = Field(default_factory=lambda data: data.get("id"))
+    steps: tuple[Annotated[StepSpec, PlainValidator(_step), WithJsonSchema({"$ref": "#/$defs/Step"})], ...]
+    typical_s: float = Field(
+        10.0, gt=0, description="How long it takes with a correct submission; the longest session is started first."
+    )
+    timeout_s: float = Field(90.0, gt=0, description="Time after which the session is stopped.")
+
+    @model_validator(mode="after")
+    def _labels_are_different(self) -> SessionSpec:
+        labels = [step.label for step in self.steps]
+        again = [n for n, label in enumerate(labels) if label is not None and label in labels[:n]]
+        if again:
+            raise mistakes_at((("steps", n, "label"), f"{labels[n]!r} labels an earlier step") for n in again)
+        return self
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """Artifacts that its steps start."""
+        given = [spec.parameters for spec in self.steps if spec.kind in ("start", "plan")]
+        return tuple(dict.fromkeys(name for p in given if (name := p.get("student") or p.get("launch"))))
+
+
+# -- criteria --------------------------------------------------------------------------------------
+
+
+class _OfKind(Parameters):
+    """A check or a figure: its kind says what stands behind `with`."""
+
+    #: The key that names the kind, and where the scope has the models of parameters.
+    key: ClassVar[str]
+    models: ClassVar[str]
+
+    @field_validator("check", "kind", check_fields=False)
+    @classmethod
+    def _is_known(cls, value: str, info: ValidationInfo) -> str:
+        return value if info.context is None else one_of(value, cls.key, getattr(info.context, cls.models))
+
+    @field_validator("parameters", mode="before", check_fields=False)
+    @classmethod
+    def _of_kind(cls, value: Any, info: ValidationInfo) -> Any:
+        kind = info.data.get(cls.key)
+        if isinstance(value, BaseModel) or kind is None or info.context is None:
+            return value if isinstance(value, BaseModel) else Parameters()
+        model: type[Parameters] = getattr(info.context, cls.models)[kind]
+        info.context.session = info.data.get("session")
+        if model.of_session and info.data.get("session", "") is None:
+            raise ValueError(f"{kind} looks at a recording; say which by the key session")
+        return model.model_validate({} if value is None else value, context=info.context)
+
+
+class CheckSpec(_OfKind):
+    """One check with its points; `parameters` is of the model that the check declares."""
+
+    key, models = "check", "checks"
+
+    id: str = Field(min_length=1)
+    title: str = Field(default_factory=lambda data: data.get("id"))
+    points: Points
+    session: SessionId | None = None
+    check: str = Field(description="`grade checks` lists them.")
+    parameters: SerializeAsAny[BaseModel] = Field(alias="with", default_factory=dict, validate_default=True)
+    requires: tuple[EarlierCheckId, ...] = ()
+    hint: str = ""
+    replaces: tuple[str, ...] = Field((), description="Ids of earlier checks that have become part of this one.")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _follows(cls, value: Any, info: ValidationInfo) -> Any:
+        if info.context is not None and isinstance(value, dict):
+            info.context.begin_check(str(value.get("id")))
+        return value
+
+    @field_validator("id")
+    @classmethod
+    def _is_new(cls, value: str, info: ValidationInfo) -> str:
+        if info.context is not None and value in info.context.earlier:
+            raise ValueError(f"{value!r} is used twice")
+        return value
+
+
+class FigureSpec(_OfKind):
+    """A picture in the report, drawn from a session's recording."""
+
+    key, models = "kind", "figures"
+
+    kind: str
+    title: str
+    session: SessionId
+    parameters: SerializeAsAny[BaseModel] = Field(alias="with", default_factory=dict, validate_default=True)
+
+
+class CriterionSpec(Parameters):
+    """A row of the lab's point table."""
+
+    id: str = Field(min_length=1)
+    title: str = Field(min_length=1)
+    points: Points
+    description: str = ""
+    checks: tuple[CheckSpec, ...]
+    figures: tuple[FigureSpec, ...] = ()
+
+
+def _with_ids(value: Any) -> Any:
+    """Have each session know its name."""
+    if not isinstance(value, dict):
+        return value
+    return {str(name): {**spec, "id": str(name)} if isinstance(spec, dict) else spec for name, spec in value.items()}
+
+
+class RubricFile(Parameters):
+    """All that stands in a rubric."""
+
+    lab: LabSpec
+    artifacts: dict[str, ArtifactSpec] = Field(default_factory=dict, description="What students hand in.")
+    reference: dict[str, ReferenceSpec] = Field(default_factory=dict, description="Nodes of our own.")
+    sessions: Annotated[dict[str, SessionSpec], BeforeValidator(_with_ids)] = Field(default_factory=dict)
+    criteria: tuple[CriterionSpec, ...]
+    policy: Policy = Policy()
+
+    @model_validator(mode="after")
+    def _criteria_are_different(self) -> RubricFile:
+        names = [criterion.id for criterion in self.criteria]
+        if again := [n for n, name in enumerate(names) if name in names[:n]]:
+            raise mistakes_at((("criteria", n, "id"), f"the criterion {names[n]!r} stands here twice") for n in again)
+        return self
+
+
+@dataclass(frozen=True)
+class Rubric:
+    """A validated rubric, the folder of the files that it names, and its YAML, a copy of which goes with recordings."""
+
+    lab: LabSpec
+    artifacts: dict[str, ArtifactSpec]
+    reference: dict[str, ReferenceSpec]
+    sessions: dict[str, SessionSpec]
+    criteria: tuple[CriterionSpec, ...]
+    folder: Path
+    text: str
+    policy: Policy = field(default_factory=Policy)
+
+    @property
+    def sha256(self) -> str:
+        """Hash of the rubric's text."""
+        return hashlib.sha256(self.text.encode()).hexdigest()
+
+    def checks(self) -> Iterable[CheckSpec]:
+        """All checks, in the rubric's order."""
+        return (check for criterion in self.criteria for check in criterion.checks)
+
+
+@dataclass(frozen=True)
+class Kinds:
+    """What a rubric can use: name of a check, and kind of a figure -> model of its parameters."""
+
+    checks: Mapping[str, type[Parameters]]
+    figures: Mapping[str, type[Parameters]]
+
+
+def load_rubric(path: Path, kinds: Kinds, *folders: Path) -> Rubric:
+    """Read and validate a rubric; raises RubricError with every mistake, each with file and line.
+
+    The files that it names are looked up in the first of the folders in which all is right; by default, beside it.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as problem:
+        raise cannot_be_read("the rubric", path, problem, "Check --rubric.") from problem
+    plain, mistakes = parse_yaml(path, text, "the rubric")
+    for loc, words in _wrong_sums(plain):
+        mistakes.add(loc, words)
+    errors = []
+    for folder in folders or (path.resolve().parent,):
+        try:
+            found = RubricFile.model_validate(plain, context=Scope(plain, folder, kinds.checks, kinds.figures))
+        except ValidationError as error:
+            errors.append(error)
+            continue
+        mistakes.raise_any(_REMEDY)
+        parts = (found.lab, found.artifacts, found.reference, found.sessions, found.criteria)
+        return Rubric(*parts, folder, text, found.policy)
+    mistakes.add_validation((), min(errors, key=lambda error: error.error_count()))
+    raise mistakes.error(_REMEDY)
+
+
+def json_schema(kinds: Kinds) -> dict[str, Any]:
+    """Return the JSON Schema of rubrics, by which editors complete and check them while they are written."""
+    listed: list[type[BaseModel]] = [RubricFile, *STEPS.values(), *kinds.checks.values(), *kinds.figures.values()]
+    refs, schema = models_json_schema([(model, "validation") for model in listed])
+    defs = schema["$defs"]
+
+    def ref(model: type[BaseModel]) -> dict[str, Any]:
+        return refs[model, "validation"]
+
+    defs["Step"] = {
+        "type": "object",
+        "properties": {**{kind: ref(model) for kind, model in STEPS.items()}, "label": {"type": "string"}},
+        "additionalProperties": False,
+        "oneOf": [{"required": [kind]} for kind in STEPS],
+    }
+    for spec, models in ((CheckSpec, kinds.checks), (FigureSpec, kinds.figures)):
+        part = defs[spec.__name__]
+        part["properties"][spec.key]["enum"] = list(models)
+        part["allOf"] = [
+            {"if": {"properties": {spec.key: {"const": name}}}, "then": {"properties": {"with": ref(model)}}}
+            for name, model in models.items()
+        ]
+    defs["SessionSpec"]["properties"].pop("id")
+    defs["SessionSpec"]["required"].remove("id")
+    head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "Rubric"}
+    return {**head, **ref(RubricFile), "$defs": defs}

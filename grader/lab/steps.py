@@ -1,0 +1,180 @@
+"""The steps of a session: what each may be given, and how it is described while it runs.
+
+A further step is a class here, listed in `STEPS`, and what the live half does for it: an operation of that name in
+`grader.live.ros_node.director`, or where it concerns processes, in `grader.live.session.session`.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, ClassVar
+
+from pydantic import Field, model_validator
+
+from grader.lab import references as ref
+from grader.lab.references import Parameters
+from grader.lab.yaml_with_lines import mistakes_at
+
+
+class Step(Parameters):
+    """Base of the steps."""
+
+    #: What it does, for the progress display and the report.
+    words: ClassVar[str]
+    #: Keys of which exactly one is given; `{key}` and `{target}` in the words are its name and what it holds.
+    targets: ClassVar[tuple[str, ...]] = ()
+
+    @model_validator(mode="after")
+    def _has_one_target(self) -> Step:
+        if self.targets and sum(getattr(self, key) is not None for key in self.targets) != 1:
+            raise ValueError(f"exactly one of {', '.join(self.targets)} is needed")
+        return self
+
+    def describe(self) -> str:
+        """Say in a few words what it does."""
+        key = next((key for key in self.targets if getattr(self, key) is not None), "")
+        return self.words.format(key=key.replace("_", " "), target=getattr(self, key, ""), **vars(self))
+
+
+class StartStep(Step):
+    """Start a student's artifact, the processes of a launch plan, or a reference node."""
+
+    words = "starting {target}"
+    targets = ("student", "launch", "reference")
+
+    student: ref.Artifact | None = None
+    launch: ref.Artifact | None = None
+    reference: ref.ReferenceNode | None = None
+    name: str | None = Field(None, description="Name of the process; the artifact's by default (student only).")
+    parameters: dict[str, Any] = Field(default_factory=dict, description="ROS parameters (student only).")
+    remappings: dict[str, str] = Field(default_factory=dict, description="Name remappings (student only).")
+    composed: dict[str, str] = Field(
+        default_factory=dict, description="Name remappings besides, where the artifact's file holds others too."
+    )
+    if_ended: bool = Field(False, description="Start it again only if it has ended.")
+    with_: ref.Settings = Field(default_factory=dict, alias="with", description="Settings (reference only).")
+
+    @model_validator(mode="after")
+    def _is_of_use(self) -> StartStep:
+        owners = dict.fromkeys(("name", "parameters", "remappings", "composed", "if_ended"), "student")
+        owners["with_"] = "reference"
+        if useless := [key for key in self.model_fields_set & owners.keys() if getattr(self, owners[key]) is None]:
+            raise mistakes_at(((key.rstrip("_"),), f"only a {owners[key]} takes it") for key in useless)
+        return self
+
+
+class WaitForStep(Step):
+    """Wait for a node, an endpoint, a service or a line of output; near misses of a name are found."""
+
+    words = "waiting for {key} {target}"
+    targets = ("node", "publisher", "subscription", "service", "output_of")
+
+    node: ref.RosName | None = None
+    publisher: ref.RosName | None = None
+    subscription: ref.RosName | None = None
+    service: ref.RosName | None = None
+    output_of: ref.Process | None = Field(None, description="Process whose output is watched.")
+    text: str | None = Field(None, description="Text that the line holds (with output_of).")
+    type: ref.AnyType | None = None
+    timeout_s: float = Field(10.0, gt=0, le=300)
+
+
+class ObserveStep(Step):
+    """Let the system run for a time; the window opens with the first message on `first_message_on`."""
+
+    words = "observing for {duration_s:g} s"
+
+    duration_s: float = Field(gt=0, le=300)
+    first_message_on: ref.Topic | None = None
+    timeout_s: float = Field(5.0, gt=0, le=300, description="How long the first message may take.")
+
+
+class PublishStep(Step):
+    """Publish one message some times, offered so that every subscription is compatible."""
+
+    words = "publishing {count} messages on {topic}"
+
+    topic: ref.RosName
+    type: ref.MessageType
+    message: Annotated[dict[str, Any], ref.fields_of_type()]
+    count: int = Field(10, ge=1, le=10_000)
+    rate_hz: float = Field(100.0, gt=0, le=1000)
+
+
+class CallStep(Step):
+    """Call a service; keeps each request, response and latency."""
+
+    words = "calling {service} ({repeat}×)"
+
+    service: ref.RosName
+    type: ref.ServiceType
+    request: Annotated[dict[str, Any], ref.fields_of_type("_Request")] = Field(default_factory=dict)
+    repeat: int = Field(1, ge=1, le=10_000)
+    clients: int = Field(1, ge=1, le=16)
+    timeout_s: float = Field(5.0, gt=0, le=60, description="For each call.")
+    at_most_s: float = Field(30.0, gt=0, le=300, description="For all of them; calls not made by then are skipped.")
+
+
+class GetParametersStep(Step):
+    """Read parameters of a student's node through its parameter services."""
+
+    words = "reading parameters of {node}"
+
+    node: ref.RosName
+    names: tuple[str, ...]
+    timeout_s: float = Field(5.0, gt=0, le=60)
+
+
+class SetParametersStep(Step):
+    """Set parameters of a student's node through its parameter services."""
+
+    words = "setting parameters of {node}"
+
+    node: ref.RosName
+    values: dict[str, Any]
+    timeout_s: float = Field(5.0, gt=0, le=60)
+
+
+class InterruptStep(Step):
+    """Send SIGINT, as Ctrl-C would, and wait for the exit; '*' means all of the student's processes."""
+
+    words = "interrupting {process}"
+
+    process: ref.StudentProcesses
+    timeout_s: float = Field(4.0, gt=0, le=60)
+
+
+class WaitExitStep(Step):
+    """Wait for a process to end by itself."""
+
+    words = "waiting until {process} ends"
+
+    process: ref.Process
+    timeout_s: float = Field(20.0, gt=0, le=600)
+
+
+class PlanStep(Step):
+    """Evaluate a launch file with arguments, without starting what it describes."""
+
+    words = "evaluating {launch}"
+
+    launch: ref.Artifact
+    arguments: dict[str, str] = Field(default_factory=dict)
+    assume: dict[str, str] = Field(
+        default_factory=dict, description="Values for arguments that the file uses without declaring them."
+    )
+    timeout_s: float = Field(10.0, gt=0, le=60)
+
+
+#: Kind of a step -> its model.
+STEPS: dict[str, type[Step]] = {
+    "start": StartStep,
+    "wait_for": WaitForStep,
+    "observe": ObserveStep,
+    "publish": PublishStep,
+    "call": CallStep,
+    "get_parameters": GetParametersStep,
+    "set_parameters": SetParametersStep,
+    "interrupt": InterruptStep,
+    "wait_exit": WaitExitStep,
+    "plan": PlanStep,
+}

@@ -1,0 +1,1 @@
+"""Processes of a session: forked, limited, watched, accounted. Imports the sandbox."""

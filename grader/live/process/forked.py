@@ -1,0 +1,134 @@
+"""Starts the grader's own processes as forks of one that has imported what they need.
+
+A Python that imports rclpy anew takes a sixth of a second of a core, and its first node nearly another tenth for the
+libraries that it loads; a fork has them. Nothing of ROS may have been started before: neither a context nor its threads
+would be whole in the child.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import resource
+import runpy
+import signal
+import sys
+import threading
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NoReturn
+
+from grader.live.sandbox.namespaces import close_descriptors, end_with_parent, name_process, open_descriptors
+
+#: The longest message of a program: a snapshot of a graph that somebody floods.
+_LONGEST_LINE_BYTES = 64 * 2**20
+
+
+@dataclass(frozen=True)
+class Program:
+    """What a fork does: under a name, with `sys.argv` from its second entry on, and with all of its environment."""
+
+    name: str
+    main: Callable[[], object]
+    arguments: Sequence[str]
+    environment: Mapping[str, str]
+    address_space_bytes: int | None = None
+
+
+def script(file: str) -> Callable[[], object]:
+    """Return what runs a Python file as a program."""
+
+    def run() -> None:
+        sys.argv[0] = file
+        runpy.run_path(file, run_name="__main__")
+
+    return run
+
+
+class ForkedProcess:
+    """A fork, with the attributes of `asyncio.subprocess.Process` that a `RunningProcess` uses."""
+
+    def __init__(
+        self, pid: int, stdin: asyncio.StreamWriter, stdout: asyncio.StreamReader, stderr: asyncio.StreamReader
+    ) -> None:
+        self.pid = pid
+        self.stdin, self.stdout, self.stderr = stdin, stdout, stderr
+        loop = asyncio.get_running_loop()
+        self._status: asyncio.Future[int] = loop.create_future()
+        threading.Thread(target=self._reap, args=(loop,), name=f"waits for {pid}", daemon=True).start()
+
+    def _reap(self, loop: asyncio.AbstractEventLoop) -> None:
+        status = os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1])
+        if not loop.is_closed():
+            loop.call_soon_threadsafe(self._status.set_result, status)
+
+    async def wait(self) -> int:
+        """Wait until it has ended, and return its exit status (negative: the signal that ended it)."""
+        return await asyncio.shield(self._status)
+
+
+async def start_forked(program: Program) -> ForkedProcess:
+    """Start a program as a fork in a session of its own, with pipes to it; it ends with this process."""
+    (stdin, to_it), (from_it, stdout), (errors, stderr) = (os.pipe() for _ in range(3))
+    parent = os.getpid()
+    pid = os.fork()
+    if pid == 0:
+        become(program, parent, (stdin, stdout, stderr))
+    for descriptor in (stdin, stdout, stderr):
+        os.close(descriptor)
+    loop = asyncio.get_running_loop()
+    protocol = asyncio.StreamReaderProtocol(asyncio.StreamReader())  # which knows when the pipe is full
+    transport, _ = await loop.connect_write_pipe(lambda: protocol, os.fdopen(to_it, "wb", 0))
+    writer = asyncio.StreamWriter(transport, protocol, None, loop)
+    return ForkedProcess(pid, writer, await read_pipe(from_it), await read_pipe(errors))
+
+
+async def read_pipe(descriptor: int) -> asyncio.StreamReader:
+    """Return what reads a pipe, and closes it at its end."""
+    reader = asyncio.StreamReader(limit=_LONGEST_LINE_BYTES)
+    protocol = asyncio.StreamReaderProtocol(reader)
+    await asyncio.get_running_loop().connect_read_pipe(lambda: protocol, os.fdopen(descriptor, "rb", 0))
+    return reader
+
+
+def become(program: Program, parent: int, descriptors: Sequence[int]) -> NoReturn:
+    """Turn this fork of `parent` into a program with these standard input, output and error, and end with it."""
+    status = 1
+    try:
+        _leave_everything(program, parent, descriptors)
+        program.main()
+        status = 0
+    except SystemExit as end:
+        status = end.code if isinstance(end.code, int) else int(end.code is not None)
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        # Not as Python ends: what else is in this image, such as the event loop, is the other process's to end.
+        try:
+            sys.stdout.flush()
+            sys.stderr.flush()
+        finally:
+            os._exit(status)
+
+
+def _leave_everything(program: Program, parent: int, descriptors: Sequence[int]) -> None:
+    """Keep nothing of the other process but its image."""
+    end_with_parent()
+    if os.getppid() != parent:
+        os._exit(1)
+    name_process(program.name)
+    os.setsid()
+    signal.set_wakeup_fd(-1)
+    for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGCHLD):
+        signal.signal(number, signal.SIG_DFL)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    for target, descriptor in enumerate(descriptors):
+        os.dup2(descriptor, target)
+    close_descriptors(open_descriptors(len(descriptors)))
+    os.environ.clear()
+    os.environ.update(program.environment)
+    os.chdir("/")
+    sys.argv = [program.name, *program.arguments]
+    if program.address_space_bytes is not None:
+        resource.setrlimit(resource.RLIMIT_AS, (program.address_space_bytes, program.address_space_bytes))

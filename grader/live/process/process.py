@@ -1,0 +1,363 @@
+"""One process of a session: started under limits, its output kept with times, its CPU accounted."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+
+from grader.live.process.forked import ForkedProcess, Program, start_forked
+from grader.live.process.priority import put_standing
+from grader.live.sandbox.machine import children_of, cpu_with_children_ns, descendants_of, read_bytes_of, tasks_of
+from grader.recording.session import OutputLine, ProcessRun, Usage
+
+#: Output kept of one process, in bytes and in lines; what comes after is counted and dropped.
+MAX_OUTPUT_BYTES = 1024 * 1024
+MAX_OUTPUT_LINES = 50_000
+#: Output after which a process is ended, in bytes: reading it takes time from others.
+MAX_FLOOD_BYTES = 64 * 1024 * 1024
+#: The longest line that is kept whole, in bytes.
+MAX_LINE_BYTES = 8 * 1024
+_READ_BYTES = 64 * 1024
+#: After SIGINT, how long a process may take to SIGTERM and then to SIGKILL.
+_TERMINATE_GRACE_S = 1.0
+#: After its exit, how long what it wrote last may take to be read on a busy machine.
+_LAST_OUTPUT_S = 2.0
+#: What holding a process to a core by another program may take; it takes a few ms.
+_HOLD_S = 2.0
+
+
+@dataclass
+class OutputRoom:
+    """What may still be kept of the output of several processes together."""
+
+    bytes: int = 16 * MAX_OUTPUT_BYTES
+    lines: int = 4 * MAX_OUTPUT_LINES
+
+    def take(self, length: int) -> bool:
+        """Take the room for a line, if there is so much."""
+        if self.bytes < length or self.lines < 1:
+            return False
+        self.bytes, self.lines = self.bytes - length, self.lines - 1
+        return True
+
+
+class RunningProcess:
+    """A started process and the record that it leaves.
+
+    With bubblewrap, `child_pid_fd` is the read end of its `--info-fd`: the process is a child of the pid written there.
+    A trusted process may speak in lines on standard output: `on_message` gets each, whole, and none is kept. Of other
+    output as much is kept as there is `room`, which a session's processes share.
+    """
+
+    def __init__(
+        self,
+        run: ProcessRun,
+        process: asyncio.subprocess.Process | ForkedProcess,
+        child_pid_fd: int | None,
+        on_message: Callable[[bytes], None] | None,
+        room: OutputRoom,
+    ) -> None:
+        self.run = run
+        self._process = process
+        self._child_pid_fd = child_pid_fd
+        self._sandbox_told = b""
+        self._sandbox_pid: int | None = None
+        #: By thread id; those that have ended keep what they used.
+        self._usage: dict[int, tuple[int, int]] = {}
+        self._kept = self._written = 0
+        self._room = room
+        assert process.stdout is not None
+        assert process.stderr is not None
+        said = self._read(process.stdout, "stdout") if on_message is None else _hear(process.stdout, on_message)
+        self._readers = [asyncio.create_task(said), asyncio.create_task(self._read(process.stderr, "stderr"))]
+        self.exited = asyncio.create_task(self._wait())
+
+    @classmethod
+    async def start(
+        cls,
+        run: ProcessRun,
+        argv: Sequence[str],
+        *,
+        environment: Mapping[str, str],
+        cwd: str,
+        pass_fds: Sequence[int] = (),
+        child_pid_fd: int | None = None,
+        with_input: bool = False,
+        room: OutputRoom | None = None,
+    ) -> RunningProcess:
+        """Start a process in a process group of its own, with SIGINT at its default."""
+        run.started_ns = time.time_ns()
+        process = await asyncio.create_subprocess_exec(
+            *argv,
+            stdin=asyncio.subprocess.PIPE if with_input else asyncio.subprocess.DEVNULL,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE,
+            env=dict(environment),
+            cwd=cwd,
+            pass_fds=pass_fds,
+            start_new_session=True,
+            limit=_READ_BYTES,
+        )
+        return cls(run, process, child_pid_fd, None, room or OutputRoom())
+
+    @classmethod
+    async def fork(
+        cls, run: ProcessRun, program: Program, *, on_message: Callable[[bytes], None] | None = None
+    ) -> RunningProcess:
+        """Start one of the grader's own programs as a fork of this process; it has a standard input."""
+        run.started_ns = time.time_ns()
+        process = await start_forked(program)
+        return cls(run, process, None, on_message, OutputRoom())
+
+    @property
+    def alive(self) -> bool:
+        """Whether it has not ended."""
+        return not self.exited.done()
+
+    def write(self, data: bytes, *, last: bool = False) -> None:
+        """Write to its standard input (only if started `with_input`), and close that if it is the last."""
+        if self._process.stdin is not None and self.alive:
+            with suppress(ConnectionError, RuntimeError):
+                self._process.stdin.write(data)
+            if last:
+                self._process.stdin.close()
+
+    async def _read(self, stream: asyncio.StreamReader, name: str) -> None:
+        rest = b""
+        while block := await stream.read(_READ_BYTES):
+            now = time.time_ns()
+            self._written += len(block)
+            if self._written > MAX_FLOOD_BYTES:
+                self.run.limit = "output"
+                self._end_group()
+            if len(self.run.output) >= MAX_OUTPUT_LINES or not self._room.lines:
+                self.run.output_dropped_bytes += len(rest) + len(block)
+                rest = b""
+                continue
+            *lines, rest = (rest + block).split(b"\n")
+            if len(rest) > MAX_LINE_BYTES:
+                lines, rest = [*lines, rest], b""
+            for line in lines:
+                self._keep(now, name, line)
+        if rest:
+            self._keep(time.time_ns(), name, rest)
+
+    def _keep(self, t_ns: int, stream: str, line: bytes) -> None:
+        cut = line[:MAX_LINE_BYTES]
+        full = self._kept + len(cut) > MAX_OUTPUT_BYTES or len(self.run.output) >= MAX_OUTPUT_LINES
+        if full or not self._room.take(len(cut)):
+            self.run.output_dropped_bytes += len(line) + 1
+            return
+        self._kept += len(cut) + 1
+        self.run.output_dropped_bytes += len(line) - len(cut)
+        self.run.output.append(OutputLine(t_ns, stream, cut.rstrip(b"\r").decode("utf-8", "replace")))
+
+    async def _wait(self) -> int:
+        status = await self._process.wait()
+        self.run.exited_ns = time.time_ns()
+        self.run.exit_status = status
+        # A grandchild may hold the pipes open; what it writes later is not waited for.
+        await asyncio.wait(self._readers, timeout=_LAST_OUTPUT_S)
+        for reader in self._readers:
+            reader.cancel()
+        self._note_last_usage()
+        if self._child_pid_fd is not None:  # A launch file may start more programs than one may have files open.
+            os.close(self._child_pid_fd)
+        return status
+
+    def _pid(self) -> int | None:
+        """Process id of the student's program: bubblewrap's child's child, or the process itself."""
+        if self._child_pid_fd is None:
+            return self._process.pid
+        if self._sandbox_pid is None and self.alive:
+            with suppress(BlockingIOError):
+                self._sandbox_told += os.read(self._child_pid_fd, 4096)
+            with suppress(ValueError, KeyError):  # It is written in pieces.
+                self._sandbox_pid = int(json.loads(self._sandbox_told)["child-pid"])
+        if self._sandbox_pid is None:
+            return None
+        children = children_of(self._sandbox_pid)
+        return children[0] if children else None
+
+    def interrupt(self) -> bool:
+        """Send SIGINT to the program itself, as Ctrl-C would; False if there is nothing to send it to."""
+        pid = self._pid()
+        if pid is None or not self.alive:
+            return False
+        self.sample_usage()
+        self.run.interrupted_ns = time.time_ns()
+        with suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGINT)
+        return True
+
+    async def stop(self, timeout_s: float) -> None:
+        """Interrupt it, then terminate, then kill; `ended_by` says how far it had to go."""
+        if not self.alive:
+            return
+        sent = self.interrupt()
+        if not sent:  # It is just beginning or just ending.
+            if await self.wait_exit(_TERMINATE_GRACE_S):
+                return
+            sent = self.interrupt()
+        if sent and await self.wait_exit(timeout_s):
+            self.run.ended_by = "interrupt"
+            return
+        pid = self._pid()
+        if pid is not None:
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGTERM)
+            if await self.wait_exit(_TERMINATE_GRACE_S):
+                self.run.ended_by = "terminate"
+                return
+        await self.kill()
+
+    async def kill(self, limit: str | None = None) -> None:
+        """Kill it, for a `limit` if it exceeded one, with its process group (and with bubblewrap, its sandbox)."""
+        if self.alive:
+            self.sample_usage()
+            self.run.ended_by = "kill" if limit is None else "limit"
+            self.run.limit = limit or self.run.limit
+            self._end_group()
+            await self.wait_exit(5.0)
+
+    def _end_group(self) -> None:
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+
+    def root_pid(self) -> int | None:
+        """Process id below which all of its processes are, while they have not left it."""
+        return self._sandbox_pid or self._pid()
+
+    def descendants(self) -> list[int]:
+        """Process ids of all its processes that have not left it."""
+        root = self.root_pid()
+        return descendants_of(root) if root is not None else []
+
+    async def wait_exit(self, timeout_s: float) -> bool:
+        """Wait until it has ended; False if it has not in time."""
+        done, _ = await asyncio.wait({self.exited}, timeout=timeout_s)
+        return bool(done)
+
+    def put_standing(self) -> None:
+        """Let it go before what is still starting: from now on its timing counts."""
+        put_standing(self.descendants())
+
+    def hold_to_core(self, core: int, user: int | None) -> None:
+        """Let all its threads, and those to come, run on one core only.
+
+        CPython runs one thread at a time, and on several cores its threads hand the interpreter's lock to
+        each other badly: a subscription under rclpy's MultiThreadedExecutor was seen to handle 27 of 400
+        messages on two cores, and 400 of 400 on one. It is done from outside and once the node stands, so
+        that the node sees all cores when it decides how many threads to have. `user` is a user id of its own.
+        """
+        for pid in self.descendants():
+            try:
+                _hold(pid, core)
+            except PermissionError:
+                if user is not None:
+                    _hold_as_user(pid, core, user)
+        root = self.root_pid()
+        with suppress(OSError):
+            if root is not None and self.run.core != core and os.sched_getaffinity(self._pid() or root) == {core}:
+                self.run.core, self.run.held_ns = core, time.time_ns()
+
+    def sample_usage(self) -> None:
+        """Read CPU time and run-queue delay of all its processes and threads, while they exist."""
+        root = self.root_pid()
+        if root is None or not self.alive:
+            return
+        pids = descendants_of(root)
+        for pid in pids:
+            self._usage.update(_scheduling_of(pid))
+        if not self._usage:  # It ended before it was ever looked at.
+            return
+        cpu_ns, delay_ns = (sum(values) for values in zip(*self._usage.values(), strict=True))
+        # Children that came and went between two looks are in the times of those that waited for them.
+        cpu_ns = max(cpu_ns, sum(map(cpu_with_children_ns, pids)), self.run.usage[-1].cpu_ns if self.run.usage else 0)
+        self.run.usage.append(Usage(time.time_ns(), cpu_ns, delay_ns))
+
+    def _note_last_usage(self) -> None:
+        """Note the CPU time that it took until its end, which no sample has seen; its delay is as last seen.
+
+        The sandbox that ends leaves its first process, with the CPU time of all in it, to the first of the cell.
+        """
+        if self._sandbox_pid is None or not self.run.usage:
+            return
+        with suppress(ChildProcessError):
+            pid, _, used = os.wait4(self._sandbox_pid, os.WNOHANG)
+            last, cpu_ns = self.run.usage[-1], round((used.ru_utime + used.ru_stime) * 1e9)
+            if pid and cpu_ns > last.cpu_ns:
+                self.run.usage.append(Usage(self.run.exited_ns or last.t_ns, cpu_ns, last.run_delay_ns))
+
+
+class PipeReader:
+    """Collects what comes through a pipe, up to a limit, and hands it on when the pipe closes."""
+
+    def __init__(self, fd: int, limit_bytes: int, on_end: Callable[[str], None]) -> None:
+        self._fd, self._limit, self._on_end = fd, limit_bytes, on_end
+        self._blocks: list[bytes] = []
+        self._size = 0
+        os.set_blocking(fd, False)
+        asyncio.get_running_loop().add_reader(fd, self._read)
+
+    def _read(self) -> None:
+        try:
+            block = os.read(self._fd, 65536)
+        except BlockingIOError:
+            return
+        self._size += len(block)
+        self._blocks.append(block)
+        if not block or self._size >= self._limit:  # Who writes on gets an error, and keeps nobody busy here.
+            self.close()
+
+    def close(self) -> None:
+        """Take what is left in the pipe, close it, and hand everything on."""
+        if self._fd < 0:
+            return
+        with suppress(BlockingIOError):
+            while self._size < self._limit and (block := os.read(self._fd, 65536)):
+                self._size += len(block)
+                self._blocks.append(block)
+        asyncio.get_running_loop().remove_reader(self._fd)
+        os.close(self._fd)
+        self._fd = -1
+        self._on_end(b"".join(self._blocks).decode("utf-8", "replace"))
+
+
+async def _hear(stream: asyncio.StreamReader, on_message: Callable[[bytes], None]) -> None:
+    async for line in stream:
+        on_message(line)
+
+
+def _hold(pid: int, core: int) -> None:
+    """Hold all threads of a process to a core, or raise `PermissionError`."""
+    with suppress(FileNotFoundError):
+        for task in tasks_of(pid):
+            with suppress(ProcessLookupError):
+                os.sched_setaffinity(int(task), {core})
+
+
+def _hold_as_user(pid: int, core: int, user: int) -> None:
+    """Hold a process to a core as the user that it runs as: root in a container has no say over others' cores."""
+    become = ["setpriv", f"--reuid={user}", f"--regid={user}", "--clear-groups", "--no-new-privs"]
+    command = [*become, "taskset", "--all-tasks", "--cpu-list", "--pid", str(core), str(pid)]
+    with suppress(OSError, subprocess.TimeoutExpired):
+        subprocess.run(command, check=False, timeout=_HOLD_S, stdin=subprocess.DEVNULL, capture_output=True, cwd="/")
+
+
+def _scheduling_of(pid: int) -> dict[int, tuple[int, int]]:
+    """Return (CPU time, run-queue delay) in ns for each of a process's threads, by thread id."""
+    found = {}
+    with suppress(OSError):
+        for task in os.listdir(f"/proc/{pid}/task"):  # noqa: PTH208
+            with suppress(OSError, ValueError, IndexError):
+                words = read_bytes_of(f"/proc/{pid}/task/{task}/schedstat").split()
+                found[int(task)] = (int(words[0]), int(words[1]))
+    return found

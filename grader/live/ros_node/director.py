@@ -1,0 +1,488 @@
+"""The director: one trusted process in a cell that probes the ROS graph and records all traffic.
+
+It reads one JSON request a line from standard input, and writes lines of JSON to standard output: the name of a list of
+the session's record with an entry for it, or "answer" with outcome ("done", "timeout", "cancelled" or "failed") and
+result. It answers once when it is ready, and then to each request but the last. It starts no process and parses no
+file of a student's.
+
+Requests: ``{"op": "wait_for", ...}``, ``observe``, ``publish``, ``call``, ``get_parameters``,
+``set_parameters``, ``forget``, ``stop``; ``{"op": "cancel"}`` ends the one under way.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import queue
+import shutil
+import socket
+import sys
+import threading
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from rclpy.client import Client
+from rclpy.duration import Duration
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.serialization import serialize_message
+from rclpy.service_introspection import ServiceIntrospectionState
+
+from grader.live.ros_node.deadline import Deadline
+from grader.live.ros_node.graph import GraphWatch, interface_named, new_context, silent_node
+from grader.live.ros_node.near_miss import Candidate, near_miss
+from grader.live.ros_node.recorder import DEFAULT_LIMIT_BYTES, Recorder
+from grader.recording.bag import BagWriter
+from grader.recording.session import (
+    GRADER_NAMESPACE,
+    UNKNOWN_NODE,
+    Endpoint,
+    GraphSnapshot,
+    Published,
+    Qos,
+    Trusted,
+)
+from grader.recording.trusted_channel import digest
+
+#: Once a student's node shows other endpoints, how long the wanted name may still take to appear.
+_NEAR_MISS_AFTER_S = 2.0
+#: Names that every node has; never what a lab asks for.
+_STANDARD = ("/rosout", "/parameter_events", "/clock")
+_STANDARD_SERVICES = (
+    "describe_parameters",
+    "get_parameters",
+    "get_parameter_types",
+    "list_parameters",
+    "set_parameters",
+    "set_parameters_atomically",
+    "get_type_description",
+)
+_NO_ANSWER = "the node's parameter services do not answer"
+_STANDARD_PARAMETERS = ("use_sim_time", "start_type_description_service")
+_SPIN_S = 0.01
+#: How long a publisher of ours waits until the subscriptions of the student and the recorder are matched.
+_MATCH_S = 3.0
+#: How long it stays for a subscription that has not taken all of it.
+_ACKNOWLEDGED_S = 1.0
+#: In a network that is not the cell's own, how long to look for nodes that do not belong there.
+_FOREIGN_S = 0.5
+#: Service events that the middleware keeps until the recorder has them.
+_EVENTS_DEPTH = 100
+#: Of the disk's free space a bag takes one part in so many at most, so that no flood of messages fills it.
+_SHARE_OF_FREE = 20
+#: A recording of this size at least is as good as any: what fills it is a flood, and not for want of disk.
+_ENOUGH_BYTES = 64 * 2**20
+#: What is passed on of a text in an answer, of the elements of an array, and of the names of a node's parameters.
+_LONGEST_TEXT, _MOST_ELEMENTS, _MOST_DECLARED = 10_000, 1000, 200
+
+
+#: Outcome and result of a request.
+Answer = tuple[str, dict[str, Any]]
+
+
+class Cancelled(Exception):
+    """The session no longer needs the answer, for the student's processes are gone."""
+
+
+class Director:
+    """Serves the requests of one session, whose bag of a name goes to a folder.
+
+    All nodes but `reference_nodes` (fully qualified) are the student's; `expected` are names that the rubric uses,
+    which are never taken for a misspelling of another.
+    """
+
+    def __init__(
+        self, folder: Path, name: str, domain_id: int, reference_nodes: list[str], expected: list[str]
+    ) -> None:
+        self._context = new_context(domain_id)
+        self._node = silent_node("probe", self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._limit_bytes = min(DEFAULT_LIMIT_BYTES, shutil.disk_usage(folder).free // _SHARE_OF_FREE)
+        self._recorder = Recorder(BagWriter(folder, name), domain_id, limit_bytes=self._limit_bytes)
+        self._watch = GraphWatch(self._node, self._on_change, {*expected, *_STANDARD})
+        self._problems: list[str] = []
+        self._reference_nodes = set(reference_nodes)
+        self._expected = set(expected)
+        self._names: dict[str, str] = {}
+        self._domain_id = domain_id
+        self._forgotten: set[str] = set()
+        self._clients: dict[tuple[str, str, int], Client[Any, Any]] = {}
+        self._requests: queue.Queue[dict[str, Any] | None] = queue.Queue()
+        self._cancelled = False
+
+    def serve(self) -> None:
+        """Answer requests until `stop` or the end of input."""
+        self._require_empty_graph()
+        threading.Thread(target=self._listen, daemon=True).start()
+        _say("trusted", Trusted("director", self._watch.own_prefix))
+        _say("answer", ("done", {}))
+        while True:
+            try:
+                request = self._requests.get(timeout=GraphWatch.PERIOD_S)
+            except queue.Empty:
+                self._watch.look()
+                continue
+            if request is None:
+                break
+            _say("answer", self._answer(request))
+        self._watch.close()
+        self._recorder.stop()
+        unrecorded = self._recorder.unrecorded
+        if self._limit_bytes < _ENOUGH_BYTES and any(left_out.messages for left_out in unrecorded):
+            self._problems.append(f"the disk had room for a recording of {self._limit_bytes / 1e6:.0f} MB only")
+        for problem in self._problems + self._recorder.problems:
+            _say("problems", problem)
+        for left_out in unrecorded:
+            _say("unrecorded", left_out)
+
+    def _require_empty_graph(self) -> None:
+        """See to it that nothing is in the graph before the first process is started: it would be taken for its."""
+        # A network with loopback alone is the cell's own, and new.
+        shared = any(name != "lo" for _, name in socket.if_nameindex())
+        end_s = time.monotonic() + (_FOREIGN_S if shared else 0.0)
+        while True:
+            graph = self._watch.look(now=True)
+            strangers = {*graph.nodes, *(endpoint.node for endpoint in graph.endpoints)}
+            named = sorted(name for name in strangers if UNKNOWN_NODE not in name)
+            if named or time.monotonic() >= end_s:
+                break
+            self._executor.spin_once(timeout_sec=_SPIN_S)
+        if strangers:
+            who = ", ".join(named[:5]) or "not known by name"
+            self._problems.append(f"before anything was started, there were other ROS nodes in its network: {who}")
+
+    def _listen(self) -> None:
+        """Take requests as they come; the session sends one only when the one before was answered."""
+        for line in sys.stdin:
+            request = json.loads(line)
+            self._cancelled = request["op"] in ("cancel", "stop")
+            if request["op"] == "stop":
+                break
+            if not self._cancelled:
+                self._requests.put(request)
+        self._cancelled = True
+        self._requests.put(None)
+
+    def _answer(self, request: dict[str, Any]) -> Answer:
+        try:
+            answer: Answer = getattr(self, f"_do_{request['op']}")(request)
+        except Cancelled:
+            return "cancelled", {}
+        except Exception as problem:  # Whatever it is, the session must hear of it and go on.
+            return "failed", {"problem": f"{type(problem).__name__}: {problem}"}
+        return answer
+
+    def _on_change(self, graph: GraphSnapshot) -> None:
+        self._recorder.follow(graph.endpoints)
+        _say("graph", graph)
+
+    def _spin(self) -> None:
+        self._executor.spin_once(timeout_sec=_SPIN_S)
+        self._watch.look()
+
+    def _until(self, condition: Callable[[], object], timeout_s: float, *, spins: bool = False) -> bool:
+        deadline = Deadline(timeout_s)
+        while not condition():
+            if self._cancelled:
+                raise Cancelled
+            if deadline.passed():
+                return False
+            # Only answers to our own calls need an executor, and spinning one costs some thirty times as much as this.
+            if spins:
+                self._spin()
+            else:
+                time.sleep(_SPIN_S)
+                self._watch.look()
+        return True
+
+    # -- waiting ------------------------------------------------------------------------------
+
+    def _do_wait_for(self, request: Mapping[str, Any]) -> Answer:
+        kind = next(k for k in ("node", "publisher", "subscription", "service") if request.get(k))
+        wanted, wanted_type = request[kind], request.get("type")
+        started_s = time.monotonic()
+        since_s: float | None = None  # when a node of the student's was first there without the wanted name
+
+        def found() -> list[Candidate]:
+            nonlocal since_s
+            candidates = self._candidates(kind)
+            since_s = (since_s or time.monotonic()) if self._students() else None
+            same = [c for c in candidates if c.name == wanted]
+            if same or since_s is None or time.monotonic() - since_s <= _NEAR_MISS_AFTER_S:
+                return same
+            taken = self._expected | set(self._names.values())
+            guess = near_miss(wanted, wanted_type, [c for c in candidates if c.name not in taken])
+            return [guess] if guess is not None else []
+
+        is_there = self._until(found, float(request["timeout_s"]))
+        waited = {"waited_s": round(time.monotonic() - started_s, 3)}
+        if not is_there:
+            return "timeout", {**waited, "there": sorted({c.name for c in self._candidates(kind)})[:50]}
+        meant = min(found(), key=lambda c: c.type != wanted_type)
+        if meant.name != wanted:
+            self._names[wanted] = meant.name
+            self._watch.first.add(meant.name)
+        return "done", {**waited, "name": meant.name, "type": meant.type}
+
+    def _students(self) -> list[str]:
+        return [n for n in self._watch.last.nodes if n not in self._reference_nodes]
+
+    def _candidates(self, kind: str) -> list[Candidate]:
+        graph = self._watch.last
+        if kind == "node":
+            return [Candidate(n, "") for n in self._students()]
+        if kind == "service":
+            return [
+                Candidate(s.name, s.type)
+                for s in graph.services
+                if s.node not in self._reference_nodes and s.name.rsplit("/", 1)[-1] not in _STANDARD_SERVICES
+            ]
+        return [
+            Candidate(e.topic, e.type)
+            for e in graph.endpoints
+            if e.kind == kind
+            and e.node not in self._reference_nodes
+            and e.topic not in _STANDARD
+            and UNKNOWN_NODE not in e.node
+            and e.gid not in self._forgotten
+        ]
+
+    def _do_forget(self, request: Mapping[str, Any]) -> Answer:
+        """Take the endpoints that are there as those of a dead process, which may stay in the graph for a while."""
+        self._forgotten = {e.gid for e in self._watch.look(now=True).endpoints}
+        return "done", {}
+
+    def _do_observe(self, request: Mapping[str, Any]) -> Answer:
+        topic = request.get("first_message_on")
+        if topic:
+            actual = self._names.get(topic, topic)
+            if not self._until(
+                lambda: any(n for (t, _), n in self._recorder.counts.items() if t == actual),
+                float(request["timeout_s"]),
+            ):
+                return "timeout", {"topic": actual}
+        opened_ns = time.time_ns()
+        self._until(lambda: False, float(request["duration_s"]))
+        return "done", {"opened_ns": opened_ns, "closed_ns": time.time_ns()}
+
+    def _do_publish(self, request: Mapping[str, Any]) -> Answer:
+        topic = self._names.get(request["topic"], request["topic"])
+        kind = interface_named(request["type"])
+        # Compatible with every request. All messages are kept, since the student's side may be matched later
+        # than ours, and then asks for those that it has missed.
+        offered = QoSProfile(depth=int(request["count"]), durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        context = new_context(self._domain_id)  # its own, since the student may use another type on this topic
+        node = silent_node("publisher", context)
+        publisher = node.create_publisher(kind, topic, offered)
+        self._record(topic, request["type"], "transient_local")
+        data = serialize_message(_fill(kind(), request["message"]))
+        sent = 0
+        try:
+            students = [e for e in self._watch.last.endpoints if e.kind == "subscription" and e.topic == topic]
+            # The recorder's subscription is one more.
+            matched = self._until(lambda: publisher.get_subscription_count() > len(students), _MATCH_S)
+            while sent < int(request["count"]):
+                publisher.publish(data)
+                sent += 1
+                self._until(lambda: False, 1.0 / float(request["rate_hz"]))
+            publisher.wait_for_all_acked(Duration(seconds=_ACKNOWLEDGED_S))
+        finally:
+            _say("published", Published("director", topic, request["type"], digest(data) * sent))
+            node.destroy_node()
+            context.shutdown()
+        return "done", {"topic": topic, "matched": matched}
+
+    # -- services -----------------------------------------------------------------------------
+
+    def _client(self, service: str, service_type: str, number: int) -> Client[Any, Any]:
+        key = (service, service_type, number)
+        if key not in self._clients:
+            client = self._node.create_client(interface_named(service_type), service)
+            client.configure_introspection(
+                self._node.get_clock(), QoSProfile(depth=_EVENTS_DEPTH), ServiceIntrospectionState.CONTENTS
+            )
+            self._clients[key] = client
+            events, events_type = f"{service}/_service_event", f"{service_type}_Event"
+            self._record(events, events_type)
+            self._until(lambda: self._recorder.matched(events, events_type) > number, _MATCH_S)
+        return self._clients[key]
+
+    def _record(self, topic: str, topic_type: str, durability: str = "volatile") -> None:
+        """Have a topic of our own recorded, which no snapshot of the graph shows."""
+        offered = Qos(reliability="reliable", durability=durability)
+        self._recorder.follow([Endpoint("publisher", topic, topic_type, "", f"{GRADER_NAMESPACE}/probe", "", offered)])
+
+    def _ready_client(self, service: str, service_type: str, number: int, timeout_s: float) -> Client[Any, Any] | None:
+        client = self._client(service, service_type, number)
+        return client if self._until(client.service_is_ready, timeout_s) else None
+
+    def _do_call(self, request: Mapping[str, Any]) -> Answer:
+        service = self._names.get(request["service"], request["service"])
+        timeout_s = float(request["timeout_s"])
+        clients = [self._ready_client(service, request["type"], n, timeout_s) for n in range(int(request["clients"]))]
+        if any(client is None for client in clients):
+            return "timeout", {"service": service, "calls": [], "problem": "the service is not up"}
+        message = _fill(interface_named(request["type"]).Request(), request["request"])
+        idle, calls = [client for client in clients if client is not None], list[_Call]()
+        finished: list[dict[str, Any]] = []
+        left, end_s = int(request["repeat"]), time.monotonic() + float(request["at_most_s"])
+        while calls or (left and time.monotonic() < end_s):
+            while idle and left and time.monotonic() < end_s:
+                calls.append(_Call(idle.pop(0), message, timeout_s))
+                left -= 1
+            for call in tuple(calls):
+                if (record := call.finish()) is not None:
+                    finished.append(record)
+                    calls.remove(call)
+                    idle.append(call.client)
+            if self._cancelled:
+                raise Cancelled
+            self._spin()
+            if len(finished) >= 2 and finished[-1]["response"] is None:
+                break  # A service that does not answer twice is not asked fifty times.
+        outcome = "done" if all(c["response"] is not None for c in finished) else "timeout"
+        return outcome, {"service": service, "request": dict(request["request"]), "calls": finished}
+
+    def _ask(self, request: Mapping[str, Any], operation: str, **fields: Any) -> Any:
+        """Call one of the parameter services of a request's node; None if there is no answer."""
+        service_type = f"rcl_interfaces/srv/{operation.title().replace('_', '')}"
+        timeout_s = float(request["timeout_s"])
+        client = self._ready_client(f"{self._node_name(request)}/{operation}", service_type, 0, timeout_s)
+        if client is None:
+            return None
+        future = client.call_async(interface_named(service_type).Request(**fields))
+        self._until(future.done, timeout_s, spins=True)
+        return future.result() if future.done() else None
+
+    def _node_name(self, request: Mapping[str, Any]) -> str:
+        wanted = request["node"] if request["node"].startswith("/") else "/" + request["node"]
+        return str(self._names.get(request["node"], self._names.get(wanted, wanted)))
+
+    def _do_get_parameters(self, request: Mapping[str, Any]) -> Answer:
+        node = self._node_name(request)
+        listed = self._ask(request, "list_parameters")
+        declared = list(listed.result.names) if listed is not None else []
+        names = [n for n in request.get("names", declared[:_MOST_DECLARED]) if n in declared]
+        got = self._ask(request, "get_parameters", names=names) if listed is not None else None
+        if got is None:
+            return "timeout", {"node": node, "problem": _NO_ANSWER}
+        values = {
+            name: {"type": Parameter.Type(v.type).name.lower(), "value": _jsonable(parameter_value_to_python(v))}
+            for name, v in zip(names, got.values, strict=False)
+        }
+        return "done", {"node": node, "declared": _jsonable(declared[:_MOST_DECLARED]), "values": values}
+
+    def _do_set_parameters(self, request: Mapping[str, Any]) -> Answer:
+        """Set parameters; one of another type, or of a misspelt name, as the student has it.
+
+        Either is charged where it is looked for; here it is seen what the parameter does.
+        """
+        meant: dict[str, str] = {}
+        node, refused = self._node_name(request), self._refused(request, request["values"])
+        if refused:
+            everything = {key: value for key, value in request.items() if key != "names"}
+            held = {n: v["value"] for n, v in self._do_get_parameters(everything)[1].get("values", {}).items()}
+            for name in tuple(refused):
+                value, own = request["values"][name], name if name in held else _misspelt(name, request["values"], held)
+                if own is not None and self._refused(request, {own: in_type_of(held[own], value)}) == {}:
+                    del refused[name]
+                    meant |= {name: own} if own != name else {}
+        if refused is None:
+            return "timeout", {"node": node, "problem": _NO_ANSWER}
+        names = {"names": meant} if meant else {}
+        return ("failed" if refused else "done"), {"node": node, "refused": refused, **names}
+
+    def _refused(self, request: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, str] | None:
+        """Set parameters; returns the reasons for which some were refused, None if there was no answer."""
+        given = [Parameter(n, value=v).to_parameter_msg() for n, v in values.items()]
+        answer = self._ask(request, "set_parameters", parameters=given)
+        if answer is None:
+            return None
+        return {n: r.reason for n, r in zip(values, answer.results, strict=False) if not r.successful}
+
+
+def _misspelt(name: str, values: Mapping[str, Any], held: Mapping[str, Any]) -> str | None:
+    """Return the declared parameter that was meant by a name, if one of the value's type is like it."""
+    fitting = [n for n, v in held.items() if type(v) is type(values[name]) and n not in values]
+    near = near_miss(name, "", [Candidate(n, "") for n in fitting if n not in _STANDARD_PARAMETERS])
+    return near.name if near is not None else None
+
+
+class _Call:
+    """A call that is under way."""
+
+    def __init__(self, client: Client[Any, Any], message: Any, timeout_s: float) -> None:
+        self.client = client
+        self._started_ns, self._deadline = time.time_ns(), Deadline(timeout_s)
+        self._future = client.call_async(message)
+        self._ended_ns = 0
+        self._future.add_done_callback(self._end)
+
+    def _end(self, _: object) -> None:
+        self._ended_ns = time.time_ns()
+
+    def finish(self) -> dict[str, Any] | None:
+        """Return the record of a call that has ended (answered or too late), else None."""
+        late = self._deadline.passed()
+        if not self._future.done() and not late:
+            return None
+        answer = self._future.result() if self._future.done() else None
+        if answer is None:
+            self.client.remove_pending_request(self._future)
+        response = None if answer is None else {f: getattr(answer, f) for f in answer.get_fields_and_field_types()}
+        # The callback runs in the executor, so it may come after we have seen the answer.
+        ended_ns = self._ended_ns or time.time_ns()
+        record = {"started_ns": self._started_ns, "ended_ns": ended_ns, "response": _jsonable(response)}
+        held_up_ns = round(self._deadline.stood_still_s * 1e9)
+        return {**record, "held_up_ns": held_up_ns} if held_up_ns else record
+
+
+def _fill(message: Any, values: Mapping[str, Any]) -> Any:
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            _fill(getattr(message, name), value)
+        else:
+            setattr(message, name, value)
+    return message
+
+
+def in_type_of(held: Any, value: Any) -> Any:
+    """Return a parameter's new value in the type of the one that it holds: false becomes "false" or "False"."""
+    if isinstance(held, str):
+        text = str(value).lower() if isinstance(value, bool) else str(value)
+        return text.capitalize() if held[:1].isupper() else text
+    try:
+        return type(held)(value) if isinstance(held, (bool, int, float)) else value
+    except (TypeError, ValueError):
+        return value
+
+
+def _jsonable(value: Any) -> Any:
+    if isinstance(value, str):
+        return value[:_LONGEST_TEXT]
+    if value is None or isinstance(value, (bool, int, float)):
+        return value
+    if isinstance(value, Mapping):
+        return {str(k): _jsonable(v) for k, v in value.items()}
+    if hasattr(value, "__iter__"):
+        return [_jsonable(v) for v in list(value)[:_MOST_ELEMENTS]]
+    return str(value)[:_LONGEST_TEXT]
+
+
+def _say(kind: str, what: Any) -> None:
+    sys.stdout.write(json.dumps([kind, what], default=dataclasses.asdict) + "\n")
+    sys.stdout.flush()
+
+
+def main() -> None:
+    """Run the director; argv[1] is a JSON object of its parameters."""
+    settings = json.loads(sys.argv[1])
+    Director(**{**settings, "folder": Path(settings["folder"])}).serve()
+
+
+if __name__ == "__main__":
+    main()

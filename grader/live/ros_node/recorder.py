@@ -1,0 +1,294 @@
+"""Records the traffic of a cell: raw subscriptions, written to a bag as they come.
+
+The recorder has contexts of its own, since one participant cannot hold two types on one topic. It does not
+spin an executor: the middleware stamps each message when it receives it, so that it does not matter when the
+recorder takes it. A thread empties all queues every few milliseconds, which costs a tenth of what waking for
+each message does, and leaves the cores to the experiment.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+from grader.live.ros_node.graph import interface_named, new_context, silent_node
+from grader.recording.bag import BagWriter
+from grader.recording.definitions import definition_of, type_hash_of
+from grader.recording.session import Endpoint, Unrecorded
+
+NODE_NAME = "_grader_recorder"
+DEFAULT_LIMIT_BYTES = 512 * 2**20
+DEFAULT_LIMIT_TOPICS = 1000
+
+# The queue bridges the time that the recorder gets no core: 2 s at 5,000 messages/s. Keep last, not keep all:
+# a full queue of a reliable keep-all subscription holds up the publisher, and recording must not
+# disturb what it records. The middleware allocates the queue as it fills, so that depth costs nothing.
+_DEPTH = 10_000
+# Each message has its times from the middleware already.
+_POLL_S = 0.05
+_FLUSH_S = 0.5
+# Of a topic with several subscriptions, the messages by which repeats are known: what all their queues hold at a time.
+_REMEMBERED = 4 * _DEPTH
+_TYPES_PER_TOPIC = 4
+_MOST_UNRECORDED = 5000
+# What the bag needs for a message beside its data: record head and index entry.
+_MESSAGE_OVERHEAD_BYTES = 47
+
+
+class _LimitReached(ValueError):
+    """There are more topics, or types of one, than are recorded."""
+
+
+@dataclass(frozen=True)
+class _Request:
+    """QoS that a subscription requests, as far as it decides which publishers match."""
+
+    reliable: bool
+    transient_local: bool
+
+    @classmethod
+    def suiting(cls, publishers: Sequence[Endpoint]) -> _Request:
+        """Request what every publisher offers (the rule of rosbag2)."""
+        return cls(
+            all(p.qos.reliability == "reliable" for p in publishers),
+            all(p.qos.durability == "transient_local" for p in publishers),
+        )
+
+    def weakened(self, other: _Request) -> _Request:
+        return _Request(self.reliable and other.reliable, self.transient_local and other.transient_local)
+
+    def profile(self) -> QoSProfile:
+        return QoSProfile(
+            history=HistoryPolicy.KEEP_LAST,
+            depth=_DEPTH,
+            reliability=ReliabilityPolicy.RELIABLE if self.reliable else ReliabilityPolicy.BEST_EFFORT,
+            durability=(DurabilityPolicy.TRANSIENT_LOCAL if self.transient_local else DurabilityPolicy.VOLATILE),
+        )
+
+
+#: Takes the next message of a subscription's queue, with its times.
+_Take = Callable[[type, bool], tuple[bytes, dict[str, Any]] | None]
+
+
+@dataclass
+class _Line:
+    """A topic of one type under record: its channel, and its subscriptions, the weakest last."""
+
+    topic: str
+    topic_type: str
+    channel: int
+    node: Node
+    message_type: type
+    request: _Request
+    subscriptions: list[Any] = field(default_factory=list)
+    takes: list[_Take] = field(default_factory=list)
+    seen: dict[tuple[int, int], None] = field(default_factory=dict)
+    stopped: bool = False
+    count: int = 0
+    written_bytes: int = 0
+
+    def subscribe(self, request: _Request) -> None:
+        """Receive it by one more subscription."""
+        subscription: Any = self.node.create_subscription(
+            self.message_type,
+            self.topic,
+            lambda data, info: None,
+            request.profile(),
+            raw=True,
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+        )
+        self.subscriptions.append(subscription)
+        self.takes.append(subscription.handle.take_message)
+        self.request = request
+
+    def is_repeat(self, source_ns: int, sequence: int) -> bool:
+        """Whether another subscription has received a message already, if there are several."""
+        key = (source_ns, sequence)
+        if len(self.takes) == 1:
+            return False
+        if key in self.seen:
+            return True
+        self.seen[key] = None
+        if len(self.seen) > _REMEMBERED:
+            del self.seen[next(iter(self.seen))]
+        return False
+
+
+class Recorder:
+    """Records every topic that it is told of, and closes the writer of the bag when it stops.
+
+    A topic may take as much of `limit_bytes` as is left for the others; past that it is no longer recorded, so that a
+    flood cannot cost the evidence of other topics. `problems` are what went wrong on the recorder's side, `unrecorded`
+    what it left out.
+    """
+
+    def __init__(
+        self,
+        writer: BagWriter,
+        domain_id: int,
+        *,
+        limit_bytes: int = DEFAULT_LIMIT_BYTES,
+        limit_topics: int = DEFAULT_LIMIT_TOPICS,
+    ) -> None:
+        self.problems: list[str] = []
+        self.unrecorded: list[Unrecorded] = []
+        self._writer = writer
+        self._domain_id = domain_id
+        self._left_bytes = limit_bytes
+        self._limit_topics = limit_topics
+        self._lines: dict[tuple[str, str], _Line] = {}
+        self._refused: set[tuple[str, str]] = set()
+        self._nodes: list[Node] = []
+        self._lock = threading.Lock()
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
+        self._thread.start()
+
+    @property
+    def counts(self) -> Mapping[tuple[str, str], int]:
+        """Messages written so far, by topic and type."""
+        with self._lock:
+            return {key: line.count for key, line in self._lines.items()}
+
+    def matched(self, topic: str, topic_type: str) -> int:
+        """How many publishers the recorder receives a topic from at this moment."""
+        with self._lock:
+            line = self._lines.get((topic, topic_type))
+            return 0 if line is None or line.stopped else int(line.subscriptions[-1].get_publisher_count())
+
+    def _leave_out(
+        self, key: tuple[str, str], reason: str, limit: bool, messages: int = 0, size_bytes: int = 0
+    ) -> None:
+        if len(self.unrecorded) < _MOST_UNRECORDED:
+            self.unrecorded.append(Unrecorded(*key, time.time_ns(), messages, size_bytes, reason, limit))
+
+    # -- subscribing: on the caller's thread ---------------------------------------------------
+
+    def follow(self, publishers: Sequence[Endpoint]) -> None:
+        """Record every topic of these publishers; to be called with all of them whenever the graph changed.
+
+        Topics followed before stay so when their publishers are gone. Endpoints that are not publishers are
+        passed over.
+        """
+        topics: dict[tuple[str, str], list[Endpoint]] = {}
+        for publisher in publishers:
+            if publisher.kind == "publisher":
+                topics.setdefault((publisher.topic, publisher.type), []).append(publisher)
+        for key, endpoints in topics.items():
+            if key in self._refused or self._ending.is_set():
+                continue
+            request = _Request.suiting(endpoints)
+            if (line := self._lines.get(key)) is not None:
+                weaker = line.request.weakened(request)
+                if weaker != line.request and not line.stopped:
+                    # So that a publisher that offers less is received too. No message is taken meanwhile: it could
+                    # come by both.
+                    with self._lock:
+                        line.subscribe(weaker)
+                continue
+            try:
+                line = self._open(*key, endpoints, request)
+            except Exception as error:
+                # Names and types are a student's: there are many ways in which rclpy can refuse them.
+                self._refused.add(key)
+                self._leave_out(key, str(error), isinstance(error, _LimitReached))
+            else:
+                with self._lock:
+                    self._lines[key] = line
+
+    def _open(self, topic: str, topic_type: str, publishers: list[Endpoint], request: _Request) -> _Line:
+        if len(self._lines) >= self._limit_topics:
+            raise _LimitReached(f"{self._limit_topics} topics are recorded already")
+        definition = definition_of(topic_type)
+        # Only what an installed package defines is imported, as the name comes from outside.
+        message_type = interface_named(topic_type)
+        node = self._node(sum(known == topic for known, _ in self._lines))
+        # The hash of the definition in the bag, whatever publishers announce: with another one, readers refuse the bag.
+        type_hash = type_hash_of(topic_type) or publishers[0].type_hash
+        with self._lock:
+            offered = [publisher.qos for publisher in publishers]
+            channel = self._writer.add_channel(topic, topic_type, type_hash, definition, offered)
+        line = _Line(topic, topic_type, channel, node, message_type, request)
+        line.subscribe(request)
+        return line
+
+    def _node(self, level: int) -> Node:
+        """The node whose participant holds the type number `level` of a topic."""
+        if level >= _TYPES_PER_TOPIC:
+            raise _LimitReached(f"{_TYPES_PER_TOPIC} other types of this topic are recorded already")
+        if level == len(self._nodes):
+            name = NODE_NAME if level == 0 else f"{NODE_NAME}_{level}"
+            node = silent_node(name, new_context(self._domain_id))
+            self._nodes.append(node)
+        return self._nodes[level]
+
+    # -- taking: on the recorder's thread ------------------------------------------------------
+
+    def stop(self) -> None:
+        """Write what has arrived, finish the bag, and leave the graph."""
+        self._ending.set()
+        self._thread.join()
+        for node in self._nodes:
+            node.destroy_node()
+            node.context.try_shutdown()
+
+    def _run(self) -> None:
+        try:
+            flush_s = time.monotonic() + _FLUSH_S
+            while not self._ending.wait(_POLL_S):
+                self._poll()
+                if time.monotonic() >= flush_s:
+                    flush_s = time.monotonic() + _FLUSH_S
+                    with self._lock:
+                        self._writer.flush()
+            self._poll()
+        except Exception as error:
+            self.problems.append(f"recording stopped early: {error}")
+        try:
+            with self._lock:
+                self._writer.close()
+        except OSError as error:
+            self.problems.append(f"the bag is not finished: {error}")
+
+    def _poll(self) -> None:
+        """Empty all queues."""
+        with self._lock:
+            for line in self._lines.values():
+                for take in line.takes:
+                    self._empty(line, take)
+
+    def _empty(self, line: _Line, take: _Take) -> None:
+        # Never more at a time than the queue holds, so that one topic cannot keep the others waiting.
+        for _ in range(_DEPTH):
+            if line.stopped or (message := take(line.message_type, True)) is None:
+                return
+            self._write(line, *message)
+
+    def _write(self, line: _Line, data: bytes, info: Mapping[str, Any]) -> None:
+        source_ns, sequence = info["source_timestamp"], info["publication_sequence_number"] or 0
+        if line.is_repeat(source_ns, sequence):
+            return
+        cost_bytes = len(data) + _MESSAGE_OVERHEAD_BYTES
+        if line.written_bytes + cost_bytes > self._left_bytes:
+            self._cut(line)
+            return
+        received_ns = info["received_timestamp"]
+        self._writer.write(line.channel, data, received_ns=received_ns, source_ns=source_ns, sequence=sequence)
+        self._left_bytes -= cost_bytes
+        line.written_bytes += cost_bytes
+        line.count += 1
+
+    def _cut(self, line: _Line) -> None:
+        """Record this topic no longer."""
+        line.stopped = True
+        reason = "they fill as much space as is left for all other topics"
+        self._leave_out((line.topic, line.topic_type), reason, True, line.count, line.written_bytes)
+        for subscription in line.subscriptions:
+            line.node.destroy_subscription(subscription)

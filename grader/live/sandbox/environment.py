@@ -1,0 +1,212 @@
+"""Environments of the processes in a cell, built from nothing.
+
+What the caller has sourced or exported (a ROS installation, PYTHONPATH, a DDS profile, a domain)
+reaches no process of a session.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import importlib.util
+import os
+import platform
+import subprocess
+import sys
+import sysconfig
+from collections.abc import Sequence
+from importlib.machinery import PathFinder
+from pathlib import Path
+
+import grader
+from grader.errors import PlatformError
+
+#: What of ours stands in a student's sandbox: the tap and the settings of discovery.
+INSIDE_FOLDER = Path(__file__).parents[1] / "student_tap/inside"
+#: What evaluates launch files there.
+LAUNCHING_FOLDER = Path(__file__).parents[1] / "launch"
+
+#: The first import from a cold disk takes seconds.
+_IMPORT_S = 60.0
+
+#: Fast DDS over UDP alone: shared memory needs equal user ids on both sides and crosses cells.
+_DDS = {
+    "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
+    "SKIP_DEFAULT_XML_FILE": "1",
+    "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET",
+    "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp",
+}
+
+
+def wheel_library_path(prefix: Path) -> str:
+    """Return the LD_LIBRARY_PATH that the ROS wheels' start-up hook would set, which spares its second start."""
+    version = f"python{sys.version_info.major}.{sys.version_info.minor}"
+    site = prefix / "lib" / version / "site-packages"
+    return ":".join([str(prefix / "lib"), *sorted(str(p) for p in site.glob("ros_*.libs"))])
+
+
+def _ros(prefix: Path) -> dict[str, str]:
+    return {
+        **_DDS,
+        "LD_LIBRARY_PATH": wheel_library_path(prefix),
+        "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1",
+        "LANG": "C.UTF-8",
+        "PATH": f"{prefix}/bin:/usr/local/bin:/usr/bin:/bin",
+        "PYTHONUNBUFFERED": "1",
+        "OPENBLAS_NUM_THREADS": "1",
+        "MALLOC_ARENA_MAX": "2",
+    }
+
+
+def trusted_environment(home: Path, domain_id: int) -> dict[str, str]:
+    """Environment of the grader's own processes: director and reference nodes."""
+    prefix = Path(sys.prefix)
+    return {
+        **_ros(prefix),
+        "HOME": str(home),
+        "TMPDIR": str(home),
+        "ROS_LOG_DIR": str(home / "log"),
+        "ROS_DOMAIN_ID": str(domain_id),
+        "AMENT_PREFIX_PATH": str(prefix),
+        "FASTRTPS_DEFAULT_PROFILES_FILE": str(INSIDE_FOLDER / "discovery.xml"),
+    }
+
+
+def student_environment(interpreter: Path, home: str, workspace: str, inside: str, domain_id: int) -> dict[str, str]:
+    """Environment of a student's process, with paths as it sees them.
+
+    Where `interpreter` is of a virtual environment with the ROS wheels, these are set up.
+    """
+    prefix = interpreter.parent.parent
+    return {
+        **_ros(prefix),
+        "HOME": home,
+        "TMPDIR": "/tmp",
+        "ROS_LOG_DIR": f"{home}/log",
+        "ROS_DOMAIN_ID": str(domain_id),
+        "ROS_DISTRO": "jazzy",
+        "ROS_VERSION": "2",
+        "AMENT_PREFIX_PATH": f"{workspace}/install:{prefix}",
+        "PYTHONDONTWRITEBYTECODE": "1",
+        "PYTHONNOUSERSITE": "1",  # what an earlier program left at home must not run before the tap does
+        "PYTHONPATH": inside,
+        "FASTRTPS_DEFAULT_PROFILES_FILE": f"{inside}/discovery.xml",
+        "RCUTILS_COLORIZED_OUTPUT": "0",
+    }
+
+
+def default_interpreter() -> Path:
+    """Python of the grader itself: not resolved, since a virtual environment is known by its link."""
+    return Path(sys.executable)
+
+
+def require_platform(interpreter: Path | None = None) -> None:
+    """Raise `PlatformError` unless ROS 2 nodes can run here, and, if it is given, with students' interpreter."""
+    if platform.system() != "Linux" or platform.machine() != "x86_64":
+        raise PlatformError(
+            f"ROS 2 nodes cannot run on {platform.system()} {platform.machine()}",
+            remedy="The ROS 2 wheels exist for Linux x86-64. Grade there or in the container; "
+            "`grade regrade` works on every system.",
+        )
+    if importlib.util.find_spec("rclpy") is None:
+        raise PlatformError(
+            "the Python package rclpy is not installed",
+            remedy="pip install 'ros-jazzy-rclpy[fastrtps]' ros-jazzy-common-interfaces",
+        )
+    if interpreter is not None:
+        require_ros(interpreter)
+
+
+def versions() -> dict[str, str]:
+    """Return the versions that a recording keeps."""
+    named = {"grader": grader.__version__, "python": platform.python_version(), "kernel": platform.release()}
+    for package in ("ros-jazzy-rclpy", "ros-fastrtps", "ros-rmw-fastrtps-cpp", "mcap", "rosbags", "numpy"):
+        try:
+            named[package] = importlib.metadata.version(package)
+        except importlib.metadata.PackageNotFoundError:
+            named[package] = "not installed"
+    return named
+
+
+def ask_interpreter(interpreter: Path, program: str, *arguments: str, isolated: bool = True) -> str:
+    """Run a short program with an interpreter, `isolated` as students' processes are, and return what it prints.
+
+    It raises `ValueError` with the reason if that fails.
+    """
+    try:
+        run = subprocess.run(
+            [str(interpreter), *(["-I"] if isolated else []), "-c", program, *arguments],
+            capture_output=True,
+            text=True,
+            timeout=_IMPORT_S,
+            check=False,
+            stdin=subprocess.DEVNULL,
+            env=_ros(interpreter.parent.parent) if isolated else None,
+            cwd="/" if isolated else None,
+        )
+    except (OSError, subprocess.TimeoutExpired) as problem:
+        raise ValueError(str(problem)[:200]) from problem
+    if run.returncode != 0:
+        raise ValueError(run.stderr.strip().rsplit("\n", 1)[-1][:200] or "it does not answer")
+    return run.stdout
+
+
+def require_ros(interpreter: Path) -> None:
+    """Raise `PlatformError` unless another interpreter imports ROS 2 in the environment that students' processes get.
+
+    Without this, every submission would fail for want of rclpy.
+    """
+    if interpreter == default_interpreter():
+        return
+    try:
+        if not ask_interpreter(interpreter, "import rclpy, std_msgs.msg, std_srvs.srv; print('imported')"):
+            raise ValueError("it does not answer")
+    except ValueError as problem:
+        raise PlatformError(
+            f"this interpreter cannot run students' nodes ({problem})",
+            where=str(interpreter),
+            remedy="Give --python an environment in which the ROS 2 packages are installed with pip, as the grader's "
+            "own constraints.txt has them. What was sourced in the terminal reaches no student's process.",
+        ) from problem
+
+
+_FIND = "import importlib.util, sys; print(*(n for n in sys.argv[1:] if importlib.util.find_spec(n) is None))"
+
+
+def absent_modules(interpreter: Path, names: Sequence[str]) -> list[str] | None:
+    """Return those of some top-level modules that an interpreter does not find; None where it does not say.
+
+    Nothing of the submission is on its path, and no module is imported for it.
+    """
+    own = [sysconfig.get_path("purelib"), sysconfig.get_path("platlib")] if interpreter == default_interpreter() else []
+    unknown = [name for name in names if not own or PathFinder.find_spec(name, own) is None]
+    try:
+        return ask_interpreter(interpreter, _FIND, *unknown).split() if unknown else []
+    except ValueError:
+        return None
+
+
+def interpreter_roots(interpreter: Path) -> list[Path]:
+    """Folders that an interpreter needs to run: its virtual environment and the installation behind it."""
+    real = interpreter.resolve().parent.parent
+    stdlib = Path(sysconfig.get_path("stdlib")).parent.parent if interpreter == default_interpreter() else real
+    # A link may lie anywhere, such as in ~/bin: what else is there is nobody's business.
+    linked = [path.parent.parent for path in (interpreter, *_links_of(interpreter))]
+    installed = [p for p in linked if (p / "pyvenv.cfg").is_file() or any(p.glob("lib*/python3*"))]
+    return list(dict.fromkeys([*installed, real, stdlib]))
+
+
+def interpreter_links(interpreter: Path) -> dict[Path, str]:
+    """Links on the way to the real program that lie in none of its folders -> what each of them says."""
+    roots = interpreter_roots(interpreter)
+    apart = [link for link in _links_of(interpreter) if not any(link.is_relative_to(root) for root in roots)]
+    return {link: str(link.readlink()) for link in apart}
+
+
+def _links_of(interpreter: Path) -> list[Path]:
+    """Return the links from an interpreter to the real program, the interpreter first if it is one."""
+    links: list[Path] = []
+    path = interpreter
+    while path.is_symlink() and path not in links:
+        links.append(path)
+        path = Path(os.path.normpath(path.parent / path.readlink()))
+    return links

@@ -1,0 +1,163 @@
+"""Makes a process the first of a new cell: network, mounts, IPC, host name and process ids of its own.
+
+As `unshare --net --mount --ipc --uts --pid --fork --kill-child --mount-proc` does for a program that it starts, this
+does it for a fork that goes on in the same image.
+
+References
+----------
+unshare(2), pid_namespaces(7), user_namespaces(7), proc(5).
+"""
+
+from __future__ import annotations
+
+import ctypes
+import fcntl
+import os
+import select
+import signal
+import socket
+import struct
+import threading
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NoReturn
+
+from grader.live.sandbox.isolation import Form
+
+_NEW_MOUNTS, _NEW_UTS, _NEW_IPC, _NEW_USER, _NEW_PIDS, _NEW_NET = (
+    0x00020000, 0x04000000, 0x08000000, 0x10000000, 0x20000000, 0x40000000,
+)  # fmt: skip
+_NOSUID, _NODEV, _NOEXEC, _RECURSIVE, _PRIVATE = 0x2, 0x4, 0x8, 0x4000, 0x40000
+_SET_PDEATHSIG, _SET_NAME, _SET_CHILD_SUBREAPER = 1, 15, 36
+_STANDARD_DESCRIPTORS = 3
+#: Looked up now: a fork of a process with threads would wait for ever, if one of these held the loader's lock then.
+_CALLS: dict[str, Callable[..., int]] = {
+    name: getattr(libc, name)
+    for libc in [ctypes.CDLL(None, use_errno=True)]
+    for name in ("mount", "prctl", "unshare")
+    if hasattr(libc, name)
+}
+
+
+def enter_own_mounts(form: Form) -> None:
+    """Have this process, which may have one thread only, see a file system of its own, with an empty `/dev/shm`.
+
+    What it loads may leave files there. Without namespaces it stays where it is; it raises `OSError` where the system
+    does not permit it.
+    """
+    if form is not Form.NONE:
+        _unshare(_NEW_MOUNTS)
+        _call("mount", b"none", b"/dev/shm", b"tmpfs", _NOSUID | _NODEV, b"size=1m")
+
+
+def enter_cell(form: Form) -> None:
+    """Become the first process of a new cell, or stay where there are no namespaces.
+
+    The calling process, which may have one thread only, is left outside: it waits for the one that goes on, ends with
+    its status, and all of the cell ends with it. It raises `OSError` if the system permits no such namespaces.
+    """
+    if form is Form.NONE:
+        end_with_parent()
+        return
+    _unshare(_NEW_NET | _NEW_MOUNTS | _NEW_IPC | _NEW_UTS | _NEW_PIDS)
+    descriptors = open_descriptors(_STANDARD_DESCRIPTORS)
+    there, held = os.pipe()
+    first = os.fork()
+    if first:
+        _wait_for(first, [*descriptors, there])
+    os.close(held)
+    end_with_parent()
+    # Who ended before that kills nobody. Its process id tells nothing here, but what it held open is closed.
+    if select.select([there], [], [], 0)[0]:
+        os._exit(1)
+    os.close(there)
+    _call("mount", b"proc", b"/proc", b"proc", _NOSUID | _NODEV | _NOEXEC, None)
+
+
+def _unshare(spaces: int) -> None:
+    """Leave the namespaces of some kinds for new ones, mounts among them, in a user namespace where that takes one."""
+    user, group, parent = os.geteuid(), os.getegid(), os.getppid()
+    _call("unshare", spaces if user == 0 else spaces | _NEW_USER)
+    if user != 0:
+        Path("/proc/self/setgroups").write_text("deny")
+        Path("/proc/self/uid_map").write_text(f"0 {user} 1")
+        Path("/proc/self/gid_map").write_text(f"0 {group} 1")
+    end_with_parent()  # Only now, for a change of what a process may do takes this back.
+    if os.getppid() != parent:
+        os._exit(1)
+    _call("mount", b"none", b"/", None, _RECURSIVE | _PRIVATE, None)
+
+
+def end_with_parent() -> None:
+    """Have this process killed when the thread ends that has started it."""
+    _call("prctl", _SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
+
+
+def name_process(name: str) -> None:
+    """Give this process another name, for people who look at the system's list of processes."""
+    _call("prctl", _SET_NAME, name.encode()[:15], 0, 0, 0)
+
+
+def adopt_orphans() -> None:
+    """Become the parent of what the student's processes leave behind, so that it can be found."""
+    _call("prctl", _SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+
+
+def mount_tmpfs(target: str, size_bytes: int, files: int) -> None:
+    """Mount an empty file system of a size of its own."""
+    _call("mount", b"tmpfs", target.encode(), b"tmpfs", 0, f"size={size_bytes},nr_inodes={files},mode=0755".encode())
+
+
+def bring_loopback_up() -> None:
+    """Let a new network reach itself."""
+    get_flags, set_flags, up = 0x8913, 0x8914, 0x1
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        request = struct.pack("16sh14x", b"lo", 0)
+        flags = struct.unpack("16sh14x", fcntl.ioctl(sock, get_flags, request))[1]
+        fcntl.ioctl(sock, set_flags, struct.pack("16sh14x", b"lo", flags | up))
+
+
+def use_up_process_ids(number: int) -> None:
+    """Let our processes have other ids than the student's, which count anew in each sandbox.
+
+    The identity that Fast DDS gives a participant is made of the process id and two random bytes.
+    """
+    for _ in range(number):
+        thread = threading.Thread(target=int)  # A thread has an id of the same kind, and is cheaper than a fork.
+        thread.start()
+        thread.join()
+
+
+def open_descriptors(least: int) -> list[int]:
+    """Return this process's open files from a number on.
+
+    To close all that there could be takes a Python that was built for older systems some 50 ms: there may be a million.
+    """
+    return [number for number in map(int, os.listdir("/proc/self/fd")) if number >= least]  # noqa: PTH208
+
+
+def close_descriptors(descriptors: Iterable[int]) -> None:
+    """Close files, those left out that are closed already."""
+    for descriptor in descriptors:
+        with suppress(OSError):
+            os.close(descriptor)
+
+
+def _wait_for(pid: int, descriptors: Iterable[int]) -> NoReturn:
+    """Wait for a process, and end as it did."""
+    status = 1
+    try:
+        # Who reads a pipe of it must not wait for this process too, except for what it says.
+        close_descriptors(descriptors)
+        code = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+        status = code if code >= 0 else 128 - code
+    finally:
+        os._exit(status)
+
+
+def _call(function: str, *arguments: Any) -> None:
+    words = [ctypes.c_ulong(a) if isinstance(a, int) else a for a in arguments]
+    if _CALLS[function](*words) != 0:
+        number = ctypes.get_errno()
+        raise OSError(number, f"{function}: {os.strerror(number)}")

@@ -1,0 +1,134 @@
+"""Keeps packets in the grader's name, and those that would hang it, from the sockets of its own processes.
+
+Whatever is in a cell can write to every UDP socket there. The grader's own sockets are marked, to which the student's
+processes have no right, and a filter looks at what comes without the mark: it may not bear the name of a reference
+node, nor hold a GAP of more numbers than any session has, all of which Fast DDS 2.14 goes through (CVE-2025-64438).
+It is done from outside, once a process has its sockets, and never stops what the grader itself sends.
+What gets past it is seen in the recording, see `grader.evidence.integrity`.
+
+References
+----------
+DDSI-RTPS 2.5, sections 8.3.5 and 9.4; socket(7): SO_MARK, SO_ATTACH_FILTER; pidfd_getfd(2).
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import socket
+import struct
+from collections.abc import Collection, Iterator
+from contextlib import suppress
+from pathlib import Path
+
+_SO_ATTACH_FILTER, _SO_MARK, _PIDFD_GETFD = 26, 36, 438
+_MARK = 0x67726164
+_LIBC = ctypes.CDLL(None, use_errno=True)
+
+# Classic BPF. Loads: a word at a place, a byte or half beyond X, the packet's length; then arithmetic and jumps.
+_WORD, _BYTE_AT_X, _HALF_AT_X, _LENGTH, _STORED_TO_X = 0x20, 0x50, 0x48, 0x80, 0x61
+_ADD, _ADD_X, _SUBTRACT, _SHIFT_LEFT, _OR_X, _SET_X, _TO_X, _STORE, _STORE_X = (
+    0x04, 0x0C, 0x14, 0x64, 0x4C, 0x01, 0x07, 0x02, 0x03,
+)  # fmt: skip
+_JUMP, _EQUAL, _AT_LEAST, _AT_LEAST_X, _ANY_BIT, _RETURN = 0x05, 0x15, 0x35, 0x3D, 0x45, 0x06
+_MARK_OF_PACKET = 0xFFFFF000 + 20
+
+#: Behind the header of UDP, RTPS has four letters, version and vendor, and then the sender's prefix.
+_PREFIX, _FIRST_PART = 16, 28
+_GAP, _INFO_SOURCE = 0x08, 0x0C
+#: Parts of a packet that are looked at: older kernels keep 20 KiB for what a socket has besides its data.
+_MOST_PARTS = 24
+
+
+def _step(code: int, operand: int = 0, if_true: int = 0, if_false: int = 0) -> bytes:
+    return struct.pack("=HBBI", code, if_true, if_false, operand)
+
+
+_DROP, _PASS = _step(_RETURN, 0), _step(_RETURN, 0xFFFFFFFF)
+
+
+def filter_program(prefixes: Collection[bytes]) -> bytes:
+    """Return the filter for sockets of the grader's, where participants with these prefixes of 12 bytes are its own."""
+    steps = [_step(_WORD, _MARK_OF_PACKET), _step(_EQUAL, _MARK, 0, 1), _PASS]
+    steps += [_step(_LENGTH), _step(_AT_LEAST, _FIRST_PART, 1, 0), _PASS]
+    for prefix in prefixes:
+        for place, word in enumerate(struct.unpack(">III", prefix)):
+            steps += [_step(_WORD, _PREFIX + 4 * place), _step(_EQUAL, word, 0, 5 - 2 * place)]
+        steps.append(_DROP)
+    return b"".join([*steps, _step(_SET_X, _FIRST_PART), *_look_at_part(bool(prefixes)) * _MOST_PARTS, _PASS])
+
+
+def _look_at_part(named: bool) -> list[bytes]:
+    """Return steps that look at the part of a packet that begins at X, and set X to the next."""
+    source = [_step(_EQUAL, _INFO_SOURCE, 0, 1), _DROP] if named else []
+    gap = _unless_shorter(28)
+    for high in (12, 14, 20, 22):  # of the first number, and of the one behind the last
+        gap += [_step(_HALF_AT_X, high), _step(_EQUAL, 0, 1, 0), _DROP]
+    gap += [_step(_BYTE_AT_X, 1), _step(_ANY_BIT, 1, 0, 2), _step(_BYTE_AT_X, 27), _step(_EQUAL, 0, 3, 2)]
+    gap += [_step(_BYTE_AT_X, 24), _step(_EQUAL, 0, 1, 0), _DROP]
+    length = [_step(_BYTE_AT_X, 1), _step(_ANY_BIT, 1, 0, 8)]
+    length += [_step(_BYTE_AT_X, 3), _step(_SHIFT_LEFT, 8), _step(_STORE, 0), _step(_STORE_X, 1), _step(_BYTE_AT_X, 2)]
+    length += [_step(_STORED_TO_X, 0), _step(_OR_X), _step(_JUMP, 2)]
+    length += [_step(_STORE_X, 1), _step(_HALF_AT_X, 2)]
+    length += [_step(_STORED_TO_X, 1), _step(_ADD_X), _step(_ADD, 4), _step(_TO_X)]
+    return [*_unless_shorter(4), _step(_BYTE_AT_X, 0), *source, _step(_EQUAL, _GAP, 0, len(gap)), *gap, *length]
+
+
+def _unless_shorter(size: int) -> list[bytes]:
+    """Return steps that let a packet pass which ends before so many bytes from X."""
+    return [_step(_LENGTH), _step(_SUBTRACT, size), _step(_AT_LEAST_X, 0, 1, 0), _PASS]
+
+
+class PacketFilter:
+    """The filter of one cell's sockets."""
+
+    def __init__(self) -> None:
+        self._prefixes: set[bytes] = set()
+        self._sockets: dict[tuple[int, str], socket.socket] = {}
+        self._marks = True
+
+    def protect(self, pid: int, prefix: str = "") -> None:
+        """Filter what comes to a process's UDP sockets, and protect its participant's prefix, in hexadecimal digits."""
+        new = dict(_udp_sockets(pid, self._sockets))
+        for found in new.values():
+            self._marks = self._marks and _set(found, _SO_MARK, _MARK)
+        known = len(self._prefixes)
+        if prefix and self._marks:
+            self._prefixes.add(bytes.fromhex(prefix))
+        self._sockets |= new
+        program = filter_program(self._prefixes)
+        steps = ctypes.create_string_buffer(program, len(program))
+        attached = struct.pack(
+            "HxxxxxxQ", len(program) // 8, ctypes.addressof(steps)
+        )  # the kernel's `struct sock_fprog`
+        for found in self._sockets.values() if len(self._prefixes) > known else new.values():
+            _set(found, _SO_ATTACH_FILTER, attached)
+
+
+def _udp_sockets(pid: int, known: Collection[tuple[int, str]]) -> Iterator[tuple[tuple[int, str], socket.socket]]:
+    """Return the UDP sockets of a process that are not known yet, as copies of its descriptors."""
+    with suppress(OSError):
+        handle = os.pidfd_open(pid)
+        try:
+            for entry in Path(f"/proc/{pid}/fd").iterdir():
+                with suppress(OSError):
+                    key = (pid, str(entry.readlink()))
+                    if key in known or not key[1].startswith("socket:"):
+                        continue
+                    copy = _LIBC.syscall(_PIDFD_GETFD, handle, int(entry.name), 0)
+                    found = socket.socket(fileno=copy) if copy >= 0 else None
+                    if found is not None and (found.family, found.type) == (socket.AF_INET, socket.SOCK_DGRAM):
+                        yield key, found
+                    elif found is not None:
+                        found.close()
+        finally:
+            os.close(handle)
+
+
+def _set(found: socket.socket, option: int, value: int | bytes) -> bool:
+    """Set an option of a socket; False where the system does not permit it, as in a plain container."""
+    try:
+        found.setsockopt(socket.SOL_SOCKET, option, value)
+    except OSError:
+        return False
+    return True

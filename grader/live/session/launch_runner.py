@@ -1,0 +1,366 @@
+"""Launch files in a session: evaluated in confinement, then really run.
+
+The stand-ins for `launch` and `launch_ros` make a *plan* of what `ros2 launch` would start; its processes
+are then started like any other of the student's. One mistake must not hide all else, so a misnamed executable or
+package, an argument that is not declared and a keyword of another ROS are repaired on a copy after they were
+noted, and the evaluation goes on.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import json
+import os
+import re
+import shutil
+import time
+from collections.abc import Container, Coroutine, Mapping
+from contextlib import suppress
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from grader.live.process.process import PipeReader, RunningProcess
+from grader.live.ros_node.near_miss import LEAST_RATIO, likeness
+from grader.live.sandbox.isolation import LAUNCHING, PARAMETERS, WORKSPACE
+from grader.live.session.student_sandbox import StudentSandbox
+from grader.recording.launch_plan import PARAMETERS_PLACEHOLDER, MalformedPlanError, Plan, Problem, Process, ros2_run
+from grader.recording.session import OutputLine, ProcessRun
+from grader.submission.beneath import is_regular_beneath
+
+#: How an evaluation writes one of the plan's own files.
+_OWN_FILE = re.compile(re.escape(PARAMETERS_PLACEHOLDER) + r"/([\w-]+(?:\.\w+)?)")
+_MAX_PLAN_BYTES = 4 * 1024 * 1024
+_MAX_REPAIRS = 6
+#: Where a prefix lists its packages.
+_INDEX = "share/ament_index/resource_index/packages"
+#: What a second evaluation gets in any case: the mistake that the first one found is repaired to see the rest.
+_LEAST_EVALUATION_S = 1.0
+_MAX_MEMORY_BYTES = 2 * 1024 * 1024 * 1024
+#: A process that is to be started again and again is so at most this often.
+_MAX_RESPAWNS = 3
+
+
+class LaunchRunner:
+    """Evaluates and runs the launch file of a session."""
+
+    def __init__(self, sandbox: StudentSandbox) -> None:
+        self._sandbox = sandbox
+        self._ending = False
+        #: Plans of files that did not come to their end: what was tried once is not waited for again.
+        self._given_up: dict[str, Plan] = {}
+        #: Processes that cannot be started here; what waits for one of them does not wait.
+        self._absent: set[str] = set()
+        #: Text by name of the plan's own files.
+        self._files: dict[str, str] = {}
+        #: Tasks that may still start processes.
+        self.waiting: set[asyncio.Task[None]] = set()
+
+    def end(self) -> None:
+        """Start nothing more."""
+        self._ending = True
+        for task in self.waiting:
+            task.cancel()
+
+    # -- evaluation ---------------------------------------------------------------------------
+
+    async def plan(self, parameters: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+        """Evaluate the launch file; returns (outcome, {"plan": ..., "mended": [problem and its repair, ...]})."""
+        source = self._sandbox.plan.sources.get(parameters["launch"])
+        if source is None:
+            return "failed", {"problem": "missing artifact", "artifact": parameters["launch"]}
+        arguments = dict(parameters["arguments"])
+        mended: list[dict[str, Any]] = []
+        end_s = time.monotonic() + parameters["timeout_s"]
+        while True:
+            # All evaluations share the time of one: a file that sleeps before each mistake gains none.
+            left_s = max(_LEAST_EVALUATION_S, round(end_s - time.monotonic(), 1))
+            outcome, plan = await self._evaluate(source, arguments, left_s, parameters["timeout_s"])
+            problem = plan.problem
+            if problem is None or len(mended) >= _MAX_REPAIRS:
+                break
+            repair = self._repair(problem, {**plan.configurations, **parameters["assume"]}, arguments)
+            if not repair:
+                break
+            noted = {key: getattr(problem, key) for key in ("kind", "message", "file", "line", "remedy")}
+            mended.append({**noted, "repair": repair})
+        return outcome, {"plan": plan.to_plain(), "mended": mended}
+
+    def _repair(self, problem: Problem, known: Mapping[str, str], arguments: dict[str, str]) -> str:
+        """Repair a known mistake on a copy, or give the argument that lacks; returns what was done, if anything was."""
+        wanted, *more = [*re.findall(r"'([^']+)'", problem.message), ""]
+        # What stands in the workspace is the student's to change once something of theirs runs.
+        if self._sandbox.students() or not _NAME.fullmatch(wanted):
+            return ""
+        # Reading a launch file runs it, and without namespaces the workspace was open to it.
+        self._sandbox.end_orphans()
+        if problem.kind in ("undefined_configuration", "required_argument"):
+            meant = max(known, key=lambda name: likeness(wanted, name), default=wanted)
+            value = arguments.get(meant, known[meant]) if meant in known and _alike(wanted, meant) else ""
+            done = "" if wanted in arguments else f"'{wanted}' was given as '{value}'"
+            arguments.setdefault(wanted, value)
+            return done
+        if "/" in wanted and not problem.kind.endswith("_not_found"):
+            return ""
+        by_kind = {
+            "unknown_executable": lambda: self._put_executable(wanted, more[0]) if _LACKS in problem.message else "",
+            "unknown_package": lambda: self._put_package(wanted),
+            "unknown_keyword": lambda: self._rename_keyword(wanted, problem),
+            "include_not_found": lambda: self._install_file(wanted, problem),
+            "file_not_found": lambda: self._install_file(wanted, problem),
+        }
+        done = by_kind.get(problem.kind, str)()
+        if done:
+            self._sandbox.copy_workspace(self._own_copy(), self._sandbox.workspace)
+        return done
+
+    def _put_executable(self, wanted: str, package: str) -> str:
+        folder = self._own_copy() / "install/lib" / (package if re.fullmatch(r"[A-Za-z]\w{0,200}", package) else "\n")
+        target = folder / wanted
+        if not folder.is_dir() or target.exists():
+            return ""
+        meant = self._executable_meant(wanted, folder)
+        if meant is not None:
+            shutil.copy(meant, target)
+            return f"'{wanted}' was taken for '{meant.name}'"
+        target.write_text("#!/bin/sh\nexit 1\n", encoding="utf-8")
+        target.chmod(0o755)
+        return f"'{wanted}' was left out"
+
+    def _put_package(self, wanted: str) -> str:
+        install = self._own_copy() / "install"
+        there = [path.name for path in (install / _INDEX).iterdir()]
+        if len(there) != 1 or (install / "share" / wanted).exists():
+            return ""
+        for part in (_INDEX, "lib", "share"):
+            source = install / part / there[0]
+            (shutil.copytree if source.is_dir() else shutil.copy)(source, install / part / wanted)
+        return f"'{wanted}' was taken for '{there[0]}'"
+
+    def _install_file(self, wanted: str, problem: Problem) -> str:
+        """Put a file of the package into the share folder where the launch file looks for it."""
+        folder = re.search(r"data_files: \('(share(?:/\w[\w.+-]*)+)', ", problem.remedy)
+        source = self._own_copy() / "src" / wanted
+        if folder is None or not is_regular_beneath(self._own_copy() / "src", PurePosixPath(wanted)):
+            return ""
+        target = self._own_copy() / "install" / folder[1] / source.name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(source, target)
+        return f"'{wanted}' was installed in {folder[1]}"
+
+    def _rename_keyword(self, wanted: str, problem: Problem) -> str:
+        """Write the keyword that the remedy names in its place, in the launch files of that name."""
+        meant = re.search(r"'(\w+)=?'", problem.remedy)
+        files = [path for path in self._own_copy().rglob(PurePosixPath(problem.file or "\n").name) if path.is_file()]
+        if meant is None or not files:
+            return ""
+        keyword = re.compile(rb"\b" + wanted.encode() + rb"(?=\s*=[^=])")
+        for path in files:
+            path.write_bytes(keyword.sub(meant[1].encode(), path.read_bytes()))
+        return f"'{wanted}=' was read as '{meant[1]}='"
+
+    def _own_copy(self) -> Path:
+        """Return a copy of the staged submission to which the student's processes have no access."""
+        copy = self._sandbox.plan.scratch / "staged"
+        if not copy.exists():
+            shutil.copytree(self._sandbox.plan.staged, copy)
+        return copy
+
+    def _executable_meant(self, wanted: str, folder: Path) -> Path | None:
+        """Find an artifact that no entry point runs by its module's name, else the executable of the likest name."""
+        plan = self._sandbox.plan
+        for artifact, source in plan.sources.items():
+            if Path(source).stem == wanted.removesuffix(".py") and artifact in plan.executables:
+                return plan.staged / plan.executables[artifact]
+        there = sorted((p for p in folder.iterdir() if p.suffix != ".py"), key=lambda p: (-likeness(wanted, p.name), p))
+        return there[0] if there and _alike(wanted, there[0].name) else None
+
+    async def _evaluate(
+        self, source: str, arguments: dict[str, str], left_s: float, timeout_s: float
+    ) -> tuple[str, Plan]:
+        """Execute the launch file, confined, and read its plan from a pipe; of the time allowed there is `left_s`."""
+        sandbox = self._sandbox
+        if source in self._given_up:
+            return "failed", self._given_up[source]
+        root = f"{sandbox.seen[WORKSPACE]}/src"
+        trial = None
+        if sandbox.isolation.namespaces:
+            trial = sandbox.trial
+            sandbox.copy_workspace(sandbox.workspace, trial)
+        result_read, result_write = os.pipe()
+        program = f"{sandbox.seen[LAUNCHING]}/evaluate.py"
+        command = ["prlimit", f"--as={_MAX_MEMORY_BYTES}", str(sandbox.plan.interpreter), program]
+        command += ["--result-fd", str(result_write)]
+        native = sandbox.plan.native
+        environment = sandbox.environment({"PYTHONPATH": ""})
+        if native is not None:
+            environment |= native.environment(f"{sandbox.seen[WORKSPACE]}/install")
+        run = ProcessRun("launch file" + "".join(f" {k}:={v}" for k, v in arguments.items()), "student", command)
+        running = await sandbox.start_confined(
+            run,
+            environment,
+            f"{root}/{Path(source).parent}",
+            workspace=trial,
+            folders=native.folders if native is not None else {},
+            pass_fds=(result_write,),
+            with_input=True,
+        )
+        os.close(result_write)
+        received: list[str] = []
+        reader = PipeReader(result_read, _MAX_PLAN_BYTES, received.append)
+        request = {"file": f"{root}/{source}", "arguments": arguments, "root": root, "native": native is not None}
+        running.write(json.dumps(request).encode(), last=True)
+        in_time = await running.wait_exit(left_s)
+        await running.kill()
+        reader.close()
+        text = received[0] if received else ""
+        if not text:
+            sandbox.note_unstarted(run, "the launch file could not be evaluated")
+        plan = _read_plan(text, in_time, timeout_s, run, source)
+        if plan.problem is not None and plan.problem.kind in ("too_slow", "no_plan"):
+            self._given_up[source] = plan
+        return ("done" if in_time else "timeout"), plan
+
+    # -- running ------------------------------------------------------------------------------
+
+    async def start(self, plain: Mapping[str, Any] | None) -> tuple[str, dict[str, Any]]:
+        """Start the processes of a plan, now or when it says."""
+        if plain is None or plain.get("outcome") != "ok":
+            return "failed", {"problem": "the launch file could not be evaluated"}
+        plan = Plan.from_plain(plain)
+        self._write_files(plan)
+        self._absent = {process.id for process in plan.processes if process.absent}
+        for process in (p for p in plan.processes if not p.absent):
+            if process.when is None:
+                await self._start(process)
+            else:
+                self._later(self._start_when(process, process.when))
+        return "done", {"processes": [process.id for process in plan.processes if not process.absent]}
+
+    def _write_files(self, plan: Plan) -> None:
+        """Write the files that the launch file made, or had made, for its nodes."""
+        given = dict(plan.parameter_files)
+        for process in plan.processes:
+            given.update(process.parameter_files)
+        self._files = given
+        for name, text in self._files.items():
+            path = self._sandbox.parameters / name
+            with suppress(OSError, ValueError):  # a name that no file can have
+                path.write_text(self._placed(text), encoding="utf-8")
+                if text.startswith("#!"):
+                    path.chmod(0o755)
+
+    def _placed(self, text: str) -> str:
+        return with_places(text, self._files, self._sandbox.seen[PARAMETERS])
+
+    def _later(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.create_task(work)
+        self.waiting.add(task)
+        task.add_done_callback(self.waiting.discard)
+
+    async def _start(self, process: Process, respawns: int = 0) -> None:
+        name = self._free_name(process.id + (f" (start {respawns + 1})" if respawns else ""))
+        run = ProcessRun(name, "student", self._command(process))
+        environment = {variable: self._placed(value) for variable, value in process.env.items()}
+        try:
+            running = await self._sandbox.start(run, environment=environment, cwd=process.cwd)
+        except (OSError, ValueError) as error:  # a command line that no system takes
+            run.exited_ns, run.exit_status = run.started_ns, 127
+            run.output.append(OutputLine(run.started_ns, "stderr", f"this cannot be started: {error}"))
+            return
+        if process.respawn and respawns < _MAX_RESPAWNS:
+            self._later(self._start_again(process, running, respawns + 1))
+
+    def _free_name(self, wanted: str) -> str:
+        """Return a name that no process of the session has: who took another's place would not be looked after."""
+        taken = {"", *self._sandbox.processes, *self._sandbox.plan.reference}
+        return next(name for n in itertools.count() if (name := f"{wanted} ({n})" if n else wanted) not in taken)
+
+    def _command(self, process: Process) -> list[str]:
+        """Return the command line, with `ros2 run` and Python as they are found here."""
+        sandbox = self._sandbox
+        command = process.command(sandbox.seen[PARAMETERS])
+        if process.shell and re.search(r"[^\w\s./:=+,@%-]", " ".join(command)):
+            return ["sh", "-c", " ".join(command)]
+        if process.shell:
+            command = " ".join(command).split() or ["true"]
+        program = 0 if process.shell else len(process.prefix)
+        named, rest = Path(command[program]).name, command[program + 1 :]
+        if re.fullmatch(r"python3?(\.\d+)?", named):
+            return [*command[:program], str(sandbox.plan.interpreter), *rest]
+        if named == "ros2" and (run := ros2_run(rest)) is not None:
+            package, executable, arguments = run
+            installed = PurePosixPath("install/lib", package, executable)
+            if not is_regular_beneath(sandbox.workspace, installed):
+                return ["sh", "-c", "echo No executable found >&2; exit 1"]
+            return [*command[:program], f"{sandbox.seen[WORKSPACE]}/{installed}", *arguments]
+        return command
+
+    async def _start_again(self, process: Process, running: RunningProcess, respawns: int) -> None:
+        await running.wait_exit(self._sandbox.plan.timeout_s)
+        await asyncio.sleep(process.respawn_delay_s)
+        if not self._ending:
+            await self._start(process, respawns)
+
+    async def _start_when(self, process: Process, when: Mapping[str, Any]) -> None:
+        # Nobody leads a lifecycle node through its states here: what waits for one starts with the node.
+        awaited = when.get("on_exit_of") or when.get("on_start_of") or when.get("on_transition_of")
+        if awaited is None and "after_s" not in when:
+            return  # It waits for the shutdown, which ends the session.
+        if awaited is not None and awaited not in self._absent:
+            while awaited not in self._sandbox.processes:
+                await asyncio.sleep(0.05)
+            if "on_exit_of" in when:
+                await self._sandbox.processes[awaited].wait_exit(self._sandbox.plan.timeout_s)
+        await asyncio.sleep(float(when.get("after_s", 0.0)))
+        if not self._ending:
+            await self._start(process)
+
+
+#: A name of something that is missing, or a path below the submission.
+_NAME = re.compile(r"(?:\w[\w.+-]{0,99}/){0,9}[\w.+-]{0,199}\w")
+#: What is said of an executable that its package has not.
+_LACKS = "found in package"
+
+
+def _alike(wanted: str, name: str) -> bool:
+    return likeness(wanted, name) >= LEAST_RATIO
+
+
+def with_places(text: str, names: Container[str], folder: str) -> str:
+    """Return a text in which each of the plan's own files stands under its path in a folder."""
+    return _OWN_FILE.sub(lambda match: f"{folder}/{match[1]}" if match[1] in names else match[0], text)
+
+
+def _read_plan(text: str, in_time: bool, timeout_s: float, run: ProcessRun, source: str) -> Plan:
+    """Make a plan out of what the evaluation wrote, or of its silence."""
+    why = ""
+    try:
+        # Half characters, which nobody could write to a file, are replaced.
+        plain = json.loads(json.dumps(json.loads(text), ensure_ascii=False).encode("utf-8", "replace"))
+        return Plan.from_plain(Plan.from_plain(plain).to_plain())  # what the recording keeps must be a plan too
+    except MalformedPlanError as malformed:
+        why = f": {malformed}"
+    except (ValueError, RecursionError):
+        pass
+    kind = "no_plan"
+    if not in_time:
+        kind = "too_slow"
+        message = f"was still busy after {timeout_s:g} s; it should describe processes and return at once"
+        remedy = "Take out what waits or loops: `ros2 launch` reads the whole file before it starts anything."
+    elif text.strip():
+        message = f"gave no description that can be read{why}"
+        remedy = "Return a LaunchDescription of a few entities, and write to no file descriptor but your own."
+    elif run.limit is not None:
+        message = f"was stopped at the limit of {run.limit}, before it gave a description"
+        remedy = (
+            "Take out what prints, writes or starts programs without end: `ros2 launch` reads the whole file first."
+        )
+    else:
+        status = run.exit_status or 0
+        number = status - 128 if status > 128 else -status
+        how = f"by signal {number}" if number > 0 else f"with status {status}"
+        said = f"; it said: {run.output[-1].text[:300]}" if run.output else ""
+        message = f"cannot be read: the reading program was ended by it ({how}), before it gave a description{said}"
+        remedy = "Take out what ends or replaces the program (os._exit, exec, signals), and return a LaunchDescription."
+    return Plan("error", Problem(kind, f"the launch file {message}", source, None, remedy))

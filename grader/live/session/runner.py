@@ -1,0 +1,276 @@
+"""Runs a submission's sessions, each in a cell of its own, side by side as the cores allow."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import pickle
+import shutil
+import signal
+import tempfile
+import threading
+from collections.abc import Callable, Coroutine, Sequence
+from contextlib import AbstractAsyncContextManager, AbstractContextManager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from grader.errors import PlatformError
+from grader.lab.rubric import Rubric, SessionSpec
+from grader.live.sandbox.isolation import Isolation, free_slot
+from grader.live.sandbox.scratch import remove_tree, scratch_prefix
+from grader.live.session.fork_server import ForkServer
+from grader.live.session.plan import PlannedStep, SessionPlan
+from grader.live.session.ros_launch import NativeLaunch
+from grader.recording.session import SessionRecord
+from grader.recording.submission import SubmissionRecord
+
+#: Sessions per core for which 100 Hz timing was seen to hold (p99 jitter under 6 ms), and the most at a time.
+_CELLS_PER_CORE = 2
+_MOST_CELLS = 4
+#: Time that a session may take beyond its own limit before its cell is killed.
+_GRACE_S = 25.0
+#: How long a cell that is to end may take to say by which process id, and then to end.
+_END_S = 5.0
+_REMEDY = "Check whether memory or processes ran out and whether /dev/shm exists; `grade doctor` shows more."
+
+
+@dataclass(frozen=True)
+class Progress:
+    """What a session is doing now."""
+
+    session: str
+    text: str
+    step: int = 0
+    steps: int = 0
+    ended: bool = False
+
+
+def cells_at_a_time(isolation: Isolation) -> int:
+    """How many cells may run side by side here; one where they would share a network."""
+    if not isolation.namespaces:
+        return 1
+    return max(1, min(_MOST_CELLS, _CELLS_PER_CORE * len(os.sched_getaffinity(0))))
+
+
+def names_in(rubric: Rubric) -> list[str]:
+    """Names of topics, services and nodes that the rubric's steps use."""
+    return _given(rubric, "node", "publisher", "subscription", "service", "first_message_on")
+
+
+def types_in(rubric: Rubric) -> list[str]:
+    """Types of messages and services that the rubric's steps use."""
+    return _given(rubric, "type")
+
+
+def _given(rubric: Rubric, *keys: str) -> list[str]:
+    steps = [step for session in rubric.sessions.values() for step in session.steps]
+    return sorted({str(step.parameters[key]) for step in steps for key in keys if step.parameters.get(key)})
+
+
+class Turns(Protocol):
+    """When a session, or the grader's own work, may burden a machine that several submissions share."""
+
+    def cell(self, spec: SessionSpec, *, alone: bool) -> AbstractAsyncContextManager[None]:
+        """Wait until a session may run, `alone` if nothing else may meanwhile, and hold its place while it does."""
+        ...
+
+    def work(self, what: str) -> AbstractContextManager[None]:
+        """Wait until the grader's own work, such as judging, takes no core from a session that is being timed."""
+        ...
+
+
+@dataclass(frozen=True)
+class Shared:
+    """What gradings on one machine have in common: turns, and how students' code is confined here."""
+
+    turns: Turns
+    isolation: Isolation
+
+
+@dataclass(frozen=True)
+class Sessions:
+    """The sessions of one submission, ready to be recorded, each in a folder of its own below `recordings`.
+
+    The `attempt` is 1, or more where an earlier recording left something undecided; in one of those the grader's own
+    processes were `disturbed` in some sessions.
+    """
+
+    rubric: Rubric
+    submission: SubmissionRecord
+    staged: Path
+    executables: dict[str, str]
+    recordings: Path
+    isolation: Isolation
+    interpreter: Path
+    seed: int
+    versions: dict[str, str]
+    forks: ForkServer
+    native: NativeLaunch | None = None
+    attempt: int = 1
+    disturbed: frozenset[str] = frozenset()
+    turns: Turns | None = None
+
+    def record(
+        self, chosen: Sequence[str], on_progress: Callable[[Progress], None], *, at_a_time: int | None = None
+    ) -> None:
+        """Record the chosen sessions; returns when all have ended.
+
+        A session that cannot be run to its end leaves a recording that says so. If the grader is ended by
+        Ctrl-C or by a signal that asks for it, the cells end too, and nothing of their sessions stays.
+        """
+        run_to_an_end(self._record_all(chosen, on_progress, at_a_time or cells_at_a_time(self.isolation)))
+
+    async def _record_all(self, chosen: Sequence[str], on_progress: Callable[[Progress], None], at_a_time: int) -> None:
+        queue = sorted((self.rubric.sessions[name] for name in chosen), key=lambda s: -s.typical_s)
+        turn = asyncio.Semaphore(at_a_time)
+
+        async def one(spec: SessionSpec) -> None:
+            async with turn if self.turns is None else self.turns.cell(spec, alone=self.attempt > 1):
+                await self._record_one(spec, on_progress)
+                again = " retry, as something was undecided" if self.attempt > 1 else ""
+                on_progress(Progress(spec.id, f"recorded{again}", ended=True))
+
+        tasks = [asyncio.ensure_future(one(spec)) for spec in queue]
+        try:
+            await asyncio.gather(*tasks)
+        except Exception:
+            for task in tasks:
+                task.cancel()
+            raise
+        finally:
+            # `gather` ends with the first that fails or is cancelled; the others are still cleaning up.
+            if tasks:
+                await asyncio.wait(tasks)
+
+    async def _record_one(self, spec: SessionSpec, on_progress: Callable[[Progress], None]) -> None:
+        folder = self.recordings / spec.id
+        partial = self.recordings / f".{spec.id}.partial"
+        shutil.rmtree(partial, ignore_errors=True)
+        partial.mkdir(parents=True)
+        scratch = Path(tempfile.mkdtemp(prefix=scratch_prefix()))
+        try:
+            with free_slot() as slot:
+                plan = self._plan(spec, partial, scratch, slot)
+                (scratch / "plan").touch(mode=0o600)  # the seed is in it
+                (scratch / "plan").write_bytes(pickle.dumps(plan))
+                await self._run_cell(spec, scratch, on_progress)
+        except BaseException:
+            shutil.rmtree(partial, ignore_errors=True)
+            raise
+        finally:
+            remove_tree(scratch)
+        shutil.rmtree(folder, ignore_errors=True)
+        partial.rename(folder)
+
+    def _plan(self, spec: SessionSpec, folder: Path, scratch: Path, slot: int) -> SessionPlan:
+        return SessionPlan(
+            record=SessionRecord(
+                spec.id,
+                attempt=self.attempt,
+                disturbed_before=spec.id in self.disturbed,
+                seed=self.seed,
+                isolation=self.isolation.describe(),
+                versions=self.versions,
+            ),
+            steps=[PlannedStep(s.kind, s.parameters, s.label, s.step.describe()) for s in spec.steps],
+            folder=folder.resolve(),
+            scratch=scratch,
+            staged=self.staged.resolve(),
+            executables=self.executables,
+            sources={a.name: a.path for a in self.submission.artifacts if a.path is not None},
+            reference={
+                name: {"file": str((self.rubric.folder / ref.file).resolve()), "node": ref.node}
+                for name, ref in self.rubric.reference.items()
+            },
+            expected=names_in(self.rubric),
+            isolation=self.isolation,
+            interpreter=self.interpreter,
+            slot=slot,
+            domain_id=0 if self.isolation.namespaces else slot,
+            timeout_s=spec.timeout_s,
+            native=self.native,
+        )
+
+    async def _run_cell(self, spec: SessionSpec, scratch: Path, on_progress: Callable[[Progress], None]) -> None:
+        on_progress(Progress(spec.id, "starting"))
+        said = await self.forks.start(self.isolation.form, scratch / "plan", scratch / "stderr")
+        pid = asyncio.ensure_future(first_word(said))
+        try:
+            await asyncio.wait_for(_follow(said, pid, spec.id, on_progress), spec.timeout_s + _GRACE_S)
+        except asyncio.TimeoutError:
+            pass
+        finally:
+            await _end(said, pid)
+
+
+async def first_word(said: asyncio.StreamReader) -> int:
+    """Return the process id by which a cell ends, or raise `PlatformError` with why it could not be made."""
+    word = (await said.readline()).decode("utf-8", "replace").strip()
+    if not word.isdecimal():
+        reason = word or "the process that starts sandboxes has ended"
+        raise PlatformError(f"a session cannot be started here: {reason}", remedy=_REMEDY)
+    return int(word)
+
+
+async def _follow(
+    said: asyncio.StreamReader, pid: asyncio.Future[int], session: str, on_progress: Callable[[Progress], None]
+) -> None:
+    """Pass on what a session tells, until its cell has ended."""
+    await asyncio.shield(pid)
+    async for line in said:
+        with suppress(ValueError, KeyError):
+            event: dict[str, Any] = json.loads(line)
+            on_progress(Progress(session, event["text"], event["index"], event["of"]))
+
+
+async def _end(said: asyncio.StreamReader, pid: asyncio.Future[int]) -> None:
+    """End a cell that has not ended by itself, and return when nothing of it is left."""
+    with suppress(asyncio.TimeoutError, PlatformError):
+        number = await asyncio.wait_for(pid, _END_S)
+        if not said.at_eof():
+            with suppress(ProcessLookupError):
+                os.killpg(number, signal.SIGKILL)
+            # It holds the pipe as long as it is there.
+            await asyncio.wait_for(said.read(), _END_S)
+
+
+def run_to_an_end(work: Coroutine[Any, Any, None]) -> None:
+    """Run `work`; Ctrl-C, or a signal that asks the grader to end, cancels it once and lets it clean up.
+
+    `asyncio` by itself cancels tasks a second time on its way out, in the midst of their cleaning up.
+    """
+    received: list[int] = []
+
+    async def guarded() -> None:
+        task, loop = asyncio.ensure_future(work), asyncio.get_running_loop()
+
+        def end(number: int) -> None:
+            received.append(number)
+            if len(received) == 1:
+                task.cancel()
+
+        numbers = _heeded_signals()
+        for number in numbers:
+            loop.add_signal_handler(number, end, number)
+        try:
+            await task
+        except asyncio.CancelledError:
+            if not received:
+                raise
+        finally:
+            for number in numbers:
+                loop.remove_signal_handler(number)
+
+    asyncio.run(guarded())
+    if received:
+        raise KeyboardInterrupt if received[0] == signal.SIGINT else SystemExit(128 + received[0])
+
+
+def _heeded_signals() -> list[signal.Signals]:
+    """Return the signals that end the grader; one that the caller ignores (as `nohup` does) stays ignored."""
+    if threading.current_thread() is not threading.main_thread():
+        return []
+    asking = [n for n in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(n) == signal.SIG_DFL]
+    return asking if signal.getsignal(signal.SIGINT) == signal.SIG_IGN else [signal.SIGINT, *asking]

@@ -1,0 +1,242 @@
+"""A submission → a throw-away workspace, as `colcon build` would leave it.
+
+Below the workspace's folder stand `src/` (a copy of the student's files) and `install/`, an ament
+prefix whose executables are wrappers around the files in `src/`. Paths inside are relative, so the
+workspace can be mounted anywhere. File names with or without `.py`, executable bits and CRLF line
+ends make no difference.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path, PurePosixPath
+
+from grader.lab.rubric import Rubric
+from grader.live.launch.jazzy import is_released
+from grader.live.session.entry import function_to_call
+from grader.recording.submission import PackageFact, SubmissionRecord
+from grader.submission.packages.colcon import is_launch_file
+
+#: Packages that launch files name literally.
+_PACKAGE_ARGUMENT = re.compile(r"""package\s*=\s*['"]([A-Za-z][A-Za-z0-9_]{0,80})['"]""")
+
+_WRAPPER = '''\
+#!{interpreter}
+"""Runs {target} as `ros2 run` would."""
+import os
+import runpy
+import sys
+
+root = os.path.normpath(os.path.join(os.path.dirname(os.path.realpath(__file__)), "../../../src", {root!r}))
+source = os.path.join(root, {source!r})
+sys.path[0] = root
+sys.argv[0] = source
+{run}
+'''
+
+#: Where packages keep data files of a kind.
+_USUAL_FOLDERS = {".yaml": "config", ".yml": "config", ".rviz": "rviz", ".urdf": "urdf", ".xacro": "urdf"}
+
+#: What is installed beside the sources at most: data files once for each package, and programs.
+_MOST_INSTALLED_BYTES, _MOST_INSTALLED = 64 * 1024 * 1024, 8_000
+
+_RUN_FILE = 'runpy.run_path(source, run_name="__main__")'
+_RUN_FILE_FUNCTION = 'sys.exit(runpy.run_path(source, run_name="student_module")[{function!r}]())'
+_RUN_MODULE = 'runpy.run_module({module!r}, run_name="__main__", alter_sys=True)'
+_RUN_ENTRY = "from {module} import {attribute}\n\nsys.exit({function}())"
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """A staged submission: a folder with `src/` and `install/`, and artifact name -> path of its wrapper in there."""
+
+    folder: Path
+    executables: dict[str, str] = field(default_factory=dict)
+
+
+def stage(source: Path, record: SubmissionRecord, rubric: Rubric, folder: Path, interpreter: str) -> Workspace:
+    """Make the workspace of a submission's folder, of which only the files listed in `record` are copied.
+
+    Of data there may be more than a session has room for, once it is installed for each of several packages; then what
+    is no text is left out. The interpreter is the absolute path of the Python that runs students' code.
+    """
+    for file in record.files:
+        origin, target = source / file.path, folder / "src" / file.path
+        if not origin.is_symlink() and origin.is_file():
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(origin, target, follow_symlinks=False)
+    return Workspace(folder, _Installation(folder, record, rubric, interpreter).install())
+
+
+@dataclass
+class _Installation:
+    """The ament prefix, and what is left of the room in it."""
+
+    folder: Path
+    record: SubmissionRecord
+    rubric: Rubric
+    interpreter: str
+    size_bytes: int = _MOST_INSTALLED_BYTES
+    entries: int = _MOST_INSTALLED
+    #: Many names may stand for one file, in packages within each other too, and it takes long to read.
+    wrappers: dict[tuple[str, str | None], str] = field(default_factory=dict)
+
+    def install(self) -> dict[str, str]:
+        """Install everything; returns the artifacts' wrappers."""
+        executables = {}
+        for artifact in self.record.artifacts:
+            if artifact.path is not None:
+                relative = f"install/lib/.artifacts/{artifact.name}"
+                executable = self.rubric.artifacts[artifact.name].executable
+                _write(self.folder / relative, self._wrapper_of_file(artifact.path, executable))
+                executables[artifact.name] = relative
+        for package in self.record.packages:
+            self._install_package(package)
+        if not self.record.packages:
+            for name in self._packages_of_bare_files():
+                self._install_bare_files(name)
+        return executables
+
+    def _take_room(self, path: Path, size_bytes: int) -> bool:
+        """Take the room for a file and the folders that it needs, if there is so much."""
+        entries = 1 + sum(not parent.is_dir() for parent in path.parents)
+        if size_bytes > self.size_bytes or entries > self.entries:
+            return False
+        self.size_bytes, self.entries = self.size_bytes - size_bytes, self.entries - entries
+        return True
+
+    def _register(self, package: str) -> None:
+        install = self.folder / "install"
+        _write(install / "share/ament_index/resource_index/packages" / package, "", 0o644)
+        for part in ("share", "lib"):
+            (install / part / package).mkdir(parents=True, exist_ok=True)
+
+    # -- bare files ---------------------------------------------------------------------------
+
+    def _packages_of_bare_files(self) -> list[str]:
+        """Bare files stand for the lab's package, and for any other that their launch files name."""
+        named = [m for text in self.record.texts.values() for m in _PACKAGE_ARGUMENT.findall(text)]
+        return [p for p in dict.fromkeys([self.rubric.lab.package, *named]) if not is_released(p)][:20]
+
+    def _install_bare_files(self, package: str) -> None:
+        self._register(package)
+        for artifact in self.record.artifacts:
+            executable = self.rubric.artifacts[artifact.name].executable
+            if artifact.path is None or executable is None:
+                continue
+            text = self._wrapper_of_file(artifact.path)
+            # `ros2 run` knows them by the names that their entry points would have, or by their own.
+            for name in {executable, PurePosixPath(artifact.path).name, PurePosixPath(artifact.path).stem}:
+                _write(self.folder / "install/lib" / package / name, text)
+        self._share(self._all_data(package, PurePosixPath()))
+
+    # -- packages -----------------------------------------------------------------------------
+
+    def _install_package(self, package: PackageFact) -> None:
+        self._register(package.name)
+        for name, target in package.executables.items():
+            program = self.folder / "install/lib" / package.name / name
+            if re.fullmatch(r"(?!\.{1,2}$)[\w.+-]{1,200}", name) and self._take_room(
+                program, len(_WRAPPER) + 4 * len(target)
+            ):
+                _write(program, self._wrapper_of_entry(package, target))
+        all_data = self._all_data(package.name, PurePosixPath(package.path))
+        self._share(all_data if package.shared is None else package.shared.items())
+
+    def _all_data(self, package: str, root: PurePosixPath) -> list[tuple[str, str]]:
+        """Return all data files of a package that does not tell of them, where they lie and where they usually do."""
+        shared = []
+        for path in (PurePosixPath(file.path) for file in self.record.files):
+            if path.is_relative_to(root) and _is_shared(inside := path.relative_to(root)):
+                usual = _USUAL_FOLDERS.get(path.suffix, "launch" if is_launch_file(path.name) else None)
+                targets = [f"{usual}/{inside}"] if usual and len(inside.parts) == 1 else []
+                shared += [(f"share/{package}/{target}", str(path)) for target in (inside, *targets)]
+        return shared
+
+    def _share(self, files: Iterable[tuple[str, str]]) -> None:
+        """Install files, texts first, below the prefix's share folder, and nowhere else."""
+        for target, path in sorted(files, key=lambda pair: pair[1] not in self.record.texts):
+            origin, installed = self.folder / "src" / path, self.folder / "install" / target
+            parts = PurePosixPath(target).parts
+            if parts[:1] != ("share",) or ".." in parts or not origin.is_file():
+                continue
+            with suppress(OSError):  # a name that is a folder elsewhere, or too long
+                if self._take_room(installed, origin.stat().st_size):
+                    installed.parent.mkdir(parents=True, exist_ok=True)
+                    shutil.copyfile(origin, installed)
+
+    # -- wrappers -----------------------------------------------------------------------------
+
+    def _wrapper(self, target: str, root: PurePosixPath, source: str, run: str) -> str:
+        return _WRAPPER.format(interpreter=self.interpreter, target=target, root=str(root), source=source, run=run)
+
+    def _wrapper_of_entry(self, package: PackageFact, target: str) -> str:
+        if ":" not in target:
+            return self._wrapper_of_file(target)
+        module, function = target.split(":", 1)
+        run = _RUN_ENTRY.format(module=module, attribute=function.split(".")[0], function=function)
+        return self._wrapper(target, PurePosixPath(package.path), module.replace(".", "/") + ".py", run)
+
+    def _wrapper_of_file(self, path: str, executable: str | None = None) -> str:
+        if (path, executable) not in self.wrappers:
+            self.wrappers[path, executable] = self._read_wrapper(path, executable)
+        return self.wrappers[path, executable]
+
+    def _read_wrapper(self, path: str, executable: str | None) -> str:
+        file = PurePosixPath(path)
+        function = function_to_call(self.record.texts.get(path, ""), self._entry_points_of(file, executable))
+        root = self._package_root(file)
+        module = ".".join(file.relative_to(root).with_suffix("").parts)
+        if root == file.parent or file.suffix != ".py":
+            root, run = file.parent, _RUN_FILE if function is None else _RUN_FILE_FUNCTION.format(function=function)
+        elif function is None:
+            run = _RUN_MODULE.format(module=module)
+        else:
+            run = _RUN_ENTRY.format(module=module, attribute=function, function=function)
+        return self._wrapper(path, root, str(file.relative_to(root)), run)
+
+    def _entry_points_of(self, path: PurePosixPath, executable: str | None) -> list[str]:
+        """Return the functions of a file that entry points of its package name, that of an executable first."""
+        points = self._entry_points.get(path.with_suffix(""), [])
+        return [function for name, function in sorted(points, key=lambda point: point[0] != executable)]
+
+    @cached_property
+    def _entry_points(self) -> Mapping[PurePosixPath, list[tuple[str, str]]]:
+        """For each module that entry points name: their names and functions."""
+        named = defaultdict(list)
+        for package in self.record.packages:
+            for name, target in package.executables.items():
+                module, colon, function = target.partition(":")
+                if colon:
+                    named[PurePosixPath(package.path, *module.split("."))].append((name, function))
+        return named
+
+    @cached_property
+    def _files(self) -> frozenset[str]:
+        return frozenset(file.path for file in self.record.files)
+
+    def _package_root(self, path: PurePosixPath) -> PurePosixPath:
+        """Folder from which the file's Python package is imported; its own for a file that stands alone."""
+        root = path.parent
+        while root.parts and str(root / "__init__.py") in self._files:
+            if not all(part.isidentifier() for part in (root.name, path.stem)):
+                return path.parent
+            root = root.parent
+        return root
+
+
+def _write(path: Path, text: str, mode: int = 0o755) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+    path.chmod(mode)
+
+
+def _is_shared(inside: PurePosixPath) -> bool:
+    """Whether a package's file belongs in its share folder: data rather than modules."""
+    return inside.suffix != ".py" or "launch" in inside.parts[0] or inside.name.endswith("launch.py")

@@ -1,0 +1,235 @@
+"""The sandbox of one session's student: the folders, the limits, and the programs that are started in it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path, PurePosixPath
+
+from grader.live.process.guard import Guard
+from grader.live.process.process import OutputRoom, PipeReader, RunningProcess
+from grader.live.sandbox.environment import student_environment
+from grader.live.sandbox.isolation import (
+    HOME,
+    INSIDE,
+    PARAMETERS,
+    TEMPORARY,
+    WORKSPACE,
+    Room,
+    cell_group,
+    confined,
+    student_uid,
+)
+from grader.live.sandbox.machine import descendants_of
+from grader.live.sandbox.namespaces import adopt_orphans, bring_loopback_up, mount_tmpfs, use_up_process_ids
+from grader.live.sandbox.scratch import remove_tree
+from grader.live.session.plan import SessionPlan
+from grader.live.student_tap.claims import claims_in
+from grader.recording.session import ProcessRun
+from grader.submission.beneath import copy_tree, restore_way
+
+_WORKSPACE_BYTES = 256 * 1024 * 1024
+_SMALL_BYTES = 64 * 1024 * 1024
+_MAX_FILES = 20_000
+#: More than the processes that come before a student's program in its sandbox.
+_STUDENTS_IDS = 12
+_MAX_CLAIM_BYTES, _MOST_CLAIMS = 512 * 1024, 5000
+_CLEAN_UP_S = 5.0
+#: Rights of a folder to which both the student's user and bubblewrap, root without privileges, can change.
+_OPEN = 0o755
+#: Limits of a session's students together: where one was hit, nothing more may begin.
+_LEAVES_NO_ROOM = ("processes", "memory")
+
+
+class StudentSandbox:
+    """Where the student's programs of one session run.
+
+    The session's `processes` stand in order of their start, reference nodes included; `trusted` are the grader's own
+    ones. Launch files are evaluated in `trial`, a copy of the `workspace`, since reading one runs what it will; the
+    files that one brings for its nodes are in `parameters`. `seen` is where the student's processes see these folders.
+    """
+
+    def __init__(self, plan: SessionPlan) -> None:
+        self.plan, self.record, self.isolation = plan, plan.record, plan.isolation
+        self.uid = student_uid(plan.isolation, plan.slot)
+        self.processes: dict[str, RunningProcess] = {}
+        self.trusted: list[RunningProcess] = []
+        self._room = Room.below(plan.scratch, plan.interpreter)
+        self.workspace, self.trial = self._room.areas[WORKSPACE], plan.scratch / "trial"
+        self.parameters = self._room.tools[PARAMETERS]
+        self.seen = self._room.seen(plan.isolation)
+        #: Programs that never began, and how the session would be disturbed by that.
+        self._unstarted: list[tuple[ProcessRun, str]] = []
+        self._output = OutputRoom()
+        self._group = cell_group(plan.isolation, plan.slot)
+        self.guard = Guard(
+            self.students,
+            self._group,
+            self._room.areas,
+            sized=plan.isolation.namespaces,
+            user=self.uid,
+            on_problem=plan.record.problems.append,
+        )
+
+    def students(self) -> list[RunningProcess]:
+        """Return the student's processes, those that have ended included."""
+        return [p for p in self.processes.values() if p.run.role == "student"]
+
+    def cpu_ns(self) -> int | None:
+        """Return the CPU time of all that the student started, in ns; None where no control group sums it up."""
+        return self._group.cpu_ns() if self._group is not None else None
+
+    # -- folders ------------------------------------------------------------------------------
+
+    def prepare(self) -> None:
+        """Bring the loopback up, and lay out the student's folders, each a file system of its own size."""
+        self.trial.mkdir()
+        if self.isolation.namespaces:
+            bring_loopback_up()
+            use_up_process_ids(_STUDENTS_IDS)
+            _mount(Path("/dev/shm"), _SMALL_BYTES)
+            _mount(self.trial, _WORKSPACE_BYTES)
+            sizes = {self.workspace: _WORKSPACE_BYTES}
+            self._room.make(self.plan.scratch, lambda folder: _mount(folder, sizes.get(folder, _SMALL_BYTES)))
+        else:
+            adopt_orphans()
+            self._room.make(self.plan.scratch)
+        if self._group is not None:
+            self._group.make()
+        self.copy_workspace(self.plan.staged, self.workspace)
+
+    def copy_workspace(self, source: Path, target: Path) -> None:
+        """Make a folder a copy of a staged submission, owned by the student; links are copied as links."""
+        for left in target.iterdir():
+            if left.is_dir() and not left.is_symlink():
+                remove_tree(left)
+            else:
+                left.unlink()
+        copy_tree(source, target, self.uid)
+
+    # -- starting programs --------------------------------------------------------------------
+
+    def environment(self, more: Mapping[str, str]) -> dict[str, str]:
+        """Return the environment of a student's process, with some variables more."""
+        base = student_environment(
+            self.plan.interpreter, self.seen[HOME], self.seen[WORKSPACE], self.seen[INSIDE], self.plan.domain_id
+        )
+        return {**base, "TMPDIR": self.seen[TEMPORARY], **more}
+
+    async def start(
+        self, run: ProcessRun, *, cwd: str | None = None, environment: Mapping[str, str] | None = None
+    ) -> RunningProcess:
+        """Start one of the student's processes, confined and with the tap."""
+        tap_read, tap_write = os.pipe()
+        variables = self.environment({"GRADER_TAP_FD": str(tap_write), **(environment or {})})
+        try:
+            running = await self.start_confined(run, variables, cwd, pass_fds=(tap_write,))
+        except BaseException:
+            os.close(tap_read)
+            raise
+        finally:
+            os.close(tap_write)
+        PipeReader(tap_read, _MAX_CLAIM_BYTES, lambda text: self._note_claims(run, text))
+        self.processes[run.name] = running
+        return running
+
+    async def start_confined(
+        self,
+        run: ProcessRun,
+        environment: Mapping[str, str],
+        cwd: str | None,
+        *,
+        workspace: Path | None = None,
+        folders: Mapping[str, Path] | None = None,
+        pass_fds: tuple[int, ...] = (),
+        with_input: bool = False,
+    ) -> RunningProcess:
+        """Start a command of the student's, confined, and record it.
+
+        It sees another `workspace` instead of the session's, and `folders` besides, if these are given.
+        """
+        self.record.processes.append(run)
+        if workspace is None and cwd is not None and PurePosixPath(cwd).is_relative_to(self.seen[WORKSPACE]):
+            # An earlier program may have made of it what it liked, which must not keep this one from its beginning.
+            try:
+                restore_way(self.workspace, PurePosixPath(cwd).relative_to(self.seen[WORKSPACE]), _OPEN)
+            except OSError:
+                cwd = self.seen[WORKSPACE]
+        room = replace(
+            self._room,
+            areas={**self._room.areas, WORKSPACE: workspace or self.workspace},
+            tools={**self._room.tools, **(folders or {})},
+        )
+        with confined(
+            self.isolation,
+            run.argv,
+            environment=environment,
+            room=room,
+            slot=self.plan.slot,
+            cwd=cwd or self.seen[HOME],
+            group=self._group,
+        ) as (argv, passed, info):
+            return await RunningProcess.start(
+                run,
+                argv,
+                environment={"PATH": os.environ.get("PATH", "/usr/bin:/bin")},
+                cwd="/",
+                pass_fds=(*passed, *pass_fds),
+                child_pid_fd=info,
+                with_input=with_input,
+                room=self._output,
+            )
+
+    def _note_claims(self, run: ProcessRun, text: str) -> None:
+        if run.artifact is not None and not text.startswith('{"kind": "started"'):
+            self.note_unstarted(run, f"{run.name} could not be started")
+        claims = claims_in(text, run.name, f"{self.seen[WORKSPACE]}/src/")
+        self.record.claims += claims[: max(0, _MOST_CLAIMS - len(self.record.claims))]
+
+    def note_unstarted(self, run: ProcessRun, what: str) -> None:
+        """Note that a program of the student's never began; `blame_unstarted` says in the end whose doing that is."""
+        said = run.output[-1].text if run.output else "nothing"
+        self._unstarted.append((run, f"{what} in its sandbox: {said}"))
+
+    def blame_unstarted(self) -> None:
+        """Lay it at the student's door where its own processes left no room for more; else it is a problem."""
+        limits = (run.limit for run in self.record.processes if run.role == "student")
+        filled = next((limit for limit in limits if limit in _LEAVES_NO_ROOM), None)
+        for run, problem in self._unstarted:
+            run.limit = run.limit or filled
+            if filled is None:
+                self.record.problems.append(problem)
+
+    # -- the end ------------------------------------------------------------------------------
+
+    def clean_up(self) -> None:
+        """See to it that none of the student's processes is left."""
+        if self._group is not None:
+            self._group.remove()
+        self.end_orphans()
+
+    def end_orphans(self) -> None:
+        """End what the student's processes left behind, where no namespace does; none of them may be running."""
+        if self.isolation.namespaces:
+            return
+        end_s = time.monotonic() + _CLEAN_UP_S
+        while (left := self._orphans()) and time.monotonic() < end_s:
+            for pid in left:
+                with suppress(ProcessLookupError, PermissionError):
+                    os.kill(pid, signal.SIGKILL)
+                with suppress(ChildProcessError):
+                    os.waitpid(pid, os.WNOHANG)
+
+    def _orphans(self) -> list[int]:
+        """Return the processes below this one that are none of the grader's."""
+        roots = [root for p in self.trusted if p.alive and (root := p.root_pid()) is not None]
+        ours = {os.getpid(), *(pid for root in roots for pid in descendants_of(root))}
+        return [pid for pid in descendants_of(os.getpid()) if pid not in ours]
+
+
+def _mount(folder: Path, size_bytes: int) -> None:
+    mount_tmpfs(str(folder), size_bytes, _MAX_FILES)

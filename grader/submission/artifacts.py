@@ -1,0 +1,175 @@
+"""A submission that was taken in → the artifacts that the rubric asks for, and static facts.
+
+Nothing is executed or imported here.
+"""
+
+from __future__ import annotations
+
+import difflib
+import fnmatch
+import hashlib
+import re
+from pathlib import Path, PurePosixPath
+
+from grader.errors import SubmissionError
+from grader.lab.rubric import ArtifactSpec, Rubric
+from grader.recording.submission import ArtifactFact, FileFact, PackageFact, SubmissionRecord
+from grader.submission.extraction import Intake
+from grader.submission.file_names import TEXT_SUFFIXES, displayed
+from grader.submission.packages.colcon import find_packages
+
+#: A text beyond this, and the largest of those that are too much together, are not read by the judging half.
+MAX_TEXT_BYTES = 512 * 1024
+MAX_TEXTS_CHARACTERS = 8 * 1024 * 1024
+#: How similar two file names must be for one to count as a misspelling of the other (difflib's ratio).
+NEAR_MISS_RATIO = 0.75
+
+
+def read_submission(intake: Intake, rubric: Rubric) -> SubmissionRecord:
+    """Find the rubric's artifacts in a submission and collect static facts.
+
+    Raises SubmissionError if it holds nothing that the rubric asks for, or something of it may not be read: that costs
+    nobody points.
+    """
+    record = SubmissionRecord(name=intake.name, left_out=list(intake.left_out), source=intake.source)
+    record.student_id = intake.student_id
+    record.submitted_at = intake.submitted_at.isoformat() if intake.submitted_at is not None else None
+    _collect_files(intake.folder, record)
+    if not record.files:
+        raise SubmissionError("the submission is empty", where=intake.where, remedy="Put the lab's files into it.")
+    paths = [PurePosixPath(f.path) for f in record.files]
+    record.artifacts = find_artifacts(paths, record.texts, rubric.artifacts)
+    record.packages = find_packages(record.texts, [f.path for f in record.files])
+    for fact in record.artifacts:
+        if fact.path is None:
+            fact.path = _by_entry_point(rubric.artifacts[fact.name].executable, record.packages, record.texts)
+            fact.found_by = "near miss" if fact.path is not None else fact.found_by
+    _require_readable(intake, record)
+    if all(a.path is None for a in record.artifacts):
+        wanted = ", ".join(spec.file for spec in rubric.artifacts.values())
+        remedy = f"At least one of these files is expected: {wanted}. For a folder of several submissions, add --each."
+        raise SubmissionError("nothing in it looks like a submission", where=intake.where, remedy=remedy)
+    digest = hashlib.sha256()
+    for file in sorted(record.files, key=lambda f: f.path):
+        digest.update(f"{file.path}\0{file.sha256}\n".encode())
+    record.sha256 = digest.hexdigest()
+    return record
+
+
+def _require_readable(intake: Intake, record: SubmissionRecord) -> None:
+    """Raise if a grade may rest on what is there and may not be read.
+
+    That is a file that programs are made of or that people read, and a folder, where a file of the lab is missing.
+    """
+    missing = any(fact.path is None for fact in record.artifacts)
+    closed = [
+        name
+        for name in intake.unreadable
+        if (missing if name.endswith("/") else PurePosixPath(name).suffix.lower() in TEXT_SUFFIXES)
+    ]
+    if closed:
+        more = f" and {len(closed) - 1} more" if len(closed) > 1 else ""
+        raise SubmissionError(
+            f"{displayed(closed[0])}{more} may not be read, so that no fair score exists",
+            where=intake.where,
+            remedy="Give yourself the right to read it (chmod -R u+rX), or grade as the user that it belongs to.",
+        )
+
+
+def read_submission_folder(folder: Path, rubric: Rubric) -> SubmissionRecord:
+    """Read a folder of the project's own as `read_submission` does; a student's is taken in first."""
+    return read_submission(Intake(folder, folder.resolve().name, where=str(folder)), rubric)
+
+
+def _collect_files(folder: Path, record: SubmissionRecord) -> None:
+    paths = [path.relative_to(folder) for path in folder.rglob("*") if path.is_file() and not path.is_symlink()]
+    for path in sorted(paths, key=_files_before_folders):
+        content = (folder / path).read_bytes()
+        record.files.append(FileFact(path.as_posix(), len(content), hashlib.sha256(content).hexdigest()))
+        if path.suffix.lower() in TEXT_SUFFIXES and len(content) <= MAX_TEXT_BYTES and b"\0" not in content:
+            record.texts[path.as_posix()] = decode_text(content)
+    _limit_texts(record.texts)
+
+
+def _files_before_folders(path: Path) -> tuple[tuple[bool, str], ...]:
+    return (*((True, folder) for folder in path.parts[:-1]), (False, path.name))
+
+
+def _limit_texts(texts: dict[str, str]) -> None:
+    """Drop the largest texts, which nobody has written, where all of them would be too much to judge."""
+    total = sum(map(len, texts.values()))
+    for path in sorted(texts, key=lambda path: (-len(texts[path]), path)):
+        if total <= MAX_TEXTS_CHARACTERS:
+            return
+        total -= len(texts.pop(path))
+
+
+def decode_text(content: bytes) -> str:
+    """Decode a text file as UTF-8 (with or without byte order mark), else as Latin-1; never fails."""
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return content.decode("latin-1")
+
+
+def find_artifacts(
+    paths: list[PurePosixPath], texts: dict[str, str], specs: dict[str, ArtifactSpec]
+) -> list[ArtifactFact]:
+    """Find each artifact: by the rubric's patterns, else by a similar name, else by its contents.
+
+    One file may hold several, as nodes that are composed in one process do.
+    """
+    facts = {name: _by_pattern(name, spec, paths) for name, spec in specs.items()}
+    for name, spec in specs.items():
+        if facts[name].path is None:
+            taken = {fact.path for fact in facts.values()}
+            free = [p for p in paths if str(p) not in taken and p.suffix in (".py", "")]
+            facts[name] = _by_similarity(name, spec, free, texts)
+    for name, spec in specs.items():
+        if facts[name].path is None and spec.executable is not None:
+            holding = [path for path in map(str, paths) if path.endswith(".py") and _holds(texts.get(path, ""), spec)]
+            if holding:
+                facts[name] = ArtifactFact(name, spec.file, holding[0], "near miss", holding[1:])
+    return list(facts.values())
+
+
+def _holds(text: str, spec: ArtifactSpec) -> bool:
+    """Whether a file holds an artifact by its contents."""
+    return bool(spec.contains) and all(words in text for words in spec.contains)
+
+
+def _by_pattern(name: str, spec: ArtifactSpec, paths: list[PurePosixPath]) -> ArtifactFact:
+    for pattern in spec.find:
+        anywhere = pattern.startswith("**/")
+        hits = [p for p in paths if fnmatch.fnmatchcase(p.name if anywhere else str(p), pattern.removeprefix("**/"))]
+        if hits:
+            first, *others = sorted(hits, key=lambda p: (len(p.parts), str(p)))
+            return ArtifactFact(name, spec.file, str(first), "name", list(map(str, others)))
+    return ArtifactFact(name, spec.file)
+
+
+def _by_entry_point(executable: str | None, packages: list[PackageFact], texts: dict[str, str]) -> str | None:
+    """Return the file that a package runs as an executable of the artifact's name, whatever the file is called."""
+    for package in packages:
+        target = package.executables.get(executable or "", "")
+        module = PurePosixPath(package.path) / target.partition(":")[0].replace(".", "/")
+        path = f"{module}.py" if ":" in target else target
+        if path in texts:
+            return path
+    return None
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[^a-z0-9]", "", re.sub(r"\.py$", "", name.lower()))
+
+
+def _by_similarity(name: str, spec: ArtifactSpec, free: list[PurePosixPath], texts: dict[str, str]) -> ArtifactFact:
+    def ratio(path: PurePosixPath) -> float:
+        return difflib.SequenceMatcher(None, _plain(spec.file), _plain(path.name)).ratio()
+
+    near = sorted((p for p in free if ratio(p) >= NEAR_MISS_RATIO), key=lambda p: (-ratio(p), str(p)))
+    if not near and spec.contains:
+        near = [p for p in free if _holds(texts.get(str(p), ""), spec)]
+    if not near:
+        return ArtifactFact(name, spec.file)
+    return ArtifactFact(name, spec.file, str(near[0]), "near miss", [str(p) for p in near[1:]])

@@ -1,0 +1,531 @@
+"""Paths on the command line → the submissions that they stand for.
+
+How one submission is told from a folder (or archive) of submissions
+---------------------------------------------------------------------
+An *artifact's file* is one whose name the rubric asks for, word for word. A *part* is a folder named as parts of a
+workspace are (`src`, `launch`, `old`), or one of several that are numbered (`task2`). The first that applies decides:
+
+1. Most names are those of a learning-management system's download (`grader.submission.lms`): each student is one.
+2. It is a git repository's root, or an artifact's file lies directly in it: one submission. In a folder that is called
+   as folders of submissions are (`submissions`, `lab-09-submissions`, `students`), that does not matter if 3 holds:
+   an instructor's repository, a stray file.
+3. The same artifact's file lies in two subfolders that are no parts: each subfolder and archive is one. In a single
+   workspace each file lies in one package; in a class everyone has handed in the same names.
+4. It looks like a package or a workspace (`package.xml`, `setup.py`, `CMakeLists.txt`, or a part that holds an
+   artifact's file): one submission.
+5. There are several archives, or several folders that are no parts and hold archives and no programs, or it is called
+   as folders of submissions are: each subfolder and archive is one.
+6. It holds a single folder, and no files but tables: what that folder is. If that is one submission, it is called as
+   the outer.
+7. An archive lies beside a folder with artifacts' files, without a README: each is one.
+8. One submission.
+
+Where this is wrong, `Shape.ONE` and `Shape.EACH` say what is meant. Hidden files and folders, those of tools, tables
+are passed over; earlier results (without any of the lab's files), and files that belong to nobody, are told.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import unicodedata
+from collections import Counter, defaultdict, deque
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from datetime import datetime, timezone
+from enum import Enum
+from functools import cached_property
+from itertools import chain, islice
+from pathlib import Path, PurePosixPath
+
+from grader import result_folder
+from grader.errors import SubmissionError
+from grader.lab.kept_lab import KEPT
+from grader.lab.overrides import OVERRIDES_FILE
+from grader.lab.rubric import Rubric
+from grader.result_folder import AUDIT_FILE, CHANGES_FILE, HISTORY, JOURNAL_FILE
+from grader.submission.extraction import Handed, Piece, names_in, text_of, texts_in
+from grader.submission.file_names import TOOL_FOLDERS, displayed, is_litter, is_packed, without_archive_suffix
+from grader.submission.last_commit import last_commit_time
+from grader.submission.lms.systems import Delivered, Download, is_table, recognised
+from grader.submission.members import is_folder
+from grader.submission.roster import Student, matches, read_class_list
+
+#: Names in one submission that are looked at to tell what it is.
+_MOST_NAMES = 5_000
+_MOST_DEPTH = 12
+#: Names directly in a folder of submissions.
+_MOST_ENTRIES = 1_000_000
+#: Folders within each other that hold nothing else.
+_MOST_WRAPPERS = 4
+_MOST_NAME_BYTES = 120
+#: What lies among results, or in those of one submission, and is no submission's folder.
+TAKEN_NAMES = frozenset(
+    {JOURNAL_FILE, OVERRIDES_FILE, "overrides.yml", CHANGES_FILE, AUDIT_FILE, HISTORY, KEPT}
+    | {name for constant, name in vars(result_folder).items() if constant.isupper()}
+)
+
+_PART = re.compile(
+    r"src|sources?|code|launch|config|params?|scripts?|nodes?|packages?|include|resource|msg|srv"
+    # Others before `_ws` are names of students.
+    r"|((ros2?|colcon|catkin|ament|dev|my|old|new|final|backup|test|tutorial|robot\w*|lab[\w-]*)_)?ws"
+    r"|ros2?|workspace|old|backups?|bak|archive",
+    re.IGNORECASE,
+)
+#: Longer numbers are those of students.
+_SECTION = re.compile(
+    r"(v|version|part|task|exercise|ex|q|question|lab|week|hw|assignment)[-_ ]?\d{1,3}([-_.]\d{1,3})*", re.IGNORECASE
+)
+_COLLECTION = re.compile(r"(^|[-_ ])(submissions|students|hand-?ins|abgaben)($|[-_ (])", re.IGNORECASE)
+_VERSION = re.compile(r"Version (\d{1,4})")
+_PACKAGE_MARKS = frozenset({"package.xml", "setup.py", "CMakeLists.txt"})
+_PROGRAMS = frozenset({".py", ".c", ".cc", ".cpp", ".launch"})
+#: What a system writes beside submissions is read up to so many bytes.
+_MOST_NOTES_BYTES = 64 * 1024**2
+
+
+class Shape(Enum):
+    """What a path stands for, where the user says so."""
+
+    AUTO = "auto"
+    ONE = "one"
+    EACH = "each"
+
+
+@dataclass(frozen=True)
+class Found:
+    """The submissions that were found."""
+
+    #: In the order of their names, each under a name of its own.
+    submissions: tuple[Handed, ...]
+    #: What each path was taken for, in words.
+    understood: tuple[str, ...] = ()
+    #: Files that belong to no submission; written by students, so not to be trusted.
+    not_understood: tuple[str, ...] = ()
+    #: Who is in the class list and has not handed in.
+    missing: tuple[str, ...] = ()
+
+
+def find_submissions(
+    paths: Sequence[Path], rubric: Rubric, *, shape: Shape = Shape.AUTO, class_list: Path | None = None
+) -> Found:
+    """Find the submissions in folders, archives, and downloads of learning-management systems.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        As given on the command line. One that is not there stands for itself: it is refused when it is graded, and
+        does not keep the others from it.
+    shape : Shape
+        What is meant, where looking is not enough (`--one`, `--each`).
+    class_list : Path or None
+        A table of names, student ids and times of submission; see `grader.submission.roster`.
+
+    Returns
+    -------
+    Found
+        Grade each of `submissions` by `grader.pipeline.grade(handed, ...)` into `results / handed.name`; show
+        `understood`, `not_understood` and `missing`.
+
+    Raises
+    ------
+    SubmissionError
+        If the class list is not usable, or a class is packed twice.
+
+    Notes
+    -----
+    A name is made from the student's alone and does not depend on who else has handed in, so that results are found
+    again. Only where two would be the same, they get a mark made from their paths. The time of submission is that of
+    the class list, else of the download, else of the last commit. An archive's own is found when it is taken in.
+    """
+    finding = _Finding(rubric)
+    for path in paths:
+        finding.look_at(path, shape)
+    handed, marked = _uniquely_named(finding.submissions)
+    finding.understood += marked
+    missing: tuple[str, ...] = ()
+    if class_list is not None:
+        plain = {_origin(one): one.name for one in finding.submissions}
+        handed, missing, unclear = _with_class_list(handed, plain, read_class_list(class_list))
+        finding.understood += unclear
+    ordered = tuple(sorted(handed, key=lambda h: (h.name.casefold(), h.name)))
+    return Found(ordered, tuple(finding.understood), tuple(finding.not_understood), missing)
+
+
+@dataclass(frozen=True)
+class _Place:
+    """A folder, or one within an archive, and the names of the files in it."""
+
+    path: Path
+    #: The folder within the archive, with a slash at its end; empty for the archive itself, None for a folder.
+    within: str | None
+    #: Paths relative to it.
+    files: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        if self.within:
+            return PurePosixPath(self.within).name
+        name = Path(os.path.realpath(self.path)).name
+        return name if self.within is None else without_archive_suffix(name)
+
+    @property
+    def where(self) -> str:
+        return f"{self.path}: {displayed(self.within)}" if self.within else str(self.path)
+
+    @property
+    def source(self) -> str:
+        """Where it lies, the same however the path was typed."""
+        path = os.path.realpath(self.path)
+        return f"{path}: {self.within}" if self.within else path
+
+    @property
+    def is_repository(self) -> bool:
+        return any(file.startswith(".git/") for file in self.files)
+
+    @cached_property
+    def _grouped(self) -> dict[str, tuple[str, ...]]:
+        """What lies directly in it -> the paths below that; none below a file."""
+        groups: dict[str, list[str]] = defaultdict(list)
+        for file in self.files:
+            first, slash, rest = file.partition("/")
+            if first:
+                groups[first] += [rest] if slash else []
+        return {name: tuple(below) for name, below in groups.items()}
+
+    @cached_property
+    def entries(self) -> dict[str, bool]:
+        """What lies directly in it -> whether that is a folder; without what nobody hands in."""
+        return {
+            name: bool(below)
+            for name, below in sorted(self._grouped.items())
+            if not (name.startswith(".") or is_litter(name) or (below and name in TOOL_FOLDERS))
+        }
+
+    def below(self, folder: str) -> _Place:
+        inside = self._grouped[folder]
+        if self.within is None:
+            return _Place(self.path / folder, None, inside)
+        return _Place(self.path, f"{self.within}{folder}/", inside)
+
+    def texts(self, files: Sequence[str]) -> dict[str, str]:
+        """Read files below it; what cannot be read is left out."""
+        if self.within is not None:
+            members = {self.within + file: file for file in files}
+            return {members[m]: text for m, text in texts_in(self.path, members, _MOST_NOTES_BYTES).items()}
+        read = {file: text_of(self.path, file, _MOST_NOTES_BYTES) for file in files}
+        return {file: text for file, text in read.items() if text is not None}
+
+    def piece(self, entry: str = "", *, is_folder: bool = True, name: str = "") -> Piece:
+        """Return what lies in it, or one entry."""
+        if self.within is None:
+            return Piece(self.path / entry if entry else self.path, name=name)
+        member = self.within + entry + ("/" if entry and is_folder else "")
+        return Piece(self.path, member, name)
+
+
+def _place(path: Path) -> _Place | None:
+    """Look at a path; None if it is neither a folder nor an archive that can be read."""
+    if is_folder(path):
+        return _Place(path, None, tuple(_names_below(path)))
+    inside = names_in(path)
+    return None if inside is None else _Place(path, "", tuple(inside))
+
+
+def _names_below(path: Path) -> Iterator[str]:
+    for name, inside in _listed(path, _MOST_ENTRIES):
+        if not inside:
+            yield name
+        else:
+            yield from list(_walk(path / name, f"{name}/")) or [f"{name}/"]
+
+
+def _walk(folder: Path, above: str) -> Iterator[str]:
+    """Name the files of a folder, as many as it takes to tell what it is."""
+    waiting = deque([(folder, above, 1)] if folder.name not in TOOL_FOLDERS else [])
+    seen = 0
+    while waiting and seen < _MOST_NAMES:
+        folder, above, depth = waiting.popleft()
+        for name, inside in _listed(folder):
+            seen += 1
+            if not inside:
+                yield above + name
+            elif depth < _MOST_DEPTH and name not in TOOL_FOLDERS:
+                waiting.append((folder / name, f"{above}{name}/", depth + 1))
+
+
+def _listed(folder: Path, most: int = _MOST_NAMES) -> list[tuple[str, bool]]:
+    """Return the names in a folder, and whether each is a folder; none if it may not be read."""
+    with suppress(OSError), os.scandir(folder) as entries:
+        return sorted((entry.name, entry.is_dir(follow_symlinks=False)) for entry in islice(entries, most))
+    return []
+
+
+class _Finding:
+    """What has been found so far."""
+
+    def __init__(self, rubric: Rubric) -> None:
+        self.submissions: list[Handed] = []
+        self.understood: list[str] = []
+        self.not_understood: list[str] = []
+        self._wanted = _wanted_names(rubric)
+
+    def look_at(self, path: Path, shape: Shape) -> None:
+        """Add the submissions that a path stands for."""
+        place = _place(path)
+        if place is None:
+            self._add(Handed.of(path), Handed.of(path).name)
+            return
+        students = self._students(place, shape) if shape is not Shape.ONE else None
+        if students is None:
+            if shape is not Shape.ONE:
+                self._refuse_packed_class(place)
+            self._add(_handed(place), place.name)
+            self.understood.append(f"{place.where}: one submission")
+        elif not students.is_repository and (download := recognised(students.entries)) is not None:
+            self._add_download(students, download)
+        else:
+            self._add_each(students)
+
+    def _refuse_packed_class(self, place: _Place) -> None:
+        """Raise if an archive holds nothing but the archive of a class, of which all would be taken for one student's.
+
+        Raises
+        ------
+        SubmissionError
+            With what to do.
+        """
+        if place.within is None or list(place.entries.values()) != [False]:
+            return
+        (packed,) = place.entries
+        names = names_in(place.path, place.within + packed)
+        inner = _Place(Path(packed), "", tuple(names)) if names is not None else None
+        if inner is not None and self._students(inner, Shape.AUTO) is not None:
+            raise SubmissionError(
+                f"it holds an archive of several submissions, {displayed(packed)}",
+                where=str(place.path),
+                remedy=f"Unpack it and give the path {displayed(packed)}; if all of it is one student's, add --one.",
+            )
+
+    def _students(self, place: _Place, shape: Shape) -> _Place | None:
+        """Return where the students lie beside each other; None if it is one submission."""
+        if shape is Shape.EACH:
+            return place
+        for _ in range(_MOST_WRAPPERS):
+            entries = place.entries
+            decided = self._is_collection(place, entries)
+            if decided is not None:
+                return place if decided else None
+            inner = [name for name, folder in entries.items() if folder or not is_table(name)]
+            if len(inner) != 1 or not entries[inner[0]]:
+                break
+            place = place.below(inner[0])
+        return None
+
+    def _is_collection(self, place: _Place, entries: Mapping[str, bool]) -> bool | None:
+        """Apply the rules that are stated above; None if none applies."""
+        own = self._artifacts(name for name, folder in entries.items() if not folder)
+        # What a system writes beside submissions lies in no repository, and beside no student's files.
+        download = recognised(entries)
+        if download is not None and not place.is_repository and not (own and download.system.own & entries.keys()):
+            return True
+        folders = [name for name, folder in entries.items() if folder]
+        held = {name: self._artifacts(place.below(name).files) for name in folders}
+        sections = {name for name in folders if _SECTION.fullmatch(name) and len(entries) > 1}
+        parts = {name for name in folders if _PART.fullmatch(name)} | sections
+        students = [artifacts for name, artifacts in held.items() if name not in parts]
+        archives = [name for name, folder in entries.items() if not folder and is_packed(name)]
+        sealed = [name for name in folders if name not in parts and _holds_archives_only(place.below(name).files)]
+        named_so = _COLLECTION.search(place.name) is not None
+        alike = any(count > 1 for count in Counter(chain.from_iterable(students)).values())
+        if (place.is_repository or own) and not (named_so and alike):
+            return False
+        if alike:
+            return True
+        if _PACKAGE_MARKS & set(entries) or any(held[name] for name in parts):
+            return False
+        if len(archives) > 1 or len(sealed) > 1 or (named_so and (folders or archives)):
+            return True
+        if archives and any(students):
+            return not any(name.lower().startswith("readme") for name in entries)
+        return None
+
+    def _artifacts(self, files: Iterable[str]) -> frozenset[str]:
+        names = {PurePosixPath(file).name for file in files}
+        return frozenset(artifact for artifact, wanted in self._wanted.items() if wanted & names)
+
+    # -- what is found -----------------------------------------------------------------------------
+
+    def _add(self, handed: Handed, name: str) -> None:
+        self.submissions.append(replace(handed, name=_safe_name(name)))
+
+    def _add_each(self, place: _Place) -> None:
+        before = len(self.submissions)
+        for name, folder in place.entries.items():
+            if folder and self._is_earlier_result(place.below(name)):
+                self.not_understood.append(f"{place.where}: {displayed(name)}: results of an earlier grading")
+            elif folder:
+                # GitHub Classroom's `lab-09-submissions/lab-09-alice` names the user.
+                assignment = place.name.removesuffix("-submissions")
+                user = name.removeprefix(f"{assignment}-") if assignment != place.name else name
+                handed = _handed(self._last_version(place.below(name)))
+                self._add(replace(handed, student_id=user) if user != name else handed, name)
+            elif is_packed(name):
+                piece = place.piece(name, is_folder=False)
+                where, source = f"{place.where}: {displayed(name)}", f"{place.source}/{name}"
+                self._add(Handed("", (piece,), where=where, source=source), without_archive_suffix(name))
+            elif not is_table(name):
+                self.not_understood.append(f"{place.where}: {displayed(name)}: neither a folder nor an archive")
+        self.understood.append(f"{place.where}: {_submissions(len(self.submissions) - before)}")
+
+    def _is_earlier_result(self, place: _Place) -> bool:
+        """Whether a folder holds results, and none of the lab's files, which a student may keep beside such."""
+        return any(file.endswith(_RESULT) for file in place.files) and not self._artifacts(place.files)
+
+    def _last_version(self, place: _Place) -> _Place:
+        """Return the last of the folders `Version 1`, `Version 2`, ... that Microsoft Teams makes, if it holds such."""
+        inner = place
+        for _ in range(_MOST_WRAPPERS):
+            versions = {name: _VERSION.fullmatch(name) for name in inner.entries}
+            numbers = {name: int(version[1]) for name, version in versions.items() if version is not None}
+            if numbers and len(numbers) == len(versions):
+                *earlier, last = sorted(numbers, key=lambda name: numbers[name])
+                self.not_understood += [f"{inner.where}: {displayed(name)}: an earlier version" for name in earlier]
+                return inner.below(last)
+            if list(inner.entries.values()) != [True]:
+                break
+            inner = inner.below(next(iter(inner.entries)))
+        return place
+
+    def _add_download(self, place: _Place, download: Download) -> None:
+        students: dict[tuple[str, str], dict[str, Delivered]] = defaultdict(dict)
+        known = download.system.details(download.known, place.texts)
+        for entry, is_a_folder in place.entries.items():
+            if entry in known:
+                students[known[entry].student, known[entry].student_id][entry] = known[entry]
+            elif entry not in download.system.own and (is_a_folder or not is_table(entry)):
+                told = f"{place.where}: {displayed(entry)}: not named as {download.system.name} names files"
+                self.not_understood.append(told)
+        for (student, student_id), entries in students.items():
+            handed = self._delivered(place, entries)
+            named = student if student == student_id or not student_id else f"{student}_{student_id}"
+            told = f"{place.where}: {displayed(named)}"
+            handed = replace(handed, student=student, student_id=student_id or None, where=told, source=place.source)
+            self._add(handed, named)
+        amount = _submissions(len(students))
+        self.understood.append(f"{place.where}: {download.system.name}'s download of {amount}")
+
+    def _delivered(self, place: _Place, entries: Mapping[str, Delivered]) -> Handed:
+        """Put together what one student has handed in: of several attempts, the last."""
+        last = max((told.attempt_at for told in entries.values() if told.attempt_at is not None), default=None)
+        counted = {entry: told for entry, told in entries.items() if told.attempt_at == last}
+        earlier = [entry for entry in entries if entry not in counted]
+        self.not_understood += [f"{place.where}: {displayed(entry)}: an earlier attempt" for entry in earlier]
+        names = Counter(name for told in counted.values() for name in {told.file, told.first_called})
+        pieces = []
+        for entry, told in counted.items():
+            if told.file:
+                name = told.first_called if told.first_called and names[told.first_called] == 1 else told.file
+                pieces.append(place.piece(entry, is_folder=False, name=name))
+            elif place.entries[entry]:
+                pieces.append(place.piece(entry))
+        return Handed("", tuple(pieces), submitted_at=last, late=any(told.late for told in entries.values()))
+
+
+#: By this, the results of an earlier grading are known.
+_RESULT = "recordings/submission.json"
+
+
+def _holds_archives_only(files: Iterable[str]) -> bool:
+    """Whether files are what somebody hands in who packs: an archive, and no program beside it."""
+    names = [PurePosixPath(file) for file in files]
+    return any(is_packed(name.name) for name in names) and not any(name.suffix in _PROGRAMS for name in names)
+
+
+def _wanted_names(rubric: Rubric) -> dict[str, frozenset[str]]:
+    """Return the names of files that the rubric asks for, by artifact; patterns only if there is nothing else."""
+    wanted = {}
+    for artifact, spec in rubric.artifacts.items():
+        names = (PurePosixPath(pattern).name for pattern in (spec.file, *spec.find))
+        wanted[artifact] = frozenset(name for name in names if not re.search(r"[*?\[]", name))
+    return wanted
+
+
+def _submissions(count: int) -> str:
+    return f"{count:,} submission{'' if count == 1 else 's'}"
+
+
+def _handed(place: _Place) -> Handed:
+    """Return a submission, with the time of its last commit unless that is yet to come: such a clock was wrong."""
+    time = None
+    if place.within is None:
+        folders = [name for name, folder in place.entries.items() if folder]
+        inner = [place.path / folders[0]] if len(folders) == 1 else []
+        time = next((found for folder in (place.path, *inner) if (found := last_commit_time(folder))), None)
+        time = None if time is not None and time > datetime.now(timezone.utc) else time
+    return Handed("", (place.piece(),), submitted_at=time, where=place.where, source=place.source)
+
+
+# -- names -----------------------------------------------------------------------------------------
+
+
+def _safe_name(text: str) -> str:
+    """Return a name for a folder of results: letters, marks and numbers of any script, and `-_.+@`."""
+    composed = unicodedata.normalize("NFC", text[:1000].encode("utf-8", "replace").decode())
+    kept = "".join(c if c in "-_.+@" or unicodedata.category(c)[0] in "LMN" else "_" for c in composed)
+    name = re.sub(r"__+", "_", kept).strip("._- ")
+    if len(name.encode()) > _MOST_NAME_BYTES:
+        cut = name.encode()[: _MOST_NAME_BYTES - 7].decode("utf-8", "ignore")
+        name = f"{cut}-{_mark(text)}"
+    return name or f"submission-{_mark(text)}"
+
+
+def _mark(text: str) -> str:
+    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()[:6]
+
+
+def _origin(handed: Handed) -> str:
+    """Return where a submission's pieces lie; the same however the path was typed."""
+    return "\n".join(f"{os.path.realpath(piece.path)}\n{piece.member}" for piece in handed.pieces)
+
+
+def _uniquely_named(submissions: Sequence[Handed]) -> tuple[list[Handed], list[str]]:
+    """Drop what was given twice, and tell those of the same name apart, and from what else lies among results.
+
+    Returns the submissions, and for a person which of them got a mark.
+    """
+    distinct = list({(_origin(handed), handed.name): handed for handed in reversed(submissions)}.values())[::-1]
+    names = Counter(handed.name.casefold() for handed in distinct)
+    named, remarks = [], []
+    for handed in distinct:
+        plain = handed.name
+        among_results = plain.casefold() in TAKEN_NAMES
+        if among_results or names[plain.casefold()] > 1:
+            handed = replace(handed, name=f"{plain}-{_mark(_origin(handed))}")
+            others = " among results" if among_results else ""
+            remarks.append(f"{handed.where}: called {handed.name}, since there is another {plain}{others}")
+        named.append(handed)
+    return named, remarks
+
+
+def _with_class_list(
+    submissions: Sequence[Handed], names: Mapping[str, str], students: Sequence[Student]
+) -> tuple[list[Handed], tuple[str, ...], list[str]]:
+    """Add what a class list knows; returns who is missing, and whose lines are not told apart, too.
+
+    Parameters
+    ----------
+    names : mapping
+        Where each submission lies -> its name without a mark.
+    """
+    found = matches(students, submissions, lambda handed: (handed.name, handed.student, names[_origin(handed)]))
+    unclear = [
+        f"{handed.where}: the name alone does not say who of the class list this is"
+        for handed, place, may_be in found
+        if place is None and may_be
+    ]
+    there = frozenset[int]().union(*(may_be for _, _, may_be in found))
+    missing = tuple(displayed(s.name or s.student_id or "") for n, s in enumerate(students) if n not in there)
+    return [handed for handed, _, _ in found], missing, unclear

@@ -1,0 +1,286 @@
+"""What a folder, a zip or a tar holds, one member after another, as the standard library reads them.
+
+Its readers take directories and extended headers into memory whatever their size, and unpack whatever is claimed.
+So they run only where the kernel bounds time and memory: as in `grader.submission.extraction`.
+"""
+
+from __future__ import annotations
+
+import bz2
+import gzip
+import io
+import lzma
+import os
+import stat
+import struct
+import tarfile
+import zipfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from datetime import datetime, timedelta, timezone
+from enum import Enum
+from functools import partial
+from pathlib import Path
+from typing import IO, BinaryIO, cast
+
+from grader.errors import GraderError, SubmissionError
+from grader.submission.file_names import TOOL_FOLDERS, displayed
+
+#: Bytes of a file by which `format_of` tells what it is.
+HEAD_BYTES = 512
+_PIECE_BYTES = 64 * 1024
+#: Of a tar, which can only be read from its beginning to its end.
+_MOST_UNPACKED_BYTES = 512 * 1024 * 1024
+_GET_ANOTHER = "Download it again, or unpack it."
+#: The time that zip tools write when they know none.
+_ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)
+_ZIP_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)
+
+
+class Kind(Enum):
+    """What a member is; for what is not taken in, the value says why."""
+
+    FILE = "a file"
+    FOLDER = "a folder"
+    LINK = "a symbolic link"
+    HARD_LINK = "a hard link"
+    SPECIAL = "not a regular file"
+    SPARSE = "a sparse file"
+    METHOD = "compressed by a method that grade does not read"
+    UNREADABLE = "not readable"
+    CLOSED = "a folder that is not readable"
+    DEEP = "too many folders deep"
+
+
+@dataclass(frozen=True)
+class Member:
+    """A file or something else in a folder or an archive."""
+
+    #: As it stands there; not to be trusted.
+    name: str
+    kind: Kind
+    #: What is claimed.
+    size_bytes: int = 0
+    #: With its offset from UTC.
+    modified: datetime | None = None
+    #: Gives the content, piece by piece; only until the next member is asked for.
+    pieces: Callable[[], Iterator[bytes]] = lambda: iter(())
+
+
+def pieces_of(file: IO[bytes]) -> Iterator[bytes]:
+    """Read a file piece by piece."""
+    return iter(partial(file.read, _PIECE_BYTES), b"")
+
+
+def too_much(what: str) -> SubmissionError:
+    """Return the error of a submission that holds more of something than anyone hands in."""
+    return SubmissionError(
+        f"the submission holds {what}", remedy="Hand it in without recordings, build folders and the like."
+    )
+
+
+# -- folders ---------------------------------------------------------------------------------------
+
+
+def is_folder(path: Path) -> bool:
+    """Whether a path leads to a folder; never fails."""
+    try:
+        return stat.S_ISDIR(path.stat().st_mode)
+    except (OSError, ValueError):
+        return False
+
+
+def open_regular(path: str | Path, folder: int | None = None) -> BinaryIO:
+    """Open a file (relative to an open folder) for reading; waits for and follows nothing.
+
+    Raises OSError if it is no regular file, or may not be read.
+    """
+    file = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY, dir_fd=folder)
+    if not stat.S_ISREG(os.fstat(file).st_mode):
+        os.close(file)
+        raise OSError("not a regular file")
+    return os.fdopen(file, "rb")
+
+
+def members_of_folder(path: Path, most_depth: int) -> Iterator[Member]:
+    """Go through a folder, up to so many folders within each other. Those that tools made are named, not entered.
+
+    Raises OSError if the folder itself cannot be read.
+    """
+    for above, folders, files, folder in os.fwalk(os.path.realpath(path)):
+        inside = os.path.relpath(above, os.path.realpath(path))
+        depth = 0 if inside == "." else inside.count("/") + 1
+        for name in (*sorted(files), *sorted(folders)):
+            yield from _entry(folder, name, name if depth == 0 else f"{inside}/{name}", depth == most_depth)
+        folders[:] = sorted(set(folders) - TOOL_FOLDERS) if depth < most_depth else []
+
+
+def _entry(folder: int, name: str, path: str, is_deepest: bool) -> Iterator[Member]:
+    try:
+        mode = os.stat(name, dir_fd=folder, follow_symlinks=False).st_mode
+        if stat.S_ISREG(mode):
+            with open_regular(name, folder) as file:
+                yield Member(path, Kind.FILE, os.fstat(file.fileno()).st_size, pieces=partial(pieces_of, file))
+        elif not stat.S_ISDIR(mode):
+            yield Member(path, Kind.LINK if stat.S_ISLNK(mode) else Kind.SPECIAL)
+        else:
+            yield Member(path, Kind.FOLDER)
+            if is_deepest and name not in TOOL_FOLDERS:
+                yield Member(path, Kind.DEEP)
+            elif not os.access(name, os.R_OK | os.X_OK, dir_fd=folder, effective_ids=True):
+                yield Member(path, Kind.CLOSED)
+    except OSError:
+        yield Member(path, Kind.UNREADABLE)
+
+
+# -- archives --------------------------------------------------------------------------------------
+
+
+#: How an archive begins -> what it is.
+_MAGIC = {
+    b"PK\x03\x04": "zip",
+    b"PK\x05\x06": "zip",
+    b"PK\x07\x08": "zip",
+    b"\x1f\x8b": "tar.gz",
+    b"BZh": "tar.bz2",
+    b"\xfd7zXZ\x00": "tar.xz",
+    b"7z\xbc\xaf\x27\x1c": "7z",
+    b"Rar!\x1a\x07": "rar",
+    b"\x28\xb5\x2f\xfd": "zstd",
+}
+_UNPACKED: Mapping[str | None, Callable[[BinaryIO], IO[bytes]]] = {
+    "tar": lambda file: file,
+    "tar.gz": lambda file: cast("IO[bytes]", gzip.GzipFile(fileobj=file)),
+    "tar.bz2": bz2.open,
+    "tar.xz": partial(lzma.open, format=lzma.FORMAT_XZ),
+}
+
+
+def format_of(head: bytes) -> str | None:
+    """Tell an archive by its first `HEAD_BYTES` bytes; None for anything else."""
+    for magic, kind in _MAGIC.items():
+        if head.startswith(magic):
+            return kind
+    with suppress(tarfile.TarError, ValueError):
+        tarfile.TarInfo.frombuf(head, "utf-8", "surrogateescape")
+        return "tar"
+    return None
+
+
+def members_of_archive(file: BinaryIO) -> Iterator[Member]:
+    """Go through an archive, a regular file open at its beginning, in its own order.
+
+    Raises SubmissionError if it is none that is read here, truncated, damaged, has a password, or is larger than
+    anything handed in.
+    """
+    kind = format_of(file.read(HEAD_BYTES))
+    file.seek(0)
+    with _damage_reported():
+        if kind == "zip":
+            yield from _members_of_zip(file)
+        elif kind in _UNPACKED:
+            yield from _members_of_tar(_UNPACKED[kind](file))
+        elif kind is None:
+            raise SubmissionError("this is not a zip or tar archive", remedy=_GET_ANOTHER)
+        else:
+            remedy = "Pack it as .zip or .tar.gz, or give the folder."
+            raise SubmissionError(f"a {kind} archive cannot be read", remedy=remedy)
+
+
+@contextmanager
+def _damage_reported() -> Iterator[None]:
+    """Report whatever the readers raise on what they did not expect."""
+    try:
+        yield
+    except (GraderError, MemoryError):
+        raise
+    except Exception as problem:
+        words = displayed(str(problem) or "it ends too early")
+        raise SubmissionError(f"the archive is damaged: {words}", remedy=_GET_ANOTHER) from problem
+
+
+def _pieces(opened: Callable[[], IO[bytes] | None]) -> Iterator[bytes]:
+    with _damage_reported(), opened() or io.BytesIO() as content:
+        yield from pieces_of(content)
+
+
+def _utc(seconds: float) -> datetime | None:
+    with suppress(OverflowError, ValueError):
+        return datetime(1970, 1, 1, tzinfo=timezone.utc) + timedelta(seconds=seconds)
+    return None
+
+
+def _members_of_zip(file: BinaryIO) -> Iterator[Member]:
+    with zipfile.ZipFile(file) as archive:
+        for info in archive.infolist():
+            pieces = partial(_pieces, partial(_open_zipped, archive, info))
+            yield Member(zip_name(info), _zip_kind(info), info.file_size, _zip_time(info), pieces)
+
+
+def _open_zipped(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> IO[bytes]:
+    if info.flag_bits & 0x1:
+        remedy = "Pack it without a password, or unpack it and give the folder."
+        raise SubmissionError("the archive is protected by a password", remedy=remedy)
+    return archive.open(info)
+
+
+def zip_name(info: zipfile.ZipInfo) -> str:
+    """Return a member's name; bytes of which nothing says how to read them are UTF-8, as macOS writes, or CP437."""
+    name = info.orig_filename
+    if not info.flag_bits & 0x800 and not name.isascii():
+        with suppress(UnicodeError):
+            return name.encode("cp437").decode("utf-8")
+    return name
+
+
+def _zip_kind(info: zipfile.ZipInfo) -> Kind:
+    mode = stat.S_IFMT(info.external_attr >> 16)
+    if info.orig_filename.endswith(("/", "\\")) or mode == stat.S_IFDIR:
+        return Kind.FOLDER
+    if mode not in (0, stat.S_IFREG):
+        return Kind.LINK if mode == stat.S_IFLNK else Kind.SPECIAL
+    return Kind.FILE if info.compress_type in _ZIP_METHODS else Kind.METHOD
+
+
+def _zip_time(info: zipfile.ZipInfo) -> datetime | None:
+    """Return a member's time: from Unix's or NTFS's field, which are in UTC, else as local time of this machine."""
+    extra = info.extra
+    while len(extra) >= 4:
+        field, length = struct.unpack_from("<HH", extra)
+        data, extra = extra[4 : 4 + length], extra[4 + length :]
+        if field == 0x5455 and len(data) >= 5 and data[0] & 1:
+            return _utc(struct.unpack_from("<i", data, 1)[0])
+        if field == 0x000A and len(data) >= 16 and data[4:6] == b"\x01\x00":
+            return _utc(struct.unpack_from("<Q", data, 8)[0] / 1e7 - 11_644_473_600)
+    with suppress(ValueError, OverflowError, OSError):
+        return None if tuple(info.date_time) == _ZIP_EPOCH else datetime(*info.date_time).astimezone()
+    return None
+
+
+def _members_of_tar(stream: IO[bytes]) -> Iterator[Member]:
+    with stream, tarfile.open(fileobj=stream, mode="r:") as archive:
+        for info in archive:
+            if archive.offset < info.offset_data:
+                raise ValueError("a file has a negative size")
+            _require_at_most(archive.offset)
+            pieces = partial(_pieces, partial(archive.extractfile, info))
+            yield Member(info.name, _tar_kind(info), info.size, _utc(info.mtime), pieces)
+        # What follows the last file is nothing but zeros at first, then goes on to the checksum of what is packed.
+        stream.seek(archive.offset)
+        if stream.read(tarfile.BLOCKSIZE).strip(b"\0"):
+            raise ValueError("a header is not valid")
+        while stream.read(_PIECE_BYTES):
+            _require_at_most(stream.tell())
+
+
+def _require_at_most(size: int) -> None:
+    if size > _MOST_UNPACKED_BYTES:
+        raise too_much(f"more than {_MOST_UNPACKED_BYTES // 1024**2} MiB when it is unpacked")
+
+
+def _tar_kind(info: tarfile.TarInfo) -> Kind:
+    kinds = {tarfile.DIRTYPE: Kind.FOLDER, tarfile.SYMTYPE: Kind.LINK, tarfile.LNKTYPE: Kind.HARD_LINK}
+    if info.issparse():
+        return Kind.SPARSE
+    return kinds.get(info.type, Kind.FILE if info.isreg() else Kind.SPECIAL)

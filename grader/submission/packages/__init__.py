@@ -1,0 +1,1 @@
+"""ROS packages of students; only here are their build files read. Imports the recording's format."""

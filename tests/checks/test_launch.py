@@ -1,0 +1,630 @@
+"""Checks of a launch file: by the plan made of it, and by what was seen when it ran."""
+
+from __future__ import annotations
+
+import re
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from grader.checks.base import failed, passed
+from grader.recording.launch_plan import PLAN_SCHEMA
+from grader.recording.session import Claim
+from grader.result import Finding, Outcome, Where
+from tests.synthetic import FLOATS, Session, at, evenly, judged, submission
+
+LOADS = {"artifact": "it", "step": "plan"}
+ARGUMENTS = {"step": "plan", "arguments": [{"name": "sim", "default": "true"}, {"name": "rate", "default": "100.0"}]}
+NODES: dict[str, Any] = {
+    "step": "plan",
+    "nodes": [
+        {"node": "/talker", "artifact": "it", "executable": "talk", "charged_by": "talk.publishes"},
+        {"node": "/listener", "artifact": "it", "executable": "listen", "charged_by": "listen.receives"},
+    ],
+}
+PARAMETERS: dict[str, Any] = {
+    "step": "plan",
+    "other_step": "other",
+    "parameters": [
+        {"node": "/talker", "executable": "talk", "step": "read", "name": "rate", "value": 100.0, "other": 50.0},
+    ],
+}
+TOGETHER: dict[str, dict[str, Any]] = {
+    "commands": {"topic": "/commands", "alone_session": "alone", "charged_by": "publishes", "window": "window"},
+    "follows": {
+        "topic": "/states",
+        "command": "/commands",
+        "field": "data",
+        "index": 0,
+        "charged_by": "motion",
+    },
+    "answers": {"step": "enable", "charged_by": "enables"},
+}
+FAILED = failed("", "", "by its own fault")
+
+
+def entry(executable: str, name: str | None, **more: Any) -> dict[str, Any]:
+    """Give a process of a plan."""
+    return {"id": f"{executable}-1", "path": "/x", "executable": executable, "name": name, "kind": "node", **more}
+
+
+def planned(session: Session, label: str = "plan", mended: Any = (), **plan: Any) -> Session:
+    """Add the step that evaluated a launch file."""
+    whole = {"schema": PLAN_SCHEMA, "outcome": "error" if "problem" in plan else "ok", **plan}
+    return session.step("plan", label, plan=whole, mended=list(mended))
+
+
+# -- it loads --------------------------------------------------------------------------------------
+
+
+def test_a_file_without_an_error_loads(tmp_path: Path) -> None:
+    """A plan without a problem passes, and warnings are noted."""
+    warnings = [{"kind": "k", "message": "odd", "file": "it.py", "line": 3}]
+    finding = judged("launch_loads", LOADS, planned(Session(tmp_path), warnings=warnings))
+    assert finding.outcome is Outcome.PASSED
+    assert finding.notes == ("odd (it.py:3)",)
+
+
+def test_output_that_only_goes_to_the_log_is_advised_of(tmp_path: Path) -> None:
+    """Nodes without output='screen' are named with their lines, which costs nothing."""
+    processes = [
+        entry("talk", "talker", output="log", file="it.py", line=7),
+        entry("listen", None, output="screen"),
+        entry("rviz2", "rviz", output="log", absent="not here"),
+    ]
+    finding = judged("launch_loads", LOADS, planned(Session(tmp_path), processes=processes))
+    assert finding.outcome is Outcome.PASSED
+    (note,) = finding.notes
+    assert note.startswith("What talker prints goes into a log file")
+    assert "(it.py:7)" in note
+
+
+def test_an_error_fails_with_its_line(tmp_path: Path) -> None:
+    """The message, the line and the remedy are told."""
+    problem = {"kind": "syntax", "message": "invalid syntax", "file": "it.py", "line": 4, "remedy": "Close it."}
+    finding = judged("launch_loads", LOADS, planned(Session(tmp_path), problem=problem))
+    assert finding.outcome is Outcome.FAILED
+    assert finding.reason == "Invalid syntax. (it.py, line 4)"
+    assert finding.hint == "Close it."
+
+
+def test_what_we_cannot_evaluate_is_undecided(tmp_path: Path) -> None:
+    """A file that needs what the grader lacks costs nothing, and no other run would decide it."""
+    problem = {"kind": "module", "message": "needs xacro", "module": "xacro"}
+    session = planned(Session(tmp_path), outcome="not_assessable", problem=problem)
+    finding = judged("launch_loads", LOADS, session)
+    assert (finding.outcome, finding.retry) == (Outcome.INCONCLUSIVE, False)
+
+
+def test_a_file_in_newer_syntax_is_undecided(tmp_path: Path) -> None:
+    """What an older Python cannot read is for a person to decide; a mistake is none of this."""
+    problem = {"kind": "syntax_error", "message": "syntax error: invalid syntax", "file": "it.py", "line": 1}
+    for name, text, outcome in (("a", "type X = int\n", Outcome.INCONCLUSIVE), ("b", "x = (\n", Outcome.FAILED)):
+        session = planned(Session(tmp_path, name), problem=problem)
+        assert judged("launch_loads", LOADS, session, submission({"it.py": text})).outcome is outcome
+
+
+REPAIRED = {
+    "kind": "unknown_keyword",
+    "message": "'exec'",
+    "file": "it.py",
+    "line": 5,
+    "remedy": "Write 'executable='.",
+    "repair": "'exec=' was read as 'executable='",
+}
+
+
+def test_a_repaired_mistake_loses_the_loading_and_leaves_a_share_of_the_rest(tmp_path: Path) -> None:
+    """What was repaired on a copy is said, with its line, and the rest is judged for a share of its points."""
+    finding = judged("launch_loads", {**LOADS, "repaired_rest": 0.6}, planned(Session(tmp_path), mended=[REPAIRED]))
+    assert (finding.outcome, finding.rest) == (Outcome.FAILED, Decimal("0.6"))
+    assert "`ros2 launch` stops there" in finding.reason
+    assert "it was repaired on a copy: 'exec=' was read as 'executable='." in finding.reason
+    assert (finding.hint, finding.where[0].line) == ("Write 'executable='.", 5)
+
+
+def test_what_is_declared_until_a_file_stops_counts(tmp_path: Path) -> None:
+    """A mistake that nobody repairs leaves what was seen; one by which nothing was seen leaves nothing."""
+    problem = {"kind": "invalid_choice", "message": "no choice"}
+    seen = planned(Session(tmp_path, "a"), problem=problem, arguments=[{"name": "rate", "default": "100.0"}])
+    assert judged("launch_loads", LOADS, seen).rest == Decimal("0.667")
+    assert "is not declared until the file stops" in judged("launch_arguments", ARGUMENTS, seen).reason
+    assert judged("launch_loads", LOADS, planned(Session(tmp_path, "b"), problem=problem)).rest is None
+
+
+@pytest.mark.parametrize(
+    ("kind", "message", "remedy", "outcome"),
+    [
+        ("unknown_executable", "no executable 'talk'", "", Outcome.PASSED),
+        ("unknown_executable", "no executable 'tlak'", "", Outcome.FAILED),
+        ("unknown_package", "package 'mine' not found", "Write it right.", Outcome.PASSED),
+        ("unknown_package", "package 'lba' not found", "Did you mean 'lab'?", Outcome.FAILED),
+    ],
+)
+def test_what_lacks_by_no_mistake_of_the_file_costs_nothing(
+    tmp_path: Path, kind: str, message: str, remedy: str, outcome: Outcome
+) -> None:
+    """A file that was not handed in, and the name of a package that was not, are noted."""
+    mended = [{"kind": kind, "message": message, "file": "it.py", "line": 5, "remedy": remedy}]
+    handed_in = submission({"it.py": ""}, it="it.py", talk=None)
+    finding = judged("launch_loads", LOADS, planned(Session(tmp_path), mended=mended), handed_in)
+    assert (finding.outcome, bool(finding.notes)) == (outcome, outcome is Outcome.PASSED)
+
+
+def test_without_a_plan_nothing_is_decided(tmp_path: Path) -> None:
+    """A plan that is not there or is none is the grader's fault; a missing file is not."""
+    unevaluated = judged("launch_loads", LOADS, Session(tmp_path / "a"))
+    assert (unevaluated.outcome, unevaluated.retry) == (Outcome.INCONCLUSIVE, True)
+    broken = Session(tmp_path / "b").step("plan", "plan", plan={"schema": "other"})
+    assert judged("launch_loads", LOADS, broken).outcome is Outcome.INCONCLUSIVE
+    assert judged("launch_loads", LOADS, Session(tmp_path / "c"), submission(it=None)).outcome is Outcome.FAILED
+
+
+# -- arguments -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("defaults", "credit", "words"),
+    [
+        ({"sim": "true", "rate": "100.0"}, "1", ""),
+        ({"sim": "True", "rate": "100"}, "1", ""),
+        ({"sim": "false", "rate": "100.0"}, "0.75", "'false'; 'true' is asked for"),
+        ({"sim": None, "rate": "100.0"}, "0.75", "no default"),
+        ({"use": "true", "rate": "100.0"}, "0.5", "sim is not declared; declared are use"),
+        ({}, "0", "rate is not declared"),
+    ],
+)
+def test_each_argument_is_a_part(tmp_path: Path, defaults: dict[str, str | None], credit: str, words: str) -> None:
+    """An argument that is missing loses its part, another default half of it; spelling is no matter."""
+    listed = [{"name": name, "default": default} for name, default in defaults.items()]
+    finding = judged("launch_arguments", ARGUMENTS, planned(Session(tmp_path), arguments=listed))
+    assert finding.credit == Decimal(credit)
+    assert words in finding.reason
+
+
+def test_an_argument_that_was_assumed_is_not_charged_again(tmp_path: Path) -> None:
+    """That an argument is used and not declared keeps the file from loading, which is charged there."""
+    mended = [{"kind": "undefined_configuration", "message": "'sim' does not exist", "file": "it.py", "line": 9}]
+    session = planned(Session(tmp_path), mended=mended, arguments=[{"name": "rate", "default": "100.0"}])
+    assert judged("launch_arguments", ARGUMENTS, session).outcome is Outcome.PASSED
+
+
+# -- nodes -----------------------------------------------------------------------------------------
+
+
+def nodes(session: Session, record: Any = None, **findings: Finding) -> Finding:
+    """Judge the nodes of a launch file."""
+    named = {name.replace("_", "."): finding for name, finding in findings.items()}
+    return judged("launch_nodes", NODES, session, record, findings=named)
+
+
+BOTH = [entry("talk", "talker"), entry("listen", "listener")]
+
+
+def test_nodes_that_are_up_pass(tmp_path: Path) -> None:
+    """Both nodes in the graph earn all."""
+    session = planned(Session(tmp_path), processes=BOTH).node("/talker").node("/listener")
+    assert nodes(session).outcome is Outcome.PASSED
+
+
+def test_a_node_that_is_not_started_costs_its_part(tmp_path: Path) -> None:
+    """A node without an entry in the launch file is named."""
+    session = planned(Session(tmp_path), processes=BOTH[:1]).node("/talker")
+    finding = nodes(session)
+    assert finding.credit == Decimal("0.5")
+    assert "starts listen as /listener" in finding.reason
+
+
+def test_a_node_under_another_name_costs_half_its_part(tmp_path: Path) -> None:
+    """The name that the launch file gives is told, with its line."""
+    other = [BOTH[0], entry("listen", "hearer", file="it.py", line=20)]
+    finding = nodes(planned(Session(tmp_path), processes=other).node("/talker").node("/hearer"))
+    assert finding.credit == Decimal("0.75")
+    assert re.search(r"runs under the name /?hearer, not /?listener", finding.reason)
+    assert finding.where[0].line == 20
+
+
+def test_a_node_at_fault_by_itself_is_not_charged_again(tmp_path: Path) -> None:
+    """What its own criterion charged is noted here, and costs nothing more."""
+    session = planned(Session(tmp_path), processes=BOTH).node("/talker")
+    finding = nodes(session, listen_receives=FAILED)
+    assert finding.outcome is Outcome.PASSED
+    assert finding.notes == ("/listener has a fault of its own, which costs points in listen.receives.",)
+    assert nodes(session.recorded(), listen_receives=passed("", "")).credit == Decimal("0.5")  # type: ignore[arg-type]
+
+
+def test_a_node_whose_file_is_missing_is_charged_elsewhere(tmp_path: Path) -> None:
+    """Without the node's file the launch file loses nothing for it."""
+    session = planned(Session(tmp_path), processes=BOTH)
+    finding = nodes(session, submission(it=None))
+    assert finding.outcome is Outcome.PASSED
+    assert len(finding.notes) == 2
+
+
+@pytest.mark.parametrize(
+    ("run", "words"),
+    [
+        (None, "listen was not started."),
+        ({"exited_ns": None}, "ran, but no such node appeared"),
+        ({"interrupted_ns": None, "exit_status": 3}, "ended with status 3: 'oh'."),
+    ],
+)
+def test_why_a_node_is_down_is_told(tmp_path: Path, run: dict[str, Any] | None, words: str) -> None:
+    """Not started, running without a node, and ended are told apart."""
+    session = planned(Session(tmp_path), processes=BOTH).node("/talker")
+    if run is not None:
+        session.process("listen-1", ["oh"], **run)
+    assert words in nodes(session).reason
+
+
+ENDED: dict[str, Any] = {"exited_ns": at(2.0), "interrupted_ns": None, "ended_by": "itself", "exit_status": 1}
+MISSING = ["Traceback (most recent call last):", '  File "/ws/src/it.py", line 1, in <module>']
+MISSING.append("ModuleNotFoundError: No module named 'matplotlib'")
+
+
+@pytest.mark.parametrize(
+    ("source", "up", "outcome"),
+    [
+        ("import matplotlib\n", ["/listener"], Outcome.INCONCLUSIVE),
+        ("import matplotlib\n", [], Outcome.INCONCLUSIVE),
+        ("raise SystemExit\n", ["/listener"], Outcome.PARTIAL),
+    ],
+)
+def test_a_node_that_lacks_a_library_here_is_for_a_person(
+    tmp_path: Path, source: str, up: list[str], outcome: Outcome
+) -> None:
+    """A node that needs what is not installed earns nothing before a person has decided; one that says so, nothing."""
+    session = planned(Session(tmp_path), processes=[entry("talk", "talker"), entry("listen", "listener")])
+    session.process("talk-1", MISSING, artifact=None, **ENDED)
+    for node in up:
+        session.node(node)
+    finding = nodes(session, submission({"it.py": source}))
+    assert finding.outcome is outcome
+    assert ("needs matplotlib" in finding.reason) == (outcome is Outcome.INCONCLUSIVE)
+
+
+@pytest.mark.parametrize(
+    ("source", "outcome"), [("import xacro\n", Outcome.INCONCLUSIVE), ("raise ImportError\n", Outcome.FAILED)]
+)
+def test_a_launch_file_lacks_only_what_it_imports(tmp_path: Path, source: str, outcome: Outcome) -> None:
+    """That a module is missing is believed of a launch file whose source imports it at that line."""
+    problem = {"kind": "missing_module", "message": "m", "file": "it.py", "line": 1, "module": "xacro"}
+    session = planned(Session(tmp_path), outcome="not_assessable", problem=problem)
+    finding = judged("launch_loads", {"artifact": "it", "step": "plan"}, session, submission({"it.py": source}))
+    assert finding.outcome is outcome
+
+
+def died_of(given: str, declared: str, value: str) -> dict[str, Any]:
+    """Give a process that ended since a parameter has another type than declared."""
+    said = f"Trying to set parameter 'limit' to '{value}' of type '{given}', expecting type '{declared}'"
+    frame = '  File "/ws/src/it.py", line 9, in __init__'
+    lines = ["Traceback (most recent call last):", frame]
+    lines.append(f"rclpy.exceptions.InvalidParameterTypeException: {said}: limit")
+    return {"lines": lines, "exited_ns": at(2.0), "interrupted_ns": None, "ended_by": "itself", "exit_status": 1}
+
+
+def test_a_parameter_of_another_type_shows_both_places(tmp_path: Path) -> None:
+    """The launch file may give the wrong type, or the node declare it: both lines are shown."""
+    session = planned(Session(tmp_path), processes=[entry("talk", "talker", file="launch.py", line=4)])
+    session.process("talk-1", artifact=None, **died_of("STRING", "DOUBLE", "1.5"))
+    finding = nodes(session.node("/listener"))
+    assert [str(where) for where in finding.where] == ["launch.py:4", "it.py:9"]
+    assert "quotation marks" in finding.hint
+
+
+@pytest.mark.parametrize(("charged", "credit"), [(FAILED, "1"), (passed("", ""), "0.5")])
+def test_a_type_that_the_node_declares_wrongly_is_charged_once(tmp_path: Path, charged: Finding, credit: str) -> None:
+    """Where the check of the node's parameters took points, the launch file is not to blame."""
+    wanted = {"step": "plan", "nodes": [{**NODES["nodes"][0], "types_charged_by": "types"}, NODES["nodes"][1]]}
+    session = planned(Session(tmp_path), processes=[entry("talk", "talker"), entry("listen", "listener")])
+    session.process("talk-1", artifact=None, **died_of("BOOL", "STRING", "True"))
+    finding = judged("launch_nodes", wanted, session.node("/listener"), findings={"types": charged})
+    assert finding.credit == Decimal(credit)
+
+
+def test_a_node_that_was_there_for_a_moment_is_down(tmp_path: Path) -> None:
+    """A node that ends with an error, as one with a parameter of a wrong type, does not count by its first moment."""
+    said = ["rclpy.exceptions.InvalidParameterTypeException: Trying to set parameter 'rate' to '5' of type 'INTEGER'"]
+    session = planned(Session(tmp_path), processes=BOTH).node("/talker").node("/listener")
+    session.process("listen-1", said, interrupted_ns=None, exit_status=1)
+    finding = nodes(session)
+    assert finding.credit == Decimal("0.5")
+    assert "InvalidParameterType" in finding.reason
+
+
+def test_a_node_that_does_not_run_costs_what_the_rubric_says(tmp_path: Path) -> None:
+    """Without one of them the nodes do not work together: the rubric may ask for more than its part."""
+    session = planned(Session(tmp_path), processes=BOTH[:1]).node("/talker")
+    assert judged("launch_nodes", NODES, session).credit == Decimal("0.5")
+    assert judged("launch_nodes", {**NODES, "down_costs": 0.8}, session).credit == Decimal("0.2")
+
+
+def test_a_plan_with_a_problem_starts_nothing(tmp_path: Path) -> None:
+    """A file that cannot be evaluated to its end starts no node at all."""
+    problem = {"kind": "k", "message": "broken", "file": "it.py", "line": 2}
+    finding = nodes(planned(Session(tmp_path), problem=problem))
+    assert finding.outcome is Outcome.FAILED
+    assert finding.measured == "nothing was started"
+
+
+# -- parameters ------------------------------------------------------------------------------------
+
+
+def parameter(folder: Path, planned_value: Any, other_value: Any, running: Any = None) -> Finding:
+    """Judge one parameter by the plans' values and the running node's."""
+    session = Session(folder)
+    for label, value in (("plan", planned_value), ("other", other_value)):
+        given = [] if value is None else [{"name": "rate", "value": value}]
+        planned(session, label, processes=[entry("talk", "talker", parameters=given)])
+    if running is not None:
+        session.step("get_parameters", "read", values={"rate": {"type": "double", "value": running}}, declared=["rate"])
+    return judged("launch_parameters", PARAMETERS, session)
+
+
+@pytest.mark.parametrize(
+    ("values", "credit", "words"),
+    [
+        ((100.0, 50.0, 100.0), "1", ""),
+        ((100.0, 50.0), "1", ""),
+        ((100, 50, None), "1", ""),
+        ((100.0, 100.0, 100.0), "0.5", "not wired to its launch argument"),
+        ((100.0, "50.0.0", 100.0), "0.5", "not as it should: with another argument it is '50.0.0'"),
+        ((30.0, 50.0, 30.0), "0", "is 30.0, not 100.0"),
+        ((None, None, 100.0), "0", "the node's own default"),
+        ((None, None), "0", "gives talker no rate"),
+    ],
+)
+def test_a_parameter_reaches_the_node_and_follows_its_argument(
+    tmp_path: Path, values: tuple[Any, ...], credit: str, words: str
+) -> None:
+    """Half is for the value, half for the wire to the argument; the node's own default is not the launch file's."""
+    finding = parameter(tmp_path, *values)
+    assert finding.credit == Decimal(credit)
+    assert words in finding.reason
+
+
+@pytest.mark.parametrize(("default", "credit"), [("50.0", "1"), ("70.0", "0")])
+def test_a_wrong_default_is_charged_with_the_arguments(tmp_path: Path, default: str, credit: str) -> None:
+    """A parameter that has its argument's default is as it should be, whatever that default is."""
+    wanted = {**PARAMETERS, "parameters": [{**PARAMETERS["parameters"][0], "argument": "rate"}]}
+    arguments = [{"name": "rate", "default": default}]
+    process = entry("talk", "talker", parameters=[{"name": "rate", "value": 50.0}])
+    session = Session(tmp_path)
+    for label in ("plan", "other"):
+        planned(session, label, processes=[process], arguments=arguments)
+    assert judged("launch_parameters", wanted, session).credit == Decimal(credit)
+
+
+@pytest.mark.parametrize(("declared", "credit"), [("rate", "0.5"), ("frequency", "1")])
+def test_a_parameter_cannot_follow_an_argument_of_another_name(tmp_path: Path, declared: str, credit: str) -> None:
+    """An argument that is not declared under its name is charged with the arguments, and not as a loose wire again."""
+    wanted = {**PARAMETERS, "parameters": [{**PARAMETERS["parameters"][0], "argument": "rate"}]}
+    process = entry("talk", "talker", parameters=[{"name": "rate", "value": 100.0}])
+    session = Session(tmp_path)
+    for label in ("plan", "other"):
+        planned(session, label, processes=[process], arguments=[{"name": declared, "default": "100.0"}])
+    assert judged("launch_parameters", wanted, session).credit == Decimal(credit)
+
+
+def test_parameters_of_nodes_that_are_not_started_are_not_reached(tmp_path: Path) -> None:
+    """A node without an entry is charged with the nodes."""
+    session = planned(planned(Session(tmp_path)), "other")
+    assert judged("launch_parameters", PARAMETERS, session).outcome is Outcome.NOT_REACHED
+
+
+def test_a_parameter_is_pointed_at_where_the_launch_file_gives_it(tmp_path: Path) -> None:
+    """The line of the parameter, or of the node, is the place of the finding."""
+    text = "ld = [\n    Node(\n        name='talker',\n        parameters=[{\n            'rate': 30.0}])]\n"
+    session = Session(tmp_path)
+    given = [{"name": "rate", "value": 30.0}]
+    for label in ("plan", "other"):
+        planned(session, label, processes=[entry("talk", "talker", parameters=given, file="a.py", line=2)])
+    finding = judged("launch_parameters", PARAMETERS, session, submission({"a.py": text}))
+    assert [(w.file, w.line) for w in finding.where] == [("a.py", 5)]
+
+
+def test_a_parameter_file_for_the_name_in_the_code_counts(tmp_path: Path) -> None:
+    """A launch file that leaves the node's name to its code gives a file for that name."""
+    session = Session(tmp_path)
+    for label, value in (("plan", 100.0), ("other", 50.0)):
+        content = {"talker": {"ros__parameters": {"rate": value}}}
+        planned(session, label, processes=[entry("talk", None, parameters=[{"file": "p.yaml", "content": content}])])
+    assert judged("launch_parameters", PARAMETERS, session).outcome is Outcome.PASSED
+
+
+# -- all together ----------------------------------------------------------------------------------
+
+
+def together(folder: Path, rate_hz: float = 100, follows: bool = True, answers: bool = True) -> Session:
+    """Make a session in which all ran."""
+    times = evenly(rate_hz, 3.0)
+    command = np.sin(np.array(times))
+    session = Session(folder).window(0.9, 4.1)
+    session.messages("/commands", [[x] for x in command.tolist()], times)
+    session.messages("/states", [[x if follows else 0.0] for x in command.tolist()], times)
+    response = {"success": True} if answers else None
+    return session.step("call", "enable", calls=[{"started_ns": at(1.0), "ended_ns": at(1.1), "response": response}])
+
+
+def alone(folder: Path, rate_hz: float = 100) -> Any:
+    """Make the session of the publisher alone."""
+    times = evenly(rate_hz, 3.0)
+    session = Session(folder, "alone").messages("/commands", [[0.0]] * len(times), times)
+    return session.window(0.9, 4.1).recorded()
+
+
+@pytest.mark.parametrize(
+    ("how", "credit", "words"),
+    [
+        ({}, 1.0, ""),
+        ({"rate_hz": 40}, 0.833, "Commands come at 40.0 Hz"),
+        ({"follows": False}, 0.667, "does not follow"),
+        ({"answers": False}, 0.667, "does not answer"),
+    ],
+)
+def test_each_of_three_parts_counts(tmp_path: Path, how: dict[str, Any], credit: float, words: str) -> None:
+    """Commands, the arm and the service are a third each."""
+    session = together(tmp_path, **how)
+    finding = judged("launch_together", TOGETHER, session, others={"alone": alone(tmp_path)})
+    assert float(finding.credit) == pytest.approx(credit, abs=0.01)
+    assert words in finding.reason
+
+
+def test_a_rate_that_the_machine_may_have_lowered_is_undecided(tmp_path: Path) -> None:
+    """Fewer commands are not charged where a node or the arm had no core for as long as that takes."""
+    others = {"alone": alone(tmp_path / "alone")}
+    busy = together(tmp_path / "a", rate_hz=60).process("talk").delayed("talk", 1.6, 5.0)
+    assert judged("launch_together", TOGETHER, busy, others=others).outcome is Outcome.INCONCLUSIVE
+    calm = together(tmp_path / "b", rate_hz=60).process("talk").delayed("talk", 0.2, 5.0)
+    assert judged("launch_together", TOGETHER, calm, others=others).outcome is Outcome.PARTIAL
+
+
+def test_the_rate_is_compared_with_the_rate_alone(tmp_path: Path) -> None:
+    """A publisher that is slow by itself is not charged again."""
+    session = together(tmp_path, rate_hz=40)
+    finding = judged("launch_together", TOGETHER, session, others={"alone": alone(tmp_path, 40)})
+    assert finding.outcome is Outcome.PASSED
+
+
+def test_what_is_charged_elsewhere_is_left_out(tmp_path: Path) -> None:
+    """Where each node fails by its own fault, there is nothing left to judge."""
+    charged = {"publishes": FAILED, "motion": FAILED, "enables": FAILED}
+    finding = judged("launch_together", TOGETHER, Session(tmp_path), findings=charged)
+    assert finding.outcome is Outcome.NOT_REACHED
+    session = together(tmp_path / "still", follows=False)
+    assert judged("launch_together", TOGETHER, session, findings=charged).outcome is Outcome.PASSED
+
+
+def test_what_a_node_would_do_that_is_not_up_is_left_out(tmp_path: Path) -> None:
+    """A node that never came up is charged with the nodes, and not here again."""
+    with_nodes = {
+        "commands": {**TOGETHER["commands"], "node": "/talker"},
+        "follows": {**TOGETHER["follows"], "node": "/talker"},
+        "answers": {**TOGETHER["answers"], "node": "/server"},
+    }
+    answering = together(tmp_path / "a", rate_hz=1).node("/server")
+    finding = judged("launch_together", with_nodes, answering, others={"alone": alone(tmp_path / "a")})
+    assert finding.outcome is Outcome.PASSED
+    assert finding.measured == "the service answers"
+    silent = together(tmp_path / "b", answers=False).node("/server")
+    assert judged("launch_together", with_nodes, silent, others={"alone": alone(tmp_path / "b")}).credit == 0
+    nobody = judged("launch_together", with_nodes, Session(tmp_path / "c"))
+    assert nobody.outcome is Outcome.NOT_REACHED
+
+
+def test_a_node_that_died_is_not_charged_for_its_silence(tmp_path: Path) -> None:
+    """A node that ended by itself is charged with the nodes, even if it was seen for a moment."""
+    plan = {"schema": PLAN_SCHEMA, "outcome": "ok", "processes": [entry("talk", "talker"), entry("serve", "server")]}
+    with_nodes = {part: {**TOGETHER[part], "node": "/talker"} for part in ("commands", "follows")}
+    session = together(tmp_path, rate_hz=1).node("/server").node("/talker")
+    session.record.plan = plan
+    session.process("talk-1", [], interrupted_ns=None, exit_status=1)
+    finding = judged("launch_together", {**TOGETHER, **with_nodes}, session, others={"alone": alone(tmp_path)})
+    assert finding.outcome is Outcome.PASSED
+    assert finding.measured == "the service answers"
+
+
+@pytest.mark.parametrize(("publish_rate", "credit"), [(40.0, 1.0), (100.0, 0.833), (None, 0.833)])
+def test_a_rate_that_the_launch_file_gives_the_node_is_kept(
+    tmp_path: Path, publish_rate: float | None, credit: float
+) -> None:
+    """Which rate the launch file gives is charged with its arguments and parameters, and not as a slow node again."""
+    commands = {**TOGETHER["commands"], "rate_step": "read", "rate_parameter": "publish_rate"}
+    values = {} if publish_rate is None else {"publish_rate": {"type": "double", "value": publish_rate}}
+    session = together(tmp_path, rate_hz=40).step("get_parameters", "read", values=values)
+    wanted = {**TOGETHER, "commands": commands}
+    finding = judged("launch_together", wanted, session, others={"alone": alone(tmp_path)})
+    assert float(finding.credit) == pytest.approx(credit, abs=0.001)
+
+
+@pytest.mark.parametrize(("asked", "credit"), [(FLOATS, 0.667), ("std_msgs/msg/Float32MultiArray", 1.0)])
+def test_an_arm_that_cannot_hear_commands_of_another_type_need_not_follow(
+    tmp_path: Path, asked: str, credit: float
+) -> None:
+    """Another type than the lab's is charged where it is published, and not as an arm that stands still again."""
+    session = together(tmp_path, follows=False).endpoint("subscription", "/commands", "/arm", asked)
+    others = {"alone": alone(tmp_path)}
+    finding = judged("launch_together", TOGETHER, session, others=others, reference_nodes=["/arm"])
+    assert float(finding.credit) == pytest.approx(credit, abs=0.001)
+
+
+@pytest.mark.parametrize(("made", "outcome"), [("/talker", Outcome.INCONCLUSIVE), ("/talk", Outcome.PARTIAL)])
+def test_a_node_that_was_made_and_never_seen_is_undecided(tmp_path: Path, made: str, outcome: Outcome) -> None:
+    """Its program says that it made the node, so the discovery may have failed; not under another name, nor always."""
+    session = planned(Session(tmp_path), processes=BOTH).node("/listener").process("talk-1")
+    session.record.claims.append(Claim("talk-1", "publisher", "/commands", node=made, file="it.py"))
+    finding = nodes(session)
+    assert finding.outcome is outcome
+    assert (finding.settled or finding).outcome is Outcome.PARTIAL
+
+
+@pytest.mark.parametrize(("delay_s", "outcome"), [(2.5, Outcome.INCONCLUSIVE), (0.1, Outcome.PARTIAL)])
+def test_an_arm_that_had_no_core_may_not_have_followed_for_that(
+    tmp_path: Path, delay_s: float, outcome: Outcome
+) -> None:
+    """The reference nodes need a core as well."""
+    session = together(tmp_path, follows=False).process("arm", role="reference").delayed("arm", delay_s, 5.0)
+    assert judged("launch_together", TOGETHER, session, others={"alone": alone(tmp_path)}).outcome is outcome
+
+
+def test_a_rate_by_a_clock_that_was_set_is_compared_with_none(tmp_path: Path) -> None:
+    """What the publisher has alone is not known where it was timed by such a clock."""
+    times = evenly(100, 3.0)
+    for name, step_s, outcome in (("set", 0.5, Outcome.PASSED), ("even", 0.0, Outcome.PARTIAL)):
+        other = Session(tmp_path / name, "alone").messages("/commands", [[0.0]] * len(times), times).window(0.9, 4.1)
+        others = {"alone": other.clock({1.0: 0.0, 2.0: step_s}).recorded()}
+        session = together(tmp_path / name, rate_hz=60)
+        assert judged("launch_together", TOGETHER, session, others=others).outcome is outcome
+
+
+# -- a node that ends by itself --------------------------------------------------------------------
+
+CRASHED = [
+    "Traceback (most recent call last):",
+    '  File "/ws/src/it.py", line 9, in tick',
+    "ZeroDivisionError: by zero",
+]
+FELL: dict[str, Any] = {"interrupted_ns": None, "ended_by": "itself", "exit_status": 1}
+
+
+@pytest.mark.parametrize(
+    ("alone_line", "charged", "credit"),
+    [(9, True, "1"), (12, True, "0.5"), (9, False, "0.5"), (None, True, "0.5")],
+    ids=["the same end, charged", "another end", "charged nowhere", "it went on alone"],
+)
+def test_the_same_end_as_alone_is_charged_once(
+    tmp_path: Path, alone_line: int | None, charged: bool, credit: str
+) -> None:
+    """A node that ends of the same line as in its own session costs nothing more, if a check there charged it."""
+    alone = Session(tmp_path, "alone")
+    lines = [CRASHED[0], CRASHED[1].replace("9", str(alone_line)), CRASHED[2]] if alone_line else []
+    alone.process("it", lines, **(FELL if alone_line else {}))
+    session = planned(Session(tmp_path), processes=BOTH).node("/talker").node("/listener")
+    session.process("talk-1", CRASHED, artifact=None, **FELL)
+    rate = (
+        failed("", "", "", where=[Where(file="it.py", line=alone_line), Where(session="alone")])
+        if charged
+        else passed("", "")
+    )
+    findings = {"talk.rate": rate, "talk.publishes": passed("", "")}
+    finding = judged("launch_nodes", NODES, session, findings=findings, others={"alone": alone.recorded()})
+    assert finding.credit == Decimal(credit)
+    assert any("costs points in talk.rate" in note for note in finding.notes) == (credit == "1")
+
+
+def test_nodes_that_did_not_stay_are_shown_so(tmp_path: Path) -> None:
+    """What was measured is not what was expected: a node that ended is told apart from one that stayed."""
+    session = planned(Session(tmp_path), processes=BOTH).node("/talker").node("/listener")
+    finding = nodes(session.process("talk-1", CRASHED, artifact=None, exited_ns=at(1.6), **FELL))
+    assert finding.expected == "/talker, /listener"
+    assert finding.measured == "/talker (ended), /listener"
+
+
+def test_a_parameter_that_is_not_wired_is_measured_otherwise_than_expected(tmp_path: Path) -> None:
+    """What loses points never shows the same under Expected and Measured."""
+    finding = parameter(tmp_path, 100.0, 100.0)
+    assert finding.outcome is Outcome.PARTIAL
+    assert finding.measured != finding.expected

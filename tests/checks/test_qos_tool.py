@@ -1,0 +1,352 @@
+"""Checks of a tool that compares QoS profiles: how it ends, its profiles, and whether its numbers are true."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import ValidationError
+
+from grader.checks.registry import REGISTRY
+from grader.recording.session import OutputLine, Qos
+from grader.result import Finding, Outcome
+from tests.synthetic import BEST_EFFORT, RELIABLE, Session, at, evenly, judged, submission
+
+TOPIC = "/test_fast"
+ENDS = {"artifact": "it", "step": "exit", "least_s": 8, "most_s": 16, "output": "Results"}
+WANTED = {
+    "topic": TOPIC,
+    "reliability": "reliable",
+    "durability": "volatile",
+    "history": "keep_last",
+    "depth": 10,
+}
+PROFILES = {"artifact": "it", "profiles": [WANTED]}
+REPORTED = {
+    "artifact": "it",
+    "rows": [{"name": "fast", "topic": TOPIC}],
+    "pattern": r"(?P<count>\d+) msgs, avg latency: (?P<mean_ms>[\d.]+)ms, max: (?P<max_ms>[\d.]+)ms",
+}
+CLAIM = replace(RELIABLE, history="keep_last", depth=10)
+
+
+# -- the end ---------------------------------------------------------------------------------------
+
+
+def ended(folder: Path, after_s: float, *lines: str, **facts: Any) -> Finding:
+    """Judge a program that ended by itself after a time."""
+    how = {"interrupted_ns": None, "exited_ns": at(0.1 + after_s), "ended_by": "itself", **facts}
+    return judged("ends_by_itself", ENDS, Session(folder).process("it", lines, **how))
+
+
+def test_a_program_that_ends_with_results_passes(tmp_path: Path) -> None:
+    """Results and an end in time earn all, and another exit status is noted only."""
+    assert ended(tmp_path / "a", 10.2, "Results").outcome is Outcome.PASSED
+    assert ended(tmp_path / "b", 10.2, "Results", exit_status=1).notes[0].startswith("It does not end with")
+
+
+@pytest.mark.parametrize(
+    ("after_s", "lines", "facts", "credit", "words"),
+    [
+        (3.0, ["Results"], {}, "0.5", "after 3.0 s"),
+        (10.0, [], {}, "0", "in time, and printed nothing"),
+        (10.0, ["Ergebnis"], {}, "0.5", "nothing that it printed could be read as results"),
+        (1.0, ["Traceback (most recent call last):", "    Results()", "NameError: Results"], {}, "0", "NameError"),
+        (22.0, ["Results"], {"interrupted_ns": at(22.1), "ended_by": "interrupt"}, "0.5", "had to be stopped"),
+        (22.0, [], {"interrupted_ns": at(22.1), "ended_by": "kill"}, "0", "still running after 22 s"),
+    ],
+)
+def test_each_other_end_is_told_apart(
+    tmp_path: Path, after_s: float, lines: list[str], facts: dict[str, Any], credit: str, words: str
+) -> None:
+    """Ending well and having results are half each."""
+    finding = ended(tmp_path, after_s, *lines, **facts)
+    assert finding.credit == Decimal(credit)
+    assert words in finding.reason
+
+
+def test_results_between_the_lines_of_a_traceback_count(tmp_path: Path) -> None:
+    """A traceback on one stream takes nothing from what is printed on the other meanwhile."""
+    session = Session(tmp_path).process("it", ["Results"], interrupted_ns=None, exited_ns=at(10.3), ended_by="itself")
+    session.record.processes[0].output[:0] = [OutputLine(at(0.1), "stderr", "Traceback (most recent call last):")]
+    assert judged("ends_by_itself", ENDS, session).outcome is Outcome.PASSED
+
+
+def test_a_program_that_was_not_started_decides_nothing(tmp_path: Path) -> None:
+    """Without its process the recording cannot answer; without its file the check fails."""
+    assert judged("ends_by_itself", ENDS, Session(tmp_path)).outcome is Outcome.INCONCLUSIVE
+    assert judged("ends_by_itself", ENDS, Session(tmp_path), submission(it=None)).outcome is Outcome.FAILED
+
+
+# -- traffic ---------------------------------------------------------------------------------------
+
+
+def test_each_topic_with_traffic_is_a_part(tmp_path: Path) -> None:
+    """One of two topics with enough messages earns half, counted by sequence numbers."""
+    session = Session(tmp_path).messages("/a", [[0.0]] * 2, [1.0, 2.0], sequence=[1, 200])
+    session.messages("/b", [[0.0]] * 3, [1.0, 2.0, 3.0])
+    finding = judged("topics_carry_traffic", {"topics": ["/a", "/b"], "least_messages": 100}, session)
+    assert finding.credit == Decimal("0.5")
+    assert finding.reason == "Nothing subscribes to /a. Nothing subscribes to /b. Too few messages arrived on /b."
+
+
+def test_what_nothing_hears_is_not_received(tmp_path: Path) -> None:
+    """A topic without a subscription, or with one that is incompatible, keeps what the rubric leaves it."""
+    parameters = {"topics": ["/a"], "least_messages": 2, "unheard_credit": 0.25}
+    for name, offered, requested, credit in (
+        ("none", RELIABLE, None, "0.25"),
+        ("clash", BEST_EFFORT, RELIABLE, "0.25"),
+        ("fits", RELIABLE, RELIABLE, "1"),
+    ):
+        session = (
+            Session(tmp_path / name).messages("/a", [[0.0]] * 2, [1.0, 2.0]).endpoint("publisher", "/a", qos=offered)
+        )
+        if requested is not None:
+            session.endpoint("subscription", "/a", qos=requested)
+        assert judged("topics_carry_traffic", parameters, session).credit == Decimal(credit)
+
+
+def test_too_little_traffic_earns_its_share(tmp_path: Path) -> None:
+    """Half of the messages are half of the topic, in tenths; under another name half of that is lost."""
+    session = Session(tmp_path).messages("/a", [[0.0]] * 2, [1.0, 2.0], sequence=[1, 55])
+    wanted = {"topics": ["/a"], "least_messages": 100}
+    assert judged("topics_carry_traffic", wanted, session).credit == Decimal("0.5")
+    renamed = Session(tmp_path, "renamed").messages("/x", [[0.0]] * 2, [1.0, 2.0], sequence=[1, 200]).called("/a=/x")
+    assert judged("topics_carry_traffic", wanted, renamed).credit == Decimal("0.5")
+
+
+# -- profiles --------------------------------------------------------------------------------------
+
+
+def profiled(
+    folder: Path, qos: Qos, claim: Qos | None = CLAIM, kinds: tuple[str, ...] = ("publisher", "subscription")
+) -> Finding:
+    """Judge a topic whose sides have this QoS in the graph, and asked for that in the source."""
+    session = Session(folder)
+    for kind in kinds:
+        session.endpoint(kind, TOPIC, qos=qos)
+        if claim is not None:
+            session.claim(kind, TOPIC, qos=claim)
+    return judged("qos_profiles", PROFILES, session)
+
+
+def test_a_profile_as_asked_passes(tmp_path: Path) -> None:
+    """All four policies right earn all."""
+    assert profiled(tmp_path, RELIABLE).outcome is Outcome.PASSED
+
+
+@pytest.mark.parametrize(
+    ("qos", "claim", "credit", "words"),
+    [
+        (BEST_EFFORT, CLAIM, "0.75", "reliability best_effort, not reliable"),
+        (RELIABLE, replace(CLAIM, depth=1), "0.75", "depth 1, not 10"),
+        (RELIABLE, replace(CLAIM, history="keep_all", depth=0), "0.5", "history keep_all"),
+    ],
+)
+def test_each_policy_is_a_part(tmp_path: Path, qos: Qos, claim: Qos, credit: str, words: str) -> None:
+    """A wrong policy costs a quarter."""
+    finding = profiled(tmp_path, qos, claim)
+    assert finding.credit == Decimal(credit)
+    assert words in finding.reason
+
+
+def test_a_history_that_nobody_knows_is_left_to_a_person(tmp_path: Path) -> None:
+    """Discovery does not carry it; where the tap noted nothing, nothing is guessed."""
+    finding = profiled(tmp_path, RELIABLE, None)
+    assert finding.outcome is Outcome.INCONCLUSIVE
+    assert "history and depth" in finding.reason
+
+
+def test_a_side_that_is_missing_costs_half(tmp_path: Path) -> None:
+    """A publisher without a subscription shows half of the profile."""
+    finding = profiled(tmp_path, RELIABLE, kinds=("publisher",))
+    assert finding.credit == Decimal("0.5")
+    assert f"no subscription on {TOPIC}" in finding.reason
+
+
+def test_sides_that_differ_are_told_apart(tmp_path: Path) -> None:
+    """Where only the subscription is wrong, reason and measurement say so."""
+    session = Session(tmp_path).endpoint("publisher", TOPIC).endpoint("subscription", TOPIC, qos=BEST_EFFORT).process()
+    finding = judged("qos_profiles", PROFILES, session)
+    assert finding.reason == f"The subscription on {TOPIC} has reliability best_effort, not reliable."
+    assert "publisher reliable" in finding.measured
+    assert "subscription best_effort" in finding.measured
+
+
+def test_no_endpoint_earns_nothing(tmp_path: Path) -> None:
+    """A topic that is not there has no profile."""
+    assert profiled(tmp_path, RELIABLE, kinds=()).outcome is Outcome.FAILED
+
+
+# -- honesty ---------------------------------------------------------------------------------------
+
+
+def reported(folder: Path, line: str, latency_s: float = 0.001, listens: bool = True) -> Finding:
+    """Judge what is printed of a thousand messages."""
+    session = Session(folder).endpoint("publisher", TOPIC).process("it", [line])
+    if listens:
+        session.endpoint("subscription", TOPIC)
+    times = evenly(100, 9.99)
+    session.messages(TOPIC, [[0.0]] * len(times), times, latency_s=latency_s)
+    return judged("reported_traffic", REPORTED, session)
+
+
+def row(count: int = 1000, mean_ms: float = 1.0, max_ms: float = 3.0, name: str = "fast") -> str:
+    """Give a line of results."""
+    return f"{name:10}: {count:5} msgs, avg latency: {mean_ms:.2f}ms, max: {max_ms:.2f}ms"
+
+
+@pytest.mark.parametrize(
+    ("line", "credit"),
+    [
+        (row(), "1"),
+        (row(980), "1"),
+        (row(1020), "1"),
+        (row(970), "0"),
+        (row(1030), "0"),
+        (row(mean_ms=5.0, max_ms=9.0), "1"),
+        (row(mean_ms=5.1, max_ms=9.0), "0.5"),
+        (row(mean_ms=0.25, max_ms=9.0), "1"),
+        (row(mean_ms=0.2, max_ms=9.0), "0.5"),
+        (row(mean_ms=2.0, max_ms=1.0), "0.5"),
+        (row(500, 50.0, 60.0), "0"),
+        (row(name="test_fast"), "1"),
+        (row(name="faster"), "0"),
+        ("fast: no latency data", "0"),
+    ],
+)
+def test_a_wrong_count_costs_all_and_a_wrong_latency_half(tmp_path: Path, line: str, credit: str) -> None:
+    """The count may be 2 % off; the mean latency must be one that can be, and no more than the maximum."""
+    assert reported(tmp_path, line).credit == Decimal(credit)
+
+
+@pytest.mark.parametrize(
+    ("line", "credit"),
+    [
+        ("fast: received 1000, mean 0.001 s, worst 0.003 s", "1"),
+        ("fast: 1000 messages, mean 1000 us", "0.75"),
+        ("fast: 1000 messages", "0.5"),
+    ],
+)
+def test_other_forms_are_judged_by_what_they_say(tmp_path: Path, line: str, credit: str) -> None:
+    """Other words and units cost nothing, a missing maximum a quarter, a missing latency half."""
+    assert reported(tmp_path, line).credit == Decimal(credit)
+
+
+@pytest.mark.parametrize(("line", "said"), [("avg latency: 0.0010ms, max: 0.0030ms", True), (row(mean_ms=0.2), False)])
+def test_seconds_that_are_called_milliseconds_are_named(tmp_path: Path, line: str, said: bool) -> None:
+    """A latency that a factor of 1000 puts right is told to be in s; another is not."""
+    reason = reported(tmp_path, line if "msgs" in line else f"fast: 1000 msgs, {line}").reason
+    assert "recorded was 1.00 ms." in reason
+    assert ("The value is right in seconds" in reason) == said
+
+
+def test_what_was_never_sent_is_not_charged_in_the_report(tmp_path: Path) -> None:
+    """A topic without traffic costs points for the traffic; a report of what never came is invented."""
+    wanted = {**REPORTED, "rows": [{"name": "fast", "topic": TOPIC}, {"name": "slow", "topic": "/slow"}]}
+    for name, lines, credit in (("honest", [row()], "1"), ("liar", [row(), row(name="slow")], "0.5")):
+        session = Session(tmp_path, name).endpoint("publisher", TOPIC).endpoint("subscription", TOPIC)
+        session.messages(TOPIC, [[0.0]] * 1000, evenly(100, 9.99), latency_s=0.001).process("it", lines)
+        assert judged("reported_traffic", wanted, session).credit == Decimal(credit)
+    silent = Session(tmp_path, "silent").process("it", ["fast: 0 msgs, no latency data"])
+    assert judged("reported_traffic", REPORTED, silent).outcome is Outcome.NOT_REACHED
+
+
+def test_numbers_without_a_subscription_are_invented(tmp_path: Path) -> None:
+    """Where nothing listens, right numbers earn nothing."""
+    finding = reported(tmp_path, row(), listens=False)
+    assert finding.outcome is Outcome.FAILED
+    assert "nothing subscribes" in finding.reason
+
+
+@pytest.mark.parametrize(("mean_ms", "max_ms"), [(1.0, 3.0), (50.0, 90.0)])
+def test_counts_that_the_machine_may_have_lowered_are_undecided(tmp_path: Path, mean_ms: float, max_ms: float) -> None:
+    """Where the tool was kept from its core, a count that is too low says nothing, nor does it earn anything."""
+    session = Session(tmp_path).endpoint("publisher", TOPIC).endpoint("subscription", TOPIC)
+    times = evenly(100, 9.99)
+    session.messages(TOPIC, [[0.0]] * len(times), times, latency_s=0.001)
+    session.process("it", [row(900, mean_ms, max_ms)]).delayed("it", 2.0, 12.0)
+    assert judged("reported_traffic", REPORTED, session).outcome is Outcome.INCONCLUSIVE
+
+
+def test_the_machine_does_not_excuse_counts_of_what_never_was(tmp_path: Path) -> None:
+    """More messages than were published cannot come from a slow machine."""
+    session = Session(tmp_path).endpoint("publisher", TOPIC).endpoint("subscription", TOPIC)
+    times = evenly(100, 9.99)
+    session.messages(TOPIC, [[0.0]] * len(times), times, latency_s=0.001)
+    session.process("it", [row(1100)]).delayed("it", 2.0, 12.0)
+    assert judged("reported_traffic", REPORTED, session).outcome is Outcome.FAILED
+
+
+def test_a_pattern_without_its_groups_is_a_mistake_of_the_rubric(tmp_path: Path) -> None:
+    """The groups are named when the rubric loads."""
+    with pytest.raises(ValidationError, match="count, mean_ms and max_ms"):
+        judged("reported_traffic", {**REPORTED, "pattern": "(x)"}, Session(tmp_path))
+
+
+def test_a_line_in_the_form_asked_for_counts_before_others(tmp_path: Path) -> None:
+    """What else begins with a row's name, behind it or before it, is no result."""
+    for n, lines in enumerate(([row(), "fast | 1 | x"], ["fast | 1 | x", row()])):
+        session = Session(tmp_path, f"s{n}").endpoint("publisher", TOPIC).endpoint("subscription", TOPIC)
+        session.messages(TOPIC, [[0.0]] * 1000, evenly(100, 9.99), latency_s=0.001).process("it", lines)
+        assert judged("reported_traffic", REPORTED, session).outcome is Outcome.PASSED
+
+
+@pytest.mark.parametrize(
+    ("check", "parameters"),
+    [
+        ("reported_traffic", {**REPORTED, "pattern": "("}),
+        ("ends_by_itself", {**ENDS, "output": "("}),
+        ("call_answered", {"artifact": "it", "step": "enable", "response": {}, "message": "("}),
+        ("readme", {"parts": [], "commands": ["("]}),
+    ],
+)
+def test_a_pattern_that_does_not_compile_is_a_mistake_of_the_rubric(check: str, parameters: dict[str, Any]) -> None:
+    """A regular expression that is none is refused when the rubric loads, like any other wrong parameter."""
+    with pytest.raises(ValidationError, match="not a valid regular expression"):
+        REGISTRY[check].parameters.model_validate(parameters)
+
+
+@pytest.mark.parametrize("latency_s", [-0.2, 0.2])
+def test_latencies_are_not_compared_with_stamps_of_ones_own(tmp_path: Path, latency_s: float) -> None:
+    """Who stamps messages as he likes does not get the latency that he prints confirmed."""
+    finding = reported(tmp_path, row(mean_ms=1e3 * latency_s, max_ms=1e3 * latency_s + 1), latency_s=latency_s)
+    assert finding.credit == Decimal("0.5")
+    assert "not their times of publication" in finding.reason
+
+
+@pytest.mark.parametrize(
+    ("line", "credit"),
+    [
+        ("fast: 1000 msgs, avg latency: 0 ms, max: 3 ms", "1"),
+        ("fast: 1000 msgs, avg latency: 0.000 s, max: 0.003 s", "1"),
+        ("FAST: 1000 msgs, avg latency: 0.40ms, max: 3.00ms", "1"),
+        ("fast: 1000 msgs, avg latency: 0.00 ms, max: 0.00 ms", "0.5"),
+        ("fast: 1000 msgs, avg latency: -1 ms, max: 3 ms", "0.5"),
+    ],
+)
+def test_a_latency_is_judged_to_the_places_that_are_printed(tmp_path: Path, line: str, credit: str) -> None:
+    """0.4 ms may be printed as 0 ms, and not as 0.00 ms; no message arrives before it was sent."""
+    assert reported(tmp_path, line, latency_s=0.0004).credit == Decimal(credit)
+
+
+@pytest.mark.parametrize(("delay_s", "outcome"), [(3.0, Outcome.INCONCLUSIVE), (0.1, Outcome.PARTIAL)])
+def test_a_tool_that_had_no_core_may_have_sent_more(tmp_path: Path, delay_s: float, outcome: Outcome) -> None:
+    """Timers leave out the periods for which the program had no core."""
+    session = Session(tmp_path).process("it", started_ns=at(0.0), exited_ns=at(10.0)).delayed("it", delay_s, 10.0)
+    session.messages(TOPIC, [[0.0]] * 200, evenly(20, 9.95))
+    assert judged("topics_carry_traffic", {"topics": [TOPIC], "least_messages": 400}, session).outcome is outcome
+
+
+def test_a_side_that_was_made_and_never_seen_is_undecided(tmp_path: Path) -> None:
+    """Where the tap notes a subscription of a tool whose publisher was seen, the discovery may have failed."""
+    session = Session(tmp_path).endpoint("publisher", TOPIC).claim("publisher", TOPIC, qos=CLAIM)
+    session.claim("subscription", TOPIC, qos=CLAIM).process()
+    finding = judged("qos_profiles", PROFILES, session)
+    assert finding.outcome is Outcome.INCONCLUSIVE
+    # What the program says can be made up, and the graph shows the same again and again.
+    assert finding.settled is not None
+    assert finding.settled.outcome is Outcome.PARTIAL

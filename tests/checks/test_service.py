@@ -1,0 +1,407 @@
+"""Checks of a node that serves: answers, refusals, parameters and quickness, by the grader's own calls."""
+
+from __future__ import annotations
+
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from grader.result import Finding, Outcome
+from tests.synthetic import Session, at, judged, submission
+
+NAME, SET_BOOL = "/robot/enable", "std_srvs/srv/SetBool"
+OFFERED = {"artifact": "it", "service": NAME, "type": SET_BOOL, "node": "/student"}
+ANSWERED = {"artifact": "it", "step": "enable", "response": {"success": True}, "message": "(?i)enabl"}
+GATED = {
+    "set_step": "off",
+    "refused_step": "refuse",
+    "recovered_step": "recover",
+    "from_start_step": "from_start",
+    "refused": {"success": False},
+    "recovered": {"success": True},
+}
+DECLARED = {
+    "step": "defaults",
+    "parameters": [
+        {"name": "limit", "type": "double", "value": 1.0},
+        {"name": "safe", "type": "bool", "value": True},
+    ],
+}
+IN_TIME = {"step": "many", "within_s": 1.0}
+
+
+def call(response: dict[str, Any] | None, latency_s: float = 0.002) -> dict[str, Any]:
+    """Give one call as a step keeps it."""
+    return {"started_ns": at(1.0), "ended_ns": at(1.0 + latency_s), "response": response}
+
+
+def answer(success: bool, message: str = "Robot enabled") -> dict[str, Any]:
+    """Give a response."""
+    return {"success": success, "message": message}
+
+
+def called(session: Session, label: str, *calls: dict[str, Any], wanted: int | None = None) -> Session:
+    """Add a step that called the service."""
+    parameters = {"service": NAME, "request": {"data": True}, "repeat": wanted or len(calls)}
+    outcome = "done" if all(c["response"] is not None for c in calls) else "timeout"
+    return session.step("call", label, outcome, calls=list(calls), service=NAME, parameters=parameters)
+
+
+# -- the service -----------------------------------------------------------------------------------
+
+
+def test_a_service_as_asked_passes(tmp_path: Path) -> None:
+    """Name, type and node as asked earn all."""
+    assert judged("service_offered", OFFERED, Session(tmp_path).service(NAME)).outcome is Outcome.PASSED
+
+
+@pytest.mark.parametrize(
+    ("wrong", "credit", "words"),
+    [
+        ({"name": "/enable"}, "0.4", "named /enable, not /robot/enable"),
+        ({"name": f"/arm{NAME}", "node": "/arm/student"}, "0.4", "in its node's namespace, /arm."),
+        ({"kind": "std_srvs/srv/Trigger"}, "0.4", "is std_srvs/srv/Trigger"),
+        ({"node": "/other"}, "0.8", "named /other, not /student"),
+        ({"node": "/arm/student"}, "1", ""),
+    ],
+)
+def test_each_wrong_name_costs_its_part(tmp_path: Path, wrong: dict[str, str], credit: str, words: str) -> None:
+    """A wrong name or type costs 60 %, a wrong node name 20 %, a namespace nothing."""
+    session = Session(tmp_path).service(**{"name": NAME, **wrong})
+    if "name" in wrong:
+        session.called(f"{NAME}={wrong['name']}")
+    finding = judged("service_offered", OFFERED, session)
+    assert finding.credit == Decimal(credit)
+    assert words in finding.reason
+
+
+def test_no_service_fails(tmp_path: Path) -> None:
+    """A service that never came up, or only one of our own, fails."""
+    session = Session(tmp_path).service(NAME, "/ours").process("it", interrupted_ns=None, ended_by="x")
+    finding = judged("service_offered", OFFERED, session, reference_nodes=["/ours"])
+    assert finding.outcome is Outcome.FAILED
+    assert "did not appear" in finding.reason
+    assert judged("service_offered", OFFERED, Session(tmp_path), submission(it=None)).measured == "no such file"
+
+
+# -- one answer ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("response", "credit", "outcome"),
+    [
+        (answer(True), "1", Outcome.PASSED),
+        (answer(True, ""), "0.75", Outcome.PARTIAL),
+        (answer(True, "Bonjour"), "1", Outcome.PASSED),
+        (answer(False), "0", Outcome.FAILED),
+    ],
+)
+def test_an_answer_is_judged_by_its_values(
+    tmp_path: Path, response: dict[str, Any], credit: str, outcome: Outcome
+) -> None:
+    """The wrong value fails, an empty message costs a quarter, and other words only a note."""
+    finding = judged("call_answered", ANSWERED, called(Session(tmp_path), "enable", call(response)))
+    assert (finding.credit, finding.outcome) == (Decimal(credit), outcome)
+    assert bool(finding.notes) == (response["message"] == "Bonjour")
+
+
+AGAIN = {**ANSWERED, "again": "many", "contrary": r"(?i)\bdisabled\b"}
+
+
+@pytest.mark.parametrize(
+    ("later", "credit", "words"),
+    [
+        (answer(True, "Robot already enabled"), "1", ""),
+        (answer(True, "Robot enabled (was disabled)"), "1", ""),
+        (answer(True, "Robot disabled"), "0", "means the opposite"),
+        (answer(False, "Robot already enabled"), "0.75", "later"),
+    ],
+)
+def test_the_same_request_is_to_be_answered_alike(
+    tmp_path: Path, later: dict[str, Any], credit: str, words: str
+) -> None:
+    """A contrary later costs all, a refusal a quarter; one that tells of the former state as well is no contrary."""
+    session = called(called(Session(tmp_path), "enable", call(answer(True))), "many", call(answer(True)), call(later))
+    finding = judged("call_answered", AGAIN, session)
+    assert finding.credit == Decimal(credit)
+    assert words in finding.reason
+
+
+@pytest.mark.parametrize(("credit", "outcome"), [("0.75", Outcome.PASSED), ("1", Outcome.FAILED)])
+def test_a_contrary_message_is_charged_once(tmp_path: Path, credit: str, outcome: Outcome) -> None:
+    """Messages that are swapped, or a switch, take points at the first request where the rubric names that check."""
+    session = called(Session(tmp_path), "enable", call(answer(True, "Robot disabled")))
+    before = {"first": Finding(Outcome.PARTIAL if credit != "1" else Outcome.PASSED, Decimal(credit), "", "")}
+    finding = judged("call_answered", {**AGAIN, "again_charged_by": "first"}, session, findings=before)
+    assert finding.outcome is outcome
+
+
+@pytest.mark.parametrize(("default", "credit"), [(False, "1"), (True, "0"), ("false", "0")])
+def test_another_default_is_not_charged_with_the_answer(tmp_path: Path, default: Any, credit: str) -> None:
+    """A node that refuses since its parameter begins otherwise is judged when the parameter has been set."""
+    session = Session(tmp_path).step("get_parameters", "read", values={"safe": {"type": "bool", "value": default}})
+    called(session, "enable", call(answer(False)))
+    called(session, "recover", call(answer(True)))
+    given = {"step": "read", "name": "safe", "value": True, "instead": "recover"}
+    assert judged("call_answered", {**ANSWERED, "given": given}, session).credit == Decimal(credit)
+
+
+def test_another_answer_later_is_charged_once(tmp_path: Path) -> None:
+    """A node that refuses what changes nothing loses for enabling, and not for disabling as well."""
+    session = called(called(Session(tmp_path), "enable", call(answer(True))), "many", call(answer(False)))
+    taken = {"first": Finding(Outcome.PARTIAL, Decimal("0.75"), "", "")}
+    finding = judged("call_answered", {**AGAIN, "again_charged_by": "first"}, session, findings=taken)
+    assert finding.outcome is Outcome.PASSED
+
+
+def test_no_answer_fails_and_says_how_long_it_took(tmp_path: Path) -> None:
+    """A call without an answer is told with its time."""
+    finding = judged("call_answered", ANSWERED, called(Session(tmp_path).process(), "enable", call(None, 3.0)))
+    assert finding.outcome is Outcome.FAILED
+    assert finding.reason == "No answer came within 3.0 s."
+
+
+def test_a_node_that_does_not_spin_is_recognised(tmp_path: Path) -> None:
+    """Where questions for parameters are not answered either, the node does not spin."""
+    session = Session(tmp_path).process().step("get_parameters", "defaults", "timeout")
+    finding = judged("call_answered", ANSWERED, called(session, "enable", call(None, 3.0)))
+    assert "it does not spin" in finding.reason
+
+
+def test_an_exception_in_the_callback_is_the_reason(tmp_path: Path) -> None:
+    """The exception and its line are told."""
+    lines = [
+        "Traceback (most recent call last):",
+        '  File "/ws/src/it.py", line 12, in enable',
+        "    response.succes = True",
+        "AttributeError: 'SetBool_Response' object has no attribute 'succes'",
+    ]
+    session = Session(tmp_path).process("it", lines, interrupted_ns=None)
+    finding = judged("call_answered", ANSWERED, called(session, "enable", call(None, 3.0)))
+    assert "it.py, line 12" in finding.reason
+
+
+def test_silence_is_charged_once(tmp_path: Path) -> None:
+    """After a call without an answer, a second one is not reached."""
+    session = called(called(Session(tmp_path).process(), "first", call(None, 3.0)), "enable", call(None, 3.0))
+    assert judged("call_answered", ANSWERED, session).outcome is Outcome.NOT_REACHED
+
+
+def test_a_call_that_was_never_made_fails(tmp_path: Path) -> None:
+    """Without the step there is no answer."""
+    finding = judged("call_answered", ANSWERED, Session(tmp_path).process())
+    assert finding.outcome is Outcome.FAILED
+    assert "could not be made" in finding.reason
+
+
+# -- the gate --------------------------------------------------------------------------------------
+
+
+def gated(folder: Path, refuse: bool, recover: bool, from_start: bool, outcome: str = "done") -> Finding:
+    """Judge a node that answers three calls with these."""
+    session = Session(folder).step("set_parameters", "off", outcome)
+    for label, success in (("refuse", refuse), ("recover", recover), ("from_start", from_start)):
+        called(session, label, call(answer(success)))
+    return judged("call_gated", GATED, session)
+
+
+@pytest.mark.parametrize(
+    ("answers", "credit", "words"),
+    [
+        ((False, True, False), "1", ""),
+        ((False, False, False), "0.5", "does not recover"),
+        ((True, True, False), "0.5", "only when the parameter is false from the start"),
+        ((True, True, True), "0", "although the parameter is false"),
+    ],
+)
+def test_refusal_and_recovery_are_half_each(
+    tmp_path: Path, answers: tuple[bool, bool, bool], credit: str, words: str
+) -> None:
+    """Refusing, recovering, and reading the parameter only once are told apart."""
+    finding = gated(tmp_path, *answers)
+    assert finding.credit == Decimal(credit)
+    assert words in finding.reason
+
+
+def test_a_refusal_in_words_alone_earns_half(tmp_path: Path) -> None:
+    """A message that refuses beside success=True is half a refusal, one that enables is none."""
+    for name, said, credit in (("a", "Cannot enable: unsafe", "0.5"), ("b", "Robot enabled", "0")):
+        session = called(Session(tmp_path, name), "refuse", call(answer(True, said)))
+        called(session, "recover", call(answer(True)))
+        assert judged("call_gated", {**GATED, "refusal": "(?i)cannot"}, session).credit == Decimal(credit)
+
+
+def test_a_gate_the_wrong_way_round_earns_half(tmp_path: Path) -> None:
+    """What follows the parameter in reverse earns half; where enabling fails otherwise, a refusal says nothing.
+
+    Unless the node enables later: then what failed is charged there, and not here again.
+    """
+    lost = {"first": Finding(Outcome.FAILED, Decimal(0), "", "")}
+    gate = {**GATED, "enables": "first"}
+    for name, off, on, credit in (("a", True, False, "0.5"), ("b", False, False, "0"), ("c", False, True, "1")):
+        session = called(called(Session(tmp_path, name), "refuse", call(answer(off))), "recover", call(answer(on)))
+        finding = judged("call_gated", gate, session, findings=lost)
+        assert finding.credit == Decimal(credit)
+        assert (finding.outcome is Outcome.NOT_REACHED) == (credit == "0")
+
+
+def test_a_parameter_that_cannot_be_set_is_told(tmp_path: Path) -> None:
+    """If the parameter could not be set, the reason says so."""
+    assert "could not be set while it ran" in gated(tmp_path, True, True, True, "failed").reason
+
+
+def test_no_answer_while_off_is_told(tmp_path: Path) -> None:
+    """A node that falls silent while the parameter is false is told so."""
+    finding = judged("call_gated", GATED, called(Session(tmp_path), "refuse", call(None)))
+    assert finding.reason == "No answer came while the parameter was false."
+
+
+# -- parameters ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("values", "credit", "words"),
+    [
+        ({"limit": ("double", 1.0), "safe": ("bool", True)}, "1", ""),
+        ({"limit": ("double", 2.0), "safe": ("bool", True)}, "0.75", "limit is 2.0 (double), not 1.0"),
+        ({"limit": ("integer", 1), "safe": ("bool", True)}, "0.75", "limit is 1 (integer)"),
+        ({"safe": ("bool", True)}, "0.5", "limit is not declared"),
+        ({}, "0", "safe is not declared"),
+    ],
+)
+def test_each_parameter_is_a_part(tmp_path: Path, values: dict[str, Any], credit: str, words: str) -> None:
+    """A parameter that is not declared loses its part, one with another default half of it."""
+    plain = {name: {"type": kind, "value": value} for name, (kind, value) in values.items()}
+    session = Session(tmp_path).step("get_parameters", "defaults", values=plain)
+    finding = judged("parameters_declared", DECLARED, session)
+    assert finding.credit == Decimal(credit)
+    assert words in finding.reason
+
+
+def test_parameters_of_a_silent_node_are_not_charged_again(tmp_path: Path) -> None:
+    """A node that answers nothing is charged with its calls."""
+    session = called(Session(tmp_path).step("get_parameters", "defaults", "timeout"), "enable", call(None))
+    assert judged("parameters_declared", DECLARED, session).outcome is Outcome.NOT_REACHED
+
+
+def test_parameters_that_cannot_be_read_fail(tmp_path: Path) -> None:
+    """If only the parameters are not answered, that is charged here."""
+    session = Session(tmp_path).step("get_parameters", "defaults", "timeout", problem="no such node")
+    finding = judged("parameters_declared", DECLARED, session)
+    assert finding.outcome is Outcome.FAILED
+    assert "no such node" in finding.reason
+
+
+# -- quickness -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("latencies", "credit"),
+    [([0.002] * 10, "1"), ([1.0] * 10, "1"), ([0.002] * 9 + [1.2], "0.9"), ([2.0] * 10, "0")],
+)
+def test_calls_are_credited_by_the_share_in_time(tmp_path: Path, latencies: list[float], credit: str) -> None:
+    """A call answered within the limit counts, one above it does not."""
+    calls = [call(answer(True), latency_s) for latency_s in latencies]
+    finding = judged("calls_in_time", IN_TIME, called(Session(tmp_path), "many", *calls))
+    assert finding.credit == Decimal(credit)
+
+
+def test_calls_that_the_machine_may_have_held_up_are_undecided(tmp_path: Path) -> None:
+    """A slow call is not charged where the server had no core for so long, and is where it slept."""
+    calls = [call(answer(True), latency_s) for latency_s in [0.002] * 9 + [1.2]]
+    held_up = called(Session(tmp_path / "a").process(), "many", *calls).delayed("it", 3.0, 4.0)
+    assert judged("calls_in_time", IN_TIME, held_up).outcome is Outcome.INCONCLUSIVE
+    slept = called(Session(tmp_path / "b").process(), "many", *calls).delayed("it", 0.3, 4.0)
+    assert judged("calls_in_time", IN_TIME, slept).credit == Decimal("0.9")
+
+
+def test_quick_calls_for_which_there_was_no_time_are_undecided(tmp_path: Path) -> None:
+    """Where fewer calls were made than asked for, but all in time, nothing is lost."""
+    session = called(Session(tmp_path), "many", *[call(answer(True))] * 5, wanted=50)
+    assert judged("calls_in_time", IN_TIME, session).outcome is Outcome.INCONCLUSIVE
+
+
+def test_enough_quick_calls_will_do_where_there_was_no_time_for_more(tmp_path: Path) -> None:
+    """Calls that take long but are in time are not held against the node when others had no time."""
+    calls = [call(answer(True), 0.9)] * 12
+    finding = judged("calls_in_time", IN_TIME, called(Session(tmp_path), "many", *calls, wanted=50))
+    assert finding.outcome is Outcome.PASSED
+    assert "12 of 50 calls" in finding.notes[0]
+
+
+def test_slow_calls_are_lost_even_if_not_all_were_made(tmp_path: Path) -> None:
+    """Calls that took too long leave nothing undecided."""
+    session = called(Session(tmp_path), "many", *[call(answer(True), 1.5)] * 5, wanted=50)
+    finding = judged("calls_in_time", IN_TIME, session)
+    assert finding.outcome is Outcome.FAILED
+    assert "The quickest took 1.50 s" in finding.reason
+
+
+def test_no_calls_after_a_silent_one_are_not_reached(tmp_path: Path) -> None:
+    """Silence was charged with the call before."""
+    session = called(called(Session(tmp_path), "enable", call(None)), "many", call(None))
+    assert judged("calls_in_time", IN_TIME, session).outcome is Outcome.NOT_REACHED
+    assert judged("calls_in_time", IN_TIME, Session(tmp_path)).outcome is Outcome.FAILED
+
+
+def test_a_call_that_the_grader_itself_held_up_is_undecided(tmp_path: Path) -> None:
+    """Who makes the calls, and times them, may be kept from a core too, or stand still."""
+    calls = [call(answer(True), latency_s) for latency_s in [0.002] * 9 + [1.4]]
+    late = called(Session(tmp_path / "a").process("director", role="grader"), "many", *calls)
+    late.delayed("director", 2.0, 4.0)
+    assert judged("calls_in_time", IN_TIME, late).outcome is Outcome.INCONCLUSIVE
+    calls[-1]["held_up_ns"] = 1_300_000_000
+    stopped = called(Session(tmp_path / "b").process(), "many", *calls)
+    assert judged("calls_in_time", IN_TIME, stopped).outcome is Outcome.INCONCLUSIVE
+
+
+# -- a node that ended before it was asked ---------------------------------------------------------
+
+QUIET: dict[str, Any] = {"interrupted_ns": None, "ended_by": "itself", "exit_status": 0, "exited_ns": at(0.9)}
+
+
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        (
+            "def main():\n    node = make()\n    # rclpy.spin(node)\n",
+            "no error): main() never reaches rclpy.spin(node).",
+        ),
+        ("def main():\n    rclpy.spin_once(node)\n", "(exit status 0 after 0.8 s, no error)."),
+        ("from helper import run\nrun()\n", "(exit status 0 after 0.8 s, no error)."),
+        ("def main(:\n", "(exit status 0 after 0.8 s, no error)."),
+    ],
+)
+@pytest.mark.parametrize("check", ["call_answered", "topic_published", "topics_subscribed", "service_offered"])
+def test_a_node_that_ended_without_an_error_is_told_what_its_source_shows(
+    tmp_path: Path, check: str, source: str, words: str
+) -> None:
+    """That main() never spins is said only where the source shows it, and in each check of the node alike."""
+    parameters: dict[str, dict[str, Any]] = {
+        "call_answered": ANSWERED,
+        "service_offered": OFFERED,
+        "topic_published": {"artifact": "it", "topic": "/t", "type": "std_msgs/msg/String"},
+        "topics_subscribed": {"artifact": "it", "topics": [{"topic": "/t", "type": "std_msgs/msg/String"}]},
+    }
+    session = Session(tmp_path).process("it", **QUIET)
+    session.step("call", "enable", "cancelled", problem="the student's process had ended")
+    finding = judged(check, parameters[check], session, submission({"it.py": source, "helper.py": ""}, it="it.py"))
+    assert finding.outcome is Outcome.FAILED
+    assert finding.reason.startswith("Your it node had already ended (exit status 0 after 0.8 s, no error)")
+    assert finding.reason.endswith(words)
+    assert "return" not in finding.hint
+
+
+def test_what_could_not_be_asked_of_a_node_that_ended_is_not_charged_again(tmp_path: Path) -> None:
+    """The parameters of a node that had ended, and its later calls, are not tested, and say why."""
+    session = Session(tmp_path).process("it", **QUIET)
+    session.step("get_parameters", "defaults", "cancelled", problem="the student's process had ended")
+    session.step("call", "enable", "cancelled").step("call", "many", "cancelled")
+    recorded = session.recorded()
+    declared = judged("parameters_declared", DECLARED, recorded)
+    later = judged("calls_in_time", IN_TIME, recorded)
+    assert (declared.outcome, later.outcome) == (Outcome.NOT_REACHED, Outcome.NOT_REACHED)
+    assert "had ended before it could be asked" in declared.reason
+    assert 'the call "enable" got no answer' in later.reason

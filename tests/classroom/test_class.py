@@ -1,0 +1,147 @@
+"""A class by the real command: kept whatever happens to the run, and no submission stops another."""
+
+from __future__ import annotations
+
+import csv
+import signal
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+sys.path.append(str(Path(__file__).parents[2]))
+
+from grader.live.sandbox.isolation import Level
+from grader.live.sandbox.probing import probe_isolation
+from tests.classroom.small_class import ASTRAY, CRASHES, SLEEPS, Family, SmallClass, make_class
+from tests.live.small_lab import TALKER, leavings, until
+
+pytestmark = pytest.mark.live
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _confined() -> None:
+    """Skip where no cells can be made."""
+    isolation = probe_isolation(Path(sys.executable))
+    if not isolation.level.at_least(Level.NO_CGROUP):
+        pytest.skip(f"no cells here: {isolation.remedy}")
+
+
+def earned(small: SmallClass) -> dict[str, object]:
+    """Return the points of each submission that has some."""
+    return {name: result[0]["earned"] for name, result in small.outcomes().items()}
+
+
+def half_done(small: SmallClass, pid: int) -> Family:
+    """Wait until one submission is graded and another one's node runs; returns the run's processes."""
+    family = Family(pid)
+
+    def seen() -> bool:
+        family.look()
+        return bool(small.graded() and small.recording()) and any("/ws/install" in c for c in family.left())
+
+    until(seen, 120)
+    return family
+
+
+def test_a_class_is_graded_once(tmp_path: Path) -> None:
+    """All are graded but one that is empty; given again, only what has changed is graded, and the rest kept."""
+    small = make_class(tmp_path, {"ann": TALKER, "bob": CRASHES, "eve": None})
+    status, output, errors = small.grade()
+    assert (status, errors) == (3, "")
+    assert earned(small) == {"ann": 1, "bob": 0}
+    assert "eve: not graded: the submission is empty" in output
+    assert "2 graded, 1 not graded, mean 0.5 points" in output
+    assert sorted(p.name for p in small.results.iterdir()) == [
+        "ann",
+        "bob",
+        "grades.csv",
+        "index.html",
+        "journal.jsonl",
+    ]
+    assert "ann" in (small.results / "index.html").read_text(encoding="utf-8")
+    assert len(list(csv.reader((small.results / "grades.csv").open(encoding="utf-8-sig")))) >= 4
+
+    before = {name: small.files_of(name) for name in ("ann", "bob")}
+    small.hand_in("bob", ASTRAY)
+    small.hand_in("eve", TALKER)
+    status, output, errors = small.grade("--fail-under", "0.9")
+    assert (status, errors) == (1, "")
+    assert "3 graded, 1 of them as before" in output
+    assert 0 < small.result("bob")["score"]["earned"] < 1
+    assert small.result("eve")["score"]["earned"] == 1
+    assert small.files_of("ann") == before["ann"]
+    assert small.files_of("bob") != before["bob"]
+    assert leavings(small.temporary) == []
+
+    (small.results / "ann" / "report.html").unlink()
+    kept = small.files_of("eve")
+    assert small.grade()[0] == 0
+    assert small.files_of("ann") == before["ann"], "the report was not made from what is there"
+    assert small.files_of("eve") == kept
+
+
+def test_a_killed_run_goes_on_where_it_stopped(tmp_path: Path) -> None:
+    """After kill -9 with one graded and another half recorded, nothing of the run is left and the rest is graded."""
+    small = make_class(tmp_path, {"ann": TALKER, "bob": SLEEPS, "cem": TALKER})
+    with small.start("-j", "1") as process:
+        family = half_done(small, process.pid)
+        process.kill()
+    assert small.graded() == ["ann"]
+    until(lambda: not family.left(), 10)
+    before = small.files_of("ann")
+    small.hand_in("bob", ASTRAY)
+    status, output, errors = small.grade("-j", "1")
+    assert (status, errors) == (0, "")
+    assert "3 graded, 1 of them as before" in output
+    assert small.files_of("ann") == before
+    assert sorted(small.outcomes()) == ["ann", "bob", "cem"]
+    assert earned(small)["cem"] == 1
+    assert leavings(small.temporary) == []
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_run_that_is_asked_to_end_keeps_what_is_done(tmp_path: Path, number: signal.Signals) -> None:
+    """At Ctrl-C the run ends with the status of the signal, says what is kept, and leaves no process and no folder."""
+    small = make_class(tmp_path, {"ann": TALKER, "bob": SLEEPS, "cem": TALKER})
+    with small.start("-j", "1") as process:
+        family = half_done(small, process.pid)
+        process.send_signal(number)
+        _, errors = process.communicate(timeout=60)
+    assert process.returncode == 128 + number
+    assert errors.splitlines() == [
+        "grade: interrupted; 1 of 3 submissions are graded and kept.",
+        "  Run the same command again to grade the others.",
+    ]
+    until(lambda: not family.left())
+    assert small.graded() == ["ann"]
+    assert not (small.results / "bob").exists()
+    assert leavings(small.temporary) == []
+
+
+def test_a_second_run_in_the_same_folder_is_refused(tmp_path: Path) -> None:
+    """While a run is at work, another one in its results folder ends at once with a reason, and disturbs nothing."""
+    small = make_class(tmp_path, {"ann": TALKER, "bob": TALKER})
+    with small.start() as process:
+        until(small.recording, 120)
+        process.send_signal(signal.SIGSTOP)  # It is at work for as long as the other one takes.
+        try:
+            status, _, errors = small.grade()
+        finally:
+            process.send_signal(signal.SIGCONT)
+        assert status == 70
+        assert "another run of grade is at work" in errors
+        _, first = process.communicate(timeout=120)
+    assert (process.returncode, first) == (0, "")
+    assert earned(small) == {"ann": 1, "bob": 1}
+
+
+def test_a_class_of_one_is_graded_as_one_submission(tmp_path: Path) -> None:
+    """One submission gets the detailed table, no journal and no class page, and is always graded anew."""
+    small = make_class(tmp_path, {"ann": TALKER})
+    status, output, _ = small.grade()
+    assert status == 0
+    assert "Report: " in output
+    assert [path.name for path in small.results.iterdir()] == ["ann"]

@@ -1,0 +1,119 @@
+"""What a run over a class does with what was recorded before, and what the class page is told of it."""
+
+from __future__ import annotations
+
+import io
+import shutil
+import sys
+from datetime import datetime, timezone
+from decimal import Decimal
+from pathlib import Path
+
+from rich.console import Console
+
+from grader.classroom import fingerprint
+from grader.classroom.class_run import ClassRun, entries_of
+from grader.classroom.job import Row
+from grader.classroom.journal import UNJUDGED, Journal
+from grader.classroom.progress import RunProgress
+from grader.classroom.scheduler import Machine
+from grader.cohort.entries import NOTHING_HANDED_IN
+from grader.errors import GraderError
+from grader.judging.rubrics import read_rubric
+from grader.lab.kept_lab import lab_folder
+from grader.lab.overrides import load_overrides
+from grader.live.sandbox.isolation import Isolation, Level
+from grader.pipeline import Options
+from grader.recording.submission import read_submission, write_submission
+from grader.result import Result, Score, to_json
+from grader.result_folder import RECORDINGS, REPORT_FILE, RESULT_FILE, RUBRIC_COPY
+from grader.submission.extraction import Handed, Piece, taken_in
+
+KEPT = Path(__file__).resolve().parents[1] / "recordings/wrong_topic"
+NOON = datetime(2026, 11, 21, 12, tzinfo=timezone.utc)
+
+
+def handed(name: str) -> Handed:
+    """Make what a student of this name handed in."""
+    return Handed(name, (Piece(Path(name)),), f"id of {name}", NOON)
+
+
+def result_named(name: str) -> Result:
+    """Give the least result that there is."""
+    return Result(name, "Lab 1", Score(Decimal(0), Decimal(0), Decimal(0)), ())
+
+
+def result(folder: Path, name: str) -> None:
+    """Write a result that tells its name."""
+    (folder / name).mkdir()
+    (folder / name / "result.json").write_text(to_json(result_named(name)), encoding="utf-8")
+
+
+def test_all_who_are_known_are_told_once(tmp_path: Path) -> None:
+    """Those of this run, those graded before, and those who have not handed in, in the order of their names."""
+    for name in ("ann", "cem", "old"):
+        result(tmp_path, name)
+    (tmp_path / ".unfinished").mkdir()
+    rows = [
+        Row(handed("ann"), result_named("ann")),
+        Row(handed("bob"), GraderError("the submission is empty")),
+        Row(handed("cem"), GraderError("the disk is full")),
+    ]
+    entries = entries_of(tmp_path, rows, ["dan", "old"])
+    assert [entry.name for entry in entries] == ["ann", "bob", "cem", "dan", "old"]
+    ann, bob, cem, dan, old = entries
+    assert (ann.result, ann.problem) == (result_named("ann"), "")
+    assert (ann.student_id, ann.submitted_at) == ("id of ann", NOON)
+    assert (bob.result, bob.problem, bob.student_id) == (None, "the submission is empty", "id of bob")
+    assert (cem.result, cem.problem) == (None, "the disk is full"), "an earlier result is not this submission's"
+    assert (dan.result, dan.problem) == (None, NOTHING_HANDED_IN)
+    assert (old.result, old.problem) == (result_named("old"), ""), "whoever has a result has handed in"
+
+
+def test_the_time_that_an_archive_tells_is_kept(tmp_path: Path) -> None:
+    """What was found when a submission was taken in stands in its record, and on the page."""
+    results = tmp_path / "results"
+    shutil.copytree(KEPT, results / "ann" / RECORDINGS)
+    (results / "ann" / "result.json").write_text(to_json(result_named("ann")), encoding="utf-8")
+    record = read_submission(results / "ann" / RECORDINGS)
+    record.submitted_at, record.student_id = NOON.isoformat(), "7"
+    write_submission(results / "ann" / RECORDINGS, record)
+    row = Row(Handed("ann", (Piece(Path("ann.zip")),)), result_named("ann"))
+    (entry,) = entries_of(results, [row], [])
+    assert (entry.submitted_at, entry.student_id) == (NOON, "7")
+
+
+def test_what_was_recorded_is_judged_again_where_that_suffices(tmp_path: Path) -> None:
+    """Recordings that hold good are judged by what people have decided since, or where a file is missing; else kept."""
+    handed_in, results = tmp_path / "ann", tmp_path / "results"
+    shutil.copytree(lab_folder() / "reference/solution", handed_in)
+    shutil.copytree(KEPT, results / "ann" / RECORDINGS)
+    shutil.copy(lab_folder() / "rubric.yaml", results / "ann" / RECORDINGS / RUBRIC_COPY)
+    decided = "overrides: [{submission: wrong_topic, bonus: 1, reason: r, who: w, when: 2026-11-21}]"
+    (tmp_path / "overrides.yaml").write_text(decided, encoding="utf-8")
+    rubric = read_rubric(None)
+    options = Options(Path(sys.executable), overrides=load_overrides(tmp_path / "overrides.yaml", rubric))
+    key = fingerprint.combined(
+        fingerprint.engine_sha256(), fingerprint.lab_sha256(rubric), fingerprint.options_sha256(options)
+    )
+    with taken_in(Handed.of(handed_in)) as intake:
+        key = fingerprint.combined(key, fingerprint.submission_sha256(intake))
+
+    def graded(journal: Journal) -> Row:
+        display = RunProgress(Console(file=io.StringIO()), 1)
+        run = ClassRun(rubric, options, journal, Machine(1), display)
+        run.grade([Handed.of(handed_in)], Isolation(Level.FULL))
+        (row,) = run.rows
+        return row
+
+    with Journal.open(results) as journal:
+        journal.note("ann", key, UNJUDGED, "full")
+        first = graded(journal)
+        assert isinstance(first.ending, Result)
+        assert (first.reused, first.ending.final) == (False, first.ending.score.earned + 1)
+        text = (results / "ann" / RESULT_FILE).read_bytes()
+        assert graded(journal).reused
+        (results / "ann" / REPORT_FILE).unlink()
+        assert not graded(journal).reused
+        assert (results / "ann" / REPORT_FILE).is_file()
+        assert (results / "ann" / RESULT_FILE).read_bytes() == text

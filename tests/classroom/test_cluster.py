@@ -1,0 +1,176 @@
+"""A class on a Dask cluster on loopback: the same results as here, also when a worker is lost."""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("distributed")
+
+sys.path.append(str(Path(__file__).parents[2]))
+
+from grader.classroom.cluster import Bundle, grade_bundle
+from grader.classroom.job import Job
+from grader.errors import GraderError
+from grader.judging.rubrics import read_rubric
+from grader.live.sandbox.isolation import Level
+from grader.live.sandbox.probing import probe_isolation
+from grader.pipeline import Options
+from grader.submission.extraction import Handed
+from tests.classroom.small_class import ASTRAY, CRASHES, SLEEPS, Family, SmallClass, make_class
+from tests.live.small_lab import TALKER, below, command_of, until
+
+pytestmark = pytest.mark.live
+
+
+@dataclass(frozen=True)
+class Cluster:
+    """A scheduler with two workers.
+
+    Attributes
+    ----------
+    address : Path
+        The file that the scheduler wrote.
+    """
+
+    address: Path
+    workers: list[subprocess.Popen[bytes]]
+
+    def grading(self) -> subprocess.Popen[bytes] | None:
+        """Return a worker in which a student's node runs now."""
+        for worker in self.workers:
+            if any("/ws/install" in command_of(pid) for pid in below(worker.pid)):
+                return worker
+        return None
+
+
+@contextmanager
+def running(command: list[str], folder: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """Run a process until the context ends; what it says goes to a file."""
+    environment = {**os.environ, "TMPDIR": str(folder), "DASK_DISTRIBUTED__DASHBOARD__LINK": ""}
+    with (
+        (folder / "said").open("ab") as said,
+        subprocess.Popen(command, stdout=said, stderr=said, cwd=folder, env=environment) as process,
+    ):
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+@pytest.fixture
+def cluster(tmp_path: Path) -> Iterator[Cluster]:
+    """Start a scheduler and two workers, each for one submission at a time."""
+    isolation = probe_isolation(Path(sys.executable))
+    if not isolation.level.at_least(Level.NO_CGROUP):
+        pytest.skip(f"no cells here: {isolation.remedy}")
+    folder = tmp_path / "cluster"
+    folder.mkdir()
+    file = folder / "scheduler.json"
+    dask = [sys.executable, "-m", "dask"]
+    scheduler = ["scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file)]
+    worker = ["worker", "--scheduler-file", str(file), "--nthreads", "1", "--no-nanny", "--no-dashboard"]
+    with ExitStack() as stack:
+        stack.enter_context(running([*dask, *scheduler], folder))
+        until(lambda: is_whole(file), 60)
+        workers = [
+            stack.enter_context(
+                running([*dask, *worker, "--name", name, "--local-directory", str(folder / name)], folder)
+            )
+            for name in ("one", "other")
+        ]
+        yield Cluster(file, workers)
+
+
+def is_whole(file: Path) -> bool:
+    """Whether a file of JSON is there and written to its end."""
+    try:
+        return bool(json.loads(file.read_text(encoding="utf-8")))
+    except (OSError, ValueError):
+        return False
+
+
+def graded_here(folder: Path, small: SmallClass) -> SmallClass:
+    """Grade the same class on this machine."""
+    folder.mkdir()
+    here = SmallClass(folder)
+    (folder / "lab").symlink_to(small.rubric.parent)
+    (folder / "submissions").symlink_to(small.submissions)
+    assert here.grade("--seed", "7")[0] == 0
+    return here
+
+
+def test_a_lost_worker_changes_no_result(tmp_path: Path, cluster: Cluster) -> None:
+    """With a worker killed in the midst of a session, all submissions have the points that they have here."""
+    small = make_class(tmp_path, {"ann": TALKER, "bob": ASTRAY, "cem": CRASHES})
+    (small.submissions / "ann" / "link.py").symlink_to("/etc/passwd")
+    with small.start("--scheduler", str(cluster.address), "--seed", "7") as process:
+        worker = until(cluster.grading, 120)
+        family = Family(worker.pid)
+        family.look()
+        worker.kill()
+        output, errors = process.communicate(timeout=240)
+    assert (process.returncode, errors) == (0, "")
+    assert "3 graded, mean" in output
+    until(lambda: not family.left(), 10)
+    here = graded_here(tmp_path / "here", small)
+    assert small.outcomes() == here.outcomes()
+    assert len(small.outcomes()) == 3
+    assert any("link.py" in line for line in small.result("ann")["provenance"]["left_out"])
+    # What came over the network is whole: it is judged again here, to the same bytes.
+    names = list(here.outcomes())
+    before = {name: small.files_of(name) for name in names}
+    folders = [str(small.results / name) for name in names]
+    command = [sys.executable, "-m", "grader.cli", "regrade", *folders, "--rubric", str(small.rubric)]
+    assert subprocess.run(command, capture_output=True, check=False).returncode == 0
+    assert {name: small.files_of(name) for name in names} == before
+    status, output, _ = small.grade("--scheduler", str(cluster.address), "--seed", "7")
+    assert (status, "3 graded, 3 of them as before" in output) == (0, True)
+
+
+def test_problems_come_back_and_ctrl_c_ends(tmp_path: Path, cluster: Cluster) -> None:
+    """What a worker refuses is told as it is here; at Ctrl-C the command ends at once and keeps what is graded."""
+    small = make_class(tmp_path, {"ann": TALKER, "bob": None, "cem": "print()\n", "dan": SLEEPS})
+    (small.submissions / "cem" / "talker.py").rename(small.submissions / "cem" / "notes.txt")
+    with small.start("--scheduler", str(cluster.address)) as process:
+        until(lambda: small.graded() == ["ann"] and cluster.grading(), 120)
+        process.send_signal(signal.SIGINT)
+        output, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert errors.splitlines()[0] == "grade: interrupted; 1 of 4 submissions are graded and kept."
+    assert len(errors.splitlines()) == 2
+    assert "bob: not graded: the submission is empty" in output
+    assert "cem: not graded: nothing in it looks like a submission" in output
+
+
+def test_another_grader_is_refused() -> None:
+    """A worker whose grader is not the same grades nothing, and says what to do."""
+    handed = Handed.of(Path(__file__))
+    job = Job(handed, Path("results"), read_rubric(None), Options(Path(sys.executable)))
+    bundle = pickle.dumps(Bundle("another", job, b"", b"", own_interpreter=True))
+    ending, _, results = grade_bundle(bundle)
+    assert isinstance(ending, GraderError)
+    assert (ending.exit_status, results) == (5, b"")
+    assert "Install the same version" in ending.remedy
+
+
+def test_a_scheduler_that_is_not_there(tmp_path: Path) -> None:
+    """An address where nobody answers, or that is none, ends with 5 and a remedy, and nothing is graded."""
+    small = make_class(tmp_path, {"ann": TALKER})
+    for address in ("tcp://127.0.0.1:9", "nonsense://x"):
+        status, _, errors = small.grade("--scheduler", address)
+        assert status == 5
+        assert "the scheduler cannot be reached" in errors
+        assert "Check --scheduler" in errors
+    assert small.graded() == []

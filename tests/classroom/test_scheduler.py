@@ -1,0 +1,128 @@
+"""Places for cells: as many as there are, all of them for one, and none lost with a killed holder."""
+
+from __future__ import annotations
+
+import asyncio
+import subprocess
+import sys
+import uuid
+from collections.abc import Callable, Coroutine
+from typing import Any
+
+import pytest
+
+from grader.classroom.scheduler import MOST_PLACES, Machine
+from grader.live.sandbox.isolation import Form, Isolation, Level
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="abstract sockets are Linux's own")
+
+#: Takes a place (or all, if told to), says so, and holds it until it is killed.
+_HOLDER = """
+import asyncio, sys, time
+from grader.classroom.scheduler import Machine
+give_back = asyncio.run(Machine(2, sys.argv[1]).take(alone=sys.argv[2] == "alone"))
+print("holds", flush=True)
+time.sleep(600)
+"""
+
+
+def machine(places: int) -> Machine:
+    """Make places that no other test knows."""
+    return Machine(places, f"grade-test-{uuid.uuid4().hex}")
+
+
+async def waits(taking: Coroutine[Any, Any, Callable[[], None]]) -> asyncio.Task[Callable[[], None]]:
+    """Start to take a place, give that five chances, and check that it has to wait."""
+    task = asyncio.ensure_future(taking)
+    await asyncio.sleep(0.5)
+    assert not task.done()
+    return task
+
+
+def test_as_many_as_there_are_places() -> None:
+    """One more than there are places waits until a place is given back."""
+
+    async def scenario() -> None:
+        places = machine(2)
+        first, second = await places.take(), await places.take()
+        third = await waits(places.take())
+        second()
+        give_back = await third
+        give_back()
+        first()
+
+    asyncio.run(scenario())
+
+
+def test_one_alone_waits_for_all_and_keeps_all_out() -> None:
+    """One that runs alone waits for those that run; those that come after it wait for it."""
+
+    async def scenario() -> None:
+        places = machine(2)
+        running = await places.take()
+        alone = await waits(places.take(alone=True))
+        later = await waits(places.take())
+        running()
+        give_back = await alone
+        assert not later.done()
+        give_back()
+        (await later)()
+
+    asyncio.run(scenario())
+
+
+def test_whoever_gives_up_leaves_nothing_held() -> None:
+    """One that is cancelled while it waits to be alone gives back what it had already."""
+
+    async def scenario() -> None:
+        places = machine(1)
+        running = await places.take()
+        waiting = await waits(places.take(alone=True))
+        waiting.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await waiting
+        running()
+        give_back = await asyncio.wait_for(places.take(alone=True), 30)
+        give_back()
+
+    asyncio.run(scenario())
+
+
+@pytest.mark.parametrize("how", ["beside others", "alone"])
+def test_what_a_killed_process_held_is_free(how: str) -> None:
+    """Other processes see what is held; after a kill -9 of the holder it is free."""
+    name = f"grade-test-{uuid.uuid4().hex}"
+    command = [sys.executable, "-c", _HOLDER, name, how]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as holder:
+        try:
+            assert holder.stdout is not None
+            assert holder.stdout.readline() == "holds\n"
+
+            async def scenario() -> None:
+                waiting = await waits(Machine(2, name).take(alone=True))
+                holder.kill()
+                (await asyncio.wait_for(waiting, 30))()
+
+            asyncio.run(scenario())
+        finally:
+            holder.kill()
+
+
+def test_no_more_places_than_one_alone_holds() -> None:
+    """However many places are asked for, one that runs alone holds every one of them."""
+
+    async def scenario() -> None:
+        places = machine(MOST_PLACES + 5)
+        alone = await places.take(alone=True)
+        waiting = await waits(places.take())
+        alone()
+        (await waiting)()
+
+    asyncio.run(scenario())
+
+
+@pytest.mark.parametrize("jobs", [None, 1, 4])
+def test_cells_that_share_a_network_run_one_at_a_time(jobs: int | None) -> None:
+    """Whatever was asked for, a submission is not given the chance to speak in another's network."""
+    assert Machine.of(Isolation(Level.NONE), jobs).places == 1
+    assert Machine.of(Isolation(Level.FULL, Form.USER), 7).places == 7

@@ -1,0 +1,153 @@
+"""A process that hangs, breaks or is killed costs its submission's place, for a time, and nothing else."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import re
+import signal
+import sys
+import tempfile
+import uuid
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+sys.path.append(str(Path(__file__).parents[2]))
+
+from grader.classroom.job import Ending, Job
+from grader.classroom.scheduler import Machine
+from grader.classroom.worker import grade_in_process
+from grader.errors import GraderError
+from grader.judging.rubrics import read_rubric
+from grader.live.sandbox.isolation import Level
+from grader.live.sandbox.probing import probe_isolation
+from grader.pipeline import Options
+from grader.result import Result, Score
+from grader.submission.extraction import Handed
+from tests.classroom.small_class import SLEEPS, Family, SmallClass, make_class
+from tests.live.small_lab import TALKER, command_of, leavings, until
+
+pytestmark = pytest.mark.live
+
+
+@dataclass
+class Case:
+    """A submission to be graded in a process of its own."""
+
+    small: SmallClass
+    job: Job
+    family: Family
+    temporary: Path
+    phases: list[str] = field(default_factory=list)
+
+    def ends(self, kill_at: str = "", **limits: Any) -> Ending:
+        """Grade it, and check that nothing is left; `kill_at` is the phase from which on its process is killed."""
+        phases = self.phases
+
+        async def watch() -> None:
+            while True:
+                self.family.look()
+                for pid, _ in self.family.members:
+                    if kill_at in phases and "grader.classroom.worker" in command_of(pid):
+                        with suppress(ProcessLookupError):
+                            os.kill(pid, signal.SIGKILL)
+                await asyncio.sleep(0.02)
+
+        async def scenario() -> Ending:
+            watching = asyncio.ensure_future(watch())
+            job = replace(self.job, **limits)
+            ending = await grade_in_process(job, lambda phase: phases.append(phase.text))
+            watching.cancel()
+            assert job.machine is not None
+            (await asyncio.wait_for(job.machine.take(alone=True), 120))()
+            return ending
+
+        ending = asyncio.run(scenario())
+        assert self.family.members
+        until(lambda: not self.family.left(), 30)
+        assert leavings(self.temporary) == []
+        return ending
+
+
+@pytest.fixture
+def case(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Case:
+    """Give a submission whose session waits for a minute."""
+    isolation = probe_isolation(Path(sys.executable))
+    if not isolation.level.at_least(Level.NO_CGROUP):
+        pytest.skip(f"no cells here: {isolation.remedy}")
+    small = make_class(tmp_path, {"ann": SLEEPS})
+    monkeypatch.setattr(tempfile, "tempdir", str(small.temporary))
+    monkeypatch.setenv("TMPDIR", str(small.temporary))
+    options = Options(Path(sys.executable), seed=1)
+    handed = Handed.of(small.submissions / "ann")
+    machine = Machine(2, f"grade-test-{uuid.uuid4().hex}")
+    job = Job(handed, small.results / "ann", read_rubric(small.rubric), options, isolation, machine)
+    return Case(small, job, Family(os.getpid()), small.temporary)
+
+
+def test_a_submission_gets_its_points(case: Case) -> None:
+    """A correct talker is graded, and its seed is the one that was asked for."""
+    case.small.hand_in("ann", TALKER)
+    ending = case.ends()
+    assert isinstance(ending, Result)
+    assert ending.score == Score(Decimal(1), Decimal(1), Decimal(0))
+    assert case.small.result("ann")["provenance"]["sessions"]["only"]["seed"] == 1
+
+
+@pytest.mark.parametrize(("silence_s", "phase"), [(15.0, "waiting for"), (0.05, "reading")])
+def test_a_process_that_says_nothing_is_ended(case: Case, silence_s: float, phase: str) -> None:
+    """One that hangs, be it in a session or as it starts, costs its places until then."""
+    ending = case.ends(silence_s=silence_s - case.job.rubric.sessions["only"].timeout_s)
+    assert isinstance(ending, GraderError)
+    assert ending.problem == f"the grader's process reported nothing for {silence_s:g} s"
+    assert case.phases == [] if phase == "reading" else phase in case.phases[-1]
+
+
+@pytest.mark.parametrize("phase", ["reading", "starting"])
+def test_a_process_that_is_killed_is_told(case: Case, phase: str) -> None:
+    """A process that the system kills, as for want of memory, becomes a problem with a remedy."""
+    ending = case.ends(kill_at=phase)
+    assert isinstance(ending, GraderError)
+    assert "SIGKILL" in ending.problem
+    assert "memory" in ending.remedy
+
+
+def test_what_is_wrong_with_a_submission_is_told(case: Case) -> None:
+    """A submission that is refused has the same words and status as alone."""
+    case.job = replace(case.job, handed=Handed.of(case.small.folder / "nobody"))
+    ending = case.ends()
+    assert isinstance(ending, GraderError)
+    assert (ending.problem, ending.exit_status) == ("there is no such submission", 3)
+
+
+def test_results_that_cannot_be_written_are_told(case: Case) -> None:
+    """Where a file stands in place of the results' folder, that is the problem."""
+    case.small.results.write_text("in the way")
+    ending = case.ends()
+    assert isinstance(ending, GraderError)
+    assert ending.exit_status == 70
+    assert str(case.small.results) in ending.where
+
+
+def test_a_submission_does_not_keep_the_others_from_the_machine(case: Case) -> None:
+    """What stays undecided is recorded again alone, but once that took its time, beside the others."""
+    # What it asks for is never seen; one recording is no proof of that, nor are two.
+    case.small.hand_in("ann", TALKER.replace("rclpy.init()", "rclpy.init(domain_id=7)"))
+    text = case.small.rubric.read_text(encoding="utf-8")
+    patient = re.compile(r"(timeout_s\W+)[26]0\b")
+    assert len(patient.findall(text)) == 2
+    case.small.rubric.write_text(patient.sub(r"\g<1>4", text), encoding="utf-8")
+    case.job = replace(case.job, rubric=read_rubric(case.small.rubric))
+    ending = case.ends(alone_s=1.0)
+    assert isinstance(ending, Result)
+    assert ending.score == Score(Decimal(0), Decimal(1), Decimal(0))
+    assert [phase for phase in case.phases if phase.startswith("waits")][:2] == ["waits", "waits to run alone"]
+    assert case.phases.count("waits to run alone") == 1
+    assert case.phases.count("waits") == 2

@@ -1,0 +1,145 @@
+"""What would run on a student's machine and does not where it is graded."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from grader.evidence.crash.diagnosis import Diagnosis
+from grader.evidence.environment_gap import is_newer_python, modules_to_look_for, only_elsewhere
+from grader.recording.submission import PackageFact
+from tests.synthetic import submission
+
+NEWER = [
+    "type Wave = tuple[float, float]\nx: Wave = (1, 2)\n",
+    "type Pair[T] = tuple[T, T]\n",
+    "def first[T](items: list[T]) -> T:\n    return items[0]\n",
+    "class Buffer[T]:\n    def get(self):\n        return 1\n",
+    "d = {'a': 1}\nprint(f'{d['a']}')\n",
+    'd = {"a": 1}\nprint(f"x {d["a"]:.2f} y", f"{", ".join(["a", "b"])}")\n',
+    'print(f"{f"{1}"}")\n',
+    'print(f"{\n    1\n}")\n',
+]
+BROKEN = [
+    "x = (1\n",
+    "print(f'{d['a']')\n",
+    "def f(:\n    pass\n",
+    "print(f'{x'\n",
+    "type = = 3\n",
+    "type X = (\n",
+    "class A[T:\n",
+]
+
+
+@pytest.mark.parametrize("text", NEWER)
+def test_newer_syntax_is_recognised(text: str) -> None:
+    """Aliases, type parameters and f-strings with their own quotation marks are right since Python 3.12."""
+    assert is_newer_python(text)
+
+
+@pytest.mark.parametrize("text", BROKEN)
+def test_what_no_python_reads_is_a_mistake(text: str) -> None:
+    """An error stays one, also beside newer syntax."""
+    assert not is_newer_python(text)
+    assert not is_newer_python(NEWER[0] + text)
+
+
+@pytest.mark.parametrize(
+    "text", ["x = 1\n", "print(f'{1 + 1:.2f}', f\"{'a'}\")\n", 'print(f"""{"a"}""")\n', "type = 3\n"]
+)
+def test_what_was_always_right_is_not_newer(text: str) -> None:
+    """A text without newer syntax is none, so that an error at run time is not excused."""
+    assert not is_newer_python(text)
+
+
+@given(st.text(alphabet="f{}\"'x\\\n[]( :!=", max_size=60))
+def test_no_text_breaks_it(text: str) -> None:
+    """Whatever it is, there is an answer."""
+    assert is_newer_python(text) in (True, False)
+
+
+def test_a_field_without_end_is_given_up() -> None:
+    """An f-string's field that goes on for a hundred thousand spaces is not searched for its conversion."""
+    assert not is_newer_python("x = f'{a" + " " * 99_000 + "!'\n")
+
+
+def missing(subject: str, kind: str = "missing-module", line: int = 1) -> Diagnosis:
+    """Give the diagnosis of a program that ended at an import."""
+    return Diagnosis(kind, "", "", "it.py", line, "ModuleNotFoundError", subject=subject)
+
+
+@pytest.mark.parametrize(
+    ("module", "imported", "is_gap"),
+    [
+        ("matplotlib.pyplot", "matplotlib.pyplot", True),
+        ("control_msgs.msg", "control_msgs.msg", True),
+        ("tf2_msgs.msg", "tf2_msgs.msg", True),
+        ("my_lab_trajectories", "my_lab_trajectories", False),
+        ("matplotlib", "math", False),
+    ],
+)
+def test_a_library_that_is_missing_is_for_a_person_to_decide(module: str, imported: str, is_gap: bool) -> None:
+    """A known package that the source imports there is told; a name that nobody knows, or that is not imported, not."""
+    record = submission({"it.py": f"import {imported}\n"})
+    told = only_elsewhere(missing(module), record, "it.py")
+    assert (told is not None) == is_gap
+    assert told is None or f"needs {module.split('.')[0]}" in told
+
+
+def test_what_the_grader_found_is_not_missing() -> None:
+    """The grader's own look decides; what it did not look for, as in an older recording, the source decides."""
+    record = submission({"it.py": "import matplotlib\n"})
+    record.absent_modules = []
+    assert only_elsewhere(missing("matplotlib"), record, "it.py") is None
+    record.absent_modules = ["matplotlib"]
+    assert only_elsewhere(missing("matplotlib"), record, "it.py") is not None
+    assert only_elsewhere(None, record, "it.py") is None
+    assert only_elsewhere(missing("matplotlib", line=2), record, "it.py") is None
+
+
+def test_a_file_that_the_program_does_not_import_excuses_nothing() -> None:
+    """An import that is missing counts in the program's file and in what that imports."""
+    decoy = submission({"it.py": "import rclpy\n", "helper.py": "import scipy\n"})
+    used = submission({"it.py": "from .helper import wave\n", "helper.py": "import scipy\n"})
+    found = Diagnosis("missing-module", "", "", "helper.py", 1, "ModuleNotFoundError", subject="scipy")
+    assert only_elsewhere(found, decoy, "it.py") is None
+    assert only_elsewhere(found, used, "it.py") is not None
+
+
+def test_files_that_import_each_other_are_looked_at_once() -> None:
+    """As many files as are taken in, which all import all others, take no time to speak of."""
+    names = [f"m{n}" for n in range(2000)]
+    every = submission({"it.py": f"import {', '.join(names)}\n", **{f"{name}.py": "import it, m1\n" for name in names}})
+    found = Diagnosis("missing-module", "", "", "m1999.py", 1, "ModuleNotFoundError", subject="scipy")
+    began_s = time.process_time()
+    assert only_elsewhere(found, every, "it.py") is None
+    assert time.process_time() - began_s < 2.0
+
+
+def test_interfaces_of_a_package_of_the_submission_are_not_built() -> None:
+    """A package of interfaces that was handed in is not assessable; one without a definition is a mistake."""
+    files = {"it.py": "from lab_interfaces.msg import Pose\n", "lab_interfaces/package.xml": ""}
+    defined = submission({**files, "lab_interfaces/msg/Pose.msg": "float64 x\n"})
+    for record in (defined, submission(files)):
+        record.packages.append(PackageFact("lab_interfaces", "lab_interfaces", "ament_cmake"))
+        told = only_elsewhere(missing("lab_interfaces", "missing-sibling"), record, "it.py")
+        assert (told is not None) == (record is defined)
+
+
+def test_a_submission_is_searched_for_what_may_be_missing() -> None:
+    """Known packages that the sources name are looked for, but none that is a file of the submission."""
+    record = submission({"it.py": "import scipy, pandas, unheard_of\n", "pandas.py": "", "README.md": "import torch"})
+    assert modules_to_look_for(record) == ["scipy"]
+
+
+def test_a_file_in_newer_syntax_is_for_a_person_to_decide() -> None:
+    """The file and its line are named; a mistake is no newer syntax."""
+    found = Diagnosis("syntax-error", "", "", file="it.py", line=1)
+    told = only_elsewhere(found, submission({"it.py": NEWER[0]}), "it.py")
+    assert told is not None
+    assert told.startswith("it.py (line 1) uses syntax of Python 3.12")
+    assert only_elsewhere(found, submission({"it.py": BROKEN[0]}), "it.py") is None
+    assert only_elsewhere(found, submission({"other.py": ""}), "other.py") is None

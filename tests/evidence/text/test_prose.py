@@ -1,0 +1,377 @@
+"""Descriptions, instructions and discussions in READMEs and sources of any language."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from grader.evidence.text.markup import read_markdown
+from grader.evidence.text.prose import (
+    Discussion,
+    Passage,
+    TopicWords,
+    concepts,
+    descriptions,
+    document_passages,
+    run_lines,
+    source_passages,
+)
+from grader.evidence.text.source import parse
+
+TOPICS = (
+    TopicWords("talker", ("talker.py", "talker", "talker_node"), ("publisher", "发布者", "Sender", "издатель")),
+    TopicWords("listener", ("listener.py", "listener"), ("subscriber", "订阅者", "Empfänger", "подписчик")),
+    TopicWords("switch", ("switch_service.py", "switch_service"), ("service", "服务", "Dienst", "сервис")),
+)
+RUN = (r"python3?\s+\S+\.py", r"ros2\s+(?:run|launch)\s+\S+")
+LEXICON = {
+    "reliability": [
+        "reliab",
+        "best effort",
+        "lost",
+        "lose",
+        "drop",
+        "*verlust",
+        "verlor",
+        "zuverlässig",
+        "perd",
+        "fiab",
+        "потер",
+        "надёжн",
+        "丢失",
+        "可靠",
+        "欠落",
+        "信頼性",
+        "손실",
+        "فقد",
+        "विश्वसनीय",
+        "kayb",
+    ],
+    "latency": [
+        "latenc",
+        "delay",
+        "newest",
+        "*verzöger",
+        "retras",
+        "retard",
+        "задерж",
+        "延迟",
+        "遅延",
+        "지연",
+        "تأخير",
+        "التأخير",
+        "विलंब",
+        "gecik",
+    ],
+    "use": [
+        "sensor",
+        "command",
+        "befehl",
+        "comando",
+        "capteur",
+        "commande",
+        "датчик",
+        "команд",
+        "传感器",
+        "命令",
+        "センサ",
+        "コマンド",
+        "센서",
+        "명령",
+        "مستشعر",
+        "أوامر",
+        "सेंसर",
+        "sensör",
+        "komut",
+    ],
+}
+REASONS = (
+    "because",
+    "so that",
+    "whereas",
+    "but$",
+    "weil",
+    "dagegen",
+    "porque",
+    "car$",
+    "потому",
+    "因为",
+    "ため",
+    "때문",
+    "لأن",
+    "क्योंकि",
+    "çünkü",
+)
+
+
+def described(text: str) -> tuple[str, ...]:
+    """Ids of the topics that a README describes."""
+    return tuple(descriptions(read_markdown(text), TOPICS))
+
+
+def discussion(*texts: str, anchors: tuple[str, ...] = ()) -> Discussion:
+    """What some passages discuss."""
+    passages = [Passage(text, "README.md", number) for number, text in enumerate(texts, 1)]
+    return concepts(passages, LEXICON, REASONS, anchors)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "# talker.py\nSends the wanted joint angles to the arm at a fixed rate.\n"
+        "# listener.py\nCompares wanted and measured angles and reports the error.\n"
+        "# switch_service.py\nTurns the motors on or off when somebody asks.\n",
+        "# Lab\n- `talker.py`: sends the wanted joint angles to the arm\n"
+        "- **listener.py** – compares wanted and measured angles, prints errors\n"
+        "- switch_service turns the motors on or off on request\n",
+        "| file | what |\n|---|---|\n| talker.py | sends the wanted joint angles to the arm |\n"
+        "| listener.py | compares wanted with measured angles, prints errors |\n"
+        "| switch_service.py | turns the motors on and off on request |\n",
+        "Talker\n======\nSends the wanted joint angles to the arm.\n\nListener\n========\nCompares "
+        "wanted and measured angles, prints errors.\n\n"
+        "Switch service\n==============\nTurns the motors on and off on request.\n",
+        "The publisher sends wanted joint angles to the arm. The subscriber compares wanted and "
+        "measured angles and prints errors. "
+        "The service turns the motors on and off on request.\n",
+        "talker.py\n\nSends the wanted joint angles to the arm.\n\nlistener.py\n\nCompares wanted and "
+        "measured angles, prints errors.\n\n"
+        "switch_service.py\n\nTurns the motors on and off on request.\n",
+        "## 发布者\n以固定频率向机械臂发送期望的关节角度。\n"
+        "## 订阅者\n比较期望角度与测量角度并打印误差。\n## 服务\n根据请求打开或关闭电机电源。\n",
+        "## Sender\nSchickt die gewünschten Gelenkwinkel regelmäßig an den Arm.\n## Empfänger\n"
+        "Vergleicht gewünschte und gemessene Winkel, "
+        "meldet Fehler.\n## Dienst\nSchaltet die Motoren auf Anfrage ein oder aus.\n",
+        "- издатель отправляет желаемые углы суставов на манипулятор\n- подписчик сравнивает желаемые "
+        "и измеренные углы, печатает ошибки\n"
+        "- сервис включает и выключает двигатели по запросу\n",
+    ],
+    ids=["headings", "list", "table", "rst", "sentences", "names alone", "chinese", "german", "russian"],
+)
+def test_descriptions_count_in_every_form_and_language(text: str) -> None:
+    """A part is described whether in sections, lists, tables or running text, in any language."""
+    assert described(text) == ("talker", "listener", "switch")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "# talker.py\n\n# listener.py\n\n# switch_service.py\n",
+        "# talker.py\nTODO\n# listener.py\nTODO: describe this node\n# switch_service.py\n<description of the node>\n",
+        "# talker.py\nLorem ipsum dolor sit amet, consectetur adipiscing elit, sed do eiusmod.\n",
+        "- talker.py\n- listener.py\n- switch_service.py\n",
+        "Files: talker.py, listener.py, switch_service.py\n",
+        "# talker.py\nThis file is a very important part of the lab.\n# listener.py\nThis file is a "
+        "very important part of the lab.\n"
+        "# switch_service.py\nThis file is a very important part of the lab.\n",
+        "# talker.py\n```\nsends the wanted joint angles to the arm at a rate\n```\n",
+        "# talker.py\n[link](http://a.b/sends/the/wanted/angles) `sends the wanted angles to the arm now`\n",
+        "<!-- talker.py sends the wanted joint angles to the arm at a rate -->\n",
+        "talker.py talker.py talker.py talker.py talker.py talker.py talker.py talker.py\n",
+    ],
+    ids=[
+        "nothing",
+        "empty headings",
+        "todo",
+        "lorem",
+        "list of names",
+        "one line",
+        "same sentence",
+        "code",
+        "link",
+        "comment",
+        "names",
+    ],
+)
+def test_what_says_nothing_describes_nothing(text: str) -> None:
+    """Headings, templates, blind text, names, code and repeats are no description."""
+    assert described(text) == ()
+
+
+def test_one_sentence_about_all_parts_describes_none() -> None:
+    """A sentence that lists the parts lends each only its share of words."""
+    text = "The files talker.py, listener.py and switch_service.py belong together and make up my solution.\n"
+    assert described(text) == ()
+
+
+def test_a_sentence_with_a_second_part_describes_the_first() -> None:
+    """Naming the partner of a node does not take its description away."""
+    text = "- listener.py: compares what the talker sends with the measured angles and prints errors\n"
+    assert descriptions(read_markdown(f"# Lab\n{text}"), TOPICS) == {"listener": 2}
+
+
+def test_the_title_of_the_document_describes_no_part() -> None:
+    """A title with a general word in it does not make the introduction a description."""
+    text = (
+        "# My publisher and subscriber lab\nIn this lab we learn many things about robots and "
+        "middleware.\n\n## Running\nType this in a shell, then wait a bit for output.\n"
+    )
+    assert described(text) == ()
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("```bash\n$ ros2 run pkg talker\n```\n", 2),
+        ("Use `python3 talker.py` to start.\n", 1),
+        ("Start it:\n\n    python3 talker.py\n", 3),
+        ("$ ros2 launch pkg all.launch.py\n", 1),
+        ("1. run ros2 run pkg talker in a shell\n", 1),
+        (".. code-block:: sh\n\n   ros2 run pkg talker\n", 3),
+    ],
+)
+def test_commands_are_found_wherever_they_stand(text: str, line: int) -> None:
+    """Blocks, spans, prompts and plain lines with a command say how to run the work."""
+    assert run_lines(read_markdown(text), RUN) == [line]
+
+
+def test_talk_about_running_is_no_instruction() -> None:
+    """A README without a command does not say how to run anything."""
+    assert run_lines(read_markdown("# Running\nRun all the nodes with ros2 and python.\n"), RUN) == []
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "For sensor data best effort is enough, because a lost sample is soon followed by the newest "
+        "one and the delay stays small.",
+        "Für Sensordaten reicht best_effort, weil ein Paketverlust gleich durch den nächsten Wert "
+        "ersetzt wird und die Verzögerung klein bleibt.",
+        "Para los sensores uso best_effort porque perder una muestra no importa y el retraso es menor "
+        "que con reintentos.",
+        "Pour les capteurs, best_effort suffit car un message perdu est sans conséquence et le retard reste faible.",
+        "Для датчиков подходит best_effort, потому что потеря одного сообщения не важна, а задержка остаётся меньше.",
+        "传感器数据用 best_effort，因为丢失一帧没有关系，延迟更低；控制命令必须可靠送达。",
+        "センサーデータは欠落しても次の値がすぐ届くため、遅延の小さいベストエフォートを使う。",
+        "센서 데이터는 한 번 손실되어도 곧 새 값이 오기 때문에 지연이 적은 best_effort가 좋다고 생각한다.",
+        "نستخدم best_effort لبيانات المستشعر لأن فقد رسالة واحدة لا يهم والتأخير أقل مع هذا الإعداد",
+        "सेंसर डेटा के लिए best_effort अच्छा है क्योंकि एक संदेश खोने से फर्क नहीं पड़ता और विलंब कम रहता है।",
+        "Sensör verisinde best_effort kullanılır çünkü bir mesajın kaybı önemli değildir ve gecikme azalır.",
+    ],
+    ids=["en", "de", "es", "fr", "ru", "zh", "ja", "ko", "ar", "hi", "tr"],
+)
+def test_trade_offs_are_understood_in_any_language(text: str) -> None:
+    """A reasoned comparison of several concepts is seen in every language of the lexicon."""
+    found = discussion(text)
+    assert set(found.discussed) == {"reliability", "latency", "use"}
+    assert len(found.related) == 1
+    assert found.words >= 8
+
+
+def test_a_language_without_reason_words_is_accepted_at_length() -> None:
+    """In a language that the lexicon does not know, terms of the trade and enough words relate concepts."""
+    text = (
+        "Dla czujników wybieram best_effort, bo utrata jednej wiadomości nie szkodzi, a latency jest "
+        "mniejsza niż przy ponownym "
+        "wysyłaniu; rozkazy muszą dojść zawsze, dlatego tam reliable."
+    )
+    found = discussion(text)
+    assert set(found.discussed) == {"reliability", "latency"}
+    assert len(found.related) == 1
+
+
+@pytest.mark.parametrize(
+    "texts",
+    [
+        ["reliable, best_effort, latency, delay, sensor, command"],
+        ["`QoSProfile(reliability=RELIABLE, depth=10)  # because latency of the sensor matters to us all`"],
+        [
+            "reliable latency lost sensor command because best effort delay drop newest reliable "
+            "latency one two three four"
+        ],
+        ["TODO explain reliability and latency"],
+        ["The nodes work well together and everything was fun to write this week."],
+        [""],
+        [],
+    ],
+    ids=["list", "code", "stuffing", "todo", "other matters", "empty", "nothing"],
+)
+def test_lists_and_stuffing_discuss_nothing(texts: list[str]) -> None:
+    """Names of policies without words around them are no discussion."""
+    found = discussion(*texts)
+    assert (found.discussed, found.related) == ({}, ())
+
+
+def test_repeated_passages_count_once() -> None:
+    """The same paragraph twice is one."""
+    text = "For sensor data best effort is enough because the newest sample replaces a lost one soon."
+    assert len(discussion(text, text).related) == 1
+
+
+def test_anchors_keep_to_the_matter() -> None:
+    """With anchors, only passages about the matter count, be it by their heading."""
+    text = "The sensor values are lost on purpose whenever a delay of the arm is seen by us, because they are wrong."
+    assert discussion(text).related
+    assert not discussion(text, anchors=("QoS",)).related
+    document = read_markdown(f"## QoS\n{text}\n")
+    found = concepts(document_passages(document, "README.md"), LEXICON, REASONS, ("QoS",))
+    assert found.related[0].line == 2
+
+
+def test_passages_of_source_are_docstrings_and_comment_blocks() -> None:
+    """Comments on consecutive lines are one passage; code put aside is none."""
+    text = (
+        '"""Compare several profiles of quality."""\nx = 1\n# Best effort is fine for sensors,\n# '
+        "as a lost sample is replaced soon.\n# self.y = 2\n"
+    )
+    passages = source_passages(parse("a.py", text))
+    assert [(p.line, p.text) for p in passages] == [
+        (1, "Compare several profiles of quality."),
+        (3, "Best effort is fine for sensors,\nas a lost sample is replaced soon."),
+    ]
+
+
+def test_passages_of_a_document_join_lists_and_tables() -> None:
+    """A list or a table is one passage, a paragraph is one; code is none."""
+    text = "Words one.\n\n- a\n- b\n\n| c | d |\n| e | f |\n\n```\ncode\n```\n"
+    assert [p.line for p in document_passages(read_markdown(text), "README.md")] == [1, 3, 6]
+
+
+@pytest.mark.parametrize(
+    "piece",
+    [
+        "a",
+        "`",
+        "[",
+        "](",
+        "![",
+        "<a ",
+        "- ",
+        "# a\n",
+        "|",
+        "--- x ",
+        "-=",
+        "*a",
+        "**a** ",
+        "talker ",
+        "talker. ",
+        "。",
+        "```\n",
+        "::\n    a\n",
+        "x\n---\n",
+        "best effort ",
+        "\n",
+        "> ",
+    ],
+)
+def test_hostile_documents_take_bounded_time(piece: str) -> None:
+    """A megabyte of anything is read in a bounded time."""
+    text = (piece * (1_000_000 // len(piece) + 1))[:1_000_000]
+    started = time.process_time()
+    document = read_markdown(text)
+    descriptions(document, TOPICS)
+    run_lines(document, RUN)
+    concepts(document_passages(document, "README.md"), LEXICON, REASONS)
+    assert time.process_time() - started < 5, "ten times what an idle machine takes"
+
+
+@given(st.text(max_size=400))
+def test_any_text_is_read(text: str) -> None:
+    """No text raises."""
+    document = read_markdown(text)
+    assert set(descriptions(document, TOPICS)) <= {topic.id for topic in TOPICS}
+    run_lines(document, RUN)
+    concepts(document_passages(document, "README.md"), LEXICON, REASONS)

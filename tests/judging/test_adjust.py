@@ -1,0 +1,285 @@
+"""What changes the points after the judgement: bounds, order, and that regrading changes nothing more."""
+
+from __future__ import annotations
+
+from datetime import datetime, timedelta
+from decimal import Decimal
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from grader.judging.adjust import adjust
+from grader.lab.overrides import Override
+from grader.lab.policy import LatePolicy
+from grader.result import AdjustmentKind, CheckResult, CriterionResult, Outcome, Result, Score
+
+DUE = datetime.fromisoformat("2026-11-20T23:59:00+01:00")
+LATE = LatePolicy.model_validate({"due": DUE, "per_day": "10 %", "grace": "10 min", "never_after": "7 days"})
+
+
+def result(*criteria: list[tuple[str, str]], undecided: bool = False) -> Result:
+    """Give a result by the points earned and possible of each criterion's checks; the first may be undecided."""
+    built = []
+    for number, row in enumerate(criteria):
+        checks = []
+        for place, (earned, possible) in enumerate(row):
+            is_open = undecided and number == place == 0
+            outcome = Outcome.INCONCLUSIVE if is_open else Outcome.PARTIAL
+            points = Decimal(0) if is_open else Decimal(earned)
+            missing = Decimal(possible) if is_open else Decimal(0)
+            identity = f"{'abcdefgh'[number]}.{place}"
+            checks.append(CheckResult(identity, "", outcome, points, Decimal(possible), missing))
+        sums = [sum((getattr(c, key) for c in checks), Decimal(0)) for key in ("earned", "possible", "undecided")]
+        built.append(CriterionResult("abcdefgh"[number], "", sums[0], sums[1], sums[2], tuple(checks)))
+    whole = [sum((getattr(c, key) for c in built), Decimal(0)) for key in ("earned", "possible", "undecided")]
+    return Result("alice", "Lab", Score(*whole), tuple(built))
+
+
+def entry(**change: Any) -> Override:
+    """Give a decision about alice."""
+    return Override.model_validate(
+        {"submission": "alice", "reason": "so", "who": "J. Smith", "when": "2026-11-21", **change}
+    )
+
+
+JUDGED = result([("4", "6"), ("0", "5")], [("8.5", "9")])
+
+
+def points(*entries: Override, judged: Result = JUDGED) -> list[str]:
+    """Give what each adjustment adds or takes."""
+    return [str(a.points) for a in adjust(judged, entries).adjustments]
+
+
+# -- decisions of people ---------------------------------------------------------------------------
+
+
+def test_without_decisions_the_points_are_as_judged() -> None:
+    """There are no adjustments, and the final points are those earned."""
+    assert adjust(JUDGED, []) == JUDGED
+    assert JUDGED.final == JUDGED.score.earned == Decimal("12.5")
+
+
+@pytest.mark.parametrize(
+    ("change", "difference"),
+    [
+        ({"check": "a.0", "set": 6}, "2"),
+        ({"check": "a.0", "set": 0}, "-4"),
+        ({"check": "a.0", "add": 1.5}, "1.5"),
+        ({"check": "a.0", "add": 10}, "2"),
+        ({"check": "a.0", "add": -10}, "-4"),
+        ({"check": "a.1", "excused": True}, "5"),
+        ({"criterion": "a", "set": 3}, "-1"),
+        ({"criterion": "a", "add": 20}, "7"),
+        ({"criterion": "b", "excused": True}, "0.5"),
+        ({"bonus": 2.5}, "2.5"),
+    ],
+)
+def test_what_a_decision_changes(change: dict[str, object], difference: str) -> None:
+    """Points are set, added or taken within what a check or criterion has; only a bonus goes beyond."""
+    assert [Decimal(p) for p in points(entry(**change))] == [Decimal(difference)]
+
+
+def test_a_decision_says_who_made_it_and_why() -> None:
+    """Reason, name and date come along, and what it is about."""
+    (made,) = adjust(JUDGED, [entry(check="a.0", excused=True)]).adjustments
+    assert (made.kind, made.what) == (AdjustmentKind.EXCUSED, "a.0")
+    assert (made.reason, made.who, made.when) == ("so", "J. Smith", "2026-11-21")
+
+
+def test_a_criterion_comes_after_its_checks() -> None:
+    """A criterion's points are those with its checks' adjustments, wherever the entries stand."""
+    change = points(entry(criterion="a", set=7), entry(check="a.0", set=6))
+    assert change == ["2", "1"]
+
+
+def test_later_decisions_build_on_earlier_ones() -> None:
+    """Entries about the same check apply in their order, and each counts what it changes."""
+    assert points(entry(check="a.0", set=1), entry(check="a.0", add=2)) == ["-3", "2"]
+    assert points(entry(check="a.0", add=2), entry(check="a.0", set=1)) == ["2", "-5"]
+
+
+def test_what_was_not_judged_is_passed_over() -> None:
+    """Where only some sessions ran, decisions about the others wait."""
+    assert points(entry(check="z.0", set=1), entry(criterion="z", excused=True)) == []
+
+
+def test_an_undecided_check_can_be_decided_by_hand() -> None:
+    """The points of an undecided check are given, and no longer counted as undecided."""
+    judged = result([("0", "6"), ("1", "5")], undecided=True)
+    assert judged.still_undecided == judged.score.undecided == 6
+    for change in ({"check": "a.0", "set": 6}, {"criterion": "a", "excused": True}):
+        adjusted = adjust(judged, [entry(**change)])
+        assert adjusted.still_undecided == 0
+        assert adjusted.score.undecided == 6
+    assert adjust(judged, [entry(check="a.1", set=5), entry(bonus=1)]).still_undecided == 6
+
+
+# -- lateness --------------------------------------------------------------------------------------
+
+
+def late(hours: float, *entries: Override, judged: Result = JUDGED) -> Result:
+    """Give the result of a submission so many hours after it was due."""
+    return adjust(judged, entries, LATE, DUE + timedelta(hours=hours))
+
+
+def test_in_time_nothing_is_said() -> None:
+    """A submission in time, or a lab without a due date, has no adjustment."""
+    assert late(-1).adjustments == ()
+    assert late(0).adjustments == ()
+    assert adjust(JUDGED, [], None, DUE + timedelta(days=9)).adjustments == ()
+
+
+@pytest.mark.parametrize(
+    ("hours", "taken", "words"),
+    [
+        (0.1, "0", "Up to 10 min costs nothing."),
+        (1, "-1.2", "1 started day at 10 % of the points."),
+        (25, "-2.5", "1 day 1 h after it was due. 2 started days at 10 % of the points."),
+        (169, "-12.5", "Nothing is accepted more than 7 days after it is due."),
+    ],
+)
+def test_lateness_says_what_it_costs(hours: float, taken: str, words: str) -> None:
+    """The student reads when it was handed in, how late that is, and how it is counted."""
+    (made,) = late(hours).adjustments
+    assert (made.kind, made.points) == (AdjustmentKind.LATE, Decimal(taken))
+    assert words in made.reason
+    assert "Handed in 2026-11-" in made.reason
+    assert (made.who, made.when) == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("parts", "hours", "words"),
+    [
+        ({"per_day": "2 points", "at_most": "50 %"}, 25, "2 started days at 2 points, at most 50 %."),
+        ({"per_day": "10 %", "counts": "exact time"}, 36, "1.50 days at 10 % of the points."),
+        ({"per_day": "10 %", "counts": "full days"}, 25, "1 full day at 10 % of the points."),
+        ({"never_after": "0 min"}, 1, "Nothing is accepted after it is due."),
+        ({"never_after": "1 day"}, 1, "That costs nothing."),
+    ],
+)
+def test_each_way_of_counting_has_its_words(parts: dict[str, str], hours: int, words: str) -> None:
+    """The reason follows the lab's policy."""
+    policy = LatePolicy.model_validate({"due": DUE, **parts})
+    (made,) = adjust(JUDGED, [], policy, DUE + timedelta(hours=hours)).adjustments
+    assert made.reason.endswith(words)
+
+
+def test_a_time_that_nobody_knows_costs_nothing() -> None:
+    """Without a time of submission nothing is taken, and the report says so."""
+    (made,) = adjust(JUDGED, [], LATE, None).adjustments
+    assert (made.kind, made.points) == (AdjustmentKind.LATE, Decimal(0))
+    assert "not known" in made.reason
+
+
+@pytest.mark.parametrize(
+    ("changes", "hours", "final"),
+    [
+        ([{"extension": "2 days"}], 47, "12.5"),
+        ([{"extension": "1 day"}, {"extension": "1 day"}], 47, "12.5"),
+        ([{"extension": "1 day"}], 47, "11.3"),
+        ([{"due": DUE + timedelta(days=2)}], 47, "12.5"),
+        ([{"extension": "1 day"}], 24 * 8 - 1, "3.8"),
+        ([{"submitted": DUE}], 500, "12.5"),
+    ],
+)
+def test_times_can_be_moved(changes: list[dict[str, object]], hours: float, final: str) -> None:
+    """An extension moves the due date and the end; a time of submission by hand goes before the recorded one."""
+    adjusted = late(hours, *(entry(**change) for change in changes))
+    assert adjusted.final == Decimal(final)
+    assert {a.kind for a in adjusted.adjustments[: len(changes)]} <= {
+        AdjustmentKind.EXTENSION,
+        AdjustmentKind.SUBMITTED,
+    }
+
+
+def test_lateness_comes_last() -> None:
+    """A share is taken of the points with all decisions, whatever the order of the entries."""
+    adjusted = late(1, entry(extension="1 min"), entry(bonus=2.5), entry(check="a.1", excused=True))
+    assert [a.kind.value for a in adjusted.adjustments] == ["excused", "bonus", "extension", "late"]
+    assert adjusted.adjustments[-1].points == Decimal("-2.0")
+
+
+# -- whatever is decided ---------------------------------------------------------------------------
+
+tenths = st.decimals(0, 20, places=1)
+rows = st.lists(st.tuples(tenths, tenths).map(lambda pair: (str(min(pair)), str(max(pair)))), min_size=1, max_size=4)
+results = st.builds(
+    lambda table, flag: result(*table, undecided=flag), st.lists(rows, min_size=1, max_size=4), st.booleans()
+)
+parts = st.sampled_from(["check", "criterion"]).flatmap(
+    lambda kind: st.fixed_dictionaries(
+        {kind: st.sampled_from(["a.0", "a.1", "b.0", "c.3", "x"] if kind == "check" else list("abcx"))}
+    )
+)
+of_parts = st.builds(
+    lambda part, change: entry(**part, **change),
+    parts,
+    st.one_of(
+        st.fixed_dictionaries({"set": st.decimals(-5, 30, places=2)}),
+        st.fixed_dictionaries({"add": st.decimals(-30, 30, places=2)}),
+        st.just({"excused": True}),
+    ),
+)
+MOVES: list[dict[str, object]] = [
+    {"extension": "2 days"},
+    {"due": DUE + timedelta(days=1)},
+    {"submitted": DUE + timedelta(days=3)},
+]
+bonuses = st.decimals("0.1", 10, places=1).map(lambda points: entry(bonus=points))
+decisions = st.lists(st.one_of(of_parts, st.sampled_from(MOVES).map(lambda change: entry(**change))), max_size=6)
+moments = st.none() | st.integers(-300, 900).map(lambda hours: DUE + timedelta(hours=hours))
+policies = st.none() | st.just(LATE)
+
+
+@given(results, decisions, policies, moments)
+def test_the_total_stays_within_what_is_possible(
+    judged: Result, entries: list[Override], policy: LatePolicy | None, submitted: datetime | None
+) -> None:
+    """Without a bonus the final points lie between nothing and all, and the judgement is as it was."""
+    adjusted = adjust(judged, entries, policy, submitted)
+    assert 0 <= adjusted.final <= adjusted.score.possible
+    assert (adjusted.score, adjusted.criteria) == (judged.score, judged.criteria)
+
+
+@given(results, decisions, st.lists(bonuses, max_size=3), policies, moments)
+def test_only_a_bonus_goes_beyond(
+    judged: Result,
+    entries: list[Override],
+    extra: list[Override],
+    policy: LatePolicy | None,
+    submitted: datetime | None,
+) -> None:
+    """The final points are never below nothing, and above all that is possible by at most the bonuses."""
+    adjusted = adjust(judged, [*entries, *extra], policy, submitted)
+    beyond = sum((e.bonus or Decimal(0) for e in extra), Decimal(0))
+    assert 0 <= adjusted.final <= adjusted.score.possible + beyond
+
+
+@given(results, decisions, st.lists(bonuses, max_size=2), policies, moments)
+def test_adjusting_again_changes_nothing(
+    judged: Result,
+    entries: list[Override],
+    extra: list[Override],
+    policy: LatePolicy | None,
+    submitted: datetime | None,
+) -> None:
+    """However often a result is adjusted by the same decisions, it is the same; without them it is as judged."""
+    once = adjust(judged, [*entries, *extra], policy, submitted)
+    assert adjust(once, [*entries, *extra], policy, submitted) == once
+    assert adjust(once, []) == judged
+
+
+@given(results, decisions)
+def test_adjustments_add_up(judged: Result, entries: list[Override]) -> None:
+    """The final points are those earned and what each adjustment says."""
+    adjusted = adjust(judged, entries)
+    assert adjusted.final == judged.score.earned + sum((a.points for a in adjusted.adjustments), Decimal(0))
+
+
+@given(results, st.lists(of_parts, max_size=4))
+def test_who_is_excused_of_all_loses_nothing(judged: Result, entries: list[Override]) -> None:
+    """With every criterion excused at last, the final points are all that are possible."""
+    excuses = [entry(criterion=criterion.id, excused=True) for criterion in judged.criteria]
+    assert adjust(judged, [*entries, *excuses]).final == judged.score.possible

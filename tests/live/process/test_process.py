@@ -1,0 +1,199 @@
+"""Processes with real programs: what is kept of their output, and who belongs to whom."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import subprocess
+import sys
+
+import pytest
+
+from grader.live.process.process import MAX_OUTPUT_BYTES, MAX_OUTPUT_LINES, OutputRoom, PipeReader, RunningProcess
+from grader.live.sandbox.machine import descendants_of
+from grader.recording.session import ProcessRun
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the live half runs on Linux alone")
+
+#: A thread starts a child and stays; the child's first thread ends and another one goes on.
+_HIDDEN = """
+import ctypes, os, threading, time
+def child():
+    if os.fork() == 0:
+        threading.Thread(target=time.sleep, args=(60,)).start()
+        print(os.getpid(), flush=True)
+        ctypes.CDLL(None).syscall(60, 0)
+    time.sleep(60)
+threading.Thread(target=child).start()
+"""
+
+
+def run(program: str, room: OutputRoom | None = None) -> ProcessRun:
+    """Run a Python program to its end."""
+    record = ProcessRun("it", "student", [])
+
+    async def to_the_end() -> None:
+        running = await RunningProcess.start(
+            record, [sys.executable, "-c", program], environment={}, cwd="/", room=room
+        )
+        assert await running.wait_exit(60)
+
+    asyncio.run(to_the_end())
+    return record
+
+
+def test_lines_are_kept_up_to_a_number() -> None:
+    """A million empty lines are counted, and some of them kept."""
+    record = run("import os; [os.write(1, b'\\n' * 100_000) for _ in range(10)]")
+    assert len(record.output) == MAX_OUTPUT_LINES
+    assert record.output_dropped_bytes == 10**6 - MAX_OUTPUT_LINES
+
+
+def test_long_output_is_kept_up_to_a_size() -> None:
+    """Of eight megabytes one is kept, whole lines of it."""
+    record = run("import os; [os.write(1, (b'x' * 1023 + b'\\n') * 64) for _ in range(128)]")
+    assert MAX_OUTPUT_BYTES - 2048 < sum(len(line.text) + 1 for line in record.output) <= MAX_OUTPUT_BYTES
+    assert record.output_dropped_bytes == 128 * 64 * 1024 - sum(len(line.text) + 1 for line in record.output)
+
+
+def test_processes_of_a_session_share_their_room() -> None:
+    """What one has filled is not there for the next."""
+    room = OutputRoom(bytes=100, lines=5)
+    assert len(run("print('a\\n' * 2, end='')", room).output) == 2
+    second = run("print('b\\n' * 10, end='')", room)
+    assert (len(second.output), second.output_dropped_bytes) == (3, 14)
+
+
+def test_a_child_of_any_thread_is_found() -> None:
+    """It belongs to the process although not its first thread has started it, and although its own first has ended."""
+    with subprocess.Popen([sys.executable, "-c", _HIDDEN], stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            child = int(process.stdout.readline())
+            assert child in descendants_of(process.pid)
+        finally:
+            for pid in descendants_of(process.pid):
+                os.kill(pid, 9)
+
+
+def test_who_writes_without_end_to_a_pipe_is_cut_off() -> None:
+    """Once there is enough, it is handed on, and the writer gets an error instead of keeping us busy."""
+    told: list[str] = []
+    program = "import os, sys\ntry:\n while True: os.write(int(sys.argv[1]), b'x' * 65536)\nexcept OSError: pass"
+
+    async def read() -> int:
+        reading, writing = os.pipe()
+        PipeReader(reading, 10**6, told.append)
+        process = await asyncio.create_subprocess_exec(sys.executable, "-c", program, str(writing), pass_fds=(writing,))
+        os.close(writing)
+        return await asyncio.wait_for(process.wait(), 60)
+
+    assert asyncio.run(read()) == 0
+    assert len(told) == 1
+    assert 10**6 <= len(told[0]) < 2 * 10**6
+
+
+#: Prints the cores of a process of another user: before it is held to one, after a trial, and after one as that user.
+_HOLDS = """
+import asyncio, os, sys, time
+from grader.live.process.process import RunningProcess
+from grader.recording.session import ProcessRun
+
+async def hold():
+    command = ["setpriv", "--reuid=64299", "--regid=64299", "--clear-groups", "sleep", "60"]
+    running = await RunningProcess.start(ProcessRun("it", "student", []), command, environment={}, cwd="/")
+    end_s = time.monotonic() + 20
+    while os.stat(f"/proc/{running.root_pid()}").st_uid != 64299 and time.monotonic() < end_s:
+        await asyncio.sleep(0.01)
+    core = max(os.sched_getaffinity(0))
+    for user in ("nobody", None, 64299):
+        if user != "nobody":
+            running.hold_to_core(core, user)
+        # On a machine that halts just then, what holds it is given up.
+        while user == 64299 and len(os.sched_getaffinity(running.root_pid())) > 1 and time.monotonic() < end_s:
+            running.hold_to_core(core, user)
+        print(len(os.sched_getaffinity(running.root_pid())))
+    await running.kill()
+
+asyncio.run(hold())
+"""
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root starts processes of other users")
+@pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="with one core there is nothing to choose")
+def test_a_process_of_another_user_is_held_to_a_core_where_root_may_not_do_so() -> None:
+    """In a container, root lacks the capability for it, and does it as that user."""
+    container = ["setpriv", "--bounding-set=-sys_nice", "--inh-caps=-sys_nice", "--"]
+    command = [*container, sys.executable, "-c", _HOLDS]
+    paths = os.pathsep.join(path for path in sys.path if path)
+    said = subprocess.run(
+        command, env={**os.environ, "PYTHONPATH": paths}, capture_output=True, text=True, timeout=60, check=True
+    )
+    cores = str(len(os.sched_getaffinity(0)))
+    assert said.stdout.split() == [cores, cores, "1"]
+
+
+#: Tells its child's process id as bubblewrap does, in two pieces; the child's child is the program.
+_TOLD_IN_PIECES = """
+import os, sys, time
+told = int(sys.argv[1])
+sandbox = os.fork()
+if sandbox == 0:
+    if os.fork() == 0:
+        os.execvp("sleep", ["sleep", "60"])
+    os.wait()
+    os._exit(0)
+os.write(told, b'{"child-pid": %d' % sandbox)
+time.sleep(0.3)
+os.write(told, b', "pid-namespace": 1}')
+os.wait()
+"""
+
+
+def test_a_program_is_found_however_its_sandbox_tells_of_it() -> None:
+    """What is read before all is written is not lost, so that the program can be interrupted."""
+    record = ProcessRun("it", "student", [])
+    told, tells = os.pipe()
+    os.set_blocking(told, False)
+
+    async def interrupted() -> None:
+        command = [sys.executable, "-c", _TOLD_IN_PIECES, str(tells)]
+        running = await RunningProcess.start(
+            record, command, environment={"PATH": os.defpath}, cwd="/", pass_fds=(tells,), child_pid_fd=told
+        )
+        while not running.interrupt():
+            await asyncio.sleep(0.01)
+        assert await running.wait_exit(20)
+
+    asyncio.run(asyncio.wait_for(interrupted(), 40))
+    assert record.ended_by == "itself"
+    assert record.interrupted_ns is not None
+
+
+#: Computes for 0.6 s of CPU time in children, one after the other, that nobody looks at while they live.
+_SHORT_LIVES = """
+import os, time
+for _ in range(20):
+    if os.fork() == 0:
+        while time.process_time() < 0.03:
+            pass
+        os._exit(0)
+    os.wait()
+print("done", flush=True)
+time.sleep(60)
+"""
+
+
+def test_what_children_used_that_came_and_went_counts() -> None:
+    """The CPU time of a program holds that of children that have ended between two looks."""
+
+    async def used_ns() -> int:
+        run = ProcessRun("it", "student", [])
+        running = await RunningProcess.start(run, [sys.executable, "-c", _SHORT_LIVES], environment={}, cwd="/")
+        while not run.output:
+            await asyncio.sleep(0.01)
+        running.sample_usage()
+        await running.kill()
+        return run.usage[-1].cpu_ns
+
+    assert asyncio.run(used_ns()) > 500_000_000

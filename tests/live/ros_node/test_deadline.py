@@ -1,0 +1,27 @@
+"""Deadlines that leave out the time in which nobody looked."""
+
+from __future__ import annotations
+
+from grader.live.ros_node.deadline import Deadline
+
+
+def looks(timeout_s: float, *times_s: float) -> list[bool]:
+    """Look at some times, the first of which is the beginning; returns whether the time was over."""
+    clock = iter(times_s)
+    deadline = Deadline(timeout_s, lambda: next(clock))
+    return [deadline.passed() for _ in times_s[1:]]
+
+
+def test_a_deadline_passes_when_its_time_is_over() -> None:
+    """Who looks often enough sees it pass in time."""
+    assert looks(0.3, 0.0, 0.1, 0.2, 0.31) == [False, False, True]
+
+
+def test_the_time_in_which_nobody_looked_does_not_count() -> None:
+    """Who stood still for longer than the whole time may look again, as what was waited for may be there."""
+    assert looks(3.0, 0.0, 0.1, 5.1, 5.2, *(5.2 + 0.2 * n for n in range(1, 15))) == [False] * 16 + [True]
+
+
+def test_standing_still_is_left_out_up_to_a_limit() -> None:
+    """Something that is slow for ever does not wait for ever."""
+    assert looks(3.0, 0.0, 9.0, 12.5) == [False, True]

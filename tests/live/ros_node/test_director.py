@@ -1,0 +1,367 @@
+"""The director in a real cell: names found, calls timed, parameters, publications and the graph."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from rosbags.highlevel import AnyReader
+
+ROOT = Path(__file__).parents[3]
+sys.path.append(str(ROOT))
+
+from grader.evidence.recorded import Recorded  # noqa: E402
+from grader.recording.session import Endpoint, StepRun  # noqa: E402
+from grader.recording.trusted_channel import digest  # noqa: E402
+from tests.live.small_lab import FLOATS, SET_BOOL, TEXT, record_one, texts  # noqa: E402
+
+pytestmark = pytest.mark.live
+
+#: A node whose class body is filled in; ends as it should on Ctrl-C.
+NODE = """
+import json, time
+import rclpy
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rcl_interfaces.msg import ParameterDescriptor
+from std_msgs.msg import Float64MultiArray, String
+from std_srvs.srv import SetBool
+
+class Ending(Node):
+    def ending(self):
+        pass
+
+class Student(Ending):
+    def __init__(self):
+        super().__init__('NAME')
+BODY
+
+rclpy.init()
+node = Student()
+try:
+    rclpy.spin(node)
+except KeyboardInterrupt:
+    pass
+node.ending()
+rclpy.try_shutdown()
+"""
+
+
+def node(body: str, name: str = "student") -> str:
+    """Return the source of a node; `body` is what its constructor does, and further methods."""
+    return NODE.replace("NAME", name).replace("BODY", body.strip("\n"))
+
+
+def steps_of(recorded: Recorded, kind: str) -> list[StepRun]:
+    """Return the steps of a kind; fails if the session had trouble of its own."""
+    assert recorded.record.complete
+    assert not recorded.record.problems
+    return [step for step in recorded.record.steps if step.kind == kind]
+
+
+# -- names ------------------------------------------------------------------------------------
+
+MISSPELT = """
+        self.publisher = self.create_publisher(Float64MultiArray, '/joint_comands', 10)
+        self.create_timer(0.05, lambda: self.publisher.publish(Float64MultiArray(data=[1.0])))
+        self.create_service(SetBool, '/robot/enabel', self.answer)
+
+    def answer(self, request, response):
+        response.success = request.data
+        return response
+"""
+
+
+def test_misspelt_names_are_found_and_used(tmp_path: Path) -> None:
+    """A node, a topic and a service under similar names are found, and the steps after them use these."""
+    recorded = record_one(
+        tmp_path,
+        node(MISSPELT, "joint_comand_publisher"),
+        [
+            {"wait_for": {"node": "/joint_command_publisher", "timeout_s": 20}},
+            {"wait_for": {"publisher": "/joint_commands", "type": FLOATS, "timeout_s": 20}},
+            {"wait_for": {"service": "/robot/enable", "type": SET_BOOL, "timeout_s": 20}},
+            {"observe": {"duration_s": 0.3, "first_message_on": "/joint_commands"}},
+            {"call": {"service": "/robot/enable", "type": SET_BOOL, "request": {"data": True}}},
+            {"get_parameters": {"node": "/joint_command_publisher", "names": ["use_sim_time"]}},
+        ],
+    )
+    assert recorded.record.names == {
+        "/joint_command_publisher": "/joint_comand_publisher",
+        "/joint_commands": "/joint_comands",
+        "/robot/enable": "/robot/enabel",
+    }
+    assert [step.outcome for step in recorded.record.steps] == ["done"] * 8
+    (call,) = steps_of(recorded, "call")
+    assert call.result["service"] == "/robot/enabel"
+    assert call.result["calls"][0]["response"]["success"] is True
+    (parameters,) = steps_of(recorded, "get_parameters")
+    assert parameters.result["values"]["use_sim_time"]["value"] is False
+    assert len(recorded.stream("/joint_commands")) >= 4
+
+
+WRONG_TYPE = """
+        self.publisher = self.create_publisher(String, '/joint_commands', 10)
+        self.create_timer(0.05, lambda: self.publisher.publish(String(data='1.0')))
+"""
+
+
+def test_a_topic_of_another_type_is_found_as_such(tmp_path: Path) -> None:
+    """A topic of the right name and the wrong type counts as found, and its messages are recorded."""
+    recorded = record_one(
+        tmp_path,
+        node(WRONG_TYPE),
+        [
+            {"wait_for": {"publisher": "/joint_commands", "type": FLOATS, "timeout_s": 20}},
+            {"observe": {"duration_s": 0.3, "first_message_on": "/joint_commands"}},
+        ],
+    )
+    (wait,) = steps_of(recorded, "wait_for")
+    assert (wait.outcome, wait.result["name"], wait.result["type"]) == ("done", "/joint_commands", TEXT)
+    assert recorded.record.names == {}
+    assert set(recorded.stream("/joint_commands").field("data")) == {"1.0"}
+
+
+# -- services ---------------------------------------------------------------------------------
+
+SERVICES = """
+        self.create_service(SetBool, '/quick', self.quick)
+        self.create_service(SetBool, '/slow', self.slow)
+        self.create_service(SetBool, '/never', self.never)
+
+    def quick(self, request, response):
+        response.success, response.message = request.data, 'at once'
+        return response
+
+    def slow(self, request, response):
+        time.sleep(0.2)
+        return response
+
+    def never(self, request, response):
+        time.sleep(600)
+"""
+
+
+def call(service: str, **more: Any) -> dict[str, Any]:
+    """Make a call step."""
+    return {"call": {"service": service, "type": SET_BOOL, **more}}
+
+
+def test_calls_are_kept_with_their_responses_and_latencies(tmp_path: Path) -> None:
+    """Each call has its request, its response and its time; a late or silent service holds up nothing for long."""
+    recorded = record_one(
+        tmp_path,
+        node(SERVICES),
+        [
+            {"wait_for": {"service": "/quick", "type": SET_BOOL, "timeout_s": 20}},
+            call("/quick", request={"data": True}, repeat=20, clients=2),
+            call("/slow", repeat=50, at_most_s=1.0),
+            call("/absent", timeout_s=0.5),
+            call("/never", repeat=50, timeout_s=0.7, at_most_s=20),
+        ],
+    )
+    quick, slow, absent, never = steps_of(recorded, "call")
+    assert (quick.outcome, len(quick.result["calls"])) == ("done", 20)
+    assert quick.result["request"] == {"data": True}
+    for one in quick.result["calls"]:
+        assert one["response"] == {"success": True, "message": "at once"}
+        assert 0 < one["ended_ns"] - one["started_ns"] < 5e9
+    assert slow.outcome == "done"
+    assert 1 <= len(slow.result["calls"]) <= 6, "no call may start after at_most_s"
+    assert all(one["ended_ns"] - one["started_ns"] >= 0.2e9 for one in slow.result["calls"])
+    assert (absent.outcome, absent.result["calls"]) == ("timeout", [])
+    assert (never.outcome, [one["response"] for one in never.result["calls"]]) == ("timeout", [None, None])
+    assert never.ended_ns - never.started_ns < 20e9, "it was asked more than twice"
+
+
+def test_calls_of_the_grader_are_in_the_bag(tmp_path: Path) -> None:
+    """The service events of the grader's calls are recorded, and another reader decodes them."""
+    recorded = record_one(
+        tmp_path,
+        node(SERVICES),
+        [
+            {"wait_for": {"service": "/quick", "type": SET_BOOL, "timeout_s": 20}},
+            call("/quick", request={"data": True}, repeat=3),
+        ],
+    )
+    assert [len(step.result["calls"]) for step in steps_of(recorded, "call")] == [3]
+    with AnyReader([tmp_path / "results" / "recordings" / "only"]) as reader:
+        connections = [c for c in reader.connections if c.topic == "/quick/_service_event"]
+        assert [c.msgtype for c in connections] == ["std_srvs/srv/SetBool_Event"]
+        events: list[Any] = [reader.deserialize(data, c.msgtype) for c, _, data in reader.messages(connections)]
+    kinds = {0: "request", 3: "response"}
+    told = [kinds[event.info.event_type] for event in events if event.info.event_type in kinds]
+    assert told == ["request", "response"] * 3
+    assert all(event.request[0].data is True for event in events if event.info.event_type == 0)
+    assert all(event.response[0].message == "at once" for event in events if event.info.event_type == 3)
+
+
+# -- parameters -------------------------------------------------------------------------------
+
+PARAMETERS = """
+        self.declare_parameter('limit', 1.5)
+        self.declare_parameter('names', ['a', 'b'])
+        self.declare_parameter('fixed', 7, ParameterDescriptor(read_only=True))
+        self.declare_parameter('safe', 'True')
+"""
+
+
+def test_parameters_are_read_and_set(tmp_path: Path) -> None:
+    """Declared parameters come with type and value, others are left out, and a refusal is told.
+
+    One that was declared with another type than the value's is set in its own.
+    """
+    names = ["limit", "names", "fixed", "safe", "absent"]
+    recorded = record_one(
+        tmp_path,
+        node(PARAMETERS),
+        [
+            {"wait_for": {"node": "/student", "timeout_s": 20}},
+            {"get_parameters": {"node": "/student", "names": names}},
+            {"set_parameters": {"node": "/student", "values": {"limit": 2.5}}},
+            {"set_parameters": {"node": "/student", "values": {"limit": 3, "fixed": 8, "safe": False, "absent": 1}}},
+            {"get_parameters": {"node": "student", "names": names}},
+            {"get_parameters": {"node": "/absent", "names": names, "timeout_s": 0.5}},
+        ],
+    )
+    before, after, absent = steps_of(recorded, "get_parameters")
+    assert before.result["values"] == {
+        "limit": {"type": "double", "value": 1.5},
+        "names": {"type": "string_array", "value": ["a", "b"]},
+        "fixed": {"type": "integer", "value": 7},
+        "safe": {"type": "string", "value": "True"},
+    }
+    assert "use_sim_time" in before.result["declared"]
+    assert after.result["values"]["limit"]["value"] == 3.0
+    assert after.result["values"]["safe"]["value"] == "False"
+    assert after.result["values"]["fixed"]["value"] == 7
+    assert absent.outcome == "timeout"
+    taken, refused = steps_of(recorded, "set_parameters")
+    assert (taken.outcome, taken.result["refused"]) == ("done", {})
+    assert (refused.outcome, sorted(refused.result["refused"])) == ("failed", ["absent", "fixed"])
+
+
+MISSPELT_PARAMETER = """
+        self.declare_parameter('safety_check', True)
+        self.declare_parameter('verbose', True)
+        self.declare_parameter('speed', 1.0)
+"""
+
+
+def test_a_misspelt_parameter_is_set_as_meant(tmp_path: Path) -> None:
+    """That it is not declared under its name is one mistake; what it does is seen under the one that it has."""
+    recorded = record_one(
+        tmp_path,
+        node(MISSPELT_PARAMETER),
+        [
+            {"wait_for": {"node": "/student", "timeout_s": 20}},
+            {"set_parameters": {"node": "/student", "values": {"safety_enabled": False}}},
+            {"set_parameters": {"node": "/student", "values": {"unlike_all": "x"}}},
+            {"get_parameters": {"node": "/student", "names": ["safety_check", "verbose", "use_sim_time"]}},
+        ],
+    )
+    meant, unlike = steps_of(recorded, "set_parameters")
+    assert (meant.outcome, meant.result["names"]) == ("done", {"safety_enabled": "safety_check"})
+    assert (unlike.outcome, list(unlike.result["refused"])) == ("failed", ["unlike_all"])
+    (read,) = steps_of(recorded, "get_parameters")
+    held = {name: entry["value"] for name, entry in read.result["values"].items()}
+    assert held == {"safety_check": False, "verbose": True, "use_sim_time": False}
+
+
+# -- publishing, and the graph ----------------------------------------------------------------
+
+SUBSCRIPTIONS = """
+        self.counts = {'volatile': 0, 'transient': 0, 'best_effort': 0}
+        profiles = {
+            'volatile': QoSProfile(depth=50),
+            'transient': QoSProfile(depth=50, durability=DurabilityPolicy.TRANSIENT_LOCAL),
+            'best_effort': QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT),
+        }
+        for kind, profile in profiles.items():
+            self.create_subscription(String, '/orders', lambda message, kind=kind: self.count(kind, message), profile)
+
+    def count(self, kind, message):
+        self.counts[kind] += message.data == 'go'
+
+    def ending(self):
+        print(json.dumps(self.counts), flush=True)
+"""
+
+
+def test_a_publication_reaches_every_kind_of_subscription(tmp_path: Path) -> None:
+    """What the grader publishes is compatible with volatile, transient-local and best-effort requests."""
+    recorded = record_one(
+        tmp_path,
+        node(SUBSCRIPTIONS),
+        [
+            {"wait_for": {"subscription": "/orders", "type": TEXT, "timeout_s": 20}},
+            {"publish": {"topic": "/orders", "type": TEXT, "message": {"data": "go"}, "count": 100, "rate_hz": 50}},
+        ],
+    )
+    (publish,) = steps_of(recorded, "publish")
+    assert publish.result == {"topic": "/orders", "matched": True}
+    (told,) = recorded.record.published
+    assert (told.process, told.topic, told.type) == ("director", "/orders", TEXT)
+    assert told.digests == "".join(map(digest, recorded.bag.stream("/orders").data))
+    assert recorded.stream("/orders").field("data") == ["go"] * 100
+    taken = json.loads(texts(recorded)[0])
+    assert (taken["volatile"], taken["transient"]) == (100, 100)
+    assert taken["best_effort"] >= 10, "only what came before the student's side was matched may be missing"
+
+
+OFFERED = """
+        latched = QoSProfile(depth=3, durability=DurabilityPolicy.TRANSIENT_LOCAL, deadline=Duration(seconds=0.5))
+        self.create_publisher(String, '/latched', latched)
+        self.create_publisher(String, '/lossy', QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT))
+        self.create_subscription(Float64MultiArray, '/input', print, 5)
+"""
+
+
+def test_snapshots_hold_qos_gid_and_type_hash(tmp_path: Path) -> None:
+    """A snapshot tells of each endpoint its node, type, type hash, gid and the policies that discovery carries."""
+    waits = [{"wait_for": {"publisher": topic, "type": TEXT, "timeout_s": 20}} for topic in ("/latched", "/lossy")]
+    waits.append({"wait_for": {"subscription": "/input", "type": FLOATS, "timeout_s": 20}})
+    recorded = record_one(tmp_path, node(OFFERED), waits)
+    assert not recorded.record.problems
+    endpoints: dict[str, Endpoint] = {
+        endpoint.topic: endpoint
+        for snapshot in recorded.record.graph
+        for endpoint in snapshot.endpoints
+        if endpoint.node == "/student"
+    }
+    latched, lossy, heard = (endpoints[topic] for topic in ("/latched", "/lossy", "/input"))
+    assert (latched.kind, latched.type, latched.node) == ("publisher", TEXT, "/student")
+    assert (heard.kind, heard.type) == ("subscription", FLOATS)
+    assert (latched.qos.reliability, latched.qos.durability) == ("reliable", "transient_local")
+    assert (latched.qos.deadline_ns, lossy.qos.deadline_ns) == (500_000_000, None)
+    assert (lossy.qos.reliability, lossy.qos.durability) == ("best_effort", "volatile")
+    assert all(re.fullmatch(r"[0-9a-f]{32}", e.gid) for e in (latched, lossy, heard))
+    assert len({e.gid for e in (latched, lossy, heard)}) == 3
+    assert len({e.gid[:24] for e in (latched, lossy, heard)}) == 1
+    assert all(re.fullmatch(r"RIHS01_[0-9a-f]{64}", e.type_hash) for e in (latched, lossy, heard))
+    assert latched.type_hash == lossy.type_hash != heard.type_hash
+    assert not [n for snapshot in recorded.record.graph for n in snapshot.nodes if n.startswith("/_grader")]
+
+
+def test_a_wait_ends_when_the_student_has(tmp_path: Path) -> None:
+    """What a dead process could bring is not waited for."""
+    source = node("        self.create_timer(1.0, lambda: 1 / 0)")
+    wait = {"wait_for": {"publisher": "/joint_commands", "type": FLOATS, "timeout_s": 120}}
+    recorded = record_one(tmp_path, source, [wait, wait, {"call": {"service": "/x", "type": SET_BOOL}}])
+    first, second = steps_of(recorded, "wait_for")
+    assert (first.outcome, second.outcome) == ("cancelled", "cancelled")
+    run = recorded.process("node")
+    assert run is not None
+    assert run.exited_ns is not None
+    assert first.ended_ns - run.exited_ns < 10e9
+    assert second.ended_ns - second.started_ns < 1e9
+    assert [step.outcome for step in steps_of(recorded, "call")] == ["cancelled"]
+    assert "ZeroDivisionError" in "".join(line.text for line in run.output)

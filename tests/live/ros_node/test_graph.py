@@ -1,0 +1,79 @@
+"""Snapshots of a real graph, and how many of them are handed on."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+import rclpy
+from rclpy.node import Node
+
+from grader.live.ros_node.graph import GraphWatch
+from grader.recording.session import GraphSnapshot
+from tests.reference.live_graph import use_private_graph
+
+pytestmark = pytest.mark.live
+
+TOPICS = 60
+#: Opens a publisher each time that it is told to.
+GROWS = f"""
+import sys, rclpy
+from std_msgs.msg import Empty
+rclpy.init()
+node = rclpy.create_node("grows")
+for number in range({TOPICS}):
+    sys.stdin.readline()
+    node.create_publisher(Empty, f"/many/topic{{number}}", 1)
+sys.stdin.read()
+"""
+
+
+class _ShortWatch(GraphWatch):
+    """Has soon seen enough."""
+
+    MAX_CHANGES, MAX_ENTRIES = 1000, 300
+
+
+@pytest.fixture
+def node(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Node]:
+    """Make a node of the grader's, which looks at the graph."""
+    domain_id = use_private_graph(monkeypatch.setenv, tmp_path)
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain_id))
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=domain_id)
+    made = Node("looks", context=context)
+    yield made
+    made.destroy_node()
+    context.shutdown()
+
+
+def test_of_a_graph_that_grows_without_end_some_snapshots_and_the_last_are_handed_on(node: Node) -> None:
+    """What is kept of the graph has a bound, and how it is at the end is known."""
+    told: list[GraphSnapshot] = []
+    watch = _ShortWatch(node, told.append, set())
+    with subprocess.Popen([sys.executable, "-c", GROWS], stdin=subprocess.PIPE, text=True) as other:
+        assert other.stdin is not None
+        end_s = time.monotonic() + 60
+        for number in range(TOPICS):
+            other.stdin.write("\n")
+            other.stdin.flush()
+            while topics_in(watch.look(now=True)) <= number and time.monotonic() < end_s:
+                time.sleep(0.005)
+        before = list(told)
+        watch.close()
+        other.stdin.close()
+    assert sum(len(graph.endpoints) for graph in before) <= _ShortWatch.MAX_ENTRIES
+    assert 0 < len(before) < TOPICS
+    assert topics_in(told[-1]) == TOPICS
+
+
+def topics_in(graph: GraphSnapshot) -> int:
+    """Count the topics that the other process has opened."""
+    return len({endpoint.topic for endpoint in graph.endpoints if endpoint.topic.startswith("/many/")})

@@ -1,0 +1,65 @@
+"""Samples of the machine: its clocks are read at once, and CPU time is counted for whoever took it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from grader.live.sandbox.cgroup import CellGroup, group_places
+from grader.live.sandbox.machine import read_clocks, sample_machine
+
+
+def test_a_core_that_is_lost_between_two_clocks_is_no_clock_that_was_set() -> None:
+    """Of several readings that counts in which the least time passed."""
+    steady = iter([0, 30_000_000, 30_000_000, 30_000_200])
+    told = iter([1_000_000_000, 1_030_000_100])
+    assert read_clocks(lambda: next(told), lambda: next(steady)) == (1_030_000_100, 1_000_000_000)
+
+
+def test_a_sample_holds_the_offset_of_its_time() -> None:
+    """The system clock less its offset is the time of the other clock."""
+    first, second = sample_machine(), sample_machine()
+    assert second.t_ns - second.clock_offset_ns > first.t_ns - first.clock_offset_ns >= 0
+
+
+def test_a_sample_tells_of_each_core_for_how_long_it_was_idle() -> None:
+    """The times go on with the clock, and no core was idle for longer than the time between two samples."""
+    first, second = sample_machine(), sample_machine()
+    assert {str(core) for core in os.sched_getaffinity(0)} <= set(first.idle_ns)
+    passed_ns = second.t_ns - first.t_ns + 20_000_000
+    assert all(0 <= second.idle_ns[core] - idle_ns <= passed_ns for core, idle_ns in first.idle_ns.items())
+
+
+UNWAITED = """
+import os, signal, time
+signal.signal(signal.SIGCHLD, signal.SIG_IGN)
+if os.fork() == 0:
+    while time.process_time() < 0.3:
+        pass
+    os._exit(0)
+try:
+    os.wait()
+except ChildProcessError:
+    pass
+"""
+
+
+def test_a_group_counts_processes_that_nobody_waits_for() -> None:
+    """Who ignores its children's ends is told of no CPU time of theirs, and the kernel counts it for the group."""
+    places = next((places for places in group_places() if places.cpu is not None), None)
+    if places is None:
+        pytest.skip("no control group that counts CPU time can be made here")
+    group = CellGroup(places, f"test-{os.getpid()}")
+    try:
+        group.make()
+        begun_s = os.times().children_user
+        subprocess.run(group.entering([sys.executable, "-I", "-c", UNWAITED]), check=True)
+        used_ns = group.cpu_ns()
+        assert used_ns is not None
+        assert used_ns > 0.3e9
+        assert os.times().children_user - begun_s < 0.3
+    finally:
+        group.remove()

@@ -1,0 +1,78 @@
+"""The first process of a cell: what it shares with the others, and that it and they end together."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.live.small_lab import until
+
+pytestmark = pytest.mark.live
+
+FORM = "ROOT" if os.geteuid() == 0 else "USER"
+PROGRAM = """
+import os, signal, socket, sys, time
+from pathlib import Path
+from grader.live.sandbox.isolation import Form
+from grader.live.sandbox.namespaces import enter_cell
+
+before = {{name: os.readlink(f"/proc/self/ns/{{name}}") for name in ("net", "mnt", "ipc", "uts", "pid")}}
+outside = os.getpid()
+enter_cell(Form.{form})
+{body}
+"""
+
+
+def in_cell(body: str) -> subprocess.CompletedProcess[str]:
+    """Run the text as the first process of a cell."""
+    program = PROGRAM.format(form=FORM, body=body)
+    return subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _permitted() -> None:
+    """Skip where no cells can be made."""
+    run = in_cell("")
+    if run.returncode != 0:
+        pytest.skip(f"no namespaces here: {run.stderr.strip().splitlines()[-1]}")
+
+
+def test_a_cell_shares_no_namespace_with_its_surroundings() -> None:
+    """Network, mounts, IPC, host name and process ids are its own, with a loopback and itself in them."""
+    run = in_cell("""
+print([name for name, was in before.items() if os.readlink(f"/proc/self/ns/{name}") == was])
+print(os.getpid(), [p.name for p in Path("/proc").iterdir() if p.name.isdecimal()])
+print([name for _, name in socket.if_nameindex()])
+""")
+    assert run.stdout.splitlines() == ["[]", "1 ['1']", "['lo']"], run.stderr
+
+
+def test_mounts_of_a_cell_are_seen_nowhere_else(tmp_path: Path) -> None:
+    """What its first process mounts stays in the cell."""
+    mount = f'subprocess.run(["mount", "-t", "tmpfs", "none", {str(tmp_path)!r}], check=True)'
+    run = in_cell(f"import subprocess; {mount}; print({str(tmp_path)!r} in Path('/proc/self/mounts').read_text())")
+    assert run.stdout.strip() == "True", run.stderr
+    assert str(tmp_path) not in Path("/proc/self/mounts").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(("body", "status"), [("sys.exit(7)", 7), ("os.kill(outside, 0)", 1), ("", 0)])
+def test_the_process_outside_ends_as_the_first_one_does(body: str, status: int) -> None:
+    """Its status is passed on; from within, processes outside cannot be named."""
+    assert in_cell(body).returncode == status
+
+
+def test_a_cell_ends_with_the_process_outside() -> None:
+    """When that is killed, all in the cell end, also those with a session of their own."""
+    body = "import subprocess; subprocess.Popen(['sleep', '600'], start_new_session=True); print('up', flush=True); "
+    program = PROGRAM.format(form=FORM, body=body + "time.sleep(600)")
+    with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "up\n"
+        os.kill(process.pid, signal.SIGKILL)
+        # All of them hold the pipe.
+        assert until(lambda: process.stdout is not None and process.stdout.read() == "", 10)

@@ -1,0 +1,135 @@
+"""The process that starts cells: what it says when it cannot, and that the CPU time of its forks is counted."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import resource
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from grader.classroom.worker import limit_memory
+from grader.errors import PlatformError
+from grader.live.sandbox.isolation import Form
+from grader.live.session.fork_server import ForkServer
+from grader.live.session.runner import first_word
+from tests.live.small_lab import below, command_of, make_lab, name_of, until
+
+pytestmark = pytest.mark.live
+
+FORM = Form.NONE
+
+
+async def said_by(forks: ForkServer, plan: Path, errors: Path) -> tuple[int, bytes]:
+    """Start a cell, and return its process id and what it says until its end."""
+    said = await forks.start(FORM, plan, errors)
+    return await first_word(said), await said.read()
+
+
+def process_id_of_server() -> int:
+    """Return the process id of the one fork server that there is, when no cell is in it any more."""
+    (found,) = (
+        p
+        for p in below(os.getpid())
+        if "grader.live.session.fork_server" in command_of(p) and name_of(p) not in ("", "cell")
+    )
+    return found
+
+
+def test_a_plan_that_cannot_be_read_ends_its_cell_only(tmp_path: Path) -> None:
+    """The next one is served as well, and the reason is in the file of errors."""
+    with ForkServer() as forks:
+        for number in range(2):
+            pid, said = asyncio.run(said_by(forks, tmp_path / "none.json", tmp_path / "errors"))
+            assert pid > 0
+            assert said == b""
+            assert "FileNotFoundError" in (tmp_path / "errors").read_text(encoding="utf-8"), number
+        until(lambda: not [p for p in below(os.getpid()) if name_of(p) == "cell"], 10)
+
+
+def test_a_server_that_was_killed_is_told(tmp_path: Path) -> None:
+    """Who asks it for a cell gets an error, and does not wait."""
+    with ForkServer(["no/such/type"]) as forks:
+        asyncio.run(said_by(forks, tmp_path / "none.json", tmp_path / "errors"))  # it is up
+        server = process_id_of_server()
+        os.kill(server, signal.SIGKILL)
+        with pytest.raises(PlatformError, match="has ended"):
+            asyncio.run(said_by(forks, tmp_path / "none.json", tmp_path / "errors"))
+
+
+#: Becomes the first process of a cell, and takes /dev/shm away there.
+WITHOUT_SHARED_MEMORY = """
+import asyncio, subprocess, sys
+from pathlib import Path
+from grader.errors import PlatformError
+from grader.live.session.runner import first_word
+from grader.live.session.fork_server import ForkServer
+from grader.live.sandbox.isolation import Form
+from grader.live.sandbox.namespaces import enter_cell
+
+form, folder = Form(sys.argv[1]), Path(sys.argv[2])
+try:
+    enter_cell(form)
+except OSError as problem:
+    sys.exit(f"no namespaces here: {problem}")
+for name in ("null", "urandom"):
+    (folder / name).touch()
+    subprocess.run(["mount", "--bind", f"/dev/{name}", folder / name], check=True)
+subprocess.run(["mount", "--rbind", folder, "/dev"], check=True)
+
+async def ask(forks):
+    said = await forks.start(form, folder / "plan.json", folder / "errors")
+    try:
+        await first_word(said)
+    except PlatformError as error:
+        print(error)
+
+with ForkServer() as forks:
+    for _ in range(2):
+        asyncio.run(ask(forks))
+"""
+
+
+def test_why_no_cell_can_be_made_is_told(tmp_path: Path) -> None:
+    """The reason is the system's, here that shared memory cannot be mounted; who asks again is told again."""
+    form = "root" if os.geteuid() == 0 else "user"
+    command = [sys.executable, "-c", WITHOUT_SHARED_MEMORY, form, str(tmp_path)]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    if run.stderr.startswith("no namespaces"):
+        pytest.skip(run.stderr)
+    assert run.stdout.count("a session cannot be started here: [Errno 2] mount: No such file") == 2, run.stderr
+
+
+def test_cells_do_not_inherit_the_limit_of_the_process_that_grades(tmp_path: Path) -> None:
+    """A class limits what judging a submission may map; a student's node has the same room there as by itself."""
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    limit_memory()
+    try:
+        assert resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY
+        with ForkServer() as forks:
+            asyncio.run(said_by(forks, tmp_path / "none.json", tmp_path / "errors"))  # it is up
+            server = process_id_of_server()
+            assert resource.prlimit(server, resource.RLIMIT_AS) == (before[1], before[1])
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, before)
+
+
+def test_cpu_time_in_cells_counts_as_the_graders(tmp_path: Path) -> None:
+    """What processes in a cell have used is in the sum of this process's children, so that no cost is hidden."""
+    busy = "import time\nend = time.process_time() + 1.0\nwhile time.process_time() < end: pass\n"
+    steps: list[dict[str, Any]] = [
+        {"start": {"student": "talker"}},
+        {"wait_exit": {"process": "talker", "timeout_s": 40}},
+    ]
+    lab = make_lab(tmp_path, {"talker": busy}, {"only": steps})
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    lab.record()
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    assert after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime > 1.0

@@ -1,0 +1,199 @@
+"""Staging: what `colcon build` would leave of a submission, and that its wrappers run the right file."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from grader.judging.rubrics import read_rubric
+from grader.live.session.stage import Workspace, stage
+from grader.recording.submission import ArtifactFact, FileFact, SubmissionRecord
+from grader.submission.artifacts import decode_text
+from grader.submission.packages.colcon import find_packages
+
+SAYS = 'import sys\nprint("{0}", __name__, sys.argv[1:])\n'
+MANIFEST = "<package><name>arm_lab</name><export><build_type>ament_python</build_type></export></package>"
+SETUP = "from setuptools import setup\nsetup(entry_points={'console_scripts': ['talk = arm_lab.talk:main']})\n"
+
+
+def staged(folder: Path, files: dict[str, str | bytes], **artifacts: str) -> Workspace:
+    """Stage a submission of these files, with artifacts by the rubric's names."""
+    record = SubmissionRecord("ann")
+    for path, content in files.items():
+        target = folder / "submission" / path
+        target.parent.mkdir(parents=True, exist_ok=True)
+        data = content.encode() if isinstance(content, str) else content
+        target.write_bytes(data)
+        record.files.append(FileFact(path, len(data), ""))
+        record.texts[path] = decode_text(data)
+    record.artifacts = [ArtifactFact(name, path, path, "name") for name, path in artifacts.items()]
+    record.packages = find_packages(record.texts, list(files))
+    return stage(folder / "submission", record, read_rubric(None), folder / "ws", sys.executable)
+
+
+def run(path: Path, *arguments: str) -> str:
+    """Run a wrapper; returns what it printed."""
+    ended = subprocess.run([path, *arguments], capture_output=True, text=True, check=False, cwd="/")
+    assert ended.returncode == 0, ended.stderr
+    return ended.stdout.strip()
+
+
+def wrapper(workspace: Workspace, artifact: str = "publisher") -> Path:
+    """Give the wrapper of an artifact."""
+    return workspace.folder / workspace.executables[artifact]
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        SAYS.format("hello"),
+        SAYS.format("hello").replace("\n", "\r\n"),
+        "\ufeff" + SAYS.format("hello"),
+        "#!/usr/bin/env python\r\n" + SAYS.format("hello"),
+    ],
+)
+def test_a_bare_file_runs_as_the_main_program(tmp_path: Path, content: str) -> None:
+    """Executable bits, line ends and byte order marks make no difference."""
+    workspace = staged(tmp_path, {"joint_publisher.py": content}, publisher="joint_publisher.py")
+    assert run(wrapper(workspace), "a", "b") == "hello __main__ ['a', 'b']"
+
+
+def test_bare_files_are_executables_of_the_labs_package(tmp_path: Path) -> None:
+    """They run under the rubric's name with or without `.py`, and the index knows the package."""
+    workspace = staged(tmp_path, {"joint_publisher.py": SAYS.format("hello")}, publisher="joint_publisher.py")
+    package = read_rubric(None).lab.package
+    folder = workspace.folder / "install/lib" / package
+    assert {"joint_publisher", "joint_publisher.py"} <= {path.name for path in folder.iterdir()}
+    assert run(folder / "joint_publisher") == "hello __main__ []"
+    assert (workspace.folder / "install/share/ament_index/resource_index/packages" / package).is_file()
+
+
+def test_bare_files_stand_for_a_package_that_their_launch_file_names(tmp_path: Path) -> None:
+    """A package name of the student's own in the launch file is installed as well."""
+    files: dict[str, str | bytes] = {
+        "joint_publisher.py": SAYS.format("hello"),
+        "robot_launch.py": "Node(package='my_arm', executable='joint_publisher')",
+    }
+    workspace = staged(tmp_path, files, publisher="joint_publisher.py", launch="robot_launch.py")
+    assert run(workspace.folder / "install/lib/my_arm/joint_publisher") == "hello __main__ []"
+
+
+def test_a_file_that_only_defines_main_is_called(tmp_path: Path) -> None:
+    """Files written for an entry point run their main."""
+    content = "def main():\n    print('called')\n"
+    workspace = staged(tmp_path, {"joint_publisher.py": content}, publisher="joint_publisher.py")
+    assert run(wrapper(workspace)) == "called"
+
+
+def test_modules_beside_a_file_can_be_imported(tmp_path: Path) -> None:
+    """A helper module in the same folder is found, in a bare folder and in a package."""
+    bare: dict[str, str | bytes] = {"src/joint_publisher.py": "import arm\nprint(arm.X)\n", "src/arm.py": "X = 7\n"}
+    assert run(wrapper(staged(tmp_path / "a", bare, publisher="src/joint_publisher.py"))) == "7"
+    inside: dict[str, str | bytes] = {
+        "p/lab/joint_publisher.py": "from . import arm\nfrom lab.arm import X\nprint(arm.X, X)\n",
+        "p/lab/arm.py": "X = 7\n",
+        "p/lab/__init__.py": "",
+    }
+    assert run(wrapper(staged(tmp_path / "b", inside, publisher="p/lab/joint_publisher.py"))) == "7 7"
+
+
+def test_a_package_is_installed_with_its_entry_points(tmp_path: Path) -> None:
+    """A console script runs its function, under the package's own name."""
+    files: dict[str, str | bytes] = {
+        "package.xml": MANIFEST,
+        "setup.py": SETUP,
+        "arm_lab/__init__.py": "",
+        "arm_lab/talk.py": "import sys\n\ndef main():\n    print('main', sys.argv[1:])\n",
+        "resource/arm_lab": "",
+        "launch/robot.launch.py": "",
+    }
+    workspace = staged(tmp_path, files, publisher="arm_lab/talk.py")
+    assert run(workspace.folder / "install/lib/arm_lab/talk", "x") == "main ['x']"
+    assert (workspace.folder / "install/share/ament_index/resource_index/packages/arm_lab").is_file()
+    assert not (workspace.folder / "install/lib" / read_rubric(None).lab.package).exists()
+
+
+def test_a_workspace_can_be_moved(tmp_path: Path) -> None:
+    """Wrappers find their files by relative paths."""
+    workspace = staged(tmp_path, {"joint_publisher.py": SAYS.format("hello")}, publisher="joint_publisher.py")
+    relative = workspace.executables["publisher"]
+    workspace.folder.rename(tmp_path / "moved")
+    assert run(tmp_path / "moved" / relative) == "hello __main__ []"
+    assert str(tmp_path) not in (tmp_path / "moved" / relative).read_text()
+
+
+def test_only_listed_files_are_copied_and_no_links(tmp_path: Path) -> None:
+    """What the submission's record leaves out is not staged, nor is a link that took a file's place."""
+    files: dict[str, str | bytes] = {"joint_publisher.py": SAYS.format("hello"), "data.txt": "x"}
+    record_folder = tmp_path / "a"
+    workspace = staged(record_folder, files, publisher="joint_publisher.py")
+    assert sorted(p.name for p in (workspace.folder / "src").iterdir()) == ["data.txt", "joint_publisher.py"]
+    source = tmp_path / "b"
+    source.mkdir()
+    (source / "joint_publisher.py").symlink_to("/etc/hostname")
+    record = SubmissionRecord("ann", files=[FileFact("joint_publisher.py", 1, "")])
+    other = stage(source, record, read_rubric(None), tmp_path / "ws", sys.executable)
+    assert not (other.folder / "src/joint_publisher.py").exists()
+
+
+def test_names_of_executables_cannot_leave_the_prefix(tmp_path: Path) -> None:
+    """A console script named after a path outside is not installed."""
+    setup = SETUP.replace("'talk = arm_lab.talk:main'", "'../../../../x = arm_lab.talk:main'")
+    files: dict[str, str | bytes] = {"package.xml": MANIFEST, "setup.py": setup, "arm_lab/talk.py": ""}
+    workspace = staged(tmp_path, files)
+    everything = [Path(root, name) for root, _, names in os.walk(tmp_path) for name in names]
+    assert [path for path in everything if path.name == "x"] == []
+    assert workspace.executables == {}
+
+
+def test_an_entry_point_may_name_any_function(tmp_path: Path) -> None:
+    """A file that runs nothing by itself is run as the package's entry point would."""
+    files: dict[str, str | bytes] = {
+        "package.xml": MANIFEST,
+        "setup.py": SETUP.replace("arm_lab.talk:main", "arm_lab.nodes.talk:run"),
+        "arm_lab/__init__.py": "",
+        "arm_lab/nodes/__init__.py": "",
+        "arm_lab/nodes/talk.py": "def run():\n    print('run')\n",
+    }
+    workspace = staged(tmp_path, files, publisher="arm_lab/nodes/talk.py")
+    assert run(wrapper(workspace)) == "run"
+    assert run(workspace.folder / "install/lib/arm_lab/talk") == "run"
+
+
+def test_nodes_in_one_file_are_told_apart_by_their_entry_points(tmp_path: Path) -> None:
+    """Each artifact runs the function that the entry point of its name names."""
+    points = "['joint_publisher = arm_lab.nodes:send', 'joint_subscriber = arm_lab.nodes:hear']"
+    text = "".join(f"def {name}():\n    print('{name}')\n" for name in ("hear", "main", "send"))
+    files: dict[str, str | bytes] = {
+        "package.xml": MANIFEST,
+        "setup.py": SETUP.replace("['talk = arm_lab.talk:main']", points),
+        "arm_lab/__init__.py": "",
+        "arm_lab/nodes.py": text,
+    }
+    workspace = staged(tmp_path, files, publisher="arm_lab/nodes.py", subscriber="arm_lab/nodes.py")
+    assert [run(wrapper(workspace, name)) for name in ("publisher", "subscriber")] == ["send", "hear"]
+
+
+def test_bare_files_are_also_known_by_their_own_names(tmp_path: Path) -> None:
+    """A launch file may call a file of another name by that name, with or without its ending."""
+    files: dict[str, str | bytes] = {"Joint_Publisher.py": SAYS.format("hello")}
+    workspace = staged(tmp_path, files, publisher="Joint_Publisher.py")
+    package = workspace.folder / "install/lib" / read_rubric(None).lab.package
+    assert {p.name for p in package.iterdir()} == {"joint_publisher", "Joint_Publisher", "Joint_Publisher.py"}
+
+
+def test_data_are_installed_while_there_is_room_and_texts_before_them(tmp_path: Path) -> None:
+    """Recordings for each of several packages would fill a session's disk; programs and texts are not among them."""
+    launch = "".join(f"Node(package='p{n}')\n" for n in range(12))
+    files: dict[str, str | bytes] = {"a.bin": bytes(8_000_000), "robot_launch.py": launch}
+    record = SubmissionRecord("ann", texts={"robot_launch.py": launch})
+    for path, content in files.items():
+        (tmp_path / path).write_bytes(content.encode() if isinstance(content, str) else content)
+        record.files.append(FileFact(path, len(content), ""))
+    share = stage(tmp_path, record, read_rubric(None), tmp_path / "ws", sys.executable).folder / "install/share"
+    assert len(list(share.glob("p[0-9]*/launch/robot_launch.py"))) == 12
+    assert len(list(share.glob("*/a.bin"))) == 8

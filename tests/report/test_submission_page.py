@@ -1,0 +1,371 @@
+"""The HTML report: what stands in it, and what student text can never do to it."""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import hashlib
+import re
+from collections.abc import Sequence
+from decimal import Decimal
+from typing import Any
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from grader.recording.session import OutputLine, ProcessRun, Qos, SessionRecord, StepRun
+from grader.recording.submission import ArtifactFact, FileFact, SubmissionRecord
+from grader.report.figures.graph import Call
+from grader.report.figures.svg import Figure, text
+from grader.report.submission_page import render
+from grader.report.views import place_of
+from grader.result import (
+    CheckResult,
+    CriterionResult,
+    Finding,
+    Outcome,
+    Result,
+    Score,
+    Where,
+)
+from tests.report.taken_apart import Page
+
+START_NS = 1_800_000_000_000_000_000
+EVIL = "\"'><script>alert(1)</script></style></pre><img src=x onerror=alert(2)>{{ 7*7 }}\x1b[31m\u202e\x00"
+
+
+def check(identity: str, outcome: Outcome, earned: str, possible: str = "6", **finding: Any) -> CheckResult:
+    """Return a check's result."""
+    undecided = Decimal(0) if outcome.decided else Decimal(possible)
+    return CheckResult.of(
+        Finding(outcome, Decimal(earned) / Decimal(possible), **finding),
+        id=identity,
+        title=f"Title of {identity}",
+        session="alone",
+        earned=Decimal(earned),
+        possible=Decimal(possible),
+        undecided=undecided,
+    )
+
+
+CHECKS = (
+    check("a.good", Outcome.PASSED, "6", measured="all of it"),
+    check(
+        "a.half",
+        Outcome.PARTIAL,
+        "4.50",
+        expected="100 Hz",
+        measured="90 Hz",
+        reason="It is slow.",
+        hint="Use a timer.",
+        where=(Where(file="node.py", line=3), Where(session="alone", topic="/cmd", start_s=1.23, end_s=7.29)),
+    ),
+    check("a.bad", Outcome.FAILED, "0", reason="It crashed.", where=(Where(session="alone", process="node"),)),
+    check("a.after", Outcome.NOT_REACHED, "0", "2", reason="since 'x' failed"),
+    check("a.open", Outcome.INCONCLUSIVE, "0", "4", reason="overloaded"),
+    check("a.broken", Outcome.ERROR, "0", "1", reason="The check broke"),
+)
+
+
+def result_of(checks: Sequence[CheckResult] = CHECKS, **changes: Any) -> Result:
+    """Return a result with one criterion."""
+    zero = Decimal(0)
+    earned = sum((c.earned for c in checks), zero)
+    possible = sum((c.possible for c in checks), zero)
+    undecided = sum((c.undecided for c in checks), zero)
+    criterion = CriterionResult("a", "Criterion A", earned, possible, undecided, tuple(checks), "What it is about")
+    result = Result("alice", "Lab 1: Nodes", Score(earned, possible, undecided), (criterion,))
+    return dataclasses.replace(result, **changes)
+
+
+def session(lines: Sequence[str] = ("hello",), **changes: Any) -> SessionRecord:
+    """Return a session with one process."""
+    output = [OutputLine(START_NS + 10**9 + n * 10**6, "stderr", text) for n, text in enumerate(lines)]
+    run = ProcessRun(
+        "node",
+        "student",
+        ["python"],
+        "node",
+        START_NS,
+        START_NS + 2 * 10**9,
+        None,
+        1,
+        "interrupt",
+        output,
+    )
+    step = StepRun("wait_for", {"publisher": "/cmd"}, "topic", START_NS + 10**9, START_NS + 3 * 10**9)
+    record = SessionRecord(
+        "alone",
+        started_ns=START_NS,
+        ended_ns=START_NS + 8 * 10**9,
+        complete=True,
+        isolation={"level": "confined", "covers": ["own network"], "lacks": ["memory limit"]},
+        processes=[run],
+        steps=[step],
+    )
+    return dataclasses.replace(record, **changes)
+
+
+def submission(text: str = "one\ntwo\n    three\nfour\nfive\nsix\n") -> SubmissionRecord:
+    """Return a submission of one file."""
+    return SubmissionRecord(
+        "alice",
+        files=[FileFact("node.py", 1, "")],
+        texts={"node.py": text},
+        artifacts=[ArtifactFact("node", "node.py", "node.py", "name"), ArtifactFact("other", "other.py")],
+    )
+
+
+def page_of(result: Result | None = None, figures: Sequence[Figure] = (), **more: Any) -> str:
+    """Render a report."""
+    sessions = more.get("sessions", {"alone": session()})
+    return render(result or result_of(), {"a": figures}, sessions, more.get("submission", submission()))
+
+
+def text_of(html: str) -> str:
+    """Return a page's visible words, with single spaces."""
+    return " ".join(Page(html).words.split())
+
+
+def test_score_and_outcomes_are_in_words() -> None:
+    """The score has no trailing zeros, and each outcome stands there as a word."""
+    words = text_of(page_of())
+    assert "10.5 of 25 points" in words
+    assert "5 undecided: not earned before somebody has decided" in words
+    for word in ("passed", "partial", "failed", "not reached", "undecided"):
+        assert word in words
+    assert "4.5 / 6" in words
+    assert "? / 4" in words
+    assert "Recorded 2027-01-15 08:00 UTC · isolation: confined" in words
+
+
+def test_dearest_mistakes_come_first() -> None:
+    """What to fix first is sorted by cost; what was not reached is named apart; each has a link."""
+    html = page_of()
+    fix = html[html.index('id="fix"') : html.index("<main>")]
+    assert re.findall(r'class="cost">−([\d.]+)<', fix) == ["6", "1.5"]
+    assert re.findall(r'href="#([^"]+)"', fix) == ["check-a.bad", "check-a.half", "check-a.after"]
+
+
+def test_every_link_has_a_target() -> None:
+    """All links stay within the page and lead to an element; no id is used twice."""
+    page = Page(page_of())
+    ids = page.values("id")
+    assert len(ids) == len(set(ids))
+    assert all(href.startswith("#") and href[1:] in ids for href in page.values("href"))
+
+
+def test_lost_points_show_their_proof() -> None:
+    """Expected, measured, reason, hint, the source line with its neighbours, and the span of a topic."""
+    words = text_of(page_of())
+    assert "It is slow. Expected 100 Hz Measured 90 Hz Credit 75% of 6 points Where node.py:3" in words
+    assert "1 one 2 two ▸3 three 4 four 5 five" in words
+    assert "six" not in words
+    assert "recording 'alone', /cmd, 1.2–7.3 s" in words
+    assert "How to fix it Use a timer." in words
+
+
+def test_a_score_of_some_sessions_says_so() -> None:
+    """Where only some sessions were asked for, the points are told to be theirs alone."""
+    asked = dataclasses.replace(submission(), sessions=["alone", "other"])
+    assert "only of the sessions alone, other" in text_of(page_of(submission=asked))
+    assert "only of the session" not in text_of(page_of())
+
+
+def test_the_time_of_a_call_is_told_in_milliseconds() -> None:
+    """A span of less than a second is told to the millisecond, so that two calls are told apart."""
+    places = [place_of(Where(session="alone", start_s=s, end_s=s + 0.002), {}, {}).text for s in (0.671, 0.674)]
+    assert places == ["recording 'alone', 0.671–0.673 s", "recording 'alone', 0.674–0.676 s"]
+
+
+def test_lines_are_counted_as_python_does() -> None:
+    """Form feeds and Unicode line separators do not end a line; CRLF is one end."""
+    words = text_of(page_of(submission=submission("a\x0cb\r\nc\u2028d\r\nTHIS\r\ne\r\n")))
+    assert "▸3 THIS" in words
+
+
+def test_passed_checks_are_folded_and_others_open() -> None:
+    """A check that is full is a closed `details`; the others need no click."""
+    html = page_of()
+    assert re.search(r'<details class="check" id="check-a.good">', html)
+    assert re.search(r'<article class="check open partial" id="check-a.half">', html)
+
+
+def test_nothing_is_fetched() -> None:
+    """No element loads anything, no address stands in the page, and the policy allows only our own code."""
+    html = page_of(figures=FIGURES)
+    page = Page(html)
+    assert page.tags().isdisjoint({"link", "img", "iframe", "object", "embed", "form", "base", "image", "use"})
+    assert not page.values("src") + page.values("srcset") + page.values("style")
+    assert "http:" not in html
+    assert "https:" not in html
+    assert "@import" not in html
+    assert "url(" not in html
+    policy = next(a["content"] for t, a in page.elements if a.get("http-equiv") == "Content-Security-Policy")
+    assert "default-src 'none'" in policy
+    assert "unsafe" not in policy
+    for code in page.scripts:
+        digest = base64.b64encode(hashlib.sha256(code.encode()).digest()).decode()
+        assert f"'sha256-{digest}'" in policy
+
+
+_ITEM = (EVIL, EVIL, EVIL)
+_PROCESS = {
+    **dict.fromkeys(("name", "runs", "where"), EVIL),
+    **{key: [EVIL] for key in ("conditions", "words")},
+    **{key: [_ITEM] for key in ("parameters", "environment")},
+    "remappings": [(EVIL, EVIL)],
+}
+_PLAN = {
+    "outcome": "error",
+    "problem": EVIL,
+    **{key: [_ITEM] for key in ("arguments", "includes", "environment", "not_started")},
+    "processes": [_PROCESS],
+    "warnings": [(EVIL, EVIL)],
+}
+_QOS = {"topic": EVIL, "kind": "publisher", "qos": Qos(EVIL, EVIL, EVIL), "where": EVIL, "messages": 3}
+FIGURES = (
+    Figure(EVIL, lambda width: (90, [text(1, 2, EVIL)]), (("line-0", EVIL),), title="Joints", session="alone"),
+    Figure(table="calls_table", content=[(EVIL, EVIL, [Call(0.0, 0.001, {EVIL: EVIL})])], title="Calls"),
+    Figure(table="plan", content=_PLAN, title="Plan"),
+    Figure(table="qos", content=[_QOS], title="QoS"),
+)
+
+
+def hostile_page(evil: str) -> str:
+    """Render a report in which a student's text stands wherever one can."""
+    finding: dict[str, Any] = dict.fromkeys(("expected", "measured", "reason", "hint"), evil)
+    places = (
+        Where(file=evil, line=1),
+        Where(session=evil, topic=evil, process=evil),
+        Where(file="node.py", line=1),
+    )
+    result = result_of(
+        [check("a.bad", Outcome.FAILED, "0", where=places, **finding)],
+        submission=evil,
+        advisories=(evil,),
+        problems=(evil,),
+        provenance={"versions": {evil: evil}, "sessions": {evil: {"started_ns": START_NS}}},
+    )
+    record = session([evil], names={evil: evil}, problems=[evil])
+    record.steps.append(StepRun("call", {"service": evil}, evil, result={"problem": evil}))
+    record.processes[0].name = evil
+    facts = submission(evil)
+    facts.texts[evil] = evil
+    facts.artifacts.append(ArtifactFact("x", "x.py", evil, "near miss", [evil]))
+    facts.left_out.append(evil)
+    return render(result, {"a": FIGURES}, {"alone": record, evil: record}, facts)
+
+
+def assert_tame(html: str) -> None:
+    """Assert that a page holds no element, attribute or character but ours."""
+    page = Page(html)
+    assert len(page.scripts) == 2
+    assert page.tags().isdisjoint({"img", "iframe", "object", "link"})
+    assert not [name for _, attributes in page.elements for name in attributes if name.startswith("on")]
+    assert not re.search(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069\ud800-\udfff]", html)
+
+
+def test_student_text_is_only_text() -> None:
+    """Markup, template syntax and control characters of a student come out as words."""
+    html = hostile_page(EVIL)
+    assert_tame(html)
+    assert "{{ 7*7 }}" in html
+    assert "&lt;script&gt;alert(1)&lt;/script&gt;" in html
+
+
+evil_parts = st.sampled_from(
+    [
+        "<script>",
+        "</script>",
+        "</style>",
+        "<!--",
+        "-->",
+        "]]>",
+        "&lt;",
+        '"',
+        "'",
+        "\x1b[2J",
+        "\u202e",
+        "\x00",
+        "\ud800",
+    ]
+)
+
+
+@given(st.lists(evil_parts | st.text(max_size=12), max_size=8).map("".join))
+@settings(max_examples=40, deadline=None)
+def test_any_student_text_is_only_text(evil: str) -> None:
+    """Whatever students write, the page keeps its own elements and can be saved as UTF-8."""
+    html = hostile_page(evil)
+    html.encode()
+    assert_tame(html)
+
+
+def test_long_output_is_cut_in_the_middle() -> None:
+    """First and last lines are shown with their times, and how many are left out between them."""
+    words = text_of(page_of(sessions={"alone": session([f"line{n}." for n in range(1000)])}))
+    assert "line0." in words
+    assert "line999." in words
+    assert "line500." not in words
+    assert "900 lines left out" in words
+    assert "1.000 err line0." in words
+    assert len(page_of(sessions={"alone": session(["x" * 10**6])})) < 200_000
+
+
+def test_a_progress_bar_reads_as_its_last_state() -> None:
+    """What a line wrote over itself is left out; a carriage return at its end writes over nothing."""
+    words = text_of(page_of(sessions={"alone": session(["10 %\r50 %\rdone", "whole\r", "a\rb\r"])}))
+    assert "1.000 err done 1.001 err whole 1.002 err b" in words
+
+
+def test_process_ends_are_told() -> None:
+    """How a process ended is said in words, signals by their name."""
+    record = session()
+    record.processes[0].exit_status, record.processes[0].ended_by = -11, "itself"
+    assert "ended by itself, signal SIGSEGV" in text_of(page_of(sessions={"alone": record}))
+    record.processes[0].exit_status, record.processes[0].ended_by = -9, "kill"
+    assert "did not end on Ctrl-C or SIGTERM; killed" in text_of(page_of(sessions={"alone": record}))
+
+
+def test_a_second_start_is_told_from_the_first() -> None:
+    """Two processes of one name have outputs of their own, and findings lead to the later one."""
+    record = session()
+    record.processes.append(dataclasses.replace(record.processes[0]))
+    html = page_of(sessions={"alone": record})
+    assert "Output of node, start 1" in text_of(html)
+    assert "Output of node, start 2" in text_of(html)
+    assert 'href="#output-alone-1"' in html
+
+
+def test_backticks_mark_code() -> None:
+    """What stands between backticks is set as code, and stays text; a single backtick stays as it is."""
+    hint = "Call `spin(<node>)` first"
+    assert "Call <code>spin(&lt;node&gt;)</code> first" in page_of(
+        result_of([check("a.x", Outcome.FAILED, "0", hint=hint)])
+    )
+    assert "a ` b" in page_of(result_of([check("a.x", Outcome.FAILED, "0", hint="a ` b")]))
+
+
+def test_grader_troubles_are_marked_as_such() -> None:
+    """Problems of the grader's side are told apart from mistakes; without them nothing is said."""
+    assert "Trouble on the grader’s side" in page_of(result_of(problems=("alone: the recorder died",)))
+    assert "Trouble on the grader’s side" not in page_of()
+
+
+def test_full_score_has_nothing_to_fix() -> None:
+    """A submission without lost points is told so."""
+    words = text_of(page_of(result_of([check("a.good", Outcome.PASSED, "6")])))
+    assert "Nothing: all points are earned." in words
+    assert "undecided" not in words
+
+
+def test_a_report_without_recordings_is_still_a_report() -> None:
+    """Missing sessions, figures and provenance leave parts out and break nothing."""
+    html = render(result_of(provenance={}), {}, {}, SubmissionRecord("alice"))
+    assert "No session was recorded." in text_of(html)
+
+
+def test_equal_results_give_equal_bytes() -> None:
+    """Rendering twice gives the same page."""
+    assert page_of(figures=FIGURES) == page_of(figures=FIGURES)

@@ -1,0 +1,685 @@
+"""What a path on the command line stands for: one submission, a folder of them, or a download of a class."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import tarfile
+import zipfile
+from collections.abc import Iterable, Mapping
+from datetime import datetime, timedelta, timezone
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from grader.errors import SubmissionError
+from grader.judging.rubrics import read_rubric
+from grader.lab.rubric import Rubric
+from grader.submission.artifacts import read_submission
+from grader.submission.discovery import Found, Shape, find_submissions
+from grader.submission.extraction import Handed, Piece, taken_in
+
+ROOT = Path(__file__).resolve().parents[2]
+FIVE = ("joint_publisher.py", "joint_subscriber.py", "robot_service.py", "robot_launch.py", "qos_comparison.py")
+
+
+@pytest.fixture(scope="module")
+def rubric() -> Rubric:
+    """Give the lab's own rubric."""
+    return read_rubric(None)
+
+
+def lay_out(folder: Path, names: Iterable[str]) -> Path:
+    """Write files that hold their own names; a name with a slash at its end is an empty folder."""
+    for name in names:
+        path = folder / name
+        (path if name.endswith("/") else path.parent).mkdir(parents=True, exist_ok=True)
+        if not name.endswith("/"):
+            path.write_text(name)
+    return folder
+
+
+def pack(folder: Path, archive: Path) -> Path:
+    """Pack a folder's contents as a zip or tar, by the suffix."""
+    files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
+    if archive.suffix == ".zip":
+        with zipfile.ZipFile(archive, "w") as packed:
+            for path in files:
+                packed.write(path, path.relative_to(folder))
+    else:
+        with tarfile.open(archive, "w") as packed_tar:
+            for path in files:
+                packed_tar.add(path, f"./{path.relative_to(folder)}")
+    return archive
+
+
+def in_folders(tree: Mapping[str, Iterable[str]]) -> list[str]:
+    """Spell out folder -> names."""
+    return [f"{folder}/{name}" for folder, names in tree.items() for name in names]
+
+
+def found_in(path: Path, rubric: Rubric, shape: Shape = Shape.AUTO) -> list[str]:
+    """Give the names of what is found in a path."""
+    return [handed.name for handed in find_submissions([path], rubric, shape=shape).submissions]
+
+
+def files_of(handed: Handed) -> set[str]:
+    """Give the files of a submission as the grader gets them."""
+    with taken_in(handed) as intake:
+        return {path.relative_to(intake.folder).as_posix() for path in intake.folder.rglob("*") if path.is_file()}
+
+
+ONE = {
+    "bare files": FIVE,
+    "a file is missing": FIVE[:1],
+    "packages in src": in_folders({"src/pkg_a": FIVE[:2], "src/pkg_b": FIVE[2:], "src/pkg_c": FIVE[:1]}),
+    "packages side by side": in_folders({"pkg_a": FIVE[:2], "pkg_b": FIVE[2:]}),
+    "packages with launch files of their own": in_folders(
+        {"a": (FIVE[0], "a.launch.py"), "b": (*FIVE[1:], "b.launch.py")}
+    ),
+    "a package": ["package.xml", *in_folders({"nodes": FIVE[:3], "my_launch": FIVE[3:]})],
+    "a workspace with a copy": in_folders({"ros2_ws/src/p": FIVE, "old": FIVE}),
+    "two workspaces": in_folders({"ros2_ws/src/p": FIVE, "old_ws/src/p": FIVE}),
+    "a wrapped workspace": in_folders({"lab/ros2_ws/src/p/p": FIVE}),
+    "tasks": in_folders({"task1": FIVE, "task2": FIVE}),
+    "a build beside it": in_folders({"src/p": FIVE, "build/p": FIVE, "install/p": FIVE, ".git": ["HEAD"]}),
+    "an archive": ["lab.zip"],
+    "an archive and a report": ["lab.zip", "report.pdf"],
+    "an archive beside the files": ["README.md", *in_folders({"lab": FIVE}), "lab.zip"],
+    "nothing of interest": ["notes.txt", "a/b.txt"],
+    "a repository with two solutions": in_folders({".git": ["HEAD"], "mine": FIVE, "hers": FIVE}),
+}
+EACH: dict[str, tuple[dict[str, Iterable[str]], list[str]]] = {
+    "two students": ({"alice": FIVE, "bob": FIVE}, ["alice", "bob"]),
+    "students with little in common": (
+        {"alice": FIVE[:3], "bob": FIVE[2:], "eve": ["misnamed.py"]},
+        ["alice", "bob", "eve"],
+    ),
+    "students with workspaces": ({"alice/ws/src/p/p": FIVE, "bob/lab": FIVE, "cem": FIVE}, ["alice", "bob", "cem"]),
+    "fixtures": ({"one/submission": FIVE[:1], "two/submission": FIVE[:1], "two": ["expected.yaml"]}, ["one", "two"]),
+    "a wrapped class": ({"lab9/alice": FIVE, "lab9/bob": FIVE}, ["alice", "bob"]),
+    "with tables and litter": (
+        {"alice": FIVE, "bob": FIVE, ".": ["grades.csv", ".DS_Store", "Thumbs.db"], "__MACOSX/alice": FIVE},
+        ["alice", "bob"],
+    ),
+    "with results": ({"alice": FIVE, "bob": FIVE, "results/alice/recordings": ["submission.json"]}, ["alice", "bob"]),
+    "with an empty one": ({"alice": FIVE, "bob": FIVE, "eve": ["/"]}, ["alice", "bob", "eve"]),
+    "archives": ({".": ["alice.zip", "bob.tar.gz", "grades.csv"]}, ["alice", "bob"]),
+    "a folder and an archive": ({"alice": FIVE, ".": ["bob.zip"]}, ["alice", "bob"]),
+}
+
+
+@pytest.mark.parametrize("tree", ONE)
+@pytest.mark.parametrize("form", ["folder", ".zip", ".tar"])
+def test_one_submission(tree: str, form: str, rubric: Rubric, tmp_path: Path) -> None:
+    """A student's files are one submission, in whatever folders they lie; its name is the path's."""
+    folder = lay_out(tmp_path / "alice", ONE[tree])
+    path = folder if form == "folder" else pack(folder, tmp_path / f"alice{form}")
+    found = find_submissions([path], rubric)
+    assert [(handed.name, handed.pieces[0].member) for handed in found.submissions] == [("alice", "")]
+    assert found.understood == (f"{path}: one submission",)
+    assert found.not_understood == ()
+
+
+@pytest.mark.parametrize("tree", EACH)
+@pytest.mark.parametrize("form", ["folder", ".zip", ".tar"])
+def test_a_folder_of_submissions(tree: str, form: str, rubric: Rubric, tmp_path: Path) -> None:
+    """Folders and archives of students are one submission each, also when they are packed together."""
+    laid_out, names = EACH[tree]
+    folder = lay_out(tmp_path / "group", in_folders(laid_out))
+    path = folder if form == "folder" else pack(folder, tmp_path / f"group{form}")
+    found = find_submissions([path], rubric)
+    expected = names if form == "folder" else [name for name in names if name != "eve" or tree != "with an empty one"]
+    assert [handed.name for handed in found.submissions] == expected
+    named = [line.rsplit(": ", 2)[1:] for line in found.not_understood]
+    assert named == ([["results", "results of an earlier grading"]] if tree == "with results" else [])
+    assert f"{len(expected)} submissions" in found.understood[0]
+
+
+@pytest.mark.parametrize("form", ["folder", ".zip", ".tar"])
+def test_each_gets_its_own_files(form: str, rubric: Rubric, tmp_path: Path) -> None:
+    """What is found can be taken in, and holds the files of that student alone."""
+    folder = lay_out(tmp_path / "group", in_folders({"lab/alice": FIVE, "lab/bob/src/p": FIVE}))
+    path = folder if form == "folder" else pack(folder, tmp_path / f"group{form}")
+    alice, bob = find_submissions([path], rubric).submissions
+    assert files_of(alice) == set(FIVE)
+    assert files_of(bob) == {f"src/p/{name}" for name in FIVE}
+    with taken_in(bob) as intake:
+        assert read_submission(intake, rubric).name == "bob"
+
+
+def test_a_path_called_submissions_holds_submissions(rubric: Rubric, tmp_path: Path) -> None:
+    """Where only one has handed in so far, the folder's name tells what it is."""
+    for name in ("submissions", "lab-09-submissions", "Students (2)"):
+        assert found_in(lay_out(tmp_path / name, in_folders({"alice": FIVE})), rubric) == ["alice"]
+        assert found_in(lay_out(tmp_path / f"{name}/more", ["x.txt"]).parent, rubric) == ["alice", "more"]
+    assert found_in(lay_out(tmp_path / "submission", in_folders({"lab": FIVE})), rubric) == ["submission"]
+
+
+def test_what_the_user_says_goes_first(rubric: Rubric, tmp_path: Path) -> None:
+    """One is one however it looks, and each is each."""
+    group = lay_out(tmp_path / "group", in_folders({"alice": FIVE, "bob": FIVE}))
+    assert found_in(group, rubric, Shape.ONE) == ["group"]
+    parts = lay_out(tmp_path / "parts", in_folders({"pkg_a": FIVE[:2], "pkg_b": FIVE[2:]}))
+    assert found_in(parts, rubric, Shape.EACH) == ["pkg_a", "pkg_b"]
+
+
+def test_this_projects_own_folders(rubric: Rubric) -> None:
+    """The sample is one submission in a folder of such, and the fixtures are many."""
+    assert found_in(ROOT / "submissions", rubric) == ["alice"]
+    assert found_in(ROOT / "submissions/alice", rubric) == ["alice"]
+    assert found_in(ROOT / "reference/solution", rubric) == ["solution"]
+    fixtures = {path.parent.name for path in (ROOT / "fixtures").glob("*/expected.yaml")}
+    assert fixtures <= set(found_in(ROOT / "fixtures", rubric))
+
+
+def test_what_is_not_understood_is_told(rubric: Rubric, tmp_path: Path) -> None:
+    """A file among students' folders belongs to nobody, and is named."""
+    group = lay_out(tmp_path / "group", ["stray.py", "\x1b[2J.py", *in_folders({"alice": FIVE, "bob": FIVE})])
+    found = find_submissions([group], rubric)
+    assert len(found.submissions) == 2
+    assert len(found.not_understood) == 2
+    assert all(line.isprintable() for line in found.not_understood)
+
+
+def test_a_path_that_is_not_there_stands_for_itself(rubric: Rubric, tmp_path: Path) -> None:
+    """It is refused when it is graded, and keeps the others from nothing."""
+    lay_out(tmp_path / "alice", FIVE)
+    os.mkfifo(tmp_path / "pipe")
+    found = find_submissions([tmp_path / "alice", tmp_path / "bob", tmp_path / "pipe"], rubric)
+    assert [handed.name for handed in found.submissions] == ["alice", "bob", "pipe"]
+    for handed in found.submissions[1:]:
+        with pytest.raises(SubmissionError), taken_in(handed):
+            pass
+
+
+# -- downloads of learning-management systems ----------------------------------------------------------
+
+
+def download(tmp_path: Path, form: str, names: Iterable[str]) -> Path:
+    """Lay a download out as a folder, or as the zip that it comes as; zips in it hold a file."""
+    folder = lay_out(tmp_path / "export", names)
+    for path in [path for path in folder.rglob("*") if path.suffix == ".zip"]:
+        with zipfile.ZipFile(path, "w") as packed:
+            packed.writestr("lab/joint_publisher.py", path.name)
+    return folder if form == "folder" else pack(folder, tmp_path / "export.zip")
+
+
+def by_name(found: Found) -> dict[str, Handed]:
+    """Give the submissions by their names."""
+    return {handed.name: handed for handed in found.submissions}
+
+
+@pytest.mark.parametrize("form", ["folder", "zip"])
+@pytest.mark.parametrize("folders", [True, False])
+def test_moodles_download(form: str, folders: bool, rubric: Rubric, tmp_path: Path) -> None:
+    """Each student is one submission, also two of one name; what was typed in belongs to it."""
+    slash = "/" if folders else ""
+    names = [
+        f"Ann Müller_11_assignsubmission_file_{slash}lab.zip",
+        f"Ann Müller_11_assignsubmission_onlinetext_{slash}onlinetext.html",
+        f"Ann Müller_12_assignsubmission_file_{slash}joint_publisher.py",
+        f"Ann Müller_12_assignsubmission_file_{slash}README.md",
+        f"Group 3-Bob_13_assignsubmission_file_{slash}lab.zip",
+        "grades.csv",
+    ]
+    found = find_submissions([download(tmp_path, form, names)], rubric)
+    students = by_name(found)
+    assert list(students) == ["Ann_Müller_11", "Ann_Müller_12", "Group_3-Bob_13"]
+    assert [handed.student_id for handed in students.values()] == ["11", "12", "13"]
+    assert files_of(students["Ann_Müller_11"]) == {"lab/joint_publisher.py", "onlinetext.html"}
+    assert files_of(students["Ann_Müller_12"]) == {"joint_publisher.py", "README.md"}
+    assert "Moodle's download of 3 submissions" in found.understood[0]
+    assert found.not_understood == ()
+
+
+@pytest.mark.parametrize("form", ["folder", "zip"])
+def test_canvas_download(form: str, rubric: Rubric, tmp_path: Path) -> None:
+    """Loose files of a student are one submission, under the names that the student gave them."""
+    names = [
+        "annmueller_67_890_lab.zip",
+        "bobvan_der_berg_LATE_68_891_joint_publisher-2.py",
+        "bobvan_der_berg_LATE_68_892_robot_1_2_service.py",
+        "bobvan_der_berg_LATE_68_893_a.py",
+        "bobvan_der_berg_LATE_68_894_a-1.py",
+        "cem_69_text.html",
+        "anon_Xy3zA_900_lab.zip",
+        "stray.pdf",
+    ]
+    found = find_submissions([download(tmp_path, form, names)], rubric)
+    students = by_name(found)
+    assert list(students) == ["annmueller_67", "anon_Xy3zA", "bobvan_der_berg_68", "cem_69"]
+    bob = students["bobvan_der_berg_68"]
+    assert (bob.student_id, bob.student, bob.late) == ("68", "bobvan_der_berg", True)
+    assert files_of(bob) == {"joint_publisher.py", "robot_1_2_service.py", "a.py", "a-1.py"}
+    assert not students["annmueller_67"].late
+    assert files_of(students["annmueller_67"]) == {"lab/joint_publisher.py"}
+    assert files_of(students["cem_69"]) == {"text.html"}
+    assert len(found.not_understood) == 1
+    assert "stray.pdf" in found.not_understood[0]
+
+
+@pytest.mark.parametrize("form", ["folder", "zip"])
+def test_blackboards_download(form: str, rubric: Rubric, tmp_path: Path) -> None:
+    """The last attempt counts, with its time; earlier ones are told."""
+    names = [
+        "Lab 9_ann1_attempt_2026-03-01-12-00-00.txt",
+        "Lab 9_ann1_attempt_2026-03-01-12-00-00_joint_publisher.py",
+        "Lab 9_ann1_attempt_2026-03-02-23-41-05.txt",
+        "Lab 9_ann1_attempt_2026-03-02-23-41-05_robot_service.py",
+        "Lab 9_bob2_attempt_2026-03-02-08-00-00.txt",
+    ]
+    found = find_submissions([download(tmp_path, form, names)], rubric)
+    ann, bob = found.submissions
+    assert (ann.name, ann.student_id) == ("ann1", "ann1")
+    assert ann.submitted_at == datetime(2026, 3, 2, 23, 41, 5).astimezone()
+    assert files_of(ann) == {"robot_service.py"}
+    assert len(found.not_understood) == 2
+    with pytest.raises(SubmissionError, match="empty"), taken_in(bob):
+        pass
+
+
+def test_nobody_of_a_large_class_is_lost(rubric: Rubric, tmp_path: Path) -> None:
+    """A download of thousands of loose files is understood to its last student."""
+    names = [f"student{student}_{student}_{file}_f{file}.py" for student in range(1, 1201) for file in range(5)]
+    found = find_submissions([lay_out(tmp_path / "export", names)], rubric)
+    assert len(found.submissions) == 1200
+    assert all(len(handed.pieces) == 5 for handed in found.submissions)
+
+
+def test_github_classrooms_clones(rubric: Rubric, tmp_path: Path) -> None:
+    """Repositories beside each other are one submission each, at the time of their last commit."""
+    folder = tmp_path / "lab-09-submissions"
+    for number, name in enumerate(("alice", "bob")):
+        clone = lay_out(folder / f"lab-09-{name}", FIVE)
+        commit(clone, f"2026-03-0{number + 1}T12:00:00+01:00")
+    found = find_submissions([folder], rubric)
+    assert [(handed.name, handed.student_id) for handed in found.submissions] == [
+        ("lab-09-alice", "alice"),
+        ("lab-09-bob", "bob"),
+    ]
+    zone = timezone(timedelta(hours=1))
+    assert [handed.submitted_at for handed in found.submissions] == [
+        datetime(2026, 3, 1, 12, tzinfo=zone),
+        datetime(2026, 3, 2, 12, tzinfo=zone),
+    ]
+    assert files_of(found.submissions[0]) == set(FIVE)
+    alone = find_submissions([folder / "lab-09-bob"], rubric).submissions[0]
+    assert alone.submitted_at == datetime(2026, 3, 2, 12, tzinfo=zone)
+
+
+def commit(folder: Path, time: str) -> None:
+    """Make a folder a repository with one commit."""
+    environment = {"PATH": os.environ["PATH"], "HOME": str(folder), "GIT_CONFIG_NOSYSTEM": "1"}
+    environment |= {"GIT_AUTHOR_DATE": "2020-01-01T00:00:00+00:00", "GIT_COMMITTER_DATE": time}
+    who = ("-c", "user.name=ann", "-c", "user.email=ann@example.org")
+    for command in (("init", "-q"), ("add", "."), (*who, "commit", "-q", "-m", "hand in")):
+        subprocess.run(["git", *command], cwd=folder, env=environment, check=True)
+
+
+# -- as other systems and other teachers lay them out ------------------------------------------------------
+
+
+@pytest.mark.parametrize("form", ["folder", "zip"])
+def test_brightspaces_download(form: str, rubric: Rubric, tmp_path: Path) -> None:
+    """A folder for each time that a student handed in: the last one counts, with its time; the index is nobody's."""
+    names = [
+        "index.html",
+        "67-900 - Mary-Ann O'Brien - Mar 1, 2026 1159 PM/lab.zip",
+        "67-900 - Mary-Ann O'Brien - Mar 2, 2026 121 PM/lab.zip",
+        "68-900 - Anne - Marie Smith - Feb 28, 2026 900 AM/lab.zip",
+    ]
+    found = find_submissions([download(tmp_path, form, names)], rubric)
+    students = by_name(found)
+    assert list(students) == ["Anne_-_Marie_Smith_68", "Mary-Ann_O_Brien_67"]
+    mary = students["Mary-Ann_O_Brien_67"]
+    assert (mary.student, mary.student_id) == ("Mary-Ann O'Brien", "67")
+    assert mary.submitted_at == datetime(2026, 3, 2, 13, 21).astimezone()
+    assert files_of(mary) == {"lab/joint_publisher.py"}
+    assert "Brightspace's download of 2 submissions" in found.understood[0]
+    assert [line.rpartition(": ")[2] for line in found.not_understood] == ["an earlier attempt"]
+
+
+@pytest.mark.parametrize("form", ["folder", "zip"])
+def test_a_single_student_of_brightspace(form: str, rubric: Rubric, tmp_path: Path) -> None:
+    """The first who hands in is told from the index beside it."""
+    names = ["index.html", "67-900 - Ann Smith - 1 mars, 2026 2359/lab.zip"]
+    (ann,) = find_submissions([download(tmp_path, form, names)], rubric).submissions
+    assert (ann.name, ann.submitted_at) == ("Ann_Smith_67", None)
+
+
+@pytest.mark.parametrize("form", ["folder", "zip"])
+def test_sakais_download(form: str, rubric: Rubric, tmp_path: Path) -> None:
+    """Names and ids are those of the folders, times those of the files beside what was handed in."""
+    names = [
+        "Lab 9/grades.csv",
+        "Lab 9/Müller, Ann(ann1)/Submission attachment(s)/lab.zip",
+        "Lab 9/O'Brien, Bob(bob2)/Submission attachment(s)/joint_publisher.py",
+        "Lab 9/Çelik, Cem(cem3)/Submission attachment(s)/lab.zip",
+    ]
+    folder = download(tmp_path, "folder", names)
+    (folder / "Lab 9/Müller, Ann(ann1)/timestamp.txt").write_text("20260302224105123")
+    (folder / "Lab 9/O'Brien, Bob(bob2)/timestamp.txt").write_text("2026-03-02T22:41:05Z\n")
+    (folder / "Lab 9/Çelik, Cem(cem3)/timestamp.txt").write_text("yesterday")
+    path = folder if form == "folder" else pack(folder, tmp_path / "export.zip")
+    students = by_name(find_submissions([path], rubric))
+    assert list(students) == ["Müller_Ann_ann1", "O_Brien_Bob_bob2", "Çelik_Cem_cem3"]
+    told = datetime(2026, 3, 2, 22, 41, 5, tzinfo=timezone.utc)
+    assert [handed.submitted_at for handed in students.values()] == [told, told, None]
+    assert "Submission attachment(s)/joint_publisher.py" in files_of(students["O_Brien_Bob_bob2"])
+    assert "lab/joint_publisher.py" in files_of(students["Müller_Ann_ann1"])
+
+
+GRADESCOPE = """\
+submission_101:
+  :submitters:
+  - :name: Ann Smith
+    :sid: '0012'
+    :email: ann@example.org
+  :created_at: 2026-03-02 22:41:05.123456789 Z
+  :score: 85.0
+  :results:
+    :tests:
+    - :name: Mallory
+      :output: "submission_102:\\n  :submitters:\\n"
+submission_102:
+  :submitters:
+  - :name: Bob Jones
+    :email: bob@example.org
+  - :name: "Cem \\u00c7elik"
+    :sid: '0014'
+  :created_at: 2026-03-02 14:41:05 -08:00
+submission_103:
+  :submitters: []
+"""
+
+
+@pytest.mark.parametrize("form", ["folder", "zip"])
+def test_gradescopes_export(form: str, rubric: Rubric, tmp_path: Path) -> None:
+    """Who and when stand in the export's table; several who handed in together are all named."""
+    names = [f"assignment_7_export/submission_{n}/{file}" for n in (101, 102, 103) for file in FIVE]
+    folder = download(tmp_path, "folder", names)
+    (folder / "assignment_7_export/submission_metadata.yml").write_text(GRADESCOPE, encoding="utf-8")
+    path = folder if form == "folder" else pack(folder, tmp_path / "export.zip")
+    found = find_submissions([path], rubric)
+    students = by_name(found)
+    assert list(students) == ["Ann_Smith_0012", "Bob_Jones_Cem_Çelik_submission_102", "submission_103"]
+    ann, both, nobody = students.values()
+    assert (ann.student, ann.student_id) == ("Ann Smith", "0012")
+    assert ann.submitted_at == datetime(2026, 3, 2, 22, 41, 5, 123456, tzinfo=timezone.utc)
+    assert (both.student_id, both.submitted_at) == (None, datetime(2026, 3, 2, 22, 41, 5, tzinfo=timezone.utc))
+    assert nobody.submitted_at is None
+    assert files_of(ann) == set(FIVE)
+    assert found.not_understood == ()
+
+
+def test_a_download_of_one_is_told_beside_tables(rubric: Rubric, tmp_path: Path) -> None:
+    """Where only one has handed in so far, the system's tables of grades do not outnumber the student."""
+    names = [f"Ann Lee_11_assignsubmission_file_/{FIVE[0]}", "Grades-Lab 9.csv", "worksheet.xlsx"]
+    found = find_submissions([lay_out(tmp_path / "export", names)], rubric)
+    assert [(h.name, h.student_id) for h in found.submissions] == [("Ann_Lee_11", "11")]
+    assert found.not_understood == ()
+
+
+def test_user_names_with_underscores_stay_apart(rubric: Rubric, tmp_path: Path) -> None:
+    """On Blackboard, a title, a user's name and a group's may hold underscores; nobody is taken for another."""
+    names = [
+        f"Lab_9 (B)_{who}_attempt_2026-03-01-12-00-00_joint_publisher.py" for who in ("a_smith", "b_smith", "Group 1")
+    ]
+    found = find_submissions([lay_out(tmp_path / "export", names)], rubric)
+    assert [(h.name, h.student_id) for h in found.submissions] == [
+        ("a_smith", "a_smith"),
+        ("b_smith", "b_smith"),
+        ("Group_1", "Group 1"),
+    ]
+    assert found.not_understood == ()
+
+
+def test_canvas_marks_lateness_in_each_form(rubric: Rubric, tmp_path: Path) -> None:
+    """The mark is no part of a name, neither where there is none nor in small letters."""
+    names = ["LATE_anon_Xy3zA_900_lab.zip", "bob_late_68_901_lab.zip", "latelyann_69_902_lab.zip"]
+    found = find_submissions([download(tmp_path, "folder", names)], rubric)
+    assert {h.name: h.late for h in found.submissions} == {"anon_Xy3zA": True, "bob_68": True, "latelyann_69": False}
+
+
+@pytest.mark.parametrize("number", ["09_01", "9_1"])
+def test_files_with_the_labs_number_are_one_students(number: str, rubric: Rubric, tmp_path: Path) -> None:
+    """Names such as lab_9_1_joint_publisher.py look like Canvas's, whose files have numbers of their own."""
+    folder = lay_out(tmp_path / "alice", [f"lab_{number}_{name}" for name in FIVE])
+    assert found_in(folder, rubric) == ["alice"]
+
+
+OTHER_CLASSES: dict[str, tuple[Iterable[str], list[str]]] = {
+    "an archive in each folder": (["alice/lab.zip", "bob/lab.tar.gz", "cem/x/lab.7z"], ["alice", "bob", "cem"]),
+    "archives and files": (
+        in_folders({"alice": FIVE, "bob": ["lab.zip", "notes.pdf"], "cem": ["lab.zip"]}),
+        ["alice", "bob", "cem"],
+    ),
+    "numbers of students that begin like a section's": (
+        in_folders({"V00812345": FIVE, "V00812346": FIVE}),
+        ["V00812345", "V00812346"],
+    ),
+    "workspaces called after students": (
+        in_folders({"anna_ws/src/p": FIVE, "bob_ws/src/p": FIVE}),
+        ["anna_ws", "bob_ws"],
+    ),
+    "a table beside the folder of a class": (
+        ["grades.xlsx", *in_folders({"Abgaben/Ann_1": FIVE, "Abgaben/Bob_2": FIVE[:1]}), "Abgaben/status.xlsx"],
+        ["Ann_1", "Bob_2"],
+    ),
+}
+
+
+@pytest.mark.parametrize("tree", OTHER_CLASSES)
+@pytest.mark.parametrize("form", ["folder", ".zip"])
+def test_other_folders_of_submissions(tree: str, form: str, rubric: Rubric, tmp_path: Path) -> None:
+    """A class is told from one submission also where nobody's files lie open, or names look like those of parts."""
+    laid_out, names = OTHER_CLASSES[tree]
+    folder = lay_out(tmp_path / "group", laid_out)
+    path = folder if form == "folder" else pack(folder, tmp_path / "group.zip")
+    found = find_submissions([path], rubric)
+    assert [handed.name for handed in found.submissions] == names
+    assert found.not_understood == ()
+
+
+@pytest.mark.parametrize("form", ["folder", ".zip"])
+def test_teams_keeps_each_version(form: str, rubric: Rubric, tmp_path: Path) -> None:
+    """Of what was handed in several times, the last version counts, and the others are told."""
+    tree = [f"Submitted files/Ann Lee/Lab 9/Version {n}/{FIVE[0]}" for n in (1, 2, 10)]
+    tree += [f"Submitted files/Bob Ray/Lab 9/Version 1/{FIVE[0]}", f"Submitted files/Cem/Lab 9/{FIVE[0]}"]
+    folder = lay_out(tmp_path / "group", tree)
+    found = find_submissions([folder if form == "folder" else pack(folder, tmp_path / "group.zip")], rubric)
+    assert {h.name: files_of(h) for h in found.submissions} == {
+        "Ann_Lee": {FIVE[0]},
+        "Bob_Ray": {FIVE[0]},
+        "Cem": {f"Lab 9/{FIVE[0]}"},
+    }
+    assert found.submissions[0].pieces[0].member.endswith("Version 10/" if form == ".zip" else "")
+    assert [line.rpartition(": ")[0].rpartition(": ")[2] for line in found.not_understood] == ["Version 1", "Version 2"]
+
+
+def test_a_class_that_is_packed_twice_is_no_submission(rubric: Rubric, tmp_path: Path) -> None:
+    """An archive that holds that of a class is refused with what to do; that of one submission is unpacked twice."""
+    tree = lay_out(tmp_path / "tree", in_folders({"alice": FIVE, "bob": FIVE}))
+    outer = lay_out(tmp_path / "mail", [".DS_Store"])
+    pack(tree, outer / "submissions.zip")
+    packed = pack(outer, tmp_path / "mail.zip")
+    with pytest.raises(SubmissionError, match=r"submissions\.zip") as caught:
+        find_submissions([packed], rubric)
+    assert "--one" in caught.value.remedy
+    assert found_in(packed, rubric, Shape.ONE) == ["mail"]
+    pack(tree / "alice", outer / "submissions.zip")
+    assert found_in(pack(outer, packed), rubric) == ["mail"]
+
+
+def test_a_stray_file_of_the_lab_does_not_hide_a_class(rubric: Rubric, tmp_path: Path) -> None:
+    """In a folder called submissions, a file of the lab beside the students' folders belongs to nobody."""
+    tree = [FIVE[0], *in_folders({"alice": FIVE, "bob": FIVE})]
+    found = find_submissions([lay_out(tmp_path / "submissions", tree)], rubric)
+    assert [handed.name for handed in found.submissions] == ["alice", "bob"]
+    assert [FIVE[0] in line for line in found.not_understood] == [True]
+    assert found_in(lay_out(tmp_path / "alice", tree), rubric) == ["alice"]
+    kept = lay_out(tmp_path / "lab-09-submissions", [".git/HEAD", *tree[1:]])
+    assert found_in(kept, rubric) == ["alice", "bob"], "an instructor keeps them in a repository"
+
+
+def test_a_commit_of_tomorrow_tells_no_time(rubric: Rubric, tmp_path: Path) -> None:
+    """Where a student's clock was ahead, the time is not known, instead of late."""
+    folder = lay_out(tmp_path / "alice", FIVE)
+    commit(folder, "2099-03-01T12:00:00+01:00")
+    (handed,) = find_submissions([folder], rubric).submissions
+    assert handed.submitted_at is None
+
+
+def test_a_list_does_not_tell_namesakes_apart(rubric: Rubric, tmp_path: Path) -> None:
+    """A time is given to nobody who may not be meant, and nobody who handed in is called missing."""
+    export = lay_out(
+        tmp_path / "export",
+        [f"{n}_assignsubmission_file_/{FIVE[0]}" for n in ("Ann Müller_11", "Ann Müller_12", "Bo_13")],
+    )
+    rows = ["Ann Müller,100,2026-03-02T23:00Z", "Ann Müller,200,2026-03-09T23:00Z", "Bo,300,2026-03-01T08:00Z"]
+    for listed in (rows, rows[1:]):
+        (tmp_path / "class.csv").write_text("\n".join(["name,student_id,submitted_at", *listed]), encoding="utf-8")
+        found = find_submissions([export], rubric, class_list=tmp_path / "class.csv")
+        assert [(h.student_id, h.submitted_at is None) for h in found.submissions] == [
+            ("11", True),
+            ("12", True),
+            ("300", False),
+        ]
+        assert found.missing == ()
+        assert sum("the name alone does not say" in line for line in found.understood) == 2
+
+
+def test_a_list_does_not_call_missing_who_handed_in_twice(rubric: Rubric, tmp_path: Path) -> None:
+    """Two submissions of one name get marks; that the student is there is known all the same."""
+    folder = lay_out(tmp_path / "group", in_folders({"alice": FIVE, "bob": FIVE}))
+    pack(folder / "alice", folder / "alice.zip")
+    (tmp_path / "class.csv").write_text("name\nalice\nbob\nzoe\n", encoding="utf-8")
+    found = find_submissions([folder], rubric, class_list=tmp_path / "class.csv")
+    assert [handed.name[:6] for handed in found.submissions] == ["alice-", "alice-", "bob"]
+    assert found.missing == ("zoe",)
+
+
+def test_a_list_with_a_line_for_each_hand_in(rubric: Rubric, tmp_path: Path) -> None:
+    """The last time counts; surnames may come first, and times end with UTC, as other systems write them."""
+    rows = [
+        "name,student_id,submitted_at",
+        '"Müller, Ann",100,2026-03-02 22:00:00 UTC',
+        '"Müller, Ann",100,2026-03-03 22:00:00 UTC',
+        '"Müller, Ann",100,',
+    ]
+    (tmp_path / "class.csv").write_text("\n".join(rows), encoding="utf-8")
+    export = lay_out(tmp_path / "export", [f"Ann Müller_11_assignsubmission_file_/{FIVE[0]}"])
+    found = find_submissions([export], rubric, class_list=tmp_path / "class.csv")
+    assert [h.submitted_at for h in found.submissions] == [datetime(2026, 3, 3, 22, tzinfo=timezone.utc)]
+    assert found.missing == ()
+
+
+# -- names and the class list ----------------------------------------------------------------------------
+
+
+def test_equal_names_are_told_apart_for_good(rubric: Rubric, tmp_path: Path) -> None:
+    """Two submissions of one name get marks that do not depend on how or with whom they are given."""
+    paths = [lay_out(tmp_path / folder / "alice", FIVE) for folder in "ab"]
+    found = find_submissions(paths, rubric)
+    names = [handed.name for handed in found.submissions]
+    assert len(set(names)) == 2
+    assert {f"{h.where}: called {h.name}, since there is another alice" for h in found.submissions} < {
+        *found.understood
+    }
+    assert all(name.startswith("alice-") for name in names)
+    paths.append(lay_out(tmp_path / "c" / "Alice", FIVE))
+    again = find_submissions([Path(os.path.relpath(path)) for path in reversed(paths)], rubric)
+    assert set(names) < {handed.name for handed in again.submissions}
+    assert len({handed.name.casefold() for handed in again.submissions}) == 3
+
+
+def test_what_is_given_twice_is_graded_once(rubric: Rubric, tmp_path: Path) -> None:
+    """A folder and one of its submissions are no two submissions."""
+    group = lay_out(tmp_path / "group", in_folders({"alice": FIVE, "bob": FIVE}))
+    found = find_submissions([group, group / "alice", group / "../group/bob"], rubric)
+    assert [handed.name for handed in found.submissions] == ["alice", "bob"]
+
+
+NAME = st.text(st.characters(exclude_characters="/\0", exclude_categories=["Cs"]), min_size=1, max_size=60).filter(
+    lambda name: name not in (".", "..") and len(name.encode()) < 250
+)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=60)
+@given(names=st.lists(NAME, min_size=1, max_size=6, unique=True))
+def test_any_names_become_names_of_folders(names: list[str], rubric: Rubric, tmp_path: Path) -> None:
+    """Whatever folders are called, each submission has a name of its own that any file system takes."""
+    shutil.rmtree(tmp_path / "group", ignore_errors=True)
+    group = lay_out(tmp_path / "group", in_folders(dict.fromkeys(names, FIVE[:1])))
+    found = find_submissions([group], rubric, shape=Shape.EACH)
+    called = [handed.name for handed in found.submissions]
+    assert len({name.casefold() for name in called}) == len(called)
+    for name in called:
+        assert name.isprintable()
+        assert not set(name) & set('/\\:*?"<>| \t\n')
+        assert name.strip("._-") == name or name[-7] == "-"
+        assert 0 < len(name.encode()) <= 130
+    assert called == [handed.name for handed in find_submissions([group], rubric, shape=Shape.EACH).submissions]
+
+
+def test_a_class_list_knows_more(rubric: Rubric, tmp_path: Path) -> None:
+    """Ids and times come from the list, by name or by id; who is missing is told."""
+    rows = [
+        "Name;Student ID;submitted_at;group",
+        "Alice;2026001;2026-03-02T23:41:00+01:00;1",
+        "bob;;;1",
+        ";69;2026-03-03T08:00:00Z;2",
+        "Eve;2026004;;2",
+    ]
+    (tmp_path / "class.csv").write_text("\n".join(rows), encoding="utf-8-sig")
+    group = lay_out(tmp_path / "group", in_folders({"alice": FIVE, "bob": FIVE}))
+    export = lay_out(tmp_path / "export", ["cem_69_1_joint_publisher.py"])
+    found = find_submissions([group, export], rubric, class_list=tmp_path / "class.csv")
+    students = by_name(found)
+    assert students["alice"].student_id == "2026001"
+    assert students["alice"].submitted_at == datetime(2026, 3, 2, 22, 41, tzinfo=timezone.utc)
+    assert (students["bob"].student_id, students["bob"].submitted_at) == (None, None)
+    assert students["cem_69"].submitted_at == datetime(2026, 3, 3, 8, tzinfo=timezone.utc)
+    assert found.missing == ("Eve",)
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("", 0),
+        ("surname,time\n", 1),
+        ("name,submitted_at\nann,2026-03-02\nbob,yesterday\n", 3),
+        ("name,student_id\nann,1\n,,\n\n  ,\nbob\n,\n,x\ny\n", None),
+        ("name\tstudent_id\tsubmitted_at\nann, b; c\t1\t2026-03-02\n", None),
+        ('name\n"ann\n', None),
+        ("name,submitted_at\n,2026-03-02\n", 2),
+    ],
+)
+def test_a_class_list_with_mistakes(text: str, line: int | None, rubric: Rubric, tmp_path: Path) -> None:
+    """The first line that is wrong is named; empty lines and missing columns are not wrong."""
+    (tmp_path / "class.csv").write_text(text)
+    if line is None:
+        find_submissions([], rubric, class_list=tmp_path / "class.csv")
+        return
+    with pytest.raises(SubmissionError) as caught:
+        find_submissions([], rubric, class_list=tmp_path / "class.csv")
+    assert caught.value.where == f"{tmp_path / 'class.csv'}:{line}"
+    assert "submitted_at" in caught.value.remedy
+
+
+def test_a_class_list_that_is_none(rubric: Rubric, tmp_path: Path) -> None:
+    """A file that is not there, or is no text, ends with what it should be."""
+    (tmp_path / "class.csv").write_bytes(b"\xff\xfe\x00")
+    for name in ("class.csv", "none.csv"):
+        with pytest.raises(SubmissionError, match="cannot be read"):
+            find_submissions([], rubric, class_list=tmp_path / name)
+
+
+def test_pieces_are_what_a_scheduler_can_send(rubric: Rubric, tmp_path: Path) -> None:
+    """What is found names files of this machine and nothing else."""
+    (handed,) = find_submissions([lay_out(tmp_path / "alice", FIVE)], rubric).submissions
+    assert handed.pieces == (Piece(tmp_path / "alice"),)

@@ -1,0 +1,190 @@
+"""What lies in a submission is the student's: neither a decision, nor a place to write, nor another's results."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import pytest
+
+from grader.errors import UsageError
+from grader.judging.rubrics import read_overrides, read_rubric
+from grader.lab.rubric import Rubric
+from grader.recording.submission import SubmissionRecord, write_submission
+from grader.result_folder import RECORDINGS
+from grader.submission.discovery import TAKEN_NAMES, Found, Shape, find_submissions
+from grader.submission.separation import lies_within, require_no_links, require_same_source, uncounted_overrides
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="links are made otherwise on Windows")
+
+LAB = ("joint_publisher.py", "robot_service.py", "README.md")
+OVERRIDES = "overrides:\n  - {submission: '*', bonus: 5, reason: All is well., who: An Instructor, when: 2026-01-01}\n"
+
+
+@pytest.fixture(scope="module")
+def rubric() -> Rubric:
+    """Give the lab's own rubric."""
+    return read_rubric(None)
+
+
+def lay_out(folder: Path, *names: str) -> Path:
+    """Write files that hold their own names."""
+    for name in names:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(name)
+    return folder
+
+
+@pytest.fixture
+def repository(tmp_path: Path) -> Path:
+    """Make a student's repository, which brought results along."""
+    lay_out(tmp_path / "outside/alice", "kept")
+    folder = lay_out(tmp_path / "alice", *LAB, "results/alice/result.json")
+    (folder / "results/overrides.yaml").write_text(OVERRIDES)
+    return folder
+
+
+# -- decisions, and places to write --------------------------------------------------------------------
+
+
+def test_overrides_in_a_submission_are_no_decision(
+    repository: Path, rubric: Rubric, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They do not count by default, however the folder is typed, and it is said; beside it, or if given, they do."""
+    source, results = str(repository), repository / "results"
+    monkeypatch.chdir(repository)
+    for typed in (results, Path("results"), repository / "../alice/results", Path("./results/")):
+        assert not read_overrides(None, typed, rubric, [source]).sha256
+        assert "does not count" in (uncounted_overrides(typed, [source]) or "")
+    assert read_overrides(results / "overrides.yaml", results, rubric, [source]).sha256
+    for elsewhere in ("", f"{source}x", str(repository.parent / "bob"), f"{repository.parent}/class.zip: alice/"):
+        assert read_overrides(None, results, rubric, [elsewhere]).sha256
+        assert uncounted_overrides(results, [elsewhere]) is None
+
+
+@pytest.mark.parametrize(
+    ("link", "target"),
+    [
+        ("results", "../outside"),
+        ("results", "code"),
+        ("results/alice", "../../outside/alice"),
+        ("results/alice/recordings", "../../../outside/alice"),
+        ("results/audit.jsonl", "../../outside/audit.jsonl"),
+        ("results/history/alice/0123.json", "/etc/nothing"),
+        ("results/.unfinished", "/etc"),
+    ],
+)
+def test_links_that_a_submission_brought_are_no_place_to_write(repository: Path, link: str, target: str) -> None:
+    """On the way to the results or in them, a link is refused and named, and so is what it leads to."""
+    place = repository / link
+    if place.is_dir():
+        place.rename(repository / "code")
+    place.parent.mkdir(parents=True, exist_ok=True)
+    place.symlink_to(target)
+    assert lies_within(repository / "results", [str(repository)])
+    with pytest.raises(UsageError, match="holds a link") as refused:
+        require_no_links(repository / "results", [str(repository)])
+    assert refused.value.where == str(place)
+    require_no_links(repository / "results", [str(repository.parent / "bob")])
+
+
+def test_an_export_may_lie_beside_links_but_not_behind_one(repository: Path) -> None:
+    """A form for another system goes into the submission's own folder, and through none of its links."""
+    (repository / "out").symlink_to("../outside")
+    require_no_links(repository, [str(repository)], inside=False)
+    for way in ("out", "out/deeper"):
+        with pytest.raises(UsageError, match="holds a link"):
+            require_no_links(repository / way, [str(repository)], inside=False)
+
+
+def test_links_of_the_instructors_are_followed(repository: Path) -> None:
+    """Where nothing is the submission's, a link on the way is the instructor's own; so is one above the repository."""
+    (repository.parent / "desk").symlink_to("outside")
+    require_no_links(repository.parent / "desk/results", [str(repository)])
+    assert not lies_within(repository.parent / "desk/results", [str(repository)])
+    (repository.parent / "home").symlink_to(".")
+    require_no_links(repository.parent / "home/alice/results", [str(repository)])
+    assert lies_within(repository.parent / "home/alice/results", [str(repository)])
+
+
+# -- results of others ---------------------------------------------------------------------------------
+
+
+def test_results_of_another_path_are_not_replaced_unawares(tmp_path: Path) -> None:
+    """Results remember what they were made from; those of no path, or of the same, may be replaced."""
+    (tmp_path / "bob" / RECORDINGS).mkdir(parents=True)
+    require_same_source(tmp_path / "bob", "/class/mallory/bob")
+    write_submission(tmp_path / "bob" / RECORDINGS, SubmissionRecord("bob", source="/class/bob"))
+    require_same_source(tmp_path / "bob", "/class/bob")
+    require_same_source(tmp_path / "bob", "")
+    with pytest.raises(UsageError, match=r"made from /class/bob.*another submission"):
+        require_same_source(tmp_path / "bob", "/class/mallory/bob")
+    (tmp_path / "bob" / RECORDINGS / "submission.json").write_text("none")
+    require_same_source(tmp_path / "bob", "/class/mallory/bob")
+
+
+METADATA = (
+    "submission_7:\n  :submitters:\n  - :name: bob\n    :sid: '7'\n  :created_at: 2026-01-01 00:00:00.000000000 Z\n"
+)
+
+
+def test_each_submission_has_a_path_of_its_own(rubric: Rubric, tmp_path: Path) -> None:
+    """What lies in mallory's folder never has the path of bob's, whatever it calls itself."""
+    lay_out(tmp_path / "class/bob", *LAB)
+    lay_out(tmp_path / "class/mallory/bob", *LAB)
+    lay_out(tmp_path / "class/mallory/eve", *LAB)
+    lay_out(tmp_path / "class/oscar/submission_7", *LAB)
+    (tmp_path / "class/oscar/submission_metadata.yml").write_text(METADATA)
+
+    def sources(*path: str) -> dict[str, str]:
+        found = find_submissions([tmp_path.joinpath("class", *path)], rubric)
+        return {handed.name: handed.source for handed in found.submissions}
+
+    above = os.path.realpath(tmp_path / "class")
+    assert sources() == {name: f"{above}/{name}" for name in ("bob", "mallory", "oscar")}
+    assert sources("bob") == {"bob": f"{above}/bob"}
+    assert sources("mallory") == {name: f"{above}/mallory/{name}" for name in ("bob", "eve")}
+    assert set(sources("oscar").values()) == {f"{above}/oscar"}
+
+
+def test_a_repository_is_no_download(rubric: Rubric, tmp_path: Path) -> None:
+    """Files that a learning-management system writes are a student's own in a repository and beside the lab's files."""
+    for name, mark in (("cloned", ".git/HEAD"), ("bare", "joint_publisher.py")):
+        folder = lay_out(tmp_path / name, mark, "submission_7/joint_publisher.py", "submission_7/robot_service.py")
+        (folder / "submission_metadata.yml").write_text(METADATA)
+        assert [h.name for h in find_submissions([folder], rubric).submissions] == [name]
+
+
+# -- classes -------------------------------------------------------------------------------------------
+
+
+def found_in(folder: Path, rubric: Rubric) -> Found:
+    """Look for each submission in a folder."""
+    return find_submissions([folder], rubric, shape=Shape.EACH)
+
+
+@pytest.mark.parametrize("place", ["recordings", "results/eve/recordings", "a/b/recordings"])
+def test_a_submission_with_recordings_is_graded(place: str, rubric: Rubric, tmp_path: Path) -> None:
+    """Results that somebody keeps beside their work do not hide it; a folder of results alone is named."""
+    lay_out(tmp_path / "class/ann", *LAB)
+    lay_out(tmp_path / "class/eve", *LAB, f"{place}/submission.json")
+    lay_out(tmp_path / "class/results", "ann/recordings/submission.json", "ann/report.html")
+    found = found_in(tmp_path / "class", rubric)
+    assert [handed.name for handed in found.submissions] == ["ann", "eve"]
+    assert [line.rsplit(": ", 2)[1:] for line in found.not_understood] == [["results", "results of an earlier grading"]]
+
+
+def test_no_submission_is_called_like_what_lies_among_results(rubric: Rubric, tmp_path: Path) -> None:
+    """One that is called so, in whatever letters, gets a mark, and that is said."""
+    names = sorted({*TAKEN_NAMES, "Index.HTML", "HISTORY", "Recordings"})
+    for name in names:
+        lay_out(tmp_path / "class" / name, *LAB)
+    found = found_in(tmp_path / "class", rubric)
+    assert len(found.submissions) == len(names)
+    given = [handed.name for handed in found.submissions]
+    assert not {name.casefold() for name in given} & TAKEN_NAMES
+    assert len({name.casefold() for name in given}) == len(names)
+    assert sum(": called " in line for line in found.understood) == len(names)
+    single = find_submissions([tmp_path / "class/history"], rubric)
+    assert [h.name.startswith("history-") for h in single.submissions] == [True]
