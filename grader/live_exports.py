@@ -92,5 +92,5 @@ class LiveExports:
 def _clear(path: Path, results: Path) -> None:
     """Remove an earlier export, which must not be taken for this grading's; fail now rather than in the end."""
     if path.parent != results and not path.parent.is_dir():
-        raise UsageError("there is no such folder to export into", where=str(path.parent), remedy="Make it first.")
+        raise UsageError("there is no such folder to export into", location=str(path.parent), remedy="Make it first.")
     path.unlink(missing_ok=True)

@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 #: How the reasons begin for which a busy machine leaves a measurement undecided.
-MACHINE = ("The machine kept ", "The measurement's error ")
+MACHINE = ("Not your fault: the grading computer was too busy", "The measurement error ")
 #: Whether this process has a part of the machine now: tests within a test share it.
 _shares = False
 

@@ -17,7 +17,7 @@ from grader.evidence.text.prose import TopicWords, concepts, descriptions, docum
 from grader.evidence.text.source import SourceFacts, docstring_share, parse
 from grader.lab import references as ref
 from grader.lab.references import Parameters, Pattern, Share
-from grader.result import Finding, Where
+from grader.result import Finding, Location
 
 #: What a README is called in other languages.
 _README = re.compile(one_of("readme_names"), re.IGNORECASE)
@@ -65,7 +65,7 @@ def _not_read(context: Context) -> list[str]:
 
 def _for_a_person(expected: str, paths: Sequence[str]) -> Finding:
     reason = f"The grader cannot read {', '.join(paths)}; a person has to."
-    return inconclusive(expected, "not read", reason, where=[Where(file=path) for path in paths], retry=False)
+    return inconclusive(expected, "not read", reason, where=[Location(file=path) for path in paths], retry=False)
 
 
 def sources(context: Context, artifacts: tuple[str, ...]) -> list[SourceFacts]:
@@ -108,10 +108,10 @@ def readme(context: Context, p: Readme) -> Finding:
         return _for_a_person(expected, unread)
     if not documents:
         return failed(expected, "no README", "There is no README.", hint="Write a README.md beside the code.")
-    commands = [Where(file=path, line=line) for path, d in documents for line in run_lines(d, p.commands)]
+    commands = [Location(file=path, line=line) for path, d in documents for line in run_lines(d, p.commands)]
     topics = [TopicWords(part.artifact, part.names, part.synonyms) for part in parts]
     described = {
-        topic: Where(file=path, line=line)
+        topic: Location(file=path, line=line)
         for path, d in reversed(documents)
         for topic, line in descriptions(d, topics, p.words_each).items()
     }
@@ -128,7 +128,7 @@ def readme(context: Context, p: Readme) -> Finding:
         )
     measured = f"{len(commands)} commands, {len(described)} of {len(parts)} parts described"
     where = [*commands[:1], *described.values()]
-    return graded(share, expected, measured, " ".join(reasons), where=where or (Where(file=documents[0][0]),))
+    return graded(share, expected, measured, " ".join(reasons), where=where or (Location(file=documents[0][0]),))
 
 
 def _parts(count: int) -> str:
@@ -158,7 +158,7 @@ def docstrings(context: Context, p: Docstrings) -> Finding:
     lacking = [f"{u.definition.label} ({u.reason})" for u in share.undocumented[:4]]
     more = f" and {len(share.undocumented) - 4} more" if len(share.undocumented) > 4 else ""
     reason = f"Without a docstring that says something: {', '.join(lacking)}{more}."
-    where = [Where(file=u.path, line=u.definition.line) for u in share.undocumented[:6]]
+    where = [Location(file=u.path, line=u.definition.line) for u in share.undocumented[:6]]
     credit = (float(share.share) - p.zero_to) / (p.full_from - p.zero_to)
     return graded(credit, expected, measured, reason, where=where)
 
@@ -193,7 +193,7 @@ def comments(context: Context, p: Comments) -> Finding:
     )
     bare = sorted(facts, key=lambda f: len(f.explaining) / max(1, f.code_lines))[:3]
     share = (density - p.zero_to_per_100_lines) / (p.full_per_100_lines - p.zero_to_per_100_lines)
-    return graded(share, expected, measured, reason, where=[Where(file=f.path) for f in bare])
+    return graded(share, expected, measured, reason, where=[Location(file=f.path) for f in bare])
 
 
 class ConceptsExplained(_OfFiles):
@@ -230,7 +230,7 @@ def concepts_explained(context: Context, p: ConceptsExplained) -> Finding:
         f"{p.full_concepts} of {len(p.concepts)} concepts discussed (two thirds), and weighed with reasons (one third)"
     )
     measured = f"{', '.join(found.discussed) or 'none'} discussed in {found.words} words"
-    where = [Where(file=passage.file, line=passage.line) for passage in found.discussed.values()]
+    where = [Location(file=passage.file, line=passage.line) for passage in found.discussed.values()]
     if len(found.discussed) < p.least_concepts and (unread := _not_read(context)):
         return _for_a_person(expected, unread)
     if len(found.discussed) < p.least_concepts:

@@ -13,27 +13,28 @@ from grader.checks.base import (
     Context,
     Part,
     apart,
+    cpu_delay_doubt,
     credit_of,
+    describe_diagnosis,
     failed,
-    in_steps,
     inconclusive,
-    kept_from_core,
     not_reached,
     of_parts,
     passed,
-    told,
+    quantise,
     without_delay,
 )
-from grader.checks.preconditions import environment_gap
-from grader.evidence.environment_gap import is_newer_python, missing_here
-from grader.evidence.recorded import Recorded, Span, clock_step_s
+from grader.checks.preconditions import environment_gap_of
+from grader.evidence.cpu_delay import Span
+from grader.evidence.environment_gap import absent_module, is_newer_python
+from grader.evidence.recorded import Recorded, clock_step_s
 from grader.evidence.text.launch_source import parameter_line
 from grader.evidence.timing import timing_of
 from grader.lab import references as ref
 from grader.lab.references import Parameters, Share
 from grader.recording.launch_plan import MalformedPlanError, Plan, Problem, Process
 from grader.recording.session import ProcessRun
-from grader.result import Finding, Where
+from grader.result import Finding, Location
 
 
 def _read_plan(plain: Any) -> Plan | None:
@@ -50,8 +51,8 @@ def plan_of(context: Context, step: str) -> Plan | None:
     return _read_plan(run.result["plan"]) if run is not None and "plan" in run.result else None
 
 
-def mended(context: Context, step: str, *kinds: str) -> list[Mapping[str, Any]]:
-    """Return the problems of some kinds that the live half noted and mended, so that the rest could be judged."""
+def worked_around(context: Context, step: str, *kinds: str) -> list[Mapping[str, Any]]:
+    """Return the problems of some kinds that the live half noted and worked around, to judge the rest."""
     run = context.session.step(step)
     found = run.result.get("mended", []) if run is not None else []
     return [m for m in found if m["kind"] in kinds or not kinds]
@@ -77,7 +78,7 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
     if plan is None:
         return inconclusive(expected, "not evaluated", "The recording does not hold an evaluation of the launch file.")
     problem = plan.problem
-    noted = [*mended(context, p.step), *([vars(problem)] if problem is not None else [])]
+    noted = [*worked_around(context, p.step), *([vars(problem)] if problem is not None else [])]
     excuses = [excuse for each in noted if (excuse := _excuse(context, each))]
     if problem is None and len(excuses) < len(noted):
         return _repaired([each for each in noted if not _excuse(context, each)], expected, p.repaired_rest)
@@ -95,7 +96,7 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
             )
         return inconclusive(expected, problem.message, reason, where=_at(context, problem), retry=False)
     place = f" ({problem.file}, line {problem.line})" if problem.file and problem.line else ""
-    reason = _sentence(problem.message) + place
+    reason = _capitalised(problem.message) + place
     finding = failed(expected, problem.message, reason, hint=problem.remedy, where=_at(context, problem))
     # What it declares until it stops was seen, and counts.
     return replace(finding, rest=credit_of(p.repaired_rest)) if plan.arguments else finding
@@ -103,7 +104,7 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
 
 def _excuse(context: Context, noted: Mapping[str, Any]) -> str:
     """Say why a name of something that is not there is no mistake of the launch file, if it is none."""
-    submission, said = context.submission, _sentence(noted["message"])
+    submission, said = context.submission, _capitalised(noted["message"])
     missing = [a.expected.removesuffix(".py") for a in submission.artifacts if a.path is None]
     if noted["kind"] in ("unknown_executable", "unknown_package") and any(name in said for name in missing):
         return f"{said} Its file is missing, which is charged elsewhere."
@@ -116,27 +117,27 @@ def _excuse(context: Context, noted: Mapping[str, Any]) -> str:
 def _repaired(faults: Sequence[Mapping[str, Any]], expected: str, rest: float) -> Finding:
     """State that a launch file does not load as it was handed in, by what, and what was repaired to judge the rest."""
     done = "; ".join(noted["repair"] for noted in faults if noted.get("repair"))
-    reasons = " ".join(dict.fromkeys(_sentence(noted["message"]) for noted in faults))
+    reasons = " ".join(dict.fromkeys(_capitalised(noted["message"]) for noted in faults))
     judged = f"To judge the rest, it was repaired on a copy{f': {done}' if done else ''}."
     finding = failed(
         expected,
         "it stops before it starts anything",
         f"{reasons} `ros2 launch` stops there. {judged}",
         hint=" ".join(dict.fromkeys(str(noted["remedy"]) for noted in faults)),
-        where=[Where(file=noted["file"], line=noted["line"]) for noted in faults if noted["file"]],
+        where=[Location(file=noted["file"], line=noted["line"]) for noted in faults if noted["file"]],
     )
     return replace(finding, rest=credit_of(rest))
 
 
-def _at(context: Context, problem: Problem | None) -> tuple[Where, ...]:
+def _at(context: Context, problem: Problem | None) -> tuple[Location, ...]:
     at_line = problem is not None and problem.file
-    return (Where(file=problem.file, line=problem.line) if problem is not None and at_line else context.where(),)
+    return (Location(file=problem.file, line=problem.line) if problem is not None and at_line else context.location(),)
 
 
 def _is_made_up(problem: Problem, context: Context) -> bool:
     """Whether a module is said to be missing that the launch file does not import, or that is not missing here."""
-    said = problem.kind == "missing_module"
-    return said and missing_here(problem.module, problem.file or "", problem.line, context.submission) is None
+    is_import = problem.kind == "missing_module"
+    return is_import and absent_module(problem.module, problem.file or "", problem.line, context.submission) is None
 
 
 def _silent(plan: Plan) -> list[str]:
@@ -147,11 +148,11 @@ def _silent(plan: Plan) -> list[str]:
     named = list(dict.fromkeys(p.called or p.runs for p in quiet))
     places = ", ".join(dict.fromkeys(f"{p.file}:{p.line}" for p in quiet if p.file))
     verb = "prints" if len(named) == 1 else "print"
-    said = f"What {', '.join(named)} {verb} goes into a log file and not to the screen; output='screen' shows it"
-    return [said + (f" ({places})." if places else ".")]
+    shown = f"What {', '.join(named)} {verb} goes into a log file and not to the screen; output='screen' shows it"
+    return [shown + (f" ({places})." if places else ".")]
 
 
-def _sentence(message: str) -> str:
+def _capitalised(message: str) -> str:
     first = message.split(" ", 1)[0]
     text = message[:1].upper() + message[1:] if first.isalpha() else message  # a name stays as it is
     return text if text.endswith((".", "?", "!")) else text + "."
@@ -188,7 +189,7 @@ def launch_arguments(context: Context, p: LaunchArguments) -> Finding:
     plan = plan_of(context, p.step)
     declared = {a.name: a for a in plan.arguments} if plan is not None else {}
     parts = []
-    assumed = " ".join(str(noted["message"]) for noted in mended(context, p.step, "undefined_configuration"))
+    assumed = " ".join(str(noted["message"]) for noted in worked_around(context, p.step, "undefined_configuration"))
     for wanted in p.arguments:
         got = declared.get(wanted.name)
         if got is None and f"'{wanted.name}'" in assumed:
@@ -202,7 +203,7 @@ def launch_arguments(context: Context, p: LaunchArguments) -> Finding:
             right = got.default is not None and _same(got.default, wanted.default)
             default = "no default" if got.default is None else f"the default {got.default!r}"
             reason = "" if right else f"The argument {wanted.name} has {default}; {wanted.default!r} is asked for."
-            where = (Where(file=got.file, line=got.line),)
+            where = (Location(file=got.file, line=got.line),)
             parts.append(Part(1.0 if right else p.other_default_credit, "", reason, where=where))
     measured = ", ".join(f"{n} = {a.default!r}" for n, a in declared.items()) or "no arguments"
     return of_parts(expected, parts, measured=measured)
@@ -243,7 +244,7 @@ def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
     plan = plan_of(context, p.step)
     if plan is None or plan.problem is not None:
         problem = plan.problem if plan is not None else None
-        reason = _sentence(problem.message) if problem is not None else "The launch file could not be evaluated."
+        reason = _capitalised(problem.message) if problem is not None else "The launch file could not be evaluated."
         reason, hint = f"{reason} {_STOPS}", problem.remedy if problem is not None else ""
         return failed(expected, "nothing was started", reason, hint=hint, where=_at(context, problem))
     absent = [n.node for n in p.nodes if _entry_for(plan, n.node, n.executable) is None]
@@ -286,7 +287,7 @@ def _judge_node(context: Context, plan: Plan, wanted: WantedNode, other_name_cre
         return Part(1.0, notes=(f"{wanted.node} ended as it does alone, which costs points in {charged}.",))
     run = context.session.process(entry.id)
     found = context.explain(run) if run is not None else None
-    if (gap := environment_gap(context, wanted.artifact, found)) is not None:
+    if (gap := environment_gap_of(context, wanted.artifact, found)) is not None:
         return Part(0.0, best=1.0, doubt=f"{wanted.node} did not come up. {gap}")
     if found is not None and found.kind == "parameter-type" and context.charged(wanted.types_charged_by):
         note = f"{wanted.node} ended because of a parameter's type, which costs points in {wanted.types_charged_by}."
@@ -295,7 +296,7 @@ def _judge_node(context: Context, plan: Plan, wanted: WantedNode, other_name_cre
     if not _died(context, entry) and (entry.called not in (name, None) or used != wanted.node):
         shown = used if used != wanted.node else entry.full_name or entry.called
         reason = f"{wanted.executable} runs under the name {shown}, not {wanted.node}."
-        return Part(other_name_credit, "", reason, where=(Where(file=entry.file, line=entry.line),))
+        return Part(other_name_credit, "", reason, where=(Location(file=entry.file, line=entry.line),))
     return _why_down(context, entry, wanted.executable)
 
 
@@ -314,7 +315,7 @@ def _charged_alone(context: Context, entry: Process, artifact: str) -> str | Non
     others = [session for session in context.sessions.values() if session is not context.session and end is not None]
     alike = {s.record.session for s in others if end in (_end_of(context, r) for r in s.processes_of(artifact))}
     charged = ((check, finding) for check, finding in context.findings.items() if context.charged(check))
-    return next((check for check, finding in charged if alike & {spot.session for spot in finding.where}), None)
+    return next((check for check, finding in charged if alike & {location.session for location in finding.where}), None)
 
 
 def _end_of(context: Context, run: ProcessRun) -> tuple[object, ...] | None:
@@ -326,22 +327,25 @@ def _end_of(context: Context, run: ProcessRun) -> tuple[object, ...] | None:
 
 
 def _why_down(context: Context, entry: Process, executable: str) -> Part:
-    spot = (Where(file=entry.file, line=entry.line),)
+    location = (Location(file=entry.file, line=entry.line),)
     run = context.session.process(entry.id)
     if run is None:
         why = f": {entry.absent}" if entry.absent else ""
-        return Part(0.0, "", f"{executable} was not started{why}.", where=spot)
+        return Part(0.0, "", f"{executable} was not started{why}.", where=location)
     if run.exited_ns is None or run.interrupted_ns is not None:
-        return Part(0.0, "", f"{executable} ran, but no such node appeared.", where=spot)
+        return Part(0.0, "", f"{executable} ran, but no such node appeared.", where=location)
     found = context.explain(run)
     if found is None:
-        said = f": {run.output[-1].text!r}." if run.output else "."
-        return Part(0.0, "", f"{executable} ended with status {run.exit_status}{said}", where=spot)
+        shown = f": {run.output[-1].text!r}." if run.output else "."
+        return Part(0.0, "", f"{executable} ended with status {run.exit_status}{shown}", where=location)
     line = entry.line
     if found.kind == "parameter-type" and entry.file:
         line = parameter_line(context.submission.texts.get(entry.file, ""), entry.line, found.subject)
-    where = (Where(file=entry.file, line=line), *([Where(file=found.file, line=found.line)] if found.file else []))
-    reason = f"{executable} ended with status {run.exit_status}: {told(found)}"
+    where = (
+        Location(file=entry.file, line=line),
+        *([Location(file=found.file, line=found.line)] if found.file else []),
+    )
+    reason = f"{executable} ended with status {run.exit_status}: {describe_diagnosis(found)}"
     return Part(0.0, "", reason, hint=found.remedy, where=where)
 
 
@@ -378,7 +382,7 @@ def launch_parameters(context: Context, p: LaunchParameters) -> Finding:
         part = _judge_parameter(context, p, wanted, plan, other)
         if entry is not None and entry.file and part.reason:
             line = parameter_line(context.submission.texts.get(entry.file, ""), entry.line, wanted.name)
-            part = replace(part, where=(Where(file=entry.file, line=line),))
+            part = replace(part, where=(Location(file=entry.file, line=line),))
         parts.append(part)
     if not parts:
         return not_reached("None of the nodes is started.", expected=expected)
@@ -486,7 +490,9 @@ def launch_together(context: Context, p: LaunchTogether) -> Finding:
         return not_reached(
             "Not tested, because each node has a fault that costs points in another check.", expected=expected
         )
-    return of_parts(expected, judged, where=(context.where(p.commands.topic),), doubt=kept_from_core(delay_s, length_s))
+    return of_parts(
+        expected, judged, where=(context.location(p.commands.topic),), doubt=cpu_delay_doubt(delay_s, length_s)
+    )
 
 
 def _is_up(context: Context, node: str | None) -> bool:
@@ -511,7 +517,7 @@ def _commands_come(context: Context, p: TogetherCommands, span: Span | None, del
     if alone_hz is None or as_set:
         return Part(1.0, f"commands at {timing.rate_hz:.1f} Hz")
     most_hz = without_delay(timing.rate_hz, delay_s, span.duration_s) if span is not None else timing.rate_hz
-    share, best = (in_steps(min(1.0, hz / alone_hz / p.least_share), 2) for hz in (timing.rate_hz, most_hz))
+    share, best = (quantise(min(1.0, hz / alone_hz / p.least_share), 2) for hz in (timing.rate_hz, most_hz))
     both = (timing.rate_hz, alone_hz)
     shown, alone_shown = (apart(hz, *(both if share < 1 else ()), places=1) for hz in both)
     reason = f"Commands come at {shown} Hz, while alone they come at {alone_shown} Hz."
@@ -525,7 +531,7 @@ def _rate_alone_hz(alone: Recorded, p: TogetherCommands) -> float | None:
     return timing.rate_hz if timing is not None and not (span and clock_step_s(alone.record, span)) else None
 
 
-#: Share of a window for which a process was kept from a core, from which what others do may depend on that.
+#: Share of a window for which a process was delayed, from which what others do may depend on that.
 _MANY_DELAYS = 0.25
 
 

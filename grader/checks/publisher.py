@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Sequence
 from typing import Any
@@ -11,29 +10,30 @@ import numpy as np
 from pydantic import Field
 
 from grader.checks.base import (
-    STEPS,
+    CREDIT_LEVELS,
     Context,
     Part,
     apart,
+    cpu_delay_doubt,
     failed,
     graded,
-    in_steps,
-    kept_from_core,
     not_reached,
     of_parts,
     percent,
+    quantise,
     ramp,
     unexplained,
     without_delay,
 )
 from grader.checks.endpoints import OfEndpoint, claim_of, claimed_at, student_endpoints
-from grader.evidence.recorded import Floats, NumericStream, Span
+from grader.evidence.cpu_delay import Calm, Span, calm_intervals, shares_around
+from grader.evidence.recorded import Floats, NumericStream
 from grader.evidence.sinusoid import Sinusoid, fit_sinusoid
 from grader.evidence.timing import Timing, timing_of
 from grader.lab import references as ref
 from grader.lab.references import Parameters, Share
 from grader.recording.session import Claim, Endpoint
-from grader.result import Finding, Outcome, Where
+from grader.result import Finding, Location, Outcome
 
 _NUMBER = re.compile(r"\d+(?:\.\d*)?(?:[eE][+-]?\d+)?")
 
@@ -66,7 +66,7 @@ def topic_published(context: Context, p: TopicPublished) -> Finding:
     wrong += [(p.other_type_costs, reason) for reason in _wrong_definition(context, used, endpoints)]
     wrong += p.node_faults(p.node, nodes)
     measured = f"{len(stream)} messages of type {found_type} on {used}" + (f", from {nodes[0]}" if nodes else "")
-    where = (*claimed_at(claim_of(context, "publisher", p.topic)), context.where(p.topic))
+    where = (*claimed_at(claim_of(context, "publisher", p.topic)), context.location(p.topic))
     return of_parts(expected, [Part(1.0, measured)], costs=wrong, where=where)
 
 
@@ -116,20 +116,28 @@ class _Timed(Parameters):
         by = " by times of arrival, as the time stamps are not the times of publication"
         return timing.arrived, span, delay_s + late_s, by
 
-    def spot(self, context: Context, span: Span | None) -> Where:
+    def calm(self, context: Context, timing: Timing, by: str, harmless_s: float) -> Calm | None:
+        """Return the intervals that no harmful delay of the machine affected; None where they are too few."""
+        run = context.session.process(self.process)
+        if run is None or run.disturbed is None or by or timing.burst_error_hz is not None:
+            return None
+        calm = calm_intervals(context.session.delays(run), timing.times_ns, timing.intervals_s, harmless_s)
+        return calm if calm.is_enough else None
+
+    def location(self, context: Context, span: Span | None) -> Location:
         """Point at the messages in a window."""
         ends = {"start_s": span.start_ns, "end_s": span.end_ns} if span is not None else {}
-        return context.where(self.topic, **{end: context.session.since_start_s(t_ns) for end, t_ns in ends.items()})
+        return context.location(self.topic, **{end: context.session.since_start_s(t_ns) for end, t_ns in ends.items()})
 
 
-#: Share of a span for which a process was kept from a core, from which that is named as the reason of a doubt.
+#: Share of a span for which a process was delayed, from which that is the reason of a doubt.
 _NOTABLE_DELAY = 0.005
 
 
 def _doubt(delay_s: float, length_s: float) -> dict[str, Any]:
     """Say what keeps a share from being decided, and whether that is the machine's doing."""
     if delay_s > _NOTABLE_DELAY * length_s:
-        return {"doubt": kept_from_core(delay_s, length_s), "by_machine": True}
+        return {"doubt": cpu_delay_doubt(delay_s, length_s), "by_machine": True}
     return {"doubt": "The measurement error spans more than one credit level.", "by_machine": False}
 
 
@@ -150,8 +158,8 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
     expected = (
         f"{full[0]} to {full[1]} Hz for full credit; less the further off; none below {zero[0]} or above {zero[1]} Hz"
     )
-    timers, spot = _timers(context), p.spot(context, span)
-    where = (*(claimed_at(timers[0]) if len(timers) == 1 else ()), spot)
+    timers, location = _timers(context), p.location(context, span)
+    where = (*(claimed_at(timers[0]) if len(timers) == 1 else ()), location)
     if timing is None:
         count = len(context.session.stream(p.topic))
         reason = f"Only {count} messages arrived, too few to measure a rate."
@@ -164,6 +172,8 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
     least_hz, best_hz = _bounds_hz(timing, length_s, delay_s, before_s, p.rate_hz)
     error_hz = timing.burst_error_hz or 2 * timing.deviation_s() * timing.rate_hz / max(length_s, 1e-9)
     span_hz = (least_hz - error_hz, best_hz + error_hz)
+    if (calm := p.calm(context, timing, by, _HARMLESS * timing.median_s)) is not None:
+        span_hz = _within(calm.rate_hz(), span_hz)
     off_by = [abs(hz / p.rate_hz - 1) for hz in span_hz]
     least_off = 0.0 if span_hz[0] <= p.rate_hz <= span_hz[1] else min(off_by)
     worst, best = (ramp(off, p.full_within, p.zero_beyond) for off in (max(off_by), least_off))
@@ -172,8 +182,8 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
         sent_s = of_s - silent_s
         measured = f"{timing.rate_hz:.2f} Hz for {sent_s:.1f} s, then nothing for {silent_s:.1f} s"
         reason = f"Messages stop after {sent_s:.1f} s of the {of_s:.1f} s. The program ran on without publishing."
-        share = in_steps(min(best, ramp(silent_s / of_s, p.full_within, p.zero_beyond)))
-        return unexplained(graded(share, expected, measured, reason, hint=_SILENT_HINT, where=(spot,)))
+        share = quantise(min(best, ramp(silent_s / of_s, p.full_within, p.zero_beyond)))
+        return unexplained(graded(share, expected, measured, reason, hint=_SILENT_HINT, where=(location,)))
     shown_hz = apart(timing.rate_hz, *(p.rate_hz * (1 + k * p.full_within) for k in (-1, 1)), places=2)
     longest = f", the longest interval {timing.intervals_s.max():.2f} s" if len(timing.intervals_s) else ""
     measured = (
@@ -185,7 +195,17 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
     rate = apart(timing.rate_hz, p.rate_hz, places=1)
     reason = f"Messages come at {rate} Hz, {than} {p.rate_hz:g} Hz.{_by_timer(timers)}"
     doubt = _doubt(delay_s, length_s)
-    return graded(worst, expected, measured, reason, where=where, best=best, steps=STEPS, **doubt)
+    return graded(worst, expected, measured, reason, where=where, best=best, levels=CREDIT_LEVELS, **doubt)
+
+
+#: A delay of this share of an interval does not change how many there are.
+_HARMLESS = 0.2
+
+
+def _within(bounds: tuple[float, float], others: tuple[float, float]) -> tuple[float, float]:
+    """Return bounds as far as they lie within others, which hold whatever the machine did."""
+    least, most = (min(max(bound, others[0]), others[1]) for bound in bounds)
+    return least, most
 
 
 def _by_timer(timers: Sequence[Claim]) -> str:
@@ -218,7 +238,7 @@ def _silence_s(context: Context, p: TopicRate, span: Span | None) -> tuple[float
 
 
 _SILENT_HINT = "Publish for as long as the node runs; its output shows what ended or stopped it."
-#: Share of a span for which a process was kept from a core, from which its usual interval may be longer by that.
+#: Share of a span for which a process was delayed, from which its usual interval may be longer by that.
 _MANY_DELAYS = 0.25
 
 
@@ -244,9 +264,7 @@ def _timers(context: Context) -> list[Claim]:
 
 
 #: Credit for evenness comes in halves: a quantile is known only to some part of itself.
-_JITTER_STEPS = 2
-#: Standard deviations of a sample's quantile that count as its error.
-_CONFIDENCE = 3.0
+_JITTER_LEVELS = 2
 
 
 class TopicJitter(_Timed):
@@ -260,12 +278,12 @@ class TopicJitter(_Timed):
 def topic_jitter(context: Context, p: TopicJitter) -> Finding:
     """Judge the evenness of intervals between consecutive samples."""
     timing, span, delay_s, by = p.measured(context)
-    half_within_s = (p.full_within_s + p.zero_beyond_s) / _JITTER_STEPS
+    half_within_s = (p.full_within_s + p.zero_beyond_s) / _JITTER_LEVELS
     expected = (
         f"{percent(p.share)} of the gaps between messages within {p.full_within_s * 1e3:g} ms of the usual gap; "
         f"half credit within {half_within_s * 1e3:g} ms"
     )
-    where = (p.spot(context, span),)
+    where = (p.location(context, span),)
     if timing is None or not len(timing.intervals_s):
         return failed(
             expected, "too few messages", "Too few messages arrived to measure the gaps between them.", where=where
@@ -275,14 +293,15 @@ def topic_jitter(context: Context, p: TopicJitter) -> Finding:
     limits_ms = (p.full_within_s * 1e3, p.zero_beyond_s * 1e3)
     shown_ms = apart(deviation_s * 1e3, *limits_ms, places=2)
     measured = f"{percent(p.share)} within {shown_ms} ms of {timing.median_s * 1e3:.2f} ms ({longest}){by}"
-    spread = _CONFIDENCE * math.sqrt(p.share * (1 - p.share) / len(timing.intervals_s))
-    largest_s = timing.deviation_s(min(1.0, p.share + spread))
-    least_s = timing.deviation_s(max(0.0, p.share - spread), delay_s)
+    least, largest = shares_around(p.share, len(timing.intervals_s))
+    least_s, largest_s = timing.deviation_s(least, delay_s), timing.deviation_s(largest)
+    if (calm := p.calm(context, timing, by, p.full_within_s / 2)) is not None:
+        least_s, largest_s = _within(calm.deviations_s(p.share), (least_s, largest_s))
     worst, best = (ramp(d, p.full_within_s, p.zero_beyond_s) for d in (largest_s, least_s))
     off = f"{apart(deviation_s * 1e3, *limits_ms, places=1)} ms off the usual {timing.median_s * 1e3:.1f} ms"
     reason = f"One gap in {round(1 / (1 - p.share))} is more than {off}."
     doubt = _doubt(delay_s, span.duration_s if span else float(timing.intervals_s.sum()))
-    return graded(worst, expected, measured, reason, where=where, best=best, steps=_JITTER_STEPS, **doubt)
+    return graded(worst, expected, measured, reason, where=where, best=best, levels=_JITTER_LEVELS, **doubt)
 
 
 class MessageValues(Parameters):
@@ -324,7 +343,7 @@ def message_values(context: Context, p: MessageValues) -> Finding:
     if (unsafe := context.findings.get(p.unsafe_by or "")) is not None and unsafe.outcome is Outcome.FAILED:
         return failed(expected, unsafe.measured or measured, " ".join([*reasons, unsafe.reason]), hint=unsafe.hint)
     # One bad message is as clear as many, however often it comes.
-    share = 1.0 if good == len(rows) else min(in_steps(good / len(rows)), 1 - 1 / STEPS)
+    share = 1.0 if good == len(rows) else min(quantise(good / len(rows)), 1 - 1 / CREDIT_LEVELS)
     return graded(share, expected, measured, " ".join(reasons))
 
 
@@ -532,5 +551,5 @@ def offered_qos(context: Context, p: OfferedQos) -> Finding:
     )
     measured = f"offers {qos.reliability.upper()}, {qos.durability.upper()}"
     measured += f", depth {asked.depth} in the source" if asked is not None else ""
-    where = (*claimed_at(claim), context.where(p.topic))
+    where = (*claimed_at(claim), context.location(p.topic))
     return graded(1 - len(wrong) / max(1, len(wanted)), expected, measured, reason, where=where, notes=notes)

@@ -12,25 +12,26 @@ from grader.checks.base import (
     Context,
     Part,
     apart,
+    cpu_delay_doubt,
     graded,
-    in_steps,
     inconclusive,
-    kept_from_core,
     not_reached,
     of_parts,
     percent,
+    quantise,
     undecided,
     unexplained,
     without_delay,
 )
 from grader.checks.endpoints import claim_of, claimed_at, clash, student_endpoints
-from grader.evidence.recorded import Floats, Span, clock_step_s
+from grader.evidence.cpu_delay import Span
+from grader.evidence.recorded import Floats, clock_step_s
 from grader.evidence.text.result_rows import LINE_LIMIT, ResultRow, lines_naming, plain_numbers, result_row, rounding_of
 from grader.lab import references as ref
 from grader.lab.patterns import compiled, search
 from grader.lab.references import Parameters, Pattern, Share
 from grader.recording.session import OutputLine, ProcessRun, Qos
-from grader.result import Finding, Outcome, Where
+from grader.result import Finding, Location, Outcome
 
 
 class EndsByItself(Parameters):
@@ -54,8 +55,8 @@ def ends_by_itself(context: Context, p: EndsByItself) -> Finding:
         return inconclusive(expected, "not started", "The recording does not show the program.")
     run = processes[-1]
     printed = _without_tracebacks(run.output)
-    said = search(p.output, printed) is not None
-    half = p.half_credit if said else 0.0
+    claimed = search(p.output, printed) is not None
+    half = p.half_credit if claimed else 0.0
     if run.interrupted_ns is not None or run.ended_by != "itself":
         stopped_s = ((run.interrupted_ns or run.started_ns) - run.started_ns) / 1e9
         reason = f"It was still running after {stopped_s:.0f} s and had to be stopped."
@@ -63,8 +64,8 @@ def ends_by_itself(context: Context, p: EndsByItself) -> Finding:
         return graded(half, expected, "had to be stopped", reason, hint=hint)
     ran_s = ((run.exited_ns or context.session.record.ended_ns) - run.started_ns) / 1e9
     shown_s = apart(ran_s, p.least_s, places=1)
-    measured = f"ended after {shown_s} s with status {run.exit_status}" + ("" if said else ", no results")
-    if said:
+    measured = f"ended after {shown_s} s with status {run.exit_status}" + ("" if claimed else ", no results")
+    if claimed:
         reason = f"It ended after {shown_s} s, which is too early."
         share = half if ran_s < p.least_s else 1.0
         return graded(share, expected, measured, reason, notes=[] if run.exit_status == 0 else [_BAD_END])
@@ -116,7 +117,7 @@ def topics_carry_traffic(context: Context, p: TopicsCarryTraffic) -> Finding:
     for topic in p.topics:
         used, count = context.session.used(topic), _written(context, topic)
         renamed, few = bool(count) and used != topic, count < p.least_messages
-        least, most = (in_steps(n / p.least_messages) for n in (count, without_delay(count, delay_s, length_s)))
+        least, most = (quantise(n / p.least_messages) for n in (count, without_delay(count, delay_s, length_s)))
         unheard = _unheard(context, topic) if count else ""
         heard = p.unheard_credit if unheard else 1.0
         share, best = (max(0.0, min(1.0, each) - p.other_name_costs * renamed) * heard for each in (least, most))
@@ -124,7 +125,7 @@ def topics_carry_traffic(context: Context, p: TopicsCarryTraffic) -> Finding:
         reasons += [f"Too few messages arrived on {topic}."] * few
         reasons += [f"{topic} is named {used}; the other checks use that name."] * renamed
         parts.append(Part(share, f"{used} {count}", " ".join(reasons), best))
-    return of_parts(expected, parts, doubt=kept_from_core(delay_s, length_s))
+    return of_parts(expected, parts, doubt=cpu_delay_doubt(delay_s, length_s))
 
 
 def _unheard(context: Context, topic: str) -> str:
@@ -136,9 +137,13 @@ def _unheard(context: Context, topic: str) -> str:
 
 
 def _delay_s(context: Context, run: ProcessRun) -> tuple[float, float]:
-    """Return for how long the machine kept a process from its core, and how long it ran, in s."""
-    span = Span(run.started_ns, run.exited_ns or context.session.record.ended_ns)
+    """Return for how long the machine delayed a process, and how long it ran, in s."""
+    span = _life(context, run)
     return context.session.machine_delay_s(run, span), span.duration_s
+
+
+def _life(context: Context, run: ProcessRun) -> Span:
+    return Span(run.started_ns, run.exited_ns or context.session.record.ended_ns)
 
 
 def _written(context: Context, topic: str, until_ns: int | None = None) -> int:
@@ -176,7 +181,7 @@ class _Side:
     kind: str
     seen: tuple[Qos, ...]
     asked: Qos | None
-    where: tuple[Where, ...]
+    where: tuple[Location, ...]
 
     @classmethod
     def of(cls, context: Context, kind: str, topic: str) -> _Side:
@@ -212,7 +217,7 @@ def qos_profiles(context: Context, p: QosProfiles) -> Finding:
     finding = of_parts(
         "; ".join(f"{w.topic}: {w.reliability}, {w.history} {w.depth}, {w.durability}" for w in p.profiles),
         parts,
-        where=(context.where(),),
+        where=(context.location(),),
     )
     unknown = [f"the {s.kind} on {w.topic}" for w, each in sides.items() for s in each if s.seen and s.asked is None]
     if not unknown or finding.outcome is not Outcome.PASSED:
@@ -238,7 +243,7 @@ def _judge_profile(wanted: WantedProfile, sides: Sequence[_Side], one_sided_cred
         sum(right) / len(right) * (1.0, one_sided_credit, 0.0)[len(lacking)],
         f"{topic}: {shown}",
         " ".join(reasons),
-        where=tuple(spot for side, _ in charged for spot in side.where),
+        where=tuple(location for side, _ in charged for location in side.where),
     )
 
 
@@ -273,7 +278,9 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
     """Judge each row: half for the count, half for the latency."""
     claims = {row.name: _claimed(context, p, row) for row in p.rows}
     # Where nothing was sent, and nothing is said to have come, that is charged with the traffic.
-    rows = [r for r in p.rows if _written(context, r.topic) or ((said := claims[r.name]) is not None and said.count)]
+    rows = [
+        r for r in p.rows if _written(context, r.topic) or ((claimed := claims[r.name]) is not None and claimed.count)
+    ]
     expected = (
         f"for each profile the messages delivered (± {percent(p.count_tolerance)}) and a latency that is possible"
     )
@@ -281,6 +288,7 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
         return not_reached("Not tested, because nothing was sent on any of the topics.", expected=expected)
     run = context.session.process(p.artifact)
     delay_s, length_s = _delay_s(context, run) if run is not None else (0.0, 1.0)
+    late_s = context.session.backlog(run, _life(context, run)).late_s if run is not None else 0.0
     parts = []
     for row in rows:
         claim = claims[row.name]
@@ -291,12 +299,12 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
         written = min((_written(context, row.topic, t) for t in (None, claim.t_ns)), key=lambda n: abs(n - claim.count))
         share, reason = _judge_row(context, p, row, claim, written)
         # What waits for a core comes late, and may push out of a short queue what waits already.
-        late_s, pushed_out = delay_s**2 / length_s, written * delay_s / length_s
+        pushed_out = written * delay_s / length_s
         best, _ = _judge_row(context, p, row, claim, written, late_s=late_s, pushed_out=pushed_out)
         latency = "no latency" if claim.mean_s is None else f"{claim.mean_s * 1e3:.2f} ms"
         hint = _SIDES_HINT if "incompatible" in reason else ""
         parts.append(Part(share, f"{row.name} {claim.count} of {written}, {latency}", reason, best, hint=hint))
-    where, doubt = (context.output_of(p.artifact),), kept_from_core(delay_s, length_s)
+    where, doubt = (context.output_of(p.artifact),), cpu_delay_doubt(delay_s, length_s)
     measured = "" if any(part.text for part in parts) else "no results"
     return of_parts(expected, parts, measured=measured, where=where, doubt=doubt)
 
@@ -308,10 +316,10 @@ _SIDES_HINT = "Give publisher and subscription of a profile the same QoSProfile;
 def _claimed(context: Context, p: ReportedTraffic, row: Row) -> ResultRow | None:
     """Return what is printed about a row: in the pattern's form, or in another that can be read."""
     output = context.session.output_of(p.artifact)
-    lines = [plain_numbers(line.text[:LINE_LIMIT]) for line in output]
+    lines = [line.text[:LINE_LIMIT] for line in output]
     for loosely in (False, True):
         for place in lines_naming(lines, row.name, loosely=loosely):
-            if match := search(p.pattern, lines[place]):
+            if match := search(p.pattern, plain_numbers(lines[place])):
                 mean_s, max_s = (float(match[name]) / 1e3 for name in ("mean_ms", "max_ms"))
                 rounding_s = rounding_of(match["mean_ms"], 1e-3)
                 return ResultRow(output[place].t_ns, int(match["count"]), mean_s, max_s, rounding_s)

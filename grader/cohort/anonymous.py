@@ -56,7 +56,7 @@ def _hidden(entry: ClassEntry, pseudonym: str, hide: _Hider) -> ClassEntry:
     result = entry.result
     if result is None:
         return ClassEntry(pseudonym, None, hide(entry.problem))
-    said = Result(
+    hidden = Result(
         submission=pseudonym,
         lab=result.lab,
         score=result.score,
@@ -71,7 +71,7 @@ def _hidden(entry: ClassEntry, pseudonym: str, hide: _Hider) -> ClassEntry:
         ),
         provenance={"rubric_sha256": result.rubric_sha256},
     )
-    return ClassEntry(pseudonym, said)
+    return ClassEntry(pseudonym, hidden)
 
 
 def _unquoted(check: CheckResult, hide: _Hider) -> CheckResult:

@@ -185,9 +185,9 @@ class ClassSummary:
     mistakes: tuple[Mistake, ...]
     #: By kind, in the order of `Need`.
     todos: tuple[Todo, ...]
-    #: Correlations nearer to 0 than this are what chance alone would give in a class of this size (two standard
+    #: Correlations nearer to 0 than this are insignificant in a class of this size (two standard
     #: errors).
-    chance: float | None
+    noise: float | None
 
 
 def summarise(entries: Sequence[ClassEntry], rubric: Rubric) -> ClassSummary:
@@ -296,8 +296,8 @@ def _todos(rows: Sequence[Row], rubric: Rubric) -> list[Todo]:
         violations = row.result.violations
         if violations:
             kinds = tuple(dict.fromkeys(v.kind.value.replace("_", " ") for v in violations))
-            said = (v.text if v.certain else f"{v.text} {UNCERTAIN}" for v in violations if v.text)
-            texts = tuple(dict.fromkeys(said))
+            described = (v.text if v.certain else f"{v.text} {UNCERTAIN}" for v in violations if v.text)
+            texts = tuple(dict.fromkeys(described))
             found.append(Todo(n, Need.VIOLATION, row.possible, kinds, texts))
         undecided = row.result.open_checks
         if undecided:

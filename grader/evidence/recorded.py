@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grader.evidence.authorship import Authorship, authorship
+from grader.evidence.cpu_delay import Backlog, Delay, Span, backlog, clipped
 from grader.evidence.crash.tracebacks import without_colours
 from grader.recording.bag import Bag, Stream
 from grader.recording.session import (
@@ -41,7 +42,7 @@ _IDLE_ERROR_S = 0.02
 #: span, which is more than what samples leave open, are waits of several at once.
 _AT_ONCE = 0.25
 
-#: The machine is sampled at even times: what comes later than this many intervals after the last was held up, if there
+#: The machine is sampled at even times: what comes later than this many intervals after the last was delayed, if there
 #: are samples enough to tell how far apart they are to be.
 _LATE_SAMPLE, _FEWEST_SAMPLES = 1.5, 4
 
@@ -62,19 +63,6 @@ class NumericStream:
         """Return the messages that were received up to a time."""
         there = self.received_ns <= t_ns
         return NumericStream(self.source_ns[there], self.received_ns[there], self.sequence[there], self.values[there])
-
-
-@dataclass(frozen=True)
-class Span:
-    """A span of time in ns of the system clock."""
-
-    start_ns: int
-    end_ns: int
-
-    @property
-    def duration_s(self) -> float:
-        """Length in seconds."""
-        return (self.end_ns - self.start_ns) / 1e9
 
 
 @dataclass
@@ -141,28 +129,29 @@ class Recorded:
         return frozenset(self.used(name) for name in names if isinstance(name, str))
 
     def published_on(self, topic: str) -> tuple[Published, ...]:
-        """Return what the grader told that it published on a topic (of the graph).
+        """Return what the grader reported that it published on a topic (of the graph).
 
-        Nothing, unless all of its publishers there told it, and the steps do not expect the student to publish there.
+        Nothing, unless all of its publishers there reported it, and the steps do not expect the student to publish
+        there.
         """
-        told = tuple(entry for entry in self.record.published if entry.topic == topic)
-        telling = {entry.process for entry in told}
-        prefixes = tuple(t.gid_prefix for t in self.record.trusted if t.process not in telling)
+        published = tuple(entry for entry in self.record.published if entry.topic == topic)
+        reporting = {entry.process for entry in published}
+        prefixes = tuple(t.gid_prefix for t in self.record.trusted if t.process not in reporting)
         publishers = [e for e in self.endpoints if e.topic == topic and e.kind == "publisher"]
         silent = any(publisher.gid.startswith(prefixes) for publisher in publishers)
-        return () if silent or self.silent_references or topic in self.awaited else told
+        return () if silent or self.silent_references or topic in self.awaited else published
 
     @functools.cached_property
     def silent_references(self) -> tuple[str, ...]:
-        """Reference nodes whose endpoints are not known, since they told nothing through their pipes."""
+        """Reference nodes whose endpoints are not known, since they reported nothing through the trusted channel."""
         known = {t.process for t in self.record.trusted}
         return tuple(p.name for p in self.record.processes if p.role == "reference" and p.name not in known)
 
     @functools.cache  # noqa: B019
     def authorship(self, topic: str) -> Authorship | None:
-        """Tell the grader's own messages on a topic (of the graph) from others; None where this cannot be done."""
-        told = self.published_on(topic)
-        return authorship(self.bag, topic, told) if told else None
+        """Separate the grader's own messages on a topic (of the graph) from others; None where this cannot be done."""
+        published = self.published_on(topic)
+        return authorship(self.bag, topic, published) if published else None
 
     @functools.cache  # noqa: B019
     def rows(self, name: str, field: str) -> tuple[Floats | None, ...]:
@@ -196,7 +185,7 @@ class Recorded:
     # -- graph --------------------------------------------------------------------------------
 
     def is_trusted(self, gid: str) -> bool:
-        """Whether an endpoint is one of the grader's own, by what its processes told through their pipes."""
+        """Whether an endpoint is one of the grader's own, by what its processes reported themselves."""
         return gid.startswith(tuple(t.gid_prefix for t in self.record.trusted))
 
     @functools.cached_property
@@ -260,13 +249,36 @@ class Recorded:
         """Return the last process of this name."""
         return next((p for p in reversed(self.record.processes) if p.name == name), None)
 
+    def delays(self, run: ProcessRun) -> tuple[Delay, ...]:
+        """Return when the machine may have delayed a process; of one not watched, by samples only."""
+        if run.disturbed is not None:
+            return tuple(Delay(start_ns, start_ns + length_ns, delay) for start_ns, length_ns, delay in run.disturbed)
+        parts = (Span(*part) for part in itertools.pairwise([usage.t_ns for usage in run.usage]))
+        return tuple(Delay(p.start_ns, p.end_ns, round(self._sampled_delay_s(run, p) * 1e9)) for p in parts)
+
     def machine_delay_s(self, run: ProcessRun, span: Span) -> float:
-        """Return for how long within a span the machine may have kept a process from its core, in s.
+        """Return for how long within a span the machine may have delayed a process, in s.
+
+        Notes
+        -----
+        Processes of the student's that came and went unseen had the core too: that was not the machine.
+        """
+        if run.disturbed is None:
+            return self._sampled_delay_s(run, span)
+        delay_s = sum(delay.delay_ns for delay in clipped(self.delays(run), span)) / 1e9
+        return max(0.0, delay_s - (self._unseen_s(span) if run.role == "student" else 0.0))
+
+    def backlog(self, run: ProcessRun, span: Span, room_s: float = float("inf")) -> Backlog:
+        """Return what may have waited for a process within a span, with so much room in its queue."""
+        return backlog(self.delays(run), span, room_s, self.cpu_s(run, span) / max(span.duration_s, 1e-9))
+
+    def _sampled_delay_s(self, run: ProcessRun, span: Span) -> float:
+        """Return the same of a process that was not watched, in s, from samples twice a second.
 
         Notes
         -----
         Taken from the run-queue delay of its threads and the time that a virtual machine's host took; or where that is
-        more, from the time in which the grader itself stood still, as all stands still that is frozen or suspended.
+        more, from the time in which the grader itself stalled, as all does that is frozen or suspended.
         Threads of one process also wait for each other, and for other programs of the student's; so it is at most the
         time for which somebody else was on the core. A process that is busy all the time has itself to blame:
         others can have had the core no longer than it was not in use.
@@ -281,6 +293,16 @@ class Recorded:
         stolen_s = _grown_s([(sample.t_ns, sample.stolen_ns) for sample in self.record.machine], span)
         return min(max(min(delay_s, others_s) + stolen_s, self.stalled_s(span)), idle_s)
 
+    def _unseen_s(self, span: Span) -> float:
+        """Return the CPU time that those of the student's processes took within a span whom nobody saw or waited for.
+
+        It is what the kernel counts of all together, and no process is known to have used; 0 where it does not count.
+        """
+        counted = [(s.t_ns, s.students_ns) for s in self.record.machine if s.students_ns is not None]
+        if len(counted) != len(self.record.machine):
+            return 0.0
+        return max(0.0, _grown_s(counted, span) - self.students_cpu_s(span))
+
     def _others_s(self, run: ProcessRun, span: Span) -> float:
         """Return for how long within a span neither nothing nor a student's program was on a process's core, in s.
 
@@ -294,37 +316,14 @@ class Recorded:
         idle_s = sum(_grown_s([(sample.t_ns, sample.idle_ns[core]) for sample in samples], span) for core in cores)
         students = [r for r in self.record.processes if r.role == "student" or r is run]
         own_s = sum(self.cpu_s(r, span) for r in students if not held or r.core in (None, run.core))
-        # The student's processes that nobody saw or waited for.
-        counted = [(s.t_ns, s.students_ns) for s in self.record.machine if s.students_ns is not None]
-        if len(counted) == len(self.record.machine):
-            own_s += max(0.0, _grown_s(counted, span) - self.students_cpu_s(span))
-        return max(0.0, len(cores) * span.duration_s - idle_s - own_s) + _IDLE_ERROR_S
+        return max(0.0, len(cores) * span.duration_s - idle_s - own_s - self._unseen_s(span)) + _IDLE_ERROR_S
 
     def cpu_s(self, run: ProcessRun, span: Span) -> float:
         """Return the CPU time that a process took within a span, in s, interpolated between samples."""
         return _grown_s([(usage.t_ns, usage.cpu_ns) for usage in run.usage], span)
 
-    def long_delays_s(self, run: ProcessRun, span: Span, harmless_s: float) -> float:
-        """Return for how long within a span the machine may have kept a process from its core beyond what is harmless.
-
-        Parameters
-        ----------
-        harmless_s : float
-            So much of each delay does no harm, in s.
-
-        Notes
-        -----
-        Between two samples only the sum of delays is known, and one may reach over a sample: of a part of the span
-        that counts by which it and the longer of its neighbours together are more than what is harmless.
-        """
-        inside = [u.t_ns for u in run.usage if span.start_ns < u.t_ns < span.end_ns]
-        parts = itertools.pairwise([span.start_ns, *inside, span.end_ns])
-        delays = [0.0, *(self.machine_delay_s(run, Span(*part)) for part in parts), 0.0]
-        around = zip(delays, delays[1:], delays[2:], strict=False)
-        return sum(max(0.0, min(delay, delay + max(before, after) - harmless_s)) for before, delay, after in around)
-
     def longest_delay_s(self, span: Span) -> float:
-        """Return for how long within a span the machine kept that process from its core which it held up most, in s.
+        """Return for how long within a span the machine delayed that process which it delayed most, in s.
 
         The grader's own recorder is left out: it may be late.
         """
@@ -332,7 +331,7 @@ class Recorded:
         return max((self.machine_delay_s(run, span) for run in runs), default=0.0)
 
     def recorder_delay_s(self, span: Span) -> float:
-        """Return for how long within a span the machine kept the recorder from its core, in s."""
+        """Return for how long within a span the machine delayed the recorder, in s."""
         return sum(self.machine_delay_s(run, span) for run in self.record.processes if run.role == "grader")
 
     def students_cpu_s(self, span: Span) -> float:
@@ -340,13 +339,13 @@ class Recorded:
         return sum(self.cpu_s(run, span) for run in self.record.processes if run.role == "student")
 
     def stalled_s(self, span: Span) -> float:
-        """Return for how long within a span the grader itself stood still, in s, by samples that came late."""
+        """Return for how long within a span the grader itself stalled, in s, by samples that came late."""
         times = [s.t_ns for s in self.record.machine]
         if len(times) < _FEWEST_SAMPLES:
             return 0.0
         usual_ns = float(np.median(np.diff(times)))
         late = [(a, b) for a, b in itertools.pairwise(times) if b - a > _LATE_SAMPLE * usual_ns]
-        return float(sum(min(b - a - usual_ns, _shared_ns(a, b, span)) for a, b in late)) / 1e9
+        return float(sum(min(b - a - usual_ns, span.shared_ns(a, b)) for a, b in late)) / 1e9
 
     def output_of(self, artifact: str) -> list[OutputLine]:
         """Return the output of the last process that ran an artifact, without colours."""
@@ -390,16 +389,11 @@ def _run_delay_s(run: ProcessRun, span: Span) -> float:
     started_ns = min(run.started_ns, samples[0][0]) if run.started_ns else samples[0][0]
     total = 0.0
     for (begin_ns, before), (end_ns, after) in itertools.pairwise([(started_ns, 0), *samples]):
-        total += max(0, min(after - before, _shared_ns(begin_ns, end_ns, span)))
+        total += max(0, min(after - before, span.shared_ns(begin_ns, end_ns)))
     last_ns, delayed_ns = samples[-1]
     if run.exited_ns is not None and run.ended_by == "itself" and last_ns > started_ns:
-        total += delayed_ns * _shared_ns(last_ns, run.exited_ns, span) // (last_ns - started_ns)
+        total += delayed_ns * span.shared_ns(last_ns, run.exited_ns) // (last_ns - started_ns)
     return total / 1e9
-
-
-def _shared_ns(begin_ns: int, end_ns: int, span: Span) -> int:
-    """Return how long a time lies within a span, in ns."""
-    return max(0, min(end_ns, span.end_ns) - max(begin_ns, span.start_ns))
 
 
 def _numbers(value: Any) -> Floats | None:

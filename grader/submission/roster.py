@@ -64,7 +64,7 @@ def read_class_list(path: Path) -> list[Student]:
             text = file.read(_MOST_BYTES).decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as problem:
         raise SubmissionError(
-            "the class list cannot be read", where=str(path), remedy=f"It is a CSV file in UTF-8. {problem}"
+            "the class list cannot be read", location=str(path), remedy=f"It is a CSV file in UTF-8. {problem}"
         ) from None
     first = text.partition("\n")[0]
     rows = csv.reader(text.splitlines(), delimiter=max(",;\t", key=first.count))
@@ -77,7 +77,7 @@ def read_class_list(path: Path) -> list[Student]:
     except (ValueError, csv.Error) as problem:
         raise SubmissionError(
             f"the class list is not usable: {problem}",
-            where=f"{path}:{rows.line_num}",
+            location=f"{path}:{rows.line_num}",
             remedy=f"Its columns are {', '.join(_COLUMNS)}; times are like 2026-03-02T23:41:00+01:00.",
         ) from None
 

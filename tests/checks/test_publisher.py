@@ -243,7 +243,7 @@ def test_samples_that_the_recorder_lost_do_not_lower_the_rate(tmp_path: Path) ->
 
 
 def test_a_rate_that_the_machine_may_have_lowered_is_undecided(tmp_path: Path) -> None:
-    """A node kept from its core for as long as it is short of messages loses nothing."""
+    """A node delayed for as long as it is short of messages loses nothing."""
     times = [t for t in evenly(100, 6.0) if not 3.0 < t < 4.5]
     session = published(tmp_path, times).delayed("it", 1.6, 8.0)
     finding = judged("topic_rate", RATE, session)
@@ -268,6 +268,43 @@ def test_a_node_that_burns_its_core_has_itself_to_blame(tmp_path: Path) -> None:
     times = [t for t in evenly(100, 6.0) if not 3.0 < t < 4.5]
     session = published(tmp_path, times).delayed("it", 1.6, 8.0, cpu_s=8.0)
     assert judged("topic_rate", RATE, session).outcome is Outcome.FAILED
+
+
+def stopped(rate_hz: float, stop_s: float) -> tuple[list[float], list[tuple[float, float]]]:
+    """Give the times of a timer's messages when all stands still for a while every 0.1 s, and when that is."""
+    stops = [(1.03 + n / 10, stop_s) for n in range(60)]
+    times = evenly(rate_hz, 6.0)
+    for start_s, length_s in stops:
+        times = [start_s + length_s if start_s < t < start_s + length_s else t for t in times]
+    return sorted(set(times)), stops
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "rate", "even"),
+    [(100.0, Outcome.PASSED, Outcome.PASSED), (85.0, Outcome.PARTIAL, Outcome.PASSED)],
+)
+def test_what_the_machine_disturbs_is_judged_by_what_it_did_not(
+    tmp_path: Path, rate_hz: float, rate: Outcome, even: Outcome
+) -> None:
+    """A quarter of the time all stands still; between, a right node is seen to be right and a slow one to be slow."""
+    times, stops = stopped(rate_hz, 0.025)
+    session = published(tmp_path, times).disturbed("it", *stops)
+    assert judged("topic_rate", RATE, session).outcome is rate
+    assert judged("topic_jitter", JITTER, session).outcome is even
+
+
+def test_what_is_uneven_between_disturbances_is_uneven(tmp_path: Path) -> None:
+    """That the machine stalled excuses nothing that happened when it did not."""
+    session = published(tmp_path, uneven(0.4, 0.0095)).disturbed("it", *((1.03 + n, 0.1) for n in range(6)))
+    assert judged("topic_jitter", JITTER, session).outcome is Outcome.FAILED
+
+
+def test_without_enough_time_undisturbed_it_stays_undecided(tmp_path: Path) -> None:
+    """Where hardly two intervals follow each other undisturbed, nothing is concluded from them."""
+    times, stops = stopped(100.0, 0.06)
+    session = published(tmp_path, times).disturbed("it", *stops)
+    assert judged("topic_rate", RATE, session).outcome is Outcome.INCONCLUSIVE
+    assert "too busy" in judged("topic_jitter", JITTER, session).reason
 
 
 def test_two_messages_are_no_rate(tmp_path: Path) -> None:

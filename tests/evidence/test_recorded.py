@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grader.evidence.recorded import Recorded, Span
+from grader.evidence.cpu_delay import Span
+from grader.evidence.recorded import Recorded
 from grader.recording.session import UNKNOWN_NODE, Endpoint, GraphSnapshot, MachineSample, ProcessRun, Trusted, Usage
 from tests.synthetic import FLOATS, START_NS, Session, at
 
@@ -166,7 +167,7 @@ def test_delay_between_two_samples_may_all_lie_in_a_part(tmp_path: Path) -> None
 
 
 def test_delay_before_the_first_sample_counts(tmp_path: Path) -> None:
-    """A process that began before it was first looked at was held up since its start."""
+    """A process that began before it was first looked at was delayed since its start."""
     process = run((1.0, 0.2, 0.5), (2.0, 0.2, 0.5))
     process.started_ns = at(0.2)
     assert machine_delay_s_of(tmp_path, process, Span(at(0.8), at(2.0))) == pytest.approx(0.2)
@@ -181,7 +182,7 @@ def test_what_follows_the_last_sample_of_a_process_was_held_up_as_usual(tmp_path
     assert machine_delay_s_of(tmp_path, process, Span(at(0), at(1.5))) == pytest.approx(0.4)
 
 
-def test_a_machine_that_stood_still_held_up_all_its_processes(tmp_path: Path) -> None:
+def test_a_machine_that_stalled_delayed_all_its_processes(tmp_path: Path) -> None:
     """What is frozen with all others waits in no queue: that the grader's own samples come late tells of it."""
     recorded = Session(tmp_path).recorded()
     process = run((0, 0, 0), (10, 1, 0.0))
@@ -206,15 +207,36 @@ def test_without_samples_the_machine_is_not_blamed(tmp_path: Path) -> None:
     assert np.isfinite(machine_delay_s_of(tmp_path, run(), Span(at(5), at(5))))
 
 
-def test_delays_that_are_too_short_to_matter_are_left_out(tmp_path: Path) -> None:
-    """Between samples only sums are known; of one counts what it and its neighbour together are too long."""
+def test_of_a_process_that_was_not_watched_samples_tell_what_may_have_waited_for_it(tmp_path: Path) -> None:
+    """Between samples only sums are known: two delays may have followed each other without a pause."""
     process = run((0, 0, 0), (1, 0, 0.05), (2, 0, 0.10), (3, 0, 0.10), (4, 0, 0.14), (5, 0, 0.14))
     recorded = Session(tmp_path).recorded()
     span = Span(at(0), at(5))
-    assert recorded.long_delays_s(process, span, 0.0) == pytest.approx(0.14)
-    assert recorded.long_delays_s(process, span, 0.08) == pytest.approx(0.04)
-    assert recorded.long_delays_s(process, span, 0.10) == 0.0
-    assert recorded.long_delays_s(process, Span(at(2), at(5)), 0.03) == pytest.approx(0.01)
+    assert recorded.backlog(process, span, 0.0).lost_s == pytest.approx(0.14)
+    assert recorded.backlog(process, span, 0.08).lost_s == pytest.approx(0.02)
+    assert recorded.backlog(process, span, 0.10).lost_s == 0.0
+    assert recorded.backlog(process, Span(at(2), at(5)), 0.03).lost_s == pytest.approx(0.01)
+
+
+def test_the_delays_of_a_process_that_was_watched_count_where_they_are(tmp_path: Path) -> None:
+    """Samples do not count then; of a delay that reaches over a span, as much as the span has room for."""
+    recorded = Session(tmp_path).recorded()
+    process = run((0, 0, 0), (10, 1, 9))
+    process.disturbed = [[at(1), 20_000_000, 5_000_000], [at(4), 200_000_000, 100_000_000]]
+    assert recorded.machine_delay_s(process, Span(at(0), at(10))) == pytest.approx(0.105)
+    assert recorded.machine_delay_s(process, Span(at(2), at(4.05))) == pytest.approx(0.05)
+    process.disturbed = []
+    assert recorded.machine_delay_s(process, Span(at(0), at(10))) == 0.0
+
+
+def test_what_the_students_unseen_processes_used_was_not_with_others(tmp_path: Path) -> None:
+    """A program that keeps itself from its core by processes that come and go has itself to blame."""
+    recorded = Session(tmp_path).recorded()
+    recorded.record.machine = [MachineSample(at(t), 0, students_ns=round(0.3 * t * 1e9)) for t in (0, 10)]
+    process = run((0, 0, 0), (10, 1, 9))
+    process.disturbed = [[at(1), 5_000_000_000, 3_000_000_000]]
+    recorded.record.processes = [process]
+    assert recorded.machine_delay_s(process, Span(at(0), at(10))) == pytest.approx(3.0 - (3.0 - 1.0))
 
 
 def test_the_longest_delay_is_of_a_process_that_is_not_the_recorder(tmp_path: Path) -> None:

@@ -18,12 +18,12 @@ from grader.result import (
     CheckResult,
     CriterionResult,
     Finding,
+    Location,
     Outcome,
     Result,
     Score,
     Violation,
     ViolationKind,
-    Where,
 )
 
 EVIL = "<script>\x1b[2J\u202e"
@@ -32,7 +32,7 @@ SPOOFED = Violation(
     "launch",
     "The submission (/node) published time on /clock.",
     ("9 messages", "publisher of node /node, gid 0b"),
-    Where(session="launch", topic="/clock", start_s=1.2, end_s=4.5),
+    Location(session="launch", topic="/clock", start_s=1.2, end_s=4.5),
     True,
     ("a.together",),
 )

@@ -3,12 +3,18 @@
 What is starting is other work too, since a start takes a whole core for a while and nothing of it is timed. All
 students' processes are treated alike. None of it is needed, and what the machine does not permit is left: then delays
 are excused or left undecided.
+
+The grader's own processes are scheduled in real time where that is permitted. They could then keep all others from
+their cores, if somebody floods them: so the watch (`cpu_watch`), which goes before them, takes it from who uses too
+much, and the kernel ends who goes on for seconds. The student's processes are not: a program that computes would keep a
+neighbour's from the core for turns of 100 ms, and its own threads from each other.
 """
 
 from __future__ import annotations
 
 import ctypes
 import os
+import resource
 import struct
 from collections.abc import Iterable
 from contextlib import suppress
@@ -20,6 +26,10 @@ STANDING = -10
 _SLICE_NS = 100_000
 _SCHED_SETATTR = 314  # x86-64
 _SCHED_NORMAL, _RESET_ON_FORK = 0, 1
+#: Priorities in real time: of the grader's nodes, and of what watches them.
+RECORDING, WATCHING = 1, 2
+#: So long one may compute in real time without a pause before the kernel ends it; it is demoted before that.
+_RUNAWAY_US = 3_000_000
 
 
 def put_self_first() -> None:
@@ -57,3 +67,29 @@ def _put_first(tid: int, flags: int = 0) -> None:
             attributes = struct.pack("=IIQiIQQQ", 48, _SCHED_NORMAL, flags, nice, 0, _SLICE_NS, 0, 0)
             if ctypes.CDLL(None).syscall(_SCHED_SETATTR, tid, attributes, 0) == 0:
                 return
+
+
+def put_in_real_time(pids: Iterable[int]) -> None:
+    """Let all threads of some of the grader's own processes, and those to come, go before all ordinary ones."""
+    for pid in pids:
+        with suppress(OSError, ValueError):
+            resource.prlimit(pid, resource.RLIMIT_RTTIME, (_RUNAWAY_US, _RUNAWAY_US))
+            for task in Path(f"/proc/{pid}/task").iterdir():
+                os.sched_setscheduler(int(task.name), os.SCHED_RR, os.sched_param(RECORDING))
+
+
+def put_self_in_real_time(priority: int) -> None:
+    """Let this thread go before all ordinary ones, where that is permitted; else with short turns."""
+    _put_first(0)
+    with suppress(OSError, ValueError):
+        resource.setrlimit(resource.RLIMIT_RTTIME, (_RUNAWAY_US, _RUNAWAY_US))
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(priority))
+
+
+def demote(tids: Iterable[int]) -> None:
+    """Let threads that were scheduled in real time be ordinary ones that stand."""
+    for tid in tids:
+        with suppress(OSError):
+            if os.sched_getscheduler(tid) & ~os.SCHED_RESET_ON_FORK == os.SCHED_RR:
+                os.sched_setscheduler(tid, os.SCHED_OTHER, os.sched_param(0))
+                _put_first(tid)

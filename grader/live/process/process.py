@@ -13,7 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from grader.live.process.forked import ForkedProcess, Program, start_forked
-from grader.live.process.priority import put_standing
+from grader.live.process.priority import put_in_real_time, put_standing
 from grader.live.sandbox.machine import children_of, cpu_with_children_ns, descendants_of, read_bytes_of, tasks_of
 from grader.recording.session import OutputLine, ProcessRun, Usage
 
@@ -71,12 +71,14 @@ class RunningProcess:
         self._sandbox_pid: int | None = None
         #: By thread id; those that have ended keep what they used.
         self._usage: dict[int, tuple[int, int]] = {}
+        #: Ids of those that it had when it was last looked at.
+        self.threads: list[int] = []
         self._kept = self._written = 0
         self._room = room
         assert process.stdout is not None
         assert process.stderr is not None
-        said = self._read(process.stdout, "stdout") if on_message is None else _hear(process.stdout, on_message)
-        self._readers = [asyncio.create_task(said), asyncio.create_task(self._read(process.stderr, "stderr"))]
+        reader = self._read(process.stdout, "stdout") if on_message is None else _hear(process.stdout, on_message)
+        self._readers = [asyncio.create_task(reader), asyncio.create_task(self._read(process.stderr, "stderr"))]
         self.exited = asyncio.create_task(self._wait())
 
     @classmethod
@@ -248,6 +250,8 @@ class RunningProcess:
     def put_standing(self) -> None:
         """Let it go before what is still starting: from now on its timing counts."""
         put_standing(self.descendants())
+        if self.run.role != "student":
+            put_in_real_time(self.descendants())
 
     def hold_to_core(self, core: int, user: int | None) -> None:
         """Let all its threads, and those to come, run on one core only.
@@ -274,8 +278,9 @@ class RunningProcess:
         if root is None or not self.alive:
             return
         pids = descendants_of(root)
-        for pid in pids:
-            self._usage.update(_scheduling_of(pid))
+        now = {thread: used for pid in pids for thread, used in _scheduling_of(pid).items()}
+        self._usage.update(now)
+        self.threads = list(now)
         if not self._usage:  # It ended before it was ever looked at.
             return
         cpu_ns, delay_ns = (sum(values) for values in zip(*self._usage.values(), strict=True))

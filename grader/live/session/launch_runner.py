@@ -269,7 +269,7 @@ class LaunchRunner:
             run.output.append(OutputLine(run.started_ns, "stderr", f"this cannot be started: {error}"))
             return
         if process.respawn and respawns < _MAX_RESPAWNS:
-            self._later(self._start_again(process, running, respawns + 1))
+            self._later(self._restart(process, running, respawns + 1))
 
     def _free_name(self, wanted: str) -> str:
         """Return a name that no process of the session has: who took another's place would not be looked after."""
@@ -296,7 +296,7 @@ class LaunchRunner:
             return [*command[:program], f"{sandbox.seen[WORKSPACE]}/{installed}", *arguments]
         return command
 
-    async def _start_again(self, process: Process, running: RunningProcess, respawns: int) -> None:
+    async def _restart(self, process: Process, running: RunningProcess, respawns: int) -> None:
         await running.wait_exit(self._sandbox.plan.timeout_s)
         await asyncio.sleep(process.respawn_delay_s)
         if not self._ending:
@@ -360,7 +360,7 @@ def _read_plan(text: str, in_time: bool, timeout_s: float, run: ProcessRun, sour
         status = run.exit_status or 0
         number = status - 128 if status > 128 else -status
         how = f"by signal {number}" if number > 0 else f"with status {status}"
-        said = f"; it said: {run.output[-1].text[:300]}" if run.output else ""
-        message = f"cannot be read: the reading program was ended by it ({how}), before it gave a description{said}"
+        output = f"; it said: {run.output[-1].text[:300]}" if run.output else ""
+        message = f"cannot be read: the reading program was ended by it ({how}), before it gave a description{output}"
         remedy = "Take out what ends or replaces the program (os._exit, exec, signals), and return a LaunchDescription."
     return Plan("error", Problem(kind, f"the launch file {message}", source, None, remedy))

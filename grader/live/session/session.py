@@ -21,6 +21,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from grader.live.process.cpu_watch import CpuWatch
 from grader.live.process.forked import Program, script
 from grader.live.process.priority import put_self_first
 from grader.live.process.process import RunningProcess
@@ -34,7 +35,7 @@ from grader.live.session.plan import SessionPlan
 from grader.live.session.student_sandbox import StudentSandbox
 from grader.recording.bag import recover
 from grader.recording.session import ProcessRun, StepRun, write_session
-from grader.recording.trusted_channel import participants_told, take_told
+from grader.recording.trusted_channel import collect_trusted_messages, trusted_participants
 
 #: Address space of each of the grader's own processes.
 _TRUSTED_BYTES = 3 * 1024**3
@@ -60,6 +61,7 @@ class Session:
         self.director: DirectorClient | None = None
         self._launch = LaunchRunner(self.sandbox)
         self._filter = PacketFilter()
+        self._watch = CpuWatch()
 
     async def run(self) -> None:
         """Run the session and leave its record, whatever happens."""
@@ -69,6 +71,8 @@ class Session:
             (self.plan.scratch / "trusted").mkdir()
             self.sandbox.prepare()
             await self._start_director()
+            environment = trusted_environment(self.plan.scratch / "trusted", self.plan.domain_id)
+            self.sandbox.trusted.append(await self._watch.start(environment))
             put_self_first()
             watchers = [asyncio.create_task(self._sample()), asyncio.create_task(self.sandbox.guard.watch())]
             try:
@@ -87,7 +91,7 @@ class Session:
             self.sandbox.clean_up()
 
     async def _stop_for_time(self) -> None:
-        """End the student's processes, for which each step waited as long as it may; unless the machine stood still."""
+        """End the student's processes, for which each step waited as long as it may; unless the machine stalled."""
         step, now_ns = self.record.steps[-1], time.time_ns()
         step.outcome, step.ended_ns = "timeout", now_ns
         alive = [process for process in self.sandbox.students() if process.alive]
@@ -109,9 +113,10 @@ class Session:
                     self.record.problems.append(f"the reference node {name} did not end when it was asked to")
             elif process.run.role == "reference":
                 self.record.problems.append(f"the reference node {name} ended with status {process.run.exit_status}")
+        await self._watch.stop()
         if self.director is not None:
             await self.director.stop()
-        take_told(self.record)
+        collect_trusted_messages(self.record)
         await self.sandbox.guard.look()
         self.sandbox.blame_unstarted()
         recover(self.plan.folder)
@@ -164,7 +169,7 @@ class Session:
         if outcome != "done":
             self.record.problems.append(f"the reference node {name} did not become ready")
         running.put_standing()
-        self._filter.protect(running.root_pid() or 0, next(participants_told(run), ""))
+        self._filter.protect(running.root_pid() or 0, next(trusted_participants(run), ""))
         return outcome, result
 
     def _types(self) -> dict[str, str]:
@@ -182,11 +187,15 @@ class Session:
         while True:
             await asyncio.sleep(_SAMPLE_PERIOD_S)
             self.record.machine.append(replace(sample_machine(), students_ns=self.sandbox.cpu_ns()))
-            for process in (*self.sandbox.students(), *self.sandbox.trusted):
-                process.sample_usage()
+            self._look_at(*self.sandbox.students(), *self.sandbox.trusted)
             for process in self.sandbox.trusted:
                 if process.alive:
                     self._filter.protect(process.root_pid() or 0)  # it may have new sockets
+
+    def _look_at(self, *processes: RunningProcess) -> None:
+        for process in processes:
+            process.sample_usage()
+        self._watch.follow(processes)
 
     # -- steps --------------------------------------------------------------------------------
 
@@ -256,6 +265,7 @@ class Session:
             if process.alive:
                 process.hold_to_core(cores[(self.plan.slot + number) % len(cores)], self.sandbox.uid)
                 process.put_standing()
+                self._look_at(process)
 
     async def _wait_output(self, name: str, text: str, timeout_s: float) -> Answer:
         process = self.processes.get(name)

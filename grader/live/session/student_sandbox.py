@@ -20,8 +20,8 @@ from grader.live.sandbox.isolation import (
     TEMPORARY,
     WORKSPACE,
     Room,
-    cell_group,
     confined,
+    sandbox_cgroup,
     student_uid,
 )
 from grader.live.sandbox.machine import descendants_of
@@ -65,7 +65,7 @@ class StudentSandbox:
         #: Programs that never began, and how the session would be disturbed by that.
         self._unstarted: list[tuple[ProcessRun, str]] = []
         self._output = OutputRoom()
-        self._group = cell_group(plan.isolation, plan.slot)
+        self._group = sandbox_cgroup(plan.isolation, plan.slot)
         self.guard = Guard(
             self.students,
             self._group,
@@ -192,8 +192,8 @@ class StudentSandbox:
 
     def note_unstarted(self, run: ProcessRun, what: str) -> None:
         """Note that a program of the student's never began; `blame_unstarted` says in the end whose doing that is."""
-        said = run.output[-1].text if run.output else "nothing"
-        self._unstarted.append((run, f"{what} in its sandbox: {said}"))
+        output = run.output[-1].text if run.output else "nothing"
+        self._unstarted.append((run, f"{what} in its sandbox: {output}"))
 
     def blame_unstarted(self) -> None:
         """Lay it at the student's door where its own processes left no room for more; else it is a problem."""

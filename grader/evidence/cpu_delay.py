@@ -1,0 +1,173 @@
+"""When the machine delayed a process, and what of a measurement was not affected by that.
+
+A process was delayed when it had work and the core was with others, or stalled. Waits for threads of its
+own, or for other programs of the student's, are none of these.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Span:
+    """A span of time in ns of the system clock."""
+
+    start_ns: int
+    end_ns: int
+
+    @property
+    def duration_s(self) -> float:
+        """Length in seconds."""
+        return (self.end_ns - self.start_ns) / 1e9
+
+    def shared_ns(self, start_ns: int, end_ns: int) -> int:
+        """Return how long another time lies within this one, in ns."""
+        return max(0, min(end_ns, self.end_ns) - max(start_ns, self.start_ns))
+
+
+@dataclass(frozen=True)
+class Delay:
+    """A time within which the machine delayed a process for so long; when in it, is not known."""
+
+    start_ns: int
+    end_ns: int
+    delay_ns: int
+
+    @property
+    def slack_s(self) -> float:
+        """Return for how long within it the process was not delayed."""
+        return (self.end_ns - self.start_ns - self.delay_ns) / 1e9
+
+
+def clipped(delays: Iterable[Delay], span: Span) -> Iterator[Delay]:
+    """Return what of delays may lie within a span: of one that reaches over its ends, as much as there is room for."""
+    for delay in delays:
+        if shared_ns := span.shared_ns(delay.start_ns, delay.end_ns):
+            start_ns = max(delay.start_ns, span.start_ns)
+            yield Delay(start_ns, start_ns + shared_ns, min(delay.delay_ns, shared_ns))
+
+
+@dataclass(frozen=True)
+class Backlog:
+    """What waited for a process while the machine delayed it."""
+
+    #: For how long of a span what came found a queue full.
+    lost_s: float
+    #: By how much what came was handled later for it, on average.
+    late_s: float
+
+
+def backlog(delays: Iterable[Delay], span: Span, room_s: float, busy: float) -> Backlog:
+    """Return what waited within a span, at most, for a process that handles what comes at an even rate.
+
+    Parameters
+    ----------
+    room_s : float
+        The time in which its queue gets full.
+    busy : float
+        Share of a core that it uses by itself: the less, the sooner it has caught up.
+    """
+    pace = (1 - busy) / max(busy, _LEAST_BUSY)
+    waiting = lost = late = slack = 0.0
+    end_ns = span.start_ns
+    for delay in clipped(delays, span):
+        delay_s = delay.delay_ns / 1e9
+        waiting = max(0.0, waiting - pace * (delay.start_ns - end_ns) / 1e9) + delay_s
+        lost += max(0.0, waiting - room_s)
+        waiting = min(waiting, room_s)
+        late += waiting * delay_s
+        # One delay may lie at the end of its time and the next at its beginning, so that nothing is between the two.
+        waiting, slack = max(0.0, waiting - pace * slack), delay.slack_s
+        end_ns = delay.end_ns
+    return Backlog(lost, late / max(span.duration_s, 1e-9))
+
+
+#: Nobody is taken to catch up faster than this share of a core by itself allows.
+_LEAST_BUSY = 0.1
+
+
+@dataclass(frozen=True)
+class Calm:
+    """The intervals between messages that the machine did not affect."""
+
+    #: float64[n]: Their lengths in s.
+    intervals_s: Floats
+    #: How often they begin anew behind others.
+    stretches: int
+    #: Share of their time in which the machine delayed the process all the same, for moments that do no
+    #: harm by themselves.
+    delayed_share: float
+
+    @property
+    def is_enough(self) -> bool:
+        """Whether they can stand for all of a window."""
+        return len(self.intervals_s) >= _ENOUGH and float(self.intervals_s.sum()) >= _ENOUGH_S
+
+    def rate_hz(self) -> tuple[float, float]:
+        """Return the bounds of the rate.
+
+        Notes
+        -----
+        The error of a mean of n is that of one by √n, twice. Long intervals are affected more often than short ones:
+        in a stretch of m, that makes the mean too small by the square of their relative spread, by m.
+        """
+        mean_s, count = float(self.intervals_s.mean()), len(self.intervals_s)
+        spread = float(self.intervals_s.std()) / mean_s
+        error = 2 * spread / float(np.sqrt(count)) + spread**2 * self.stretches / count
+        return (1 - error) / mean_s, (1 + error) / mean_s / (1 - min(0.5, self.delayed_share))
+
+    def deviations_s(self, share: float) -> tuple[float, float]:
+        """Return the bounds of a quantile of the intervals' distances from their median, in s."""
+        distances = np.abs(self.intervals_s - np.median(self.intervals_s))
+        least_s, largest_s = np.quantile(distances, shares_around(share, len(distances)))
+        return float(least_s), float(largest_s)
+
+
+#: Standard deviations of a sample's quantile that count as its error.
+_CONFIDENCE = 3.0
+
+
+def shares_around(share: float, count: int) -> tuple[float, float]:
+    """Return the quantiles of a sample between which one of what it was taken from lies."""
+    spread = _CONFIDENCE * math.sqrt(share * (1 - share) / count)
+    return max(0.0, share - spread), min(1.0, share + spread)
+
+
+#: Intervals, and the time that they fill together, from which those that were not affected stand for all.
+_ENOUGH, _ENOUGH_S = 20, 1.0
+
+
+def calm_intervals(delays: Sequence[Delay], ends_ns: Integers, intervals_s: Floats, harmless_s: float) -> Calm:
+    """Return the intervals that no delay affected which is longer than what is harmless.
+
+    Notes
+    -----
+    A delay makes one interval longer and the next one shorter; who was kept for long may take as long again to make
+    up for it. So of what follows a delay as much is left out, and one interval more.
+    """
+    starts_ns = ends_ns - np.round(intervals_s * 1e9).astype(np.int64)
+    touched = np.zeros(len(ends_ns), dtype=bool)
+    harmless_ns = np.zeros(len(ends_ns))
+    for delay in delays:
+        long = delay.delay_ns > harmless_s * 1e9
+        first = int(np.searchsorted(ends_ns, delay.start_ns, side="right"))
+        last = int(np.searchsorted(starts_ns, delay.end_ns + delay.delay_ns * long))
+        if long:
+            touched[first:last] = True
+        elif last > first:
+            harmless_ns[first:last] += delay.delay_ns / (last - first)
+    touched[1:] |= touched[:-1]
+    calm = ~touched
+    chosen = intervals_s[calm]
+    begins = int(np.count_nonzero(calm[1:] & touched[:-1])) + int(len(calm) > 0 and bool(calm[0]))
+    share = float(harmless_ns[calm].sum()) / 1e9 / max(float(chosen.sum()), 1e-9)
+    return Calm(chosen, begins, share)

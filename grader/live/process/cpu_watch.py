@@ -1,0 +1,223 @@
+"""Watches when the machine keeps a session's processes from their cores: a process of the grader's in its sandbox.
+
+On each core that a student's process is held to, a thread wakes up every few milliseconds. That it came late, and did
+not wait for the core in the kernel's queue, says that the core itself stalled: its host took it, or all that is in
+the sandbox was stopped. Every second time it reads for how long the threads of the watched processes waited.
+
+A process waits for itself too, since its threads share a core, and for other programs of the student's. So a wait
+counts only where one thread alone had a notable one, and for no longer than the student's programs left of that time.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Iterable
+from contextlib import suppress
+from dataclasses import dataclass, field
+
+from grader.live.process.forked import Program
+from grader.live.process.priority import WATCHING, demote, put_self_in_real_time
+from grader.live.process.process import RunningProcess
+from grader.recording.session import ProcessRun
+
+#: A thread costs 0.07 ms each time that it wakes up on a virtual machine's idle core, 1.4 % of it; less on a busy one.
+_PERIOD_S, _WAKES_PER_SAMPLE = 0.005, 2
+#: Waits that a core has at any time: a thread waited 0.9 ms of 10 ms for others of its process (90 % of samples).
+_LEAST_NS = 1_000_000
+#: What is kept of one process; where there is more, neighbours become one.
+_MOST_KEPT = 1000
+#: How far back it is known what a process used, in samples.
+_HISTORY = 200
+#: A process of the grader's that takes this share of a core for so long may not go before all others any more.
+_RUNAWAY_SHARE, _RUNAWAY_NS = 0.6, 300_000_000
+_STOP_S = 3.0
+_ADDRESS_SPACE_BYTES = 1024**3
+
+
+class CpuWatch:
+    """A session's side of the watch; without it, samples twice a second tell the same less finely."""
+
+    def __init__(self) -> None:
+        self._running: RunningProcess | None = None
+        self._runs: dict[str, ProcessRun] = {}
+
+    async def start(self, environment: dict[str, str]) -> RunningProcess:
+        """Start the process that watches, and return it."""
+        run = ProcessRun("cpu watch", "grader", ["python", "-m", __name__])
+        program = Program(run.name, main, [], environment, _ADDRESS_SPACE_BYTES)
+        self._running = await RunningProcess.fork(run, program, on_message=self._hear)
+        return self._running
+
+    def follow(self, processes: Iterable[RunningProcess]) -> None:
+        """Have it watch the threads that some processes have now, on the cores to which these are held."""
+        if self._running is None:
+            return
+        for process in processes:
+            run = process.run
+            name = f"{run.name} {run.started_ns}"  # a program may be started twice
+            if process is not self._running and process.alive and process.threads:
+                self._runs[name] = run
+                said = {"name": name, "core": run.core, "role": run.role, "threads": process.threads}
+                self._running.write((json.dumps(said) + "\n").encode())
+
+    async def stop(self) -> None:
+        """Take over what it has seen, and end it."""
+        if self._running is not None:
+            self._running.write(b"", last=True)
+            await self._running.wait_exit(_STOP_S)
+            await self._running.kill()
+
+    def _hear(self, line: bytes) -> None:
+        for name, disturbed in json.loads(line).items():
+            self._runs[name].disturbed = disturbed
+
+
+@dataclass
+class _Watched:
+    """A process that is watched, by the counters of its threads."""
+
+    role: str
+    core: int | None = None
+    #: Thread id -> descriptor of its counters; and what they said last: CPU time and time in the queue, in ns.
+    files: dict[int, int] = field(default_factory=dict)
+    last: dict[int, tuple[int, int]] = field(default_factory=dict)
+    cpu_ns: int = 0
+    looked_ns: int = 0
+    #: (time, CPU time until then), both in ns.
+    history: deque[tuple[int, int]] = field(default_factory=lambda: deque([(0, 0)], maxlen=_HISTORY))
+    disturbed: list[list[int]] = field(default_factory=list)
+
+    def open(self, threads: Iterable[int]) -> None:
+        for thread in threads:
+            if thread not in self.files:
+                with suppress(OSError):
+                    self.files[thread] = os.open(f"/proc/{thread}/schedstat", os.O_RDONLY)
+
+    def read(self, now_ns: int) -> tuple[int, int]:
+        """Take the CPU time since the last look, and return how long its threads waited: together, and the longest."""
+        together = longest = 0
+        for thread, file in list(self.files.items()):
+            try:
+                cpu_ns, waited_ns, *_ = map(int, os.pread(file, 100, 0).split())
+            except (OSError, ValueError):  # It has ended.
+                os.close(self.files.pop(thread))
+                continue
+            cpu_before_ns, before_ns = self.last.get(thread, (0, 0))
+            self.last[thread] = cpu_ns, waited_ns
+            self.cpu_ns += cpu_ns - cpu_before_ns
+            together += waited_ns - before_ns
+            longest = max(longest, waited_ns - before_ns)
+        self.history.append((now_ns, self.cpu_ns))
+        return together, longest
+
+    def used_since(self, t_ns: int) -> int:
+        """Return the CPU time that it used since a time, as far as that is known."""
+        return self.cpu_ns - next((cpu_ns for at_ns, cpu_ns in self.history if at_ns >= t_ns), self.cpu_ns)
+
+    def noted_since(self, t_ns: int) -> int:
+        """Return for how long it was delayed since a time, as far as that is noted already."""
+        since = itertools.takewhile(lambda noted: noted[0] + noted[1] > t_ns, reversed(self.disturbed))
+        return sum(min(delay_ns, start_ns + length_ns - t_ns) for start_ns, length_ns, delay_ns in since)
+
+    def note(self, start_ns: int, end_ns: int, delay_ns: int) -> None:
+        self.disturbed.append([start_ns, end_ns - start_ns, min(delay_ns, end_ns - start_ns)])
+        if len(self.disturbed) > _MOST_KEPT:
+            pairs = zip(self.disturbed[::2], self.disturbed[1::2], strict=False)
+            self.disturbed = [
+                [first[0], last[0] + last[1] - first[0], first[2] + last[2]] for first, last in pairs
+            ] + self.disturbed[len(self.disturbed) // 2 * 2 :]
+
+
+class _Watch:
+    """All that is watched; each core has a thread, and the first one's looks after what is held to none."""
+
+    def __init__(self) -> None:
+        self.watched: dict[str, _Watched] = {}
+        self._cores: dict[int, threading.Thread] = {}
+        self._lock = threading.Lock()
+        self._ended = threading.Event()
+
+    def follow(self, name: str, core: int | None, role: str, threads: list[int]) -> None:
+        with self._lock:
+            watched = self.watched.setdefault(name, _Watched(role))
+            watched.core = core
+            watched.open(threads)
+        wanted = core if core is not None else min(self._cores, default=min(os.sched_getaffinity(0)))
+        if wanted not in self._cores:
+            self._cores[wanted] = threading.Thread(target=self._watch_core, args=(wanted,), daemon=True)
+            self._cores[wanted].start()
+
+    def end(self) -> dict[str, list[list[int]]]:
+        self._ended.set()
+        for thread in self._cores.values():
+            thread.join()
+        return {name: watched.disturbed for name, watched in self.watched.items()}
+
+    def _watch_core(self, core: int) -> None:
+        with suppress(OSError):
+            os.sched_setaffinity(threading.get_native_id(), {core})
+        queue = os.open("/proc/thread-self/schedstat", os.O_RDONLY)
+        woke_ns, waited_ns = time.monotonic_ns(), 0
+        looked_ns = time.time_ns()
+        stalled_ns = wakes = 0
+        while not self._ended.is_set():
+            time.sleep(_PERIOD_S)
+            now_ns, before_ns = time.monotonic_ns(), waited_ns
+            waited_ns = int(os.pread(queue, 100, 0).split()[1])
+            late_ns = now_ns - woke_ns - round(_PERIOD_S * 1e9) - (waited_ns - before_ns)
+            woke_ns, wakes = now_ns, wakes + 1
+            if late_ns > _LEAST_NS:
+                stalled_ns += late_ns
+            if wakes % _WAKES_PER_SAMPLE == 0 or stalled_ns:
+                with self._lock:
+                    self._look(core, looked_ns, now_ns := time.time_ns(), stalled_ns)
+                looked_ns, stalled_ns = now_ns, 0
+
+    def _look(self, core: int, looked_ns: int, now_ns: int, stalled_ns: int) -> None:
+        """Note for how long each process on a core, and those on none, were kept from theirs since the last look."""
+        is_first = core == next(iter(self._cores))
+        held = [w for w in self.watched.values() if w.core == core]
+        waits = {id(w): w.read(now_ns) for w in held}
+        for watched in held:
+            own = [w for w in held if w.role == "student" or w is watched]
+            self._judge(watched, own, *waits[id(watched)], looked_ns, now_ns, stalled_ns)
+        for watched in [w for w in self.watched.values() if w.core is None]:
+            waited = watched.read(now_ns) if is_first else (0, 0)
+            self._judge(watched, [watched], *waited, looked_ns, now_ns, stalled_ns)
+            if is_first and watched.role != "student":
+                _demote_runaway(watched, now_ns)
+
+    def _judge(
+        self, watched: _Watched, own: list[_Watched], together_ns: int, longest_ns: int,
+        looked_ns: int, now_ns: int, stalled_ns: int,
+    ) -> None:  # fmt: skip
+        # A wait is counted when it ends; it began as long ago.
+        start_ns = min(looked_ns, now_ns - longest_ns)
+        delay_ns = 0
+        if longest_ns > _LEAST_NS:
+            used_ns = sum(w.used_since(start_ns) for w in own)
+            delay_ns = min(together_ns, now_ns - start_ns - used_ns) - watched.noted_since(start_ns)
+        delay_ns = max(delay_ns, stalled_ns)
+        if delay_ns > _LEAST_NS:
+            watched.note(start_ns, now_ns, delay_ns)
+
+
+def _demote_runaway(watched: _Watched, now_ns: int) -> None:
+    """Let one of the grader's own that somebody floods go before others no more."""
+    if watched.used_since(now_ns - _RUNAWAY_NS) > _RUNAWAY_SHARE * _RUNAWAY_NS:
+        demote(watched.files)
+
+
+def main() -> None:
+    """Watch what is named on standard input, one JSON object a line, and at its end say what was seen."""
+    put_self_in_real_time(WATCHING)  # and so all threads that follow
+    watch = _Watch()
+    for line in sys.stdin:
+        watch.follow(**json.loads(line))
+    print(json.dumps(watch.end()), flush=True)

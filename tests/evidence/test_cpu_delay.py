@@ -1,0 +1,118 @@
+"""What of a measurement the machine touched, by the times at which it delayed a process."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from grader.evidence.cpu_delay import Calm, Delay, Span, backlog, calm_intervals
+from tests.synthetic import at
+
+INFINITE = float("inf")
+SPAN = Span(at(0), at(10))
+
+
+def delay(start_s: float, length_s: float, delay_s: float | None = None) -> Delay:
+    """Give a delay; all of its time, unless something else is said."""
+    return Delay(at(start_s), at(start_s + length_s), round((length_s if delay_s is None else delay_s) * 1e9))
+
+
+def calm_of(times_s: np.ndarray, *delays: Delay, harmless_s: float = 0.001) -> Calm:
+    """Give the calm intervals between messages that were sent at some times."""
+    ends_ns = np.array([at(t) for t in times_s[1:]], dtype=np.int64)
+    return calm_intervals(delays, ends_ns, np.diff(times_s), harmless_s)
+
+
+# -- what waits ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("delays", "room_s", "busy", "lost_s"),
+    [
+        ([], 0.1, 0.5, 0.0),
+        ([delay(1, 0.3)], 0.1, 0.5, 0.2),
+        ([delay(1, 0.3)], 0.0, 0.5, 0.3),
+        ([delay(n / 10, 0.02) for n in range(90)], 0.1, 0.5, 0.0),
+        ([delay(n / 10, 0.02) for n in range(90)], 0.1, 0.9, 0.93),
+        ([delay(n / 10, 0.1, 0.02) for n in range(90)], 0.1, 0.5, 0.0),
+        ([delay(1, 0.08), delay(1.08, 0.08)], 0.1, 0.1, 0.06),
+        ([delay(1, 0.5, 0.08), delay(1.5, 0.5, 0.08)], 0.1, 0.1, 0.06),
+        ([delay(1, 0.08), delay(1.2, 0.08)], 0.1, 0.1, 0.0),
+        ([delay(-1, 1.3)], 0.1, 0.5, 0.2),
+    ],
+    ids=[
+        "nothing", "one that is too long", "no room", "short ones", "short ones, and it is busy itself",
+        "short ones that may lie anywhere", "two without a pause", "two that may have been without one",
+        "two with a pause", "one that began before",
+    ],
+)  # fmt: skip
+def test_a_queue_overflows_by_what_it_has_no_room_for(
+    delays: list[Delay], room_s: float, busy: float, lost_s: float
+) -> None:
+    """Only a delay for which a queue has no room loses messages; what is left of a core empties it."""
+    assert backlog(delays, SPAN, room_s, busy).lost_s == pytest.approx(lost_s, abs=0.03)
+
+
+def test_short_delays_make_nothing_late() -> None:
+    """A second in one piece makes what comes in ten seconds a tenth of a second late; in a hundred pieces, 1 ms."""
+    assert backlog([delay(1, 1.0)], SPAN, INFINITE, 0.1).late_s == pytest.approx(0.1)
+    assert backlog([delay(n / 10, 0.01) for n in range(100)], SPAN, float("inf"), 0.1).late_s == pytest.approx(
+        0.001, rel=0.1
+    )
+
+
+# -- what is calm ----------------------------------------------------------------------------------
+
+
+def test_what_follows_a_delay_is_not_calm_for_as_long_again() -> None:
+    """A delay of two intervals touches those, as many behind it, and one more that gets shorter."""
+    times_s = np.arange(100) / 10
+    assert len(calm_of(times_s).intervals_s) == 99
+    calm = calm_of(times_s, delay(3.05, 0.2))
+    assert len(calm.intervals_s) == 99 - 6
+    assert calm.stretches == 2
+
+
+def test_harmless_delays_leave_intervals_calm_and_widen_the_rate() -> None:
+    """Many moments without a core keep a program from nothing, but together it may have done more."""
+    times_s = np.arange(500) / 100
+    calm = calm_of(times_s, *(delay(n / 10, 0.01, 0.0005) for n in range(50)))
+    assert len(calm.intervals_s) == 499
+    assert calm.delayed_share == pytest.approx(0.005, rel=0.05)
+    assert calm.rate_hz() == pytest.approx((100.0, 100.5), abs=0.02)
+
+
+def test_the_rate_in_calm_intervals_holds_the_true_one() -> None:
+    """Of programs whose timer is stopped a quarter of the time at random, also of uneven ones that are not 100 Hz."""
+    random = np.random.default_rng(1)
+    for period_s, jitter_s in ((0.010, 0.0), (0.0102, 0.0003), (0.0125, 0.004)):
+        stops = np.cumsum(random.uniform(0.0525, 0.0825, 90))
+        lengths = random.uniform(0.005, 0.030, 90)
+        delays = [delay(start, length) for start, length in zip(stops, lengths, strict=True)]
+        ticks = np.cumsum(np.maximum(0.001, random.normal(period_s, jitter_s, 620)))
+        for start, length in zip(stops, lengths, strict=True):  # what falls into a stop comes at its end
+            ticks = np.where((ticks > start) & (ticks < start + length), start + length, ticks)
+        calm = calm_of(np.unique(ticks), *delays)
+        least_hz, most_hz = calm.rate_hz()
+        assert calm.is_enough
+        assert least_hz - 0.01 <= 1 / period_s <= most_hz + 0.01
+        assert most_hz - least_hz < 0.01 + 40 * jitter_s / period_s
+
+
+def test_evenness_is_that_of_calm_intervals() -> None:
+    """What the machine made uneven does not count, what the program did itself does."""
+    times_s = np.arange(600) / 100
+    stopped = times_s.copy()
+    stopped[100:103] += 0.02
+    uneven = times_s + np.where(np.arange(600) % 4 == 0, 0.006, 0.0)
+    stop = delay(0.995, 0.03)
+    assert calm_of(stopped, stop).deviations_s(0.95)[1] < 0.0001
+    assert calm_of(stopped).deviations_s(0.995)[1] > 0.005
+    assert calm_of(uneven, stop).deviations_s(0.95)[0] > 0.005
+
+
+def test_a_few_intervals_do_not_stand_for_all() -> None:
+    """Where hardly a second was calm, nothing is concluded from it."""
+    times_s = np.arange(600) / 100
+    assert not calm_of(times_s, delay(0.0, 2.6, 2.6)).is_enough
+    assert calm_of(times_s, delay(0.0, 2.0, 2.0)).is_enough

@@ -1,0 +1,132 @@
+"""What the machine keeps a process from its core is seen, and its waits for itself are not taken for that."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytestmark = pytest.mark.live
+
+_WATCH = "from grader.live.process.cpu_watch import main; main()"
+#: Begins to compute in two threads, without the interpreter's lock, as soon as it may.
+_TWO_THREADS = """
+import hashlib, sys, threading
+sys.stdin.readline()
+block = bytes(2**20)
+def compute():
+    while True:
+        hashlib.sha256(block)
+threading.Thread(target=compute, daemon=True).start()
+compute()
+"""
+_CORE = min(os.sched_getaffinity(0))
+
+
+@contextmanager
+def program(source: str, **more: Any) -> Iterator[subprocess.Popen[str]]:
+    """Run a program until the end of the context."""
+    command = [sys.executable, "-c", source]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, **more) as process:
+        yield process
+        process.kill()
+
+
+def say(process: subprocess.Popen[str], text: str) -> None:
+    """Write a line to a program."""
+    assert process.stdin is not None
+    process.stdin.write(text + "\n")
+    process.stdin.flush()
+
+
+def threads_of(pid: int) -> list[int]:
+    """Return the ids of a process's threads."""
+    return [int(task.name) for task in Path(f"/proc/{pid}/task").iterdir()]
+
+
+def follow(watch: subprocess.Popen[str], name: str, role: str, pid: int, core: int | None) -> None:
+    """Have a process watched."""
+    say(watch, json.dumps({"name": name, "role": role, "core": core, "threads": threads_of(pid)}))
+
+
+def seen(watch: subprocess.Popen[str]) -> dict[str, list[list[int]]]:
+    """End the watch and return what it saw."""
+    found: dict[str, list[list[int]]] = json.loads(watch.communicate()[0])
+    return found
+
+
+def counters(pid: int) -> tuple[float, float]:
+    """Return CPU time and waits of all threads of a process, in s."""
+    each = [Path(f"/proc/{pid}/task/{t}/schedstat").read_text().split() for t in threads_of(pid)]
+    return sum(int(words[0]) for words in each) / 1e9, sum(int(words[1]) for words in each) / 1e9
+
+
+def test_waits_for_others_are_seen_and_those_for_oneself_are_not() -> None:
+    """Two threads on one core wait for each other half of the time; only what others had is the machine's."""
+    with program(_WATCH) as watch, program(_TWO_THREADS) as it, program(_TWO_THREADS) as other:
+        say(it, "")
+        time.sleep(0.2)
+        for process in (it, other):
+            for thread in threads_of(process.pid):
+                os.sched_setaffinity(thread, {_CORE})
+        follow(watch, "it", "student", it.pid, _CORE)
+        time.sleep(0.1)
+        start_ns, (cpu_s, waited_s) = time.time_ns(), counters(it.pid)
+        time.sleep(0.4)
+        middle_ns, (cpu_alone_s, waited_alone_s) = time.time_ns(), counters(it.pid)
+        say(other, "")
+        time.sleep(0.6)
+        end_ns, (cpu_end_s, _) = time.time_ns(), counters(it.pid)
+        delays = seen(watch)["it"]
+    alone_s = sum(delay for at, _, delay in delays if start_ns < at < middle_ns) / 1e9
+    both_s = sum(delay for at, _, delay in delays if start_ns < at < end_ns) / 1e9
+    left_s = (end_ns - start_ns) / 1e9 - (cpu_end_s - cpu_s)
+    assert waited_alone_s - waited_s > 0.3
+    assert alone_s <= (middle_ns - start_ns) / 1e9 - (cpu_alone_s - cpu_s) + 0.1
+    assert left_s > 0.1
+    assert both_s == pytest.approx(left_s, abs=0.3 * left_s)
+
+
+def test_what_is_stopped_with_all_its_sandbox_is_seen() -> None:
+    """A process that does not run waits in no queue: that the watch itself did not wake up tells of it."""
+    with program(_WATCH) as watch, program("input()") as it:
+        follow(watch, "it", "student", it.pid, _CORE)
+        time.sleep(0.3)
+        start_ns = time.time_ns()
+        watch.send_signal(signal.SIGSTOP)
+        time.sleep(0.15)
+        end_ns = time.time_ns()
+        watch.send_signal(signal.SIGCONT)
+        time.sleep(0.1)
+        delays = seen(watch)["it"]
+    stopped = [each for each in delays if each[2] > 100_000_000]
+    assert len(stopped) == 1
+    assert stopped[0][0] <= start_ns + 10_000_000
+    assert end_ns <= stopped[0][0] + stopped[0][1]
+
+
+def test_a_runaway_of_the_graders_does_not_go_before_all_others() -> None:
+    """Where real-time scheduling is permitted, who computes without a pause loses it again."""
+    with program(_WATCH) as watch, program(_TWO_THREADS) as it:
+        say(it, "")
+        time.sleep(0.2)
+        follow(watch, "it", "grader", it.pid, None)
+        for thread in threads_of(it.pid):
+            try:
+                os.sched_setscheduler(thread, os.SCHED_RR, os.sched_param(1))
+            except PermissionError:
+                assert os.sched_getscheduler(thread) == os.SCHED_OTHER
+        deadline_s = time.monotonic() + 5
+        while os.sched_getscheduler(it.pid) != os.SCHED_OTHER and time.monotonic() < deadline_s:
+            time.sleep(0.05)
+        assert {os.sched_getscheduler(thread) for thread in threads_of(it.pid)} == {os.SCHED_OTHER}
+        assert seen(watch)["it"] is not None
