@@ -59,7 +59,7 @@ class LiveExports:
         if not self._arguments:
             return on_progress
 
-        def told(progress: Any) -> None:
+        def notified(progress: Any) -> None:
             on_progress(progress)
             if not progress.ended:
                 self._stale = self._stale or not self._begun
@@ -68,7 +68,7 @@ class LiveExports:
                 self._stale = True
             self._catch_up()
 
-        return told
+        return notified
 
     def write(self, result: Result) -> None:
         """Write the exports of the result."""

@@ -313,6 +313,6 @@ def without_delay(value: float, delay_s: float, length_s: float) -> float:
 
 def describe_diagnosis(found: Diagnosis) -> str:
     """Describe a diagnosis in a line, with the exception and the student's line."""
-    place = f"{found.file}, line {found.line}" if found.file and found.line else found.file or ""
-    parts = [part for part in (found.exception_type, place) if part]
+    location = f"{found.file}, line {found.line}" if found.file and found.line else found.file or ""
+    parts = [part for part in (found.exception_type, location) if part]
     return f"{found.problem} ({' in '.join(parts)})" if parts else found.problem

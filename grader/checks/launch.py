@@ -95,8 +95,8 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
                 "It uses syntax of Python 3.12 or later, which the grading computer lacks. Your instructor decides."
             )
         return inconclusive(expected, problem.message, reason, where=_at(context, problem), retry=False)
-    place = f" ({problem.file}, line {problem.line})" if problem.file and problem.line else ""
-    reason = _capitalised(problem.message) + place
+    location = f" ({problem.file}, line {problem.line})" if problem.file and problem.line else ""
+    reason = _capitalised(problem.message) + location
     finding = failed(expected, problem.message, reason, hint=problem.remedy, where=_at(context, problem))
     # What it declares until it stops was seen, and counts.
     return replace(finding, rest=credit_of(p.repaired_rest)) if plan.arguments else finding

@@ -427,7 +427,7 @@ def _danger(series: NumericStream, p: Sinusoids) -> str:
 
 def _misplaced(series: NumericStream, p: Sinusoids, unmoved: Sequence[Component]) -> str:
     """Say which components move another element than their own; empty if none does."""
-    places = [(component.index, _place_of(series, component, p)) for component in unmoved]
+    places = [(component.index, _element_of(series, component, p)) for component in unmoved]
     return " ".join(f"The motion of element {own} is in element {place}." for own, place in places if place is not None)
 
 
@@ -435,7 +435,7 @@ def _misplaced(series: NumericStream, p: Sinusoids, unmoved: Sequence[Component]
 _FEWEST = 20
 
 
-def _place_of(series: NumericStream, c: Component, p: Sinusoids) -> int | None:
+def _element_of(series: NumericStream, c: Component, p: Sinusoids) -> int | None:
     """Return the other element that moves as a component should."""
     places = (i for i in range(min(p.others_still, series.values.shape[1])) if i != c.index)
     finite = (i for i in places if np.isfinite(series.values[:, i]).all())

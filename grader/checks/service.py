@@ -165,7 +165,7 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
     if wrong:
         return failed(expected, measured, f"In the answer, {' and '.join(wrong)}.", where=where)
     later = [] if context.charged(p.again_charged_by) else _later_answers(context, p)
-    contrary = next((answer for answer in (response, *later) if _says_contrary(p, answer)), None)
+    contrary = next((answer for answer in (response, *later) if _contradicts(p, answer)), None)
     if contrary is not None and not context.charged(p.again_charged_by):
         reason = f"It answers this request with {_shown(contrary)}, which means the opposite."
         return failed(expected, measured, reason, hint=_CONTRARY_HINT, where=where)
@@ -195,7 +195,7 @@ def _later_answers(context: Context, p: CallAnswered) -> list[Mapping[str, Any]]
     return [c["response"] for c in _calls(later) if c["response"] is not None] if alike else []
 
 
-def _says_contrary(p: CallAnswered, answer: Mapping[str, Any]) -> bool:
+def _contradicts(p: CallAnswered, answer: Mapping[str, Any]) -> bool:
     """Whether a message says the contrary of the request, and not what is wanted too, as "enabled (was disabled)"."""
     rest, found = without(p.contrary, str(answer.get(p.message_field, ""))) if p.contrary is not None else ("", False)
     return bool(found) and not (p.message is not None and search(p.message, rest))
@@ -243,12 +243,12 @@ def call_gated(context: Context, p: CallGated) -> Finding:
         return graded(p.half_credit * refuses_at_start, expected, measured, reason, hint=_THEN_THESE, where=where)
     unset = _not_set(context.session.step(p.set_step))
     words = str(off.get(p.message_field, "")) if off is not None else ""
-    only_said = recovers and p.refusal is not None and search(p.refusal, words)
+    only_message = recovers and p.refusal is not None and search(p.refusal, words)
     rows: tuple[tuple[object, float, str, str], ...] = (
         (turned, p.half_credit, _REVERSED, "Invert the condition."),
         (refuses and recovers, 1.0, "", ""),
         (refuses, p.half_credit, "It refuses, but does not recover when the parameter is true again.", ""),
-        (only_said, p.half_credit, _ONLY_SAID, "Set the field for success to False as well, not only the message."),
+        (only_message, p.half_credit, _ONLY_MESSAGE, "Set the success field to False too, not only the message."),
         (refuses_at_start and unset, p.half_credit, f"{_AT_START} {unset}", _SET_HINT),
         (refuses_at_start, p.from_start_credit, f"{_AT_START} a change while it runs has no effect.", ""),
         (unset, 0.0, f"It still enables the robot, because {unset}", _SET_HINT),
@@ -267,7 +267,7 @@ def _not_set(step: StepRun | None) -> str:
 
 
 _AT_START = "It refuses only when the parameter is false from the start;"
-_ONLY_SAID = "Its message refuses, but the other fields report success, and client programs read those."
+_ONLY_MESSAGE = "Its message refuses, but the other fields report success, and client programs read those."
 _REVERSED = "It follows the parameter, but inverted: it enables while it is false and refuses while it is true."
 _SET_HINT = (
     "Declare the parameter with a default of the type that the lab gives it, not read-only; others can then set it."

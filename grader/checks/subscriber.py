@@ -233,11 +233,11 @@ def _right_values(context: Context, p: ReportedSeries) -> Finding:
             return other.explains(context, wrong, right / count)
     # Spans without a report before the last that is right are charged by the share of reports.
     last_right = max((n for n, fit in enumerate(fits, 1) if fit), default=0)
-    elsewhere, notes = sum(not plateau.reports for plateau in plateaus[:last_right]), []
+    unreported, notes = sum(not plateau.reports for plateau in plateaus[:last_right]), []
     if p.end_charged_by is not None and reached < count and _ended(context, p.artifact):
         notes = [f"The node ended before the last {count - reached} phases, which costs points in {p.end_charged_by}."]
-        elsewhere += min(count - reached, count // 2)
-    judged = max(right, count - elsewhere)
+        unreported += min(count - reached, count // 2)
+    judged = max(right, count - unreported)
     kept, doubt = _kept_silent(context, p, plateaus[reached:])
     best = min(1.0, (right + kept) / judged)
     return graded(right / judged, expected, measured, example, where=where, notes=notes, best=best, doubt=doubt)

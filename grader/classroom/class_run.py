@@ -18,7 +18,7 @@ from grader.classroom.progress import RunProgress
 from grader.classroom.regrade import regrade_all
 from grader.classroom.scheduler import Machine
 from grader.classroom.worker import grade_in_process
-from grader.cohort.entries import NOTHING_HANDED_IN, ClassEntry, entries_in
+from grader.cohort.entries import NOTHING_SUBMITTED, ClassEntry, entries_in
 from grader.errors import GraderError, RecordingError
 from grader.lab.rubric import Rubric
 from grader.live.sandbox.isolation import Isolation, Level
@@ -234,7 +234,7 @@ def entries_of(results: Path, rows: Sequence[Row], missing: Sequence[str]) -> li
     """
     entries = {entry.name: entry for entry in entries_in(results)}
     for name in missing:
-        entries.setdefault(name, ClassEntry(name, None, NOTHING_HANDED_IN))
+        entries.setdefault(name, ClassEntry(name, None, NOTHING_SUBMITTED))
     for row in rows:
         source = row.source
         entry = entries.get(source.name)

@@ -80,11 +80,11 @@ async def _run(job: Job, scratch: Path, on_phase: Callable[[Phase], None], on_st
     try:
         while (line := await asyncio.wait_for(process.stdout.readline(), quiet_s)).endswith(b"\n"):
             on_started()
-            said: Phase | Ending = pickle.loads(base64.b64decode(line))
-            if isinstance(said, Phase):
-                on_phase(said)
+            message: Phase | Ending = pickle.loads(base64.b64decode(line))
+            if isinstance(message, Phase):
+                on_phase(message)
             else:
-                ending = said
+                ending = message
         await asyncio.wait_for(process.wait(), quiet_s)
     except asyncio.TimeoutError:
         remedy = "Grade this submission alone and watch its progress; the others are not affected."
@@ -109,10 +109,10 @@ async def _end(process: asyncio.subprocess.Process) -> None:
         await asyncio.wait_for(process.communicate(), _END_S)
 
 
-def _broken(status: int | None, said: Path) -> GraderError:
+def _broken(status: int | None, errors: Path) -> GraderError:
     """Return what is known of a process that ended without an ending."""
     how = f"status {status}" if status is None or status >= 0 else signal.Signals(-status).name
-    lines = said.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+    lines = errors.read_text(encoding="utf-8", errors="replace").strip().splitlines()
     last = f": {lines[-1]}" if lines else ""
     remedy = "Grade this submission alone. A SIGKILL that nobody sent means that the machine ran out of memory."
     return GraderError(f"the grader's process ended with {how}{last}", remedy=remedy)
@@ -190,11 +190,11 @@ class _WorkerScheduler:
 
     async def _take(self, phase: Phase, *, alone: bool = False) -> Callable[[], None]:
         assert self.job.machine is not None
-        taking = asyncio.ensure_future(self.job.machine.take(alone=alone))
-        while not taking.done():
+        waiting = asyncio.ensure_future(self.job.machine.take(alone=alone))
+        while not waiting.done():
             _send(phase)
-            await asyncio.wait({taking}, timeout=_STILL_WAITS_S)
-        return taking.result()
+            await asyncio.wait({waiting}, timeout=_STILL_WAITS_S)
+        return waiting.result()
 
 
 def limit_memory() -> None:

@@ -212,9 +212,9 @@ def _cell(result: Result | None, criterion: str) -> CriterionResult | None:
     return next((judged for judged in result.criteria if judged.id == criterion), None) if result else None
 
 
-def _column(place: int, rubric: Rubric, rows: Sequence[Row]) -> Column:
-    spec = rubric.criteria[place]
-    cells = [row.cells[place] for row in rows]
+def _column(index: int, rubric: Rubric, rows: Sequence[Row]) -> Column:
+    spec = rubric.criteria[index]
+    cells = [row.cells[index] for row in rows]
     whole = [cell.earned for cell in cells if cell is not None and not cell.undecided]
     return Column(spec.id, spec.title, spec.points, statistics.mean(whole) if whole else None)
 

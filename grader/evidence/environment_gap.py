@@ -46,8 +46,8 @@ def environment_gap(found: Diagnosis | None, submission: SubmissionRecord, progr
         return absent_module(found.subject, found.file, found.line, submission)
     if found.kind != "syntax-error" or not is_newer_python(submission.texts.get(found.file, "")):
         return None
-    place = f" (line {found.line})" if found.line else ""
-    return f"{found.file}{place} uses syntax of Python 3.12 or later, which the grading computer lacks. {_WHO_DECIDES}"
+    at = f" (line {found.line})" if found.line else ""
+    return f"{found.file}{at} uses syntax of Python 3.12 or later, which the grading computer lacks. {_WHO_DECIDES}"
 
 
 def absent_module(module: str, file: str, line: int | None, submission: SubmissionRecord) -> str | None:

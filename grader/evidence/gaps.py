@@ -54,8 +54,8 @@ def _student_wrote_more(recorded: Recorded) -> bool:
     whole = sum(bag.size_bytes(info.topic, info.topic_type) for info in bag.topics)
     own = 0
     for entry in recorded.record.published:
-        told = set(digests_of(entry))
-        own += sum(len(data) for data in bag.stream(entry.topic, entry.type).data if digest(data) in told)
+        digests = set(digests_of(entry))
+        own += sum(len(data) for data in bag.stream(entry.topic, entry.type).data if digest(data) in digests)
     return own <= whole - own
 
 
@@ -119,16 +119,16 @@ def dropped(recorded: Recorded) -> tuple[Dropped, ...]:
     """
     record = recorded.record
     limited = {gap.topic for gap in record.unrecorded}
-    told: dict[tuple[str, str], list[Published]] = {}
+    by_topic: dict[tuple[str, str], list[Published]] = {}
     for entry in record.published:
         run = recorded.process(entry.process)
         gone_at_once = (
             run is not None and (run.exited_ns or record.ended_ns) - run.started_ns <= _MATCHED_WITHIN_S * 1e9
         )
         if entry.topic not in limited and not gone_at_once:
-            told.setdefault((entry.topic, entry.type), []).append(entry)
+            by_topic.setdefault((entry.topic, entry.type), []).append(entry)
     found = []
-    for (topic, _), entries in told.items():
+    for (topic, _), entries in by_topic.items():
         published = sum(len(digests_of(entry)) for entry in entries)
         apart = recorded.authorship(topic) if recorded.published_on(topic) == tuple(entries) else None
         apart = apart or authorship(recorded.bag, topic, entries)

@@ -67,10 +67,10 @@ class Tampering:
 class _Integrity:
     def __init__(self, recorded: Recorded, reference_nodes: Mapping[str, str]) -> None:
         self.recorded, self.record = recorded, recorded.record
-        told = {t.process for t in self.record.trusted}
+        reporting = {t.process for t in self.record.trusted}
         #: Names of reference nodes, whether they run in this session or not; and those that run, by process.
         self.nodes = frozenset(reference_nodes.values())
-        self.running = {name: node for name, node in reference_nodes.items() if name in told}
+        self.running = {name: node for name, node in reference_nodes.items() if name in reporting}
         self.ours = [s for s in recorded.sightings if recorded.is_trusted(s.endpoint.gid)]
         self.student_endpoints = [s for s in recorded.sightings if not recorded.is_trusted(s.endpoint.gid)]
         self.topics = frozenset(info.topic for info in recorded.bag.topics)
@@ -159,13 +159,13 @@ class _Integrity:
                 continue
             listed = sorted({node for _, node in seen})[:_MOST_NAMED]
             evidence = [f"server of {service} in node {node}" for node in listed]
-            beside = service not in self.recorded.awaited
+            is_reference = service not in self.recorded.awaited
             text = f"The submission offers the service {service}, as a node of the grader's does."
-            if not beside:
+            if not is_reference:
                 who = f"{' and '.join(listed)} of the submission both offer the service {service}"
                 text = f"{who}; which of them answered is not known."
             span = Span(seen[0][0], seen[-1][0])
-            invalidated = {service} if beside else ()
+            invalidated = {service} if is_reference else ()
             yield self.tampering(ViolationKind.SECOND_SERVER, text, evidence, span, service, invalidated=invalidated)
 
     def _rivals(self, graph: GraphSnapshot, nodes: set[str]) -> bool:
@@ -294,12 +294,12 @@ class _Integrity:
         text = "Log messages on /rosout have the name of a node of the grader's, which sends none."
         yield from self._forged(ViolationKind.FORGES_ROSOUT, text, log, logged)
         events = self.recorded.bag.stream("/parameter_events", "rcl_interfaces/msg/ParameterEvent")
-        told = _naming(events, "node", {node: node for node in names})
+        rows = _naming(events, "node", {node: node for node in names})
         # When a node is made it declares its parameters; no parameter of ours is changed later.
-        changes = events.only(np.isin(np.arange(len(events)), list(told))).field("changed_parameters")
-        told = {row: node for (row, node), changed in zip(sorted(told.items()), changes, strict=True) if changed}
+        changes = events.only(np.isin(np.arange(len(events)), list(rows))).field("changed_parameters")
+        rows = {row: node for (row, node), changed in zip(sorted(rows.items()), changes, strict=True) if changed}
         text = "Events on /parameter_events report changed parameters of the grader's nodes, which cannot be changed."
-        yield from self._forged(ViolationKind.FORGES_PARAMETER_EVENTS, text, events, told)
+        yield from self._forged(ViolationKind.FORGES_PARAMETER_EVENTS, text, events, rows)
 
     def _forged(self, kind: ViolationKind, text: str, stream: Stream, rows: Mapping[int, str]) -> Iterator[Tampering]:
         if rows:

@@ -71,15 +71,15 @@ def read_overrides(path: Path | None, results: Path, rubric: Rubric, sources: It
     If the results lie in one of the `sources`, which are where the submissions lie, the file beside them may be a
     student's, and does not count. Raises RubricError with all its mistakes.
     """
-    beside = results / OVERRIDES_FILE
-    if path is None and (lies_within(results, sources) or not beside.is_file()):
-        misnamed = beside.with_suffix(".yml")
+    default = results / OVERRIDES_FILE
+    if path is None and (lies_within(results, sources) or not default.is_file()):
+        misnamed = default.with_suffix(".yml")
         if misnamed.is_file() and not lies_within(results, sources):
             problem = f"the file of overrides is called {OVERRIDES_FILE}; under this name it would have no effect"
             remedy = f"Rename it, or give it with --overrides {misnamed}."
             raise RubricError(problem, [], location=str(misnamed), remedy=remedy)
         return Overrides()
-    return load_overrides(path or beside, rubric)
+    return load_overrides(path or default, rubric)
 
 
 def chosen_rubric(folders: Sequence[Path], path: Path) -> Rubric:

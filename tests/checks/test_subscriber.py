@@ -351,7 +351,7 @@ def test_only_a_disturbance_that_fills_the_queue_loses_reports(tmp_path: Path) -
     ):
         session = with_reports(*stimulus(tmp_path / name), every=2).disturbed("it", *delays)
         session.claim("subscription", "/commands", qos=queue).claim("subscription", "/states", qos=queue)
-        assert judged("report_share", SHARE, session).outcome is outcome
+        assert judged("reported_series", SHARE, session).outcome is outcome
 
 
 # -- statistics at the end -------------------------------------------------------------------------

@@ -17,7 +17,7 @@ from grader.classroom.job import Row
 from grader.classroom.journal import UNJUDGED, Journal
 from grader.classroom.progress import RunProgress
 from grader.classroom.scheduler import Machine
-from grader.cohort.entries import NOTHING_HANDED_IN
+from grader.cohort.entries import NOTHING_SUBMITTED
 from grader.errors import GraderError
 from grader.judging.rubrics import read_rubric
 from grader.lab.kept_lab import lab_folder
@@ -66,7 +66,7 @@ def test_all_who_are_known_are_told_once(tmp_path: Path) -> None:
     assert (ann.student_id, ann.submitted_at) == ("id of ann", NOON)
     assert (bob.result, bob.problem, bob.student_id) == (None, "the submission is empty", "id of bob")
     assert (cem.result, cem.problem) == (None, "the disk is full"), "an earlier result is not this submission's"
-    assert (dan.result, dan.problem) == (None, NOTHING_HANDED_IN)
+    assert (dan.result, dan.problem) == (None, NOTHING_SUBMITTED)
     assert (old.result, old.problem) == (result_named("old"), ""), "whoever has a result has handed in"
 
 

@@ -63,9 +63,9 @@ def test_page_and_table_are_written_and_told(results: Path, capsys: pytest.Captu
     assert output.splitlines()[0] == "3 submissions, 3 graded, median 19 of 100; 0 need attention."
     assert output.splitlines()[1:] == [f"Class: {results / 'index.html'}", f"Grades: {results / 'grades.csv'}"]
     assert {name: row["total"] for name, row in grades(results).items()} == {
-        "best_effort_publisher": "21",
+        "best_effort_publisher": "19",
         "solution": "100",
-        "wrong_topic": "17",
+        "wrong_topic": "16",
     }
     page = (results / result_folder.CLASS_PAGE).read_text(encoding="utf-8")
     assert 'href="wrong_topic/report.html"' in page

@@ -101,11 +101,11 @@ def _is_second_shutdown(exception: Raised) -> bool:
 
 
 def _diagnosis(cause: Raised, chain: Sequence[Raised], root_files: Collection[str]) -> Diagnosis:
-    place = student_frame(cause.frames, root_files)
+    location = student_frame(cause.frames, root_files)
     for other in chain:
-        place = place or student_frame(other.frames, root_files)
+        location = location or student_frame(other.frames, root_files)
     kind, problem, remedy, subject = cause_of(cause, root_files)
-    file, line = place or (None, None)
+    file, line = location or (None, None)
     message = cause.message[:_MESSAGE_LENGTH]
     return Diagnosis(kind, problem, remedy, file, line, cause.type, message, subject[:200], cause.t_ns)
 

@@ -190,7 +190,7 @@ def _taken(pids: Iterable[int]) -> tuple[int, int]:
     for pid in pids:
         with suppress(OSError, ValueError, IndexError):
             tasks += len(tasks_of(pid))
-            memory += int(_said_of_memory(pid, "statm").split()[1]) * _PAGE_BYTES
+            memory += int(_reported_memory(pid, "statm").split()[1]) * _PAGE_BYTES
     return memory, tasks
 
 
@@ -200,15 +200,15 @@ def _own_memory(pids: Iterable[int]) -> int:
     for pid in pids:
         with suppress(OSError, ValueError, IndexError):
             # Where its share of shared pages may not be read, without these.
-            if "Pss:" in (shared := _said_of_memory(pid, "smaps_rollup")):
+            if "Pss:" in (shared := _reported_memory(pid, "smaps_rollup")):
                 total += int(shared.split("Pss:", 1)[1].split()[0]) * 1024
             else:
-                resident, shared_pages = map(int, _said_of_memory(pid, "statm").split()[1:3])
+                resident, shared_pages = map(int, _reported_memory(pid, "statm").split()[1:3])
                 total += (resident - shared_pages) * _PAGE_BYTES
     return total
 
 
-def _said_of_memory(pid: int, file: str) -> str:
+def _reported_memory(pid: int, file: str) -> str:
     """Return what a file in /proc says of a process: by another of its threads, where the first has ended."""
     text = ""
     for folder in (f"/proc/{pid}", *(f"/proc/{pid}/task/{task}" for task in tasks_of(pid))):

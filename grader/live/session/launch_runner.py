@@ -183,10 +183,10 @@ class LaunchRunner:
         if source in self._given_up:
             return "failed", self._given_up[source]
         root = f"{sandbox.seen[WORKSPACE]}/src"
-        trial = None
+        launch_workspace = None
         if sandbox.isolation.namespaces:
-            trial = sandbox.trial
-            sandbox.copy_workspace(sandbox.workspace, trial)
+            launch_workspace = sandbox.launch_workspace
+            sandbox.copy_workspace(sandbox.workspace, launch_workspace)
         result_read, result_write = os.pipe()
         program = f"{sandbox.seen[LAUNCHING]}/evaluate.py"
         command = ["prlimit", f"--as={_MAX_MEMORY_BYTES}", str(sandbox.plan.interpreter), program]
@@ -200,7 +200,7 @@ class LaunchRunner:
             run,
             environment,
             f"{root}/{Path(source).parent}",
-            workspace=trial,
+            workspace=launch_workspace,
             folders=native.folders if native is not None else {},
             pass_fds=(result_write,),
             with_input=True,

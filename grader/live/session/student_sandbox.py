@@ -59,7 +59,7 @@ class StudentSandbox:
         self.processes: dict[str, RunningProcess] = {}
         self.trusted: list[RunningProcess] = []
         self._room = Room.below(plan.scratch, plan.interpreter)
-        self.workspace, self.trial = self._room.areas[WORKSPACE], plan.scratch / "trial"
+        self.workspace, self.launch_workspace = self._room.areas[WORKSPACE], plan.scratch / "trial"
         self.parameters = self._room.tools[PARAMETERS]
         self.seen = self._room.seen(plan.isolation)
         #: Programs that never began, and how the session would be disturbed by that.
@@ -87,12 +87,12 @@ class StudentSandbox:
 
     def prepare(self) -> None:
         """Bring the loopback up, and lay out the student's folders, each a file system of its own size."""
-        self.trial.mkdir()
+        self.launch_workspace.mkdir()
         if self.isolation.namespaces:
             bring_loopback_up()
             use_up_process_ids(_STUDENTS_IDS)
             _mount(Path("/dev/shm"), _SMALL_BYTES)
-            _mount(self.trial, _WORKSPACE_BYTES)
+            _mount(self.launch_workspace, _WORKSPACE_BYTES)
             sizes = {self.workspace: _WORKSPACE_BYTES}
             self._room.make(self.plan.scratch, lambda folder: _mount(folder, sizes.get(folder, _SMALL_BYTES)))
         else:
