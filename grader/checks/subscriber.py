@@ -235,7 +235,7 @@ def _right_values(context: Context, p: ReportedSeries) -> Finding:
     last_right = max((n for n, fit in enumerate(fits, 1) if fit), default=0)
     unreported, notes = sum(not plateau.reports for plateau in plateaus[:last_right]), []
     if p.end_charged_by is not None and reached < count and _ended(context, p.artifact):
-        notes = [f"The node ended before the last {count - reached} phases, which costs points in {p.end_charged_by}."]
+        notes = [f"The node ended in phase {reached + 1} of {count}, which costs points in {p.end_charged_by}."]
         unreported += min(count - reached, count // 2)
     judged = max(right, count - unreported)
     kept, doubt = _kept_silent(context, p, plateaus[reached:])

@@ -159,7 +159,7 @@ def _traffic(interpreter: Path) -> Iterator[Status]:
         yield _status(waited_s < _SLOW_DISCOVERY_S, "discovery", found, remedy)
         timing = timing_of(recorded.stream(_TOPIC), window)
         if timing is None:
-            yield Status(Verdict.FAIL, "100 Hz", "next to nothing was recorded", "Run `grade doctor` again.")
+            yield Status(Verdict.FAIL, "100 Hz", "almost nothing was recorded", "Run `grade doctor` again.")
             return
         process = recorded.process(_NODE)
         delay_s = recorded.machine_delay_s(process, window) if process is not None else 0.0

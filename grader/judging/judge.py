@@ -198,7 +198,7 @@ def _blocked(spec: CheckSpec, findings: Mapping[str, Finding], rubric: Rubric) -
         return inconclusive("", "", f"Depends on '{title}', which is not decided yet.", retry=False)
     if earlier.outcome is Outcome.NOT_REACHED:
         return not_reached(earlier.reason)  # It names what is at the root of both.
-    return not_reached(f"It could not be looked at, since '{title}' failed.")
+    return not_reached(f"Not tested, because '{title}' failed.")
 
 
 def _found(spec: CheckSpec, context: Context) -> Finding:
@@ -221,7 +221,7 @@ def _settled(finding: Finding, recorded: Recorded) -> Finding:
     settled = finding.settled
     if settled is None or may_be_flaky(recorded):
         return finding
-    often = f"The session was recorded {recorded.record.times_recorded} times; a program can cause this itself."
+    often = f"The session was recorded {recorded.record.times_recorded} times; a program can cause this by itself."
     return dataclasses.replace(settled, reason=f"{settled.reason} {often}")
 
 
