@@ -653,6 +653,7 @@ def test_a_class_list_knows_more(rubric: Rubric, tmp_path: Path) -> None:
         ("", 0),
         ("surname,time\n", 1),
         ("name,submitted_at\nann,2026-03-02\nbob,yesterday\n", 3),
+        ("name,submitted_at\nann,9999-12-31T23:59:59-14:00\n", 2),
         ("name,student_id\nann,1\n,,\n\n  ,\nbob\n,\n,x\ny\n", None),
         ("name\tstudent_id\tsubmitted_at\nann, b; c\t1\t2026-03-02\n", None),
         ('name\n"ann\n', None),
