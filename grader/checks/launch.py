@@ -107,7 +107,7 @@ def _excuse(context: Context, noted: Mapping[str, Any]) -> str:
     submission, said = context.submission, _capitalised(noted["message"])
     missing = [a.expected.removesuffix(".py") for a in submission.artifacts if a.path is None]
     if noted["kind"] in ("unknown_executable", "unknown_package") and any(name in said for name in missing):
-        return f"{said} Its file is missing, which is charged elsewhere."
+        return f"{said} Its file is missing, which costs points in another check."
     near = "Did you mean" in noted["remedy"]
     if noted["kind"] == "unknown_package" and not submission.packages and not near:
         return f"{said} The files were handed in without their package, so that its name cannot be wrong."
