@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -13,6 +15,7 @@ from grader.checks.base import (
     Part,
     apart,
     cpu_delay_doubt,
+    failed,
     graded,
     inconclusive,
     not_reached,
@@ -286,6 +289,8 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
     )
     if not rows:
         return not_reached("Not tested, because nothing was sent on any of the topics.", expected=expected)
+    if constants := _written_beforehand(context, p, [claim for claim in claims.values() if claim is not None]):
+        return failed(expected, "constants of the source", _CONSTANTS_REASON, hint=_CONSTANTS_HINT, where=constants)
     run = context.session.process(p.artifact)
     delay_s, length_s = _delay_s(context, run) if run is not None else (0.0, 1.0)
     late_s = context.session.backlog(run, _life(context, run)).late_s if run is not None else 0.0
@@ -307,6 +312,30 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
     where, doubt = (context.output_of(p.artifact),), cpu_delay_doubt(delay_s, length_s)
     measured = "" if any(part.text for part in parts) else "no results"
     return of_parts(expected, parts, measured=measured, where=where, doubt=doubt)
+
+
+_CONSTANTS_REASON = "Every count and latency that it prints is a constant in its source, so none was measured."
+_CONSTANTS_HINT = "Count in the callbacks, and print what was counted."
+_NUMBER = re.compile(r"(?<![\w.])\d{1,15}(?:\.\d{1,15})?(?:[eE]-?\d{1,2})?(?![\w.])")
+#: So many different latencies are no coincidence.
+_LEAST_LATENCIES = 4
+
+
+def _written_beforehand(context: Context, p: ReportedTraffic, claims: Sequence[ResultRow]) -> list[Location]:
+    """Return the lines of the source that hold all that is printed, as counts and latencies in s, ms or µs."""
+    path = context.path_of(p.artifact) or ""
+    lines = context.submission.texts.get(path, "").splitlines()
+    held = {
+        float(number): place for place, line in enumerate(lines, 1) for number in _NUMBER.findall(line[:LINE_LIMIT])
+    }
+    latencies = {value for claim in claims for value in (claim.mean_s, claim.max_s) if value}
+    if len(latencies) < _LEAST_LATENCIES or not all(claim.count in held for claim in claims):
+        return []
+    for unit in (1.0, 1e3, 1e6):
+        places = [next((at for n, at in held.items() if math.isclose(n, value * unit)), None) for value in latencies]
+        if None not in places:
+            return [Location(file=path, line=place) for place in sorted({place for place in places if place})][:4]
+    return []
 
 
 _ROW_HINT = "Print a line for each profile, as '{}: 1000 msgs, avg latency: 0.50ms, max: 2.00ms'."

@@ -51,10 +51,10 @@ def entry(executable: str, name: str | None, **more: Any) -> dict[str, Any]:
     return {"id": f"{executable}-1", "path": "/x", "executable": executable, "name": name, "kind": "node", **more}
 
 
-def planned(session: Session, label: str = "plan", mended: Any = (), **plan: Any) -> Session:
+def planned(session: Session, label: str = "plan", worked_around: Any = (), **plan: Any) -> Session:
     """Add the step that evaluated a launch file."""
     whole = {"schema": PLAN_SCHEMA, "outcome": "error" if "problem" in plan else "ok", **plan}
-    return session.step("plan", label, plan=whole, mended=list(mended))
+    return session.step("plan", label, plan=whole, mended=list(worked_around))
 
 
 # -- it loads --------------------------------------------------------------------------------------
@@ -119,7 +119,9 @@ REPAIRED = {
 
 def test_a_repaired_mistake_loses_the_loading_and_leaves_a_share_of_the_rest(tmp_path: Path) -> None:
     """What was repaired on a copy is said, with its line, and the rest is judged for a share of its points."""
-    finding = judged("launch_loads", {**LOADS, "repaired_rest": 0.6}, planned(Session(tmp_path), mended=[REPAIRED]))
+    finding = judged(
+        "launch_loads", {**LOADS, "repaired_rest": 0.6}, planned(Session(tmp_path), worked_around=[REPAIRED])
+    )
     assert (finding.outcome, finding.rest) == (Outcome.FAILED, Decimal("0.6"))
     assert "`ros2 launch` stops there" in finding.reason
     assert "it was repaired on a copy: 'exec=' was read as 'executable='." in finding.reason
@@ -148,9 +150,9 @@ def test_what_lacks_by_no_mistake_of_the_file_costs_nothing(
     tmp_path: Path, kind: str, message: str, remedy: str, outcome: Outcome
 ) -> None:
     """A file that was not handed in, and the name of a package that was not, are noted."""
-    mended = [{"kind": kind, "message": message, "file": "it.py", "line": 5, "remedy": remedy}]
+    worked_around = [{"kind": kind, "message": message, "file": "it.py", "line": 5, "remedy": remedy}]
     handed_in = submission({"it.py": ""}, it="it.py", talk=None)
-    finding = judged("launch_loads", LOADS, planned(Session(tmp_path), mended=mended), handed_in)
+    finding = judged("launch_loads", LOADS, planned(Session(tmp_path), worked_around=worked_around), handed_in)
     assert (finding.outcome, bool(finding.notes)) == (outcome, outcome is Outcome.PASSED)
 
 
@@ -187,8 +189,8 @@ def test_each_argument_is_a_part(tmp_path: Path, defaults: dict[str, str | None]
 
 def test_an_argument_that_was_assumed_is_not_charged_again(tmp_path: Path) -> None:
     """That an argument is used and not declared keeps the file from loading, which is charged there."""
-    mended = [{"kind": "undefined_configuration", "message": "'sim' does not exist", "file": "it.py", "line": 9}]
-    session = planned(Session(tmp_path), mended=mended, arguments=[{"name": "rate", "default": "100.0"}])
+    worked_around = [{"kind": "undefined_configuration", "message": "'sim' does not exist", "file": "it.py", "line": 9}]
+    session = planned(Session(tmp_path), worked_around=worked_around, arguments=[{"name": "rate", "default": "100.0"}])
     assert judged("launch_arguments", ARGUMENTS, session).outcome is Outcome.PASSED
 
 
@@ -252,7 +254,7 @@ def test_a_node_whose_file_is_missing_is_charged_elsewhere(tmp_path: Path) -> No
         ({"interrupted_ns": None, "exit_status": 3}, "ended with status 3: 'oh'."),
     ],
 )
-def test_why_a_node_is_down_is_told(tmp_path: Path, run: dict[str, Any] | None, words: str) -> None:
+def test_why_a_node_is_down_is_reported(tmp_path: Path, run: dict[str, Any] | None, words: str) -> None:
     """Not started, running without a node, and ended are told apart."""
     session = planned(Session(tmp_path), processes=BOTH).node("/talker")
     if run is not None:

@@ -115,7 +115,7 @@ def test_a_missing_file_is_said_to_be_missing(tmp_path: Path) -> None:
     assert finding.reason == "There is no it.py in the submission."
 
 
-def test_a_silent_publisher_fails_and_its_exception_is_told(tmp_path: Path) -> None:
+def test_a_silent_publisher_fails_and_its_exception_is_reported(tmp_path: Path) -> None:
     """Where the process wrote a traceback, it is the reason, with the student's line."""
     lines = [
         "Traceback (most recent call last):",
@@ -167,7 +167,7 @@ def test_what_is_missing_is_missing_in_every_run(tmp_path: Path) -> None:
     assert finding.outcome is Outcome.FAILED
 
 
-def test_a_timer_that_waits_for_a_clock_is_told(tmp_path: Path) -> None:
+def test_a_timer_that_waits_for_a_clock_is_reported(tmp_path: Path) -> None:
     """A silent node whose source sets use_sim_time is told of it, unless a clock ran."""
     source = submission({"it.py": "Parameter('use_sim_time', value=True)\n"})
     for name, clock in (("a", False), ("b", True)):
@@ -628,7 +628,7 @@ def test_a_wrong_depth_only_advises(tmp_path: Path) -> None:
     assert "depth is 1" in finding.notes[0]
 
 
-def test_a_depth_left_to_the_middleware_is_told_so(tmp_path: Path) -> None:
+def test_a_depth_left_to_the_middleware_is_reported_so(tmp_path: Path) -> None:
     """The system's default profile has no depth of its own."""
     claimed = replace(RELIABLE, history="system_default", depth=0)
     session = Session(tmp_path).endpoint("publisher", TOPIC).claim("publisher", TOPIC, qos=claimed)

@@ -132,7 +132,7 @@ def test_reliable_is_too_much_for_a_best_effort_offer(tmp_path: Path) -> None:
     assert "RELIABLE is requested, BEST_EFFORT offered" in finding.reason
 
 
-def test_a_misspelt_topic_and_a_wrong_type_are_told(tmp_path: Path) -> None:
+def test_a_misspelt_topic_and_a_wrong_type_are_reported(tmp_path: Path) -> None:
     """The name that the student used and the type are named."""
     session = subscribed(tmp_path, state="/state", topic_type="std_msgs/msg/String").called(f"{STATE}=/state")
     finding = judged("topics_subscribed", SUBSCRIBED, session)
@@ -140,7 +140,7 @@ def test_a_misspelt_topic_and_a_wrong_type_are_told(tmp_path: Path) -> None:
     assert "/state, not /states" in finding.reason
 
 
-def test_a_topic_in_the_namespace_of_its_node_is_told(tmp_path: Path) -> None:
+def test_a_topic_in_the_namespace_of_its_node_is_reported(tmp_path: Path) -> None:
     """A relative name in a node with a namespace costs what any other name does, and the reason says why it is so."""
     session = subscribed(tmp_path, state=f"/arm{STATE}", node="/arm/student").called(f"{STATE}=/arm{STATE}")
     finding = judged("topics_subscribed", SUBSCRIBED, session)
@@ -504,7 +504,7 @@ def test_nothing_printed_fails_with_what_to_do(tmp_path: Path) -> None:
     assert "KeyboardInterrupt" in finding.hint
 
 
-def test_a_node_that_had_to_be_killed_is_told_so(tmp_path: Path) -> None:
+def test_a_node_that_had_to_be_killed_is_reported_so(tmp_path: Path) -> None:
     """A node that does not end after Ctrl-C fails for that, if it does so however often it is tried."""
     session = with_reports(*stimulus(tmp_path))
     session.record.processes[0].ended_by = "kill"
@@ -514,7 +514,7 @@ def test_a_node_that_had_to_be_killed_is_told_so(tmp_path: Path) -> None:
     assert "did not end in time" in finding.settled.reason
 
 
-def test_a_node_that_ended_before_is_told_why(tmp_path: Path) -> None:
+def test_a_node_that_ended_before_is_reported_why(tmp_path: Path) -> None:
     """An exception that ended the node before Ctrl-C is the reason."""
     session = with_reports(*stimulus(tmp_path))
     run = session.record.processes[0]

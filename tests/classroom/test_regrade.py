@@ -176,7 +176,7 @@ def test_results_remember_the_rubric_that_was_applied(results: Path, stricter: P
     assert not [path for path in files(results) if path.endswith(f"alice/{result_folder.RUBRIC_COPY}")]
 
 
-def test_a_broken_rubric_is_told_before_anything_is_judged(results: Path, tmp_path: Path) -> None:
+def test_a_broken_rubric_is_reported_before_anything_is_judged(results: Path, tmp_path: Path) -> None:
     """All its mistakes are known, and no file has changed."""
     before = files(results)
     broken = rewritten(tmp_path, "check: topic_rate", "check: topic_rat")
@@ -233,7 +233,7 @@ def test_decisions_under_another_name_are_not_passed_over(results: Path) -> None
     assert not rejudge(results, None, None, pages=False).changes["bob"].matters
 
 
-def test_decisions_that_do_nothing_are_told(results: Path) -> None:
+def test_decisions_that_do_nothing_are_reported(results: Path) -> None:
     """A name that nobody has, and a time where none matters."""
     text = f"overrides:\n  - {{submission: bbo, bonus: 1, {WHY}}}\n  - {{submission: bob, extension: 1 day, {WHY}}}\n"
     (results / "overrides.yaml").write_text(text)
@@ -242,7 +242,7 @@ def test_decisions_that_do_nothing_are_told(results: Path) -> None:
     assert remarks[1].startswith("overrides.yaml:3: ")
 
 
-def test_broken_decisions_are_told_before_anything_is_judged(results: Path) -> None:
+def test_broken_decisions_are_reported_before_anything_is_judged(results: Path) -> None:
     """A file of overrides with mistakes stops all."""
     (results / "overrides.yaml").write_text("overrides:\n  - {submission: bob, bonus: 1}\n")
     with pytest.raises(RubricError, match="3 mistakes"):

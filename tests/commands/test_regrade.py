@@ -129,7 +129,7 @@ def test_one_that_cannot_be_judged(results: Path, capsys: pytest.CaptureFixture[
     assert "ann" in errors
 
 
-def test_decisions_that_do_nothing_are_told(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_decisions_that_do_nothing_are_reported(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A name that nobody has is a note, not a mistake."""
     (results / "overrides.yaml").write_text(f"overrides:\n  - {{submission: abn, bonus: 1, {WHY}}}\n")
     status, output, _ = run(capsys, results)

@@ -56,7 +56,7 @@ def grades(results: Path) -> dict[str, dict[str, str]]:
         return {row["submission"]: row for row in csv.DictReader(stream)}
 
 
-def test_page_and_table_are_written_and_told(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_page_and_table_are_written_and_reported(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """It says how many were graded, and where the files are; the table has the points of each result."""
     status, output, _ = run(capsys, results)
     assert status == 0

@@ -268,7 +268,7 @@ def test_what_a_program_can_bring_about_is_not_undecided_for_ever(copy: Path, ru
 
 
 @pytest.mark.parametrize("how", [killed, unseen])
-def test_what_may_be_chance_costs_nothing_until_it_is_seen_again(
+def test_what_may_be_flaky_costs_nothing_until_it_is_seen_again(
     copy: Path, rubric: Rubric, how: Callable[[SessionRecord], SessionRecord]
 ) -> None:
     """A program that something else killed, or a node that nobody saw: at first undecided, and then what it is."""

@@ -134,8 +134,8 @@ def test_the_hash_is_that_of_the_file(tmp_path: Path, rubric: Rubric) -> None:
 # -- mistakes --------------------------------------------------------------------------------------
 
 
-def test_all_mistakes_are_told_at_once_with_their_lines(tmp_path: Path, rubric: Rubric) -> None:
-    """Nothing has to be mended twice."""
+def test_all_mistakes_are_reported_at_once_with_their_lines(tmp_path: Path, rubric: Rubric) -> None:
+    """Nothing has to be fixed twice."""
     text = f"""overrides:
   - submission: alice
     check: publisher.rat
@@ -232,7 +232,7 @@ def test_a_file_that_is_not_there(tmp_path: Path, rubric: Rubric) -> None:
 # -- what does nothing -----------------------------------------------------------------------------
 
 
-def test_entries_of_strangers_are_named(tmp_path: Path, rubric: Rubric) -> None:
+def test_entries_of_unknown_names_are_named(tmp_path: Path, rubric: Rubric) -> None:
     """A misspelt name of a submission is told, since its entry does nothing."""
     text = f"""overrides:
   - {{submission: [alice, bbo], bonus: 1, {WHY}}}

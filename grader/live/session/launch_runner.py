@@ -70,21 +70,21 @@ class LaunchRunner:
         if source is None:
             return "failed", {"problem": "missing artifact", "artifact": parameters["launch"]}
         arguments = dict(parameters["arguments"])
-        mended: list[dict[str, Any]] = []
+        worked_around: list[dict[str, Any]] = []
         end_s = time.monotonic() + parameters["timeout_s"]
         while True:
             # All evaluations share the time of one: a file that sleeps before each mistake gains none.
             left_s = max(_LEAST_EVALUATION_S, round(end_s - time.monotonic(), 1))
             outcome, plan = await self._evaluate(source, arguments, left_s, parameters["timeout_s"])
             problem = plan.problem
-            if problem is None or len(mended) >= _MAX_REPAIRS:
+            if problem is None or len(worked_around) >= _MAX_REPAIRS:
                 break
             repair = self._repair(problem, {**plan.configurations, **parameters["assume"]}, arguments)
             if not repair:
                 break
             noted = {key: getattr(problem, key) for key in ("kind", "message", "file", "line", "remedy")}
-            mended.append({**noted, "repair": repair})
-        return outcome, {"plan": plan.to_plain(), "mended": mended}
+            worked_around.append({**noted, "repair": repair})
+        return outcome, {"plan": plan.to_plain(), "mended": worked_around}
 
     def _repair(self, problem: Problem, known: Mapping[str, str], arguments: dict[str, str]) -> str:
         """Repair a known mistake on a copy, or give the argument that lacks; returns what was done, if anything was."""

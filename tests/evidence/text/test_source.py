@@ -55,7 +55,7 @@ def share(*texts: str) -> Decimal:
     return docstring_share([parse(f"file{index}.py", text) for index, text in enumerate(texts)]).share
 
 
-def test_definitions_are_told_with_kind_line_and_owner() -> None:
+def test_definitions_are_reported_with_kind_line_and_owner() -> None:
     """Modules, classes, methods and functions come in the order of their lines."""
     found = [(d.kind, d.name, d.line, d.owner, d.trivial) for d in facts(DOCUMENTED).definitions]
     assert found == [

@@ -45,7 +45,7 @@ def test_undecided_points_are_said_on_top_and_not_counted_as_lost() -> None:
     assert "b.open" not in text.split("What cost points")[1].split("##")[0].split("Undecided")[0]
 
 
-def test_adjustments_and_violations_are_told() -> None:
+def test_adjustments_and_violations_are_reported() -> None:
     """What people decided is listed with its reason, and what was tampered with with its evidence."""
     text = Page(exported("github-summary", adjusted_and_tampered())).text
     assert "11 of 20 points" in text
