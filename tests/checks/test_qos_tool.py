@@ -90,7 +90,23 @@ def test_each_topic_with_traffic_is_a_part(tmp_path: Path) -> None:
     session.messages("/b", [[0.0]] * 3, [1.0, 2.0, 3.0])
     finding = judged("topics_carry_traffic", {"topics": ["/a", "/b"], "least_messages": 100}, session)
     assert finding.credit == Decimal("0.5")
-    assert finding.reason == "Too few messages arrived on /b."
+    assert finding.reason == "Nothing subscribes to /a. Nothing subscribes to /b. Too few messages arrived on /b."
+
+
+def test_what_nothing_hears_is_not_received(tmp_path: Path) -> None:
+    """A topic without a subscription, or with one that is incompatible, keeps what the rubric leaves it."""
+    parameters = {"topics": ["/a"], "least_messages": 2, "unheard_credit": 0.25}
+    for name, offered, requested, credit in (
+        ("none", RELIABLE, None, "0.25"),
+        ("clash", BEST_EFFORT, RELIABLE, "0.25"),
+        ("fits", RELIABLE, RELIABLE, "1"),
+    ):
+        session = (
+            Session(tmp_path / name).messages("/a", [[0.0]] * 2, [1.0, 2.0]).endpoint("publisher", "/a", qos=offered)
+        )
+        if requested is not None:
+            session.endpoint("subscription", "/a", qos=requested)
+        assert judged("topics_carry_traffic", parameters, session).credit == Decimal(credit)
 
 
 def test_too_little_traffic_earns_its_share(tmp_path: Path) -> None:
