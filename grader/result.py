@@ -124,6 +124,8 @@ class Finding:
     #: What it is if it stays undecided however often the session is recorded, since the student's own processes can
     #: bring that about; None where only the machine can, or a person has to decide.
     settled: Finding | None = None
+    #: Where it fails, and what depends on it was judged all the same: the share that those checks earn of their credit.
+    rest: Decimal | None = None
 
 
 class ViolationKind(str, Enum):

@@ -159,7 +159,8 @@ extra: 1
 MISTAKES = {
     "an unknown check": ("check: publisher.rat, set: 6", "did you mean 'publisher.rate'?"),
     "an unknown criterion": ("criterion: sevrice, set: 6", "did you mean 'service'?"),
-    "more than a check has": ("check: publisher.rate, set: 6.5", "from 0 to 6 points; bonus gives more"),
+    "more than a check has": ("check: publisher.rate, set: 5.5", "from 0 to 5 points; bonus gives more"),
+    "part of another check": ("check: subscriber.reports, set: 1", "it is part of 'subscriber.rms' now"),
     "less than nothing": ("criterion: service, set: -1", "from 0 to 20 points"),
     "two changes": ("check: publisher.rate, set: 1, add: 1", "exactly one of set, add, excused"),
     "no change": ("check: publisher.rate", "exactly one of set, add, excused"),
