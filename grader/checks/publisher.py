@@ -116,10 +116,11 @@ class _Timed(Parameters):
         by = " by times of arrival, as the time stamps are not the times of publication"
         return timing.arrived, span, delay_s + late_s, by
 
-    def calm(self, context: Context, timing: Timing, by: str, harmless_s: float) -> Calm | None:
-        """Return the intervals that no harmful delay of the machine affected; None where they are too few."""
+    def calm(self, context: Context, timing: Timing, by: str, delay_s: float, harmless_s: float) -> Calm | None:
+        """Return, where the machine delayed it notably, the gaps that this did not affect; None if too few."""
         run = context.session.process(self.process)
-        if run is None or run.disturbed is None or by or timing.burst_error_hz is not None:
+        notable = delay_s > _NOTABLE_DELAY * timing.written / timing.rate_hz
+        if run is None or run.disturbed is None or by or timing.burst_error_hz is not None or not notable:
             return None
         calm = calm_intervals(context.session.delays(run), timing.times_ns, timing.intervals_s, harmless_s)
         return calm if calm.is_enough else None
@@ -172,8 +173,11 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
     least_hz, best_hz = _bounds_hz(timing, length_s, delay_s, before_s, p.rate_hz)
     error_hz = timing.burst_error_hz or 2 * timing.deviation_s() * timing.rate_hz / max(length_s, 1e-9)
     span_hz = (least_hz - error_hz, best_hz + error_hz)
-    if (calm := p.calm(context, timing, by, _HARMLESS * timing.median_s)) is not None:
+    if (calm := p.calm(context, timing, by, delay_s, _HARMLESS * timing.median_s)) is not None:
         span_hz = _within(calm.rate_hz(), span_hz)
+        error_hz = (span_hz[1] - span_hz[0]) / 2
+        by = calm.said
+    rate_hz = min(max(timing.rate_hz, span_hz[0]), span_hz[1])
     off_by = [abs(hz / p.rate_hz - 1) for hz in span_hz]
     least_off = 0.0 if span_hz[0] <= p.rate_hz <= span_hz[1] else min(off_by)
     worst, best = (ramp(off, p.full_within, p.zero_beyond) for off in (max(off_by), least_off))
@@ -184,15 +188,15 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
         reason = f"Messages stop after {sent_s:.1f} s of the {of_s:.1f} s. The program ran on without publishing."
         share = quantise(min(best, ramp(silent_s / of_s, p.full_within, p.zero_beyond)))
         return unexplained(graded(share, expected, measured, reason, hint=_SILENT_HINT, where=(location,)))
-    shown_hz = apart(timing.rate_hz, *(p.rate_hz * (1 + k * p.full_within) for k in (-1, 1)), places=2)
+    shown_hz = apart(rate_hz, *(p.rate_hz * (1 + k * p.full_within) for k in (-1, 1)), places=2)
     longest = f", the longest interval {timing.intervals_s.max():.2f} s" if len(timing.intervals_s) else ""
     measured = (
         f"{shown_hz} Hz ± {max(error_hz, 0.01):.2f} Hz ({timing.written} messages in {length_s:.1f} s{longest}){by}"
     )
-    times = timing.rate_hz / p.rate_hz
+    times = rate_hz / p.rate_hz
     off = apart(100 * abs(times - 1), 0, 100 * p.full_within, places=1)
     than = f"{off}% {'slower' if times < 1 else 'faster'} than" if times < 2 else f"{times:.3g} times"
-    rate = apart(timing.rate_hz, p.rate_hz, places=1)
+    rate = apart(rate_hz, p.rate_hz, places=1)
     reason = f"Messages come at {rate} Hz, {than} {p.rate_hz:g} Hz.{_by_timer(timers)}"
     doubt = _doubt(delay_s, length_s)
     return graded(worst, expected, measured, reason, where=where, best=best, levels=CREDIT_LEVELS, **doubt)
@@ -288,15 +292,16 @@ def topic_jitter(context: Context, p: TopicJitter) -> Finding:
         return failed(
             expected, "too few messages", "Too few messages arrived to measure the gaps between them.", where=where
         )
-    deviation_s = timing.deviation_s(p.share)
+    least, largest = shares_around(p.share, len(timing.intervals_s))
+    least_s, largest_s = timing.deviation_s(least, delay_s), timing.deviation_s(largest)
+    if (calm := p.calm(context, timing, by, delay_s, p.full_within_s / 2)) is not None:
+        least_s, largest_s = _within(calm.deviations_s(p.share), (least_s, largest_s))
+        by = calm.said
+    deviation_s = min(max(timing.deviation_s(p.share), least_s), largest_s)
     longest = f"longest {timing.intervals_s.max() * 1e3:.1f} ms"
     limits_ms = (p.full_within_s * 1e3, p.zero_beyond_s * 1e3)
     shown_ms = apart(deviation_s * 1e3, *limits_ms, places=2)
     measured = f"{percent(p.share)} within {shown_ms} ms of {timing.median_s * 1e3:.2f} ms ({longest}){by}"
-    least, largest = shares_around(p.share, len(timing.intervals_s))
-    least_s, largest_s = timing.deviation_s(least, delay_s), timing.deviation_s(largest)
-    if (calm := p.calm(context, timing, by, p.full_within_s / 2)) is not None:
-        least_s, largest_s = _within(calm.deviations_s(p.share), (least_s, largest_s))
     worst, best = (ramp(d, p.full_within_s, p.zero_beyond_s) for d in (largest_s, least_s))
     off = f"{apart(deviation_s * 1e3, *limits_ms, places=1)} ms off the usual {timing.median_s * 1e3:.1f} ms"
     reason = f"One gap in {round(1 / (1 - p.share))} is more than {off}."

@@ -289,7 +289,9 @@ def test_what_the_machine_disturbs_is_judged_by_what_it_did_not(
     """A quarter of the time all stands still; between, a right node is seen to be right and a slow one to be slow."""
     times, stops = stopped(rate_hz, 0.025)
     session = published(tmp_path, times).disturbed("it", *stops)
-    assert judged("topic_rate", RATE, session).outcome is rate
+    finding = judged("topic_rate", RATE, session)
+    assert finding.outcome is rate
+    assert float(finding.measured.split()[0]) == pytest.approx(rate_hz, abs=0.1)
     assert judged("topic_jitter", JITTER, session).outcome is even
 
 
