@@ -40,7 +40,7 @@ _COMMANDS: Mapping[str, tuple[str, ...]] = {
     "call_gated": ("{set_step}", "{refused_step}"),
     "parameters_declared": ("{step}",),
     "calls_in_time": ("{step}",),
-    "launch_loads": ("{step} --show-args",),
+    "launch_loads": ("{step}",),
     "launch_arguments": ("{step} --show-args",),
     "launch_nodes": ("{step} --print",),
     "launch_parameters": ("{step} --print",),
