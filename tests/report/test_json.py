@@ -91,6 +91,7 @@ def test_the_contract() -> None:
         "notes",
         "session",
         "credit",
+        "commands",
     }
     assert check["outcome"] == "partial"
     assert check["where"] == [
