@@ -124,6 +124,8 @@ class Finding:
     #: What it is if it stays undecided however often the session is recorded, since the student's own processes can
     #: bring that about; None where only the machine can, or a person has to decide.
     settled: Finding | None = None
+    #: What was counted towards it and what was not, a line each.
+    counted: tuple[str, ...] = ()
 
 
 class ViolationKind(str, Enum):
@@ -180,6 +182,7 @@ class CheckResult:
     hint: str = ""
     where: tuple[Where, ...] = ()
     notes: tuple[str, ...] = ()
+    counted: tuple[str, ...] = ()
     session: str | None = None
     credit: Credit = Decimal(0)
     retry: Annotated[bool, Field(exclude=True)] = True
