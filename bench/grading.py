@@ -87,7 +87,7 @@ def full(results: Path, *more: str) -> Full:
 
 
 def tool_alone_s(results: Path) -> float:
-    """Return how long the tool takes in its cell while nothing else runs."""
+    """Return how long the tool takes in its sandbox while nothing else runs."""
     run_grade(str(SOLUTION), "-o", str(results), "--sessions", _TOOL)
     file = results / SOLUTION.name / "recordings" / _TOOL / _SESSION_FILE
     processes = json.loads(file.read_text(encoding="utf-8"))["processes"]

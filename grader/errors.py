@@ -12,9 +12,9 @@ class GraderError(Exception):
 
     exit_status = 70
 
-    def __init__(self, problem: str, *, where: str = "", remedy: str = "") -> None:
+    def __init__(self, problem: str, *, location: str = "", remedy: str = "") -> None:
         super().__init__(problem)
-        self.problem, self.where, self.remedy = problem, where, remedy
+        self.problem, self.location, self.remedy = problem, location, remedy
 
 
 class UsageError(GraderError):
@@ -34,8 +34,8 @@ class RubricError(GraderError):
 
     exit_status = 4
 
-    def __init__(self, problem: str, mistakes: list[str], *, where: str = "", remedy: str = "") -> None:
-        super().__init__(problem, where=where, remedy=remedy)
+    def __init__(self, problem: str, mistakes: list[str], *, location: str = "", remedy: str = "") -> None:
+        super().__init__(problem, location=location, remedy=remedy)
         self.mistakes = mistakes
 
 
@@ -67,7 +67,7 @@ def described(error: Exception) -> GraderError:
         return error
     if isinstance(error, OSError):
         remedy = "Check that the disk is not full and that the folder can be written to."
-        return GraderError(error.strerror or str(error), where=str(error.filename or ""), remedy=remedy)
+        return GraderError(error.strerror or str(error), location=str(error.filename or ""), remedy=remedy)
     return GraderError(
         f"the grader failed: {type(error).__name__}: {error}", remedy="This is a defect of grade; please report it."
     )

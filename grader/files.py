@@ -69,7 +69,9 @@ def replace_files(texts: Mapping[Path, str | None]) -> None:
 
 
 @contextmanager
-def beside(results: Path, parts: Sequence[str], keep: Callable[[Path], bool] = lambda new: False) -> Iterator[Path]:
+def atomic_replacement(
+    results: Path, parts: Sequence[str], keep: Callable[[Path], bool] = lambda new: False
+) -> Iterator[Path]:
     """Give an empty folder within a folder of results to make new ones in; its parts take their places in the end.
 
     The part that says that they are whole comes last: who is killed in the midst leaves no results that say so. If the
@@ -98,9 +100,9 @@ def beside(results: Path, parts: Sequence[str], keep: Callable[[Path], bool] = l
 def _exchange(new: Path, results: Path, parts: Sequence[str]) -> None:
     """Move what is there aside, the last part first, and what is new in its place; or undo all of it."""
     moved: list[tuple[Path, Path]] = []
-    aside = [(results / part, new / (part + _BEFORE)) for part in reversed(parts)]
+    replaced = [(results / part, new / (part + _BEFORE)) for part in reversed(parts)]
     try:
-        for source, target in (*aside, *((new / part, results / part) for part in parts)):
+        for source, target in (*replaced, *((new / part, results / part) for part in parts)):
             if os.path.lexists(source):
                 # A folder may lie where it can be copied only, as in a lower layer of a container's file system.
                 shutil.move(source, target)

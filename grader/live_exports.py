@@ -59,7 +59,7 @@ class LiveExports:
         if not self._arguments:
             return on_progress
 
-        def told(progress: Any) -> None:
+        def notified(progress: Any) -> None:
             on_progress(progress)
             if not progress.ended:
                 self._stale = self._stale or not self._begun
@@ -68,7 +68,7 @@ class LiveExports:
                 self._stale = True
             self._catch_up()
 
-        return told
+        return notified
 
     def write(self, result: Result) -> None:
         """Write the exports of the result."""
@@ -92,5 +92,5 @@ class LiveExports:
 def _clear(path: Path, results: Path) -> None:
     """Remove an earlier export, which must not be taken for this grading's; fail now rather than in the end."""
     if path.parent != results and not path.parent.is_dir():
-        raise UsageError("there is no such folder to export into", where=str(path.parent), remedy="Make it first.")
+        raise UsageError("there is no such folder to export into", location=str(path.parent), remedy="Make it first.")
     path.unlink(missing_ok=True)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from grader.bounded import Bound
 from grader.errors import UsageError, described
-from grader.files import UNFINISHED, beside, replace_files
+from grader.files import UNFINISHED, atomic_replacement, replace_files
 from grader.judging.attempts import retry_undecided
 from grader.judging.judgement import Judgement, judge_bounded
 from grader.judging.rubrics import read_overrides, recorded_rubric, rubric_copy, rubric_files, rubric_files_of_result
@@ -26,12 +26,12 @@ from grader.report.exports.writing import ExportTarget
 from grader.result import CheckResult, Result
 from grader.result_folder import RECORDINGS, REPORT_FILE, RESULT_FILE, RUBRIC_COPY
 from grader.submission.artifacts import read_submission
-from grader.submission.extraction import Handed, Intake, confined, taken_in
+from grader.submission.extraction import Intake, SubmissionSource, confined, open_submission
 from grader.submission.separation import made_from
 from grader.timings import Stopwatch
 
 if TYPE_CHECKING:
-    from grader.live.session.runner import Shared
+    from grader.live.session.runner import SchedulingContext
 
 #: What a grading makes, the file that says that it is whole last.
 PARTS = (RUBRIC_COPY, kept_lab.KEPT, RECORDINGS, REPORT_FILE, RESULT_FILE)
@@ -84,19 +84,19 @@ def chosen_sessions(rubric: Rubric, options: Options, submission: SubmissionReco
 
 
 def grade(
-    handed: Handed | Path | Intake,
+    source: SubmissionSource | Path | Intake,
     rubric: Rubric,
     results: Path,
     options: Options,
     on_progress: Callable[..., None],
-    shared: Shared | None = None,
+    scheduling: SchedulingContext | None = None,
     watch: Stopwatch | None = None,
 ) -> Result:
     """Grade one submission: record, judge, run undecided sessions again, report.
 
-    It is a folder, an archive, what `grader.submission.discovery` made of more, or what was taken in already. Results
-    of an earlier grading stay until all sessions have been recorded. Raises GraderError if no fair score exists: no
-    result is written then, but once all is recorded, the recordings are kept.
+    It is a folder, an archive, what `grader.submission.discovery` made of more, or one that is extracted already.
+    Results of an earlier grading stay until all sessions have been recorded. Raises GraderError if no fair score
+    exists: no result is written then, but once all is recorded, the recordings are kept.
     """
     from grader.live.sandbox.environment import require_platform
     from grader.live.sandbox.scratch import scratch_prefix
@@ -104,17 +104,20 @@ def grade(
 
     require_platform(options.interpreter)
     watch = watch or Stopwatch()
-    taking = nullcontext(handed) if isinstance(handed, Intake) else taken_in(handed, prefix=scratch_prefix())
+    opening = nullcontext(source) if isinstance(source, Intake) else open_submission(source, prefix=scratch_prefix())
     with ExitStack() as stack:
         with watch.stage("unpacking the submission"):
-            intake = stack.enter_context(taking)
-            submission = confined(partial(read_submission, intake, rubric), intake.where, _READING_BOUND)
+            intake = stack.enter_context(opening)
+            submission = confined(partial(read_submission, intake, rubric), intake.location, _READING_BOUND)
         submission.sessions = list(options.sessions) if options.sessions is not None else None
         with LiveExports(options.exports, results, options.path_prefix) as exports:
             follow = exports.follow(on_progress)
             # The recordings take their place first: no fault in what comes after them throws them away.
-            with beside(results, PARTS, lambda new: _is_recorded(new / RECORDINGS)) as new, _naming_kept(new, results):
-                judgement = record(intake.folder, submission, rubric, new, options, follow, shared, watch)
+            with (
+                atomic_replacement(results, PARTS, lambda new: _is_recorded(new / RECORDINGS)) as new,
+                _naming_kept(new, results),
+            ):
+                judgement = record(intake.folder, submission, rubric, new, options, follow, scheduling, watch)
             with _naming_kept(results, results):
                 replace_files(files_of(judgement, results, rubric))
     with _naming_kept(results, results):
@@ -133,9 +136,9 @@ def _naming_kept(folder: Path, results: Path) -> Iterator[None]:
         kept = f"The recordings are kept; `grade regrade {results}` continues from there."
         if isinstance(error, KeyboardInterrupt):
             raise KeyboardInterrupt(kept) from error
-        told = described(error)
-        told.remedy = f"{told.remedy} {kept}".lstrip()
-        raise told from (error if told is not error else error.__cause__)
+        failure = described(error)
+        failure.remedy = f"{failure.remedy} {kept}".lstrip()
+        raise failure from (error if failure is not error else error.__cause__)
 
 
 def _is_recorded(recordings: Path) -> bool:
@@ -149,7 +152,7 @@ def record(
     results: Path,
     options: Options,
     on_progress: Callable[..., None],
-    shared: Shared | None = None,
+    scheduling: SchedulingContext | None = None,
     watch: Stopwatch | None = None,
 ) -> Judgement:
     """Run the live half, and sessions again whose checks are undecided; returns the judgement of what is kept."""
@@ -160,22 +163,22 @@ def record(
     from grader.live.sandbox.scratch import scratch_prefix
     from grader.live.session.fork_server import ForkServer
     from grader.live.session.ros_launch import LaunchChoice, find_native_launch
-    from grader.live.session.runner import Progress, Sessions, types_in
+    from grader.live.session.runner import Progress, SessionRunner, types_in
     from grader.live.session.stage import stage
 
     watch = watch or Stopwatch()
-    turns = shared.turns if shared is not None else None
+    scheduler = scheduling.scheduler if scheduling is not None else None
 
     @contextmanager
     def work(what: str) -> Iterator[None]:
-        """Measure a piece of work, and have it wait for its turn where the machine is shared."""
-        with turns.work(what) if turns is not None else nullcontext(), watch.stage(what):
+        """Measure a piece of work, and have it wait for its slot where the machine is shared."""
+        with scheduler.work(what) if scheduler is not None else nullcontext(), watch.stage(what):
             yield
 
     # It begins to import while the isolation is tried.
     with ForkServer(types_in(rubric)) as forks:
         with watch.stage("testing the sandbox"):
-            isolation = shared.isolation if shared is not None else probe_isolation(options.interpreter)
+            isolation = scheduling.isolation if scheduling is not None else probe_isolation(options.interpreter)
         require(isolation, Level.of(options.least_isolation))
         native = find_native_launch(options.interpreter, LaunchChoice(options.launch))
         recordings = results / RECORDINGS
@@ -189,7 +192,7 @@ def record(
             with work("staging"):
                 staging = partial(stage, folder, submission, rubric, Path(scratch), str(options.interpreter))
                 workspace = confined(staging, submission.source, _READING_BOUND)
-            sessions = Sessions(
+            sessions = SessionRunner(
                 rubric,
                 submission,
                 workspace.folder,
@@ -201,7 +204,7 @@ def record(
                 versions() | {"launch": "native" if native is not None else "stand-in"},
                 forks,
                 native,
-                turns=turns,
+                scheduler=scheduler,
             )
             on_progress = watch.follow(on_progress)
             with watch.stage("sessions"):

@@ -74,7 +74,7 @@ def outcome_of_points(earned: Decimal, possible: Decimal, undecided: Decimal) ->
 
 
 @dataclass(frozen=True)
-class Where:
+class Location:
     """Where the proof of a finding lies: a line, from 1, of a file in the submission, or a place in a recording.
 
     There that is a topic or service, or the output of a process, in a span in seconds since the session's start.
@@ -116,7 +116,7 @@ class Finding:
     #: Why points were lost, in a sentence, and how to fix it; empty when passed. It goes before the rubric's hint.
     reason: str = ""
     hint: str = ""
-    where: tuple[Where, ...] = ()
+    where: tuple[Location, ...] = ()
     #: Advisories that cost nothing.
     notes: tuple[str, ...] = ()
     #: Whether another run can decide what is undecided.
@@ -129,7 +129,7 @@ class Finding:
 
 
 class ViolationKind(str, Enum):
-    """What of the grader's own was touched in a session."""
+    """What of the grader's own was tampered with in a session."""
 
     IMPERSONATES_NODE = "impersonates_node"
     PUBLISHES_ON_REFERENCE_TOPIC = "publishes_on_reference_topic"
@@ -143,23 +143,23 @@ class ViolationKind(str, Enum):
 
     @property
     def disturbs(self) -> bool:
-        """Whether it leaves the recording unsound: seen once it may be chance, and the session is recorded again."""
+        """Whether it makes the recording unsound: a single occurrence is not conclusive; the session is repeated."""
         return self in (ViolationKind.ENDS_REFERENCE, ViolationKind.DISTURBS_RECORDING)
 
 
 @dataclass(frozen=True)
 class Violation:
-    """Something of the grader's own that was touched in a session: a fact, for a person to judge; not an intent."""
+    """Tampering with the grader's own in a session: a fact, for a person to judge; not an intent."""
 
     kind: ViolationKind
     session: str
     text: str
     #: What shows it: nodes, gids, counts, times.
     evidence: tuple[str, ...] = ()
-    where: Where = Where()
+    where: Location = Location()
     #: Whether the recording leaves no other explanation than the submission's own processes.
     certain: bool = True
-    #: Ids of the checks that fail because what they measure was touched.
+    #: Ids of the checks that fail because what they measure was tampered with.
     checks: tuple[str, ...] = ()
 
 
@@ -180,7 +180,7 @@ class CheckResult:
     measured: str = ""
     reason: str = ""
     hint: str = ""
-    where: tuple[Where, ...] = ()
+    where: tuple[Location, ...] = ()
     notes: tuple[str, ...] = ()
     counted: tuple[str, ...] = ()
     session: str | None = None
@@ -376,7 +376,7 @@ def load_result(file: Path) -> Result:
         raise
     except (OSError, ValueError, RecursionError) as problem:
         remedy = "Run `grade regrade` on the results folder."
-        raise RecordingError(f"{file.name} cannot be read", where=str(file), remedy=remedy) from problem
+        raise RecordingError(f"{file.name} cannot be read", location=str(file), remedy=remedy) from problem
 
 
 def result_of_text(text: str | None) -> Result | None:

@@ -27,8 +27,8 @@ class Stage:
 
 
 @dataclass(frozen=True)
-class CellRun:
-    """A session on its way through a cell, once for each attempt; it waited from when all of them were ready to run."""
+class SessionRun:
+    """A session in its sandbox, once for each attempt; it waited from when all of them were ready to run."""
 
     session: str
     waited_s: float
@@ -36,12 +36,12 @@ class CellRun:
 
 
 class Stopwatch:
-    """Collects `stages` and `cells` (sessions on their way) of a grading, in the order in which they end."""
+    """Collects `stages` and `session_runs` of a grading, in the order in which they end."""
 
     def __init__(self) -> None:
         self.started_s = time.monotonic() - _age_s()
         self.stages = [Stage("starting the program", self.started_s, time.monotonic(), time.process_time())]
-        self.cells: list[CellRun] = []
+        self.session_runs: list[SessionRun] = []
         self._ready_s = self.started_s
         self._begun: dict[str, float] = {}
 
@@ -63,7 +63,7 @@ class Stopwatch:
             if not progress.ended:
                 self._begun.setdefault(progress.session, now_s)
             elif (begun_s := self._begun.pop(progress.session, None)) is not None:
-                self.cells.append(CellRun(progress.session, begun_s - self._ready_s, now_s - begun_s))
+                self.session_runs.append(SessionRun(progress.session, begun_s - self._ready_s, now_s - begun_s))
             on_progress(progress)
 
         return listen

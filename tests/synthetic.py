@@ -154,14 +154,14 @@ class Session:
         return self
 
     def delayed(self, name: str, delay_s: float, until_s: float, cpu_s: float = 0.0) -> Session:
-        """Let the machine have kept a process from its core for a time, evenly from 0 to `until_s`."""
+        """Let the machine have delayed a process for a time, evenly from 0 to `until_s`."""
         run = next(p for p in self.record.processes if p.name == name)
         shares = [n / (2 * until_s) for n in range(round(2 * until_s) + 1)]
         run.usage = [Usage(at(s * until_s), round(s * cpu_s * 1e9), round(s * delay_s * 1e9)) for s in shares]
         return self
 
     def disturbed(self, name: str, *delays_s: tuple[float, float]) -> Session:
-        """Let a process have been watched, and the machine have kept it from its core at some times for so long."""
+        """Let a process have been watched, and the machine have delayed it at some times for so long."""
         run = next(p for p in self.record.processes if p.name == name)
         run.disturbed = [[at(start_s), round(delay_s * 1e9), round(delay_s * 1e9)] for start_s, delay_s in delays_s]
         return self

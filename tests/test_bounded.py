@@ -34,7 +34,7 @@ def _end_itself() -> None:
 
 
 def _fail() -> None:
-    raise RecordingError("it is damaged", where="here", remedy="Mend it.")
+    raise RecordingError("it is damaged", location="here", remedy="Mend it.")
 
 
 def test_what_work_returns_comes_back() -> None:
@@ -47,7 +47,7 @@ def test_what_work_raises_is_raised() -> None:
     """An error arrives with where it came up and its remedy, and with a trace as its cause."""
     with pytest.raises(RecordingError) as caught:
         in_process(_fail, SMALL)
-    assert (caught.value.problem, caught.value.where, caught.value.remedy) == ("it is damaged", "here", "Mend it.")
+    assert (caught.value.problem, caught.value.location, caught.value.remedy) == ("it is damaged", "here", "Mend it.")
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from grader.files import UNFINISHED, beside, replace_files, uninterrupted
+from grader.files import UNFINISHED, atomic_replacement, replace_files, uninterrupted
 
 PARTS = ("recordings", "report.html", "result.json")
 
@@ -32,7 +32,7 @@ def test_new_results_take_the_place_of_old_ones(tmp_path: Path) -> None:
     make(tmp_path, "old")
     (tmp_path / "recordings/of_old.json").write_text("old", encoding="utf-8")
     (tmp_path / "junit.xml").write_text("export", encoding="utf-8")
-    with beside(tmp_path, PARTS) as new:
+    with atomic_replacement(tmp_path, PARTS) as new:
         assert contents(tmp_path)["result.json"] == "old"
         make(new, "new")
     names = ("recordings/session/session.json", "report.html", "result.json")
@@ -47,7 +47,7 @@ def test_work_that_is_broken_off_leaves_the_old_results(tmp_path: Path, problem:
     before = contents(tmp_path)
 
     def work() -> None:
-        with beside(tmp_path, PARTS) as new:
+        with atomic_replacement(tmp_path, PARTS) as new:
             make(new, "new")
             raise problem
 
@@ -61,7 +61,7 @@ def test_work_that_is_broken_off_may_keep_what_is_whole(tmp_path: Path) -> None:
     make(tmp_path, "old")
 
     def work() -> None:
-        with beside(tmp_path, PARTS, lambda new: (new / "recordings").is_dir()) as new:
+        with atomic_replacement(tmp_path, PARTS, lambda new: (new / "recordings").is_dir()) as new:
             (new / "recordings").mkdir()
             (new / "recordings/submission.json").write_text("new", encoding="utf-8")
             raise KeyboardInterrupt
@@ -77,7 +77,7 @@ def test_a_part_that_cannot_be_put_in_its_place_leaves_the_old_results(tmp_path:
     before = contents(tmp_path)
 
     def work() -> None:
-        with beside(tmp_path, (*PARTS[:2], "none/of/these", PARTS[2])) as new:
+        with atomic_replacement(tmp_path, (*PARTS[:2], "none/of/these", PARTS[2])) as new:
             make(new, "new")
             (new / "none/of").mkdir(parents=True)
             (new / "none/of/these").write_text("new", encoding="utf-8")
@@ -92,14 +92,14 @@ def test_a_part_that_cannot_be_put_in_its_place_leaves_the_old_results(tmp_path:
 KILLED = """
 import os, sys
 from pathlib import Path
-from grader.files import beside
+from grader.files import atomic_replacement
 
 def kill(event, about):
     if event == "os.rename" and str(about[0]).endswith("/recordings") and Path(about[0]).parent != results:
         os._exit(9)
 
 results = Path(sys.argv[1])
-with beside(results, sys.argv[2:]) as new:
+with atomic_replacement(results, sys.argv[2:]) as new:
     for part in sys.argv[2:]:
         (new / part).write_text("new")
     sys.addaudithook(kill)
@@ -118,7 +118,7 @@ def test_the_first_work_that_is_broken_off_leaves_no_folder(tmp_path: Path) -> N
     """Nobody takes an empty folder for results."""
 
     def work() -> None:
-        with beside(tmp_path / "ann", PARTS):
+        with atomic_replacement(tmp_path / "ann", PARTS):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -130,7 +130,7 @@ def test_what_a_killed_grader_left_is_not_mixed_in(tmp_path: Path) -> None:
     """Half results that lie beside are removed before new ones are made."""
     (tmp_path / UNFINISHED / "recordings").mkdir(parents=True)
     (tmp_path / UNFINISHED / "recordings/half.json").write_text("half", encoding="utf-8")
-    with beside(tmp_path, PARTS) as new:
+    with atomic_replacement(tmp_path, PARTS) as new:
         make(new, "new")
     assert set(contents(tmp_path).values()) == {"new"}
 

@@ -31,7 +31,7 @@ PLACES = {
     "setup.cfg": {"package.xml": PYTHON},
     "CMakeLists.txt": {"package.xml": CMAKE},
 }
-#: A package with as many files as are taken in, deep in folders.
+#: A package with as many files as are extracted, deep in folders.
 FILES = ["/".join([f"d{n % 20}", *["e"] * 15, f"f{n}.py"]) for n in range(500)]
 
 

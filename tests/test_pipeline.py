@@ -89,7 +89,7 @@ def test_without_ros_regrading_gives_the_same_bytes(results: Path, tmp_path: Pat
 
 
 def test_another_rubric_changes_the_points(results: Path) -> None:
-    """A mended rubric judges old recordings anew, and the provenance tells which it was."""
+    """A corrected rubric judges old recordings anew, and the provenance tells which it was."""
     before = regraded(results)
     text = SHIPPED.read_text(encoding="utf-8").replace("rate_hz: 100, full_within", "rate_hz: 50, full_within")
     mended = results.parent / "mended.yaml"
@@ -179,7 +179,7 @@ def test_versions_name_what_a_recording_depends_on() -> None:
     assert {"grader", "python", "kernel", "ros-jazzy-rclpy", "mcap"} <= set(environment.versions())
 
 
-@pytest.mark.parametrize(("again", "kept"), [("spoilt", 1), ("sound", 2)])
+@pytest.mark.parametrize(("again", "kept"), [("invalidated", 1), ("sound", 2)])
 def test_a_recording_that_leaves_more_undecided_does_not_take_the_place_of_another(
     results: Path, rubric: Rubric, again: str, kept: int
 ) -> None:

@@ -14,7 +14,7 @@ from grader.evidence.oracle import load_oracle
 from grader.evidence.recorded import Floats, NumericStream, Recorded, can_hold_row
 from grader.recording.session import ProcessRun
 from grader.recording.submission import SubmissionRecord
-from grader.result import Finding, Outcome, Where
+from grader.result import Finding, Location, Outcome
 
 
 @dataclass(frozen=True)
@@ -46,20 +46,20 @@ class Context:
             raise LookupError("this check needs a session; name one in the rubric")
         return self.recorded
 
-    def where(self, topic: str | None = None, **more: Any) -> Where:
+    def location(self, topic: str | None = None, **more: Any) -> Location:
         """Point at the check's session, and at a topic there under the name that the student used."""
         name = self.recorded.record.session if self.recorded else None
         used = self.session.used(topic) if topic else None
-        return Where(session=name, topic=used, **more)
+        return Location(session=name, topic=used, **more)
 
     def path_of(self, artifact: str) -> str | None:
         """Return an artifact's path in the submission, or None if it is missing."""
         fact = self.submission.artifact(artifact)
         return fact.path if fact else None
 
-    def output_of(self, artifact: str) -> Where:
+    def output_of(self, artifact: str) -> Location:
         """Point at what an artifact's process printed."""
-        return Where(session=self.session.record.session, process=artifact)
+        return Location(session=self.session.record.session, process=artifact)
 
     def charged(self, check: str | None) -> bool:
         """Whether a check, if any, has already taken points."""
@@ -124,7 +124,7 @@ def credit_of(share: float) -> Decimal:
     return Decimal(str(round(min(1.0, max(0.0, share)), 3)))
 
 
-def passed(expected: str, measured: str, *, where: Sequence[Where] = (), notes: Sequence[str] = ()) -> Finding:
+def passed(expected: str, measured: str, *, where: Sequence[Location] = (), notes: Sequence[str] = ()) -> Finding:
     """State that all is as it should be."""
     return Finding(Outcome.PASSED, Decimal(1), expected, measured, where=tuple(where), notes=tuple(notes))
 
@@ -140,11 +140,11 @@ def graded(
     reason: str,
     *,
     hint: str = "",
-    where: Sequence[Where] = (),
+    where: Sequence[Location] = (),
     notes: Sequence[str] = (),
     best: float | None = None,
     doubt: str = "",
-    steps: int = 0,
+    levels: int = 0,
     by_machine: bool = True,
 ) -> Finding:
     """State a finding by the share of credit that it earns; the reason is dropped when that is all.
@@ -158,12 +158,12 @@ def graded(
         The least and the most that it earns as far as the recording and the machine's delays tell.
     doubt : str
         What keeps it from being decided where these differ.
-    steps : int
-        Number of steps in which a measured share earns credit; 0 where it is none.
+    levels : int
+        Number of credit levels that a measured share is rounded down to; 0 where it is none.
     """
-    low, high = (credit_of(in_steps(s, steps) if steps else s) for s in (share, share if best is None else best))
+    low, high = (credit_of(quantise(s, levels) if levels else s) for s in (share, share if best is None else best))
     if low != high:
-        uneven = not by_machine and float(high - low) > 1.5 / steps
+        uneven = not by_machine and float(high - low) > 1.5 / levels
         settled = graded(float(low), expected, measured, reason, where=where) if uneven else None
         return inconclusive(expected, measured, doubt, where=where, settled=settled)
     if low >= _AS_GOOD_AS_FULL:
@@ -184,7 +184,7 @@ class Part:
     #: What keeps it from being decided then.
     doubt: str = ""
     hint: str = ""
-    where: tuple[Where, ...] = ()
+    where: tuple[Location, ...] = ()
     notes: tuple[str, ...] = ()
 
 
@@ -195,7 +195,7 @@ def of_parts(
     measured: str = "",
     costs: Sequence[tuple[float, str]] = (),
     hint: str = "",
-    where: Sequence[Where] = (),
+    where: Sequence[Location] = (),
     doubt: str = "",
 ) -> Finding:
     """State what parts earn together, of which each counts the same, less what costs a share of the whole."""
@@ -207,29 +207,29 @@ def of_parts(
         measured or "; ".join(part.text for part in parts if part.text),
         " ".join([*(reason for _, reason in costs), *(part.reason for part in parts if part.reason)]),
         hint=hint or next((part.hint for part in parts if part.hint), ""),
-        where=[*(spot for part in parts for spot in part.where), *where],
+        where=[*(location for part in parts for location in part.where), *where],
         notes=[note for part in parts for note in part.notes],
         best=max(0.0, best / count - lost),
         doubt=" ".join(part.doubt for part in parts if part.doubt) or doubt,
     )
 
 
-#: Steps in which a measured share earns credit.
-STEPS = 10
+#: Credit levels that a measured share is rounded down to.
+CREDIT_LEVELS = 10
 
 
-def in_steps(share: float, steps: int = STEPS) -> float:
-    """Return a measured share as credit in even steps, rounded down; what is as good as full is full.
+def quantise(share: float, levels: int = CREDIT_LEVELS) -> float:
+    """Return a measured share as credit in even levels, rounded down; what is as good as full is full.
 
-    Two recordings of the same program never measure exactly the same. Steps keep the score the same, except
-    where the measurement lies at a step's edge, which `graded` leaves undecided.
+    Two recordings of the same program never measure exactly the same. Levels keep the score the same, except
+    where the measurement lies at a level's edge, which `graded` leaves undecided.
     """
     if share >= float(_AS_GOOD_AS_FULL):
         return 1.0
-    return math.floor(max(0.0, share) * steps + 1e-9) / steps
+    return math.floor(max(0.0, share) * levels + 1e-9) / levels
 
 
-def failed(expected: str, measured: str, reason: str, *, hint: str = "", where: Sequence[Where] = ()) -> Finding:
+def failed(expected: str, measured: str, reason: str, *, hint: str = "", where: Sequence[Location] = ()) -> Finding:
     """State that nothing of it is as it should be."""
     return graded(0.0, expected, measured, reason, hint=hint, where=where)
 
@@ -248,7 +248,7 @@ def inconclusive(
     measured: str,
     reason: str,
     *,
-    where: Sequence[Where] = (),
+    where: Sequence[Location] = (),
     retry: bool = True,
     settled: Finding | None = None,
 ) -> Finding:
@@ -301,18 +301,18 @@ def percent(share: float) -> str:
     return f"{100 * share:g}%"
 
 
-def kept_from_core(delay_s: float, length_s: float) -> str:
+def cpu_delay_doubt(delay_s: float, length_s: float) -> str:
     """Say that the machine's delay may be why something is not as it should be."""
     return f"Not your fault: the grading computer was too busy to measure this ({delay_s:.2f} s of {length_s:.1f} s)."
 
 
 def without_delay(value: float, delay_s: float, length_s: float) -> float:
-    """Return what a count or a rate may have been, had the machine not kept the process from a core for so long."""
+    """Return what a count or a rate may have been, had the machine not delayed the process for so long."""
     return value / (1 - min(0.5, delay_s / max(length_s, 1e-9)))
 
 
-def told(found: Diagnosis) -> str:
-    """Return a diagnosis as a sentence, with the exception and the student's line."""
-    place = f"{found.file}, line {found.line}" if found.file and found.line else found.file or ""
-    parts = [part for part in (found.exception_type, place) if part]
-    return f"{found.sentence} ({' in '.join(parts)})" if parts else found.sentence
+def describe_diagnosis(found: Diagnosis) -> str:
+    """Describe a diagnosis in a line, with the exception and the student's line."""
+    location = f"{found.file}, line {found.line}" if found.file and found.line else found.file or ""
+    parts = [part for part in (found.exception_type, location) if part]
+    return f"{found.problem} ({' in '.join(parts)})" if parts else found.problem

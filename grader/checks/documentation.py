@@ -30,7 +30,7 @@ from grader.evidence.text.words import Terms, substance
 from grader.lab import references as ref
 from grader.lab.patterns import search
 from grader.lab.references import Parameters, Pattern, Share
-from grader.result import Finding, Where
+from grader.result import Finding, Location
 
 _WRITTEN = (".md", ".markdown", ".rst", ".txt", ".adoc", ".org", "")
 #: Texts that are there for programs.
@@ -126,8 +126,8 @@ def readme(context: Context, p: Readme) -> Finding:
     if share < 1 and unread:
         notes = [f"For a person to read: {', '.join(unread)}, which the grader cannot. The points are given."]
         share = 1.0
-    where = [Where(file=file, line=line) for file, line in dict.fromkeys([*reading.run, *reading.found.values()])]
-    where = where or [Where(file=str(path)) for path in [*paths[:1], *unread]]
+    where = [Location(file=file, line=line) for file, line in dict.fromkeys([*reading.run, *reading.found.values()])]
+    where = where or [Location(file=str(path)) for path in [*paths[:1], *unread]]
     measured = f"how to run it: {'yes' if reading.run else 'not found'}; "
     measured += f"{len(reading.found)} of {len(reading.parts)} parts found"
     finding = graded(share, expected, measured, reading.reason, where=where, notes=notes)
@@ -244,7 +244,7 @@ def code_explained(context: Context, p: CodeExplained) -> Finding:
     reason = f"Neither a docstring nor a comment explains {', '.join(names[:6])}{more}."
     faults = {note.fault for f in facts for note in f.notes if note.fault}
     reason += f" What was found there does not count: {', '.join(sorted(faults))}." if faults else ""
-    where = [Where(file=path, line=unit.line) for path, unit in bare[:6]]
+    where = [Location(file=path, line=unit.line) for path, unit in bare[:6]]
     notes = [
         f"For a person to read: Python cannot read {f.path}, so only its comments were counted."
         for f in facts
@@ -303,10 +303,10 @@ def concepts_explained(context: Context, p: ConceptsExplained) -> Finding:
         f"{p.full_concepts} of {len(p.concepts)} concepts discussed (two thirds), and weighed with reasons (one third)"
     )
     measured = f"{', '.join(found.discussed) or 'none'} discussed in {found.words} words"
-    where = [Where(file=passage.file, line=passage.line) for passage in found.discussed.values()]
+    where = [Location(file=passage.file, line=passage.line) for passage in found.discussed.values()]
     if len(found.discussed) < p.least_concepts and (unread := _not_read(context)):
         reason = f"The grader cannot read {', '.join(unread)}; a person has to."
-        return inconclusive(expected, "not read", reason, where=[Where(file=path) for path in unread], retry=False)
+        return inconclusive(expected, "not read", reason, where=[Location(file=path) for path in unread], retry=False)
     if len(found.discussed) < p.least_concepts:
         return failed(expected, measured, "There is next to nothing in writing about the trade-offs.", where=where)
     covered = min(1.0, len(found.discussed) / p.full_concepts)

@@ -10,7 +10,7 @@ from grader.checks.base import Context
 from grader.lab import references as ref
 from grader.lab.references import Parameters, Share
 from grader.recording.session import Claim, Endpoint, Qos
-from grader.result import Where
+from grader.result import Location
 
 
 class OfferedProfile(Parameters):
@@ -84,6 +84,6 @@ def claim_of(context: Context, kind: str, name: str) -> Claim | None:
     return next((c for c in claims if c.kind == kind and c.name.rsplit("/", 1)[-1] == plain), None)
 
 
-def claimed_at(claim: Claim | None) -> tuple[Where, ...]:
+def claimed_at(claim: Claim | None) -> tuple[Location, ...]:
     """Return the source line of a call, if it is the student's."""
-    return (Where(file=claim.file, line=claim.line),) if claim is not None and not claim.file.startswith("/") else ()
+    return (Location(file=claim.file, line=claim.line),) if claim is not None and not claim.file.startswith("/") else ()

@@ -1,4 +1,4 @@
-"""Which checks cannot be judged since something of the grader's own was touched, or since the recording was filled."""
+"""Which checks are invalidated by tampering with the grader's own, or by a recording that was filled."""
 
 from __future__ import annotations
 
@@ -7,34 +7,36 @@ from dataclasses import replace
 from decimal import Decimal
 from typing import Any
 
-from grader.evidence.gaps import sentence_on
-from grader.evidence.integrity import Touched
+from grader.evidence.gaps import describe_gap
+from grader.evidence.integrity import Tampering
 from grader.evidence.recorded import Recorded
 from grader.lab.rubric import CheckSpec, Rubric
-from grader.recording.session import Unrecorded
+from grader.recording.session import RecordingGap
 from grader.result import Finding, Outcome, Violation
 
 
-def with_checks(touched: Touched, recorded: Recorded, rubric: Rubric) -> Violation:
-    """Return a violation with the checks of its session that rest on what was spoilt.
+def with_checks(tampering: Tampering, recorded: Recorded, rubric: Rubric) -> Violation:
+    """Return a violation with the checks of its session that rest on what was invalidated.
 
     A check rests on a topic, a service or a node if its parameters name it, or the label of a step that does.
     """
-    violation = touched.violation
+    violation = tampering.violation
     if not violation.certain:
         return violation
     specs = [spec for spec in rubric.checks() if spec.session == violation.session]
-    spoilt = tuple(s.id for s in specs if touched.whole or not touched.spoilt.isdisjoint(named(s, recorded)))
-    return replace(violation, checks=spoilt)
+    invalidated = tuple(
+        s.id for s in specs if tampering.whole or not tampering.invalidated.isdisjoint(named(s, recorded))
+    )
+    return replace(violation, checks=invalidated)
 
 
 def not_measurable(expected: str, violation: Violation) -> Finding:
-    """Return what is found instead, where what a check measures was touched."""
+    """Return what is found instead, where what a check measures was tampered with."""
     reason = f"{violation.text} So this cannot be measured."
     return Finding(Outcome.FAILED, Decimal(0), expected, "not measured", reason, where=(violation.where,))
 
 
-def without_rest(finding: Finding, left_out: Unrecorded, *, timed: bool) -> Finding:
+def without_rest(finding: Finding, gap: RecordingGap, *, timed: bool) -> Finding:
     """Return what is found where a check cannot see all messages of a topic, through the student's own doing.
 
     Parameters
@@ -42,13 +44,13 @@ def without_rest(finding: Finding, left_out: Unrecorded, *, timed: bool) -> Find
     timed : bool
         Whether it measures over time: then what is missing looks like silence, and the student was not silent.
     """
-    seen = finding.outcome in (Outcome.FAILED, Outcome.PARTIAL) and left_out.messages > 0 and not timed
+    seen = finding.outcome in (Outcome.FAILED, Outcome.PARTIAL) and gap.messages > 0 and not timed
     return replace(
         finding,
         outcome=Outcome.FAILED,
         credit=Decimal(0),
         measured=finding.measured if seen else "not measured in full",
-        reason=" ".join([*([finding.reason] if seen else []), sentence_on(left_out)]),
+        reason=" ".join([*([finding.reason] if seen else []), describe_gap(gap)]),
         hint=finding.hint if seen else _HINT,
     )
 

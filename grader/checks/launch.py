@@ -13,19 +13,19 @@ from grader.checks.base import (
     Context,
     Part,
     apart,
+    cpu_delay_doubt,
+    describe_diagnosis,
     failed,
-    in_steps,
     inconclusive,
-    kept_from_core,
     not_reached,
     of_parts,
     passed,
-    told,
+    quantise,
     without_delay,
 )
-from grader.checks.preconditions import environment_gap
+from grader.checks.preconditions import environment_gap_of
 from grader.evidence.cpu_delay import Span
-from grader.evidence.environment_gap import is_newer_python, missing_here
+from grader.evidence.environment_gap import absent_module, is_newer_python
 from grader.evidence.recorded import Recorded, clock_step_s
 from grader.evidence.text.launch_source import parameter_line
 from grader.evidence.timing import timing_of
@@ -33,7 +33,7 @@ from grader.lab import references as ref
 from grader.lab.references import Parameters, Share
 from grader.recording.launch_plan import MalformedPlanError, Plan, Problem, Process
 from grader.recording.session import ProcessRun
-from grader.result import Finding, Where
+from grader.result import Finding, Location
 
 
 def _read_plan(plain: Any) -> Plan | None:
@@ -50,8 +50,8 @@ def plan_of(context: Context, step: str) -> Plan | None:
     return _read_plan(run.result["plan"]) if run is not None and "plan" in run.result else None
 
 
-def mended(context: Context, step: str, *kinds: str) -> list[Mapping[str, Any]]:
-    """Return the problems of some kinds that the live half noted and mended, so that the rest could be judged."""
+def worked_around(context: Context, step: str, *kinds: str) -> list[Mapping[str, Any]]:
+    """Return the problems of some kinds that the live half noted and worked around, to judge the rest."""
     run = context.session.step(step)
     return [m for m in (run.result.get("mended", []) if run is not None else []) if m["kind"] in kinds]
 
@@ -85,20 +85,20 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
                 "It uses syntax of Python 3.12 or later, which the grading computer lacks. Your instructor decides."
             )
         return inconclusive(expected, problem.message, reason, where=_at(context, problem), retry=False)
-    place = f" ({problem.file}, line {problem.line})" if problem.file and problem.line else ""
-    reason = _sentence(problem.message) + place
+    location = f" ({problem.file}, line {problem.line})" if problem.file and problem.line else ""
+    reason = _capitalised(problem.message) + location
     return failed(expected, problem.message, reason, hint=problem.remedy, where=_at(context, problem))
 
 
-def _at(context: Context, problem: Problem | None) -> tuple[Where, ...]:
+def _at(context: Context, problem: Problem | None) -> tuple[Location, ...]:
     at_line = problem is not None and problem.file
-    return (Where(file=problem.file, line=problem.line) if problem is not None and at_line else context.where(),)
+    return (Location(file=problem.file, line=problem.line) if problem is not None and at_line else context.location(),)
 
 
 def _is_made_up(problem: Problem, context: Context) -> bool:
     """Whether a module is said to be missing that the launch file does not import, or that is not missing here."""
-    said = problem.kind == "missing_module"
-    return said and missing_here(problem.module, problem.file or "", problem.line, context.submission) is None
+    is_import = problem.kind == "missing_module"
+    return is_import and absent_module(problem.module, problem.file or "", problem.line, context.submission) is None
 
 
 def _silent(plan: Plan) -> list[str]:
@@ -109,11 +109,11 @@ def _silent(plan: Plan) -> list[str]:
     named = list(dict.fromkeys(p.called or p.runs for p in quiet))
     places = ", ".join(dict.fromkeys(f"{p.file}:{p.line}" for p in quiet if p.file))
     verb = "prints" if len(named) == 1 else "print"
-    said = f"What {', '.join(named)} {verb} goes into a log file and not to the screen; output='screen' shows it"
-    return [said + (f" ({places})." if places else ".")]
+    shown = f"What {', '.join(named)} {verb} goes into a log file and not to the screen; output='screen' shows it"
+    return [shown + (f" ({places})." if places else ".")]
 
 
-def _sentence(message: str) -> str:
+def _capitalised(message: str) -> str:
     first = message.split(" ", 1)[0]
     text = message[:1].upper() + message[1:] if first.isalpha() else message  # a name stays as it is
     return text if text.endswith((".", "?", "!")) else text + "."
@@ -159,16 +159,16 @@ def launch_arguments(context: Context, p: LaunchArguments) -> Finding:
             continue
         right, where = (
             got.default is not None and _same(got.default, wanted.default),
-            (Where(file=got.file, line=got.line),),
+            (Location(file=got.file, line=got.line),),
         )
         default = "no default" if got.default is None else f"the default {got.default!r}"
         reason = f"The argument {wanted.name} has {default}; {wanted.default!r} is asked for."
         parts.append(Part(1.0, where=where) if right else Part(p.other_default_credit, "", reason, where=where))
-    assumed = mended(context, p.step, "undefined_configuration")
-    spots = [Where(file=problem["file"], line=problem["line"]) for problem in assumed]
+    assumed = worked_around(context, p.step, "undefined_configuration")
+    locations = [Location(file=problem["file"], line=problem["line"]) for problem in assumed]
     measured = ", ".join(f"{n} = {a.default!r}" for n, a in declared.items()) or "no arguments"
-    costs = [(0.0, _sentence(problem["message"])) for problem in assumed]
-    return of_parts(expected, parts, measured=measured, costs=costs, where=spots)
+    costs = [(0.0, _capitalised(problem["message"])) for problem in assumed]
+    return of_parts(expected, parts, measured=measured, costs=costs, where=locations)
 
 
 class WantedNode(Parameters):
@@ -205,7 +205,7 @@ def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
     plan = plan_of(context, p.step)
     if plan is None or plan.problem is not None:
         problem = plan.problem if plan is not None else None
-        reason = _sentence(problem.message) if problem is not None else "The launch file could not be evaluated."
+        reason = _capitalised(problem.message) if problem is not None else "The launch file could not be evaluated."
         reason, hint = f"{reason} {_STOPS}", problem.remedy if problem is not None else ""
         return failed(expected, "nothing was started", reason, hint=hint, where=_at(context, problem))
     absent = [n.node for n in p.nodes if _entry_for(plan, n.node, n.executable) is None]
@@ -215,14 +215,14 @@ def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
         return inconclusive(expected, f"no {', '.join(absent)}, but components", reason, retry=False)
     parts = [_judge_node(context, plan, wanted, p.other_name_credit) for wanted in p.nodes]
     stopping = []
-    for noted in mended(context, p.step, "unknown_executable", "unknown_package"):
+    for noted in worked_around(context, p.step, "unknown_executable", "unknown_package"):
         missing = [a.expected.removesuffix(".py") for a in context.submission.artifacts if a.path is None]
         if any(name in noted["message"] for name in missing):
-            note = f"{_sentence(noted['message'])} Its file is missing, which costs points in another check."
+            note = f"{_capitalised(noted['message'])} Its file is missing, which costs points in another check."
             parts[0] = replace(parts[0], notes=(*parts[0].notes, note))
         else:
             stopping.append(noted)
-    costs = [(1 / len(parts), _sentence(noted["message"])) for noted in stopping]
+    costs = [(1 / len(parts), _capitalised(noted["message"])) for noted in stopping]
     seen = (n for n in context.session.nodes if n not in context.reference_nodes)
     up = ", ".join(n + " (ended)" * _died(context, _entry_for(plan, n, "")) for n in seen)
     finding = of_parts(
@@ -231,7 +231,7 @@ def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
         measured=f"{_CORRECTED * bool(stopping and up)}{up or 'no node of the student in the graph'}",
         costs=[*costs, (0.0, _STOPS)] if stopping else [],
         hint=str(stopping[0]["remedy"]) if stopping else "",
-        where=[Where(file=noted["file"], line=noted["line"]) for noted in stopping],
+        where=[Location(file=noted["file"], line=noted["line"]) for noted in stopping],
     )
     return replace(finding, retry=not any(part.doubt for part in parts))
 
@@ -257,7 +257,7 @@ def _judge_node(context: Context, plan: Plan, wanted: WantedNode, other_name_cre
         return Part(1.0, notes=(f"{wanted.node} ended as it does alone, which costs points in {charged}.",))
     run = context.session.process(entry.id)
     found = context.explain(run) if run is not None else None
-    if (gap := environment_gap(context, wanted.artifact, found)) is not None:
+    if (gap := environment_gap_of(context, wanted.artifact, found)) is not None:
         return Part(0.0, best=1.0, doubt=f"{wanted.node} did not come up. {gap}")
     if found is not None and found.kind == "parameter-type" and context.charged(wanted.types_charged_by):
         note = f"{wanted.node} ended because of a parameter's type, which costs points in {wanted.types_charged_by}."
@@ -266,7 +266,7 @@ def _judge_node(context: Context, plan: Plan, wanted: WantedNode, other_name_cre
     if not _died(context, entry) and (entry.called not in (name, None) or used != wanted.node):
         shown = used if used != wanted.node else entry.full_name or entry.called
         reason = f"{wanted.executable} runs under the name {shown}, not {wanted.node}."
-        return Part(other_name_credit, "", reason, where=(Where(file=entry.file, line=entry.line),))
+        return Part(other_name_credit, "", reason, where=(Location(file=entry.file, line=entry.line),))
     return _why_down(context, entry, wanted.executable)
 
 
@@ -285,7 +285,7 @@ def _charged_alone(context: Context, entry: Process, artifact: str) -> str | Non
     others = [session for session in context.sessions.values() if session is not context.session and end is not None]
     alike = {s.record.session for s in others if end in (_end_of(context, r) for r in s.processes_of(artifact))}
     charged = ((check, finding) for check, finding in context.findings.items() if context.charged(check))
-    return next((check for check, finding in charged if alike & {spot.session for spot in finding.where}), None)
+    return next((check for check, finding in charged if alike & {location.session for location in finding.where}), None)
 
 
 def _end_of(context: Context, run: ProcessRun) -> tuple[object, ...] | None:
@@ -297,22 +297,25 @@ def _end_of(context: Context, run: ProcessRun) -> tuple[object, ...] | None:
 
 
 def _why_down(context: Context, entry: Process, executable: str) -> Part:
-    spot = (Where(file=entry.file, line=entry.line),)
+    location = (Location(file=entry.file, line=entry.line),)
     run = context.session.process(entry.id)
     if run is None:
         why = f": {entry.absent}" if entry.absent else ""
-        return Part(0.0, "", f"{executable} was not started{why}.", where=spot)
+        return Part(0.0, "", f"{executable} was not started{why}.", where=location)
     if run.exited_ns is None or run.interrupted_ns is not None:
-        return Part(0.0, "", f"{executable} ran, but no such node appeared.", where=spot)
+        return Part(0.0, "", f"{executable} ran, but no such node appeared.", where=location)
     found = context.explain(run)
     if found is None:
-        said = f": {run.output[-1].text!r}." if run.output else "."
-        return Part(0.0, "", f"{executable} ended with status {run.exit_status}{said}", where=spot)
+        shown = f": {run.output[-1].text!r}." if run.output else "."
+        return Part(0.0, "", f"{executable} ended with status {run.exit_status}{shown}", where=location)
     line = entry.line
     if found.kind == "parameter-type" and entry.file:
         line = parameter_line(context.submission.texts.get(entry.file, ""), entry.line, found.subject)
-    where = (Where(file=entry.file, line=line), *([Where(file=found.file, line=found.line)] if found.file else []))
-    reason = f"{executable} ended with status {run.exit_status}: {told(found)}"
+    where = (
+        Location(file=entry.file, line=line),
+        *([Location(file=found.file, line=found.line)] if found.file else []),
+    )
+    reason = f"{executable} ended with status {run.exit_status}: {describe_diagnosis(found)}"
     return Part(0.0, "", reason, hint=found.remedy, where=where)
 
 
@@ -349,7 +352,7 @@ def launch_parameters(context: Context, p: LaunchParameters) -> Finding:
         part = _judge_parameter(context, p, wanted, plan, other)
         if entry is not None and entry.file and part.reason:
             line = parameter_line(context.submission.texts.get(entry.file, ""), entry.line, wanted.name)
-            part = replace(part, where=(Where(file=entry.file, line=line),))
+            part = replace(part, where=(Location(file=entry.file, line=line),))
         parts.append(part)
     if not parts:
         return not_reached("None of the nodes is started.", expected=expected)
@@ -457,7 +460,9 @@ def launch_together(context: Context, p: LaunchTogether) -> Finding:
         return not_reached(
             "Not tested, because each node has a fault that costs points in another check.", expected=expected
         )
-    return of_parts(expected, judged, where=(context.where(p.commands.topic),), doubt=kept_from_core(delay_s, length_s))
+    return of_parts(
+        expected, judged, where=(context.location(p.commands.topic),), doubt=cpu_delay_doubt(delay_s, length_s)
+    )
 
 
 def _is_up(context: Context, node: str | None) -> bool:
@@ -482,7 +487,7 @@ def _commands_come(context: Context, p: TogetherCommands, span: Span | None, del
     if alone_hz is None or as_set:
         return Part(1.0, f"commands at {timing.rate_hz:.1f} Hz")
     most_hz = without_delay(timing.rate_hz, delay_s, span.duration_s) if span is not None else timing.rate_hz
-    share, best = (in_steps(min(1.0, hz / alone_hz / p.least_share), 2) for hz in (timing.rate_hz, most_hz))
+    share, best = (quantise(min(1.0, hz / alone_hz / p.least_share), 2) for hz in (timing.rate_hz, most_hz))
     both = (timing.rate_hz, alone_hz)
     shown, alone_shown = (apart(hz, *(both if share < 1 else ()), places=1) for hz in both)
     reason = f"Commands come at {shown} Hz, while alone they come at {alone_shown} Hz."
@@ -496,7 +501,7 @@ def _rate_alone_hz(alone: Recorded, p: TogetherCommands) -> float | None:
     return timing.rate_hz if timing is not None and not (span and clock_step_s(alone.record, span)) else None
 
 
-#: Share of a window for which a process was kept from a core, from which what others do may depend on that.
+#: Share of a window for which a process was delayed, from which what others do may depend on that.
 _MANY_DELAYS = 0.25
 
 

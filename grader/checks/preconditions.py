@@ -8,38 +8,42 @@ from dataclasses import replace
 from pathlib import PurePosixPath
 from typing import Any
 
-from grader.checks.base import Context, Unexplained, failed, inconclusive, told, undecided
+from grader.checks.base import Context, Unexplained, describe_diagnosis, failed, inconclusive, undecided
 from grader.checks.endpoints import claimed_at
 from grader.evidence.cpu_delay import Span
 from grader.evidence.crash.diagnosis import Diagnosis
 from grader.evidence.crash.limits import ended_by_limit, hit_limit
-from grader.evidence.environment_gap import only_elsewhere
+from grader.evidence.environment_gap import environment_gap
 from grader.evidence.recorded import clock_step_s
 from grader.evidence.text.source import spin_lines
 from grader.recording.session import Claim
-from grader.result import Finding, Where
+from grader.result import Finding, Location
 
-Explanation = tuple[str, str, tuple[Where, ...]]
+Explanation = tuple[str, str, tuple[Location, ...]]
 
 
 def missing_artifact(context: Context, artifact: str | None) -> Finding | None:
-    """State that an artifact's file is not there, or None if it is; and if one of its name was not taken in, why."""
+    """State that an artifact's file is not there, or None if it is; and if one of its name was not extracted, why."""
     if artifact is None or context.path_of(artifact) is not None:
         return None
     fact = context.submission.artifact(artifact)
     name = fact.expected if fact else artifact
-    left_out = [said for said in context.submission.left_out if PurePosixPath(said.partition(": ")[0]).name == name]
+    left_out = [note for note in context.submission.left_out if PurePosixPath(note.partition(": ")[0]).name == name]
     reason = f"There is no {name} in the submission." + (f" Left out was {left_out[0]}." if left_out else "")
     return failed(f"a file {name}", "no such file", reason, hint=f"Hand in a file named {name}.")
 
 
-def proof(context: Context, p: Any) -> tuple[Where, ...]:
+def proof(context: Context, p: Any) -> tuple[Location, ...]:
     """Return where the proof of a finding lies that names no other place."""
     if context.recorded is None:
         return ()
     artifact = getattr(p, "artifact", None)
     return (
-        context.where(p.topic) if hasattr(p, "topic") else context.output_of(artifact) if artifact else context.where(),
+        context.location(p.topic)
+        if hasattr(p, "topic")
+        else context.output_of(artifact)
+        if artifact
+        else context.location(),
     )
 
 
@@ -51,7 +55,7 @@ def explained(context: Context, p: Any, finding: Finding) -> Finding:
     students = (run.artifact for run in context.session.record.processes if run.role == "student")
     artifact = getattr(p, "artifact", None) or (run.artifact if run is not None else next(students, None))
     reason, hint, where = (artifact and why_nothing(context, artifact)) or (finding.reason, "", ())
-    where = (*where, *(spot for spot in finding.where or proof(context, p) if spot not in where))
+    where = (*where, *(location for location in finding.where or proof(context, p) if location not in where))
     return Finding(**{**vars(finding), "reason": reason, "hint": hint or finding.hint, "where": where})
 
 
@@ -63,7 +67,11 @@ def why_nothing(context: Context, artifact: str) -> Explanation | None:
     if hit is not None and (found is None or ended_by_limit(processes[-1])):
         return *hit, (output,)
     if found is not None:
-        return told(found), found.remedy, (Where(file=found.file, line=found.line) if found.file else output,)
+        return (
+            describe_diagnosis(found),
+            found.remedy,
+            (Location(file=found.file, line=found.line) if found.file else output,),
+        )
     return _ended_already(context, artifact)
 
 
@@ -84,29 +92,29 @@ def _ended_already(context: Context, artifact: str) -> Explanation | None:
     path = context.path_of(artifact) or ""
     ended = f"Your {artifact} node had already ended (exit status 0 after {after_s:.1f} s, no error)"
     if path and spin_lines(context.submission.texts.get(path, ""), context.submission.texts) == ():
-        return f"{ended}: main() never reaches rclpy.spin(node).", _SPIN_HINT, (Where(file=path), output)
+        return f"{ended}: main() never reaches rclpy.spin(node).", _SPIN_HINT, (Location(file=path), output)
     return f"{ended}.", "Let main() spin the node until Ctrl-C.", (output,)
 
 
 _SPIN_HINT = "Call rclpy.spin(node) in main() after creating the node: it runs the node's callbacks until Ctrl-C."
 
 
-def runs_elsewhere(context: Context, artifact: str, expected: str) -> Finding | None:
+def not_assessable_here(context: Context, artifact: str, expected: str) -> Finding | None:
     """State that a program cannot be judged since it needs what is missing here, or None if it does not."""
     found = context.diagnosis(artifact)
-    reason = environment_gap(context, artifact, found)
+    reason = environment_gap_of(context, artifact, found)
     if found is None or reason is None:
         return None
-    spot = Where(file=found.file, line=found.line) if found.file else context.where()
-    return inconclusive(expected, told(found), reason, where=(spot,), retry=False)
+    location = Location(file=found.file, line=found.line) if found.file else context.location()
+    return inconclusive(expected, describe_diagnosis(found), reason, where=(location,), retry=False)
 
 
-def environment_gap(context: Context, artifact: str, found: Diagnosis | None) -> str | None:
+def environment_gap_of(context: Context, artifact: str, found: Diagnosis | None) -> str | None:
     """Say what a program needs that is missing here, by how one of its runs ended; None if all runs do not end so.
 
     What is missing is missing whenever the program runs, in whatever session.
     """
-    reason = only_elsewhere(found, context.submission, context.path_of(artifact))
+    reason = environment_gap(found, context.submission, context.path_of(artifact))
     if found is None or reason is None:
         return None
     records = [recorded.record for recorded in context.sessions.values()]

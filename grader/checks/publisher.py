@@ -10,16 +10,16 @@ import numpy as np
 from pydantic import Field
 
 from grader.checks.base import (
-    STEPS,
+    CREDIT_LEVELS,
     Context,
     Part,
     apart,
+    cpu_delay_doubt,
     failed,
     graded,
-    in_steps,
-    kept_from_core,
     of_parts,
     percent,
+    quantise,
     ramp,
     unexplained,
     without_delay,
@@ -32,7 +32,7 @@ from grader.evidence.timing import Timing, timing_of
 from grader.lab import references as ref
 from grader.lab.references import Parameters, Share
 from grader.recording.session import Claim, Endpoint
-from grader.result import Finding, Where
+from grader.result import Finding, Location
 
 _NUMBER = re.compile(r"\d+(?:\.\d*)?(?:[eE][+-]?\d+)?")
 
@@ -65,7 +65,7 @@ def topic_published(context: Context, p: TopicPublished) -> Finding:
     wrong += [(p.other_type_costs, reason) for reason in _wrong_definition(context, used, endpoints)]
     wrong += p.node_faults(p.node, nodes)
     measured = f"{len(stream)} messages of type {found_type} on {used}" + (f", from {nodes[0]}" if nodes else "")
-    where = (*claimed_at(claim_of(context, "publisher", p.topic)), context.where(p.topic))
+    where = (*claimed_at(claim_of(context, "publisher", p.topic)), context.location(p.topic))
     return of_parts(expected, [Part(1.0, measured)], costs=wrong, where=where)
 
 
@@ -116,27 +116,27 @@ class _Timed(Parameters):
         return timing.arrived, span, delay_s + late_s, by
 
     def calm(self, context: Context, timing: Timing, by: str, harmless_s: float) -> Calm | None:
-        """Return the intervals that no delay of the machine touched which does harm; None where they are too few."""
+        """Return the intervals that no harmful delay of the machine affected; None where they are too few."""
         run = context.session.process(self.process)
         if run is None or run.disturbed is None or by or timing.burst_error_hz is not None:
             return None
         calm = calm_intervals(context.session.delays(run), timing.times_ns, timing.intervals_s, harmless_s)
         return calm if calm.is_enough else None
 
-    def spot(self, context: Context, span: Span | None) -> Where:
+    def location(self, context: Context, span: Span | None) -> Location:
         """Point at the messages in a window."""
         ends = {"start_s": span.start_ns, "end_s": span.end_ns} if span is not None else {}
-        return context.where(self.topic, **{end: context.session.since_start_s(t_ns) for end, t_ns in ends.items()})
+        return context.location(self.topic, **{end: context.session.since_start_s(t_ns) for end, t_ns in ends.items()})
 
 
-#: Share of a span for which a process was kept from a core, from which that is named as the reason of a doubt.
+#: Share of a span for which a process was delayed, from which that is the reason of a doubt.
 _NOTABLE_DELAY = 0.005
 
 
 def _doubt(delay_s: float, length_s: float) -> dict[str, Any]:
     """Say what keeps a share from being decided, and whether that is the machine's doing."""
     if delay_s > _NOTABLE_DELAY * length_s:
-        return {"doubt": kept_from_core(delay_s, length_s), "by_machine": True}
+        return {"doubt": cpu_delay_doubt(delay_s, length_s), "by_machine": True}
     return {"doubt": "The measurement error spans more than one credit level.", "by_machine": False}
 
 
@@ -157,8 +157,8 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
     expected = (
         f"{full[0]} to {full[1]} Hz for full credit; less the further off; none below {zero[0]} or above {zero[1]} Hz"
     )
-    timers, spot = _timers(context), p.spot(context, span)
-    where = (*(claimed_at(timers[0]) if len(timers) == 1 else ()), spot)
+    timers, location = _timers(context), p.location(context, span)
+    where = (*(claimed_at(timers[0]) if len(timers) == 1 else ()), location)
     if timing is None:
         count = len(context.session.stream(p.topic))
         reason = f"Only {count} messages arrived, too few to measure a rate."
@@ -181,8 +181,8 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
         sent_s = of_s - silent_s
         measured = f"{timing.rate_hz:.2f} Hz for {sent_s:.1f} s, then nothing for {silent_s:.1f} s"
         reason = f"Messages stop after {sent_s:.1f} s of the {of_s:.1f} s. The program ran on without publishing."
-        share = in_steps(min(best, ramp(silent_s / of_s, p.full_within, p.zero_beyond)))
-        return unexplained(graded(share, expected, measured, reason, hint=_SILENT_HINT, where=(spot,)))
+        share = quantise(min(best, ramp(silent_s / of_s, p.full_within, p.zero_beyond)))
+        return unexplained(graded(share, expected, measured, reason, hint=_SILENT_HINT, where=(location,)))
     shown_hz = apart(timing.rate_hz, *(p.rate_hz * (1 + k * p.full_within) for k in (-1, 1)), places=2)
     longest = f", the longest interval {timing.intervals_s.max():.2f} s" if len(timing.intervals_s) else ""
     measured = (
@@ -194,7 +194,7 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
     rate = apart(timing.rate_hz, p.rate_hz, places=1)
     reason = f"Messages come at {rate} Hz, {than} {p.rate_hz:g} Hz.{_by_timer(timers)}"
     doubt = _doubt(delay_s, length_s)
-    return graded(worst, expected, measured, reason, where=where, best=best, steps=STEPS, **doubt)
+    return graded(worst, expected, measured, reason, where=where, best=best, levels=CREDIT_LEVELS, **doubt)
 
 
 #: A delay of this share of an interval does not change how many there are.
@@ -237,7 +237,7 @@ def _silence_s(context: Context, p: TopicRate, span: Span | None) -> tuple[float
 
 
 _SILENT_HINT = "Publish for as long as the node runs; its output shows what ended or stopped it."
-#: Share of a span for which a process was kept from a core, from which its usual interval may be longer by that.
+#: Share of a span for which a process was delayed, from which its usual interval may be longer by that.
 _MANY_DELAYS = 0.25
 
 
@@ -263,7 +263,7 @@ def _timers(context: Context) -> list[Claim]:
 
 
 #: Credit for evenness comes in halves: a quantile is known only to some part of itself.
-_JITTER_STEPS = 2
+_JITTER_LEVELS = 2
 
 
 class TopicJitter(_Timed):
@@ -277,12 +277,12 @@ class TopicJitter(_Timed):
 def topic_jitter(context: Context, p: TopicJitter) -> Finding:
     """Judge the evenness of intervals between consecutive samples."""
     timing, span, delay_s, by = p.measured(context)
-    half_within_s = (p.full_within_s + p.zero_beyond_s) / _JITTER_STEPS
+    half_within_s = (p.full_within_s + p.zero_beyond_s) / _JITTER_LEVELS
     expected = (
         f"{percent(p.share)} of the gaps between messages within {p.full_within_s * 1e3:g} ms of the usual gap; "
         f"half credit within {half_within_s * 1e3:g} ms"
     )
-    where = (p.spot(context, span),)
+    where = (p.location(context, span),)
     if timing is None or not len(timing.intervals_s):
         return failed(
             expected, "too few messages", "Too few messages arrived to measure the gaps between them.", where=where
@@ -300,7 +300,7 @@ def topic_jitter(context: Context, p: TopicJitter) -> Finding:
     off = f"{apart(deviation_s * 1e3, *limits_ms, places=1)} ms off the usual {timing.median_s * 1e3:.1f} ms"
     reason = f"One gap in {round(1 / (1 - p.share))} is more than {off}."
     doubt = _doubt(delay_s, span.duration_s if span else float(timing.intervals_s.sum()))
-    return graded(worst, expected, measured, reason, where=where, best=best, steps=_JITTER_STEPS, **doubt)
+    return graded(worst, expected, measured, reason, where=where, best=best, levels=_JITTER_LEVELS, **doubt)
 
 
 class MessageValues(Parameters):
@@ -329,7 +329,7 @@ def message_values(context: Context, p: MessageValues) -> Finding:
     if not all(finite):
         reasons.append(f"{finite.count(False)} messages hold numbers that are not finite.")
     # One bad message is as clear as many, however often it comes.
-    share = 1.0 if good == len(rows) else min(in_steps(good / len(rows)), 1 - 1 / STEPS)
+    share = 1.0 if good == len(rows) else min(quantise(good / len(rows)), 1 - 1 / CREDIT_LEVELS)
     return graded(share, expected, measured, " ".join(reasons))
 
 
@@ -376,16 +376,16 @@ def sinusoids(context: Context, p: Sinusoids) -> Finding:
     series = context.numeric(p.topic, p.field, finite=False)
     if series is None or len(series.values) < _FEWEST:
         return failed(expected, "too few numbers", "Too few messages with numbers arrived to see a motion.")
-    parts, elsewhere = [], set()
+    parts, misplaced = [], set()
     for component in p.components:
         part = _judge_component(series, component, p)
-        if part.share < p.misplaced_credit and (place := _place_of(series, component, p)) is not None:
-            elsewhere.add(place)
+        if part.share < p.misplaced_credit and (element := _element_of(series, component, p)) is not None:
+            misplaced.add(element)
             part = Part(
-                p.misplaced_credit, part.text, f"The motion of element {component.index} is in element {place}."
+                p.misplaced_credit, part.text, f"The motion of element {component.index} is in element {element}."
             )
         parts.append(part)
-    moving = [str(index) for index in _others_that_move(series.values, p) if index not in elsewhere]
+    moving = [str(index) for index in _others_that_move(series.values, p) if index not in misplaced]
     parts.append(Part(0.0, "", f"Element {', '.join(moving)} should stay at 0, but moves.") if moving else Part(1.0))
     return of_parts(expected, parts)
 
@@ -394,7 +394,7 @@ def sinusoids(context: Context, p: Sinusoids) -> Finding:
 _FEWEST = 20
 
 
-def _place_of(series: NumericStream, c: Component, p: Sinusoids) -> int | None:
+def _element_of(series: NumericStream, c: Component, p: Sinusoids) -> int | None:
     """Return the other element that moves as a component should."""
     places = (i for i in range(min(p.others_still, series.values.shape[1])) if i != c.index)
     finite = (i for i in places if np.isfinite(series.values[:, i]).all())
@@ -510,5 +510,5 @@ def offered_qos(context: Context, p: OfferedQos) -> Finding:
     )
     measured = f"offers {qos.reliability.upper()}, {qos.durability.upper()}"
     measured += f", depth {asked.depth} in the source" if asked is not None else ""
-    where = (*claimed_at(claim), context.where(p.topic))
+    where = (*claimed_at(claim), context.location(p.topic))
     return graded(1 - len(wrong) / max(1, len(wanted)), expected, measured, reason, where=where, notes=notes)

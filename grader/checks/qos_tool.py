@@ -12,13 +12,13 @@ from grader.checks.base import (
     Context,
     Part,
     apart,
+    cpu_delay_doubt,
     graded,
-    in_steps,
     inconclusive,
-    kept_from_core,
     not_reached,
     of_parts,
     percent,
+    quantise,
     undecided,
     unexplained,
     without_delay,
@@ -31,7 +31,7 @@ from grader.lab import references as ref
 from grader.lab.patterns import compiled, search
 from grader.lab.references import Parameters, Pattern, Share
 from grader.recording.session import OutputLine, ProcessRun, Qos
-from grader.result import Finding, Outcome, Where
+from grader.result import Finding, Location, Outcome
 
 
 class EndsByItself(Parameters):
@@ -55,8 +55,8 @@ def ends_by_itself(context: Context, p: EndsByItself) -> Finding:
         return inconclusive(expected, "not started", "The recording does not show the program.")
     run = processes[-1]
     printed = _without_tracebacks(run.output)
-    said = search(p.output, printed) is not None
-    half = p.half_credit if said else 0.0
+    claimed = search(p.output, printed) is not None
+    half = p.half_credit if claimed else 0.0
     if run.interrupted_ns is not None or run.ended_by != "itself":
         stopped_s = ((run.interrupted_ns or run.started_ns) - run.started_ns) / 1e9
         reason = f"It was still running after {stopped_s:.0f} s and had to be stopped."
@@ -64,8 +64,8 @@ def ends_by_itself(context: Context, p: EndsByItself) -> Finding:
         return graded(half, expected, "had to be stopped", reason, hint=hint)
     ran_s = ((run.exited_ns or context.session.record.ended_ns) - run.started_ns) / 1e9
     shown_s = apart(ran_s, p.least_s, places=1)
-    measured = f"ended after {shown_s} s with status {run.exit_status}" + ("" if said else ", no results")
-    if said:
+    measured = f"ended after {shown_s} s with status {run.exit_status}" + ("" if claimed else ", no results")
+    if claimed:
         reason = f"It ended after {shown_s} s, which is too early."
         share = half if ran_s < p.least_s else 1.0
         return graded(share, expected, measured, reason, notes=[] if run.exit_status == 0 else [_BAD_END])
@@ -116,16 +116,16 @@ def topics_carry_traffic(context: Context, p: TopicsCarryTraffic) -> Finding:
     for topic in p.topics:
         used, count = context.session.used(topic), _written(context, topic)
         renamed, few = bool(count) and used != topic, count < p.least_messages
-        least, most = (in_steps(n / p.least_messages) for n in (count, without_delay(count, delay_s, length_s)))
+        least, most = (quantise(n / p.least_messages) for n in (count, without_delay(count, delay_s, length_s)))
         share, best = (max(0.0, min(1.0, each) - p.other_name_costs * renamed) for each in (least, most))
         reasons = [f"Too few messages arrived on {topic}."] * few
         reasons += [f"{topic} is named {used}; the other checks use that name."] * renamed
         parts.append(Part(share, f"{used} {count}", " ".join(reasons), best))
-    return of_parts(expected, parts, doubt=kept_from_core(delay_s, length_s))
+    return of_parts(expected, parts, doubt=cpu_delay_doubt(delay_s, length_s))
 
 
 def _delay_s(context: Context, run: ProcessRun) -> tuple[float, float]:
-    """Return for how long the machine kept a process from its core, and how long it ran, in s."""
+    """Return for how long the machine delayed a process, and how long it ran, in s."""
     span = _life(context, run)
     return context.session.machine_delay_s(run, span), span.duration_s
 
@@ -167,7 +167,7 @@ class _Side:
     kind: str
     seen: tuple[Qos, ...]
     asked: Qos | None
-    where: tuple[Where, ...]
+    where: tuple[Location, ...]
 
     @classmethod
     def of(cls, context: Context, kind: str, topic: str) -> _Side:
@@ -198,7 +198,7 @@ def qos_profiles(context: Context, p: QosProfiles) -> Finding:
     finding = of_parts(
         "; ".join(f"{w.topic}: {w.reliability}, {w.history} {w.depth}, {w.durability}" for w in p.profiles),
         [_judge_profile(wanted, each) for wanted, each in sides.items()],
-        where=(context.where(),),
+        where=(context.location(),),
     )
     unknown = [f"the {s.kind} on {w.topic}" for w, each in sides.items() for s in each if s.seen and s.asked is None]
     if not unknown or finding.outcome is not Outcome.PASSED:
@@ -221,7 +221,7 @@ def _judge_profile(wanted: WantedProfile, sides: Sequence[_Side]) -> Part:
         sum(right) / len(right) * (1 - len(lacking) / len(sides)),
         f"{topic}: {shown}",
         " ".join(reasons),
-        where=tuple(spot for side, _ in charged for spot in side.where),
+        where=tuple(location for side, _ in charged for location in side.where),
     )
 
 
@@ -256,7 +256,9 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
     """Judge each row: half for the count, half for the latency."""
     claims = {row.name: _claimed(context, p, row) for row in p.rows}
     # Where nothing was sent, and nothing is said to have come, that is charged with the traffic.
-    rows = [r for r in p.rows if _written(context, r.topic) or ((said := claims[r.name]) is not None and said.count)]
+    rows = [
+        r for r in p.rows if _written(context, r.topic) or ((claimed := claims[r.name]) is not None and claimed.count)
+    ]
     expected = (
         f"for each profile the messages delivered (± {percent(p.count_tolerance)}) and a latency that is possible"
     )
@@ -280,7 +282,7 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
         latency = "no latency" if claim.mean_s is None else f"{claim.mean_s * 1e3:.2f} ms"
         hint = _SIDES_HINT if "incompatible" in reason else ""
         parts.append(Part(share, f"{row.name} {claim.count} of {written}, {latency}", reason, best, hint=hint))
-    where, doubt = (context.output_of(p.artifact),), kept_from_core(delay_s, length_s)
+    where, doubt = (context.output_of(p.artifact),), cpu_delay_doubt(delay_s, length_s)
     measured = "" if any(part.text for part in parts) else "no results"
     return of_parts(expected, parts, measured=measured, where=where, doubt=doubt)
 
@@ -292,10 +294,10 @@ _SIDES_HINT = "Give publisher and subscription of a profile the same QoSProfile;
 def _claimed(context: Context, p: ReportedTraffic, row: Row) -> ResultRow | None:
     """Return what is printed about a row: in the pattern's form, or in another that can be read."""
     output = context.session.output_of(p.artifact)
-    lines = [plain_numbers(line.text[:LINE_LIMIT]) for line in output]
+    lines = [line.text[:LINE_LIMIT] for line in output]
     for loosely in (False, True):
         for place in lines_naming(lines, row.name, loosely=loosely):
-            if match := search(p.pattern, lines[place]):
+            if match := search(p.pattern, plain_numbers(lines[place])):
                 mean_s, max_s = (float(match[name]) / 1e3 for name in ("mean_ms", "max_ms"))
                 rounding_s = rounding_of(match["mean_ms"], 1e-3)
                 return ResultRow(output[place].t_ns, int(match["count"]), mean_s, max_s, rounding_s)

@@ -14,7 +14,7 @@ from pydantic import BaseModel
 
 from grader.checks import documentation, launch, publisher, qos_tool, service, subscriber
 from grader.checks.base import Context, undecided
-from grader.checks.preconditions import clock_set, explained, missing_artifact, proof, runs_elsewhere, unseen
+from grader.checks.preconditions import clock_set, explained, missing_artifact, not_assessable_here, proof, unseen
 from grader.lab.references import Parameters
 from grader.result import Finding, Outcome
 
@@ -48,7 +48,7 @@ class Check:
             return finding
         finding = explained(context, p, finding)
         if artifact is not None and self.by_endpoints and finding.outcome is Outcome.FAILED:
-            finding = runs_elsewhere(context, artifact, finding.expected) or finding
+            finding = not_assessable_here(context, artifact, finding.expected) or finding
         if self.seeks and finding.outcome in LOST:
             finding = unseen(context, p, finding, self.seeks) or finding
         lost = finding.outcome in LOST

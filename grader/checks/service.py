@@ -17,7 +17,7 @@ from grader.lab import references as ref
 from grader.lab.patterns import search, without
 from grader.lab.references import Parameters, Pattern, Share
 from grader.recording.session import StepRun
-from grader.result import Finding, Outcome, Where
+from grader.result import Finding, Location, Outcome
 
 
 class ServiceOffered(OfEndpoint):
@@ -42,7 +42,7 @@ def service_offered(context: Context, p: ServiceOffered) -> Finding:
     wrong = p.faults("service", (p.service, p.type), (used, offer.type), [offer.node])
     wrong += p.node_faults(p.node, [offer.node])
     measured = f"{used} of type {offer.type}, from {offer.node}"
-    where = (*claimed_at(claim_of(context, "service", p.service)), context.where())
+    where = (*claimed_at(claim_of(context, "service", p.service)), context.location())
     return of_parts(expected, [Part(1.0, measured)], costs=wrong, where=where)
 
 
@@ -99,11 +99,11 @@ def _problem(step: StepRun | None) -> str:
     return f"The call could not be made{': ' + problem if problem else ''}."
 
 
-def _spot(context: Context, step: StepRun | None) -> Where:
+def _location(context: Context, step: StepRun | None) -> Location:
     if step is None:
-        return context.where()
+        return context.location()
     service = step.result.get("service") or step.parameters.get("service")
-    return Where(
+    return Location(
         session=context.session.record.session,
         topic=service,
         start_s=context.session.since_start_s(step.started_ns),
@@ -143,7 +143,7 @@ def _silence(context: Context, step: StepRun | None, expected: str, problem: str
     stuck = any(s.kind == "get_parameters" and s.outcome == "timeout" for s in context.session.record.steps)
     hint = _STUCK_HINT if stuck else "End the service callback with `return response`, and do not wait in it."
     reason = f"{problem} {_STUCK}" if stuck else problem
-    fails = failed(expected, "no answer", reason, hint=hint, where=(_spot(context, step),))
+    fails = failed(expected, "no answer", reason, hint=hint, where=(_location(context, step),))
     return _earlier_silence(context, step, expected) or unexplained(fails)
 
 
@@ -157,7 +157,7 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
     request = step.parameters.get("request", {}) if step is not None else {}
     expected = f"{_shown(request)} → {_shown(p.response)}"
     response = _answer(step)
-    where = (_spot(context, step),)
+    where = (_location(context, step),)
     if response is None:
         return _silence(context, step, expected, _problem(step))
     measured = f"{_shown(response)} after {_latency_s(_calls(step)[0]) * 1e3:.1f} ms"
@@ -165,7 +165,7 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
     if wrong:
         return failed(expected, measured, f"In the answer, {' and '.join(wrong)}.", where=where)
     later = [] if context.charged(p.again_charged_by) else _later_answers(context, p)
-    contrary = next((answer for answer in (response, *later) if _says_contrary(p, answer)), None)
+    contrary = next((answer for answer in (response, *later) if _contradicts(p, answer)), None)
     if contrary is not None and not context.charged(p.again_charged_by):
         reason = f"It answers this request with {_shown(contrary)}, which means the opposite."
         return failed(expected, measured, reason, hint=_CONTRARY_HINT, where=where)
@@ -195,7 +195,7 @@ def _later_answers(context: Context, p: CallAnswered) -> list[Mapping[str, Any]]
     return [c["response"] for c in _calls(later) if c["response"] is not None] if alike else []
 
 
-def _says_contrary(p: CallAnswered, answer: Mapping[str, Any]) -> bool:
+def _contradicts(p: CallAnswered, answer: Mapping[str, Any]) -> bool:
     """Whether a message says the contrary of the request, and not what is wanted too, as "enabled (was disabled)"."""
     rest, found = without(p.contrary, str(answer.get(p.message_field, ""))) if p.contrary is not None else ("", False)
     return bool(found) and not (p.message is not None and search(p.message, rest))
@@ -227,7 +227,7 @@ def call_gated(context: Context, p: CallGated) -> Finding:
     off, on, started_off = (_answer(step) for step in steps.values())
     refuses, recovers, refuses_at_start = _fits(off, p.refused), _fits(on, p.recovered), _fits(started_off, p.refused)
     measured = f"off: {_shown(off)}; on again: {_shown(on)}; off from the start: {_shown(started_off)}"
-    where = tuple(_spot(context, step) for step in steps.values())
+    where = tuple(_location(context, step) for step in steps.values())
     enabling = context.findings.get(p.enables) if p.enables is not None else None
     fails = enabling is not None and enabling.outcome in (Outcome.FAILED, Outcome.NOT_REACHED)
     turned = fails and _fits(off, p.recovered) and _fits(on, p.refused)
@@ -242,13 +242,13 @@ def call_gated(context: Context, p: CallGated) -> Finding:
         return graded(p.half_credit * refuses_at_start, expected, measured, reason, hint=_THEN_THESE, where=where)
     unset = _not_set(context.session.step(p.set_step))
     words = str(off.get(p.message_field, "")) if off is not None else ""
-    only_said = recovers and p.refusal is not None and search(p.refusal, words)
+    only_message = recovers and p.refusal is not None and search(p.refusal, words)
     kept = unset or "a change while it runs has no effect."
     rows: tuple[tuple[object, float, str, str], ...] = (
         (turned, p.half_credit, _REVERSED, "Invert the condition."),
         (refuses and recovers, 1.0, "", ""),
         (refuses, p.half_credit, "It refuses, but does not recover when the parameter is true again.", ""),
-        (only_said, p.half_credit, _ONLY_SAID, "Set the field for success to False as well, not only the message."),
+        (only_message, p.half_credit, _ONLY_MESSAGE, "Set the success field to False too, not only the message."),
         (refuses_at_start, p.half_credit, f"{_AT_START} {kept}", _SET_HINT if unset else ""),
         (unset, 0.0, f"It still enables the robot, because {unset}", _SET_HINT),
         (True, 0.0, "It enables although the parameter is false.", ""),
@@ -266,7 +266,7 @@ def _not_set(step: StepRun | None) -> str:
 
 
 _AT_START = "It refuses only when the parameter is false from the start;"
-_ONLY_SAID = "Its message refuses, but the other fields report success, and client programs read those."
+_ONLY_MESSAGE = "Its message refuses, but the other fields report success, and client programs read those."
 _REVERSED = "It follows the parameter, but inverted: it enables while it is false and refuses while it is true."
 _SET_HINT = (
     "Declare the parameter with a default of the type that the lab gives it, not read-only; others can then set it."
@@ -329,7 +329,7 @@ def calls_in_time(context: Context, p: CallsInTime) -> Finding:
     step = context.session.step(p.step)
     wanted = int(step.parameters.get("repeat", 1)) if step is not None else 1
     expected = f"{wanted} calls, each answered within {p.within_s:g} s"
-    calls, where = _calls(step), (_spot(context, step),)
+    calls, where = _calls(step), (_location(context, step),)
     if step is None or _silent(step):
         return _silence(context, step, expected, _problem(step))
     latencies = [_latency_s(call) for call in calls if call["response"] is not None]
@@ -339,7 +339,7 @@ def calls_in_time(context: Context, p: CallsInTime) -> Finding:
     few = f"There was time for {len(calls)} of {wanted} calls." if len(calls) < wanted else ""
     if few and quick == len(calls) < p.enough:
         return unclear(expected, measured, f"{few} Those were answered in time.")
-    # What the machine kept from a core in a call, that which makes it included, may be why it took so long.
+    # How long the machine delayed a process in a call, that which makes it included, may be why it took so long.
     delays = [_delay_s(context, call) for call in calls]
     best = sum(_latency_s(call) - delay <= p.within_s for call, delay in zip(calls, delays, strict=True)) / len(calls)
     share, notes = quick / len(calls), [few] if few else []
@@ -350,7 +350,7 @@ def calls_in_time(context: Context, p: CallsInTime) -> Finding:
 
 
 def _delay_s(context: Context, call: Mapping[str, Any]) -> float:
-    """Return for how long the machine kept a process from its core during a call, that which makes it included."""
+    """Return for how long the machine delayed a process during a call, that which makes it included."""
     span = Span(int(call["started_ns"]), int(call["ended_ns"]))
     own_s = context.session.recorder_delay_s(span) + int(call.get("held_up_ns", 0)) / 1e9
     return context.session.longest_delay_s(span) + own_s

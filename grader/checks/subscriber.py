@@ -10,14 +10,14 @@ import numpy as np
 from pydantic import Field
 
 from grader.checks.base import (
-    STEPS,
+    CREDIT_LEVELS,
     Context,
     Part,
     apart,
+    cpu_delay_doubt,
     failed,
     graded,
     inconclusive,
-    kept_from_core,
     not_reached,
     of_parts,
     passed,
@@ -65,7 +65,7 @@ def topics_subscribed(context: Context, p: TopicsSubscribed) -> Finding:
         fallback = "The node subscribed to none of the topics, nor to any of a similar name."
         return unexplained(failed(expected, "no subscription in the graph", fallback))
     parts = [_judge_subscription(context, p, wanted, each) for wanted, each in endpoints.items()]
-    return of_parts(expected, parts, costs=p.node_faults(p.node, nodes), where=(context.where(),))
+    return of_parts(expected, parts, costs=p.node_faults(p.node, nodes), where=(context.location(),))
 
 
 def _judge_subscription(
@@ -198,7 +198,7 @@ def reported_series(context: Context, p: ReportedSeries) -> Finding:
         return unexplained(failed(expected, "no report", reason))
     fits = [plateau.shows(plateau.value, p) for plateau in plateaus]
     right, reached = sum(fits), max((n for n, each in enumerate(plateaus, 1) if each.reports), default=0)
-    where = (context.output_of(p.artifact), context.where(next(iter(p.streams.values()))))
+    where = (context.output_of(p.artifact), context.location(next(iter(p.streams.values()))))
     measured = f"right in {right} of {count} phases ({len(heard)} reports)"
     if right == count:
         return passed(expected, measured, where=where)
@@ -211,24 +211,24 @@ def reported_series(context: Context, p: ReportedSeries) -> Finding:
             return other.explains(context, wrong, right / count)
     # Spans without a report before the last that is right are charged by the share of reports.
     last_right = max((n for n, fit in enumerate(fits, 1) if fit), default=0)
-    elsewhere, notes = sum(not plateau.reports for plateau in plateaus[:last_right]), []
+    unreported, notes = sum(not plateau.reports for plateau in plateaus[:last_right]), []
     if p.end_charged_by is not None and reached < count and _ended(context, p.artifact):
         notes = [f"The node ended before the last {count - reached} phases, which costs points in {p.end_charged_by}."]
-        elsewhere += min(count - reached, count // 2)
-    judged = max(right, count - elsewhere)
+        unreported += min(count - reached, count // 2)
+    judged = max(right, count - unreported)
     kept, doubt = _kept_silent(context, p, plateaus[reached:])
     best = min(1.0, (right + kept) / judged)
     return graded(right / judged, expected, measured, example, where=where, notes=notes, best=best, doubt=doubt)
 
 
-#: So long the grader may stand still without reading a report at another value than that for which it was printed.
+#: So long the grader may stall without reading a report at another value than that for which it was printed.
 _READ_LATE_S = 0.3
 
 
 def _kept_silent(context: Context, p: ReportedSeries, silent: Sequence[_Plateau]) -> tuple[float, str]:
     """Return on how many plateaus the machine may have kept a node from what is right, and say so.
 
-    Those are the silent ones at the end for half of which it had no core; and any, where the grader stood still and
+    Those are the silent ones at the end for half of which it had no core; and any, where the grader stalled and
     read too late what was printed.
     """
     times = [stream.source_ns for stream in context.streams(p.streams, p.field).values()]
@@ -238,7 +238,7 @@ def _kept_silent(context: Context, p: ReportedSeries, silent: Sequence[_Plateau]
     )
     if not run or _ended(context, p.artifact):
         return 0.0, ""
-    doubt = kept_from_core(context.session.machine_delay_s(run[0], span), span.duration_s)
+    doubt = cpu_delay_doubt(context.session.machine_delay_s(run[0], span), span.duration_s)
     if context.session.stalled_s(span) > _READ_LATE_S and run[0].limit is None and not run[0].output_dropped_bytes:
         return float("inf"), doubt
     halves = (
@@ -276,7 +276,7 @@ def _lost_to_machine(context: Context, p: Streams) -> tuple[float, str]:
     claims = [claim_of(context, "subscription", topic) for topic in p.streams.values()]
     room = min(c.qos.depth if c is not None and c.qos is not None else 1 for c in claims) - 1
     lost_s = context.session.backlog(processes[-1], span, max(0, room) * length_s / len(most)).lost_s
-    return lost_s / length_s, kept_from_core(context.session.machine_delay_s(processes[-1], span), length_s)
+    return lost_s / length_s, cpu_delay_doubt(context.session.machine_delay_s(processes[-1], span), length_s)
 
 
 class Shorter(Parameters):
@@ -314,7 +314,7 @@ def reported_statistics(context: Context, p: ReportedStatistics) -> Finding:
     run = context.session.processes_of(p.artifact)[-1:]
     printed = _printed(p, context.session.output_of(p.artifact), run[0].interrupted_ns if run else None)
     if printed is None:
-        if run and (flaky := _ended_by_chance(run[0])):
+        if run and (flaky := _flaky_end(run[0])):
             return unclear(expected, "nothing", flaky)
         nothing = f"Nothing of the form '{p.label}: [...]' was printed after Ctrl-C."
         hint = f"Catch KeyboardInterrupt around rclpy.spin(node), and print '{p.label}: [...]' after it."
@@ -335,7 +335,7 @@ def _printed(p: ReportedStatistics, output: Sequence[Any], stopped_ns: int | Non
 _HIT_IN_A_CALL = "RuntimeError: Unable to convert call argument"
 
 
-def _ended_by_chance(run: ProcessRun) -> str:
+def _flaky_end(run: ProcessRun) -> str:
     """Say what befell a program at Ctrl-C that correct ones meet too now and then, if anything."""
     if any(_HIT_IN_A_CALL in line.text for line in run.output):
         return "Ctrl-C arrived inside a call into rclpy and became another error; a correct program can meet this too."
@@ -380,7 +380,9 @@ def _judge_vector(
     lost, late = _lost_to_machine(context, p)
     if fits:
         reason = f"Your numbers match only the {len(heard)} messages that the node reported; it missed the others."
-        return graded(of_all, expected, measured, reason, best=of_all + lost / p.full_from, doubt=late, steps=STEPS)
+        return graded(
+            of_all, expected, measured, reason, best=of_all + lost / p.full_from, doubt=late, levels=CREDIT_LEVELS
+        )
     best = 1.0 if heard and lost >= _LOST_SHARE else share
     return graded(share, expected, measured, f"Expected: {right_text}.", notes=notes, best=best, doubt=late)
 
@@ -392,7 +394,7 @@ def _silent_when_shorter(context: Context, p: ReportedStatistics, shorter: Short
         each = (sum(search(one, line.text[:2000]) is not None for line in run.output) for one in p.report_pattern)
         count = next(filter(None, each), 0)
         ended = run.role == "student" and run.ended_by == "interrupt" and not run.output_dropped_bytes
-        if not ended or not shorter.least <= count <= shorter.most or _ended_by_chance(run):
+        if not ended or not shorter.least <= count <= shorter.most or _flaky_end(run):
             continue
         unprinted = _printed(p, run.output, run.interrupted_ns) is None
         if unprinted and not any("KeyboardInterrupt" in line.text for line in run.output):
@@ -537,7 +539,7 @@ def report_share(context: Context, p: ReportShare) -> Finding:
     lost, late = _lost_to_machine(context, p)
     share = heard / max(1, possible) / p.full_from
     reason = f"Only {heard} of {possible} messages led to a report."
-    return graded(share, expected, measured, reason, best=share + lost / p.full_from, doubt=late, steps=STEPS)
+    return graded(share, expected, measured, reason, best=share + lost / p.full_from, doubt=late, levels=CREDIT_LEVELS)
 
 
 #: After so many intervals without a message, those that follow come with another value.
@@ -551,7 +553,7 @@ def _without_repeats(context: Context, p: Streams, heard: Sequence[Report]) -> l
 
     A node that fell behind reports on several messages at once, and may say the same of each. But of messages that
     came together after a silence it cannot say more than came until then. Where more is said than the time in which
-    the grader stood still explains, lines are repeated: those that follow each other faster than messages count once.
+    the grader stalled explains, lines are repeated: those that follow each other faster than messages count once.
     """
     streams = context.streams(p.streams, p.field).values()
     begun_ns = max((int(stream.source_ns[0]) for stream in streams), default=0)
@@ -560,17 +562,17 @@ def _without_repeats(context: Context, p: Streams, heard: Sequence[Report]) -> l
         return list(heard)
     interval_ns = float(np.median(np.diff(sent)))
     starts = sent[np.concatenate(([True], np.diff(sent) > _SILENT_INTERVALS * interval_ns))]
-    surplus = most = said = first = 0
+    surplus = most = counted = first = 0
     before: Report | None = None
     kept: list[Report] = []
     for report in sorted((r for r in heard if r.t_ns >= begun_ns), key=lambda report: report.t_ns):
         came = int(np.searchsorted(sent, report.t_ns, side="right"))
         if before is None or not np.isclose(report.value, before.value, rtol=_ALIKE):
-            surplus, most, said = surplus + most, 0, 0
+            surplus, most, counted = surplus + most, 0, 0
             first = int(np.searchsorted(sent, starts[starts <= report.t_ns][-1]))
-        said += 1
-        most = max(most, said - (came - first))
-        if said == 1 or before is None or report.t_ns - before.t_ns > interval_ns / 2:
+        counted += 1
+        most = max(most, counted - (came - first))
+        if counted == 1 or before is None or report.t_ns - before.t_ns > interval_ns / 2:
             kept.append(report)
         before = report
     stalled_s = context.session.stalled_s(Span(int(sent[0]), int(sent[-1])))

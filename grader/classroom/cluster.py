@@ -1,6 +1,6 @@
 """Other machines, through a Dask scheduler: a submission goes there as bytes, its results come back as bytes.
 
-Each worker grades as this machine would: in a process of its own for each submission, and within the places of the
+Each worker grades as this machine would: in a process of its own for each submission, and within the slots of the
 worker's machine. The scheduler gives the submissions of a worker that is lost to others.
 """
 
@@ -25,12 +25,12 @@ from grader.classroom.job import Ending, Job, Phase
 from grader.classroom.scheduler import Machine
 from grader.classroom.worker import grade_in_process
 from grader.errors import GraderError, PlatformError
-from grader.files import beside
+from grader.files import atomic_replacement
 from grader.live.sandbox.isolation import Level
 from grader.live.sandbox.probing import probe_isolation
 from grader.live.sandbox.scratch import scratch_prefix
 from grader.pipeline import PARTS
-from grader.submission.extraction import Handed, Intake, taken_in
+from grader.submission.extraction import Intake, SubmissionSource, open_submission
 
 _CONNECT_S = 10
 _WATCH_S = 1.0
@@ -45,7 +45,7 @@ class Bundle:
     #: Hash of the grader that sends it; only the same one may grade it.
     engine: str
     job: Job
-    #: The files that were taken in, packed.
+    #: The extracted files, packed.
     submission: bytes
     #: The files beside the rubric.
     lab: bytes
@@ -110,11 +110,11 @@ def _laid_out(sent: Bundle, scratch: Path) -> Job:
     for folder, content in ((lab, sent.lab), (submission, sent.submission)):
         folder.mkdir()
         unpack(content, folder)
-    assert isinstance(sent.job.handed, Intake)
+    assert isinstance(sent.job.source, Intake)
     options = sent.job.options
     return replace(
         sent.job,
-        handed=replace(sent.job.handed, folder=submission),
+        source=replace(sent.job.source, folder=submission),
         results=scratch / "results",
         rubric=replace(sent.job.rubric, folder=lab),
         options=replace(options, interpreter=Path(sys.executable)) if sent.own_interpreter else options,
@@ -135,13 +135,13 @@ async def cluster(address: str, note: Callable[[str], None]) -> AsyncIterator[Cl
     except ImportError:
         remedy = "In a checkout of the grader: pip install '.[cluster]'"
         raise PlatformError("the Python package distributed is not installed", remedy=remedy) from None
-    where: dict[str, Any] = {"scheduler_file": address} if Path(address).is_file() else {"address": address}
+    location: dict[str, Any] = {"scheduler_file": address} if Path(address).is_file() else {"address": address}
     try:
         client_of: Any = distributed.Client
-        client = await client_of(**where, asynchronous=True, timeout=_CONNECT_S, set_as_default=False)
+        client = await client_of(**location, asynchronous=True, timeout=_CONNECT_S, set_as_default=False)
     except (OSError, ValueError, asyncio.TimeoutError) as problem:
         remedy = f"Check --scheduler, and that the scheduler runs. ({problem})"
-        raise PlatformError("the scheduler cannot be reached", where=address, remedy=remedy) from problem
+        raise PlatformError("the scheduler cannot be reached", location=address, remedy=remedy) from problem
     opened = Cluster(client)
     if not await opened.workers():
         note("The scheduler has no workers yet; waiting for them.")
@@ -189,7 +189,7 @@ class Cluster:
         finally:
             del self._under_way[key]
         if results:
-            with beside(job.results, PARTS) as new:
+            with atomic_replacement(job.results, PARTS) as new:
                 await asyncio.to_thread(unpack, results, new)
         return ending, Level(level)
 
@@ -209,10 +209,10 @@ class Cluster:
 
     def _bundle(self, job: Job) -> bytes:
         lab = self._labs.setdefault(job.rubric.sha256, packed(fingerprint.lab_files(job.rubric)))
-        assert isinstance(job.handed, Handed)
-        with taken_in(job.handed, prefix=scratch_prefix()) as intake:
+        assert isinstance(job.source, SubmissionSource)
+        with open_submission(job.source, prefix=scratch_prefix()) as intake:
             own = job.options.interpreter == Path(sys.executable)
-            sent = replace(job, handed=intake)
+            sent = replace(job, source=intake)
             return pickle.dumps(Bundle(self._engine, sent, packed(files_in(intake.folder)), lab, own))
 
 

@@ -156,7 +156,7 @@ def fixtures_in(folder: Path) -> list[Fixture]:
     found = sorted(path.parent for path in folder.glob(f"*/{EXPECTED_FILE}"))
     if not found:
         remedy = "They come with a checkout of the grader; --fixtures names the folder that holds them."
-        raise SubmissionError("there are no fixtures", where=str(folder), remedy=remedy)
+        raise SubmissionError("there are no fixtures", location=str(folder), remedy=remedy)
     return [load_fixture(path) for path in found]
 
 

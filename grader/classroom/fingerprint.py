@@ -51,7 +51,7 @@ def lab_sha256(rubric: Rubric) -> str:
 
 
 def submission_sha256(intake: Intake) -> str:
-    """Return the hash of a submission that was taken in."""
+    """Return the hash of an extracted submission."""
     return _sha256_of(intake.left_out, sorted(_files_below(intake.folder)))
 
 

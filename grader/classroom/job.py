@@ -11,7 +11,7 @@ from grader.lab.rubric import Rubric
 from grader.live.sandbox.isolation import Isolation
 from grader.pipeline import Options
 from grader.result import Result
-from grader.submission.extraction import Handed, Intake
+from grader.submission.extraction import Intake, SubmissionSource
 
 #: What is kept of a text that says what went wrong.
 _MOST_TEXT = 2_000
@@ -21,12 +21,12 @@ _MOST_TEXT = 2_000
 class Job:
     """What to grade, by what, and where its results go."""
 
-    #: The submission; already taken in if another machine did that.
-    handed: Handed | Intake
+    #: The submission; already extracted if another machine did that.
+    source: SubmissionSource | Intake
     results: Path
     rubric: Rubric
     options: Options
-    #: How students' code is confined on the machine that grades it, and the places there; filled in there.
+    #: How students' code is confined on the machine that grades it, and the slots there; filled in there.
     isolation: Isolation | None = None
     machine: Machine | None = None
     #: How long its process may say nothing, in seconds, beyond what a session may take; all that it does by itself has
@@ -44,16 +44,16 @@ def problem_of(error: Exception) -> GraderError:
     """Return what an exception says, on one line and of a length that can be shown in a table."""
     found = described(error)
     problem = "; ".join([found.problem, *found.mistakes]) if isinstance(found, RubricError) else found.problem
-    told = GraderError(problem[:_MOST_TEXT], where=found.where[:_MOST_TEXT], remedy=found.remedy[:_MOST_TEXT])
-    told.exit_status = found.exit_status
-    return told
+    shown = GraderError(problem[:_MOST_TEXT], location=found.location[:_MOST_TEXT], remedy=found.remedy[:_MOST_TEXT])
+    shown.exit_status = found.exit_status
+    return shown
 
 
 @dataclass(frozen=True)
 class Row:
     """What became of a submission."""
 
-    handed: Handed
+    source: SubmissionSource
     ending: Ending
     #: Whether it was graded before, and nothing has changed.
     reused: bool = False

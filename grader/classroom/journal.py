@@ -148,7 +148,7 @@ def _lock(file: int, results: Path) -> None:
     except BlockingIOError:
         remedy = "Wait until it has ended, or give another folder by -o."
         problem = "another run of grade is writing to this results folder"
-        raise GraderError(problem, where=str(results), remedy=remedy) from None
+        raise GraderError(problem, location=str(results), remedy=remedy) from None
 
 
 def recordings_sha256(folder: Path) -> str:

@@ -87,10 +87,10 @@ class RunProgress(Live):
         """Take note of what became of a submission of a class."""
         failed = isinstance(row.ending, GraderError)
         remark = "as before" if row.reused else "not graded" if failed else ""
-        self.done(row.handed.name, None if row.reused else _line(row), remark)
+        self.done(row.source.name, None if row.reused else _line(row), remark)
 
     def note(self, text: str) -> None:
-        """Tell something about the run as a whole."""
+        """Report something about the run as a whole."""
         self._console.print(Text(terminal_text(text), "yellow"), soft_wrap=True)
 
     # -- what is shown ------------------------------------------------------------------------
@@ -123,9 +123,9 @@ class RunProgress(Live):
 
 
 def _line(row: Row) -> Text:
-    name = terminal_text(row.handed.name, _NAME_WIDTH)
+    name = terminal_text(row.source.name, _NAME_WIDTH)
     if isinstance(row.ending, GraderError):
-        return Text(f"✗ {name}: not graded: {_problem(row.ending, row.handed.name)}", "red")
+        return Text(f"✗ {name}: not graded: {_problem(row.ending, row.source.name)}", "red")
     score = row.ending.score
     undecided = f", {points(score.undecided)} undecided" if score.undecided else ""
     return Text(f"✓ {name}: {_points(row.ending)}{undecided} ({row.took_s:.0f} s)")
@@ -136,8 +136,8 @@ def _points(result: Result) -> str:
 
 
 def _problem(ending: GraderError, name: str) -> str:
-    where = f"{ending.where}: " if ending.where and Path(ending.where).name != name else ""
-    return terminal_text(f"{where}{ending.problem}", _PROBLEM_WIDTH)
+    location = f"{ending.location}: " if ending.location and Path(ending.location).name != name else ""
+    return terminal_text(f"{location}{ending.problem}", _PROBLEM_WIDTH)
 
 
 def print_class(console: Console, rows: Sequence[Row]) -> None:
@@ -147,7 +147,7 @@ def print_class(console: Console, rows: Sequence[Row]) -> None:
     table.add_column("points", justify="right", no_wrap=True)
     table.add_column("undecided", justify="right", no_wrap=True)
     for row in rows:
-        name = Text(terminal_text(row.handed.name, _NAME_WIDTH))
+        name = Text(terminal_text(row.source.name, _NAME_WIDTH))
         if isinstance(row.ending, Result):
             undecided = row.ending.score.undecided
             table.add_row(name, _points(row.ending), Text(points(undecided) if undecided else "", "magenta"))
@@ -156,8 +156,8 @@ def print_class(console: Console, rows: Sequence[Row]) -> None:
     console.print(table)
     for row in rows:
         if isinstance(row.ending, GraderError):
-            shown = terminal_text(row.handed.name, _NAME_WIDTH)
-            console.print(Text(f"{shown}: not graded: {_problem(row.ending, row.handed.name)}", "red"), soft_wrap=True)
+            shown = terminal_text(row.source.name, _NAME_WIDTH)
+            console.print(Text(f"{shown}: not graded: {_problem(row.ending, row.source.name)}", "red"), soft_wrap=True)
             if row.ending.remedy:
                 console.print(Text(f"  → {terminal_text(row.ending.remedy)}", "cyan"), soft_wrap=True)
 

@@ -146,11 +146,11 @@ def regrade(
         )
     results = folders[0].resolve().parent
     measures, failed = _measures(results, folders, rubric, overrides, trusted=trusted)
-    found = judge_again(results, measures, pages=pages, jobs=jobs, on_judged=on_judged)
+    found = regrade_all(results, measures, pages=pages, jobs=jobs, on_judged=on_judged)
     return replace(found, failed=dict(sorted({**failed, **found.failed}.items())))
 
 
-def judge_again(
+def regrade_all(
     results: Path,
     measures: Mapping[Path, Measure],
     *,

@@ -1,4 +1,4 @@
-"""Places for cells on this machine, shared by all gradings that run on it at a time."""
+"""Slots for sandboxes on this machine, shared by all gradings that run on it at a time."""
 
 from __future__ import annotations
 
@@ -7,52 +7,52 @@ import socket
 from collections.abc import Callable, Iterable
 
 from grader.live.sandbox.isolation import Isolation
-from grader.live.session.runner import cells_at_a_time
+from grader.live.session.runner import sessions_at_a_time
 
 _POLL_S = 0.1
-#: The most places there are; what runs alone holds all of them.
-MOST_PLACES = 16
+#: The most slots there are; what runs alone holds all of them.
+MOST_SLOTS = 16
 
 
 class Machine:
-    """A number of places for cells, or all of them for one.
+    """A number of slots for sandboxes, or all of them for one.
 
     Parameters
     ----------
     places : int
-        Cells at a time.
+        Sandboxes at a time.
     name : str
         Under which gradings find each other.
 
     Notes
     -----
-    Whoever holds the abstract socket of a place's name holds the place, so the kernel frees what a killed process
-    held, and nothing is left behind. Everyone comes through a `turnstile`, so that cells which come later do not
-    keep one that waits for all places from them.
+    Whoever holds the abstract socket of a slot's name holds the slot, so the kernel frees what a killed process
+    held, and nothing is left behind. Everyone comes through a `turnstile`, so that sandboxes which come later do not
+    keep one that waits for all slots from them.
     """
 
-    def __init__(self, places: int, name: str = "grade") -> None:
-        self.places = min(places, MOST_PLACES)
+    def __init__(self, slots: int, name: str = "grade") -> None:
+        self.slots = min(slots, MOST_SLOTS)
         self._name = name
 
     @classmethod
     def of(cls, isolation: Isolation, jobs: int | None = None) -> Machine:
-        """Return this machine's places: so many as are wanted, or as its cores allow.
+        """Return this machine's slots: so many as are wanted, or as its cores allow.
 
-        Where cells share a network, one could speak in another's, so that there is one place.
+        Where sandboxes share a network, one could speak in another's, so that there is one slot.
         """
-        return cls(jobs if jobs is not None and isolation.namespaces else cells_at_a_time(isolation))
+        return cls(jobs if jobs is not None and isolation.namespaces else sessions_at_a_time(isolation))
 
     async def take(self, *, alone: bool = False) -> Callable[[], None]:
-        """Wait for a place, or for all; returns what gives them back."""
+        """Wait for a slot, or for all; returns what gives them back."""
         held: list[socket.socket] = []
         turnstile = await self._bind(["turnstile"])
         try:
             if alone:
-                for number in range(1, MOST_PLACES + 1):
-                    held.append(await self._bind([f"place-{number}"]))
+                for number in range(1, MOST_SLOTS + 1):
+                    held.append(await self._bind([f"slot-{number}"]))
             else:
-                held.append(await self._bind([f"place-{number}" for number in range(1, self.places + 1)]))
+                held.append(await self._bind([f"slot-{number}" for number in range(1, self.slots + 1)]))
         except BaseException:
             _close(held)
             raise

@@ -21,7 +21,7 @@ from grader.lab.rubric import Rubric
 from grader.pipeline import Options
 from grader.report.escape import terminal_text
 from grader.report.views import points
-from grader.submission.extraction import Handed
+from grader.submission.extraction import SubmissionSource
 
 _STYLES = {"✓": "green", "?": "magenta"}
 _LONGEST = 600
@@ -79,14 +79,14 @@ async def _graded(
 ) -> FixtureRun:
     name = fixture.name
     try:
-        handed = Handed.of(fixture.lay_out(folder / "submissions"))
+        source = SubmissionSource.of(fixture.lay_out(folder / "submissions"))
         options = replace(options, sessions=list(fixture.expectation.sessions))
-        ending, _ = await here.grade(Job(handed, folder / name, rubric, options), partial(display.phase, name))
+        ending, _ = await here.grade(Job(source, folder / name, rubric, options), partial(display.phase, name))
     except OSError as error:
         ending = problem_of(error)
     if isinstance(ending, GraderError):
-        where = f"{ending.where}: " if ending.where else ""
-        return FixtureRun(name, "!", (f"not graded: {where}{ending.problem}",))
+        location = f"{ending.location}: " if ending.location else ""
+        return FixtureRun(name, "!", (f"not graded: {location}{ending.problem}",))
     verdict = compare(fixture.expectation, ending, rubric)
     sign = "✓" if not verdict.differences else "?" if verdict.undecided else "✗"
     return FixtureRun(name, sign, verdict.differences, ending.final, ending.score.possible)

@@ -2,7 +2,7 @@
 
 Both ends: `grade_in_process` starts the process with a job in a file, and ends it when it hangs; the process says on
 its standard output what it is doing, and at last how that ended. For each session, and for its own work, it waits for
-one of the machine's places.
+one of the machine's slots.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from grader.classroom.job import Ending, Job, Phase, problem_of
 from grader.errors import GraderError
 from grader.files import UNFINISHED
 from grader.lab.rubric import SessionSpec
-from grader.live.sandbox.scratch import remove_leavings, scratch_prefix
-from grader.live.session.runner import Progress, Shared
+from grader.live.sandbox.scratch import remove_stale, scratch_prefix
+from grader.live.session.runner import Progress, SchedulingContext
 
 #: What reading and judging a submission may take of the address space; some 0.7 GiB suffice.
 _MOST_MEMORY_BYTES = 4 * 1024**3
@@ -47,7 +47,7 @@ _MOST_LINE_BYTES = 64 * 1024 * 1024
 async def grade_in_process(job: Job, on_phase: Callable[[Phase], None]) -> Ending:
     """Grade one submission in a process of its own; returns how it ended, and never fails because of it."""
     assert job.machine is not None
-    # So that starting takes no core from a session; the process itself takes the next place.
+    # So that starting takes no core from a session; the process itself takes the next slot.
     give_back = await job.machine.take()
     try:
         with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as scratch:
@@ -80,18 +80,18 @@ async def _run(job: Job, scratch: Path, on_phase: Callable[[Phase], None], on_st
     try:
         while (line := await asyncio.wait_for(process.stdout.readline(), quiet_s)).endswith(b"\n"):
             on_started()
-            said: Phase | Ending = pickle.loads(base64.b64decode(line))
-            if isinstance(said, Phase):
-                on_phase(said)
+            message: Phase | Ending = pickle.loads(base64.b64decode(line))
+            if isinstance(message, Phase):
+                on_phase(message)
             else:
-                ending = said
+                ending = message
         await asyncio.wait_for(process.wait(), quiet_s)
     except asyncio.TimeoutError:
         remedy = "Grade this submission alone and watch its progress; the others are not affected."
         ending = ending or GraderError(f"the grader's process reported nothing for {quiet_s:g} s", remedy=remedy)
     finally:
         await _end(process)
-        remove_leavings()
+        remove_stale()
     return ending or _broken(process.returncode, scratch / "stderr")
 
 
@@ -109,10 +109,10 @@ async def _end(process: asyncio.subprocess.Process) -> None:
         await asyncio.wait_for(process.communicate(), _END_S)
 
 
-def _broken(status: int | None, said: Path) -> GraderError:
+def _broken(status: int | None, errors: Path) -> GraderError:
     """Return what is known of a process that ended without an ending."""
     how = f"status {status}" if status is None or status >= 0 else signal.Signals(-status).name
-    lines = said.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+    lines = errors.read_text(encoding="utf-8", errors="replace").strip().splitlines()
     last = f": {lines[-1]}" if lines else ""
     remedy = "Grade this submission alone. A SIGKILL that nobody sent means that the machine ran out of memory."
     return GraderError(f"the grader's process ended with {how}{last}", remedy=remedy)
@@ -127,17 +127,17 @@ def main(argv: list[str]) -> int:
     try:
         job: Job = pickle.loads(Path(argv[0]).read_bytes())
         assert job.isolation is not None
-        shared = Shared(_Turns(job), job.isolation)
-        ending: Ending = pipeline.grade(job.handed, job.rubric, job.results, job.options, _describe, shared)
+        scheduling = SchedulingContext(_WorkerScheduler(job), job.isolation)
+        ending: Ending = pipeline.grade(job.source, job.rubric, job.results, job.options, _describe, scheduling)
     except Exception as error:
         traceback.print_exc()
         ending = problem_of(error)
     # Not through a file: that the disk is full may be what has to be said.
-    _say(ending)
+    _send(ending)
     return 0
 
 
-def _say(what: Phase | Ending) -> None:
+def _send(what: Phase | Ending) -> None:
     line = memoryview(base64.b64encode(pickle.dumps(what)) + b"\n")
     while line:
         line = line[os.write(sys.stdout.fileno(), line) :]
@@ -145,14 +145,14 @@ def _say(what: Phase | Ending) -> None:
 
 def _describe(progress: Progress) -> None:
     step = f" ({progress.step} of {progress.steps})" if progress.steps else ""
-    _say(Phase(progress.session, progress.text[:200] + step, progress.ended))
+    _send(Phase(progress.session, progress.text[:200] + step, progress.ended))
 
 
 @dataclass
-class _Turns:
-    """The machine's places for the sessions of this process, and for its own work.
+class _WorkerScheduler:
+    """The machine's slots for the sessions of this process, and for its own work.
 
-    A place for work is kept until the first session asks for one, since it is of this process alone, which does
+    A slot for work is kept until the first session asks for one, since it is of this process alone, which does
     both in turn. What this process holds is freed at its end in any case.
     """
 
@@ -165,8 +165,8 @@ class _Turns:
             pass
 
     @asynccontextmanager
-    async def cell(self, spec: SessionSpec, *, alone: bool) -> AsyncIterator[None]:
-        """Hold a place for a session."""
+    async def session_slot(self, spec: SessionSpec, *, alone: bool) -> AsyncIterator[None]:
+        """Hold a slot for a session."""
         if self._own is not None:
             self._own()
             self._own = None
@@ -181,24 +181,24 @@ class _Turns:
 
     @contextmanager
     def work(self, what: str) -> Iterator[None]:
-        """Hold a place for work of this process."""
+        """Hold a slot for work of this process."""
         if self._own is None:
             self._own = asyncio.run(self._take(Phase("", what)))
         else:
-            _say(Phase("", what))
+            _send(Phase("", what))
         yield
 
     async def _take(self, phase: Phase, *, alone: bool = False) -> Callable[[], None]:
         assert self.job.machine is not None
-        taking = asyncio.ensure_future(self.job.machine.take(alone=alone))
-        while not taking.done():
-            _say(phase)
-            await asyncio.wait({taking}, timeout=_STILL_WAITS_S)
-        return taking.result()
+        waiting = asyncio.ensure_future(self.job.machine.take(alone=alone))
+        while not waiting.done():
+            _send(phase)
+            await asyncio.wait({waiting}, timeout=_STILL_WAITS_S)
+        return waiting.result()
 
 
 def limit_memory() -> None:
-    """Limit this process, but not the cells that it starts, which have limits of their own."""
+    """Limit this process, but not the sandboxes that it starts, which have limits of their own."""
     soft, hard = resource.getrlimit(resource.RLIMIT_AS)
     if soft == resource.RLIM_INFINITY or soft > _MOST_MEMORY_BYTES:
         resource.setrlimit(resource.RLIMIT_AS, (_MOST_MEMORY_BYTES, hard))

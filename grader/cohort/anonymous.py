@@ -39,12 +39,12 @@ def anonymous(entries: Sequence[ClassEntry], rubric: Rubric) -> list[ClassEntry]
     the submissions do. Of a result only outcomes, points and what the grader says of them stay; names, and parts
     of them, are hidden in these texts. Links, student ids, times of submission and words of adjustments go.
     """
-    handed_in = (entry.result.provenance.get("submission_sha256", "") if entry.result else "" for entry in entries)
-    key = hashlib.sha256("\n".join(sorted(handed_in)).encode()).digest()
+    submitted = (entry.result.provenance.get("submission_sha256", "") if entry.result else "" for entry in entries)
+    key = hashlib.sha256("\n".join(sorted(submitted)).encode()).digest()
     order = sorted(range(len(entries)), key=lambda n: (_keyed(key, entries[n].name), n))
     digits = max(2, len(str(len(entries))))
     hide = _Hider(entries, rubric)
-    return [_hidden(entries[place], f"Student {rank:0{digits}d}", hide) for rank, place in enumerate(order, 1)]
+    return [_hidden(entries[index], f"Student {rank:0{digits}d}", hide) for rank, index in enumerate(order, 1)]
 
 
 def _keyed(key: bytes, name: str) -> bytes:
@@ -56,7 +56,7 @@ def _hidden(entry: ClassEntry, pseudonym: str, hide: _Hider) -> ClassEntry:
     result = entry.result
     if result is None:
         return ClassEntry(pseudonym, None, hide(entry.problem))
-    said = Result(
+    hidden = Result(
         submission=pseudonym,
         lab=result.lab,
         score=result.score,
@@ -71,7 +71,7 @@ def _hidden(entry: ClassEntry, pseudonym: str, hide: _Hider) -> ClassEntry:
         ),
         provenance={"rubric_sha256": result.rubric_sha256},
     )
-    return ClassEntry(pseudonym, said)
+    return ClassEntry(pseudonym, hidden)
 
 
 def _unquoted(check: CheckResult, hide: _Hider) -> CheckResult:

@@ -15,7 +15,7 @@ from grader.result import Result, load_result
 from grader.result_folder import RECORDINGS, REPORT_FILE, RESULT_FILE
 from grader.submission.roster import Student, matches
 
-NOTHING_HANDED_IN = "There is no result under this name: nothing was handed in, or under another name."
+NOTHING_SUBMITTED = "There is no result under this name: nothing was handed in, or under another name."
 
 
 @dataclass(frozen=True)
@@ -76,10 +76,10 @@ def with_roster(entries: Sequence[ClassEntry], students: Sequence[Student]) -> l
     """Return the entries with what a list knows of them, and one for each student of it who has none, by name."""
     found = matches(students, entries, lambda entry: (entry.name, _without_id(entry)))
     completed = {entry.name: entry for entry, _, _ in found}
-    there = [students[place] for _, place, _ in found if place is not None]
+    there = [students[index] for _, index, _ in found if index is not None]
     for student in (student for student in students if student not in there):
         name = student.name or student.student_id or ""
-        missing = ClassEntry(name, None, NOTHING_HANDED_IN, "", student.submitted_at, student.student_id)
+        missing = ClassEntry(name, None, NOTHING_SUBMITTED, "", student.submitted_at, student.student_id)
         completed.setdefault(name, missing)
     return sorted(completed.values(), key=lambda entry: entry.name)
 

@@ -185,9 +185,9 @@ class ClassSummary:
     mistakes: tuple[Mistake, ...]
     #: By kind, in the order of `Need`.
     todos: tuple[Todo, ...]
-    #: Correlations nearer to 0 than this are what chance alone would give in a class of this size (two standard
+    #: Correlations nearer to 0 than this are insignificant in a class of this size (two standard
     #: errors).
-    chance: float | None
+    noise: float | None
 
 
 def summarise(entries: Sequence[ClassEntry], rubric: Rubric) -> ClassSummary:
@@ -212,9 +212,9 @@ def _cell(result: Result | None, criterion: str) -> CriterionResult | None:
     return next((judged for judged in result.criteria if judged.id == criterion), None) if result else None
 
 
-def _column(place: int, rubric: Rubric, rows: Sequence[Row]) -> Column:
-    spec = rubric.criteria[place]
-    cells = [row.cells[place] for row in rows]
+def _column(index: int, rubric: Rubric, rows: Sequence[Row]) -> Column:
+    spec = rubric.criteria[index]
+    cells = [row.cells[index] for row in rows]
     whole = [cell.earned for cell in cells if cell is not None and not cell.undecided]
     return Column(spec.id, spec.title, spec.points, statistics.mean(whole) if whole else None)
 
@@ -296,8 +296,8 @@ def _todos(rows: Sequence[Row], rubric: Rubric) -> list[Todo]:
         violations = row.result.violations
         if violations:
             kinds = tuple(dict.fromkeys(v.kind.value.replace("_", " ") for v in violations))
-            said = (v.text if v.certain else f"{v.text} {UNCERTAIN}" for v in violations if v.text)
-            texts = tuple(dict.fromkeys(said))
+            described = (v.text if v.certain else f"{v.text} {UNCERTAIN}" for v in violations if v.text)
+            texts = tuple(dict.fromkeys(described))
             found.append(Todo(n, Need.VIOLATION, row.possible, kinds, texts))
         undecided = row.result.open_checks
         if undecided:

@@ -78,7 +78,7 @@ def least_isolation(options: argparse.Namespace, *, several: bool) -> str:
 def interpreter_of(chosen: Path | None) -> Path:
     """Return what runs students' code, by default what runs this; raises PlatformError if it is not there."""
     if chosen is not None and not chosen.is_file():
-        raise PlatformError("there is no such interpreter", where=str(chosen), remedy="Check --python.")
+        raise PlatformError("there is no such interpreter", location=str(chosen), remedy="Check --python.")
     return Path(sys.executable) if chosen is None else chosen.absolute()
 
 
@@ -104,8 +104,8 @@ def print_note(console: Console, text: str, style: str = "yellow") -> None:
 
 def print_error(error: GraderError) -> None:
     """Print problem, where and remedy to standard error."""
-    where = f"{terminal_text(error.where)}: " if error.where else ""
-    print(f"grade: {where}{terminal_text(error.problem)}", file=sys.stderr)
+    location = f"{terminal_text(error.location)}: " if error.location else ""
+    print(f"grade: {location}{terminal_text(error.problem)}", file=sys.stderr)
     for mistake in error.mistakes if isinstance(error, RubricError) else ():
         print(f"  {terminal_text(mistake)}", file=sys.stderr)
     if error.remedy:

@@ -14,7 +14,7 @@ from grader.report.escape import terminal_text
 
 #: Exit status when something keeps this machine from grading.
 _UNFIT = 1
-_STYLES = {"PASS": "green", "CAUTION": "yellow", "FAIL": "red"}
+_STYLES = {"PASS": "green", "WARNING": "yellow", "FAIL": "red"}
 
 
 def run(arguments: Sequence[str], console: Console) -> int:
@@ -32,15 +32,15 @@ def run(arguments: Sequence[str], console: Console) -> int:
     add_path(parser, "--rubric", "rubric whose solution is graded")
     options = parser.parse_args(arguments)
     interpreter = interpreter_of(options.python)
-    signs = examine(interpreter)
+    statuses = examine(interpreter)
     if options.calibrate:
-        signs = itertools.chain(signs, calibrate(interpreter, rubrics.read_rubric(options.rubric)))
+        statuses = itertools.chain(statuses, calibrate(interpreter, rubrics.read_rubric(options.rubric)))
     verdicts = []
-    for sign in signs:
-        verdicts.append(sign.verdict)
-        line = Text(f"{sign.verdict.value:<8}", style=_STYLES[sign.verdict.value])
-        line.append(f"{sign.subject}: ", style="bold").append(terminal_text(sign.found), style="default not bold")
+    for status in statuses:
+        verdicts.append(status.verdict)
+        line = Text(f"{status.verdict.value:<8}", style=_STYLES[status.verdict.value])
+        line.append(f"{status.subject}: ", style="bold").append(terminal_text(status.found), style="default not bold")
         console.print(line, soft_wrap=True)
-        if sign.remedy:
-            console.print(Text(f"        → {terminal_text(sign.remedy)}"), soft_wrap=True)
+        if status.remedy:
+            console.print(Text(f"        → {terminal_text(status.remedy)}"), soft_wrap=True)
     return _UNFIT if Verdict.FAIL in verdicts else 0

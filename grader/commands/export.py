@@ -87,7 +87,7 @@ def _export(results: Path, targets: Sequence[ExportTarget], options: argparse.Na
         result = judge_so_far(results) if options.so_far else load_result(results / RESULT_FILE)
     except FileNotFoundError as problem:
         remedy = "Give the folder of one submission's results, e.g. results/alice."
-        raise RecordingError(f"there is no {RESULT_FILE} to export", where=str(results), remedy=remedy) from problem
+        raise RecordingError(f"there is no {RESULT_FILE} to export", location=str(results), remedy=remedy) from problem
     written = write_exports(targets, result, results, options.path_prefix)
     if not any(target.file == STANDARD_OUTPUT for target in targets):
         for path in written:

@@ -42,8 +42,8 @@ if TYPE_CHECKING:
     from grader.live.sandbox.isolation import Isolation
     from grader.live.session.runner import Progress
     from grader.pipeline import Options
-    from grader.submission.discovery import Found
-    from grader.submission.extraction import Handed
+    from grader.submission.discovery import Discovery
+    from grader.submission.extraction import SubmissionSource
 
 _INTERRUPTED = 130
 #: Files that belong to no submission are listed up to so many.
@@ -115,7 +115,7 @@ def run(arguments: Sequence[str], console: Console, epilog: str = "") -> int:
     from grader.classroom.regrade import recorded_in
     from grader.commands.meant import require_submissions
     from grader.judging import rubrics
-    from grader.live.sandbox.scratch import remove_leavings
+    from grader.live.sandbox.scratch import remove_stale
 
     parser = _parser(epilog)
     options = parser.parse_args(arguments)
@@ -124,13 +124,13 @@ def run(arguments: Sequence[str], console: Console, epilog: str = "") -> int:
     require_submissions(options.submissions, rubric)
     found = _found(options, rubric)
     several = len(found.submissions) > 1 or options.scheduler is not None
-    sources = [handed.source for handed in found.submissions]
-    require_no_links(options.output, sources)
+    origins = [source.origin for source in found.submissions]
+    require_no_links(options.output, origins)
     for folder in recorded_in(options.output):
         rubrics.require_lab(folder, rubric, "Give another folder for these results by -o.")
     for target in options.exports:
-        require_no_links(target.path(options.output).parent, sources, inside=False)
-    if options.overrides is None and (ignored := uncounted_overrides(options.output, sources)) is not None:
+        require_no_links(target.path(options.output).parent, origins, inside=False)
+    if options.overrides is None and (ignored := uncounted_overrides(options.output, origins)) is not None:
         print_note(console, f"Note: {ignored}")
     if several and options.timings:
         parser.error("--timings is for one submission")
@@ -143,20 +143,20 @@ def run(arguments: Sequence[str], console: Console, epilog: str = "") -> int:
         options.jobs,
         options.launch,
         least_isolation(options, several=several),
-        rubrics.read_overrides(options.overrides, options.output, rubric, sources),
+        rubrics.read_overrides(options.overrides, options.output, rubric, origins),
         options.exports,
         options.path_prefix,
     )
-    _tell_of_single_files(options.submissions, rubric, console)
-    remove_leavings()
+    _note_single_files(options.submissions, rubric, console)
+    remove_stale()
     if several or found.not_understood or found.missing or any(h.late or h.student for h in found.submissions):
-        _tell_found(found, console)
+        _print_discovery(found, console)
     allowed, status = [], 0
-    for handed in found.submissions:
+    for source in found.submissions:
         try:
             if not options.replace:
-                require_same_source(options.output / handed.name, handed.source)
-            allowed.append(handed)
+                require_same_source(options.output / source.name, source.origin)
+            allowed.append(source)
         except UsageError as error:
             print_error(error)
             status = error.exit_status
@@ -168,19 +168,19 @@ def run(arguments: Sequence[str], console: Console, epilog: str = "") -> int:
     return status
 
 
-def _found(options: argparse.Namespace, rubric: Rubric) -> Found:
+def _found(options: argparse.Namespace, rubric: Rubric) -> Discovery:
     from grader.errors import SubmissionError
     from grader.submission.discovery import Shape, find_submissions
 
     shape = Shape.ONE if options.one else Shape.EACH if options.each else Shape.AUTO
     found = find_submissions(options.submissions, rubric, shape=shape, class_list=options.class_list)
     if not found.submissions:
-        where, remedy = ", ".join(map(str, options.submissions)), "Give a submission, or the folder that holds them."
-        raise SubmissionError("there are no submissions in it", where=where, remedy=remedy)
+        location, remedy = ", ".join(map(str, options.submissions)), "Give a submission, or the folder that holds them."
+        raise SubmissionError("there are no submissions in it", location=location, remedy=remedy)
     return found
 
 
-def _tell_of_single_files(paths: Sequence[Path], rubric: Rubric, console: Console) -> None:
+def _note_single_files(paths: Sequence[Path], rubric: Rubric, console: Console) -> None:
     """Say so where one of the lab's files is given, and its folder holds more of them."""
     names = {artifact.file for artifact in rubric.artifacts.values()}
     for path in paths:
@@ -191,7 +191,9 @@ def _tell_of_single_files(paths: Sequence[Path], rubric: Rubric, console: Consol
 # -- one submission -------------------------------------------------------------------------------
 
 
-def _grade_one(handed: Handed, rubric: Rubric, live: Options, options: argparse.Namespace, console: Console) -> Decimal:
+def _grade_one(
+    source: SubmissionSource, rubric: Rubric, live: Options, options: argparse.Namespace, console: Console
+) -> Decimal:
     from grader import pipeline, result_folder
     from grader.classroom import audit
     from grader.report.terminal import ProgressDisplay, print_result
@@ -199,17 +201,17 @@ def _grade_one(handed: Handed, rubric: Rubric, live: Options, options: argparse.
     from grader.timings import Stopwatch
 
     output, watch = options.output, Stopwatch()
-    results = output / handed.name
+    results = output / source.name
     before = audit.text_of(results / result_folder.RESULT_FILE)
-    with ProgressDisplay(console, handed.name, live.sessions or list(rubric.sessions)) as display:
+    with ProgressDisplay(console, source.name, live.sessions or list(rubric.sessions)) as display:
 
         def show(p: Progress) -> None:
             display.note(p.session, p.text, p.step, p.steps, p.ended)
 
-        result = pipeline.grade(handed, rubric, results, live, show, watch=watch)
+        result = pipeline.grade(source, rubric, results, live, show, watch=watch)
     if live.overrides.sha256:  # Else nobody decides anything here, and a student's tries need no trail.
         after = (results / result_folder.RESULT_FILE).read_text(encoding="utf-8")
-        audit.note_replaced(output, handed.name, before, after, "grade", overrides_sha256=live.overrides.sha256)
+        audit.note_replaced(output, source.name, before, after, "grade", overrides_sha256=live.overrides.sha256)
     print_result(console, result)
     if live.sessions is not None:
         only = ", ".join(live.sessions)
@@ -224,39 +226,39 @@ def _grade_one(handed: Handed, rubric: Rubric, live: Options, options: argparse.
 # -- a class --------------------------------------------------------------------------------------
 
 
-def _grade_class(found: Found, rubric: Rubric, live: Options, options: argparse.Namespace, console: Console) -> int:
+def _grade_class(found: Discovery, rubric: Rubric, live: Options, options: argparse.Namespace, console: Console) -> int:
     from grader.classroom.class_run import ClassRun
     from grader.classroom.journal import Journal
     from grader.classroom.progress import RunProgress, print_class, summary
 
     began_s = time.monotonic()
-    where, machine = _where(options, live)
+    location, machine = _grading_location(options, live)
     with Journal.open(options.output, afresh=options.afresh) as journal:
-        with RunProgress(console, machine.places) as display:
+        with RunProgress(console, machine.slots) as display:
             run = ClassRun(rubric, live, journal, machine, display)
             try:
-                run.grade(found.submissions, where)
+                run.grade(found.submissions, location)
             except (KeyboardInterrupt, SystemExit) as end:
                 kept = sum(not isinstance(row.ending, GraderError) for row in run.rows)
-                told = f"grade: interrupted; {kept} of {len(found.submissions)} submissions are graded and kept."
-                print(f"{told}\n  Run the same command again to grade the others.", file=sys.stderr)
+                text = f"grade: interrupted; {kept} of {len(found.submissions)} submissions are graded and kept."
+                print(f"{text}\n  Run the same command again to grade the others.", file=sys.stderr)
                 return int(end.code or 0) if isinstance(end, SystemExit) else _INTERRUPTED
-        rows = sorted(run.rows, key=lambda row: (row.handed.name.casefold(), row.handed.name))
+        rows = sorted(run.rows, key=lambda row: (row.source.name.casefold(), row.source.name))
         print_class(console, rows)
         took_s = time.monotonic() - began_s
         took = f"{took_s / 60:.1f} min" if took_s >= 120 else f"{took_s:.0f} s"
         console.print(Text(f"{summary(rows)}; {took}."))
-        names = [*(row.handed.name for row in rows), *found.missing]
+        names = [*(row.source.name for row in rows), *found.missing]
         for remark in live.overrides.remarks(names, times_matter=rubric.policy.late is not None):
             print_note(console, f"Note: {remark}")
-        if below := [row.handed.name for row in rows if _status(row, options.fail_under) == BELOW]:
+        if below := [row.source.name for row in rows if _status(row, options.fail_under) == BELOW]:
             print_note(console, f"Below {options.fail_under} points: {', '.join(below)}")
         _report_class(rows, found.missing, rubric, options, console)
     return max(_status(row, options.fail_under) for row in rows)
 
 
-def _where(options: argparse.Namespace, live: Options) -> tuple[Isolation | str, Machine]:
-    """Return where to grade (how code is confined here, or a scheduler), and this machine's places."""
+def _grading_location(options: argparse.Namespace, live: Options) -> tuple[Isolation | str, Machine]:
+    """Return where to grade (how code is confined here, or a scheduler), and this machine's slots."""
     from grader.classroom.scheduler import Machine
     from grader.live.sandbox import environment
     from grader.live.sandbox.isolation import Isolation, Level
@@ -270,17 +272,17 @@ def _where(options: argparse.Namespace, live: Options) -> tuple[Isolation | str,
     return isolation, Machine.of(isolation, live.jobs)
 
 
-def _tell_found(found: Found, console: Console) -> None:
+def _print_discovery(found: Discovery, console: Console) -> None:
     for line in found.understood:
         print_note(console, line, "")
     for line in found.not_understood[:_MOST_LISTED]:
         print_note(console, f"Belongs to no submission: {line}")
     if len(found.not_understood) > _MOST_LISTED:
         print_note(console, f"and {len(found.not_understood) - _MOST_LISTED} more.")
-    late = [handed.name for handed in found.submissions if handed.late and handed.submitted_at is None]
+    late = [source.name for source in found.submissions if source.late and source.submitted_at is None]
     if late:
-        told = "Marked as late, but the download does not say when they were handed in; --class-list can"
-        print_note(console, f"{told}: {', '.join(late)}")
+        text = "Marked as late, but the download does not say when they were handed in; --class-list can"
+        print_note(console, f"{text}: {', '.join(late)}")
     if found.missing:
         print_note(console, f"Nothing handed in: {', '.join(found.missing)}")
 
@@ -295,7 +297,7 @@ def _report_class(
     from grader.submission.roster import read_class_list
 
     entries = entries_of(options.output, rows, missing)
-    known = {*(row.handed.name for row in rows), *missing}
+    known = {*(row.source.name for row in rows), *missing}
     if earlier := [entry.name for entry in entries if entry.name not in known]:
         print_note(console, f"Results of earlier runs, on the page too: {', '.join(earlier)}.")
     if options.class_list is not None:

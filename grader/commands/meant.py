@@ -26,7 +26,7 @@ def require_submissions(paths: Sequence[Path], rubric: Rubric) -> None:
             remedy = f"`grade regrade {path}` judges them again, without ROS."
             if not _is_recorded(path):
                 remedy += f" `grade report {path}` writes the class page again."
-            raise UsageError("these are results, not submissions", where=str(path), remedy=remedy)
+            raise UsageError("these are results, not submissions", location=str(path), remedy=remedy)
 
 
 def is_results(path: Path, rubric: Rubric) -> bool:

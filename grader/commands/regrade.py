@@ -154,7 +154,7 @@ def _status(found: Regrade, matter: Sequence[Changes], options: argparse.Namespa
     statuses = [BELOW if matter and not options.apply else 0]
     statuses += [BELOW for changes in found.changes.values() if least is not None and changes.after < least]
     for name, failed in found.failed.items():
-        failed.where = failed.where or name
+        failed.location = failed.location or name
         print_error(failed)
         statuses.append(failed.exit_status)
     return max(statuses)

@@ -57,7 +57,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
         if (options.results / RECORDINGS).is_dir():
             remedy = f"These are the results of one submission, whose page is {REPORT_FILE}. {remedy}"
         problem = "there are no results of submissions in it" if options.results.is_dir() else "there is no such folder"
-        raise SubmissionError(problem, where=str(options.results), remedy=remedy)
+        raise SubmissionError(problem, location=str(options.results), remedy=remedy)
     copy = None if options.rubric else rubrics.rubric_of_class(options.results, entries)
     rubric = rubrics.recorded_rubric(copy) if copy else rubrics.read_rubric(options.rubric)
     for entry in entries:

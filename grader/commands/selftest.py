@@ -71,11 +71,11 @@ def run(arguments: Sequence[str], console: Console) -> int:
     took_s = time.monotonic() - began_s
     print_fixtures(console, found)
     console.print()
-    signs = [each.sign for each in found]
-    console.print(Text(f"{signs.count('✓')} of {len(signs)} as expected, in {took_s:.0f} s.", "bold"))
-    if undecided := signs.count("?"):
+    marks = [each.sign for each in found]
+    console.print(Text(f"{marks.count('✓')} of {len(marks)} as expected, in {took_s:.0f} s.", "bold"))
+    if undecided := marks.count("?"):
         console.print(f"{undecided} undecided: the machine was too busy to tell. Name them to grade these alone.")
-    return 0 if set(signs) <= {"✓"} else BELOW
+    return 0 if set(marks) <= {"✓"} else BELOW
 
 
 def _fixtures(options: argparse.Namespace, rubric: Rubric, console: Console) -> list[Fixture]:
@@ -117,6 +117,6 @@ def _run(
     if options.output is not None:
         options.output.mkdir(parents=True, exist_ok=True)
     folder = tempfile.TemporaryDirectory() if options.output is None else nullcontext(str(options.output))
-    with folder as path, RunProgress(console, machine.places, "fixtures") as display:
+    with folder as path, RunProgress(console, machine.slots, "fixtures") as display:
         here = Here(isolation, machine)
         return asyncio.run(run_fixtures(fixtures, rubric, live, here, Path(path), display))

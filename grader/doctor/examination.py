@@ -25,7 +25,7 @@ from grader.live.sandbox.environment import ask_interpreter, require_platform
 from grader.live.sandbox.isolation import Isolation, Level
 from grader.live.sandbox.machine import stolen_ns
 from grader.live.sandbox.probing import probe_isolation
-from grader.live.session.runner import cells_at_a_time
+from grader.live.session.runner import sessions_at_a_time
 from grader.result import Outcome
 from grader.submission.artifacts import read_submission_folder
 
@@ -45,12 +45,12 @@ class Verdict(str, Enum):
     """What an examination says of one thing."""
 
     PASS = "PASS"
-    CAUTION = "CAUTION"
+    WARNING = "WARNING"
     FAIL = "FAIL"
 
 
 @dataclass(frozen=True)
-class Sign:
+class Status:
     """One line of the examination: what was seen, with its figures, and the one thing that would fix it."""
 
     verdict: Verdict
@@ -59,62 +59,62 @@ class Sign:
     remedy: str = ""
 
 
-def _sign(good: bool, subject: str, found: str, remedy: str) -> Sign:
-    return Sign(Verdict.PASS, subject, found) if good else Sign(Verdict.CAUTION, subject, found, remedy)
+def _status(good: bool, subject: str, found: str, remedy: str) -> Status:
+    return Status(Verdict.PASS, subject, found) if good else Status(Verdict.WARNING, subject, found, remedy)
 
 
-def examine(interpreter: Path) -> Iterator[Sign]:
+def examine(interpreter: Path) -> Iterator[Status]:
     """Look at one thing after another; ends early where nothing more can be found out."""
-    platform_sign = _platform(interpreter)
-    yield platform_sign
+    platform_status = _platform(interpreter)
+    yield platform_status
     isolation = probe_isolation(interpreter)
     yield from _confinement(isolation)
-    cores, places = len(os.sched_getaffinity(0)), cells_at_a_time(isolation)
-    found = f"{cores} for this process; {f'{places} sessions side by side' if places > 1 else 'one session at a time'}"
-    yield _sign(cores >= 2, "cores", found, "Two cores or more make grading faster and surer.")
+    cores, slots = len(os.sched_getaffinity(0)), sessions_at_a_time(isolation)
+    found = f"{cores} for this process; {f'{slots} sessions side by side' if slots > 1 else 'one session at a time'}"
+    yield _status(cores >= 2, "cores", found, "Two cores or more make grading faster and surer.")
     yield _noise()
     yield _space()
-    if platform_sign.verdict is Verdict.PASS:
+    if platform_status.verdict is Verdict.PASS:
         yield from _traffic(interpreter)
 
 
-def _platform(interpreter: Path) -> Sign:
+def _platform(interpreter: Path) -> Status:
     found = f"{platform.system()} {platform.machine()}, kernel {platform.release()}, Python {platform.python_version()}"
     try:
         require_platform(interpreter)
         ask_interpreter(interpreter, "import rclpy, std_msgs.msg, std_srvs.srv")
     except PlatformError as error:
-        return Sign(Verdict.FAIL, "platform", f"{found}; {error.problem}", error.remedy)
+        return Status(Verdict.FAIL, "platform", f"{found}; {error.problem}", error.remedy)
     except ValueError as problem:
         remedy = "Reinstall: pip install 'ros-jazzy-rclpy[fastrtps]' ros-jazzy-common-interfaces"
-        return Sign(Verdict.FAIL, "platform", f"{found}; no node can be run: {problem}", remedy)
+        return Status(Verdict.FAIL, "platform", f"{found}; no node can be run: {problem}", remedy)
     wheels = (f"{name} {version(name)}" for name in ("ros-jazzy-rclpy", "ros-fastrtps"))
-    return Sign(Verdict.PASS, "platform", ", ".join((found, *wheels)))
+    return Status(Verdict.PASS, "platform", ", ".join((found, *wheels)))
 
 
-def _confinement(isolation: Isolation) -> Iterator[Sign]:
+def _confinement(isolation: Isolation) -> Iterator[Status]:
     if shutil.which("bwrap") is None:
-        yield Sign(Verdict.CAUTION, "bubblewrap", "not installed", "sudo apt-get install bubblewrap")
+        yield Status(Verdict.WARNING, "bubblewrap", "not installed", "sudo apt-get install bubblewrap")
     else:
-        said = subprocess.run(["bwrap", "--version"], capture_output=True, text=True, check=False).stdout.strip()
+        output = subprocess.run(["bwrap", "--version"], capture_output=True, text=True, check=False).stdout.strip()
         old = " (old: nested user namespaces are left to the system call filter)" if isolation.old_bubblewrap else ""
-        yield Sign(Verdict.PASS, "bubblewrap", said + old)
+        yield Status(Verdict.PASS, "bubblewrap", output + old)
     how = "as root, a user id for each sandbox" if isolation.own_uid else "in a user namespace"
     found = f"network, processes, mounts: {how}" if isolation.namespaces else "not available"
-    yield _sign(isolation.namespaces, "namespaces", found, isolation.remedy)
+    yield _status(isolation.namespaces, "namespaces", found, isolation.remedy)
     if isolation.groups is not None:
-        yield Sign(Verdict.PASS, "control groups", f"version {isolation.groups.version}: memory and processes")
+        yield Status(Verdict.PASS, "control groups", f"version {isolation.groups.version}: memory and processes")
     elif isolation.namespaces:
         found = "not available; the grader watches memory instead, which suffices for a class"
-        yield Sign(Verdict.PASS, "control groups", found)
-    verdict = Verdict.PASS if isolation.level.at_least(Level.NO_CGROUP) else Verdict.CAUTION
+        yield Status(Verdict.PASS, "control groups", found)
+    verdict = Verdict.PASS if isolation.level.at_least(Level.NO_CGROUP) else Verdict.WARNING
     verdict = Verdict.FAIL if isolation.level is Level.NONE else verdict
     lacks = "" if verdict is Verdict.PASS else f"; lacks: {', '.join(isolation.describe()['lacks'])}"
     remedy = "" if verdict is Verdict.PASS else isolation.remedy
-    yield Sign(verdict, "confinement", f"{isolation.level.value}{lacks}", remedy)
+    yield Status(verdict, "confinement", f"{isolation.level.value}{lacks}", remedy)
 
 
-def _noise() -> Sign:
+def _noise() -> Status:
     """Keep a core busy for a second: what of it went to others, of this machine or beside it, is noise."""
     steal_before, stat = stolen_ns(), _own_wait_ns()
     started = time.monotonic()
@@ -124,14 +124,14 @@ def _noise() -> Sign:
     steal_s = (stolen_ns() - steal_before) / 1e9
     found = f"{waited_s * 1000:.0f} ms of {_BUSY_S:g} s waiting for a core, {steal_s * 1000:.0f} ms taken by the host"
     remedy = "End other programs; what the machine delays is undecided and repeated, which takes longer."
-    return _sign(max(waited_s, steal_s) <= _BUSY_SHARE * _BUSY_S, "noise", found, remedy)
+    return _status(max(waited_s, steal_s) <= _BUSY_SHARE * _BUSY_S, "noise", found, remedy)
 
 
 def _own_wait_ns() -> int:
     return int(Path("/proc/self/schedstat").read_text().split()[1])
 
 
-def _space() -> Sign:
+def _space() -> Status:
     disk = shutil.disk_usage(tempfile.gettempdir()).free
     lines = Path("/proc/meminfo").read_text().splitlines()
     memory = next((int(line.split()[1]) * 1024 for line in lines if line.startswith("MemAvailable")), 0)
@@ -139,27 +139,27 @@ def _space() -> Sign:
     remedy = "End what takes memory, or grade with --jobs 1."
     if disk < _LEAST_BYTES:
         remedy = "Make room, or set TMPDIR to a larger disk."
-    return _sign(min(disk, memory) >= _LEAST_BYTES, "space", found, remedy)
+    return _status(min(disk, memory) >= _LEAST_BYTES, "space", found, remedy)
 
 
-def _traffic(interpreter: Path) -> Iterator[Sign]:
-    """Record the examination's node in a real cell, and see what of its 100 messages a second arrives."""
+def _traffic(interpreter: Path) -> Iterator[Status]:
+    """Record the examination's node in a real sandbox, and see what of its 100 messages a second arrives."""
     with tempfile.TemporaryDirectory(prefix="grade-doctor-") as scratch:
         started = time.monotonic()
         recorded = _record(interpreter, Path(scratch))
         took_s = time.monotonic() - started
         step, window = recorded.step("heard"), recorded.window("watched")
         if step is None or step.outcome != "done" or window is None:
-            said = "; ".join(recorded.record.problems) or "the node was not heard"
-            yield Sign(Verdict.FAIL, "discovery", said[:300], "Look for a firewall on the loopback interface.")
+            output = "; ".join(recorded.record.problems) or "the node was not heard"
+            yield Status(Verdict.FAIL, "discovery", output[:300], "Look for a firewall on the loopback interface.")
             return
         waited_s = float(step.result["waited_s"])
         found = f"a node in a real sandbox was heard {waited_s:.2f} s after its start, by unicast on loopback"
         remedy = "The machine is slow to start programs; expect longer gradings."
-        yield _sign(waited_s < _SLOW_DISCOVERY_S, "discovery", found, remedy)
+        yield _status(waited_s < _SLOW_DISCOVERY_S, "discovery", found, remedy)
         timing = timing_of(recorded.stream(_TOPIC), window)
         if timing is None:
-            yield Sign(Verdict.FAIL, "100 Hz", "next to nothing was recorded", "Run `grade doctor` again.")
+            yield Status(Verdict.FAIL, "100 Hz", "next to nothing was recorded", "Run `grade doctor` again.")
             return
         process = recorded.process(_NODE)
         delay_s = recorded.machine_delay_s(process, window) if process is not None else 0.0
@@ -170,13 +170,15 @@ def _traffic(interpreter: Path) -> Iterator[Sign]:
         )
         good = abs(timing.rate_hz / _RATE_HZ - 1) < _RATE_OFF and jitter_s < _JITTER_S and timing.lost == 0
         remedy = "Grade when less is running; timing that a busy machine disturbs is undecided."
-        yield _sign(good, "100 Hz", found, remedy)
+        yield _status(good, "100 Hz", found, remedy)
 
 
-def calibrate(interpreter: Path, rubric: Rubric) -> Iterator[Sign]:
+def calibrate(interpreter: Path, rubric: Rubric) -> Iterator[Status]:
     """Grade the lab's own solution, and tell what of its checks this machine cannot decide, and how steady it is."""
     if rubric.lab.solution is None or not (rubric.folder / rubric.lab.solution).is_dir():
-        yield Sign(Verdict.CAUTION, "solution", "the rubric names none that is here", "Set lab.solution in the rubric.")
+        yield Status(
+            Verdict.WARNING, "solution", "the rubric names none that is here", "Set lab.solution in the rubric."
+        )
         return
     with tempfile.TemporaryDirectory(prefix="grade-doctor-") as scratch:
         options = pipeline.Options(interpreter, least_isolation="none")
@@ -188,7 +190,7 @@ def calibrate(interpreter: Path, rubric: Rubric) -> Iterator[Sign]:
     score = result.score
     found = f"{score.earned} of {score.possible} points, {score.undecided} undecided, in {took_s:.1f} s"
     remedy = "Grade when less is running, or on a faster machine; what it cannot decide costs nobody points."
-    yield _sign(score.earned == score.possible, "solution", found, remedy)
+    yield _status(score.earned == score.possible, "solution", found, remedy)
     for recorded in sessions.values():
         record = recorded.record
         span = Span(record.started_ns, record.ended_ns)
@@ -197,11 +199,13 @@ def calibrate(interpreter: Path, rubric: Rubric) -> Iterator[Sign]:
         again = f", recorded {record.attempt} times" if record.attempt > 1 else ""
         found = f"a student's process waited for a core {share:.1%} of {span.duration_s:.1f} s at most{again}"
         remedy = "Timing may be undecided; end other programs."
-        yield _sign(share <= _UNSTEADY_SHARE, f"session {record.session}", found, remedy)
+        yield _status(share <= _UNSTEADY_SHARE, f"session {record.session}", found, remedy)
     for check in result.checks:
         if check.outcome is not Outcome.PASSED:
-            said = f"{check.outcome.value}: {check.measured}. {check.reason}"
-            yield Sign(Verdict.CAUTION, check.id, said, "This check cannot be trusted on this machine as it is now.")
+            output = f"{check.outcome.value}: {check.measured}. {check.reason}"
+            yield Status(
+                Verdict.WARNING, check.id, output, "This check cannot be trusted on this machine as it is now."
+            )
 
 
 def _record(interpreter: Path, scratch: Path) -> Recorded:

@@ -1,7 +1,7 @@
-"""Whose a recorded message is. DDS does not tell the recorder; the digests that came through the pipe do.
+"""Whose a recorded message is. DDS does not report it; the digests that came through the pipe do.
 
-A message is the grader's own if one of its publishers told the same digest for the same publication sequence number.
-Another publisher cannot know the digest of a message before it was sent, so what it sends of the same contents
+A message is the grader's own if one of its publishers reported the same digest for the same publication sequence
+number. Another publisher cannot know the digest of a message before it was sent, so what it sends of the same contents
 under the same number comes later: of several, the first is the grader's.
 """
 
@@ -20,7 +20,7 @@ from grader.recording.trusted_channel import DIGEST_DIGITS, digest
 
 @dataclass(frozen=True)
 class Authorship:
-    """The messages of a topic, told apart."""
+    """The messages of a topic, separated."""
 
     #: Those that the grader's own publishers sent, in the order in which they were received.
     own: Stream
@@ -28,15 +28,15 @@ class Authorship:
     others_ns: NDArray[np.int64]
 
 
-def authorship(bag: Bag, topic: str, told: Sequence[Published]) -> Authorship | None:
-    """Tell the messages of a topic apart; None where that cannot be done, as no message that was told is there."""
-    own_type = max(told, key=lambda entry: len(entry.digests)).type if told else ""
+def authorship(bag: Bag, topic: str, published: Sequence[Published]) -> Authorship | None:
+    """Separate the messages of a topic; None where that cannot be done, as no message that was reported is there."""
+    own_type = max(published, key=lambda entry: len(entry.digests)).type if published else ""
     others = []
     own: Stream | None = None
     for info in bag.topics:
         if info.topic == topic:
             stream = bag.stream(topic, info.topic_type)
-            mine, theirs = _told_apart(stream, [entry for entry in told if entry.type == info.topic_type])
+            mine, theirs = _separated(stream, [entry for entry in published if entry.type == info.topic_type])
             others.append(stream.received_ns[theirs])
             if info.topic_type == own_type:
                 own = stream.only(mine)
@@ -47,12 +47,12 @@ def authorship(bag: Bag, topic: str, told: Sequence[Published]) -> Authorship | 
     return Authorship(own, received_ns[during])
 
 
-def _told_apart(stream: Stream, told: Sequence[Published]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _separated(stream: Stream, published: Sequence[Published]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return which messages of a stream are the grader's own, and which are others'.
 
     What was recorded twice, as the source timestamp tells, is neither the second time.
     """
-    digests = [digests_of(entry) for entry in told]
+    digests = [digests_of(entry) for entry in published]
     taken: dict[tuple[int, int], int] = {}
     mine, theirs = np.zeros(len(stream), dtype=bool), np.zeros(len(stream), dtype=bool)
     rows = zip(stream.sequence.tolist(), stream.source_ns.tolist(), stream.data, strict=True)
@@ -73,5 +73,5 @@ def _told_apart(stream: Stream, told: Sequence[Published]) -> tuple[NDArray[np.b
 
 
 def digests_of(entry: Published) -> list[str]:
-    """Return the digests that a process told, in the order of its publications."""
+    """Return the digests that a process reported, in the order of its publications."""
     return [entry.digests[n : n + DIGEST_DIGITS] for n in range(0, len(entry.digests), DIGEST_DIGITS)]

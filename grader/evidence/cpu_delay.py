@@ -1,6 +1,6 @@
-"""When the machine kept a process from its core, and what of a measurement was not touched by that.
+"""When the machine delayed a process, and what of a measurement was not affected by that.
 
-A process was kept from its core when it had work and the core was with others, or stood still. Waits for threads of its
+A process was delayed when it had work and the core was with others, or stalled. Waits for threads of its
 own, or for other programs of the student's, are none of these.
 """
 
@@ -36,7 +36,7 @@ class Span:
 
 @dataclass(frozen=True)
 class Delay:
-    """A time within which the machine kept a process from its core for so long; when in it, is not known."""
+    """A time within which the machine delayed a process for so long; when in it, is not known."""
 
     start_ns: int
     end_ns: int
@@ -44,7 +44,7 @@ class Delay:
 
     @property
     def slack_s(self) -> float:
-        """Return for how long within it the process was not kept from its core."""
+        """Return for how long within it the process was not delayed."""
         return (self.end_ns - self.start_ns - self.delay_ns) / 1e9
 
 
@@ -58,7 +58,7 @@ def clipped(delays: Iterable[Delay], span: Span) -> Iterator[Delay]:
 
 @dataclass(frozen=True)
 class Backlog:
-    """What waited for a process while the machine kept it from its core."""
+    """What waited for a process while the machine delayed it."""
 
     #: For how long of a span what came found a queue full.
     lost_s: float
@@ -97,13 +97,13 @@ _LEAST_BUSY = 0.1
 
 @dataclass(frozen=True)
 class Calm:
-    """The intervals between messages that the machine did not touch."""
+    """The intervals between messages that the machine did not affect."""
 
     #: float64[n]: Their lengths in s.
     intervals_s: Floats
     #: How often they begin anew behind others.
     stretches: int
-    #: Share of their time in which the machine kept the process from its core all the same, for moments that do no
+    #: Share of their time in which the machine delayed the process all the same, for moments that do no
     #: harm by themselves.
     delayed_share: float
 
@@ -117,7 +117,7 @@ class Calm:
 
         Notes
         -----
-        The error of a mean of n is that of one by √n, twice. Long intervals are touched more often than short ones:
+        The error of a mean of n is that of one by √n, twice. Long intervals are affected more often than short ones:
         in a stretch of m, that makes the mean too small by the square of their relative spread, by m.
         """
         mean_s, count = float(self.intervals_s.mean()), len(self.intervals_s)
@@ -142,12 +142,12 @@ def shares_around(share: float, count: int) -> tuple[float, float]:
     return max(0.0, share - spread), min(1.0, share + spread)
 
 
-#: Intervals, and the time that they fill together, from which those that were not touched stand for all.
+#: Intervals, and the time that they fill together, from which those that were not affected stand for all.
 _ENOUGH, _ENOUGH_S = 20, 1.0
 
 
 def calm_intervals(delays: Sequence[Delay], ends_ns: Integers, intervals_s: Floats, harmless_s: float) -> Calm:
-    """Return the intervals that no delay touched which is longer than what is harmless.
+    """Return the intervals that no delay affected which is longer than what is harmless.
 
     Notes
     -----

@@ -20,7 +20,7 @@ from grader.evidence.known_packages import known_packages
 from grader.evidence.text.syntax import expression_tree, normalise, tree_of
 from grader.recording.submission import SubmissionRecord
 
-_LAST_WORD = "Your instructor will run it by hand."
+_WHO_DECIDES = "Your instructor will run it by hand."
 _INTERFACES = (".msg", ".srv", ".action")
 _IMPORT_KINDS = ("missing-module", "missing-interface", "missing-sibling")
 
@@ -38,19 +38,19 @@ def interface_packages(submission: SubmissionRecord) -> set[str]:
     return {package.name for package in submission.packages if PurePosixPath(package.path) in folders}
 
 
-def only_elsewhere(found: Diagnosis | None, submission: SubmissionRecord, program: str | None) -> str | None:
+def environment_gap(found: Diagnosis | None, submission: SubmissionRecord, program: str | None) -> str | None:
     """Say why a program, by its file, that ended with this diagnosis may run elsewhere; None if it would not."""
     if found is None or found.file is None or found.file not in _reached_from(program, submission):
         return None
     if found.kind in _IMPORT_KINDS and found.exception_type == "ModuleNotFoundError":
-        return missing_here(found.subject, found.file, found.line, submission)
+        return absent_module(found.subject, found.file, found.line, submission)
     if found.kind != "syntax-error" or not is_newer_python(submission.texts.get(found.file, "")):
         return None
-    place = f" (line {found.line})" if found.line else ""
-    return f"{found.file}{place} uses syntax of Python 3.12 or later, which the grading computer lacks. {_LAST_WORD}"
+    at = f" (line {found.line})" if found.line else ""
+    return f"{found.file}{at} uses syntax of Python 3.12 or later, which the grading computer lacks. {_WHO_DECIDES}"
 
 
-def missing_here(module: str, file: str, line: int | None, submission: SubmissionRecord) -> str | None:
+def absent_module(module: str, file: str, line: int | None, submission: SubmissionRecord) -> str | None:
     """Say that the import at a line cannot work where it was graded; None unless the grader's own evidence shows it.
 
     The source imports it there, the grader looked for it and did not find it, and it is a package that others have,
@@ -64,9 +64,9 @@ def missing_here(module: str, file: str, line: int | None, submission: Submissio
     if submission.absent_modules is not None and name not in submission.absent_modules:
         return None
     if name in known_packages():
-        return f"It needs {name}, which the grading computer lacks. {_LAST_WORD}"
+        return f"It needs {name}, which the grading computer lacks. {_WHO_DECIDES}"
     if name in interface_packages(submission):
-        return f"It needs the interfaces of its own package {name}, which were not built. {_LAST_WORD}"
+        return f"It needs the interfaces of its own package {name}, which were not built. {_WHO_DECIDES}"
     return None
 
 

@@ -1,4 +1,4 @@
-"""What once in a while happens to correct programs too, so that one recording of it proves nothing."""
+"""Flakiness: what correct programs meet once in a while too, so that a single occurrence is not conclusive."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ _KILLED = (-9, 137)
 #: What programs say when they may have no more threads or processes. The kernel counts those of a user, and in
 #: another container on the machine somebody else may have the same.
 _NO_MORE_TASKS = ("Resource temporarily unavailable", "can't start new thread")
-#: Recordings in which that is believed; what a program says of itself can be made up.
-_BELIEVED = 2
+#: Recordings up to which that counts; what a program reports of itself can be made up.
+_FLAKY_RECORDINGS = 2
 #: Share of the time for which something was waited for in vain, from which it may be the machine's doing that it did
 #: not come; and the share for which the student's own programs may have used a core in it.
-_HELD_UP, _OWN_DOING = 0.5, 0.5
+_STALLED, _OWN_DOING = 0.5, 0.5
 #: Shorter delays are those of any start.
-_LEAST_HELD_UP_S = 0.6
+_LEAST_STALL_S = 0.6
 
 
-def may_be_chance(recorded: Recorded, reference_nodes: Iterable[str]) -> str | None:
+def inconclusive_reason(recorded: Recorded, reference_nodes: Iterable[str]) -> str | None:
     """Say what in the recording of a session has to be seen again before it costs anything; None if nothing."""
     students = [run for run in recorded.record.processes if run.role == "student"]
-    if (held_up := _held_up(recorded)) is not None:
-        return held_up
-    if is_believed(recorded) and any(_was_refused_tasks(run) for run in students):
+    if (stalled := _stalled(recorded)) is not None:
+        return stalled
+    if may_be_flaky(recorded) and any(_was_refused_tasks(run) for run in students):
         return "A program could not start a thread although it had few: the machine may have run out of them."
     if recorded.record.times_recorded > 1:
         return None
@@ -38,19 +38,19 @@ def may_be_chance(recorded: Recorded, reference_nodes: Iterable[str]) -> str | N
     return None
 
 
-def is_believed(recorded: Recorded) -> bool:
+def may_be_flaky(recorded: Recorded) -> bool:
     """Whether what a program alone says of itself may leave something undecided: not for ever, as it can be made up."""
-    return recorded.record.times_recorded <= _BELIEVED
+    return recorded.record.times_recorded <= _FLAKY_RECORDINGS
 
 
-def _held_up(recorded: Recorded) -> str | None:
-    """Say that something did not come in time while the machine kept a process from its core, if so."""
+def _stalled(recorded: Recorded) -> str | None:
+    """Say that something did not come in time while the machine delayed a process, if so."""
     for step in recorded.record.steps:
         span = Span(step.started_ns, step.ended_ns)
         if step.outcome != "timeout" or span.duration_s <= 0:
             continue
         delay_s = recorded.longest_delay_s(span) + recorded.recorder_delay_s(span)
-        enough_s = max(_LEAST_HELD_UP_S, _HELD_UP * span.duration_s)
+        enough_s = max(_LEAST_STALL_S, _STALLED * span.duration_s)
         if delay_s > enough_s and recorded.students_cpu_s(span) < _OWN_DOING * span.duration_s:
             late = f"for {min(delay_s, span.duration_s):.1f} s of {span.duration_s:.1f} s"
             return f"Something did not appear in time while the grading computer was busy {late}."

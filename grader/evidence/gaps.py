@@ -11,7 +11,7 @@ import numpy as np
 from grader.evidence.authorship import authorship, digests_of
 from grader.evidence.recorded import Recorded
 from grader.recording.bag import Stream
-from grader.recording.session import ProcessRun, Published, Unrecorded
+from grader.recording.session import ProcessRun, Published, RecordingGap
 from grader.recording.trusted_channel import digest
 
 #: The limit of a session's recording, as `ProcessRun.limit` names limits.
@@ -21,30 +21,30 @@ _MOST_KEPT = 4
 
 
 @dataclass(frozen=True)
-class Missing:
+class Gaps:
     """What is missing in a recording through the student's processes, and what cannot be laid at their door."""
 
-    by_student: Sequence[Unrecorded]
-    by_grader: Sequence[Unrecorded]
+    by_student: Sequence[RecordingGap]
+    by_grader: Sequence[RecordingGap]
 
 
-def missing(recorded: Recorded) -> Missing:
-    """Tell what is missing in a recording by whose doing it is.
+def gaps(recorded: Recorded) -> Gaps:
+    """Return the gaps of a recording by whose doing they are.
 
     Notes
     -----
-    Topics share the room of a recording, so that it counts who filled the whole. What the grader's own processes told
-    that they published is theirs, and all else is the student's; where one of them told nothing, nobody can say.
-    A topic of which nothing was recorded, since there were too many or it is of an unknown type, is the student's
-    unless the grader publishes it.
+    Topics share the room of a recording, so that it counts who filled the whole. What the grader's own processes
+    reported that they published is theirs, and all else is the student's; where one of them reported nothing, nobody
+    can say. A topic of which nothing was recorded, since there were too many or it is of an unknown type, is the
+    student's unless the grader publishes it.
     """
     ours = {(entry.topic, entry.type) for entry in recorded.record.published}
-    parts: tuple[list[Unrecorded], list[Unrecorded]] = ([], [])
-    for left_out in recorded.record.unrecorded:
-        unseen = left_out.messages == 0 and (left_out.topic, left_out.type) not in ours
-        students = unseen or (left_out.limit and _student_wrote_more(recorded))
-        parts[0 if students and not recorded.silent_references else 1].append(left_out)
-    return Missing(*map(tuple, parts))
+    parts: tuple[list[RecordingGap], list[RecordingGap]] = ([], [])
+    for gap in recorded.record.unrecorded:
+        unseen = gap.messages == 0 and (gap.topic, gap.type) not in ours
+        students = unseen or (gap.limit and _student_wrote_more(recorded))
+        parts[0 if students and not recorded.silent_references else 1].append(gap)
+    return Gaps(*map(tuple, parts))
 
 
 @functools.lru_cache(maxsize=_MOST_KEPT)
@@ -54,20 +54,20 @@ def _student_wrote_more(recorded: Recorded) -> bool:
     whole = sum(bag.size_bytes(info.topic, info.topic_type) for info in bag.topics)
     own = 0
     for entry in recorded.record.published:
-        told = set(digests_of(entry))
-        own += sum(len(data) for data in bag.stream(entry.topic, entry.type).data if digest(data) in told)
+        digests = set(digests_of(entry))
+        own += sum(len(data) for data in bag.stream(entry.topic, entry.type).data if digest(data) in digests)
     return own <= whole - own
 
 
-def sentence_on(left_out: Unrecorded) -> str:
+def describe_gap(gap: RecordingGap) -> str:
     """Say what was left out, and why."""
-    if not left_out.limit:
-        return f"Messages on {left_out.topic} of type {left_out.type} cannot be recorded: {left_out.reason}."
-    if not left_out.messages:
-        return f"Messages on {left_out.topic} are not recorded: {left_out.reason} (limit: {RECORDING})."
-    size = f"{_in_words(left_out.size_bytes)}, {_in_words(left_out.size_bytes / left_out.messages)} each"
-    many = f"the first {left_out.messages} messages" if left_out.messages > 1 else "the first message"
-    return f"Only {many} on {left_out.topic} ({size}) are recorded: {left_out.reason} (limit: {RECORDING})."
+    if not gap.limit:
+        return f"Messages on {gap.topic} of type {gap.type} cannot be recorded: {gap.reason}."
+    if not gap.messages:
+        return f"Messages on {gap.topic} are not recorded: {gap.reason} (limit: {RECORDING})."
+    size = f"{_in_words(gap.size_bytes)}, {_in_words(gap.size_bytes / gap.messages)} each"
+    many = f"the first {gap.messages} messages" if gap.messages > 1 else "the first message"
+    return f"Only {many} on {gap.topic} ({size}) are recorded: {gap.reason} (limit: {RECORDING})."
 
 
 def _in_words(size_bytes: float) -> str:
@@ -77,17 +77,17 @@ def _in_words(size_bytes: float) -> str:
 def limits_hit(recorded: Recorded) -> dict[str, str]:
     """Return the limits that a session's processes hit, by the process's name."""
     found = {run.name: run.limit for run in recorded.record.processes if run.limit is not None}
-    for left_out in missing(recorded).by_student:
-        if left_out.limit and (run := _publisher_of(recorded, left_out)) is not None:
+    for gap in gaps(recorded).by_student:
+        if gap.limit and (run := _publisher_of(recorded, gap)) is not None:
             found.setdefault(run.name, RECORDING)
     return found
 
 
-def _publisher_of(recorded: Recorded, left_out: Unrecorded) -> ProcessRun | None:
+def _publisher_of(recorded: Recorded, gap: RecordingGap) -> ProcessRun | None:
     """Return the student's process that published a topic, by what its nodes asked for; else the busiest one."""
     students = [run for run in recorded.record.processes if run.role == "student"]
     claims = [c for c in recorded.record.claims if c.kind == "publisher"]
-    plain = left_out.topic.rsplit("/", 1)[-1]
+    plain = gap.topic.rsplit("/", 1)[-1]
     asking = {claim.process for claim in claims if claim.name.rsplit("/", 1)[-1] == plain}
     asked = [run for run in students if run.name in asking]
     return max(asked or students, key=lambda run: run.usage[-1].cpu_ns if run.usage else 0, default=None)
@@ -110,25 +110,25 @@ _MATCHED_WITHIN_S = 5.0
 
 @functools.lru_cache(maxsize=_MOST_KEPT)
 def dropped(recorded: Recorded) -> tuple[Dropped, ...]:
-    """Compare what the grader's own processes told that they published with what is recorded of it.
+    """Compare what the grader's own processes reported that they published with what is recorded of it.
 
     Notes
     -----
-    Whoever can send packets in the network of a session can send them in another's name, and make a reader believe
-    that messages are gone, or that others stand in their place. What was told came through pipes.
+    Whoever can send packets in the network of a session can send them in another's name, and pretend
+    that messages are gone, or that others stand in their place. What was reported came through the trusted channel.
     """
     record = recorded.record
-    limited = {left_out.topic for left_out in record.unrecorded}
-    told: dict[tuple[str, str], list[Published]] = {}
+    limited = {gap.topic for gap in record.unrecorded}
+    by_topic: dict[tuple[str, str], list[Published]] = {}
     for entry in record.published:
         run = recorded.process(entry.process)
         gone_at_once = (
             run is not None and (run.exited_ns or record.ended_ns) - run.started_ns <= _MATCHED_WITHIN_S * 1e9
         )
         if entry.topic not in limited and not gone_at_once:
-            told.setdefault((entry.topic, entry.type), []).append(entry)
+            by_topic.setdefault((entry.topic, entry.type), []).append(entry)
     found = []
-    for (topic, _), entries in told.items():
+    for (topic, _), entries in by_topic.items():
         published = sum(len(digests_of(entry)) for entry in entries)
         apart = recorded.authorship(topic) if recorded.published_on(topic) == tuple(entries) else None
         apart = apart or authorship(recorded.bag, topic, entries)

@@ -1,10 +1,10 @@
-"""The census of a session's graph: what of the grader's own the student's processes touched.
+"""The integrity of a session: what of the grader's own the student's processes tampered with.
 
-The grader's endpoints and messages are known by what its processes told through their pipes; whatever else is in
-the graph is the student's. Where a recording does not hold what was told, as older ones do not, nothing is found.
+The grader's endpoints and messages are known by what its processes reported through the trusted channel; whatever else
+is in the graph is the student's. Where a recording does not hold these reports, as older ones do not, nothing is found.
 
 What is found has honest causes too: a publisher on a wrong topic, or an arm simulator of the student's own.
-So it is stated as seen, and the grader's own messages are told from others (see `grader.evidence.authorship`)
+So it is stated as seen, and the grader's own messages are separated from others (see `grader.evidence.authorship`)
 wherever that suffices to measure all the same.
 """
 
@@ -32,7 +32,7 @@ from grader.recording.session import (
     ProcessRun,
     ServiceClient,
 )
-from grader.result import Violation, ViolationKind, Where
+from grader.result import Location, Violation, ViolationKind
 
 #: On these every node publishes.
 _SHARED_TOPICS = ("/rosout", "/parameter_events")
@@ -42,7 +42,7 @@ _CHANGING = ("set_parameters", "set_parameters_atomically")
 _MOST_NAMED = 5
 #: Share of a time for which the recorder, all its threads together, waits for a core where the machine is busy; beside
 #: other sessions of the same grading it is a tenth.
-_LATE = 0.2
+_BUSY = 0.2
 #: Share of a time in which the student's own programs may have used a core, if the machine is to blame for a delay.
 _OWN_DOING = 0.5
 #: Recordings from which trouble is none that comes once in a while.
@@ -53,33 +53,33 @@ _OUT_OF_MEMORY = ("MemoryError", "bad_alloc")
 
 
 @dataclass(frozen=True)
-class Touched:
-    """Something of the grader's own that was touched.
+class Tampering:
+    """Something of the grader's own that was tampered with.
 
-    Of the topics, services and nodes that are `spoilt`, or of the whole session, nothing can be measured any more.
+    Of the topics, services and nodes that are `invalidated`, or of the whole session, nothing can be measured any more.
     """
 
     violation: Violation
-    spoilt: frozenset[str] = frozenset()
+    invalidated: frozenset[str] = frozenset()
     whole: bool = False
 
 
-class _Census:
+class _Integrity:
     def __init__(self, recorded: Recorded, reference_nodes: Mapping[str, str]) -> None:
         self.recorded, self.record = recorded, recorded.record
-        told = {t.process for t in self.record.trusted}
+        reporting = {t.process for t in self.record.trusted}
         #: Names of reference nodes, whether they run in this session or not; and those that run, by process.
         self.nodes = frozenset(reference_nodes.values())
-        self.running = {name: node for name, node in reference_nodes.items() if name in told}
+        self.running = {name: node for name, node in reference_nodes.items() if name in reporting}
         self.ours = [s for s in recorded.sightings if recorded.is_trusted(s.endpoint.gid)]
-        self.strangers = [s for s in recorded.sightings if not recorded.is_trusted(s.endpoint.gid)]
+        self.student_endpoints = [s for s in recorded.sightings if not recorded.is_trusted(s.endpoint.gid)]
         self.topics = frozenset(info.topic for info in recorded.bag.topics)
         self.clocks = frozenset(info.topic for info in recorded.bag.topics if info.topic_type == _CLOCK_TYPE)
 
     def seconds(self, *times_ns: int) -> list[float]:
         return [round(self.recorded.since_start_s(t), 2) for t in times_ns]
 
-    def touched(
+    def tampering(
         self,
         kind: ViolationKind,
         text: str,
@@ -87,14 +87,14 @@ class _Census:
         span: Span,
         topic: str | None = None,
         *,
-        spoilt: Iterable[str] = (),
+        invalidated: Iterable[str] = (),
         whole: bool = False,
         certain: bool = True,
-    ) -> Touched:
+    ) -> Tampering:
         start_s, end_s = self.seconds(span.start_ns, span.end_ns)
-        where = Where(session=self.record.session, topic=topic, start_s=start_s, end_s=end_s)
+        where = Location(session=self.record.session, topic=topic, start_s=start_s, end_s=end_s)
         violation = Violation(kind, self.record.session, text, tuple(evidence), where, certain)
-        return Touched(violation, frozenset(spoilt), whole)
+        return Tampering(violation, frozenset(invalidated), whole)
 
     def described(self, sightings: Sequence[Sighting]) -> Iterator[str]:
         for sighting in sightings[:_MOST_NAMED]:
@@ -108,10 +108,10 @@ class _Census:
 
     # -- nodes --------------------------------------------------------------------------------
 
-    def impersonated(self) -> Iterator[Touched]:
+    def impersonated(self) -> Iterator[Tampering]:
         """Find nodes of the submission under a name that is the grader's."""
         by_name: dict[str, list[Sighting]] = {}
-        for sighting in self.strangers:
+        for sighting in self.student_endpoints:
             node = sighting.endpoint.node
             if node in self.nodes or node.startswith(GRADER_NAMESPACE + "/"):
                 by_name.setdefault(node if node in self.nodes else GRADER_NAMESPACE, []).append(sighting)
@@ -123,9 +123,9 @@ class _Census:
             own = [s.endpoint.gid for s in self.ours if s.endpoint.node == name]
             if own:
                 evidence.append(f"the grader's own node has gids that begin with {min(own)[:PARTICIPANT_DIGITS]}")
-            yield self.touched(ViolationKind.IMPERSONATES_NODE, text, evidence, _whole(sightings), spoilt={name})
+            yield self.tampering(ViolationKind.IMPERSONATES_NODE, text, evidence, _whole(sightings), invalidated={name})
 
-    def asked_to_change(self) -> Iterator[Touched]:
+    def asked_to_change(self) -> Iterator[Tampering]:
         """Find clients of the services that would set parameters of a reference node, if it had them."""
         wanted = {f"{node}/{service}": node for node in self.nodes for service in _CHANGING}
         found: dict[str, list[tuple[int, ServiceClient]]] = {}
@@ -140,11 +140,11 @@ class _Census:
             if offered.isdisjoint(name for name, _ in clients):
                 text += " It has no such service, so nothing of it was changed."
             evidence = [f"client of {name} in node {node}" for name, node in clients[:_MOST_NAMED]]
-            yield self.touched(ViolationKind.CHANGES_REFERENCE, text, evidence, Span(seen[0][0], seen[-1][0]))
+            yield self.tampering(ViolationKind.CHANGES_REFERENCE, text, evidence, Span(seen[0][0], seen[-1][0]))
 
-    def second_servers(self) -> Iterator[Touched]:
+    def second_servers(self) -> Iterator[Tampering]:
         """Find services that the submission offers beside a reference node, or from two of its own programs."""
-        ours = set(self.running.values()) - {s.endpoint.node for s in self.strangers}
+        ours = set(self.running.values()) - {s.endpoint.node for s in self.student_endpoints}
         found: dict[str, list[tuple[int, str]]] = {}
         for graph in self.record.graph:
             offers: dict[str, set[str]] = {}
@@ -159,14 +159,14 @@ class _Census:
                 continue
             listed = sorted({node for _, node in seen})[:_MOST_NAMED]
             evidence = [f"server of {service} in node {node}" for node in listed]
-            beside = service not in self.recorded.awaited
+            is_reference = service not in self.recorded.awaited
             text = f"The submission offers the service {service}, as a node of the grader's does."
-            if not beside:
+            if not is_reference:
                 who = f"{' and '.join(listed)} of the submission both offer the service {service}"
                 text = f"{who}; which of them answered is not known."
             span = Span(seen[0][0], seen[-1][0])
-            spoilt = {service} if beside else ()
-            yield self.touched(ViolationKind.SECOND_SERVER, text, evidence, span, service, spoilt=spoilt)
+            invalidated = {service} if is_reference else ()
+            yield self.tampering(ViolationKind.SECOND_SERVER, text, evidence, span, service, invalidated=invalidated)
 
     def _rivals(self, graph: GraphSnapshot, nodes: set[str]) -> bool:
         """Whether nodes belong to programs that are different: not to one that was started twice, or came back."""
@@ -181,29 +181,29 @@ class _Census:
 
     # -- disturbances ------------------------------------------------------------------------
 
-    def brought_down(self) -> Iterator[Touched]:
+    def brought_down(self) -> Iterator[Tampering]:
         """Find the grader's own processes that died in their native code, or no longer heeded anybody.
 
-        In a session's network only its own processes speak, so that whatever does this comes from one of them. Once it
-        may be chance; where it is so in two recordings, what the submission's programs sent is what did it.
+        In a session's network only its own processes speak, so that whatever does this comes from one of them. A
+        single occurrence is not conclusive; where it is so in two recordings, the submission's programs did it.
         """
         for run in self.record.processes:
             span = Span(run.started_ns, run.exited_ns or self.record.ended_ns)
             end = _brought_down(run) if run.role != "student" else ""
-            if end and not self._machine_was_late(span):
+            if end and not self._machine_was_busy(span):
                 what = f"node {self.running[run.name]}" if run.name in self.running else f"process {run.name}"
                 text = f"The grader's own {what} {end} while programs of the submission were running."
                 yield self._disturbed(ViolationKind.ENDS_REFERENCE, text, span, whole=True)
 
-    def kept_from_recorder(self) -> Iterator[Touched]:
-        """Find messages of the grader's that never reached its recorder, though the machine did not hold it up."""
+    def dropped_messages(self) -> Iterator[Tampering]:
+        """Find messages of the grader's that never reached its recorder, though the machine did not delay it."""
         span = Span(self.record.started_ns, self.record.ended_ns)
-        for missing in dropped(self.recorded) if not self._machine_was_late(span) else ():
-            text = f"{missing.text} Packets in the grader's name can do that, and the machine was not busy."
-            spoilt = self.topics if missing.topic in self.clocks else {missing.topic}
-            yield self._disturbed(ViolationKind.DISTURBS_RECORDING, text, span, missing.topic, spoilt=spoilt)
+        for loss in dropped(self.recorded) if not self._machine_was_busy(span) else ():
+            text = f"{loss.text} Packets in the grader's name can do that, and the machine was not busy."
+            invalidated = self.topics if loss.topic in self.clocks else {loss.topic}
+            yield self._disturbed(ViolationKind.DISTURBS_RECORDING, text, span, loss.topic, invalidated=invalidated)
 
-    def not_in_order(self) -> Iterator[Touched]:
+    def repeatedly_disturbed(self) -> Iterator[Tampering]:
         """Find what else kept an experiment from being carried out in order, again and again, on an idle machine.
 
         Whose doing it is, only a person can tell: until then it is undecided.
@@ -214,32 +214,36 @@ class _Census:
         span = Span(self.record.started_ns, self.record.ended_ns if whole else self.record.started_ns)
         alone = whole and all(run.role != "student" for run in self.record.processes)
         once = self.record.times_recorded < _REPEATED
-        if not problems or alone or once or self._machine_was_late(span):
+        if not problems or alone or once or self._machine_was_busy(span):
             return
         text = (
             f"In {self.record.times_recorded} recordings the session could not be carried out as planned while "
             "programs of the submission were running, and the machine was not busy."
         )
-        yield self.touched(ViolationKind.DISTURBS_RECORDING, text, problems, span, certain=False)
+        yield self.tampering(ViolationKind.DISTURBS_RECORDING, text, problems, span, certain=False)
 
-    def _disturbed(self, kind: ViolationKind, text: str, span: Span, topic: str | None = None, **more: Any) -> Touched:
+    def _disturbed(
+        self, kind: ViolationKind, text: str, span: Span, topic: str | None = None, **more: Any
+    ) -> Tampering:
         repeated = self.record.disturbed_before
         evidence = [f"so in recording number {self.record.attempt}" + " and in one before" * repeated]
-        return self.touched(kind, text, evidence, span, topic, certain=repeated, **more)
+        return self.tampering(kind, text, evidence, span, topic, certain=repeated, **more)
 
-    def _machine_was_late(self, span: Span) -> bool:
+    def _machine_was_busy(self, span: Span) -> bool:
         """Whether it may be the machine's doing, and not that of programs that are busy themselves."""
-        late = self.recorded.recorder_delay_s(span) > _LATE * span.duration_s
-        return late and self.recorded.students_cpu_s(span) < _OWN_DOING * span.duration_s
+        busy = self.recorded.recorder_delay_s(span) > _BUSY * span.duration_s
+        return busy and self.recorded.students_cpu_s(span) < _OWN_DOING * span.duration_s
 
     # -- topics -------------------------------------------------------------------------------
 
-    def published(self) -> Iterator[Touched]:
+    def published(self) -> Iterator[Tampering]:
         """Find messages of others on topics on which only the grader is to publish."""
         ours = {s.endpoint.topic for s in self.ours if s.endpoint.kind == "publisher"}
         topics = ours | {entry.topic for entry in self.record.published}
         for topic in sorted(topics - self.recorded.awaited - set(_SHARED_TOPICS)):
-            publishers = [s for s in self.strangers if s.endpoint.kind == "publisher" and s.endpoint.topic == topic]
+            publishers = [
+                s for s in self.student_endpoints if s.endpoint.kind == "publisher" and s.endpoint.topic == topic
+            ]
             apart = self.recorded.authorship(topic)
             if apart is not None and len(apart.others_ns):
                 span = Span(int(apart.others_ns[0]), int(apart.others_ns[-1]))
@@ -250,7 +254,7 @@ class _Census:
                 yield self._on_topic(topic, publishers, mixed, _whole(publishers))
 
     def _mixed(self, topic: str) -> str:
-        """Say why messages of others cannot be told from the grader's; empty where they need not."""
+        """Describe why messages of others cannot be separated from the grader's; empty where they need not."""
         stream = self.recorded.bag.stream(topic)
         if repeated := _repeated(stream):
             return f"{repeated} of {len(stream)} messages recorded there repeat a publication sequence number"
@@ -258,7 +262,7 @@ class _Census:
             return f"none of {len(stream)} messages recorded there is one of the grader's"
         return ""
 
-    def _on_topic(self, topic: str, publishers: Sequence[Sighting], seen: str, span: Span) -> Touched:
+    def _on_topic(self, topic: str, publishers: Sequence[Sighting], seen: str, span: Span) -> Tampering:
         named = sorted({s.endpoint.node for s in publishers if UNKNOWN_NODE not in s.endpoint.node})[:3]
         who = f"The submission ({', '.join(named)})" if named else "The submission"
         evidence = [
@@ -266,61 +270,61 @@ class _Census:
             *(self.described(publishers) if publishers else ["no publisher of theirs was seen in the graph"]),
         ]
         # Where the grader's own messages are known, what rests on the topic is judged by them alone.
-        spoilt = {topic} if self.recorded.authorship(topic) is None else set()
+        invalidated = {topic} if self.recorded.authorship(topic) is None else set()
         if topic in self.clocks:
-            kind, spoilt = (
+            kind, invalidated = (
                 ViolationKind.SPOOFS_CLOCK,
-                spoilt | self.topics,
+                invalidated | self.topics,
             )  # All that is paced by the time rests on it.
             text = f"{who} published time on {topic}, where in this session the grader's own clock is."
         else:
             kind = ViolationKind.PUBLISHES_ON_REFERENCE_TOPIC
             text = f"{who} published on {topic}, where in this session only the grader is to publish."
-            if not spoilt:
+            if not invalidated:
                 evidence.append("checks of this topic used the grader's own messages only")
-        return self.touched(kind, text, evidence, span, topic, spoilt=spoilt, certain=bool(publishers))
+        return self.tampering(kind, text, evidence, span, topic, invalidated=invalidated, certain=bool(publishers))
 
     # -- logs ---------------------------------------------------------------------------------
 
-    def forged(self) -> Iterator[Touched]:
+    def forged(self) -> Iterator[Tampering]:
         """Find log messages and parameter events in the name of a node of ours: none of them ever sends any."""
-        names = {*self.nodes, f"{GRADER_NAMESPACE}/probe"} - {s.endpoint.node for s in self.strangers}
+        names = {*self.nodes, f"{GRADER_NAMESPACE}/probe"} - {s.endpoint.node for s in self.student_endpoints}
         log = self.recorded.bag.stream("/rosout", "rcl_interfaces/msg/Log")
-        said = _naming(log, "name", {node.strip("/").replace("/", "."): node for node in names})
+        logged = _naming(log, "name", {node.strip("/").replace("/", "."): node for node in names})
         text = "Log messages on /rosout have the name of a node of the grader's, which sends none."
-        yield from self._forged(ViolationKind.FORGES_ROSOUT, text, log, said)
+        yield from self._forged(ViolationKind.FORGES_ROSOUT, text, log, logged)
         events = self.recorded.bag.stream("/parameter_events", "rcl_interfaces/msg/ParameterEvent")
-        told = _naming(events, "node", {node: node for node in names})
+        rows = _naming(events, "node", {node: node for node in names})
         # When a node is made it declares its parameters; no parameter of ours is changed later.
-        changes = events.only(np.isin(np.arange(len(events)), list(told))).field("changed_parameters")
-        told = {row: node for (row, node), changed in zip(sorted(told.items()), changes, strict=True) if changed}
+        changes = events.only(np.isin(np.arange(len(events)), list(rows))).field("changed_parameters")
+        rows = {row: node for (row, node), changed in zip(sorted(rows.items()), changes, strict=True) if changed}
         text = "Events on /parameter_events report changed parameters of the grader's nodes, which cannot be changed."
-        yield from self._forged(ViolationKind.FORGES_PARAMETER_EVENTS, text, events, told)
+        yield from self._forged(ViolationKind.FORGES_PARAMETER_EVENTS, text, events, rows)
 
-    def _forged(self, kind: ViolationKind, text: str, stream: Stream, rows: Mapping[int, str]) -> Iterator[Touched]:
+    def _forged(self, kind: ViolationKind, text: str, stream: Stream, rows: Mapping[int, str]) -> Iterator[Tampering]:
         if rows:
             times_ns = stream.received_ns[list(rows)]
             span = Span(int(times_ns[0]), int(times_ns[-1]))
             evidence = [
                 f"{count} messages in the name of {node}" for node, count in sorted(Counter(rows.values()).items())
             ]
-            yield self.touched(kind, text, evidence, span, stream.topic)
+            yield self.tampering(kind, text, evidence, span, stream.topic)
 
 
-def census(recorded: Recorded, reference_nodes: Mapping[str, str]) -> tuple[Touched, ...]:
-    """Return what of the grader's own was touched in a session; reference nodes by the names of their processes."""
-    taken = _Census(recorded, reference_nodes)
-    disturbed = tuple(taken.brought_down()) or tuple(taken.not_in_order())
+def tampering_in(recorded: Recorded, reference_nodes: Mapping[str, str]) -> tuple[Tampering, ...]:
+    """Return the tampering in a session; reference nodes by the names of their processes."""
+    integrity = _Integrity(recorded, reference_nodes)
+    disturbed = tuple(integrity.brought_down()) or tuple(integrity.repeatedly_disturbed())
     if not recorded.record.trusted or recorded.silent_references:
         return disturbed
     return (
-        *taken.impersonated(),
-        *taken.published(),
-        *taken.second_servers(),
-        *taken.asked_to_change(),
-        *taken.forged(),
+        *integrity.impersonated(),
+        *integrity.published(),
+        *integrity.second_servers(),
+        *integrity.asked_to_change(),
+        *integrity.forged(),
         *disturbed,
-        *taken.kept_from_recorder(),
+        *integrity.dropped_messages(),
     )
 
 

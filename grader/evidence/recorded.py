@@ -42,7 +42,7 @@ _IDLE_ERROR_S = 0.02
 #: span, which is more than what samples leave open, are waits of several at once.
 _AT_ONCE = 0.25
 
-#: The machine is sampled at even times: what comes later than this many intervals after the last was held up, if there
+#: The machine is sampled at even times: what comes later than this many intervals after the last was delayed, if there
 #: are samples enough to tell how far apart they are to be.
 _LATE_SAMPLE, _FEWEST_SAMPLES = 1.5, 4
 
@@ -129,28 +129,29 @@ class Recorded:
         return frozenset(self.used(name) for name in names if isinstance(name, str))
 
     def published_on(self, topic: str) -> tuple[Published, ...]:
-        """Return what the grader told that it published on a topic (of the graph).
+        """Return what the grader reported that it published on a topic (of the graph).
 
-        Nothing, unless all of its publishers there told it, and the steps do not expect the student to publish there.
+        Nothing, unless all of its publishers there reported it, and the steps do not expect the student to publish
+        there.
         """
-        told = tuple(entry for entry in self.record.published if entry.topic == topic)
-        telling = {entry.process for entry in told}
-        prefixes = tuple(t.gid_prefix for t in self.record.trusted if t.process not in telling)
+        published = tuple(entry for entry in self.record.published if entry.topic == topic)
+        reporting = {entry.process for entry in published}
+        prefixes = tuple(t.gid_prefix for t in self.record.trusted if t.process not in reporting)
         publishers = [e for e in self.endpoints if e.topic == topic and e.kind == "publisher"]
         silent = any(publisher.gid.startswith(prefixes) for publisher in publishers)
-        return () if silent or self.silent_references or topic in self.awaited else told
+        return () if silent or self.silent_references or topic in self.awaited else published
 
     @functools.cached_property
     def silent_references(self) -> tuple[str, ...]:
-        """Reference nodes whose endpoints are not known, since they told nothing through their pipes."""
+        """Reference nodes whose endpoints are not known, since they reported nothing through the trusted channel."""
         known = {t.process for t in self.record.trusted}
         return tuple(p.name for p in self.record.processes if p.role == "reference" and p.name not in known)
 
     @functools.cache  # noqa: B019
     def authorship(self, topic: str) -> Authorship | None:
-        """Tell the grader's own messages on a topic (of the graph) from others; None where this cannot be done."""
-        told = self.published_on(topic)
-        return authorship(self.bag, topic, told) if told else None
+        """Separate the grader's own messages on a topic (of the graph) from others; None where this cannot be done."""
+        published = self.published_on(topic)
+        return authorship(self.bag, topic, published) if published else None
 
     @functools.cache  # noqa: B019
     def rows(self, name: str, field: str) -> tuple[Floats | None, ...]:
@@ -184,7 +185,7 @@ class Recorded:
     # -- graph --------------------------------------------------------------------------------
 
     def is_trusted(self, gid: str) -> bool:
-        """Whether an endpoint is one of the grader's own, by what its processes told through their pipes."""
+        """Whether an endpoint is one of the grader's own, by what its processes reported themselves."""
         return gid.startswith(tuple(t.gid_prefix for t in self.record.trusted))
 
     @functools.cached_property
@@ -249,14 +250,14 @@ class Recorded:
         return next((p for p in reversed(self.record.processes) if p.name == name), None)
 
     def delays(self, run: ProcessRun) -> tuple[Delay, ...]:
-        """Return when the machine may have kept a process from its core; of one not watched, by samples only."""
+        """Return when the machine may have delayed a process; of one not watched, by samples only."""
         if run.disturbed is not None:
             return tuple(Delay(start_ns, start_ns + length_ns, delay) for start_ns, length_ns, delay in run.disturbed)
         parts = (Span(*part) for part in itertools.pairwise([usage.t_ns for usage in run.usage]))
         return tuple(Delay(p.start_ns, p.end_ns, round(self._sampled_delay_s(run, p) * 1e9)) for p in parts)
 
     def machine_delay_s(self, run: ProcessRun, span: Span) -> float:
-        """Return for how long within a span the machine may have kept a process from its core, in s.
+        """Return for how long within a span the machine may have delayed a process, in s.
 
         Notes
         -----
@@ -277,7 +278,7 @@ class Recorded:
         Notes
         -----
         Taken from the run-queue delay of its threads and the time that a virtual machine's host took; or where that is
-        more, from the time in which the grader itself stood still, as all stands still that is frozen or suspended.
+        more, from the time in which the grader itself stalled, as all does that is frozen or suspended.
         Threads of one process also wait for each other, and for other programs of the student's; so it is at most the
         time for which somebody else was on the core. A process that is busy all the time has itself to blame:
         others can have had the core no longer than it was not in use.
@@ -322,7 +323,7 @@ class Recorded:
         return _grown_s([(usage.t_ns, usage.cpu_ns) for usage in run.usage], span)
 
     def longest_delay_s(self, span: Span) -> float:
-        """Return for how long within a span the machine kept that process from its core which it held up most, in s.
+        """Return for how long within a span the machine delayed that process which it delayed most, in s.
 
         The grader's own recorder is left out: it may be late.
         """
@@ -330,7 +331,7 @@ class Recorded:
         return max((self.machine_delay_s(run, span) for run in runs), default=0.0)
 
     def recorder_delay_s(self, span: Span) -> float:
-        """Return for how long within a span the machine kept the recorder from its core, in s."""
+        """Return for how long within a span the machine delayed the recorder, in s."""
         return sum(self.machine_delay_s(run, span) for run in self.record.processes if run.role == "grader")
 
     def students_cpu_s(self, span: Span) -> float:
@@ -338,7 +339,7 @@ class Recorded:
         return sum(self.cpu_s(run, span) for run in self.record.processes if run.role == "student")
 
     def stalled_s(self, span: Span) -> float:
-        """Return for how long within a span the grader itself stood still, in s, by samples that came late."""
+        """Return for how long within a span the grader itself stalled, in s, by samples that came late."""
         times = [s.t_ns for s in self.record.machine]
         if len(times) < _FEWEST_SAMPLES:
             return 0.0

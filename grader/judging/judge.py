@@ -21,9 +21,9 @@ from grader.checks.registry import REGISTRY, Context
 from grader.errors import RecordingError
 from grader.evidence.crash.diagnosis import advisories
 from grader.evidence.crash.limits import hit_limit
-from grader.evidence.flakiness import is_believed, may_be_chance
-from grader.evidence.gaps import dropped, limits_hit, missing, sentence_on
-from grader.evidence.integrity import census
+from grader.evidence.flakiness import inconclusive_reason, may_be_flaky
+from grader.evidence.gaps import describe_gap, dropped, gaps, limits_hit
+from grader.evidence.integrity import tampering_in
 from grader.evidence.recorded import Recorded
 from grader.judging.score import score_criteria, total
 from grader.lab.patterns import NOTE, patterns_bounded
@@ -60,7 +60,7 @@ def open_recordings(folder: Path, rubric: Rubric) -> Recordings:
     except (OSError, ValueError) as problem:
         raise RecordingError(
             "this is not a folder of recordings",
-            where=str(folder),
+            location=str(folder),
             remedy=f"Give a results folder of `grade`. ({problem})",
         ) from problem
     sessions, problems = {}, []
@@ -75,7 +75,7 @@ def open_recordings(folder: Path, rubric: Rubric) -> Recordings:
         except ValueError as problem:
             raise RecordingError(
                 "a recording cannot be read",
-                where=str(folder / name),
+                location=str(folder / name),
                 remedy=f"It may be of another version. ({problem})",
             ) from problem
         sessions[name] = recorded
@@ -84,12 +84,12 @@ def open_recordings(folder: Path, rubric: Rubric) -> Recordings:
 
 
 def violations_of(recordings: Recordings, rubric: Rubric) -> tuple[Violation, ...]:
-    """Return what of the grader's own was touched in the sessions, with the checks that cannot be judged for it."""
+    """Return the tampering in the sessions, with the checks that cannot be judged for it."""
     nodes = {name: reference.node for name, reference in rubric.reference.items()}
     return tuple(
-        with_checks(touched, recorded, rubric)
+        with_checks(tampering, recorded, rubric)
         for recorded in recordings.sessions.values()
-        for touched in census(recorded, nodes)
+        for tampering in tampering_in(recorded, nodes)
     )
 
 
@@ -123,8 +123,8 @@ def _judge(
 
     Notes
     -----
-    What the machine, the grader or chance may have done makes a finding inconclusive, and it is asked about in this
-    order; what comes first has the last word.
+    What the machine or the grader may have done, or what is flaky, makes a finding inconclusive, and it is asked about
+    in this order; what comes first has the last word.
 
     1. A check that it requires was lost or is undecided.
     2. Its session was not recorded.
@@ -133,7 +133,7 @@ def _judge(
     5. The check by itself: whether the file is there; the share within the bounds that the machine's delays leave
        open (`graded`); what is missing where it was graded; and the clock (`Check.judge`).
     6. What a program can bring about itself counts as failed where it was so in every recording (`Finding.settled`).
-    7. What it measures was touched: failed.
+    7. What it measures was tampered with: failed.
     8. Messages are missing, the grader's own, or since the student's filled the recording: then failed.
     9. What befalls correct programs too has to be seen again (`grader.evidence.flakiness`).
     """
@@ -152,20 +152,20 @@ def _judge(
         needs = rubric.sessions[spec.session].needs
         missing_file = missing_artifact(context, needs[0]) if needs else None
         return missing_file or inconclusive("", "", f"The session '{spec.session}' was not recorded.")
-    touched = next((violation for violation in violations if spec.id in violation.checks), None)
-    if touched is not None and touched.kind.disturbs:
-        return not_measurable("", touched)
+    tampering = next((violation for violation in violations if spec.id in violation.checks), None)
+    if tampering is not None and tampering.kind.disturbs:
+        return not_measurable("", tampering)
     if recorded is not None and (faults := _faults(recorded)):
         return inconclusive("", "", f"The session could not be carried out as planned: {'; '.join(faults)}")
     finding = _found(spec, context)
-    if touched is not None:
-        finding = not_measurable(finding.expected, touched)
+    if tampering is not None:
+        finding = not_measurable(finding.expected, tampering)
     elif recorded is not None:
         finding = _as_far_as_recorded(_settled(finding, recorded), spec, recorded)
     if finding.outcome not in (Outcome.FAILED, Outcome.PARTIAL):
         return finding
-    if recorded is not None and (chance := may_be_chance(recorded, context.reference_nodes)) is not None:
-        return undecided(finding, chance)
+    if recorded is not None and (flaky := inconclusive_reason(recorded, context.reference_nodes)) is not None:
+        return undecided(finding, flaky)
     return finding if finding.hint else dataclasses.replace(finding, hint=spec.hint)
 
 
@@ -201,7 +201,7 @@ def _found(spec: CheckSpec, context: Context) -> Finding:
 def _settled(finding: Finding, recorded: Recorded) -> Finding:
     """Return what became of a finding that stayed undecided in all recordings, by what a program can do itself."""
     settled = finding.settled
-    if settled is None or is_believed(recorded):
+    if settled is None or may_be_flaky(recorded):
         return finding
     often = f"The session was recorded {recorded.record.times_recorded} times; a program can cause this itself."
     return dataclasses.replace(settled, reason=f"{settled.reason} {often}")
@@ -209,7 +209,7 @@ def _settled(finding: Finding, recorded: Recorded) -> Finding:
 
 def _faults(recorded: Recorded) -> list[str]:
     """Return what is wrong with a recording on the grader's side."""
-    faults = [*recorded.record.problems, *(sentence_on(left_out) for left_out in missing(recorded).by_grader)]
+    faults = [*recorded.record.problems, *(describe_gap(gap) for gap in gaps(recorded).by_grader)]
     if not recorded.record.complete:
         return [*faults, "The recording was cut off."]
     # A copy that was cut short must not be taken for a node that fell silent.
@@ -219,12 +219,12 @@ def _faults(recorded: Recorded) -> list[str]:
 def _as_far_as_recorded(finding: Finding, spec: CheckSpec, recorded: Recorded) -> Finding:
     """Return what is found of a check that rests on a topic whose messages are not all recorded."""
     check, names = REGISTRY[spec.check], named(spec, recorded)
-    if (gap := next((d for d in dropped(recorded) if d.topic in names), None)) is not None:
-        return undecided(finding, gap.text)
-    left_out = next((u for u in missing(recorded).by_student if u.topic in names), None)
-    if left_out is None or finding.outcome is Outcome.ERROR or (check.by_endpoints and finding.outcome in _GOES_ON):
+    if (loss := next((d for d in dropped(recorded) if d.topic in names), None)) is not None:
+        return undecided(finding, loss.text)
+    gap = next((u for u in gaps(recorded).by_student if u.topic in names), None)
+    if gap is None or finding.outcome is Outcome.ERROR or (check.by_endpoints and finding.outcome in _GOES_ON):
         return finding
-    return without_rest(finding, left_out, timed=is_timed(spec, recorded))
+    return without_rest(finding, gap, timed=is_timed(spec, recorded))
 
 
 def judge(recordings: Recordings, rubric: Rubric) -> Result:

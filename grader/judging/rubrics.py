@@ -71,15 +71,15 @@ def read_overrides(path: Path | None, results: Path, rubric: Rubric, sources: It
     If the results lie in one of the `sources`, which are where the submissions lie, the file beside them may be a
     student's, and does not count. Raises RubricError with all its mistakes.
     """
-    beside = results / OVERRIDES_FILE
-    if path is None and (lies_within(results, sources) or not beside.is_file()):
-        misnamed = beside.with_suffix(".yml")
+    default = results / OVERRIDES_FILE
+    if path is None and (lies_within(results, sources) or not default.is_file()):
+        misnamed = default.with_suffix(".yml")
         if misnamed.is_file() and not lies_within(results, sources):
             problem = f"the file of overrides is called {OVERRIDES_FILE}; under this name it would have no effect"
             remedy = f"Rename it, or give it with --overrides {misnamed}."
-            raise RubricError(problem, [], where=str(misnamed), remedy=remedy)
+            raise RubricError(problem, [], location=str(misnamed), remedy=remedy)
         return Overrides()
-    return load_overrides(path or beside, rubric)
+    return load_overrides(path or default, rubric)
 
 
 def chosen_rubric(folders: Sequence[Path], path: Path) -> Rubric:
@@ -93,7 +93,7 @@ def require_lab(results: Path, rubric: Rubric, remedy: str = "Name a rubric of t
     recorded = next(map(lab_id, _rubric_copies(results)), "")
     if recorded not in ("", rubric.lab.id):
         problem = f"these are results of Lab {recorded}, and the rubric is of Lab {rubric.lab.id}"
-        raise UsageError(problem, where=str(results), remedy=remedy)
+        raise UsageError(problem, location=str(results), remedy=remedy)
 
 
 def rubric_copy(results: Path) -> Path:
@@ -102,7 +102,7 @@ def rubric_copy(results: Path) -> Path:
         return copy
     problem = "there are no recordings to judge" if results.is_dir() else "there is no such folder"
     remedy = "Give a folder of results, e.g. results/ for a class or results/alice for one submission."
-    raise RecordingError(problem, where=str(results), remedy=remedy)
+    raise RecordingError(problem, location=str(results), remedy=remedy)
 
 
 def _rubric_copies(results: Path) -> list[Path]:

@@ -114,7 +114,7 @@ def require_known(copy: Path) -> None:
     if unknown := [name for name, sha256 in sha256s(kept_files(copy)).items() if not _is_known(name, sha256)]:
         raise RecordingError(
             f"{', '.join(unknown)} came with the recordings and is not known on this machine, so it is not executed",
-            where=str(copy.parent / KEPT),
+            location=str(copy.parent / KEPT),
             remedy="Name the lab's own rubric by --rubric; or, if you know where the recordings come from, judge them "
             "by `grade regrade --trust-lab`.",
         )

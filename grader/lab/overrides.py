@@ -143,12 +143,12 @@ class Overrides:
         """Say which entries do nothing: they name no submission, or move a time where the rubric has no lateness."""
         known, unknown, idle = sorted(submissions), [], []
         for entry, line in zip(self.entries, self.lines, strict=True):
-            place = f"{self.name}:{line}"
-            strangers = [name for name in entry.submission if name != EVERYONE and name not in known]
-            unknown += [f"{place}: there is no submission {name!r}{_meant(name, known)}" for name in strangers]
+            location = f"{self.name}:{line}"
+            names = [name for name in entry.submission if name != EVERYONE and name not in known]
+            unknown += [f"{location}: there is no submission {name!r}{_meant(name, known)}" for name in names]
             moved = any(time is not None for time in (entry.extension, entry.due, entry.submitted))
             if moved and not times_matter:
-                idle.append(f"{place}: the rubric does not say what lateness costs, so a time changes nothing")
+                idle.append(f"{location}: the rubric does not say what lateness costs, so a time changes nothing")
         return unknown + idle
 
 

@@ -157,11 +157,11 @@ class Reference:
         return {**handler(schema), "description": self.what}
 
 
-def one_of(value: str, what: str, known: Iterable[str], where: str = "") -> str:
+def one_of(value: str, what: str, known: Iterable[str], location: str = "") -> str:
     """Return a name if it is known; raises ValueError if it is not, with what may be meant."""
     names = list(known)
     if value not in names:
-        raise ValueError(f"there is no {what} {value!r}{where}{suggestion(value, names)}")
+        raise ValueError(f"there is no {what} {value!r}{location}{suggestion(value, names)}")
     return value
 
 

@@ -41,7 +41,7 @@ class _Loader(_SAFE):  # type: ignore[misc]
 def cannot_be_read(what: str, path: Path, problem: Exception, remedy: str) -> RubricError:
     """Return the error of a file (in words, e.g. "the rubric") that is not there, or is no text."""
     reason = problem.strerror if isinstance(problem, OSError) and problem.strerror else str(problem)
-    return RubricError(f"{what} cannot be read", [reason], where=str(path), remedy=remedy)
+    return RubricError(f"{what} cannot be read", [reason], location=str(path), remedy=remedy)
 
 
 #: Kind of mistake, as pydantic knows it -> plainer words.
@@ -128,7 +128,7 @@ class Mistakes:
     def error(self, remedy: str) -> RubricError:
         """Return the error with all of them, in the order of their lines."""
         problem = f"{self.what} has {len(self.found)} mistake{'s' * (len(self.found) != 1)}"
-        return RubricError(problem, [m for _, m in sorted(self.found)], where=str(self.path), remedy=remedy)
+        return RubricError(problem, [m for _, m in sorted(self.found)], location=str(self.path), remedy=remedy)
 
     def raise_any(self, remedy: str) -> None:
         """Raise `error` if there are mistakes."""
@@ -145,10 +145,10 @@ def parse_yaml(path: Path, text: str, what: str) -> tuple[dict[str, Any], Mistak
         mark = getattr(problem, "problem_mark", None)
         detail = getattr(problem, "problem", None) or str(problem)
         wrong, remedy = f"{path.name}:{mark.line + 1 if mark else 1}: {detail}", "Fix the line named."
-        raise RubricError(f"{what} is not valid YAML", [wrong], where=str(path), remedy=remedy) from problem
+        raise RubricError(f"{what} is not valid YAML", [wrong], location=str(path), remedy=remedy) from problem
     if not isinstance(plain, dict) or root is None:
         wrong = f"{path.name}:1: a mapping is expected"
-        raise RubricError(f"{what} is empty or not a mapping", [wrong], where=str(path))
+        raise RubricError(f"{what} is empty or not a mapping", [wrong], location=str(path))
     lines: dict[Loc, int] = {}
     repeated: list[Loc] = []
     _note_lines(root, (), lines, repeated)

@@ -282,13 +282,13 @@ def _read_description(opcode: int, buffer: _Buffer, body: int, end: int, content
     else:
         channel = Channel.read(fields)
         if channel.id not in contents.channels and channel.schema_id in contents.schemas:
-            told = channel.metadata
+            metadata = channel.metadata
             contents.channels[channel.id] = _Channel(
                 channel.topic,
                 contents.schemas[channel.schema_id][0],
-                told.get("topic_type_hash", ""),
+                metadata.get("topic_type_hash", ""),
                 contents.schemas[channel.schema_id][1],
-                told.get("offered_qos_profiles", "[]"),
+                metadata.get("offered_qos_profiles", "[]"),
             )
             contents.rows[channel.id] = []
 
@@ -311,7 +311,7 @@ def recover(folder: Path) -> bool:
     Returns
     -------
     bool
-        Whether the bag had to be mended; False if it was whole.
+        Whether the bag had to be repaired; False if it was whole.
 
     Raises
     ------

@@ -94,7 +94,7 @@ class Problem:
 
     #: A slug, such as `unknown_executable`.
     kind: str
-    #: What is wrong, and how to mend it.
+    #: What is wrong, and how to fix it.
     message: str
     #: Path relative to the submission.
     file: str | None = None

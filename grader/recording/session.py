@@ -2,7 +2,7 @@
 
 Times are integer nanoseconds of the system clock (CLOCK_REALTIME), the clock of DDS timestamps.
 The models are read by the judging half and written by the live half; neither ROS nor processes
-are needed here. Standard library only, since the trusted processes in a cell import it too.
+are needed here. Standard library only, since the trusted processes in a sandbox import it too.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ class ProcessRun:
     #: The core to which it is held, and since when.
     core: int | None = None
     held_ns: int | None = None
-    #: When the machine kept it from its core: [begin of a time, its length, for how long within it], in ns. None
+    #: When the machine delayed it: [begin of a time, its length, for how long within it], in ns. None
     #: where it was not watched.
     disturbed: list[list[int]] | None = None
 
@@ -216,7 +216,7 @@ class Published:
 
 
 @dataclass
-class Unrecorded:
+class RecordingGap:
     """Messages that the recorder left out: a topic of one type, or what came of it from some time on."""
 
     topic: str
@@ -270,7 +270,7 @@ class SessionRecord:
     #: All that the grader's own processes published.
     published: list[Published] = field(default_factory=list)
     #: What the recorder left out. Whose doing that is, `grader.evidence.gaps` tells.
-    unrecorded: list[Unrecorded] = field(default_factory=list)
+    unrecorded: list[RecordingGap] = field(default_factory=list)
 
     @property
     def times_recorded(self) -> int:

@@ -1,7 +1,7 @@
-"""What the grader's own processes tell through their pipes, which no student's process can write to.
+"""What the grader's own processes report through their pipes, which no student's process can write to.
 
 All that travels over DDS can be read and forged by the student's processes. So the grader's processes
-tell who they are and what they published by another way: the director in its messages, a reference node in lines on
+report who they are and what they published by another way: the director in its messages, a reference node in lines on
 standard output:
 
     participant GID_PREFIX
@@ -31,26 +31,26 @@ def digest(data: bytes) -> str:
     return hashlib.blake2b(data, digest_size=DIGEST_DIGITS // 2).hexdigest()
 
 
-def participants_told(run: ProcessRun) -> Iterator[str]:
-    """Return the gid prefixes that a reference node told so far."""
+def trusted_participants(run: ProcessRun) -> Iterator[str]:
+    """Return the gid prefixes that a reference node has reported so far."""
     for line in run.output:
         if line.stream == "stdout" and (match := _PARTICIPANT.fullmatch(line.text)):
             yield match[1]
 
 
-def take_told(record: SessionRecord) -> None:
-    """Move what reference nodes told from their output to where the record keeps it."""
+def collect_trusted_messages(record: SessionRecord) -> None:
+    """Move what reference nodes reported from their output to where the record keeps it."""
     for run in record.processes:
         if run.role == "reference":
             by_topic: dict[tuple[str, str], Published] = {}
-            for topic, topic_type, digests in _told(run, record):
+            for topic, topic_type, digests in _trusted_messages(run, record):
                 entry = by_topic.setdefault((topic, topic_type), Published(run.name, topic, topic_type, ""))
                 entry.digests += digests
             record.published += by_topic.values()
 
 
-def _told(run: ProcessRun, record: SessionRecord) -> Iterator[tuple[str, str, str]]:
-    """Take the lines that tell something out of a process's output; those on publications are handed out."""
+def _trusted_messages(run: ProcessRun, record: SessionRecord) -> Iterator[tuple[str, str, str]]:
+    """Take the trusted messages out of a process's output; those on publications are returned."""
     output, run.output = run.output, []
     for line in output:
         if line.stream == "stdout" and (match := _PARTICIPANT.fullmatch(line.text)):

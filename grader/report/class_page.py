@@ -73,7 +73,7 @@ def render(summary: ClassSummary, *, anonymous: bool = False) -> str:
         wholes=[views.final_share(row.total, row.possible, row.undecided) for row in summary.rows],
         titles={check.id: check.title for check in summary.checks} | {c.id: c.title for c in summary.columns},
         criteria={check.id: summary.columns[check.column].title for check in summary.checks},
-        remarks=[_remark(check, summary.chance) for check in summary.checks],
+        remarks=[_remark(check, summary.noise) for check in summary.checks],
         adjustment_text=views.adjustment_text,
         zone=_zone(summary),
     )
@@ -93,10 +93,10 @@ def _zone(summary: ClassSummary) -> timezone | None:
     return (timezone(offsets.pop()) if len(offsets) == 1 else timezone.utc) if offsets else None
 
 
-def _remark(check: CheckStatistics, chance: float | None) -> str:
+def _remark(check: CheckStatistics, noise: float | None) -> str:
     """Say where a check itself deserves a look."""
-    told = check.discrimination
-    if isinstance(told, float) and chance is not None and told < -chance:
+    discrimination = check.discrimination
+    if isinstance(discrimination, float) and noise is not None and discrimination < -noise:
         return "Strong submissions fail it more often than weak ones: look at the check."
     if check.decided >= 2 and check.passed == 0:
         return "Nobody passes it: look at the check, or at what was taught."

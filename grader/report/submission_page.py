@@ -37,6 +37,10 @@ def render(
         versions=views.versions_of(result),
         submission=submission,
         views=views,
-        places={c.id: views.places_of(c, submission.texts, anchors) for part in result.criteria for c in part.checks},
-        violations=[(v, views.place_of(v.where, {}, anchors), views.titles_of(v, result)) for v in result.violations],
+        locations={
+            c.id: views.locations_of(c, submission.texts, anchors) for part in result.criteria for c in part.checks
+        },
+        violations=[
+            (v, views.location_of(v.where, {}, anchors), views.titles_of(v, result)) for v in result.violations
+        ],
     )

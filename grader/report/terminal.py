@@ -108,8 +108,8 @@ def _add_adjustments(table: Table, result: Result) -> None:
 
 
 def _print_violation(console: Console, violation: Violation, result: Result) -> None:
-    said = " ".join(part for part in (violation.text, note_of(violation), f"(session {violation.session})") if part)
-    console.print(Text(f"For the instructor: {terminal_text(said)}", "red"))
+    text = " ".join(part for part in (violation.text, note_of(violation), f"(session {violation.session})") if part)
+    console.print(Text(f"For the instructor: {terminal_text(text)}", "red"))
     for evidence in violation.evidence:
         console.print(Text(f"  • {terminal_text(evidence, 300)}", "dim"))
     titles = [title for _, title in titles_of(violation, result)]

@@ -28,15 +28,15 @@ def print_timings(console: Console, watch: Stopwatch, provenance: Mapping[str, A
     console.print(table)
     table = _table("", "session", "attempt", "waited", "ran", "student", "reference", "grader (CPU)")
     attempts: Counter[str] = Counter()
-    last = {cell.session: cell for cell in watch.cells}
-    for cell in watch.cells:
-        attempts[cell.session] += 1
+    last = {run.session: run for run in watch.session_runs}
+    for run in watch.session_runs:
+        attempts[run.session] += 1
         # Only the last attempt's recording is kept, so only its CPU time is known by role.
-        cpu_s = sessions.get(cell.session, {}).get("cpu_s", {}) if cell is last[cell.session] else {}
+        cpu_s = sessions.get(run.session, {}).get("cpu_s", {}) if run is last[run.session] else {}
         used = [f"{cpu_s[role]:.2f} s" if role in cpu_s else "" for role in ("student", "reference", "grader")]
-        name, waited, ran = terminal_text(cell.session), f"{cell.waited_s:.2f} s", f"{cell.ran_s:.2f} s"
-        table.add_row(*map(Text, (name, str(attempts[cell.session]), waited, ran, *used)))
-    console.print(table, cpu_sentence(watch, sessions, children_cpu_s), sep="\n", highlight=False)
+        name, waited, ran = terminal_text(run.session), f"{run.waited_s:.2f} s", f"{run.ran_s:.2f} s"
+        table.add_row(*map(Text, (name, str(attempts[run.session]), waited, ran, *used)))
+    console.print(table, cpu_summary(watch, sessions, children_cpu_s), sep="\n", highlight=False)
 
 
 def _table(title: str, *columns: str) -> Table:
@@ -51,11 +51,11 @@ def own_cpu_s(watch: Stopwatch) -> float:
     return sum(stage.cpu_s for stage in watch.stages)
 
 
-def cpu_sentence(watch: Stopwatch, sessions: Mapping[str, Any], children_cpu_s: float) -> str:
+def cpu_summary(watch: Stopwatch, sessions: Mapping[str, Any], children_cpu_s: float) -> str:
     """Say how much CPU time was the student's, and how much the grader's."""
     students_s = sum(float(session.get("cpu_s", {}).get("student", 0)) for session in sessions.values())
     ours_s = own_cpu_s(watch) + children_cpu_s - students_s
     text = f"CPU time: the student's processes {students_s:.2f} s, the grader's {ours_s:.2f} s"
-    if len(watch.cells) > len({cell.session for cell in watch.cells}):
+    if len(watch.session_runs) > len({run.session for run in watch.session_runs}):
         return f"{text} (with all of what was recorded again)."
     return f"{text}."

@@ -19,10 +19,10 @@ from grader.result import (
     AdjustmentKind,
     CheckResult,
     CriterionResult,
+    Location,
     Outcome,
     Result,
     Violation,
-    Where,
     outcome_of_points,
 )
 
@@ -31,7 +31,7 @@ PRINTED_HEAD_LINES, PRINTED_TAIL_LINES = 6, 14
 CONTEXT_LINES = 2
 LONGEST_SOURCE_LINE = 200
 LONGEST_OUTPUT_LINE = 500
-MOST_PLACES = 8
+MOST_LOCATIONS = 8
 
 
 @dataclass(frozen=True)
@@ -235,7 +235,7 @@ class SourceLine:
 
 
 @dataclass(frozen=True)
-class Place:
+class ShownLocation:
     """Where proof lies: words, a link within the page, and source lines."""
 
     text: str
@@ -264,18 +264,20 @@ def _source(text: str) -> str:
     return text if len(text) <= LONGEST_SOURCE_LINE else text[: LONGEST_SOURCE_LINE - 1] + "…"
 
 
-def place_of(where: Where, texts: Mapping[str, str], anchors: Mapping[tuple[str, str], str]) -> Place:
+def location_of(where: Location, texts: Mapping[str, str], anchors: Mapping[tuple[str, str], str]) -> ShownLocation:
     """Put a place in words, with its source lines and the part of the page that shows more."""
     session, process = where.session or "", where.process or ""
     href = anchors.get((session, process)) or anchors.get((session, "")) or ""
     lines = _excerpt(texts, where.file, where.line) if where.file and where.line else ()
-    return Place(str(where), "" if where.file else href, lines)
+    return ShownLocation(str(where), "" if where.file else href, lines)
 
 
-def places_of(check: CheckResult, texts: Mapping[str, str], anchors: Mapping[tuple[str, str], str]) -> list[Place]:
+def locations_of(
+    check: CheckResult, texts: Mapping[str, str], anchors: Mapping[tuple[str, str], str]
+) -> list[ShownLocation]:
     """Return the first places where the proof of a check lies, each once."""
-    places = (place_of(where, texts, anchors) for where in list(dict.fromkeys(check.where))[:MOST_PLACES])
-    return [place for place in places if place.text]
+    locations = (location_of(where, texts, anchors) for where in list(dict.fromkeys(check.where))[:MOST_LOCATIONS])
+    return [location for location in locations if location.text]
 
 
 # -- sessions ----------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""A submission that was taken in → the artifacts that the rubric asks for, and static facts.
+"""An extracted submission → the artifacts that the rubric asks for, and static facts.
 
 Nothing is executed or imported here.
 """
@@ -31,12 +31,14 @@ def read_submission(intake: Intake, rubric: Rubric) -> SubmissionRecord:
     Raises SubmissionError if it holds nothing that the rubric asks for, or something of it may not be read: that costs
     nobody points.
     """
-    record = SubmissionRecord(name=intake.name, left_out=list(intake.left_out), source=intake.source)
+    record = SubmissionRecord(name=intake.name, left_out=list(intake.left_out), source=intake.origin)
     record.student_id = intake.student_id
     record.submitted_at = intake.submitted_at.isoformat() if intake.submitted_at is not None else None
     _collect_files(intake.folder, record)
     if not record.files:
-        raise SubmissionError("the submission is empty", where=intake.where, remedy="Put the lab's files into it.")
+        raise SubmissionError(
+            "the submission is empty", location=intake.location, remedy="Put the lab's files into it."
+        )
     paths = [PurePosixPath(f.path) for f in record.files]
     record.artifacts = find_artifacts(paths, record.texts, rubric.artifacts)
     record.packages = find_packages(record.texts, [f.path for f in record.files])
@@ -48,7 +50,7 @@ def read_submission(intake: Intake, rubric: Rubric) -> SubmissionRecord:
     if all(a.path is None for a in record.artifacts):
         wanted = ", ".join(spec.file for spec in rubric.artifacts.values())
         remedy = f"At least one of these files is expected: {wanted}. For a folder of several submissions, add --each."
-        raise SubmissionError("nothing in it looks like a submission", where=intake.where, remedy=remedy)
+        raise SubmissionError("nothing in it looks like a submission", location=intake.location, remedy=remedy)
     digest = hashlib.sha256()
     for file in sorted(record.files, key=lambda f: f.path):
         digest.update(f"{file.path}\0{file.sha256}\n".encode())
@@ -71,14 +73,14 @@ def _require_readable(intake: Intake, record: SubmissionRecord) -> None:
         more = f" and {len(closed) - 1} more" if len(closed) > 1 else ""
         raise SubmissionError(
             f"{displayed(closed[0])}{more} may not be read, so that no fair score exists",
-            where=intake.where,
+            location=intake.location,
             remedy="Give yourself the right to read it (chmod -R u+rX), or grade as the user that it belongs to.",
         )
 
 
 def read_submission_folder(folder: Path, rubric: Rubric) -> SubmissionRecord:
-    """Read a folder of the project's own as `read_submission` does; a student's is taken in first."""
-    return read_submission(Intake(folder, folder.resolve().name, where=str(folder)), rubric)
+    """Read a folder of the project's own as `read_submission` does; a student's is extracted first."""
+    return read_submission(Intake(folder, folder.resolve().name, location=str(folder)), rubric)
 
 
 def _collect_files(folder: Path, record: SubmissionRecord) -> None:

@@ -46,7 +46,7 @@ from grader.lab.kept_lab import KEPT
 from grader.lab.overrides import OVERRIDES_FILE
 from grader.lab.rubric import Rubric
 from grader.result_folder import AUDIT_FILE, CHANGES_FILE, HISTORY, JOURNAL_FILE
-from grader.submission.extraction import Handed, Piece, names_in, text_of, texts_in
+from grader.submission.extraction import Piece, SubmissionSource, names_in, text_of, texts_in
 from grader.submission.file_names import TOOL_FOLDERS, displayed, is_litter, is_packed, without_archive_suffix
 from grader.submission.last_commit import last_commit_time
 from grader.submission.lms.systems import Delivered, Download, is_table, recognised
@@ -95,11 +95,11 @@ class Shape(Enum):
 
 
 @dataclass(frozen=True)
-class Found:
+class Discovery:
     """The submissions that were found."""
 
     #: In the order of their names, each under a name of its own.
-    submissions: tuple[Handed, ...]
+    submissions: tuple[SubmissionSource, ...]
     #: What each path was taken for, in words.
     understood: tuple[str, ...] = ()
     #: Files that belong to no submission; written by students, so not to be trusted.
@@ -110,7 +110,7 @@ class Found:
 
 def find_submissions(
     paths: Sequence[Path], rubric: Rubric, *, shape: Shape = Shape.AUTO, class_list: Path | None = None
-) -> Found:
+) -> Discovery:
     """Find the submissions in folders, archives, and downloads of learning-management systems.
 
     Parameters
@@ -138,24 +138,24 @@ def find_submissions(
     -----
     A name is made from the student's alone and does not depend on who else has handed in, so that results are found
     again. Only where two would be the same, they get a mark made from their paths. The time of submission is that of
-    the class list, else of the download, else of the last commit. An archive's own is found when it is taken in.
+    the class list, else of the download, else of the last commit. An archive's own is found when it is extracted.
     """
-    finding = _Finding(rubric)
+    search = _Search(rubric)
     for path in paths:
-        finding.look_at(path, shape)
-    handed, marked = _uniquely_named(finding.submissions)
-    finding.understood += marked
+        search.look_at(path, shape)
+    sources, marked = _uniquely_named(search.submissions)
+    search.understood += marked
     missing: tuple[str, ...] = ()
     if class_list is not None:
-        plain = {_origin(one): one.name for one in finding.submissions}
-        handed, missing, unclear = _with_class_list(handed, plain, read_class_list(class_list))
-        finding.understood += unclear
-    ordered = tuple(sorted(handed, key=lambda h: (h.name.casefold(), h.name)))
-    return Found(ordered, tuple(finding.understood), tuple(finding.not_understood), missing)
+        plain = {_origin(one): one.name for one in search.submissions}
+        sources, missing, unclear = _with_class_list(sources, plain, read_class_list(class_list))
+        search.understood += unclear
+    ordered = tuple(sorted(sources, key=lambda h: (h.name.casefold(), h.name)))
+    return Discovery(ordered, tuple(search.understood), tuple(search.not_understood), missing)
 
 
 @dataclass(frozen=True)
-class _Place:
+class _Listing:
     """A folder, or one within an archive, and the names of the files in it."""
 
     path: Path
@@ -172,11 +172,11 @@ class _Place:
         return name if self.within is None else without_archive_suffix(name)
 
     @property
-    def where(self) -> str:
+    def location(self) -> str:
         return f"{self.path}: {displayed(self.within)}" if self.within else str(self.path)
 
     @property
-    def source(self) -> str:
+    def origin(self) -> str:
         """Where it lies, the same however the path was typed."""
         path = os.path.realpath(self.path)
         return f"{path}: {self.within}" if self.within else path
@@ -204,11 +204,11 @@ class _Place:
             if not (name.startswith(".") or is_litter(name) or (below and name in TOOL_FOLDERS))
         }
 
-    def below(self, folder: str) -> _Place:
+    def below(self, folder: str) -> _Listing:
         inside = self._grouped[folder]
         if self.within is None:
-            return _Place(self.path / folder, None, inside)
-        return _Place(self.path, f"{self.within}{folder}/", inside)
+            return _Listing(self.path / folder, None, inside)
+        return _Listing(self.path, f"{self.within}{folder}/", inside)
 
     def texts(self, files: Sequence[str]) -> dict[str, str]:
         """Read files below it; what cannot be read is left out."""
@@ -226,12 +226,12 @@ class _Place:
         return Piece(self.path, member, name)
 
 
-def _place(path: Path) -> _Place | None:
+def _listing_of(path: Path) -> _Listing | None:
     """Look at a path; None if it is neither a folder nor an archive that can be read."""
     if is_folder(path):
-        return _Place(path, None, tuple(_names_below(path)))
+        return _Listing(path, None, tuple(_names_below(path)))
     inside = names_in(path)
-    return None if inside is None else _Place(path, "", tuple(inside))
+    return None if inside is None else _Listing(path, "", tuple(inside))
 
 
 def _names_below(path: Path) -> Iterator[str]:
@@ -263,33 +263,33 @@ def _listed(folder: Path, most: int = _MOST_NAMES) -> list[tuple[str, bool]]:
     return []
 
 
-class _Finding:
+class _Search:
     """What has been found so far."""
 
     def __init__(self, rubric: Rubric) -> None:
-        self.submissions: list[Handed] = []
+        self.submissions: list[SubmissionSource] = []
         self.understood: list[str] = []
         self.not_understood: list[str] = []
         self._wanted = _wanted_names(rubric)
 
     def look_at(self, path: Path, shape: Shape) -> None:
         """Add the submissions that a path stands for."""
-        place = _place(path)
-        if place is None:
-            self._add(Handed.of(path), Handed.of(path).name)
+        listing = _listing_of(path)
+        if listing is None:
+            self._add(SubmissionSource.of(path), SubmissionSource.of(path).name)
             return
-        students = self._students(place, shape) if shape is not Shape.ONE else None
+        students = self._students(listing, shape) if shape is not Shape.ONE else None
         if students is None:
             if shape is not Shape.ONE:
-                self._refuse_packed_class(place)
-            self._add(_handed(place), place.name)
-            self.understood.append(f"{place.where}: one submission")
+                self._refuse_packed_class(listing)
+            self._add(_source_of(listing), listing.name)
+            self.understood.append(f"{listing.location}: one submission")
         elif not students.is_repository and (download := recognised(students.entries)) is not None:
             self._add_download(students, download)
         else:
             self._add_each(students)
 
-    def _refuse_packed_class(self, place: _Place) -> None:
+    def _refuse_packed_class(self, listing: _Listing) -> None:
         """Raise if an archive holds nothing but the archive of a class, of which all would be taken for one student's.
 
         Raises
@@ -297,50 +297,50 @@ class _Finding:
         SubmissionError
             With what to do.
         """
-        if place.within is None or list(place.entries.values()) != [False]:
+        if listing.within is None or list(listing.entries.values()) != [False]:
             return
-        (packed,) = place.entries
-        names = names_in(place.path, place.within + packed)
-        inner = _Place(Path(packed), "", tuple(names)) if names is not None else None
+        (packed,) = listing.entries
+        names = names_in(listing.path, listing.within + packed)
+        inner = _Listing(Path(packed), "", tuple(names)) if names is not None else None
         if inner is not None and self._students(inner, Shape.AUTO) is not None:
             raise SubmissionError(
                 f"it holds an archive of several submissions, {displayed(packed)}",
-                where=str(place.path),
+                location=str(listing.path),
                 remedy=f"Unpack it and give the path {displayed(packed)}; if all of it is one student's, add --one.",
             )
 
-    def _students(self, place: _Place, shape: Shape) -> _Place | None:
+    def _students(self, listing: _Listing, shape: Shape) -> _Listing | None:
         """Return where the students lie beside each other; None if it is one submission."""
         if shape is Shape.EACH:
-            return place
+            return listing
         for _ in range(_MOST_WRAPPERS):
-            entries = place.entries
-            decided = self._is_collection(place, entries)
+            entries = listing.entries
+            decided = self._is_collection(listing, entries)
             if decided is not None:
-                return place if decided else None
+                return listing if decided else None
             inner = [name for name, folder in entries.items() if folder or not is_table(name)]
             if len(inner) != 1 or not entries[inner[0]]:
                 break
-            place = place.below(inner[0])
+            listing = listing.below(inner[0])
         return None
 
-    def _is_collection(self, place: _Place, entries: Mapping[str, bool]) -> bool | None:
+    def _is_collection(self, listing: _Listing, entries: Mapping[str, bool]) -> bool | None:
         """Apply the rules that are stated above; None if none applies."""
         own = self._artifacts(name for name, folder in entries.items() if not folder)
         # What a system writes beside submissions lies in no repository, and beside no student's files.
         download = recognised(entries)
-        if download is not None and not place.is_repository and not (own and download.system.own & entries.keys()):
+        if download is not None and not listing.is_repository and not (own and download.system.own & entries.keys()):
             return True
         folders = [name for name, folder in entries.items() if folder]
-        held = {name: self._artifacts(place.below(name).files) for name in folders}
+        held = {name: self._artifacts(listing.below(name).files) for name in folders}
         sections = {name for name in folders if _SECTION.fullmatch(name) and len(entries) > 1}
         parts = {name for name in folders if _PART.fullmatch(name)} | sections
         students = [artifacts for name, artifacts in held.items() if name not in parts]
         archives = [name for name, folder in entries.items() if not folder and is_packed(name)]
-        sealed = [name for name in folders if name not in parts and _holds_archives_only(place.below(name).files)]
-        named_so = _COLLECTION.search(place.name) is not None
+        sealed = [name for name in folders if name not in parts and _holds_archives_only(listing.below(name).files)]
+        named_so = _COLLECTION.search(listing.name) is not None
         alike = any(count > 1 for count in Counter(chain.from_iterable(students)).values())
-        if (place.is_repository or own) and not (named_so and alike):
+        if (listing.is_repository or own) and not (named_so and alike):
             return False
         if alike:
             return True
@@ -358,80 +358,86 @@ class _Finding:
 
     # -- what is found -----------------------------------------------------------------------------
 
-    def _add(self, handed: Handed, name: str) -> None:
-        self.submissions.append(replace(handed, name=_safe_name(name)))
+    def _add(self, source: SubmissionSource, name: str) -> None:
+        self.submissions.append(replace(source, name=_safe_name(name)))
 
-    def _add_each(self, place: _Place) -> None:
+    def _add_each(self, listing: _Listing) -> None:
         before = len(self.submissions)
-        for name, folder in place.entries.items():
-            if folder and self._is_earlier_result(place.below(name)):
-                self.not_understood.append(f"{place.where}: {displayed(name)}: results of an earlier grading")
+        for name, folder in listing.entries.items():
+            if folder and self._is_earlier_result(listing.below(name)):
+                self.not_understood.append(f"{listing.location}: {displayed(name)}: results of an earlier grading")
             elif folder:
                 # GitHub Classroom's `lab-09-submissions/lab-09-alice` names the user.
-                assignment = place.name.removesuffix("-submissions")
-                user = name.removeprefix(f"{assignment}-") if assignment != place.name else name
-                handed = _handed(self._last_version(place.below(name)))
-                self._add(replace(handed, student_id=user) if user != name else handed, name)
+                assignment = listing.name.removesuffix("-submissions")
+                user = name.removeprefix(f"{assignment}-") if assignment != listing.name else name
+                source = _source_of(self._last_version(listing.below(name)))
+                self._add(replace(source, student_id=user) if user != name else source, name)
             elif is_packed(name):
-                piece = place.piece(name, is_folder=False)
-                where, source = f"{place.where}: {displayed(name)}", f"{place.source}/{name}"
-                self._add(Handed("", (piece,), where=where, source=source), without_archive_suffix(name))
+                piece = listing.piece(name, is_folder=False)
+                location, origin = f"{listing.location}: {displayed(name)}", f"{listing.origin}/{name}"
+                self._add(
+                    SubmissionSource("", (piece,), location=location, origin=origin), without_archive_suffix(name)
+                )
             elif not is_table(name):
-                self.not_understood.append(f"{place.where}: {displayed(name)}: neither a folder nor an archive")
-        self.understood.append(f"{place.where}: {_submissions(len(self.submissions) - before)}")
+                self.not_understood.append(f"{listing.location}: {displayed(name)}: neither a folder nor an archive")
+        self.understood.append(f"{listing.location}: {_submissions(len(self.submissions) - before)}")
 
-    def _is_earlier_result(self, place: _Place) -> bool:
+    def _is_earlier_result(self, listing: _Listing) -> bool:
         """Whether a folder holds results, and none of the lab's files, which a student may keep beside such."""
-        return any(file.endswith(_RESULT) for file in place.files) and not self._artifacts(place.files)
+        return any(file.endswith(_RESULT) for file in listing.files) and not self._artifacts(listing.files)
 
-    def _last_version(self, place: _Place) -> _Place:
+    def _last_version(self, listing: _Listing) -> _Listing:
         """Return the last of the folders `Version 1`, `Version 2`, ... that Microsoft Teams makes, if it holds such."""
-        inner = place
+        inner = listing
         for _ in range(_MOST_WRAPPERS):
             versions = {name: _VERSION.fullmatch(name) for name in inner.entries}
             numbers = {name: int(version[1]) for name, version in versions.items() if version is not None}
             if numbers and len(numbers) == len(versions):
                 *earlier, last = sorted(numbers, key=lambda name: numbers[name])
-                self.not_understood += [f"{inner.where}: {displayed(name)}: an earlier version" for name in earlier]
+                self.not_understood += [f"{inner.location}: {displayed(name)}: an earlier version" for name in earlier]
                 return inner.below(last)
             if list(inner.entries.values()) != [True]:
                 break
             inner = inner.below(next(iter(inner.entries)))
-        return place
+        return listing
 
-    def _add_download(self, place: _Place, download: Download) -> None:
+    def _add_download(self, listing: _Listing, download: Download) -> None:
         students: dict[tuple[str, str], dict[str, Delivered]] = defaultdict(dict)
-        known = download.system.details(download.known, place.texts)
-        for entry, is_a_folder in place.entries.items():
+        known = download.system.details(download.known, listing.texts)
+        for entry, is_a_folder in listing.entries.items():
             if entry in known:
                 students[known[entry].student, known[entry].student_id][entry] = known[entry]
             elif entry not in download.system.own and (is_a_folder or not is_table(entry)):
-                told = f"{place.where}: {displayed(entry)}: not named as {download.system.name} names files"
-                self.not_understood.append(told)
+                described = f"{listing.location}: {displayed(entry)}: not named as {download.system.name} names files"
+                self.not_understood.append(described)
         for (student, student_id), entries in students.items():
-            handed = self._delivered(place, entries)
+            source = self._delivered(listing, entries)
             named = student if student == student_id or not student_id else f"{student}_{student_id}"
-            told = f"{place.where}: {displayed(named)}"
-            handed = replace(handed, student=student, student_id=student_id or None, where=told, source=place.source)
-            self._add(handed, named)
+            described = f"{listing.location}: {displayed(named)}"
+            source = replace(
+                source, student=student, student_id=student_id or None, location=described, origin=listing.origin
+            )
+            self._add(source, named)
         amount = _submissions(len(students))
-        self.understood.append(f"{place.where}: {download.system.name}'s download of {amount}")
+        self.understood.append(f"{listing.location}: {download.system.name}'s download of {amount}")
 
-    def _delivered(self, place: _Place, entries: Mapping[str, Delivered]) -> Handed:
+    def _delivered(self, listing: _Listing, entries: Mapping[str, Delivered]) -> SubmissionSource:
         """Put together what one student has handed in: of several attempts, the last."""
-        last = max((told.attempt_at for told in entries.values() if told.attempt_at is not None), default=None)
-        counted = {entry: told for entry, told in entries.items() if told.attempt_at == last}
+        last = max((upload.attempt_at for upload in entries.values() if upload.attempt_at is not None), default=None)
+        counted = {entry: upload for entry, upload in entries.items() if upload.attempt_at == last}
         earlier = [entry for entry in entries if entry not in counted]
-        self.not_understood += [f"{place.where}: {displayed(entry)}: an earlier attempt" for entry in earlier]
-        names = Counter(name for told in counted.values() for name in {told.file, told.first_called})
+        self.not_understood += [f"{listing.location}: {displayed(entry)}: an earlier attempt" for entry in earlier]
+        names = Counter(name for upload in counted.values() for name in {upload.file, upload.first_called})
         pieces = []
-        for entry, told in counted.items():
-            if told.file:
-                name = told.first_called if told.first_called and names[told.first_called] == 1 else told.file
-                pieces.append(place.piece(entry, is_folder=False, name=name))
-            elif place.entries[entry]:
-                pieces.append(place.piece(entry))
-        return Handed("", tuple(pieces), submitted_at=last, late=any(told.late for told in entries.values()))
+        for entry, upload in counted.items():
+            if upload.file:
+                name = upload.first_called if upload.first_called and names[upload.first_called] == 1 else upload.file
+                pieces.append(listing.piece(entry, is_folder=False, name=name))
+            elif listing.entries[entry]:
+                pieces.append(listing.piece(entry))
+        return SubmissionSource(
+            "", tuple(pieces), submitted_at=last, late=any(upload.late for upload in entries.values())
+        )
 
 
 #: By this, the results of an earlier grading are known.
@@ -457,15 +463,15 @@ def _submissions(count: int) -> str:
     return f"{count:,} submission{'' if count == 1 else 's'}"
 
 
-def _handed(place: _Place) -> Handed:
+def _source_of(listing: _Listing) -> SubmissionSource:
     """Return a submission, with the time of its last commit unless that is yet to come: such a clock was wrong."""
     time = None
-    if place.within is None:
-        folders = [name for name, folder in place.entries.items() if folder]
-        inner = [place.path / folders[0]] if len(folders) == 1 else []
-        time = next((found for folder in (place.path, *inner) if (found := last_commit_time(folder))), None)
+    if listing.within is None:
+        folders = [name for name, folder in listing.entries.items() if folder]
+        inner = [listing.path / folders[0]] if len(folders) == 1 else []
+        time = next((found for folder in (listing.path, *inner) if (found := last_commit_time(folder))), None)
         time = None if time is not None and time > datetime.now(timezone.utc) else time
-    return Handed("", (place.piece(),), submitted_at=time, where=place.where, source=place.source)
+    return SubmissionSource("", (listing.piece(),), submitted_at=time, location=listing.location, origin=listing.origin)
 
 
 # -- names -----------------------------------------------------------------------------------------
@@ -486,33 +492,33 @@ def _mark(text: str) -> str:
     return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()[:6]
 
 
-def _origin(handed: Handed) -> str:
+def _origin(source: SubmissionSource) -> str:
     """Return where a submission's pieces lie; the same however the path was typed."""
-    return "\n".join(f"{os.path.realpath(piece.path)}\n{piece.member}" for piece in handed.pieces)
+    return "\n".join(f"{os.path.realpath(piece.path)}\n{piece.member}" for piece in source.pieces)
 
 
-def _uniquely_named(submissions: Sequence[Handed]) -> tuple[list[Handed], list[str]]:
+def _uniquely_named(submissions: Sequence[SubmissionSource]) -> tuple[list[SubmissionSource], list[str]]:
     """Drop what was given twice, and tell those of the same name apart, and from what else lies among results.
 
     Returns the submissions, and for a person which of them got a mark.
     """
-    distinct = list({(_origin(handed), handed.name): handed for handed in reversed(submissions)}.values())[::-1]
-    names = Counter(handed.name.casefold() for handed in distinct)
+    distinct = list({(_origin(source), source.name): source for source in reversed(submissions)}.values())[::-1]
+    names = Counter(source.name.casefold() for source in distinct)
     named, remarks = [], []
-    for handed in distinct:
-        plain = handed.name
+    for source in distinct:
+        plain = source.name
         among_results = plain.casefold() in TAKEN_NAMES
         if among_results or names[plain.casefold()] > 1:
-            handed = replace(handed, name=f"{plain}-{_mark(_origin(handed))}")
+            source = replace(source, name=f"{plain}-{_mark(_origin(source))}")
             others = " among results" if among_results else ""
-            remarks.append(f"{handed.where}: called {handed.name}, since there is another {plain}{others}")
-        named.append(handed)
+            remarks.append(f"{source.location}: called {source.name}, since there is another {plain}{others}")
+        named.append(source)
     return named, remarks
 
 
 def _with_class_list(
-    submissions: Sequence[Handed], names: Mapping[str, str], students: Sequence[Student]
-) -> tuple[list[Handed], tuple[str, ...], list[str]]:
+    submissions: Sequence[SubmissionSource], names: Mapping[str, str], students: Sequence[Student]
+) -> tuple[list[SubmissionSource], tuple[str, ...], list[str]]:
     """Add what a class list knows; returns who is missing, and whose lines are not told apart, too.
 
     Parameters
@@ -520,12 +526,12 @@ def _with_class_list(
     names : mapping
         Where each submission lies -> its name without a mark.
     """
-    found = matches(students, submissions, lambda handed: (handed.name, handed.student, names[_origin(handed)]))
+    found = matches(students, submissions, lambda source: (source.name, source.student, names[_origin(source)]))
     unclear = [
-        f"{handed.where}: the name alone does not say who of the class list this is"
-        for handed, place, may_be in found
-        if place is None and may_be
+        f"{source.location}: the name alone does not say who of the class list this is"
+        for source, listing, may_be in found
+        if listing is None and may_be
     ]
     there = frozenset[int]().union(*(may_be for _, _, may_be in found))
     missing = tuple(displayed(s.name or s.student_id or "") for n, s in enumerate(students) if n not in there)
-    return [handed for handed, _, _ in found], missing, unclear
+    return [source for source, _, _ in found], missing, unclear

@@ -1,8 +1,8 @@
 """The one way in: every file that a student hands in passes the same rules into a clean folder.
 
-A folder is taken in as an archive is. So what a student changes meanwhile does not matter, and the rest of the grader
-meets nothing but regular files under names that can be shown. The work is done in a process of its own, of which the
-kernel bounds time, memory and the size of files, whatever an archive makes its reader do.
+A folder is copied as an archive is extracted. So what a student changes meanwhile does not matter, and the rest of the
+grader meets nothing but regular files under names that can be shown. The work is done in a process of its own, of which
+the kernel bounds time, memory and the size of files, whatever an archive makes its reader do.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ _MOST_LISTED = 200_000
 
 @dataclass(frozen=True)
 class Limits:
-    """What is taken in at most; the rest is left out and listed."""
+    """What is extracted at most; the rest is left out and listed."""
 
     #: Files and folders that are looked at; with more, the submission is refused.
     members: int = 50_000
@@ -88,7 +88,7 @@ _BOUND = Bound("unpacking it", cpu_s=20, wall_s=600, memory_bytes=128 * 1024**2,
 T = TypeVar("T")
 
 
-def confined(work: Callable[[], T], where: str, bound: Bound = _BOUND) -> T:
+def confined(work: Callable[[], T], location: str, bound: Bound = _BOUND) -> T:
     """Return what work on a submission returns, done in a bounded process.
 
     Raises SubmissionError if it raises that, or exceeds the bound; with where the submission comes from.
@@ -96,9 +96,9 @@ def confined(work: Callable[[], T], where: str, bound: Bound = _BOUND) -> T:
     try:
         return in_process(work, bound)
     except BoundError as error:
-        raise SubmissionError(error.problem, where=where, remedy=too_much("").remedy) from None
+        raise SubmissionError(error.problem, location=location, remedy=too_much("").remedy) from None
     except SubmissionError as error:
-        error.where = error.where or where
+        error.location = error.location or location
         raise
 
 
@@ -114,8 +114,8 @@ class Piece:
 
 
 @dataclass(frozen=True)
-class Handed:
-    """A submission as it was handed in."""
+class SubmissionSource:
+    """Where a submission comes from, before it is extracted."""
 
     #: Under which its results are known: fit for a file's name, and of one submission only.
     name: str
@@ -127,57 +127,59 @@ class Handed:
     late: bool = False
     student: str = ""
     #: Where it comes from, in words; written by students, so not to be trusted.
-    where: str = ""
+    location: str = ""
     #: The path that it was found by, the same however that was typed; empty where nobody knows.
-    source: str = ""
+    origin: str = ""
 
     @classmethod
-    def of(cls, path: Path) -> Handed:
+    def of(cls, path: Path) -> SubmissionSource:
         """Return the submission that a path stands for, called as the folder or archive is."""
         name = Path(os.path.realpath(path)).name or "submission"
         named = name if is_folder(path) else file_names.without_archive_suffix(name)
-        return cls(named, (Piece(path),), where=str(path), source=os.path.realpath(path))
+        return cls(named, (Piece(path),), location=str(path), origin=os.path.realpath(path))
 
 
 @dataclass(frozen=True)
 class Intake:
-    """A submission that was taken in; what is not said here is as in `Handed`."""
+    """An extracted submission; what is not described here is as in `SubmissionSource`."""
 
     #: Holds regular files only.
     folder: Path
     name: str
-    #: What was not taken in, a line each with its reason.
+    #: What was not extracted, a line each with its reason.
     left_out: tuple[str, ...] = ()
     #: When it was handed in; else the newest time of a file in the archive, which is what a student's machine said.
     submitted_at: datetime | None = None
-    where: str = ""
+    location: str = ""
     #: Files, and folders with a slash at the end, that are there and may not be read; some of many.
     unreadable: tuple[str, ...] = ()
     student_id: str | None = None
-    source: str = ""
+    origin: str = ""
 
 
 @contextmanager
-def taken_in(handed: Handed | Path, *, prefix: str = "grade-", limits: Limits = LIMITS) -> Iterator[Intake]:
-    """Take a submission (a path stands for `Handed.of` it) in, for as long as the context lasts.
+def open_submission(
+    source: SubmissionSource | Path, *, prefix: str = "grade-", limits: Limits = LIMITS
+) -> Iterator[Intake]:
+    """Extract a submission (a path stands for `SubmissionSource.of` it) for as long as the context lasts.
 
     Raises SubmissionError if there is nothing, or it cannot be read to its end, or is more than anyone hands in.
 
     Of members with the same name the last counts, as it does for `unzip` and `tar`. Of names that differ only in
     case or in the form of their letters, which Windows and macOS cannot keep apart, the first counts. Hard links in a
-    tar are left out; in a folder they cannot be told from files, and are taken in as such. One archive beside which
+    tar are left out; in a folder they cannot be told from files, and are copied as such. One archive beside which
     no program lies is unpacked, also within an archive; others are left out.
     """
-    if isinstance(handed, Path):
-        handed = Handed.of(handed)
+    if isinstance(source, Path):
+        source = SubmissionSource.of(source)
     with tempfile.TemporaryDirectory(prefix=f"{prefix}intake-") as scratch:
-        yield confined(partial(_extracted, handed, Path(scratch), limits), handed.where)
+        yield confined(partial(_extracted, source, Path(scratch), limits), source.location)
 
 
-def _extracted(handed: Handed, scratch: Path, limits: Limits) -> Intake:
+def _extracted(source: SubmissionSource, scratch: Path, limits: Limits) -> Intake:
     extraction = _Extraction(scratch, limits)
-    for piece in handed.pieces:
-        extraction.take_piece(piece, alone=len(handed.pieces) == 1)
+    for piece in source.pieces:
+        extraction.add_piece(piece, alone=len(source.pieces) == 1)
     for _ in range(_MOST_NESTED):
         extraction.unpack_single_archive()
     left_out = extraction.left_out()
@@ -187,18 +189,18 @@ def _extracted(handed: Handed, scratch: Path, limits: Limits) -> Intake:
         raise SubmissionError(problem, remedy=remedy)
     return Intake(
         extraction.folder,
-        handed.name,
+        source.name,
         left_out,
-        handed.submitted_at or extraction.newest,
-        handed.where,
+        source.submitted_at or extraction.newest,
+        source.location,
         tuple(extraction.unreadable),
-        handed.student_id,
-        handed.source,
+        source.student_id,
+        source.origin,
     )
 
 
 class _Extraction:
-    """A submission that is being taken in."""
+    """A submission that is being extracted."""
 
     def __init__(self, scratch: Path, limits: Limits) -> None:
         self.folder = scratch / "submission"
@@ -215,14 +217,14 @@ class _Extraction:
         self._archives: list[str] = []
         self._partial, self._archive = scratch / "partial", scratch / "archive-0"
 
-    def take_piece(self, piece: Piece, *, alone: bool) -> None:
-        """Take a piece in; if it is the only one, an archive is the submission."""
+    def add_piece(self, piece: Piece, *, alone: bool) -> None:
+        """Add a piece; if it is the only one, an archive is the submission."""
         try:
             if is_folder(piece.path):
-                self._take_all(members_of_folder(piece.path, self._limits.depth))
+                self._add_all(members_of_folder(piece.path, self._limits.depth))
             else:
                 with _opened(piece.path) as file:
-                    self._take_file(file, piece, alone=alone)
+                    self._add_file(file, piece, alone=alone)
         except FileNotFoundError:
             remedy = f"Check the path. {_neighbours(piece.path)}".strip()
             raise SubmissionError("there is no such submission", remedy=remedy) from None
@@ -230,16 +232,16 @@ class _Extraction:
             remedy = "Give yourself the right to read it."
             raise SubmissionError("the submission may not be read", remedy=remedy) from None
 
-    def _take_file(self, file: BinaryIO, piece: Piece, *, alone: bool) -> None:
+    def _add_file(self, file: BinaryIO, piece: Piece, *, alone: bool) -> None:
         is_archive = format_of(file.read(HEAD_BYTES)) is not None or file_names.is_packed(piece.path.name)
         file.seek(0)
         if piece.member:
-            self._take_all(_part_of(members_of_archive(file), piece.member, piece.name))
+            self._add_all(_part_of(members_of_archive(file), piece.member, piece.name))
         elif alone and is_archive:
-            self._take_all(members_of_archive(file), timed=True)
+            self._add_all(members_of_archive(file), timed=True)
         else:
             size, name = os.fstat(file.fileno()).st_size, piece.name or piece.path.name
-            self._take_all([Member(name, Kind.FILE, size, pieces=partial(pieces_of, file))])
+            self._add_all([Member(name, Kind.FILE, size, pieces=partial(pieces_of, file))])
 
     def unpack_single_archive(self) -> None:
         """Unpack an archive that was handed in within the archive or beside documents."""
@@ -247,7 +249,7 @@ class _Extraction:
             self._archives.clear()
             with self._archive.open("rb") as file:
                 self._archive.unlink()  # Another may be in it.
-                self._take_all(members_of_archive(file), timed=True)
+                self._add_all(members_of_archive(file), timed=True)
 
     def left_out(self) -> tuple[str, ...]:
         """Return a line for each file that was left out; for those that would be too many, one for each reason."""
@@ -264,21 +266,21 @@ class _Extraction:
     def _note(self, name: str, reason: str) -> None:
         self._reasons.setdefault(reason, []).append(name)
 
-    def _take_all(self, members: Iterable[Member], *, timed: bool = False) -> None:
+    def _add_all(self, members: Iterable[Member], *, timed: bool = False) -> None:
         for member in members:
             self._members += 1
             if self._members > self._limits.members:
                 raise too_much(f"more than {self._limits.members:,} files and folders")
             try:
-                taken = self._take(member, file_names.clean_parts(member.name))
+                added = self._add(member, file_names.clean_parts(member.name))
             except file_names.UnfitError as reason:
                 self._note(member.name, str(reason))
                 continue
-            if taken and timed and member.modified:
+            if added and timed and member.modified:
                 self.newest = max(self.newest or member.modified, member.modified)
 
-    def _take(self, member: Member, parts: tuple[str, ...]) -> bool:
-        """Take a file in, if it is one that a student may have meant to hand in; returns whether it was."""
+    def _add(self, member: Member, parts: tuple[str, ...]) -> bool:
+        """Add a file, if it is one that a student may have meant to hand in; returns whether it was."""
         is_folder = member.kind is Kind.FOLDER
         made = file_names.tool_folder((*parts, "") if is_folder else parts)
         if made is not None and made not in self._tool_folders:
@@ -296,7 +298,7 @@ class _Extraction:
         head = next(pieces, b"")
         suffix = PurePosixPath(parts[-1]).suffix.lower()
         if (file_names.is_packed(parts[-1]) or suffix in ("", ".py")) and format_of(head[:HEAD_BYTES]) is not None:
-            self._put_aside(member, chain([head], pieces))
+            self._keep_archive(member, chain([head], pieces))
             return False
         if (
             file_names.is_compiled(parts[-1])
@@ -330,7 +332,7 @@ class _Extraction:
             self._note(member.name, "used, without the characters of its name that cannot be displayed")
         self.kept[key] = member.name
 
-    def _put_aside(self, member: Member, content: Iterator[bytes]) -> None:
+    def _keep_archive(self, member: Member, content: Iterator[bytes]) -> None:
         """Keep an archive until it is known whether it is the only one; of others the name is enough."""
         if not self._archives:
             most = self._limits.archive_bytes

@@ -34,7 +34,7 @@ _DRIVE = re.compile(r"[A-Za-z]:")
 
 
 class UnfitError(ValueError):
-    """Something that is not taken in; its text says why."""
+    """Something that is not extracted; its text says why."""
 
 
 def clean_parts(name: str) -> tuple[str, ...]:

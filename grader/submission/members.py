@@ -39,7 +39,7 @@ _ZIP_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zip
 
 
 class Kind(Enum):
-    """What a member is; for what is not taken in, the value says why."""
+    """What a member is; for what is not extracted, the value says why."""
 
     FILE = "a file"
     FOLDER = "a folder"
@@ -158,7 +158,7 @@ _UNPACKED: Mapping[str | None, Callable[[BinaryIO], IO[bytes]]] = {
 
 
 def format_of(head: bytes) -> str | None:
-    """Tell an archive by its first `HEAD_BYTES` bytes; None for anything else."""
+    """Recognise an archive by its first `HEAD_BYTES` bytes; None for anything else."""
     for magic, kind in _MAGIC.items():
         if head.startswith(magic):
             return kind

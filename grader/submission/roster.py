@@ -26,7 +26,7 @@ _MOST_BYTES = 4 * 1024 * 1024
 _COLUMNS = ("name", "student_id", "submitted_at")
 
 
-class _HandIn(Protocol):
+class _Submitted(Protocol):
     """What a student is known by: of a submission, or of an entry of a class."""
 
     __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
@@ -38,7 +38,7 @@ class _HandIn(Protocol):
     def submitted_at(self) -> datetime | None: ...
 
 
-T = TypeVar("T", bound=_HandIn)
+T = TypeVar("T", bound=_Submitted)
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ def read_class_list(path: Path) -> list[Student]:
             text = file.read(_MOST_BYTES).decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as problem:
         raise SubmissionError(
-            "the class list cannot be read", where=str(path), remedy=f"It is a CSV file in UTF-8. {problem}"
+            "the class list cannot be read", location=str(path), remedy=f"It is a CSV file in UTF-8. {problem}"
         ) from None
     first = text.partition("\n")[0]
     rows = csv.reader(text.splitlines(), delimiter=max(",;\t", key=first.count))
@@ -77,7 +77,7 @@ def read_class_list(path: Path) -> list[Student]:
     except (ValueError, csv.Error) as problem:
         raise SubmissionError(
             f"the class list is not usable: {problem}",
-            where=f"{path}:{rows.line_num}",
+            location=f"{path}:{rows.line_num}",
             remedy=f"Its columns are {', '.join(_COLUMNS)}; times are like 2026-03-02T23:41:00+01:00.",
         ) from None
 
@@ -116,11 +116,11 @@ def matches(
     """
     borne = [(item.student_id, names_of(item)) for item in items]
     called: dict[str, set[int]] = defaultdict(set)
-    for place, student in enumerate(students):
+    for index, student in enumerate(students):
         # Of a download, folders are called after both.
         both = f"{student.name} {student.student_id}" if student.name and student.student_id else ""
         for key in _keys(student.student_id, student.name, both):
-            called[key].add(place)
+            called[key].add(index)
     bearing: dict[str, set[str]] = defaultdict(set)
     for student_id, names in borne:
         for key in _keys(student_id, *names):
@@ -132,7 +132,7 @@ def matches(
         sure = next((min(called[key]) for key in telling if len(called[key]) == 1), None)
         known = students[sure] if sure is not None else Student("")
         student_id, time = known.student_id or item.student_id, known.submitted_at or item.submitted_at
-        may_be = frozenset(place for key in keys for place in called[key])
+        may_be = frozenset(index for key in keys for index in called[key])
         found.append((replace(item, student_id=student_id, submitted_at=time), sure, may_be))
     return found
 

@@ -44,7 +44,7 @@ def require_no_links(results: Path, sources: Iterable[str], *, inside: bool = Tr
     if link is not None:
         raise UsageError(
             "the submission holds a link where its results are to be written",
-            where=link,
+            location=link,
             remedy="Write results to another folder with -o, or remove the link.",
         )
 
@@ -74,7 +74,7 @@ def require_same_source(folder: Path, source: str) -> None:
     if before and source and before != source:
         raise UsageError(
             f"there are results of {folder.name} that were made from {before}, and this is another submission",
-            where=source,
+            location=source,
             remedy="If they are of the same student, --replace replaces them; if this is a part of one submission, "
             "--one grades that under its own name; else write results to another folder with -o.",
         )

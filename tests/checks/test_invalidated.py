@@ -15,7 +15,7 @@ from grader.judging.attempts import undecided_sessions
 from grader.judging.judge import judge, open_recordings
 from grader.judging.rubrics import read_rubric
 from grader.lab.rubric import Rubric
-from grader.recording.session import Endpoint, SessionRecord, Unrecorded, read_session, write_session
+from grader.recording.session import Endpoint, RecordingGap, SessionRecord, read_session, write_session
 from grader.recording.trusted_channel import DIGEST_DIGITS
 from grader.result import CheckResult, Outcome, Result, ViolationKind
 from tests.synthetic import ROOT
@@ -141,10 +141,8 @@ def cut_short(folder: Path, session: str, topic: str, messages: int) -> None:
     """Let the recorder have left off a topic of a session, after so many messages."""
     record = read_session(folder / session)
     reason = "they fill as much space as is left for all other topics"
-    left_out = Unrecorded(
-        topic, "std_msgs/msg/Float64MultiArray", record.started_ns, messages, 10**6, reason, limit=True
-    )
-    write_session(folder / session, dataclasses.replace(record, unrecorded=[left_out]))
+    gap = RecordingGap(topic, "std_msgs/msg/Float64MultiArray", record.started_ns, messages, 10**6, reason, limit=True)
+    write_session(folder / session, dataclasses.replace(record, unrecorded=[gap]))
 
 
 def test_what_needs_messages_that_a_flood_kept_out_fails_and_says_so(recordings: Path, rubric: Rubric) -> None:
@@ -203,8 +201,8 @@ def test_a_recording_that_the_grader_filled_costs_nothing(recordings: Path, rubr
     cut_short(recordings, "launch", "/clock", 34)
     record = read_session(recordings / "launch")
     own_type = next(entry.type for entry in record.published if entry.topic == "/clock")
-    left_out = [dataclasses.replace(record.unrecorded[0], type=own_type, limit=False, messages=0)]
-    write_session(recordings / "launch", dataclasses.replace(record, unrecorded=left_out))
+    gap = [dataclasses.replace(record.unrecorded[0], type=own_type, limit=False, messages=0)]
+    write_session(recordings / "launch", dataclasses.replace(record, unrecorded=gap))
     opened = open_recordings(recordings, rubric)
     result = judge(opened, rubric)
     assert (result.score.earned, result.score.undecided) == (Decimal(85), Decimal(15))

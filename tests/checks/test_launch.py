@@ -13,7 +13,7 @@ import pytest
 from grader.checks.base import failed, passed
 from grader.recording.launch_plan import PLAN_SCHEMA
 from grader.recording.session import Claim
-from grader.result import Finding, Outcome, Where
+from grader.result import Finding, Location, Outcome
 from tests.synthetic import FLOATS, Session, at, evenly, judged, submission
 
 LOADS = {"artifact": "it", "step": "plan"}
@@ -583,7 +583,7 @@ def test_the_same_end_as_alone_is_charged_once(
     session = planned(Session(tmp_path), processes=BOTH).node("/talker").node("/listener")
     session.process("talk-1", CRASHED, artifact=None, **FELL)
     rate = (
-        failed("", "", "", where=[Where(file="it.py", line=alone_line), Where(session="alone")])
+        failed("", "", "", where=[Location(file="it.py", line=alone_line), Location(session="alone")])
         if charged
         else passed("", "")
     )

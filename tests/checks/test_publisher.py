@@ -242,7 +242,7 @@ def test_samples_that_the_recorder_lost_do_not_lower_the_rate(tmp_path: Path) ->
 
 
 def test_a_rate_that_the_machine_may_have_lowered_is_undecided(tmp_path: Path) -> None:
-    """A node kept from its core for as long as it is short of messages loses nothing."""
+    """A node delayed for as long as it is short of messages loses nothing."""
     times = [t for t in evenly(100, 6.0) if not 3.0 < t < 4.5]
     session = published(tmp_path, times).delayed("it", 1.6, 8.0)
     finding = judged("topic_rate", RATE, session)
@@ -293,7 +293,7 @@ def test_what_the_machine_disturbs_is_judged_by_what_it_did_not(
 
 
 def test_what_is_uneven_between_disturbances_is_uneven(tmp_path: Path) -> None:
-    """That the machine stood still excuses nothing that happened when it did not."""
+    """That the machine stalled excuses nothing that happened when it did not."""
     session = published(tmp_path, uneven(0.4, 0.0095)).disturbed("it", *((1.03 + n, 0.1) for n in range(6)))
     assert judged("topic_jitter", JITTER, session).outcome is Outcome.FAILED
 

@@ -248,7 +248,7 @@ def test_numbers_without_a_subscription_are_invented(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("mean_ms", "max_ms"), [(1.0, 3.0), (50.0, 90.0)])
 def test_counts_that_the_machine_may_have_lowered_are_undecided(tmp_path: Path, mean_ms: float, max_ms: float) -> None:
-    """Where the tool was kept from its core, a count that is too low says nothing, nor does it earn anything."""
+    """Where the tool was delayed, a count that is too low says nothing, nor does it earn anything."""
     session = Session(tmp_path).endpoint("publisher", TOPIC).endpoint("subscription", TOPIC)
     times = evenly(100, 9.99)
     session.messages(TOPIC, [[0.0]] * len(times), times, latency_s=0.001)

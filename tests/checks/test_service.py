@@ -347,7 +347,7 @@ def test_no_calls_after_a_silent_one_are_not_reached(tmp_path: Path) -> None:
 
 
 def test_a_call_that_the_grader_itself_held_up_is_undecided(tmp_path: Path) -> None:
-    """Who makes the calls, and times them, may be kept from a core too, or stand still."""
+    """Who makes the calls, and times them, may be delayed too, or stall."""
     calls = [call(answer(True), latency_s) for latency_s in [0.002] * 9 + [1.4]]
     late = called(Session(tmp_path / "a").process("director", role="grader"), "many", *calls)
     late.delayed("director", 2.0, 4.0)

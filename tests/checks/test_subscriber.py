@@ -234,7 +234,7 @@ def test_a_node_that_ended_is_charged_where_the_rubric_says(tmp_path: Path, plat
     with_reports(session, times[: plateaus * STATES_EACH])
     run = session.record.processes[0]
     run.interrupted_ns, run.ended_by, run.exited_ns = None, "itself", run.output[-1].t_ns
-    session.delayed("it", 2.0, 5.0)  # What has ended cannot be kept from a core.
+    session.delayed("it", 2.0, 5.0)  # What has ended cannot be delayed.
     finding = judged("reported_series", {**SERIES, "end_charged_by": "other"}, session)
     assert finding.credit == Decimal(credit)
     assert "costs points in other" in finding.notes[0]
@@ -607,7 +607,7 @@ def test_a_node_that_got_nothing_has_not_survived_it(
 
 
 def test_reports_that_the_grader_read_too_late_are_undecided(tmp_path: Path) -> None:
-    """A grader that stood still takes what was printed on one plateau for what is printed on the next."""
+    """A grader that stalled takes what was printed on one plateau for what is printed on the next."""
     session, times = stimulus(tmp_path)
     late = [(max(t, 3.7) if 1.9 < t < 3.7 else t) for t in times]
     lines = [(t + 0.001, f"RMS tracking error: {abs(ERRORS[n // STATES_EACH]):.4f} rad") for n, t in enumerate(late)]
@@ -672,10 +672,10 @@ def test_a_program_outlives_its_node_only_with_it(
 
 def padded(session: Session, times: list[float], every: int, lines: int, apart_s: float = 0.0001) -> Session:
     """Let a process report on every n-th state, each time in several lines."""
-    told = [(n, time_s) for n, time_s in enumerate(times) if n % every == 0]
+    describe_diagnosis = [(n, time_s) for n, time_s in enumerate(times) if n % every == 0]
     said = [
         (time_s + 0.001 + k * apart_s, f"RMS tracking error: {abs(ERRORS[n // STATES_EACH]):.4f} rad")
-        for n, time_s in told
+        for n, time_s in describe_diagnosis
         for k in range(lines)
     ]
     return session.process("it", said)
@@ -699,7 +699,7 @@ def test_reports_that_came_together_are_no_repeats(tmp_path: Path) -> None:
 
 
 def test_reports_that_the_grader_read_together_are_no_repeats(tmp_path: Path) -> None:
-    """Where the grader stood still, what it read then all came late."""
+    """Where the grader stalled, what it read then all came late."""
     session, times = stimulus(tmp_path)
     with_reports(session, times)
     for line in session.record.processes[0].output:

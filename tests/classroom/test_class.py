@@ -23,10 +23,10 @@ pytestmark = pytest.mark.live
 
 @pytest.fixture(scope="module", autouse=True)
 def _confined() -> None:
-    """Skip where no cells can be made."""
+    """Skip where no sandboxes can be made."""
     isolation = probe_isolation(Path(sys.executable))
     if not isolation.level.at_least(Level.NO_CGROUP):
-        pytest.skip(f"no cells here: {isolation.remedy}")
+        pytest.skip(f"no sandboxes here: {isolation.remedy}")
 
 
 def earned(small: SmallClass) -> dict[str, object]:

@@ -17,7 +17,7 @@ from grader.classroom.job import Row
 from grader.classroom.journal import UNJUDGED, Journal
 from grader.classroom.progress import RunProgress
 from grader.classroom.scheduler import Machine
-from grader.cohort.entries import NOTHING_HANDED_IN
+from grader.cohort.entries import NOTHING_SUBMITTED
 from grader.errors import GraderError
 from grader.judging.rubrics import read_rubric
 from grader.lab.kept_lab import lab_folder
@@ -27,15 +27,15 @@ from grader.pipeline import Options
 from grader.recording.submission import read_submission, write_submission
 from grader.result import Result, Score, to_json
 from grader.result_folder import RECORDINGS, REPORT_FILE, RESULT_FILE, RUBRIC_COPY
-from grader.submission.extraction import Handed, Piece, taken_in
+from grader.submission.extraction import Piece, SubmissionSource, open_submission
 
 KEPT = Path(__file__).resolve().parents[1] / "recordings/wrong_topic"
 NOON = datetime(2026, 11, 21, 12, tzinfo=timezone.utc)
 
 
-def handed(name: str) -> Handed:
+def source(name: str) -> SubmissionSource:
     """Make what a student of this name handed in."""
-    return Handed(name, (Piece(Path(name)),), f"id of {name}", NOON)
+    return SubmissionSource(name, (Piece(Path(name)),), f"id of {name}", NOON)
 
 
 def result_named(name: str) -> Result:
@@ -55,9 +55,9 @@ def test_all_who_are_known_are_told_once(tmp_path: Path) -> None:
         result(tmp_path, name)
     (tmp_path / ".unfinished").mkdir()
     rows = [
-        Row(handed("ann"), result_named("ann")),
-        Row(handed("bob"), GraderError("the submission is empty")),
-        Row(handed("cem"), GraderError("the disk is full")),
+        Row(source("ann"), result_named("ann")),
+        Row(source("bob"), GraderError("the submission is empty")),
+        Row(source("cem"), GraderError("the disk is full")),
     ]
     entries = entries_of(tmp_path, rows, ["dan", "old"])
     assert [entry.name for entry in entries] == ["ann", "bob", "cem", "dan", "old"]
@@ -66,19 +66,19 @@ def test_all_who_are_known_are_told_once(tmp_path: Path) -> None:
     assert (ann.student_id, ann.submitted_at) == ("id of ann", NOON)
     assert (bob.result, bob.problem, bob.student_id) == (None, "the submission is empty", "id of bob")
     assert (cem.result, cem.problem) == (None, "the disk is full"), "an earlier result is not this submission's"
-    assert (dan.result, dan.problem) == (None, NOTHING_HANDED_IN)
+    assert (dan.result, dan.problem) == (None, NOTHING_SUBMITTED)
     assert (old.result, old.problem) == (result_named("old"), ""), "whoever has a result has handed in"
 
 
 def test_the_time_that_an_archive_tells_is_kept(tmp_path: Path) -> None:
-    """What was found when a submission was taken in stands in its record, and on the page."""
+    """What was found when a submission was extracted stands in its record, and on the page."""
     results = tmp_path / "results"
     shutil.copytree(KEPT, results / "ann" / RECORDINGS)
     (results / "ann" / "result.json").write_text(to_json(result_named("ann")), encoding="utf-8")
     record = read_submission(results / "ann" / RECORDINGS)
     record.submitted_at, record.student_id = NOON.isoformat(), "7"
     write_submission(results / "ann" / RECORDINGS, record)
-    row = Row(Handed("ann", (Piece(Path("ann.zip")),)), result_named("ann"))
+    row = Row(SubmissionSource("ann", (Piece(Path("ann.zip")),)), result_named("ann"))
     (entry,) = entries_of(results, [row], [])
     assert (entry.submitted_at, entry.student_id) == (NOON, "7")
 
@@ -96,13 +96,13 @@ def test_what_was_recorded_is_judged_again_where_that_suffices(tmp_path: Path) -
     key = fingerprint.combined(
         fingerprint.engine_sha256(), fingerprint.lab_sha256(rubric), fingerprint.options_sha256(options)
     )
-    with taken_in(Handed.of(handed_in)) as intake:
+    with open_submission(SubmissionSource.of(handed_in)) as intake:
         key = fingerprint.combined(key, fingerprint.submission_sha256(intake))
 
     def graded(journal: Journal) -> Row:
         display = RunProgress(Console(file=io.StringIO()), 1)
         run = ClassRun(rubric, options, journal, Machine(1), display)
-        run.grade([Handed.of(handed_in)], Isolation(Level.FULL))
+        run.grade([SubmissionSource.of(handed_in)], Isolation(Level.FULL))
         (row,) = run.rows
         return row
 

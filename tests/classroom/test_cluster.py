@@ -27,7 +27,7 @@ from grader.judging.rubrics import read_rubric
 from grader.live.sandbox.isolation import Level
 from grader.live.sandbox.probing import probe_isolation
 from grader.pipeline import Options
-from grader.submission.extraction import Handed
+from grader.submission.extraction import SubmissionSource
 from tests.classroom.small_class import ASTRAY, CRASHES, SLEEPS, Family, SmallClass, make_class
 from tests.live.small_lab import TALKER, below, command_of, until
 
@@ -74,7 +74,7 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
     """Start a scheduler and two workers, each for one submission at a time."""
     isolation = probe_isolation(Path(sys.executable))
     if not isolation.level.at_least(Level.NO_CGROUP):
-        pytest.skip(f"no cells here: {isolation.remedy}")
+        pytest.skip(f"no sandboxes here: {isolation.remedy}")
     folder = tmp_path / "cluster"
     folder.mkdir()
     file = folder / "scheduler.json"
@@ -156,8 +156,8 @@ def test_problems_come_back_and_ctrl_c_ends(tmp_path: Path, cluster: Cluster) ->
 
 def test_another_grader_is_refused() -> None:
     """A worker whose grader is not the same grades nothing, and says what to do."""
-    handed = Handed.of(Path(__file__))
-    job = Job(handed, Path("results"), read_rubric(None), Options(Path(sys.executable)))
+    source = SubmissionSource.of(Path(__file__))
+    job = Job(source, Path("results"), read_rubric(None), Options(Path(sys.executable)))
     bundle = pickle.dumps(Bundle("another", job, b"", b"", own_interpreter=True))
     ending, _, results = grade_bundle(bundle)
     assert isinstance(ending, GraderError)

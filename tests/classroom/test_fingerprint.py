@@ -14,7 +14,7 @@ from grader.classroom import fingerprint
 from grader.judging.rubrics import read_overrides, read_rubric
 from grader.lab.rubric import Rubric
 from grader.pipeline import Options
-from grader.submission.extraction import Intake, taken_in
+from grader.submission.extraction import Intake, open_submission
 
 ROOT = Path(__file__).parents[2]
 OPTIONS = Options(Path(sys.executable))
@@ -27,8 +27,8 @@ def rubric() -> Rubric:
 
 
 def submission(folder: Path) -> str:
-    """Hash a submission as it is graded: taken in first."""
-    with taken_in(folder) as intake:
+    """Hash a submission as it is graded: extracted first."""
+    with open_submission(folder) as intake:
         return fingerprint.submission_sha256(intake)
 
 
@@ -108,8 +108,8 @@ def test_of_the_rubrics_own_folder_not_everything_counts(tmp_path: Path, rubric:
     (tmp_path / "submissions").mkdir()
     (tmp_path / "submissions" / "ann.py").write_text("")
     specs = {name: spec.model_copy(update={"file": "arm.py"}) for name, spec in rubric.reference.items()}
-    beside = replace(rubric, folder=tmp_path, reference=specs)
-    assert set(fingerprint.lab_files(beside)) == {"arm.py", "arm_model.py", "oracles.py"}
+    atomic_replacement = replace(rubric, folder=tmp_path, reference=specs)
+    assert set(fingerprint.lab_files(atomic_replacement)) == {"arm.py", "arm_model.py", "oracles.py"}
 
 
 @pytest.mark.parametrize(

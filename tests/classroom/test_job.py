@@ -13,19 +13,19 @@ from grader.errors import GraderError, RubricError, SubmissionError
 from grader.judging.rubrics import read_rubric
 from grader.live.sandbox.isolation import Isolation, Level
 from grader.pipeline import Options
-from grader.submission.extraction import Handed
+from grader.submission.extraction import SubmissionSource
 
 
 def test_a_job_arrives_as_it_was_sent(tmp_path: Path) -> None:
     """Rubric, options and submission are the same on the other side."""
-    handed = Handed.of(tmp_path)
-    job = Job(handed, tmp_path, read_rubric(None), Options(Path(sys.executable), ["qos"]), Isolation(Level.FULL))
+    source = SubmissionSource.of(tmp_path)
+    job = Job(source, tmp_path, read_rubric(None), Options(Path(sys.executable), ["qos"]), Isolation(Level.FULL))
     assert pickle.loads(pickle.dumps(job)) == job
 
 
 def test_problems_arrive() -> None:
     """What went wrong arrives, and without end it does not."""
-    problem = problem_of(SubmissionError("it broke", where="a.py", remedy="mend it"))
+    problem = problem_of(SubmissionError("it broke", location="a.py", remedy="mend it"))
     arrived = pickle.loads(pickle.dumps(problem))
     assert (vars(arrived), arrived.exit_status) == (vars(problem), 3)
     assert len(problem_of(GraderError("x" * 10**6)).problem) < 10_000
@@ -34,10 +34,10 @@ def test_problems_arrive() -> None:
 @pytest.mark.parametrize(
     ("error", "expected"),
     [
-        (SubmissionError("it is empty", where="ann", remedy="fill it"), ("it is empty", "ann", "fill it", 3)),
+        (SubmissionError("it is empty", location="ann", remedy="fill it"), ("it is empty", "ann", "fill it", 3)),
         (GraderError("it broke"), ("it broke", "", "", 70)),
         (
-            RubricError("two mistakes", ["a.yaml:1: one", "a.yaml:2: two"], where="a.yaml"),
+            RubricError("two mistakes", ["a.yaml:1: one", "a.yaml:2: two"], location="a.yaml"),
             ("two mistakes; a.yaml:1: one; a.yaml:2: two", "a.yaml", "", 4),
         ),
     ],
@@ -45,13 +45,13 @@ def test_problems_arrive() -> None:
 def test_errors_keep_their_words_and_their_exit_status(error: GraderError, expected: tuple[str, str, str, int]) -> None:
     """An error of a submission says the same in a class as it does alone."""
     found = problem_of(error)
-    assert (found.problem, found.where, found.remedy, found.exit_status) == expected
+    assert (found.problem, found.location, found.remedy, found.exit_status) == expected
 
 
 def test_a_full_disk_is_named() -> None:
     """Of an error of the system the reason and the file are told, and what to look at."""
     told = problem_of(OSError(28, "No space left on device", "/results/ann"))
-    assert (told.problem, told.where, told.exit_status) == ("No space left on device", "/results/ann", 70)
+    assert (told.problem, told.location, told.exit_status) == ("No space left on device", "/results/ann", 70)
     assert "disk" in told.remedy
 
 

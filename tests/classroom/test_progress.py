@@ -14,12 +14,12 @@ from grader.classroom.job import Ending, Phase, Row
 from grader.classroom.progress import RunProgress, print_class, summary
 from grader.errors import GraderError
 from grader.result import Result, Score
-from grader.submission.extraction import Handed, Piece
+from grader.submission.extraction import Piece, SubmissionSource
 
 
 def row(name: str, ending: Ending, *, reused: bool = False) -> Row:
     """Make what became of a submission."""
-    return Row(Handed(name, (Piece(Path(name)),)), ending, reused, 12.4)
+    return Row(SubmissionSource(name, (Piece(Path(name)),)), ending, reused, 12.4)
 
 
 def points(earned: str, undecided: str = "0") -> Result:
@@ -50,7 +50,7 @@ def test_in_a_ci_job_each_submission_is_a_line() -> None:
         progress.phase("ann", Phase("qos", "starting"))
         progress.ended(row("ann", points("84.6")))
         progress.ended(row("bob", points("50", "2.5")))
-        progress.ended(row("cem", GraderError("the submission is empty", where="class/cem", remedy="fill it")))
+        progress.ended(row("cem", GraderError("the submission is empty", location="class/cem", remedy="fill it")))
     assert stream.getvalue().splitlines() == [
         "[2/4] ✓ ann: 84.6 / 100 (12 s)",
         "[3/4] ✓ bob: 50 / 100, 2.5 undecided (12 s)",
@@ -99,8 +99,10 @@ def test_the_table_at_the_end() -> None:
     rows = [
         row("ann", points("84.6")),
         row("bob", points("50", "2.5")),
-        row("cem", GraderError("the submission is empty", where="class/cem", remedy="Put the lab's files into it.")),
-        row("dan", GraderError("No space left on device", where="/results/dan/report.html", remedy="Check the disk.")),
+        row("cem", GraderError("the submission is empty", location="class/cem", remedy="Put the lab's files into it.")),
+        row(
+            "dan", GraderError("No space left on device", location="/results/dan/report.html", remedy="Check the disk.")
+        ),
     ]
     print_class(screen, rows)
     lines = [line.strip() for line in stream.getvalue().splitlines()]
@@ -130,8 +132,8 @@ def test_names_cannot_steer_terminal_or_log(name: str) -> None:
         progress.expect(name, 1.0)
         progress.phase(name, Phase(name, name))
         text = shown(progress)
-        progress.ended(row(name, GraderError(name, where=name, remedy=name)))
-    print_class(screen, [row(name, GraderError(name, where=name, remedy=name))])
+        progress.ended(row(name, GraderError(name, location=name, remedy=name)))
+    print_class(screen, [row(name, GraderError(name, location=name, remedy=name))])
     text += stream.getvalue()
     assert "\x1b" not in text
     assert not any(line.strip().startswith(("::", "bob")) for line in text.splitlines())

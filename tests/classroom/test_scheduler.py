@@ -1,4 +1,4 @@
-"""Places for cells: as many as there are, all of them for one, and none lost with a killed holder."""
+"""Places for sandboxes: as many as there are, all of them for one, and none lost with a killed holder."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from grader.classroom.scheduler import MOST_PLACES, Machine
+from grader.classroom.scheduler import MOST_SLOTS, Machine
 from grader.live.sandbox.isolation import Form, Isolation, Level
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="abstract sockets are Linux's own")
@@ -26,9 +26,9 @@ time.sleep(600)
 """
 
 
-def machine(places: int) -> Machine:
+def machine(slots: int) -> Machine:
     """Make places that no other test knows."""
-    return Machine(places, f"grade-test-{uuid.uuid4().hex}")
+    return Machine(slots, f"grade-test-{uuid.uuid4().hex}")
 
 
 async def waits(taking: Coroutine[Any, Any, Callable[[], None]]) -> asyncio.Task[Callable[[], None]]:
@@ -43,9 +43,9 @@ def test_as_many_as_there_are_places() -> None:
     """One more than there are places waits until a place is given back."""
 
     async def scenario() -> None:
-        places = machine(2)
-        first, second = await places.take(), await places.take()
-        third = await waits(places.take())
+        slots = machine(2)
+        first, second = await slots.take(), await slots.take()
+        third = await waits(slots.take())
         second()
         give_back = await third
         give_back()
@@ -58,10 +58,10 @@ def test_one_alone_waits_for_all_and_keeps_all_out() -> None:
     """One that runs alone waits for those that run; those that come after it wait for it."""
 
     async def scenario() -> None:
-        places = machine(2)
-        running = await places.take()
-        alone = await waits(places.take(alone=True))
-        later = await waits(places.take())
+        slots = machine(2)
+        running = await slots.take()
+        alone = await waits(slots.take(alone=True))
+        later = await waits(slots.take())
         running()
         give_back = await alone
         assert not later.done()
@@ -75,14 +75,14 @@ def test_whoever_gives_up_leaves_nothing_held() -> None:
     """One that is cancelled while it waits to be alone gives back what it had already."""
 
     async def scenario() -> None:
-        places = machine(1)
-        running = await places.take()
-        waiting = await waits(places.take(alone=True))
+        slots = machine(1)
+        running = await slots.take()
+        waiting = await waits(slots.take(alone=True))
         waiting.cancel()
         with pytest.raises(asyncio.CancelledError):
             await waiting
         running()
-        give_back = await asyncio.wait_for(places.take(alone=True), 30)
+        give_back = await asyncio.wait_for(slots.take(alone=True), 30)
         give_back()
 
     asyncio.run(scenario())
@@ -112,9 +112,9 @@ def test_no_more_places_than_one_alone_holds() -> None:
     """However many places are asked for, one that runs alone holds every one of them."""
 
     async def scenario() -> None:
-        places = machine(MOST_PLACES + 5)
-        alone = await places.take(alone=True)
-        waiting = await waits(places.take())
+        slots = machine(MOST_SLOTS + 5)
+        alone = await slots.take(alone=True)
+        waiting = await waits(slots.take())
         alone()
         (await waiting)()
 
@@ -124,5 +124,5 @@ def test_no_more_places_than_one_alone_holds() -> None:
 @pytest.mark.parametrize("jobs", [None, 1, 4])
 def test_cells_that_share_a_network_run_one_at_a_time(jobs: int | None) -> None:
     """Whatever was asked for, a submission is not given the chance to speak in another's network."""
-    assert Machine.of(Isolation(Level.NONE), jobs).places == 1
-    assert Machine.of(Isolation(Level.FULL, Form.USER), 7).places == 7
+    assert Machine.of(Isolation(Level.NONE), jobs).slots == 1
+    assert Machine.of(Isolation(Level.FULL, Form.USER), 7).slots == 7

@@ -15,11 +15,11 @@ from rich.console import Console
 
 from grader.classroom.job import Row
 from grader.cli import main
-from grader.commands.grade import _report_class, _tell_found
+from grader.commands.grade import _print_discovery, _report_class
 from grader.judging.rubrics import read_rubric
 from grader.result import Result, Score
-from grader.submission.discovery import Found
-from grader.submission.extraction import Handed
+from grader.submission.discovery import Discovery
+from grader.submission.extraction import SubmissionSource
 
 ROOT = Path(__file__).parents[2]
 
@@ -62,19 +62,19 @@ def test_a_cluster_needs_its_software(
     assert "[cluster]" in errors
 
 
-def told(found: Found) -> str:
+def told(found: Discovery) -> str:
     """Give what the command tells of what was found."""
     console = Console(file=io.StringIO(), width=200)
-    _tell_found(found, console)
+    _print_discovery(found, console)
     assert isinstance(console.file, io.StringIO)
     return console.file.getvalue()
 
 
 def test_who_is_marked_late_without_a_time_is_told() -> None:
     """A system's mark is not lost where it alone tells that something was late."""
-    late = Handed("bob", (), late=True)
-    assert "--class-list can: bob\n" in told(Found((late, Handed("ann", ()))))
-    assert told(Found((replace(late, submitted_at=datetime(2026, 3, 2, tzinfo=timezone.utc)),))) == ""
+    late = SubmissionSource("bob", (), late=True)
+    assert "--class-list can: bob\n" in told(Discovery((late, SubmissionSource("ann", ()))))
+    assert told(Discovery((replace(late, submitted_at=datetime(2026, 3, 2, tzinfo=timezone.utc)),))) == ""
 
 
 def test_who_is_on_the_page_from_earlier_runs_is_told(tmp_path: Path) -> None:
@@ -82,7 +82,7 @@ def test_who_is_on_the_page_from_earlier_runs_is_told(tmp_path: Path) -> None:
     for name in ("ann", "old"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "result.json").write_text("{}", encoding="utf-8")
-    rows = [Row(Handed("ann", ()), Result("ann", "Lab 1", Score(Decimal(1), Decimal(1), Decimal(0)), ()))]
+    rows = [Row(SubmissionSource("ann", ()), Result("ann", "Lab 1", Score(Decimal(1), Decimal(1), Decimal(0)), ()))]
     console = Console(file=io.StringIO(), width=200)
     options = Namespace(output=tmp_path, class_list=None, anonymous=False)
     _report_class(rows, ("zoe",), read_rubric(None), options, console)

@@ -30,7 +30,7 @@ from grader.live.sandbox.isolation import Level
 from grader.live.sandbox.probing import probe_isolation
 from grader.pipeline import Options
 from grader.result import Result, Score
-from grader.submission.extraction import Handed
+from grader.submission.extraction import SubmissionSource
 from tests.classroom.small_class import SLEEPS, Family, SmallClass, make_class
 from tests.live.small_lab import TALKER, command_of, leavings, until
 
@@ -81,14 +81,14 @@ def case(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Case:
     """Give a submission whose session waits for a minute."""
     isolation = probe_isolation(Path(sys.executable))
     if not isolation.level.at_least(Level.NO_CGROUP):
-        pytest.skip(f"no cells here: {isolation.remedy}")
+        pytest.skip(f"no sandboxes here: {isolation.remedy}")
     small = make_class(tmp_path, {"ann": SLEEPS})
     monkeypatch.setattr(tempfile, "tempdir", str(small.temporary))
     monkeypatch.setenv("TMPDIR", str(small.temporary))
     options = Options(Path(sys.executable), seed=1)
-    handed = Handed.of(small.submissions / "ann")
+    source = SubmissionSource.of(small.submissions / "ann")
     machine = Machine(2, f"grade-test-{uuid.uuid4().hex}")
-    job = Job(handed, small.results / "ann", read_rubric(small.rubric), options, isolation, machine)
+    job = Job(source, small.results / "ann", read_rubric(small.rubric), options, isolation, machine)
     return Case(small, job, Family(os.getpid()), small.temporary)
 
 
@@ -121,7 +121,7 @@ def test_a_process_that_is_killed_is_told(case: Case, phase: str) -> None:
 
 def test_what_is_wrong_with_a_submission_is_told(case: Case) -> None:
     """A submission that is refused has the same words and status as alone."""
-    case.job = replace(case.job, handed=Handed.of(case.small.folder / "nobody"))
+    case.job = replace(case.job, source=SubmissionSource.of(case.small.folder / "nobody"))
     ending = case.ends()
     assert isinstance(ending, GraderError)
     assert (ending.problem, ending.exit_status) == ("there is no such submission", 3)
@@ -133,7 +133,7 @@ def test_results_that_cannot_be_written_are_told(case: Case) -> None:
     ending = case.ends()
     assert isinstance(ending, GraderError)
     assert ending.exit_status == 70
-    assert str(case.small.results) in ending.where
+    assert str(case.small.results) in ending.location
 
 
 def test_a_submission_does_not_keep_the_others_from_the_machine(case: Case) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from grader.cohort.entries import NOTHING_HANDED_IN, ClassEntry, entries_in, report_link, with_roster
+from grader.cohort.entries import NOTHING_SUBMITTED, ClassEntry, entries_in, report_link, with_roster
 from grader.recording.submission import SubmissionRecord, write_submission
 from grader.result import Result, Score, to_json
 from grader.submission.roster import Student
@@ -94,7 +94,7 @@ def test_a_class_list_gives_ids_times_and_who_is_missing() -> None:
         ("4711", "4711", None, ""),
         ("alice", "0012", moment, ""),
         ("bob", None, None, ""),
-        ("zoe", "77", None, NOTHING_HANDED_IN),
+        ("zoe", "77", None, NOTHING_SUBMITTED),
     ]
 
 

@@ -148,10 +148,10 @@ def test_where_nothing_can_be_said_it_is_said_why() -> None:
     entries = entries_of(TWO, *([n / 9, 1 - n / 9] for n in range(9)))
     few = summarise(entries, TWO)
     assert {check.discrimination for check in few.checks} == {Silent.TOO_FEW}
-    assert few.chance is None
+    assert few.noise is None
     alike = summarise(entries_of(TWO, *([1, n / 9] for n in range(10))), TWO)
     assert [check.discrimination for check in alike.checks] == [Silent.ALL_ALIKE, Silent.ALL_ALIKE]
-    assert alike.chance == pytest.approx(2 / math.sqrt(10))
+    assert alike.noise == pytest.approx(2 / math.sqrt(10))
     alone = summarise(entries_of(ONE, *([n / 9] for n in range(10))), ONE)
     assert alone.checks[0].discrimination is Silent.TOO_FEW
 

@@ -114,7 +114,7 @@ def test_where_the_student_is_expected_to_publish_nothing_is_left_out(tmp_path: 
 
 
 def test_a_publisher_of_the_graders_that_told_nothing_keeps_all(tmp_path: Path) -> None:
-    """A reference node that had to be killed told no digests: its messages must not be lost for that."""
+    """A reference node that had to be killed reported no digests: its messages must not be lost for that."""
     session = with_own(tmp_path).messages(TOPIC, [[5.0]], [1.5]).endpoint("publisher", TOPIC, "/plateaus")
     session.record.trusted.append(Trusted("plateaus", session.graph.endpoints[-1].gid[:24]))
     assert values(session.recorded()) == [0.1, 5.0, 0.2, 0.3]

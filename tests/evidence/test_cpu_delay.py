@@ -1,4 +1,4 @@
-"""What of a measurement the machine touched, by the times at which it kept a process from its core."""
+"""What of a measurement the machine touched, by the times at which it delayed a process."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grader.evidence.crash.diagnosis import Diagnosis
-from grader.evidence.environment_gap import is_newer_python, modules_to_look_for, only_elsewhere
+from grader.evidence.environment_gap import environment_gap, is_newer_python, modules_to_look_for
 from grader.recording.submission import PackageFact
 from tests.synthetic import submission
 
@@ -84,7 +84,7 @@ def missing(subject: str, kind: str = "missing-module", line: int = 1) -> Diagno
 def test_a_library_that_is_missing_is_for_a_person_to_decide(module: str, imported: str, is_gap: bool) -> None:
     """A known package that the source imports there is told; a name that nobody knows, or that is not imported, not."""
     record = submission({"it.py": f"import {imported}\n"})
-    told = only_elsewhere(missing(module), record, "it.py")
+    told = environment_gap(missing(module), record, "it.py")
     assert (told is not None) == is_gap
     assert told is None or f"needs {module.split('.')[0]}" in told
 
@@ -93,11 +93,11 @@ def test_what_the_grader_found_is_not_missing() -> None:
     """The grader's own look decides; what it did not look for, as in an older recording, the source decides."""
     record = submission({"it.py": "import matplotlib\n"})
     record.absent_modules = []
-    assert only_elsewhere(missing("matplotlib"), record, "it.py") is None
+    assert environment_gap(missing("matplotlib"), record, "it.py") is None
     record.absent_modules = ["matplotlib"]
-    assert only_elsewhere(missing("matplotlib"), record, "it.py") is not None
-    assert only_elsewhere(None, record, "it.py") is None
-    assert only_elsewhere(missing("matplotlib", line=2), record, "it.py") is None
+    assert environment_gap(missing("matplotlib"), record, "it.py") is not None
+    assert environment_gap(None, record, "it.py") is None
+    assert environment_gap(missing("matplotlib", line=2), record, "it.py") is None
 
 
 def test_a_file_that_the_program_does_not_import_excuses_nothing() -> None:
@@ -105,17 +105,17 @@ def test_a_file_that_the_program_does_not_import_excuses_nothing() -> None:
     decoy = submission({"it.py": "import rclpy\n", "helper.py": "import scipy\n"})
     used = submission({"it.py": "from .helper import wave\n", "helper.py": "import scipy\n"})
     found = Diagnosis("missing-module", "", "", "helper.py", 1, "ModuleNotFoundError", subject="scipy")
-    assert only_elsewhere(found, decoy, "it.py") is None
-    assert only_elsewhere(found, used, "it.py") is not None
+    assert environment_gap(found, decoy, "it.py") is None
+    assert environment_gap(found, used, "it.py") is not None
 
 
 def test_files_that_import_each_other_are_looked_at_once() -> None:
-    """As many files as are taken in, which all import all others, take no time to speak of."""
+    """As many files as are extracted, which all import all others, take no time to speak of."""
     names = [f"m{n}" for n in range(2000)]
     every = submission({"it.py": f"import {', '.join(names)}\n", **{f"{name}.py": "import it, m1\n" for name in names}})
     found = Diagnosis("missing-module", "", "", "m1999.py", 1, "ModuleNotFoundError", subject="scipy")
     began_s = time.process_time()
-    assert only_elsewhere(found, every, "it.py") is None
+    assert environment_gap(found, every, "it.py") is None
     assert time.process_time() - began_s < 2.0
 
 
@@ -125,7 +125,7 @@ def test_interfaces_of_a_package_of_the_submission_are_not_built() -> None:
     defined = submission({**files, "lab_interfaces/msg/Pose.msg": "float64 x\n"})
     for record in (defined, submission(files)):
         record.packages.append(PackageFact("lab_interfaces", "lab_interfaces", "ament_cmake"))
-        told = only_elsewhere(missing("lab_interfaces", "missing-sibling"), record, "it.py")
+        told = environment_gap(missing("lab_interfaces", "missing-sibling"), record, "it.py")
         assert (told is not None) == (record is defined)
 
 
@@ -138,8 +138,8 @@ def test_a_submission_is_searched_for_what_may_be_missing() -> None:
 def test_a_file_in_newer_syntax_is_for_a_person_to_decide() -> None:
     """The file and its line are named; a mistake is no newer syntax."""
     found = Diagnosis("syntax-error", "", "", file="it.py", line=1)
-    told = only_elsewhere(found, submission({"it.py": NEWER[0]}), "it.py")
+    told = environment_gap(found, submission({"it.py": NEWER[0]}), "it.py")
     assert told is not None
     assert told.startswith("it.py (line 1) uses syntax of Python 3.12")
-    assert only_elsewhere(found, submission({"it.py": BROKEN[0]}), "it.py") is None
-    assert only_elsewhere(found, submission({"other.py": ""}), "other.py") is None
+    assert environment_gap(found, submission({"it.py": BROKEN[0]}), "it.py") is None
+    assert environment_gap(found, submission({"other.py": ""}), "other.py") is None

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from grader.evidence.gaps import limits_hit, missing, sentence_on
-from grader.recording.session import Claim, ProcessRun, Published, Trusted, Unrecorded, Usage
+from grader.evidence.gaps import describe_gap, gaps, limits_hit
+from grader.recording.session import Claim, ProcessRun, Published, RecordingGap, Trusted, Usage
 from grader.recording.trusted_channel import digest
 from tests.synthetic import FLOATS, Session, at, floats
 
@@ -15,9 +15,9 @@ STATES, COMMANDS = "/joint_states", "/joint_commands"
 FILLED = "they fill as much space as is left for all other topics"
 
 
-def cut(topic: str, messages: int = 3, size_bytes: int = 24_000_150) -> Unrecorded:
+def cut(topic: str, messages: int = 3, size_bytes: int = 24_000_150) -> RecordingGap:
     """Give what is noted of a topic that was recorded up to a limit."""
-    return Unrecorded(topic, FLOATS, at(2.0), messages, size_bytes, FILLED, limit=True)
+    return RecordingGap(topic, FLOATS, at(2.0), messages, size_bytes, FILLED, limit=True)
 
 
 def session(folder: Path, *, own: int, theirs: int) -> Session:
@@ -39,7 +39,7 @@ def test_who_wrote_most_of_the_recording_has_filled_it(
     """By the bytes of each writer in the whole, not by whose topic was cut: all share the room."""
     made = session(tmp_path, own=own, theirs=theirs)
     made.record.unrecorded.append(cut(topic))
-    found = missing(made.recorded())
+    found = gaps(made.recorded())
     assert (len(found.by_student), len(found.by_grader)) == ((1, 0) if students else (0, 1))
 
 
@@ -47,7 +47,7 @@ def test_a_students_messages_on_the_graders_topic_are_the_students(tmp_path: Pat
     """What nobody of the grader's told is not the grader's, whatever topic it was published on."""
     made = session(tmp_path, own=100, theirs=1).messages(STATES, [[9.0] * 300], [1.2])
     made.record.unrecorded.append(cut(STATES))
-    assert missing(made.recorded()).by_student == (cut(STATES),)
+    assert gaps(made.recorded()).by_student == (cut(STATES),)
 
 
 def test_where_a_reference_node_told_nothing_nobody_is_blamed(tmp_path: Path) -> None:
@@ -55,17 +55,17 @@ def test_where_a_reference_node_told_nothing_nobody_is_blamed(tmp_path: Path) ->
     made = session(tmp_path, own=1, theirs=1000)
     made.record.trusted.clear()
     made.record.unrecorded.append(cut(COMMANDS))
-    assert missing(made.recorded()).by_grader == (cut(COMMANDS),)
+    assert gaps(made.recorded()).by_grader == (cut(COMMANDS),)
 
 
 def test_a_type_that_cannot_be_recorded_is_the_students_unless_the_grader_publishes_it(tmp_path: Path) -> None:
     """What the grader's own nodes publish it must be able to record; no limit was hit, whoever wrote how much."""
     made = session(tmp_path, own=1000, theirs=1)
     kinds = ((STATES, FLOATS), (STATES, "a/msg/B"))
-    strange = [Unrecorded(topic, kind, at(1.0), 0, 0, "unknown", limit=False) for topic, kind in kinds]
+    strange = [RecordingGap(topic, kind, at(1.0), 0, 0, "unknown", limit=False) for topic, kind in kinds]
     made.record.unrecorded += strange
     recorded = made.recorded()
-    found = missing(recorded)
+    found = gaps(recorded)
     assert (found.by_grader, found.by_student) == ((strange[0],), (strange[1],))
     assert limits_hit(recorded) == {}
 
@@ -73,9 +73,9 @@ def test_a_type_that_cannot_be_recorded_is_the_students_unless_the_grader_publis
 def test_a_topic_too_many_is_the_students(tmp_path: Path) -> None:
     """The grader's own topics are few, and each is recorded from its start."""
     made = session(tmp_path, own=1000, theirs=1)
-    made.record.unrecorded.append(Unrecorded("/more", FLOATS, at(1.0), 0, 0, "1000 topics are there", limit=True))
+    made.record.unrecorded.append(RecordingGap("/more", FLOATS, at(1.0), 0, 0, "1000 topics are there", limit=True))
     recorded = made.recorded()
-    assert len(missing(recorded).by_student) == 1
+    assert len(gaps(recorded).by_student) == 1
     assert list(limits_hit(recorded).values()) == ["recording"]
 
 
@@ -99,11 +99,11 @@ def test_the_process_that_asked_for_the_publisher_hit_the_limit(tmp_path: Path) 
         (cut("/a", 1, 900), f"Only the first message on /a (0.9 kB, 0.9 kB each) are recorded: {FILLED}"),
         (cut("/a", 0, 0), f"Messages on /a are not recorded: {FILLED} (limit: recording)."),
         (
-            Unrecorded("/a", "b/msg/C", 0, 0, 0, "unknown", limit=False),
+            RecordingGap("/a", "b/msg/C", 0, 0, 0, "unknown", limit=False),
             "Messages on /a of type b/msg/C cannot be recorded: unknown.",
         ),
     ],
 )
-def test_it_says_what_is_missing(left_out: Unrecorded, said: str) -> None:
+def test_it_says_what_is_missing(left_out: RecordingGap, said: str) -> None:
     """The number of messages, what they filled, and why no more are there."""
-    assert sentence_on(left_out).startswith(said)
+    assert describe_gap(left_out).startswith(said)

@@ -1,4 +1,4 @@
-"""The census of the graph: what of the grader's own was touched, and what was not."""
+"""The census of the graph: what of the grader's own was tampered with, and what was not."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from grader.evidence.integrity import Touched, census
+from grader.evidence.integrity import Tampering, tampering_in
 from grader.evidence.recorded import Recorded
 from grader.judging.rubrics import read_rubric
 from grader.recording.session import (
@@ -27,7 +27,7 @@ from grader.recording.session import (
     Trusted,
 )
 from grader.recording.trusted_channel import digest
-from grader.result import ViolationKind, Where
+from grader.result import Location, ViolationKind
 from tests.synthetic import FLOATS, ROOT, Session, at, floats
 
 KEPT = sorted(path.parent for path in (ROOT / "tests/recordings").glob(f"*/*/{SESSION_FILE}"))
@@ -87,14 +87,14 @@ def add(made: Session, *endpoints: Endpoint) -> Session:
     return made
 
 
-def taken(made: Session) -> tuple[Touched, ...]:
+def taken(made: Session) -> tuple[Tampering, ...]:
     """Give the census of a session."""
-    return census(made.recorded(), NODES)
+    return tampering_in(made.recorded(), NODES)
 
 
 def kinds(made: Session) -> list[ViolationKind]:
     """Give the kinds of all that was found."""
-    return [touched.violation.kind for touched in taken(made)]
+    return [tampering.violation.kind for tampering in taken(made)]
 
 
 # -- honest ----------------------------------------------------------------------------------------
@@ -105,7 +105,7 @@ def test_nothing_is_found_in_a_kept_recording(folder: Path) -> None:
     """No recording of an honest submission, right or wrong, holds anything; each knows the grader's own processes."""
     nodes = {name: spec.node for name, spec in read_rubric(None).reference.items()}
     recorded = Recorded.open(folder)
-    assert census(recorded, nodes) == ()
+    assert tampering_in(recorded, nodes) == ()
     ran = {run.name for run in recorded.record.processes if run.role in ("reference", "grader")}
     assert {trusted.process for trusted in recorded.record.trusted} == ran
     assert not recorded.silent_references
@@ -153,31 +153,31 @@ def test_a_recording_that_was_told_nothing_holds_nothing(tmp_path: Path) -> None
 
 def test_a_second_node_of_a_reference_nodes_name(tmp_path: Path) -> None:
     """It is told by its gids, which are not the arm's, and both are shown."""
-    (touched,) = taken(add(session(tmp_path), endpoint("/simulated_arm", STUDENT, "/parameter_events", number=9)))
-    violation = touched.violation
+    (tampering,) = taken(add(session(tmp_path), endpoint("/simulated_arm", STUDENT, "/parameter_events", number=9)))
+    violation = tampering.violation
     assert (violation.kind, violation.session) == (ViolationKind.IMPERSONATES_NODE, "experiment")
     assert violation.certain
     assert "/simulated_arm" in violation.text
     assert f"{STUDENT}00000009" in violation.evidence[0]
     assert ARM in violation.evidence[1]
-    assert violation.where == Where(session="experiment", start_s=1.0, end_s=30.0)
-    assert touched.spoilt == {"/simulated_arm"}
+    assert violation.where == Location(session="experiment", start_s=1.0, end_s=30.0)
+    assert tampering.invalidated == {"/simulated_arm"}
 
 
 def test_the_name_of_a_reference_node_that_does_not_run_here(tmp_path: Path) -> None:
     """Names of reference nodes are the grader's in every session: what has one is not judged as the student's."""
-    (touched,) = taken(add(session(tmp_path), endpoint("/plateau_stimulus", STUDENT, "/rosout", number=9)))
-    assert touched.violation.kind is ViolationKind.IMPERSONATES_NODE
-    assert len(touched.violation.evidence) == 1
+    (tampering,) = taken(add(session(tmp_path), endpoint("/plateau_stimulus", STUDENT, "/rosout", number=9)))
+    assert tampering.violation.kind is ViolationKind.IMPERSONATES_NODE
+    assert len(tampering.violation.evidence) == 1
 
 
 def test_a_node_in_the_graders_namespace(tmp_path: Path) -> None:
     """Nodes there are the grader's; however many others there are, they are told together."""
     others = [endpoint(f"/_grader/{n}", STUDENT, "/rosout", number=n) for n in range(20)]
-    (touched,) = taken(add(session(tmp_path), *others))
-    assert touched.violation.kind is ViolationKind.IMPERSONATES_NODE
-    assert "/_grader/0" in touched.violation.evidence[0]
-    assert touched.violation.evidence[-1] == "and 15 more"
+    (tampering,) = taken(add(session(tmp_path), *others))
+    assert tampering.violation.kind is ViolationKind.IMPERSONATES_NODE
+    assert "/_grader/0" in tampering.violation.evidence[0]
+    assert tampering.violation.evidence[-1] == "and 15 more"
 
 
 @pytest.mark.parametrize("offered", [False, True])
@@ -188,11 +188,11 @@ def test_a_client_that_sets_parameters_of_a_reference_node(tmp_path: Path, offer
     made.record.graph[-1].clients.append(ServiceClient(name, kind, "/student"))
     if offered:
         made.record.graph[-1].services.append(ServiceOffer(name, kind, "/simulated_arm"))
-    (touched,) = taken(made)
-    assert touched.violation.kind is ViolationKind.CHANGES_REFERENCE
-    assert touched.violation.evidence == (f"client of {name} in node /student",)
-    assert ("nothing of it was changed" in touched.violation.text) != offered
-    assert not touched.spoilt
+    (tampering,) = taken(made)
+    assert tampering.violation.kind is ViolationKind.CHANGES_REFERENCE
+    assert tampering.violation.evidence == (f"client of {name} in node /student",)
+    assert ("nothing of it was changed" in tampering.violation.text) != offered
+    assert not tampering.invalidated
 
 
 def test_a_client_that_only_reads_parameters_touches_nothing(tmp_path: Path) -> None:
@@ -208,10 +208,10 @@ def test_a_second_server_of_a_reference_nodes_service(tmp_path: Path) -> None:
     made = session(tmp_path)
     for node in ("/simulated_arm", "/student"):
         made.record.graph[-1].services.append(ServiceOffer("/arm/reset", "std_srvs/srv/Trigger", node))
-    (touched,) = taken(made)
-    assert touched.violation.kind is ViolationKind.SECOND_SERVER
-    assert touched.violation.evidence == ("server of /arm/reset in node /student",)
-    assert touched.spoilt == {"/arm/reset"}
+    (tampering,) = taken(made)
+    assert tampering.violation.kind is ViolationKind.SECOND_SERVER
+    assert tampering.violation.evidence == ("server of /arm/reset in node /student",)
+    assert tampering.invalidated == {"/arm/reset"}
 
 
 def test_a_service_that_the_steps_expect_is_the_students(tmp_path: Path) -> None:
@@ -238,10 +238,10 @@ def rivals(made: Session, programs: Sequence[str], participants: Sequence[str]) 
 def test_two_servers_in_two_programs_of_the_student(tmp_path: Path) -> None:
     """Who answered is not known; that is stated, and nothing fails for it."""
     made = rivals(session(tmp_path), ["service", "publisher"], ["0d" * 12, "0e" * 12])
-    (touched,) = taken(made)
-    assert touched.violation.kind is ViolationKind.SECOND_SERVER
-    assert "/one and /two of the submission both offer the service /robot/enable" in touched.violation.text
-    assert not touched.spoilt
+    (tampering,) = taken(made)
+    assert tampering.violation.kind is ViolationKind.SECOND_SERVER
+    assert "/one and /two of the submission both offer the service /robot/enable" in tampering.violation.text
+    assert not tampering.invalidated
 
 
 def test_two_servers_in_one_process_touch_nothing(tmp_path: Path) -> None:
@@ -260,11 +260,11 @@ def test_a_process_of_the_graders_that_is_brought_down(tmp_path: Path, repeated:
     """Once may be chance; where it happens again it is what the submission's programs sent, and nothing is measured."""
     made = session(tmp_path, attempt=2, arm_status=-11)
     made.record.disturbed_before = repeated
-    (touched,) = taken(made)
-    assert (touched.violation.kind, touched.violation.certain) == (ViolationKind.ENDS_REFERENCE, certain)
-    assert "/simulated_arm ended by signal 11" in touched.violation.text
-    assert "recording number 2" in touched.violation.evidence[0]
-    assert touched.whole
+    (tampering,) = taken(made)
+    assert (tampering.violation.kind, tampering.violation.certain) == (ViolationKind.ENDS_REFERENCE, certain)
+    assert "/simulated_arm ended by signal 11" in tampering.violation.text
+    assert "recording number 2" in tampering.violation.evidence[0]
+    assert tampering.whole
 
 
 @pytest.mark.parametrize(
@@ -299,11 +299,11 @@ def test_trouble_that_comes_again_is_named(
     """Whatever it is, on a machine that is not busy, a person is told of it; it fails nothing by itself."""
     made = session(tmp_path, attempt=attempt).process("joint_publisher").delayed("director", recorder_s, 20.0)
     made.record.problems.append(problem)
-    touched = taken(made)
-    assert [(t.violation.kind, t.violation.certain) for t in touched] == [
+    tampering = taken(made)
+    assert [(t.violation.kind, t.violation.certain) for t in tampering] == [
         (ViolationKind.DISTURBS_RECORDING, False)
     ] * found
-    assert [t.violation.evidence for t in touched] == [(problem,)] * found
+    assert [t.violation.evidence for t in tampering] == [(problem,)] * found
 
 
 @pytest.mark.parametrize(("attempt", "found"), [(1, 0), (3, 1)])
@@ -336,10 +336,10 @@ def test_messages_that_never_reached_the_recorder(tmp_path: Path, recorded: Sequ
     """By whatever part is missing: the first, the last, some between, or all."""
     made = published(session(tmp_path), 1100, recorded)
     made.record.disturbed_before = repeated
-    (touched,) = taken(made)
-    assert touched.violation.kind is ViolationKind.DISTURBS_RECORDING
-    assert f"Of the 1100 messages that the grader published on /plan {len(recorded)} are" in touched.violation.text
-    assert (touched.violation.certain, touched.spoilt) == (repeated, frozenset({"/plan"}))
+    (tampering,) = taken(made)
+    assert tampering.violation.kind is ViolationKind.DISTURBS_RECORDING
+    assert f"Of the 1100 messages that the grader published on /plan {len(recorded)} are" in tampering.violation.text
+    assert (tampering.violation.certain, tampering.invalidated) == (repeated, frozenset({"/plan"}))
 
 
 def test_messages_in_the_place_of_the_graders(tmp_path: Path) -> None:
@@ -383,43 +383,43 @@ def test_messages_on_a_reference_nodes_topic(tmp_path: Path) -> None:
     """They are counted, their publisher is named, and what the arm sent can still be measured."""
     made = session(tmp_path).messages(STATES, [[9.0], [9.1]], [1.5, 2.5])
     add(made, endpoint("/joint_state_subscriber", STUDENT, STATES, number=9))
-    (touched,) = taken(made)
-    violation = touched.violation
+    (tampering,) = taken(made)
+    violation = tampering.violation
     assert violation.kind is ViolationKind.PUBLISHES_ON_REFERENCE_TOPIC
     assert violation.certain
     assert "(/joint_state_subscriber) published on /joint_states" in violation.text
     assert violation.evidence[0].startswith("2 messages recorded on /joint_states from 1.5 to 2.5 s are none of the")
     assert f"{STUDENT}00000009" in violation.evidence[1]
-    assert violation.where == Where(session="experiment", topic=STATES, start_s=1.5, end_s=2.5)
-    assert not touched.spoilt
+    assert violation.where == Location(session="experiment", topic=STATES, start_s=1.5, end_s=2.5)
+    assert not tampering.invalidated
 
 
 def test_messages_without_a_publisher_are_not_certain(tmp_path: Path) -> None:
     """Who sent them is not known."""
-    (touched,) = taken(session(tmp_path).messages(STATES, [[9.0]], [1.5]))
-    assert not touched.violation.certain
-    assert "no publisher" in " ".join(touched.violation.evidence)
+    (tampering,) = taken(session(tmp_path).messages(STATES, [[9.0]], [1.5]))
+    assert not tampering.violation.certain
+    assert "no publisher" in " ".join(tampering.violation.evidence)
 
 
 def test_messages_that_cannot_be_told_apart_spoil_the_topic(tmp_path: Path) -> None:
-    """Where the reference node told no digests, two publishers are known by repeated sequence numbers alone."""
+    """Where the reference node reported no digests, two publishers are known by repeated sequence numbers alone."""
     made = session(tmp_path).messages(STATES, [[9.0]], [1.5])
     made.record.published.clear()
     add(made, endpoint("/joint_state_subscriber", STUDENT, STATES, number=9))
-    (touched,) = taken(made)
-    assert touched.violation.kind is ViolationKind.PUBLISHES_ON_REFERENCE_TOPIC
-    assert touched.violation.evidence[0].startswith("1 of 6 messages")
-    assert touched.spoilt == {STATES}
+    (tampering,) = taken(made)
+    assert tampering.violation.kind is ViolationKind.PUBLISHES_ON_REFERENCE_TOPIC
+    assert tampering.violation.evidence[0].startswith("1 of 6 messages")
+    assert tampering.invalidated == {STATES}
 
 
 def test_a_flood_that_leaves_none_of_the_reference_nodes_messages_spoils_the_topic(tmp_path: Path) -> None:
     """Where not one message of the arm was recorded, and others were, nothing of the topic can be measured."""
     made = session(tmp_path)
     made.record.published[0].digests = digest(floats([7.0]))
-    touched, disturbed = taken(add(made, endpoint("/student", STUDENT, STATES, number=9)))
+    tampering, disturbed = taken(add(made, endpoint("/student", STUDENT, STATES, number=9)))
     assert disturbed.violation.kind is ViolationKind.DISTURBS_RECORDING
-    assert touched.violation.evidence[0] == "none of 5 messages recorded there is one of the grader's"
-    assert touched.spoilt == {STATES}
+    assert tampering.violation.evidence[0] == "none of 5 messages recorded there is one of the grader's"
+    assert tampering.invalidated == {STATES}
 
 
 def test_one_publisher_that_told_nothing_spoils_nothing(tmp_path: Path) -> None:
@@ -430,17 +430,17 @@ def test_one_publisher_that_told_nothing_spoils_nothing(tmp_path: Path) -> None:
 
 
 def test_a_second_clock_spoils_what_is_paced_by_it(tmp_path: Path) -> None:
-    """Time itself cannot be told apart afterwards: every topic of the session hangs on it."""
+    """Time itself cannot be told apart afterwards: every topic of the session depends on it."""
     ticks = [struct.pack("<BBHiI", 0, 1, 0, n, 0) for n in range(4)]
     definition = f"builtin_interfaces/Time clock\n{TIME}"
     made = session(tmp_path).raw(CLOCK, CLOCK_TYPE, definition, ticks[:3], [1.0, 2.0, 3.0])
     made.record.published.append(Published("arm", CLOCK, CLOCK_TYPE, "".join(map(digest, ticks[:3]))))
     made.raw(CLOCK, CLOCK_TYPE, definition, ticks[3:], [1.5])
     add(made, endpoint("/student", STUDENT, CLOCK, number=9), endpoint("/simulated_arm", ARM, CLOCK, number=9))
-    (touched,) = taken(made)
-    assert touched.violation.kind is ViolationKind.SPOOFS_CLOCK
-    assert "(/student) published time on /clock" in touched.violation.text
-    assert {STATES, COMMANDS, CLOCK} <= touched.spoilt
+    (tampering,) = taken(made)
+    assert tampering.violation.kind is ViolationKind.SPOOFS_CLOCK
+    assert "(/student) published time on /clock" in tampering.violation.text
+    assert {STATES, COMMANDS, CLOCK} <= tampering.invalidated
 
 
 # -- logs ------------------------------------------------------------------------------------------
@@ -464,13 +464,13 @@ def logged(made: Session, *names: str) -> Session:
 def test_log_messages_in_a_reference_nodes_name(tmp_path: Path) -> None:
     """The grader's nodes log nothing there, so that these were sent by another."""
     names = ("student", "simulated_arm", "_grader.probe_2", "_grader.probe", "simulated_arm")
-    (touched,) = taken(logged(session(tmp_path), *names))
-    assert touched.violation.kind is ViolationKind.FORGES_ROSOUT
-    assert touched.violation.evidence == (
+    (tampering,) = taken(logged(session(tmp_path), *names))
+    assert tampering.violation.kind is ViolationKind.FORGES_ROSOUT
+    assert tampering.violation.evidence == (
         "1 messages in the name of /_grader/probe",
         "2 messages in the name of /simulated_arm",
     )
-    assert touched.violation.where.topic == "/rosout"
+    assert tampering.violation.where.topic == "/rosout"
 
 
 def test_what_a_node_of_the_same_name_logs_is_its_own(tmp_path: Path) -> None:

@@ -167,7 +167,7 @@ def test_delay_between_two_samples_may_all_lie_in_a_part(tmp_path: Path) -> None
 
 
 def test_delay_before_the_first_sample_counts(tmp_path: Path) -> None:
-    """A process that began before it was first looked at was held up since its start."""
+    """A process that began before it was first looked at was delayed since its start."""
     process = run((1.0, 0.2, 0.5), (2.0, 0.2, 0.5))
     process.started_ns = at(0.2)
     assert machine_delay_s_of(tmp_path, process, Span(at(0.8), at(2.0))) == pytest.approx(0.2)
@@ -182,7 +182,7 @@ def test_what_follows_the_last_sample_of_a_process_was_held_up_as_usual(tmp_path
     assert machine_delay_s_of(tmp_path, process, Span(at(0), at(1.5))) == pytest.approx(0.4)
 
 
-def test_a_machine_that_stood_still_held_up_all_its_processes(tmp_path: Path) -> None:
+def test_a_machine_that_stalled_delayed_all_its_processes(tmp_path: Path) -> None:
     """What is frozen with all others waits in no queue: that the grader's own samples come late tells of it."""
     recorded = Session(tmp_path).recorded()
     process = run((0, 0, 0), (10, 1, 0.0))

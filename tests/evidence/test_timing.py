@@ -118,7 +118,7 @@ def arriving(times_s: Sequence[float], arrivals_s: Sequence[float]) -> Timing:
 
 
 def test_stamps_that_arrive_as_they_say_are_believed() -> None:
-    """Delays on the way, and a recorder that was held up now and then, contradict no stamp."""
+    """Delays on the way, and a recorder that was delayed now and then, contradict no stamp."""
     times = [1 + n / 100 for n in range(600)]
     assert not arriving(times, [t + 0.0001 * (n % 7) for n, t in enumerate(times)]).contradicted_by_arrival(0.0)
     assert not arriving(times, [t + 0.030 * (n % 40 == 0) for n, t in enumerate(times)]).contradicted_by_arrival(0.0)

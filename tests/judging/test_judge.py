@@ -203,7 +203,8 @@ def test_a_field_that_holds_no_numbers_is_a_mistake_of_the_rubric(
 
 @pytest.mark.parametrize("session", ["publisher", "subscriber", "service", "launch", "qos"])
 @pytest.mark.parametrize(
-    "how", ["cut off", "with a problem", "without its bag", "half of its bag", "a spoilt bag", "without its folder"]
+    "how",
+    ["cut off", "with a problem", "without its bag", "half of its bag", "a damaged bag", "without its folder"],
 )
 def test_a_broken_recording_costs_nothing(copy: Path, rubric: Rubric, session: str, how: str) -> None:
     """A session that was cut off, disturbed or lost leaves its points undecided, and only those."""

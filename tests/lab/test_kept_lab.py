@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import py_compile
 import shutil
+import sys
+from importlib.util import cache_from_source
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +18,7 @@ from grader.judging.rubrics import read_rubric
 from grader.lab.kept_lab import KEPT, files_of, kept_files, lab_folder, sha256s
 from grader.result_folder import RECORDINGS, RESULT_FILE, RUBRIC_COPY
 
+UNCHECKED = py_compile.PycInvalidationMode.UNCHECKED_HASH
 ROOT = Path(__file__).resolve().parents[2]
 #: In an oracle's file: shows that it was executed.
 MARKS = "\nimport pathlib\npathlib.Path(__file__).with_name('executed').touch()\npathlib.Path({!r}).touch()\n"
@@ -148,6 +152,27 @@ def test_no_name_leads_to_code_that_is_not_known(
     (recordings / RUBRIC_COPY).write_text(text, encoding="utf-8")
     run(capsys, "regrade", results)
     assert not mark.exists()
+
+
+@pytest.mark.usefixtures("elsewhere")
+def test_bytecode_beside_a_known_file_is_not_executed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Python would take it for the file's own, also over a link; nor is any written there, which nobody knows."""
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+    results, mark = record(lab_folder(), tmp_path / "results/ann"), tmp_path / "executed"
+    oracles = results / RECORDINGS / KEPT / "reference/oracles.py"
+    evil = tmp_path / "evil.py"
+    evil.write_text(oracles.read_text(encoding="utf-8") + MARKS.format(str(mark)), encoding="utf-8")
+    compiled = Path(cache_from_source(str(oracles)))
+    compiled.parent.mkdir()
+    py_compile.compile(str(evil), str(tmp_path / "evil.pyc"), invalidation_mode=UNCHECKED)
+    compiled.symlink_to(tmp_path / "evil.pyc")
+    assert run(capsys, "regrade", results)[0] == 0
+    assert not mark.exists()
+    compiled.unlink()
+    assert [run(capsys, "regrade", results)[0] for _ in range(2)] == [0, 0]
+    assert not list(compiled.parent.iterdir())
 
 
 def test_what_an_oracles_file_imports_is_no_oracle() -> None:

@@ -1,4 +1,4 @@
-"""Labs of a few lines: students' nodes as text, steps as data, recorded in real cells by the real grader."""
+"""Labs of a few lines: students' nodes as text, steps as data, recorded in real sandboxes by the real grader."""
 
 from __future__ import annotations
 
@@ -208,7 +208,7 @@ def interrupt_students() -> None:
 
 
 def look_on(duration_s: float) -> None:
-    """Wait for a time in which nobody is held up: what is timed after a halt of the machine is the halt.
+    """Wait for a time in which nobody is delayed: what is timed after a halt of the machine is the halt.
 
     A machine that never gives so much time is not waited for.
     """
@@ -224,7 +224,7 @@ def look_on(duration_s: float) -> None:
 
 @dataclass
 class Watch:
-    """Notes the networks of all cells that a process has, so that one can tell what stays behind in them.
+    """Notes the networks of all sandboxes that a process has, so that one can tell what stays behind in them.
 
     It holds them open: the system gives the name of one that is gone to the next, which may be another test's.
     """
@@ -238,7 +238,7 @@ class Watch:
             os.close(held)
 
     def look(self, progress: object = None) -> None:
-        """Note the cells that there are now."""
+        """Note the sandboxes that there are now."""
         for pid in below(self.pid):
             if network_of(pid) in ("", network_of(os.getpid()), *self.networks):
                 continue
@@ -252,7 +252,7 @@ class Watch:
         return [command_of(pid) or f"pid {pid}" for pid in pids() if network_of(pid) in self.networks]
 
     def until_all_ended(self) -> None:
-        """Wait until nothing lives in the cells any more; fails with what still does after a while."""
+        """Wait until nothing lives in the sandboxes any more; fails with what still does after a while."""
         with suppress(AssertionError):
             until(lambda: not self.left())
         assert self.left() == []

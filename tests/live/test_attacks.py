@@ -36,7 +36,7 @@ sys.path.append(str(ROOT))
 from grader.judging import rubrics  # noqa: E402
 from grader.live.sandbox.isolation import STUDENT_UIDS  # noqa: E402
 from grader.result import result_schema  # noqa: E402
-from grader.submission.extraction import Handed  # noqa: E402
+from grader.submission.extraction import SubmissionSource  # noqa: E402
 from tests.live.attacks import ESCAPED, SOLUTION, Attack, lay_out, read_corpus  # noqa: E402
 from tests.live.surroundings import Leavings, Surroundings  # noqa: E402
 from tests.machine import MACHINE  # noqa: E402
@@ -55,7 +55,7 @@ MOST_IN_BATCH = 6
 BATCHES_AT_A_TIME = 2
 #: What one submission may take at most, retries included; a grader that takes longer hangs.
 LONGEST_S = 300.0
-#: A container has a network and process ids of its own, which the cells within share.
+#: A container has a network and process ids of its own, which the sandboxes within share.
 OWN_SPACES = ["unshare", "--net", "--pid", "--mount", "--fork", "--kill-child", "--mount-proc"]
 #: Folders that every user of a machine may write to.
 SHARED_FOLDERS = (Path("/tmp"), Path("/dev/shm"), Path("/var/tmp"))
@@ -143,9 +143,9 @@ class Graded:
 # -- running ----------------------------------------------------------------------------------
 
 
-def result_names(batch: Batch, handed: dict[str, Path], results: Path) -> dict[str, str]:
+def result_names(batch: Batch, source: dict[str, Path], results: Path) -> dict[str, str]:
     """Return the name of each submission's folder of results; a name unfit for a folder was made fit."""
-    names = {HONEST: HONEST, **{name: Handed.of(path).name for name, path in handed.items()}}
+    names = {HONEST: HONEST, **{name: SubmissionSource.of(path).name for name, path in source.items()}}
     others = sorted({p.name for p in results.iterdir() if p.is_dir()} - set(names.values()))
     unfit = [attack.name for attack in batch.attacks if attack.named is not None]
     return {**names, **dict(zip(unfit, others, strict=False))}
@@ -177,10 +177,10 @@ def short_rubric() -> str:
 
 def run_batch(batch: Batch, folder: Path) -> Graded:
     """Grade a batch's attacks and an honest submission by one command, and look at what is left."""
-    handed = {attack.name: lay_out(attack, folder / "handed") for attack in batch.attacks}
+    source = {attack.name: lay_out(attack, folder / "handed") for attack in batch.attacks}
     honest = folder / "handed" / HONEST
     shutil.copytree(ROOT / SOLUTION, honest, ignore=shutil.ignore_patterns("__pycache__"))
-    paths = list(handed.values())
+    paths = list(source.values())
     paths.insert(len(paths) // 2, honest)
     for name in ("home", "tmp", "results"):
         (folder / name).mkdir()
@@ -193,7 +193,7 @@ def run_batch(batch: Batch, folder: Path) -> Graded:
     leavings, user = run_in(batch.environment, folder, [str(GRADE), *arguments], LONGEST_S * len(paths))
     # Some of what was handed in is too deep for Python to remove.
     subprocess.run(["rm", "-rf", str(folder / "handed")], check=False)
-    names = result_names(batch, handed, folder / "results")
+    names = result_names(batch, source, folder / "results")
     return Graded(
         leavings,
         {name: folder / "results" / told for name, told in names.items()},
@@ -261,7 +261,7 @@ def graded(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
     folder = shared / batch.name
     folder.mkdir(parents=True, exist_ok=True)
     told = folder / "graded.json"
-    # Without root, cells of a plain container share one network with all other such cells of the machine.
+    # Without root, sandboxes of a plain container share one network with all other such sandboxes of the machine.
     together = batch.environment is Environment.CONTAINER and os.geteuid() != 0
     with (shared / f"{'container' if together else batch.number % BATCHES_AT_A_TIME}.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)

@@ -1,4 +1,4 @@
-"""The census in real cells: a node that touches all of the grader's own, an honest one, and a reference that leaves."""
+"""Integrity in real sandboxes: a node that tampers with all, an honest one, and a reference that leaves."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ pytest.importorskip("rclpy")
 ROOT = Path(__file__).parents[2]
 sys.path.append(str(ROOT))
 
-from grader.evidence.integrity import census  # noqa: E402
+from grader.evidence.integrity import tampering_in  # noqa: E402
 from grader.evidence.recorded import Recorded  # noqa: E402
 from grader.live.sandbox.environment import trusted_environment  # noqa: E402
 from grader.result import ViolationKind  # noqa: E402
@@ -127,7 +127,7 @@ def kinds(recorded: Recorded) -> list[ViolationKind]:
     """Give the kinds of all that the census found in a session without problems."""
     assert recorded.record.complete
     assert not recorded.record.problems
-    return [touched.violation.kind for touched in census(recorded, NODES)]
+    return [tampering.violation.kind for tampering in tampering_in(recorded, NODES)]
 
 
 def counted(recorded: Recorded) -> list[int]:
@@ -146,7 +146,7 @@ def test_a_twin_of_a_reference_node_is_found(sessions: dict[str, Recorded]) -> N
     numbers = counted(recorded)
     assert numbers == list(range(numbers[0], numbers[-1] + 1))
     assert len(numbers) > 10
-    assert all(touched.violation.certain for touched in census(recorded, NODES))
+    assert all(tampering.violation.certain for tampering in tampering_in(recorded, NODES))
 
 
 def test_what_is_said_in_the_name_of_a_reference_node_is_found(sessions: dict[str, Recorded]) -> None:
@@ -181,9 +181,9 @@ def test_a_reference_node_that_leaves_decides_nothing(sessions: dict[str, Record
     assert "beacon ended" in problem
 
 
-@pytest.mark.skipif(all(name == "lo" for _, name in socket.if_nameindex()), reason="this network is like a cell's own")
+@pytest.mark.skipif(all(name == "lo" for _, name in socket.if_nameindex()), reason="not a network of our own")
 def test_other_nodes_in_the_network_are_a_problem(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where cells share a network, nodes that were there before are told, and not taken for the student's."""
+    """Where sandboxes share a network, nodes that were there before are told, and not taken for the student's."""
     import rclpy
 
     domain_id, _ = own_domain()

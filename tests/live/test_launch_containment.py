@@ -158,7 +158,7 @@ def test_a_launch_file_that_misbehaves_is_contained(misdeed: Misdeed, tmp_path: 
     """The session ends in time with a finding, nothing goes on running, and nothing outside has changed."""
     isolation = probe_isolation(Path(sys.executable))
     if not isolation.namespaces:
-        pytest.skip(f"no cells here: {isolation.remedy}")
+        pytest.skip(f"no sandboxes here: {isolation.remedy}")
     submission = submission_of(misdeed, tmp_path / "submissions")
     watched = [submission, ROOT / "grader/live/launch", ROOT / "reference"]
     before = [state_of(folder) for folder in watched]

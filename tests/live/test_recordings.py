@@ -161,7 +161,7 @@ def test_a_killed_recorder_costs_no_points(tmp_path: Path) -> None:
     def on_progress(progress: Any) -> None:
         if "until talker ends" in progress.text:
             if not killed_ns:
-                # The bag grows while we look, for the cell does not wait for us.
+                # The bag grows while we look, for the sandbox does not wait for us.
                 look_on(1.0)
                 (director,) = (p for p in below(os.getpid()) if name_of(p) == "director")
                 killed_ns.append(time.time_ns())

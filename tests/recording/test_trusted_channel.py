@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from grader.recording.session import OutputLine, ProcessRun, Published, SessionRecord, Trusted
-from grader.recording.trusted_channel import DIGEST_DIGITS, digest, take_told
+from grader.recording.trusted_channel import DIGEST_DIGITS, collect_trusted_messages, digest
 
 ARM = "010f7f01550007db00000000"
 ONE, TWO = digest(b"\x00\x01\x00\x00one"), digest(b"\x00\x01\x00\x00two")
@@ -15,7 +15,7 @@ def record(*lines: str, role: str = "reference", stream: str = "stdout") -> Sess
     """Give the record of a session in which one process wrote lines, after what they tell was taken."""
     run = ProcessRun("arm", role, [], output=[OutputLine(1, stream, line) for line in lines])
     taken = SessionRecord("launch", processes=[run])
-    take_told(taken)
+    collect_trusted_messages(taken)
     return taken
 
 

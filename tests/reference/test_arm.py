@@ -28,8 +28,8 @@ def domain_id(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> int:
 @pytest.fixture
 def student(domain_id: int) -> Iterator[Listener]:
     """A node that listens to the arm, as a student's would."""
-    with listener(domain_id) as beside:
-        yield beside
+    with listener(domain_id) as atomic_replacement:
+        yield atomic_replacement
 
 
 def test_a_step_is_one_clock_message_or_one_state() -> None:
@@ -139,16 +139,16 @@ def alike(student: Listener, one: str, other: str) -> bool:
 class Enabling:
     """A SetBool service that grants or refuses, and the grader's introspected client of it."""
 
-    def __init__(self, beside: Listener, name: str) -> None:
+    def __init__(self, atomic_replacement: Listener, name: str) -> None:
         from rclpy.qos import qos_profile_system_default
         from rclpy.service_introspection import ServiceIntrospectionState
         from std_srvs.srv import SetBool
 
-        self.granting, self._beside, self._request = True, beside, SetBool.Request
-        beside.node.create_service(SetBool, name, self._answer)
-        self.client = beside.node.create_client(SetBool, name)
+        self.granting, self._beside, self._request = True, atomic_replacement, SetBool.Request
+        atomic_replacement.node.create_service(SetBool, name, self._answer)
+        self.client = atomic_replacement.node.create_client(SetBool, name)
         self.client.configure_introspection(
-            beside.node.get_clock(), qos_profile_system_default, ServiceIntrospectionState.CONTENTS
+            atomic_replacement.node.get_clock(), qos_profile_system_default, ServiceIntrospectionState.CONTENTS
         )
 
     def _answer(self, request: Any, response: Any) -> Any:

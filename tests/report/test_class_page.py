@@ -75,7 +75,7 @@ def test_the_page_needs_nothing_else(summary: ClassSummary) -> None:
     assert not [name for _, attributes in page.elements for name in attributes if name.startswith("on")]
     assert not re.search(r"url\(|@import|https?:", "".join(page.scripts))
     outside = [href for href in page.values("href") if not href.startswith("#")]
-    assert {re.sub(r"^[a-z%A-Z0-9_]+/report\.html(#check-[a-z._]+|#touched)?$", "", href) for href in outside} == {""}
+    assert {re.sub(r"^[a-z%A-Z0-9_]+/report\.html(#check-[a-z._]+|#tampering)?$", "", href) for href in outside} == {""}
 
 
 def test_the_same_class_gives_the_same_bytes(summary: ClassSummary) -> None:

@@ -16,12 +16,12 @@ from grader.result import (
     CheckResult,
     CriterionResult,
     Finding,
+    Location,
     Outcome,
     Result,
     Score,
     Violation,
     ViolationKind,
-    Where,
     number,
     result_schema,
     to_json,
@@ -35,7 +35,7 @@ FINDING = Finding(
     "90 Hz \x1b[31m ü \u2028",
     "too slow",
     "use a timer",
-    (Where(file="a.py", line=3), Where(session="s", topic="/a", start_s=1.23456789, end_s=2.0)),
+    (Location(file="a.py", line=3), Location(session="s", topic="/a", start_s=1.23456789, end_s=2.0)),
     ("a note",),
 )
 
@@ -102,7 +102,7 @@ def test_the_contract() -> None:
 def test_a_violation_is_told_with_its_evidence() -> None:
     """Its kind, where it was seen, what shows it, and what fails because of it."""
     violation = Violation(
-        ViolationKind.SPOOFS_CLOCK, "s", "A second clock.", ("9 messages",), Where(session="s"), True, ("a.rate",)
+        ViolationKind.SPOOFS_CLOCK, "s", "A second clock.", ("9 messages",), Location(session="s"), True, ("a.rate",)
     )
     plain = json.loads(to_json(dataclasses.replace(result(), violations=(violation,))))
     assert plain["violations"] == [

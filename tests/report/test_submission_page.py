@@ -18,15 +18,15 @@ from grader.recording.submission import ArtifactFact, FileFact, SubmissionRecord
 from grader.report.figures.graph import Call
 from grader.report.figures.svg import Figure, text
 from grader.report.submission_page import render
-from grader.report.views import place_of
+from grader.report.views import location_of
 from grader.result import (
     CheckResult,
     CriterionResult,
     Finding,
+    Location,
     Outcome,
     Result,
     Score,
-    Where,
 )
 from tests.report.taken_apart import Page
 
@@ -58,9 +58,9 @@ CHECKS = (
         measured="90 Hz",
         reason="It is slow.",
         hint="Use a timer.",
-        where=(Where(file="node.py", line=3), Where(session="alone", topic="/cmd", start_s=1.23, end_s=7.29)),
+        where=(Location(file="node.py", line=3), Location(session="alone", topic="/cmd", start_s=1.23, end_s=7.29)),
     ),
-    check("a.bad", Outcome.FAILED, "0", reason="It crashed.", where=(Where(session="alone", process="node"),)),
+    check("a.bad", Outcome.FAILED, "0", reason="It crashed.", where=(Location(session="alone", process="node"),)),
     check("a.after", Outcome.NOT_REACHED, "0", "2", reason="since 'x' failed"),
     check("a.open", Outcome.INCONCLUSIVE, "0", "4", reason="overloaded"),
     check("a.broken", Outcome.ERROR, "0", "1", reason="The check broke"),
@@ -174,7 +174,7 @@ def test_a_score_of_some_sessions_says_so() -> None:
 
 def test_the_time_of_a_call_is_told_in_milliseconds() -> None:
     """A span of less than a second is told to the millisecond, so that two calls are told apart."""
-    places = [place_of(Where(session="alone", start_s=s, end_s=s + 0.002), {}, {}).text for s in (0.671, 0.674)]
+    places = [location_of(Location(session="alone", start_s=s, end_s=s + 0.002), {}, {}).text for s in (0.671, 0.674)]
     assert places == ["recording 'alone', 0.671–0.673 s", "recording 'alone', 0.674–0.676 s"]
 
 
@@ -236,9 +236,9 @@ def hostile_page(evil: str) -> str:
     """Render a report in which a student's text stands wherever one can."""
     finding: dict[str, Any] = dict.fromkeys(("expected", "measured", "reason", "hint"), evil)
     places = (
-        Where(file=evil, line=1),
-        Where(session=evil, topic=evil, process=evil),
-        Where(file="node.py", line=1),
+        Location(file=evil, line=1),
+        Location(session=evil, topic=evil, process=evil),
+        Location(file="node.py", line=1),
     )
     result = result_of(
         [check("a.bad", Outcome.FAILED, "0", where=places, **finding)],

@@ -15,14 +15,14 @@ from rich.console import Console
 from grader.report.escape import terminal_text
 from grader.report.terminal import ProgressDisplay, print_result
 from grader.report.views import points
-from grader.result import CheckResult, CriterionResult, Finding, Outcome, Result, Score, Where
+from grader.result import CheckResult, CriterionResult, Finding, Location, Outcome, Result, Score
 
 EVIL = "\x1b[2J\x1b]0;owned\x07[red]x[/red][link=http://a]\r\x9b31m\u202eabc\x00\ud800"
 
 
 def finding(outcome: Outcome, reason: str = "too slow", hint: str = "use a timer", file: str = "a.py") -> Finding:
     """Give a finding of an outcome."""
-    return Finding(outcome, Decimal(0), "", "", reason, hint, (Where(file=file, line=3), Where(session="s")))
+    return Finding(outcome, Decimal(0), "", "", reason, hint, (Location(file=file, line=3), Location(session="s")))
 
 
 def result(*findings: Finding, name: str = "ann", advice: str = "", problem: str = "") -> Result:

@@ -1,4 +1,4 @@
-"""What report and terminal say of the grader's own that was touched."""
+"""What report and terminal say of the grader's own that was tampered with."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from grader.result import (
     CheckResult,
     CriterionResult,
     Finding,
+    Location,
     Outcome,
     Result,
     Score,
     Violation,
     ViolationKind,
-    Where,
 )
 
 EVIL = "<script>\x1b[2J\u202e"
@@ -32,7 +32,7 @@ SPOOFED = Violation(
     "launch",
     "The submission (/node) published time on /clock.",
     ("9 messages", "publisher of node /node, gid 0b"),
-    Where(session="launch", topic="/clock", start_s=1.2, end_s=4.5),
+    Location(session="launch", topic="/clock", start_s=1.2, end_s=4.5),
     True,
     ("a.together",),
 )
@@ -78,7 +78,7 @@ def page(*violations: Violation) -> str:
     return render(result(*violations), {}, {"launch": SessionRecord("launch")}, SubmissionRecord("ann"))
 
 
-def test_the_report_begins_with_what_was_touched() -> None:
+def test_the_report_begins_with_what_was_tampered_with() -> None:
     """What was seen, where, what shows it, and which check fails because of it, before all points."""
     words = Words(page(SPOOFED)).text
     assert HEADING in words
@@ -91,7 +91,7 @@ def test_the_report_begins_with_what_was_touched() -> None:
 
 
 def test_a_report_on_an_honest_submission_does_not_speak_of_it() -> None:
-    """Nothing is there to be read where nothing was touched."""
+    """Nothing is there to be read where nothing was tampered with."""
     assert HEADING not in Words(page()).text
 
 

@@ -23,7 +23,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from grader.errors import SubmissionError
-from grader.submission.extraction import names_in, taken_in
+from grader.submission.extraction import names_in, open_submission
 from grader.submission.members import Kind, format_of, members_of_archive
 from tests.submission.hostile_archives import (
     MEBIBYTE,
@@ -262,7 +262,7 @@ def refused_soon(packed: bytes, folder: Path) -> str:
     path = folder / "bomb"
     path.write_bytes(packed)
     started_s = time.process_time() + children_s()
-    with pytest.raises(SubmissionError) as caught, taken_in(path, prefix=f"{folder.name}-"):
+    with pytest.raises(SubmissionError) as caught, open_submission(path, prefix=f"{folder.name}-"):
         pass
     assert time.process_time() + children_s() - started_s < SOON_S
     assert not list(Path(tempfile.gettempdir()).glob(f"{folder.name}-*"))
@@ -329,7 +329,7 @@ def test_empty_pieces_by_the_thousand_are_harmless(tmp_path: Path) -> None:
 
 
 def test_overlapping_entries_do_not_multiply(tmp_path: Path) -> None:
-    """A hundred names for one piece of zeros give nothing that is taken in."""
+    """A hundred names for one piece of zeros give nothing that is extracted."""
     assert refused_soon(overlapping_zip(100, 7 * MEBIBYTE), tmp_path)
 
 

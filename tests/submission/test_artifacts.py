@@ -1,4 +1,4 @@
-"""Submissions that were taken in: found whatever their shape, refused with a remedy where there is nothing."""
+"""Submissions that were extracted: found whatever their shape, refused with a remedy where there is nothing."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from grader.lab.rubric import Rubric
 from grader.recording.submission import SubmissionRecord
 from grader.submission import artifacts as module
 from grader.submission.artifacts import decode_text, read_submission, read_submission_folder
-from grader.submission.extraction import Intake, taken_in
+from grader.submission.extraction import Intake, open_submission
 
 SOLUTION = Path(__file__).resolve().parents[2] / "reference/solution"
 FILES = {
@@ -169,7 +169,7 @@ def test_an_archive_is_read_as_its_folder(folder: Path, rubric: Rubric) -> None:
     """A zip of a folder's contents gives the same facts, with the time of its newest file."""
     shutil.make_archive(str(folder), "zip", folder)
     direct = read_submission_folder(folder, rubric)
-    with taken_in(folder.with_suffix(".zip")) as intake:
+    with open_submission(folder.with_suffix(".zip")) as intake:
         packed = read_submission(intake, rubric)
     assert packed.submitted_at is not None
     newest = max(path.stat().st_mtime for path in folder.iterdir())
@@ -206,7 +206,7 @@ def refused(folder: Path, rubric: Rubric) -> SubmissionError:
     with pytest.raises(SubmissionError) as caught:
         read_submission_folder(folder, rubric)
     assert caught.value.exit_status == 3
-    assert caught.value.where == str(folder)
+    assert caught.value.location == str(folder)
     assert caught.value.remedy
     return caught.value
 
@@ -255,7 +255,7 @@ def test_what_a_grade_may_rest_on_must_be_readable(rubric: Rubric, closed: str, 
         if missing:
             (folder / missing).unlink()
         (folder / closed).chmod(0)
-        with taken_in(folder) as intake:
+        with open_submission(folder) as intake:
             if refused:
                 with pytest.raises(SubmissionError, match=f"{closed}.* may not be read") as caught:
                     read_submission(intake, rubric)

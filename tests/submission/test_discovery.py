@@ -19,8 +19,8 @@ from grader.errors import SubmissionError
 from grader.judging.rubrics import read_rubric
 from grader.lab.rubric import Rubric
 from grader.submission.artifacts import read_submission
-from grader.submission.discovery import Found, Shape, find_submissions
-from grader.submission.extraction import Handed, Piece, taken_in
+from grader.submission.discovery import Discovery, Shape, find_submissions
+from grader.submission.extraction import Piece, SubmissionSource, open_submission
 
 ROOT = Path(__file__).resolve().parents[2]
 FIVE = ("joint_publisher.py", "joint_subscriber.py", "robot_service.py", "robot_launch.py", "qos_comparison.py")
@@ -63,12 +63,12 @@ def in_folders(tree: Mapping[str, Iterable[str]]) -> list[str]:
 
 def found_in(path: Path, rubric: Rubric, shape: Shape = Shape.AUTO) -> list[str]:
     """Give the names of what is found in a path."""
-    return [handed.name for handed in find_submissions([path], rubric, shape=shape).submissions]
+    return [source.name for source in find_submissions([path], rubric, shape=shape).submissions]
 
 
-def files_of(handed: Handed) -> set[str]:
+def files_of(source: SubmissionSource) -> set[str]:
     """Give the files of a submission as the grader gets them."""
-    with taken_in(handed) as intake:
+    with open_submission(source) as intake:
         return {path.relative_to(intake.folder).as_posix() for path in intake.folder.rglob("*") if path.is_file()}
 
 
@@ -119,7 +119,7 @@ def test_one_submission(tree: str, form: str, rubric: Rubric, tmp_path: Path) ->
     folder = lay_out(tmp_path / "alice", ONE[tree])
     path = folder if form == "folder" else pack(folder, tmp_path / f"alice{form}")
     found = find_submissions([path], rubric)
-    assert [(handed.name, handed.pieces[0].member) for handed in found.submissions] == [("alice", "")]
+    assert [(source.name, source.pieces[0].member) for source in found.submissions] == [("alice", "")]
     assert found.understood == (f"{path}: one submission",)
     assert found.not_understood == ()
 
@@ -133,7 +133,7 @@ def test_a_folder_of_submissions(tree: str, form: str, rubric: Rubric, tmp_path:
     path = folder if form == "folder" else pack(folder, tmp_path / f"group{form}")
     found = find_submissions([path], rubric)
     expected = names if form == "folder" else [name for name in names if name != "eve" or tree != "with an empty one"]
-    assert [handed.name for handed in found.submissions] == expected
+    assert [source.name for source in found.submissions] == expected
     named = [line.rsplit(": ", 2)[1:] for line in found.not_understood]
     assert named == ([["results", "results of an earlier grading"]] if tree == "with results" else [])
     assert f"{len(expected)} submissions" in found.understood[0]
@@ -141,13 +141,13 @@ def test_a_folder_of_submissions(tree: str, form: str, rubric: Rubric, tmp_path:
 
 @pytest.mark.parametrize("form", ["folder", ".zip", ".tar"])
 def test_each_gets_its_own_files(form: str, rubric: Rubric, tmp_path: Path) -> None:
-    """What is found can be taken in, and holds the files of that student alone."""
+    """What is found can be extracted, and holds the files of that student alone."""
     folder = lay_out(tmp_path / "group", in_folders({"lab/alice": FIVE, "lab/bob/src/p": FIVE}))
     path = folder if form == "folder" else pack(folder, tmp_path / f"group{form}")
     alice, bob = find_submissions([path], rubric).submissions
     assert files_of(alice) == set(FIVE)
     assert files_of(bob) == {f"src/p/{name}" for name in FIVE}
-    with taken_in(bob) as intake:
+    with open_submission(bob) as intake:
         assert read_submission(intake, rubric).name == "bob"
 
 
@@ -190,9 +190,9 @@ def test_a_path_that_is_not_there_stands_for_itself(rubric: Rubric, tmp_path: Pa
     lay_out(tmp_path / "alice", FIVE)
     os.mkfifo(tmp_path / "pipe")
     found = find_submissions([tmp_path / "alice", tmp_path / "bob", tmp_path / "pipe"], rubric)
-    assert [handed.name for handed in found.submissions] == ["alice", "bob", "pipe"]
-    for handed in found.submissions[1:]:
-        with pytest.raises(SubmissionError), taken_in(handed):
+    assert [source.name for source in found.submissions] == ["alice", "bob", "pipe"]
+    for source in found.submissions[1:]:
+        with pytest.raises(SubmissionError), open_submission(source):
             pass
 
 
@@ -208,9 +208,9 @@ def download(tmp_path: Path, form: str, names: Iterable[str]) -> Path:
     return folder if form == "folder" else pack(folder, tmp_path / "export.zip")
 
 
-def by_name(found: Found) -> dict[str, Handed]:
+def by_name(found: Discovery) -> dict[str, SubmissionSource]:
     """Give the submissions by their names."""
-    return {handed.name: handed for handed in found.submissions}
+    return {source.name: source for source in found.submissions}
 
 
 @pytest.mark.parametrize("form", ["folder", "zip"])
@@ -229,7 +229,7 @@ def test_moodles_download(form: str, folders: bool, rubric: Rubric, tmp_path: Pa
     found = find_submissions([download(tmp_path, form, names)], rubric)
     students = by_name(found)
     assert list(students) == ["Ann_Müller_11", "Ann_Müller_12", "Group_3-Bob_13"]
-    assert [handed.student_id for handed in students.values()] == ["11", "12", "13"]
+    assert [source.student_id for source in students.values()] == ["11", "12", "13"]
     assert files_of(students["Ann_Müller_11"]) == {"lab/joint_publisher.py", "onlinetext.html"}
     assert files_of(students["Ann_Müller_12"]) == {"joint_publisher.py", "README.md"}
     assert "Moodle's download of 3 submissions" in found.understood[0]
@@ -278,7 +278,7 @@ def test_blackboards_download(form: str, rubric: Rubric, tmp_path: Path) -> None
     assert ann.submitted_at == datetime(2026, 3, 2, 23, 41, 5).astimezone()
     assert files_of(ann) == {"robot_service.py"}
     assert len(found.not_understood) == 2
-    with pytest.raises(SubmissionError, match="empty"), taken_in(bob):
+    with pytest.raises(SubmissionError, match="empty"), open_submission(bob):
         pass
 
 
@@ -287,7 +287,7 @@ def test_nobody_of_a_large_class_is_lost(rubric: Rubric, tmp_path: Path) -> None
     names = [f"student{student}_{student}_{file}_f{file}.py" for student in range(1, 1201) for file in range(5)]
     found = find_submissions([lay_out(tmp_path / "export", names)], rubric)
     assert len(found.submissions) == 1200
-    assert all(len(handed.pieces) == 5 for handed in found.submissions)
+    assert all(len(source.pieces) == 5 for source in found.submissions)
 
 
 def test_github_classrooms_clones(rubric: Rubric, tmp_path: Path) -> None:
@@ -297,12 +297,12 @@ def test_github_classrooms_clones(rubric: Rubric, tmp_path: Path) -> None:
         clone = lay_out(folder / f"lab-09-{name}", FIVE)
         commit(clone, f"2026-03-0{number + 1}T12:00:00+01:00")
     found = find_submissions([folder], rubric)
-    assert [(handed.name, handed.student_id) for handed in found.submissions] == [
+    assert [(source.name, source.student_id) for source in found.submissions] == [
         ("lab-09-alice", "alice"),
         ("lab-09-bob", "bob"),
     ]
     zone = timezone(timedelta(hours=1))
-    assert [handed.submitted_at for handed in found.submissions] == [
+    assert [source.submitted_at for source in found.submissions] == [
         datetime(2026, 3, 1, 12, tzinfo=zone),
         datetime(2026, 3, 2, 12, tzinfo=zone),
     ]
@@ -368,7 +368,7 @@ def test_sakais_download(form: str, rubric: Rubric, tmp_path: Path) -> None:
     students = by_name(find_submissions([path], rubric))
     assert list(students) == ["Müller_Ann_ann1", "O_Brien_Bob_bob2", "Çelik_Cem_cem3"]
     told = datetime(2026, 3, 2, 22, 41, 5, tzinfo=timezone.utc)
-    assert [handed.submitted_at for handed in students.values()] == [told, told, None]
+    assert [source.submitted_at for source in students.values()] == [told, told, None]
     assert "Submission attachment(s)/joint_publisher.py" in files_of(students["O_Brien_Bob_bob2"])
     assert "lab/joint_publisher.py" in files_of(students["Müller_Ann_ann1"])
 
@@ -481,7 +481,7 @@ def test_other_folders_of_submissions(tree: str, form: str, rubric: Rubric, tmp_
     folder = lay_out(tmp_path / "group", laid_out)
     path = folder if form == "folder" else pack(folder, tmp_path / "group.zip")
     found = find_submissions([path], rubric)
-    assert [handed.name for handed in found.submissions] == names
+    assert [source.name for source in found.submissions] == names
     assert found.not_understood == ()
 
 
@@ -519,7 +519,7 @@ def test_a_stray_file_of_the_lab_does_not_hide_a_class(rubric: Rubric, tmp_path:
     """In a folder called submissions, a file of the lab beside the students' folders belongs to nobody."""
     tree = [FIVE[0], *in_folders({"alice": FIVE, "bob": FIVE})]
     found = find_submissions([lay_out(tmp_path / "submissions", tree)], rubric)
-    assert [handed.name for handed in found.submissions] == ["alice", "bob"]
+    assert [source.name for source in found.submissions] == ["alice", "bob"]
     assert [FIVE[0] in line for line in found.not_understood] == [True]
     assert found_in(lay_out(tmp_path / "alice", tree), rubric) == ["alice"]
     kept = lay_out(tmp_path / "lab-09-submissions", [".git/HEAD", *tree[1:]])
@@ -530,8 +530,8 @@ def test_a_commit_of_tomorrow_tells_no_time(rubric: Rubric, tmp_path: Path) -> N
     """Where a student's clock was ahead, the time is not known, instead of late."""
     folder = lay_out(tmp_path / "alice", FIVE)
     commit(folder, "2099-03-01T12:00:00+01:00")
-    (handed,) = find_submissions([folder], rubric).submissions
-    assert handed.submitted_at is None
+    (source,) = find_submissions([folder], rubric).submissions
+    assert source.submitted_at is None
 
 
 def test_a_list_does_not_tell_namesakes_apart(rubric: Rubric, tmp_path: Path) -> None:
@@ -559,7 +559,7 @@ def test_a_list_does_not_call_missing_who_handed_in_twice(rubric: Rubric, tmp_pa
     pack(folder / "alice", folder / "alice.zip")
     (tmp_path / "class.csv").write_text("name\nalice\nbob\nzoe\n", encoding="utf-8")
     found = find_submissions([folder], rubric, class_list=tmp_path / "class.csv")
-    assert [handed.name[:6] for handed in found.submissions] == ["alice-", "alice-", "bob"]
+    assert [source.name[:6] for source in found.submissions] == ["alice-", "alice-", "bob"]
     assert found.missing == ("zoe",)
 
 
@@ -585,23 +585,23 @@ def test_equal_names_are_told_apart_for_good(rubric: Rubric, tmp_path: Path) -> 
     """Two submissions of one name get marks that do not depend on how or with whom they are given."""
     paths = [lay_out(tmp_path / folder / "alice", FIVE) for folder in "ab"]
     found = find_submissions(paths, rubric)
-    names = [handed.name for handed in found.submissions]
+    names = [source.name for source in found.submissions]
     assert len(set(names)) == 2
-    assert {f"{h.where}: called {h.name}, since there is another alice" for h in found.submissions} < {
+    assert {f"{h.location}: called {h.name}, since there is another alice" for h in found.submissions} < {
         *found.understood
     }
     assert all(name.startswith("alice-") for name in names)
     paths.append(lay_out(tmp_path / "c" / "Alice", FIVE))
     again = find_submissions([Path(os.path.relpath(path)) for path in reversed(paths)], rubric)
-    assert set(names) < {handed.name for handed in again.submissions}
-    assert len({handed.name.casefold() for handed in again.submissions}) == 3
+    assert set(names) < {source.name for source in again.submissions}
+    assert len({source.name.casefold() for source in again.submissions}) == 3
 
 
 def test_what_is_given_twice_is_graded_once(rubric: Rubric, tmp_path: Path) -> None:
     """A folder and one of its submissions are no two submissions."""
     group = lay_out(tmp_path / "group", in_folders({"alice": FIVE, "bob": FIVE}))
     found = find_submissions([group, group / "alice", group / "../group/bob"], rubric)
-    assert [handed.name for handed in found.submissions] == ["alice", "bob"]
+    assert [source.name for source in found.submissions] == ["alice", "bob"]
 
 
 NAME = st.text(st.characters(exclude_characters="/\0", exclude_categories=["Cs"]), min_size=1, max_size=60).filter(
@@ -616,14 +616,14 @@ def test_any_names_become_names_of_folders(names: list[str], rubric: Rubric, tmp
     shutil.rmtree(tmp_path / "group", ignore_errors=True)
     group = lay_out(tmp_path / "group", in_folders(dict.fromkeys(names, FIVE[:1])))
     found = find_submissions([group], rubric, shape=Shape.EACH)
-    called = [handed.name for handed in found.submissions]
+    called = [source.name for source in found.submissions]
     assert len({name.casefold() for name in called}) == len(called)
     for name in called:
         assert name.isprintable()
         assert not set(name) & set('/\\:*?"<>| \t\n')
         assert name.strip("._-") == name or name[-7] == "-"
         assert 0 < len(name.encode()) <= 130
-    assert called == [handed.name for handed in find_submissions([group], rubric, shape=Shape.EACH).submissions]
+    assert called == [source.name for source in find_submissions([group], rubric, shape=Shape.EACH).submissions]
 
 
 def test_a_class_list_knows_more(rubric: Rubric, tmp_path: Path) -> None:
@@ -667,7 +667,7 @@ def test_a_class_list_with_mistakes(text: str, line: int | None, rubric: Rubric,
         return
     with pytest.raises(SubmissionError) as caught:
         find_submissions([], rubric, class_list=tmp_path / "class.csv")
-    assert caught.value.where == f"{tmp_path / 'class.csv'}:{line}"
+    assert caught.value.location == f"{tmp_path / 'class.csv'}:{line}"
     assert "submitted_at" in caught.value.remedy
 
 
@@ -681,5 +681,5 @@ def test_a_class_list_that_is_none(rubric: Rubric, tmp_path: Path) -> None:
 
 def test_pieces_are_what_a_scheduler_can_send(rubric: Rubric, tmp_path: Path) -> None:
     """What is found names files of this machine and nothing else."""
-    (handed,) = find_submissions([lay_out(tmp_path / "alice", FIVE)], rubric).submissions
-    assert handed.pieces == (Piece(tmp_path / "alice"),)
+    (source,) = find_submissions([lay_out(tmp_path / "alice", FIVE)], rubric).submissions
+    assert source.pieces == (Piece(tmp_path / "alice"),)

@@ -20,7 +20,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from grader.errors import SubmissionError
-from grader.submission.extraction import LIMITS, Handed, Intake, Limits, Piece, names_in, taken_in
+from grader.submission.extraction import LIMITS, Intake, Limits, Piece, SubmissionSource, names_in, open_submission
 from tests.submission.hostile_archives import tar_header, tar_of, zeros_in_gzip, zip_of, zip_of_entries
 
 ELF = b"\x7fELF\x02\x01\x01" + bytes(64)
@@ -28,7 +28,7 @@ PROGRAM = b"import rclpy\n"
 
 
 def kept(intake: Intake) -> dict[str, bytes]:
-    """Give the files that were taken in; each is a regular one."""
+    """Give the files that were extracted; each is a regular one."""
     found = {}
     for path in intake.folder.rglob("*"):
         assert not path.is_symlink()
@@ -38,9 +38,9 @@ def kept(intake: Intake) -> dict[str, bytes]:
     return found
 
 
-def take(path: Path | Handed, limits: Limits = LIMITS) -> tuple[dict[str, bytes], tuple[str, ...]]:
+def take(path: Path | SubmissionSource, limits: Limits = LIMITS) -> tuple[dict[str, bytes], tuple[str, ...]]:
     """Take a submission in; returns its files, and what was left out."""
-    with taken_in(path, limits=limits) as intake:
+    with open_submission(path, limits=limits) as intake:
         return kept(intake), intake.left_out
 
 
@@ -52,12 +52,12 @@ def lay_out(folder: Path, files: Mapping[str, bytes]) -> Path:
     return folder
 
 
-def refused(path: Path | Handed) -> SubmissionError:
+def refused(path: Path | SubmissionSource) -> SubmissionError:
     """Give the error with which a submission is refused."""
-    with pytest.raises(SubmissionError) as caught, taken_in(path):
+    with pytest.raises(SubmissionError) as caught, open_submission(path):
         pass
     assert caught.value.exit_status == 3
-    assert caught.value.where
+    assert caught.value.location
     assert caught.value.remedy
     return caught.value
 
@@ -97,11 +97,11 @@ def test_files_come_in_whatever_the_form(form: str, tmp_path: Path) -> None:
 def test_the_clean_folder_is_gone_afterwards(tmp_path: Path) -> None:
     """Nothing of a submission stays, also not of one that is refused."""
     before = set(Path(tempfile.gettempdir()).glob("grade-test-*"))
-    with taken_in(lay_out(tmp_path / "ann", {"a.py": b""}), prefix="grade-test-") as intake:
+    with open_submission(lay_out(tmp_path / "ann", {"a.py": b""}), prefix="grade-test-") as intake:
         assert intake.name == "ann"
         assert intake.folder.is_dir()
     (tmp_path / "bad.zip").write_bytes(zip_of([("a.py", PROGRAM)])[:-10])
-    with pytest.raises(SubmissionError), taken_in(tmp_path / "bad.zip", prefix="grade-test-"):
+    with pytest.raises(SubmissionError), open_submission(tmp_path / "bad.zip", prefix="grade-test-"):
         pass
     assert set(Path(tempfile.gettempdir()).glob("grade-test-*")) == before
 
@@ -110,7 +110,7 @@ def test_the_clean_folder_is_gone_afterwards(tmp_path: Path) -> None:
 def test_an_archive_has_the_name_of_its_file(tmp_path: Path, name: str) -> None:
     """The suffix is no part of the name, and says nothing of the contents."""
     (tmp_path / name).write_bytes(zip_of([("a.py", PROGRAM)]))
-    with taken_in(tmp_path / name) as intake:
+    with open_submission(tmp_path / name) as intake:
         assert (intake.name, list(kept(intake))) == ("alice", ["a.py"])
 
 
@@ -123,7 +123,7 @@ def test_a_single_file_is_a_submission(tmp_path: Path) -> None:
 def test_what_changes_meanwhile_does_not_matter(tmp_path: Path) -> None:
     """The clean folder is a copy."""
     folder = lay_out(tmp_path / "ann", {"a.py": b"1"})
-    with taken_in(folder) as intake:
+    with open_submission(folder) as intake:
         (folder / "a.py").write_bytes(b"2")
         assert kept(intake) == {"a.py": b"1"}
 
@@ -138,7 +138,7 @@ def test_pieces_make_one_submission(tmp_path: Path) -> None:
         Piece(tmp_path / "big.zip", "ann/"),
         Piece(tmp_path / "big.zip", "c", "c.md"),
     )
-    assert take(Handed("ann", pieces, where="here")) == ({"a.py": b"1", "b.py": b"2", "c.md": b"4"}, ())
+    assert take(SubmissionSource("ann", pieces, location="here")) == ({"a.py": b"1", "b.py": b"2", "c.md": b"4"}, ())
 
 
 def test_the_time_is_that_of_the_newest_file_that_came_in(tmp_path: Path) -> None:
@@ -149,12 +149,12 @@ def test_the_time_is_that_of_the_newest_file_that_came_in(tmp_path: Path) -> Non
         info.mtime = int(datetime(2026, 3, day, tzinfo=timezone.utc).timestamp())
         members.append((info, PROGRAM))
     (tmp_path / "ann.tar").write_bytes(tar_of(members))
-    with taken_in(tmp_path / "ann.tar") as intake:
+    with open_submission(tmp_path / "ann.tar") as intake:
         assert intake.submitted_at == datetime(2026, 3, 2, tzinfo=timezone.utc)
     told = datetime(2026, 4, 1, tzinfo=timezone.utc)
-    with taken_in(replace(Handed.of(tmp_path / "ann.tar"), submitted_at=told)) as intake:
+    with open_submission(replace(SubmissionSource.of(tmp_path / "ann.tar"), submitted_at=told)) as intake:
         assert intake.submitted_at == told
-    with taken_in(lay_out(tmp_path / "ann", {"a.py": b""})) as intake:
+    with open_submission(lay_out(tmp_path / "ann", {"a.py": b""})) as intake:
         assert intake.submitted_at is None
 
 
@@ -213,7 +213,7 @@ def test_a_given_path_may_be_a_link(tmp_path: Path) -> None:
     """Who runs the grader may name a submission by a link; its name is that of what it leads to."""
     lay_out(tmp_path / "ann", {"a.py": b"1"})
     (tmp_path / "latest").symlink_to(tmp_path / "ann")
-    with taken_in(tmp_path / "latest") as intake:
+    with open_submission(tmp_path / "latest") as intake:
         assert (intake.name, list(kept(intake))) == ("ann", ["a.py"])
 
 
@@ -257,7 +257,7 @@ def test_names_that_lead_outside_are_left_out(tmp_path: Path) -> None:
     names = ["../up.py", "a/../../up.py", "/tmp/abs.py", "C:\\abs.py", "..\\up.py", "ok.py"]
     for archive in (zip_of([(name, b"x") for name in names]), tar_of([(name, b"x") for name in names])):
         (tmp_path / "ann").write_bytes(archive)
-        with taken_in(tmp_path / "ann") as intake:
+        with open_submission(tmp_path / "ann") as intake:
             assert list(kept(intake)) == ["ok.py"]
             assert len(intake.left_out) == 5
             assert not list(intake.folder.parent.rglob("up.py"))
@@ -379,7 +379,10 @@ def test_data_does_not_crowd_out_sources(form: str, tmp_path: Path) -> None:
 def test_more_than_anyone_hands_in_is_refused(form: str, tmp_path: Path) -> None:
     """A submission of too many files is refused as a whole, since which of them count nobody knows."""
     path = handed_in(form, tmp_path, {f"{number:03}.py": b"" for number in range(100)})
-    with pytest.raises(SubmissionError, match="more than 50 files"), taken_in(path, limits=replace(LIMITS, members=50)):
+    with (
+        pytest.raises(SubmissionError, match="more than 50 files"),
+        open_submission(path, limits=replace(LIMITS, members=50)),
+    ):
         pass
 
 
@@ -459,7 +462,7 @@ def test_nothing_is_no_submission(tmp_path: Path) -> None:
         assert refused(tmp_path / name).problem == "the submission is empty"
     (tmp_path / "ann/src/a.pyc").touch()
     assert "src/a.pyc: compiled code" in refused(tmp_path / "ann").remedy
-    assert refused(Handed("ann", (), where="Canvas")).problem == "the submission is empty"
+    assert refused(SubmissionSource("ann", (), location="Canvas")).problem == "the submission is empty"
 
 
 @pytest.mark.parametrize(
@@ -501,9 +504,9 @@ MEMBERS = st.lists(st.tuples(NAME, st.binary(max_size=20)), max_size=12)
 def safely_taken(path: Path) -> None:
     """Take in whatever it is; what comes in is regular, within its folder, and under names that can be shown."""
     try:
-        with taken_in(path) as intake:
-            beside = {p.name for p in intake.folder.parent.iterdir()} - {"submission"}
-            assert all(name.startswith(("partial", "archive-")) for name in beside)
+        with open_submission(path) as intake:
+            atomic_replacement = {p.name for p in intake.folder.parent.iterdir()} - {"submission"}
+            assert all(name.startswith(("partial", "archive-")) for name in atomic_replacement)
             for name in kept(intake):
                 assert name.isprintable()
                 name.encode("utf-8")

@@ -59,7 +59,7 @@ def test_a_name_is_kept_as_its_student_meant_it(name: str, parts: tuple[str, ...
     ],
 )
 def test_a_name_that_leads_elsewhere_or_nowhere_is_refused(name: str) -> None:
-    """What leads outside, is too long, or holds nothing to be seen, is not taken in."""
+    """What leads outside, is too long, or holds nothing to be seen, is not extracted."""
     with pytest.raises(UnfitError):
         clean_parts(name)
 

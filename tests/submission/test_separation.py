@@ -13,7 +13,7 @@ from grader.judging.rubrics import read_overrides, read_rubric
 from grader.lab.rubric import Rubric
 from grader.recording.submission import SubmissionRecord, write_submission
 from grader.result_folder import RECORDINGS
-from grader.submission.discovery import TAKEN_NAMES, Found, Shape, find_submissions
+from grader.submission.discovery import TAKEN_NAMES, Discovery, Shape, find_submissions
 from grader.submission.separation import lies_within, require_no_links, require_same_source, uncounted_overrides
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="links are made otherwise on Windows")
@@ -85,7 +85,7 @@ def test_links_that_a_submission_brought_are_no_place_to_write(repository: Path,
     assert lies_within(repository / "results", [str(repository)])
     with pytest.raises(UsageError, match="holds a link") as refused:
         require_no_links(repository / "results", [str(repository)])
-    assert refused.value.where == str(place)
+    assert refused.value.location == str(place)
     require_no_links(repository / "results", [str(repository.parent / "bob")])
 
 
@@ -139,7 +139,7 @@ def test_each_submission_has_a_path_of_its_own(rubric: Rubric, tmp_path: Path) -
 
     def sources(*path: str) -> dict[str, str]:
         found = find_submissions([tmp_path.joinpath("class", *path)], rubric)
-        return {handed.name: handed.source for handed in found.submissions}
+        return {source.name: source.origin for source in found.submissions}
 
     above = os.path.realpath(tmp_path / "class")
     assert sources() == {name: f"{above}/{name}" for name in ("bob", "mallory", "oscar")}
@@ -159,7 +159,7 @@ def test_a_repository_is_no_download(rubric: Rubric, tmp_path: Path) -> None:
 # -- classes -------------------------------------------------------------------------------------------
 
 
-def found_in(folder: Path, rubric: Rubric) -> Found:
+def found_in(folder: Path, rubric: Rubric) -> Discovery:
     """Look for each submission in a folder."""
     return find_submissions([folder], rubric, shape=Shape.EACH)
 
@@ -171,7 +171,7 @@ def test_a_submission_with_recordings_is_graded(place: str, rubric: Rubric, tmp_
     lay_out(tmp_path / "class/eve", *LAB, f"{place}/submission.json")
     lay_out(tmp_path / "class/results", "ann/recordings/submission.json", "ann/report.html")
     found = found_in(tmp_path / "class", rubric)
-    assert [handed.name for handed in found.submissions] == ["ann", "eve"]
+    assert [source.name for source in found.submissions] == ["ann", "eve"]
     assert [line.rsplit(": ", 2)[1:] for line in found.not_understood] == [["results", "results of an earlier grading"]]
 
 
@@ -182,7 +182,7 @@ def test_no_submission_is_called_like_what_lies_among_results(rubric: Rubric, tm
         lay_out(tmp_path / "class" / name, *LAB)
     found = found_in(tmp_path / "class", rubric)
     assert len(found.submissions) == len(names)
-    given = [handed.name for handed in found.submissions]
+    given = [source.name for source in found.submissions]
     assert not {name.casefold() for name in given} & TAKEN_NAMES
     assert len({name.casefold() for name in given}) == len(names)
     assert sum(": called " in line for line in found.understood) == len(names)

@@ -28,7 +28,7 @@ class Cause(NamedTuple):
     """What happened: a slug, what a student reads of it, how to fix it, and the name that it is about."""
 
     kind: str
-    sentence: str
+    problem: str
     remedy: str
     subject: str
 
@@ -36,7 +36,7 @@ class Cause(NamedTuple):
 @dataclass(frozen=True)
 class _Row:
     kind: str
-    sentence: str
+    problem: str
     remedy: str
     subject: str = ""
     type: str = ""
@@ -60,15 +60,15 @@ class _Row:
 
     def cause(self, values: Sequence[str], exception: str = "", text: str = "") -> Cause:
         """Put what was found into the words."""
-        kind, sentence, remedy, subject = (
+        kind, problem, remedy, subject = (
             words.format(*values, type=exception, text=text)
-            for words in (self.kind, self.sentence, self.remedy, self.subject)
+            for words in (self.kind, self.problem, self.remedy, self.subject)
         )
         if self.near is not None:
             own = _SUGGESTED.search(text[:_READ])
             near = own[1] if own else _near(subject, self.near)
-            sentence += f" Did you mean {near}?" if near else ""
-        return Cause(kind, sentence, remedy, subject)
+            problem += f" Did you mean {near}?" if near else ""
+        return Cause(kind, problem, remedy, subject)
 
 
 @functools.cache

@@ -24,7 +24,7 @@ class Diagnosis:
     #: A slug, e.g. "read-only-property", stable for fixtures and statistics.
     kind: str
     #: What happened, for a student.
-    sentence: str
+    problem: str
     #: How to fix it.
     remedy: str
     #: The deepest line of the submission on the way to the exception.
@@ -68,7 +68,7 @@ def advisories(output: Sequence[OutputLine]) -> tuple[str, ...]:
     last = raised[-1].name if raised else ""
     text = "\n".join(line for _, line in plain_lines(output))
     return tuple(
-        row["sentence"].format(last=last)
+        row["problem"].format(last=last)
         for row in table()["advisories"]
         if re.fullmatch(row.get("last", ".*"), last) and re.search(row.get("text", ""), text)
     )
@@ -101,13 +101,13 @@ def _is_second_shutdown(exception: Raised) -> bool:
 
 
 def _diagnosis(cause: Raised, chain: Sequence[Raised], root_files: Collection[str]) -> Diagnosis:
-    place = student_frame(cause.frames, root_files)
+    location = student_frame(cause.frames, root_files)
     for other in chain:
-        place = place or student_frame(other.frames, root_files)
-    kind, sentence, remedy, subject = cause_of(cause, root_files)
-    file, line = place or (None, None)
+        location = location or student_frame(other.frames, root_files)
+    kind, problem, remedy, subject = cause_of(cause, root_files)
+    file, line = location or (None, None)
     message = cause.message[:_MESSAGE_LENGTH]
-    return Diagnosis(kind, sentence, remedy, file, line, cause.type, message, subject[:200], cause.t_ns)
+    return Diagnosis(kind, problem, remedy, file, line, cause.type, message, subject[:200], cause.t_ns)
 
 
 def _without_exception(output: Sequence[OutputLine], root_files: Collection[str]) -> Diagnosis | None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import itertools
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -93,20 +93,28 @@ def result_row(
     loosely : bool
         Whether the name may be spelt otherwise, as ``Best Effort`` for ``best_effort``.
     """
-    lines = [plain_numbers(_LOG_PREFIX.sub("", line.text[:LINE_LIMIT])) for line in output]
+    lines = [_without_prefix(line.text[:LINE_LIMIT]) for line in output]
     found = []
     for start in lines_naming(lines, name, loosely=loosely):
-        name_at = _spelt(name, loosely=False).search(lines[start])
+        line = plain_numbers(lines[start])
+        name_at = _spelt(name, loosely=False).search(line)
         spelt = functools.partial(_spelt, loosely=name_at is None)
-        name_at = name_at or spelt(name).search(lines[start])
-        behind = lines[start][name_at.end() :] if name_at is not None else ""
-        below = lines[start + 1 : start + _MOST_LINES_OF_A_BLOCK]
-        fields = _from_table(lines, start), _from_block(below, behind, [spelt(n) for n in (name, *others)])
+        name_at = name_at or spelt(name).search(line)
+        behind = line[name_at.end() :] if name_at is not None else ""
+        below = map(plain_numbers, lines[start + 1 : start + _MOST_LINES_OF_A_BLOCK])
+        above = map(plain_numbers, reversed(lines[max(0, start - _HEADER_ABOVE) : start]))
+        fields = _from_table(line, above), _from_block(below, behind, [spelt(n) for n in (name, *others)])
         found.append([_row_of(output[start].t_ns, each) for each in fields])
     rows = [row for kind in zip(*found, strict=True) for row in kind if row is not None]
     return next((row for row in rows if row.mean_s is not None), rows[0] if rows else None)
 
 
+def _without_prefix(line: str) -> str:
+    prefix = _LOG_PREFIX.match(line)
+    return line[prefix.end() :] if prefix is not None else line
+
+
+@functools.lru_cache(maxsize=8192)  # Each line is read for each thing.
 def plain_numbers(line: str) -> str:
     """Return a line with its numbers as a program would read them: ``1,001`` and ``0,49`` as ``1001`` and ``0.49``.
 
@@ -131,7 +139,9 @@ def lines_naming(lines: Sequence[str], name: str, *, loosely: bool = False) -> l
     loosely : bool
         In any spelling, as ``Best Effort`` for ``best_effort``; where lines begin with it, those alone.
     """
-    places = [(n, match) for n, line in enumerate(lines) if (match := _spelt(name, loosely).search(line)) is not None]
+    begins = re.split(r"[\W_]+", name)[0].casefold() if loosely else name  # It is found much sooner than a pattern.
+    near = ((n, line) for n, line in enumerate(lines) if begins in (line.casefold() if loosely else line))
+    places = [(n, match) for n, line in near if (match := _spelt(name, loosely).search(line)) is not None]
     first = [n for n, match in places if loosely and not re.search(r"[^\W_]", lines[n][: match.start()])]
     about = first or [n for n, _ in places]
     return about if len(about) <= _FIRST_LINES + _LAST_LINES else [*about[:_FIRST_LINES], *about[-_LAST_LINES:]]
@@ -205,10 +215,9 @@ def _row_of(t_ns: int, fields: Sequence[_Field]) -> ResultRow | None:
 # -- tables ----------------------------------------------------------------------------------------
 
 
-def _from_table(lines: Sequence[str], start: int) -> list[_Field]:
-    """Read a row of a table by its header."""
-    cells = _cells(lines[start])
-    above = reversed(lines[max(0, start - _HEADER_ABOVE) : start])
+def _from_table(row: str, above: Iterable[str]) -> list[_Field]:
+    """Read a row of a table by its header, one of the lines above it."""
+    cells = _cells(row)
     titles = next((each for line in above if _is_header(each := _cells(line), len(cells))), None)
     if titles is not None:
         measured = ((title, _MEASURED.match(cell.lstrip("'\" "))) for title, cell in zip(titles, cells, strict=True))
@@ -231,7 +240,7 @@ def _is_header(titles: Sequence[str], width: int) -> bool:
 # -- lines and blocks ------------------------------------------------------------------------------
 
 
-def _from_block(lines: Sequence[str], behind: str, others: Sequence[re.Pattern[str]]) -> list[_Field]:
+def _from_block(lines: Iterable[str], behind: str, others: Sequence[re.Pattern[str]]) -> list[_Field]:
     """Read what stands behind the name, and in the lines up to the next name: labelled numbers with their units."""
     own = itertools.takewhile(lambda line: not any(other.search(line) for other in others), lines)
     first = _labelled(behind)

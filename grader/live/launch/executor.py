@@ -466,8 +466,10 @@ class Executor:
         self._states[id(action)] = after
         for transition, start, goal in ((label, before, meanwhile), ("transition_success", meanwhile, after)):
             labels = {"transition": transition, "start_state": start, "goal_state": goal}
-            told = SimpleNamespace(timestamp=0, **{key: SimpleNamespace(label=text) for key, text in labels.items()})
-            change = StateTransition(action=action, msg=told)
+            state_message = SimpleNamespace(
+                timestamp=0, **{key: SimpleNamespace(label=text) for key, text in labels.items()}
+            )
+            change = StateTransition(action=action, msg=state_message)
             when = {"on_transition_of": name, "state": goal}
             self.later(lambda change=change: self._happen(change, context), when)  # type: ignore[misc]
 

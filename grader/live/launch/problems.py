@@ -115,7 +115,7 @@ def problem_of(
         error = error.__cause__  # the original tries all formats, and says what came of each
     try:
         kind, message, remedy = _describe(error, root, configurations)
-        where, line = _place(error, root, file)
+        where, line = _location(error, root, file)
     except Exception as second:
         message = f"{type(error).__name__} (which could not be described: {type(second).__name__})"
         kind, remedy, where, line = "exception", "Correct the launch file.", file, None
@@ -146,7 +146,7 @@ def _inside(path: str, root: str) -> bool:
     return not path.startswith("<") and Path(path).absolute().is_relative_to(Path(root).absolute())
 
 
-def _place(error: BaseException, root: str, file: str) -> tuple[str, int | None]:
+def _location(error: BaseException, root: str, file: str) -> tuple[str, int | None]:
     """File and line: where the syntax breaks, else the innermost line of the submission, else what was noted."""
     if isinstance(error, SyntaxError) and error.filename and _inside(error.filename, root):
         return error.filename, error.lineno

@@ -1,7 +1,7 @@
 """Watches when the machine keeps a session's processes from their cores: a process of the grader's in its sandbox.
 
 On each core that a student's process is held to, a thread wakes up every few milliseconds. That it came late, and did
-not wait for the core in the kernel's queue, says that the core itself stood still: its host took it, or all that is in
+not wait for the core in the kernel's queue, says that the core itself stalled: its host took it, or all that is in
 the sandbox was stopped. Every second time it reads for how long the threads of the watched processes waited.
 
 A process waits for itself too, since its threads share a core, and for other programs of the student's. So a wait
@@ -121,7 +121,7 @@ class _Watched:
         return self.cpu_ns - next((cpu_ns for at_ns, cpu_ns in self.history if at_ns >= t_ns), self.cpu_ns)
 
     def noted_since(self, t_ns: int) -> int:
-        """Return for how long it was kept from its core since a time, as far as that is noted already."""
+        """Return for how long it was delayed since a time, as far as that is noted already."""
         since = itertools.takewhile(lambda noted: noted[0] + noted[1] > t_ns, reversed(self.disturbed))
         return sum(min(delay_ns, start_ns + length_ns - t_ns) for start_ns, length_ns, delay_ns in since)
 

@@ -15,7 +15,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from grader.live.process.process import RunningProcess
-from grader.live.sandbox.cgroup import MEMORY_BYTES, PROCESSES, CellGroup
+from grader.live.sandbox.cgroup import MEMORY_BYTES, PROCESSES, SandboxCgroup
 from grader.live.sandbox.machine import available_share, network_bytes, processes_of_user, tasks_of
 
 _PERIOD_S = 0.1
@@ -42,14 +42,14 @@ class Guard:
     """The watch over a session's student processes.
 
     They may change `areas`, each a file system of a size of its own, and the network the session's own, if these are
-    `sized`. `user` is their user id, where they have one of their own. `on_problem` is told of what disturbs the
+    `sized`. `user` is their user id, where they have one of their own. `on_problem` receives what disturbs the
     session and cannot be laid at anybody's door.
     """
 
     def __init__(
         self,
         students: Callable[[], list[RunningProcess]],
-        group: CellGroup | None,
+        group: SandboxCgroup | None,
         areas: Mapping[str, Path],
         *,
         sized: bool,
@@ -99,7 +99,7 @@ class Guard:
             self._on_problem(f"the {what} while it was recorded")
             await self._end_all(None)
 
-    async def _note_exceeded(self, group: CellGroup) -> None:
+    async def _note_exceeded(self, group: SandboxCgroup) -> None:
         for limit, times in group.exceeded().items():
             if times > self._noted[limit]:
                 self._noted[limit] = times
@@ -121,27 +121,27 @@ class Guard:
     async def _sum_up(self) -> None:
         alive = [p for p in self._students() if p.alive]
         taken = {p: _taken(p.descendants()) for p in alive}
-        strays = self._strays(alive)
-        left_memory, left_tasks = _taken(strays)
+        orphans = self._orphans(alive)
+        left_memory, left_tasks = _taken(orphans)
         for process, (_, tasks) in taken.items():
             if tasks > PROCESSES:
                 await process.kill(limit="processes")
             elif tasks + left_tasks > PROCESSES - _NEARLY:
                 process.run.limit = process.run.limit or "processes"
         if left_tasks > PROCESSES - _NEARLY:
-            self._end_strays(strays, "processes")
+            self._end_orphans(orphans, "processes")
         if sum(memory for memory, _ in taken.values()) + left_memory > MEMORY_BYTES:
             # What forked processes share is in that sum once for each; a truer one takes longer.
             own = {p: _own_memory(p.descendants()) for p in alive}
-            left = _own_memory(strays)
+            left = _own_memory(orphans)
             if sum(own.values()) + left > MEMORY_BYTES:
                 largest = max(alive, key=lambda p: own[p], default=None)
                 if largest is not None and own[largest] >= left:
                     await largest.kill(limit="memory")
                 else:
-                    self._end_strays(strays, "memory")
+                    self._end_orphans(orphans, "memory")
 
-    def _strays(self, alive: Iterable[RunningProcess]) -> list[int]:
+    def _orphans(self, alive: Iterable[RunningProcess]) -> list[int]:
         """Return the processes of the students' user that are below none of their programs any more.
 
         Where programs have process ids of their own, none gets away from below them.
@@ -150,10 +150,10 @@ class Guard:
             return []
         return sorted(processes_of_user(self._user).difference(*(p.descendants() for p in alive)))
 
-    def _end_strays(self, strays: Iterable[int], limit: str) -> None:
+    def _end_orphans(self, orphans: Iterable[int], limit: str) -> None:
         for process in self._to_blame(limit):
             process.run.limit = process.run.limit or limit
-        for pid in strays:
+        for pid in orphans:
             with suppress(OSError):
                 # Since they were counted, one may have ended, and somebody else have its process id.
                 if Path(f"/proc/{pid}").stat().st_uid == self._user:
@@ -190,7 +190,7 @@ def _taken(pids: Iterable[int]) -> tuple[int, int]:
     for pid in pids:
         with suppress(OSError, ValueError, IndexError):
             tasks += len(tasks_of(pid))
-            memory += int(_said_of_memory(pid, "statm").split()[1]) * _PAGE_BYTES
+            memory += int(_reported_memory(pid, "statm").split()[1]) * _PAGE_BYTES
     return memory, tasks
 
 
@@ -200,15 +200,15 @@ def _own_memory(pids: Iterable[int]) -> int:
     for pid in pids:
         with suppress(OSError, ValueError, IndexError):
             # Where its share of shared pages may not be read, without these.
-            if "Pss:" in (shared := _said_of_memory(pid, "smaps_rollup")):
+            if "Pss:" in (shared := _reported_memory(pid, "smaps_rollup")):
                 total += int(shared.split("Pss:", 1)[1].split()[0]) * 1024
             else:
-                resident, shared_pages = map(int, _said_of_memory(pid, "statm").split()[1:3])
+                resident, shared_pages = map(int, _reported_memory(pid, "statm").split()[1:3])
                 total += (resident - shared_pages) * _PAGE_BYTES
     return total
 
 
-def _said_of_memory(pid: int, file: str) -> str:
+def _reported_memory(pid: int, file: str) -> str:
     """Return what a file in /proc says of a process: by another of its threads, where the first has ended."""
     text = ""
     for folder in (f"/proc/{pid}", *(f"/proc/{pid}/task/{task}" for task in tasks_of(pid))):

@@ -67,7 +67,7 @@ class RunningProcess:
         self.run = run
         self._process = process
         self._child_pid_fd = child_pid_fd
-        self._sandbox_told = b""
+        self._sandbox_info = b""
         self._sandbox_pid: int | None = None
         #: By thread id; those that have ended keep what they used.
         self._usage: dict[int, tuple[int, int]] = {}
@@ -77,8 +77,8 @@ class RunningProcess:
         self._room = room
         assert process.stdout is not None
         assert process.stderr is not None
-        said = self._read(process.stdout, "stdout") if on_message is None else _hear(process.stdout, on_message)
-        self._readers = [asyncio.create_task(said), asyncio.create_task(self._read(process.stderr, "stderr"))]
+        reader = self._read(process.stdout, "stdout") if on_message is None else _hear(process.stdout, on_message)
+        self._readers = [asyncio.create_task(reader), asyncio.create_task(self._read(process.stderr, "stderr"))]
         self.exited = asyncio.create_task(self._wait())
 
     @classmethod
@@ -180,9 +180,9 @@ class RunningProcess:
             return self._process.pid
         if self._sandbox_pid is None and self.alive:
             with suppress(BlockingIOError):
-                self._sandbox_told += os.read(self._child_pid_fd, 4096)
+                self._sandbox_info += os.read(self._child_pid_fd, 4096)
             with suppress(ValueError, KeyError):  # It is written in pieces.
-                self._sandbox_pid = int(json.loads(self._sandbox_told)["child-pid"])
+                self._sandbox_pid = int(json.loads(self._sandbox_info)["child-pid"])
         if self._sandbox_pid is None:
             return None
         children = children_of(self._sandbox_pid)

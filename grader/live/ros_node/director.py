@@ -1,4 +1,4 @@
-"""The director: one trusted process in a cell that probes the ROS graph and records all traffic.
+"""The director: one trusted process in a sandbox that probes the ROS graph and records all traffic.
 
 It reads one JSON request a line from standard input, and writes lines of JSON to standard output: the name of a list of
 the session's record with an entry for it, or "answer" with outcome ("done", "timeout", "cancelled" or "failed") and
@@ -67,7 +67,7 @@ _SPIN_S = 0.01
 _MATCH_S = 3.0
 #: How long it stays for a subscription that has not taken all of it.
 _ACKNOWLEDGED_S = 1.0
-#: In a network that is not the cell's own, how long to look for nodes that do not belong there.
+#: In a network that is not the sandbox's own, how long to look for nodes that do not belong there.
 _FOREIGN_S = 0.5
 #: Service events that the middleware keeps until the recorder has them.
 _EVENTS_DEPTH = 100
@@ -118,8 +118,8 @@ class Director:
         """Answer requests until `stop` or the end of input."""
         self._require_empty_graph()
         threading.Thread(target=self._listen, daemon=True).start()
-        _say("trusted", Trusted("director", self._watch.own_prefix))
-        _say("answer", ("done", {}))
+        _send("trusted", Trusted("director", self._watch.own_prefix))
+        _send("answer", ("done", {}))
         while True:
             try:
                 request = self._requests.get(timeout=GraphWatch.PERIOD_S)
@@ -128,30 +128,30 @@ class Director:
                 continue
             if request is None:
                 break
-            _say("answer", self._answer(request))
+            _send("answer", self._answer(request))
         self._watch.close()
         self._recorder.stop()
         unrecorded = self._recorder.unrecorded
         if self._limit_bytes < _ENOUGH_BYTES and any(left_out.messages for left_out in unrecorded):
             self._problems.append(f"the disk had room for a recording of {self._limit_bytes / 1e6:.0f} MB only")
         for problem in self._problems + self._recorder.problems:
-            _say("problems", problem)
+            _send("problems", problem)
         for left_out in unrecorded:
-            _say("unrecorded", left_out)
+            _send("unrecorded", left_out)
 
     def _require_empty_graph(self) -> None:
         """See to it that nothing is in the graph before the first process is started: it would be taken for its."""
-        # A network with loopback alone is the cell's own, and new.
+        # A network with loopback alone is the sandbox's own, and new.
         shared = any(name != "lo" for _, name in socket.if_nameindex())
         end_s = time.monotonic() + (_FOREIGN_S if shared else 0.0)
         while True:
             graph = self._watch.look(now=True)
-            strangers = {*graph.nodes, *(endpoint.node for endpoint in graph.endpoints)}
-            named = sorted(name for name in strangers if UNKNOWN_NODE not in name)
+            foreign_nodes = {*graph.nodes, *(endpoint.node for endpoint in graph.endpoints)}
+            named = sorted(name for name in foreign_nodes if UNKNOWN_NODE not in name)
             if named or time.monotonic() >= end_s:
                 break
             self._executor.spin_once(timeout_sec=_SPIN_S)
-        if strangers:
+        if foreign_nodes:
             who = ", ".join(named[:5]) or "not known by name"
             self._problems.append(f"before anything was started, there were other ROS nodes in its network: {who}")
 
@@ -178,7 +178,7 @@ class Director:
 
     def _on_change(self, graph: GraphSnapshot) -> None:
         self._recorder.follow(graph.endpoints)
-        _say("graph", graph)
+        _send("graph", graph)
 
     def _spin(self) -> None:
         self._executor.spin_once(timeout_sec=_SPIN_S)
@@ -291,7 +291,7 @@ class Director:
                 self._until(lambda: False, 1.0 / float(request["rate_hz"]))
             publisher.wait_for_all_acked(Duration(seconds=_ACKNOWLEDGED_S))
         finally:
-            _say("published", Published("director", topic, request["type"], digest(data) * sent))
+            _send("published", Published("director", topic, request["type"], digest(data) * sent))
             node.destroy_node()
             context.shutdown()
         return "done", {"topic": topic, "matched": matched}
@@ -437,8 +437,8 @@ class _Call:
         # The callback runs in the executor, so it may come after we have seen the answer.
         ended_ns = self._ended_ns or time.time_ns()
         record = {"started_ns": self._started_ns, "ended_ns": ended_ns, "response": _jsonable(response)}
-        held_up_ns = round(self._deadline.stood_still_s * 1e9)
-        return {**record, "held_up_ns": held_up_ns} if held_up_ns else record
+        stall_ns = round(self._deadline.stall_s * 1e9)
+        return {**record, "held_up_ns": stall_ns} if stall_ns else record
 
 
 def _fill(message: Any, values: Mapping[str, Any]) -> Any:
@@ -473,7 +473,7 @@ def _jsonable(value: Any) -> Any:
     return str(value)[:_LONGEST_TEXT]
 
 
-def _say(kind: str, what: Any) -> None:
+def _send(kind: str, what: Any) -> None:
     sys.stdout.write(json.dumps([kind, what], default=dataclasses.asdict) + "\n")
     sys.stdout.flush()
 

@@ -33,7 +33,7 @@ from grader.recording.session import (
     ServiceOffer,
 )
 
-#: Topics and nodes looked at in one snapshot, and endpoints told; a flood of them must not stall the session.
+#: Topics and nodes looked at in one snapshot, and endpoints reported; a flood of them must not stall the session.
 MAX_TOPICS = 400
 MAX_NODES = 400
 MAX_ENDPOINTS = 4000
@@ -81,7 +81,7 @@ def is_reserved(name: str) -> bool:
 
 
 def _readable(ask: Callable[[], list[T]], otherwise: list[T]) -> list[T]:
-    """Return what rclpy tells of the graph, or something else where a name in it is no text, or empty: it gives up."""
+    """Return what rclpy reports of the graph, or something else where a name in it is no text or empty."""
     try:
         return ask()
     except (UnicodeDecodeError, RuntimeError):
@@ -89,10 +89,10 @@ def _readable(ask: Callable[[], list[T]], otherwise: list[T]) -> list[T]:
 
 
 def _topics(node: Node, known: Collection[str]) -> list[tuple[str, list[str]]]:
-    """Return names and types of topics; of those known by name alone where they cannot be told."""
-    told: list[tuple[str, list[str]]] = [(name, []) for name in known]
-    told = _readable(node.get_topic_names_and_types, told)
-    return [(name, types) for name, types in told if _TOPIC_NAME.fullmatch(name)]
+    """Return names and types of topics; of those known by name alone where types are not known."""
+    facts: list[tuple[str, list[str]]] = [(name, []) for name in known]
+    facts = _readable(node.get_topic_names_and_types, facts)
+    return [(name, types) for name, types in facts if _TOPIC_NAME.fullmatch(name)]
 
 
 def gid_prefix_of(node: Node) -> str:
@@ -127,26 +127,26 @@ def qos_of(profile: QoSProfile) -> Qos:
     )
 
 
-#: What rcl told of an endpoint, by which it is known again.
+#: What rcl reported of an endpoint, by which it is known again.
 _KNOWN: dict[tuple[Any, ...], Endpoint] = {}
 
 
-def _endpoint(topic: str, told: dict[str, Any]) -> Endpoint:
-    type_hash = told["topic_type_hash"]
+def _endpoint(topic: str, facts: dict[str, Any]) -> Endpoint:
+    type_hash = facts["topic_type_hash"]
     key = (
         topic,
-        told["endpoint_type"],
-        told["topic_type"],
+        facts["endpoint_type"],
+        facts["topic_type"],
         (type_hash["version"], type_hash["value"]),
-        told["node_namespace"],
-        told["node_name"],
-        tuple(told["endpoint_gid"]),
-        tuple(getattr(value, "nanoseconds", value) for value in told["qos_profile"].values()),
+        facts["node_namespace"],
+        facts["node_name"],
+        tuple(facts["endpoint_gid"]),
+        tuple(getattr(value, "nanoseconds", value) for value in facts["qos_profile"].values()),
     )
     if key not in _KNOWN:
         if len(_KNOWN) >= MAX_ENDPOINTS:
             _KNOWN.clear()
-        info = TopicEndpointInfo(**told)
+        info = TopicEndpointInfo(**facts)
         _KNOWN[key] = Endpoint(
             kind=info.endpoint_type.name.lower(),
             topic=topic,
@@ -160,15 +160,15 @@ def _endpoint(topic: str, told: dict[str, Any]) -> Endpoint:
 
 
 def _endpoints_of(node: Node, topic: str) -> list[Endpoint]:
-    """Return the endpoints on a topic, without making objects anew of what rcl has told before.
+    """Return the endpoints on a topic, without making objects anew of what rcl has reported before.
 
     The node's own functions do: in a session that would be half of what looking at the graph costs.
     """
-    told: list[dict[str, Any]] = []
+    facts: list[dict[str, Any]] = []
     with node.handle:
         for ask in (rcl.rclpy_get_publishers_info_by_topic, rcl.rclpy_get_subscriptions_info_by_topic):
-            told += _readable(partial(ask, node.handle, topic, False), [])
-    return [_endpoint(topic, info) for info in told]
+            facts += _readable(partial(ask, node.handle, topic, False), [])
+    return [_endpoint(topic, info) for info in facts]
 
 
 def snapshot(
@@ -176,7 +176,7 @@ def snapshot(
 ) -> GraphSnapshot:
     """Take a snapshot of the graph, without the endpoints of the process that `own_prefix` is of.
 
-    Of too many topics those of `first` are looked at before all others. Where names cannot be told, those of the last
+    Of too many topics those of `first` are looked at before all others. Where names are not known, those of the last
     snapshot stand in.
     """
     taken = GraphSnapshot(time.time_ns())

@@ -1,4 +1,4 @@
-"""Records the traffic of a cell: raw subscriptions, written to a bag as they come.
+"""Records the traffic of a sandbox: raw subscriptions, written to a bag as they come.
 
 The recorder has contexts of its own, since one participant cannot hold two types on one topic. It does not
 spin an executor: the middleware stamps each message when it receives it, so that it does not matter when the
@@ -21,7 +21,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from grader.live.ros_node.graph import interface_named, new_context, silent_node
 from grader.recording.bag import BagWriter
 from grader.recording.definitions import definition_of, type_hash_of
-from grader.recording.session import Endpoint, Unrecorded
+from grader.recording.session import Endpoint, RecordingGap
 
 NODE_NAME = "_grader_recorder"
 DEFAULT_LIMIT_BYTES = 512 * 2**20
@@ -122,7 +122,7 @@ class _Line:
 
 
 class Recorder:
-    """Records every topic that it is told of, and closes the writer of the bag when it stops.
+    """Records every topic that it is asked to, and closes the writer of the bag when it stops.
 
     A topic may take as much of `limit_bytes` as is left for the others; past that it is no longer recorded, so that a
     flood cannot cost the evidence of other topics. `problems` are what went wrong on the recorder's side, `unrecorded`
@@ -138,7 +138,7 @@ class Recorder:
         limit_topics: int = DEFAULT_LIMIT_TOPICS,
     ) -> None:
         self.problems: list[str] = []
-        self.unrecorded: list[Unrecorded] = []
+        self.unrecorded: list[RecordingGap] = []
         self._writer = writer
         self._domain_id = domain_id
         self._left_bytes = limit_bytes
@@ -167,7 +167,7 @@ class Recorder:
         self, key: tuple[str, str], reason: str, limit: bool, messages: int = 0, size_bytes: int = 0
     ) -> None:
         if len(self.unrecorded) < _MOST_UNRECORDED:
-            self.unrecorded.append(Unrecorded(*key, time.time_ns(), messages, size_bytes, reason, limit))
+            self.unrecorded.append(RecordingGap(*key, time.time_ns(), messages, size_bytes, reason, limit))
 
     # -- subscribing: on the caller's thread ---------------------------------------------------
 

@@ -1,6 +1,6 @@
-"""Memory and process limits of a cell's students by control groups, version 1 or 2, where these can be made.
+"""Memory and process limits of a sandbox's students by control groups, version 1 or 2, where these can be made.
 
-Each cell has one group for all of the student's processes in it. Its name comes from the cell's number, so
+Each sandbox has one group for all of the student's processes in it. Its name comes from the sandbox's number, so
 that what a killed grader left behind is taken over by the next.
 """
 
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-#: Limit of all of a cell's student processes together.
+#: Limit of all of a sandbox's student processes together.
 MEMORY_BYTES = 2 * 1024**3
 PROCESSES = 256
 
@@ -40,8 +40,8 @@ _NAMES = {
 
 
 @dataclass(frozen=True)
-class GroupPlaces:
-    """Folders in which a cell's group can be made.
+class CgroupParents:
+    """Folders in which a sandbox's group can be made.
 
     `memory` and `processes` are its parents in these hierarchies, the same one in version 2; `cpu` is that in the
     hierarchy that sums up CPU time, where one does that and shares out nothing.
@@ -53,18 +53,18 @@ class GroupPlaces:
     version: int
 
 
-class CellGroup:
-    """The control group of a cell's student processes.
+class SandboxCgroup:
+    """The control group of a sandbox's student processes.
 
     Its `label` tells it from others of this user.
     """
 
-    def __init__(self, places: GroupPlaces, label: str) -> None:
-        self._version = places.version
-        self._names = _NAMES[places.version]
+    def __init__(self, parents: CgroupParents, label: str) -> None:
+        self._version = parents.version
+        self._names = _NAMES[parents.version]
         name = f"grade-{os.getuid()}-{label}"
-        self._memory, self._processes = Path(places.memory) / name, Path(places.processes) / name
-        self._cpu = Path(places.cpu) / name if places.cpu is not None else None
+        self._memory, self._processes = Path(parents.memory) / name, Path(parents.processes) / name
+        self._cpu = Path(parents.cpu) / name if parents.cpu is not None else None
 
     def make(self, memory_bytes: int = MEMORY_BYTES, processes: int = PROCESSES) -> None:
         """Make the group and set its limits, or raise `OSError` if that is not permitted here."""
@@ -131,21 +131,21 @@ def _counter(file: Path, name: str) -> int:
     return 0
 
 
-def group_places() -> list[GroupPlaces]:
+def cgroup_parents() -> list[CgroupParents]:
     """Return the places where groups might be made here, the likeliest first; none is tried."""
     mounts = _mounted_hierarchies()
     own = _own_groups()
-    places = []
+    parents = []
     if "memory" in mounts and "pids" in mounts:
         memory, pids = (_within(mounts[name], own.get(name, "/")) for name in ("memory", "pids"))
         # Where the same hierarchy shares out CPU time, a group in it would change how all threads are scheduled.
         apart = "cpuacct" in mounts and mounts["cpuacct"] != mounts.get("cpu")
         cpu = _within(mounts["cpuacct"], own.get("cpuacct", "/")) if apart else None
-        places.append(GroupPlaces(memory, pids, cpu if cpu is not None and os.access(cpu, os.W_OK) else None, 1))
+        parents.append(CgroupParents(memory, pids, cpu if cpu is not None and os.access(cpu, os.W_OK) else None, 1))
     if "" in mounts:
         root = mounts[""]
-        places += [GroupPlaces(folder, folder, folder, 2) for folder in (root, _within(root, own.get("", "/")))]
-    return list(dict.fromkeys(p for p in places if os.access(p.memory, os.W_OK) and os.access(p.processes, os.W_OK)))
+        parents += [CgroupParents(folder, folder, folder, 2) for folder in (root, _within(root, own.get("", "/")))]
+    return list(dict.fromkeys(p for p in parents if os.access(p.memory, os.W_OK) and os.access(p.processes, os.W_OK)))
 
 
 def _within(mount: str, group: str) -> str:

@@ -1,4 +1,4 @@
-"""Environments of the processes in a cell, built from nothing.
+"""Environments of the processes in a sandbox, built from nothing.
 
 What the caller has sourced or exported (a ROS installation, PYTHONPATH, a DDS profile, a domain)
 reaches no process of a session.
@@ -163,7 +163,7 @@ def require_ros(interpreter: Path) -> None:
     except ValueError as problem:
         raise PlatformError(
             f"this interpreter cannot run students' nodes ({problem})",
-            where=str(interpreter),
+            location=str(interpreter),
             remedy="Give --python an environment in which the ROS 2 packages are installed with pip, as the grader's "
             "own constraints.txt has them. What was sourced in the terminal reaches no student's process.",
         ) from problem

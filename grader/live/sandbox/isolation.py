@@ -1,9 +1,9 @@
-"""The one place that decides how a cell and the student's processes in it are confined.
+"""The one place that decides how a sandbox and the student's processes in it are confined.
 
-A *cell* is a set of namespaces of its own (network with only loopback up, mounts, IPC, processes)
+A *sandbox* is a set of namespaces of its own (network with only loopback up, mounts, IPC, processes)
 in which a session's processes run. Inside it each student's process is confined further by
 bubblewrap: read-only root, own process ids, no capabilities, a system call filter, limits. Two forms
-work: R, started as root, which gives each cell a user id of its own; and U, started as an ordinary
+work: R, started as root, which gives each sandbox a user id of its own; and U, started as an ordinary
 user, in a user namespace. Where neither does, Landlock and the system call filter remain. What a
 machine permits is found by `grader.live.sandbox.probing`, which tries it with the real argument lists.
 """
@@ -21,7 +21,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 import grader
-from grader.live.sandbox.cgroup import PROCESSES, CellGroup, GroupPlaces
+from grader.live.sandbox.cgroup import PROCESSES, CgroupParents, SandboxCgroup
 from grader.live.sandbox.confine import Confinement, confines_signals
 from grader.live.sandbox.environment import INSIDE_FOLDER, LAUNCHING_FOLDER, interpreter_links, interpreter_roots
 from grader.live.sandbox.machine import number_of_tasks, processes_of_user
@@ -90,28 +90,28 @@ _ALL_TOGETHER = "a limit that the kernel keeps on the memory and processes of a 
 
 @dataclass(frozen=True)
 class Isolation:
-    """The confinement of a machine's cells, and what it covers.
+    """The confinement of a machine's sandboxes, and what it covers.
 
     Bubblewrap may be so old that it lacks `--disable-userns`. Control groups can be made at the level full. `first_uid`
-    is that of the cell number 0, where each cell's student has a user id of its own; `remedy` says what would give
-    more.
+    is that of the sandbox number 0, where each sandbox's student has a user id of its own; `remedy` says what would
+    give more.
     """
 
     level: Level
     form: Form = Form.NONE
     old_bubblewrap: bool = False
-    groups: GroupPlaces | None = None
+    groups: CgroupParents | None = None
     first_uid: int | None = None
     remedy: str = ""
 
     @property
     def own_uid(self) -> bool:
-        """Whether each cell's student has a user id of its own."""
+        """Whether each sandbox's student has a user id of its own."""
         return self.first_uid is not None
 
     @property
     def namespaces(self) -> bool:
-        """Whether cells are namespaces of their own."""
+        """Whether sandboxes are namespaces of their own."""
         return self.form is not Form.NONE
 
     def describe(self) -> dict[str, Any]:
@@ -136,27 +136,27 @@ class Isolation:
 
 
 def student_uid(isolation: Isolation, slot: int) -> int | None:
-    """User id under which a cell's student runs, or None where it is the caller's own."""
+    """User id under which a sandbox's student runs, or None where it is the caller's own."""
     return isolation.first_uid + slot if isolation.first_uid is not None else None
 
 
-def cell_group(isolation: Isolation, slot: int) -> CellGroup | None:
-    """Return the control group of a cell, where groups can be made."""
-    label = f"cell-{student_uid(isolation, slot) or slot}"
-    return CellGroup(isolation.groups, label) if isolation.groups is not None else None
+def sandbox_cgroup(isolation: Isolation, slot: int) -> SandboxCgroup | None:
+    """Return the control group of a sandbox, where groups can be made."""
+    label = f"sandbox-{student_uid(isolation, slot) or slot}"
+    return SandboxCgroup(isolation.groups, label) if isolation.groups is not None else None
 
 
 @contextmanager
 def free_slot() -> Iterator[int]:
-    """Yield a number from 1 to 101 that no other cell in this network has at the time.
+    """Yield a number from 1 to 101 that no other sandbox in this network has at the time.
 
-    It makes the cell's user id and control group where cells have their own, and its ROS domain where they share a
-    network. Whoever holds the socket of that name holds the number; it leaves nothing behind.
+    It makes the sandbox's user id and control group where sandboxes have their own, and its ROS domain where they share
+    a network. Whoever holds the socket of that name holds the number; it leaves nothing behind.
     """
     for number in range(1, 102):
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as held:
             try:
-                held.bind(f"\0grade-cell-{number}")
+                held.bind(f"\0grade-sandbox-{number}")
             except OSError:
                 continue
             yield number
@@ -165,10 +165,10 @@ def free_slot() -> Iterator[int]:
 
 
 def first_student_uid() -> int:
-    """Return the user id from which those of cells in this network are counted.
+    """Return the user id from which those of sandboxes in this network are counted.
 
-    Cells are numbered within a network. A grader in another container numbers its own alike, and where both have the
-    users of the machine, the kernel would count the processes of both students as one's, and each could signal the
+    Sandboxes are numbered within a network. A grader in another container numbers its own alike, and where both have
+    the users of the machine, the kernel would count the processes of both students as one's, and each could signal the
     other where process ids are shared too. So each network has its own ids, by the number of its namespace. In a
     container with users of its own only few ids are mapped; nobody outside has them, and the kernel counts apart.
     """
@@ -224,9 +224,9 @@ def confined(
     room: Room,
     slot: int,
     cwd: str,
-    group: CellGroup | None,
+    group: SandboxCgroup | None,
 ) -> Iterator[tuple[list[str], tuple[int, ...], int | None]]:
-    """Give what runs a student's `command` in the cell of a slot: a command line, and the descriptors that it needs.
+    """Give what runs a student's `command` in the sandbox of a slot: a command line, and the descriptors that it needs.
 
     The last of the three is where bubblewrap says the process id of its child, if it is used; who takes it, closes it.
     Without bubblewrap nothing is passed on, since the student's process would inherit it. `cwd` is as that sees it.

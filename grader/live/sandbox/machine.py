@@ -88,8 +88,8 @@ def available_share() -> float:
     """Return the share of the machine's memory that can still be had, 1 where that is not known."""
     with suppress(OSError, ValueError, ZeroDivisionError):
         text = Path("/proc/meminfo").read_text()
-        told = {name: int(amount) for name, amount in re.findall(r"^(\w+): +(\d+) kB", text, re.MULTILINE)}
-        return told.get("MemAvailable", told["MemTotal"]) / told["MemTotal"]
+        amounts = {name: int(amount) for name, amount in re.findall(r"^(\w+): +(\d+) kB", text, re.MULTILINE)}
+        return amounts.get("MemAvailable", amounts["MemTotal"]) / amounts["MemTotal"]
     return 1.0
 
 
@@ -146,7 +146,7 @@ def processes_of_user(uid: int) -> set[int]:
 
 
 def read_bytes_of(file: str) -> bytes:
-    """Read what the system tells of a thread; as a `Path` it would take five times as long, twice a second for all."""
+    """Read what the system reports of a thread; as a `Path` it would take five times as long, twice a second."""
     descriptor = os.open(file, os.O_RDONLY)
     try:
         return os.read(descriptor, _READ_BYTES)

@@ -1,4 +1,4 @@
-"""Makes a process the first of a new cell: network, mounts, IPC, host name and process ids of its own.
+"""Makes a process the first of a new sandbox: network, mounts, IPC, host name and process ids of its own.
 
 As `unshare --net --mount --ipc --uts --pid --fork --kill-child --mount-proc` does for a program that it starts, this
 does it for a fork that goes on in the same image.
@@ -51,11 +51,11 @@ def enter_own_mounts(form: Form) -> None:
         _call("mount", b"none", b"/dev/shm", b"tmpfs", _NOSUID | _NODEV, b"size=1m")
 
 
-def enter_cell(form: Form) -> None:
-    """Become the first process of a new cell, or stay where there are no namespaces.
+def enter_sandbox(form: Form) -> None:
+    """Become the first process of a new sandbox, or stay where there are no namespaces.
 
     The calling process, which may have one thread only, is left outside: it waits for the one that goes on, ends with
-    its status, and all of the cell ends with it. It raises `OSError` if the system permits no such namespaces.
+    its status, and all of the sandbox ends with it. It raises `OSError` if the system permits no such namespaces.
     """
     if form is Form.NONE:
         end_with_parent()

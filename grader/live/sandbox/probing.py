@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from grader.errors import IsolationError
-from grader.live.sandbox.cgroup import CellGroup, group_places
+from grader.live.sandbox.cgroup import SandboxCgroup, cgroup_parents
 from grader.live.sandbox.confine import confines_signals, landlock_version
 from grader.live.sandbox.isolation import (
     TEMPORARY,
@@ -20,13 +20,13 @@ from grader.live.sandbox.isolation import (
     Isolation,
     Level,
     Room,
-    cell_group,
     confined,
     first_student_uid,
     free_slot,
+    sandbox_cgroup,
     student_uid,
 )
-from grader.live.sandbox.namespaces import enter_cell
+from grader.live.sandbox.namespaces import enter_sandbox
 
 _PROBE_BYTES = 96 * 1024 * 1024
 _TIMEOUT_S = 30.0
@@ -73,7 +73,7 @@ def probe_isolation(interpreter: Path) -> Isolation:
 
 
 def require(isolation: Isolation, least: Level) -> None:
-    """Raise `IsolationError`, with the one thing that would mend it, unless the confinement is good enough."""
+    """Raise `IsolationError`, with the one thing that would fix it, unless the confinement is good enough."""
     if isolation.level.at_least(least):
         return
     freely = "" if least is not Level.REDUCED else " If you trust this code, add --trust-code."
@@ -85,8 +85,8 @@ def require(isolation: Isolation, least: Level) -> None:
 
 
 def _with_groups(found: Isolation, interpreter: Path) -> Isolation:
-    for places in group_places():
-        full = replace(found, level=Level.FULL, groups=places)
+    for parents in cgroup_parents():
+        full = replace(found, level=Level.FULL, groups=parents)
         if _limits_memory(full, interpreter):
             return full
     reason = "no control group for memory and processes can be made here"
@@ -126,15 +126,15 @@ def _closed_to_others(interpreter: Path) -> Path | None:
 
 
 def _try(isolation: Isolation, interpreter: Path) -> str | None:
-    """Run the interpreter in a cell with the real arguments; return None or what went wrong."""
+    """Run the interpreter in a sandbox with the real arguments; return None or what went wrong."""
     try:
         run = _run(isolation, interpreter, _WHO)
     except (OSError, subprocess.TimeoutExpired) as problem:
         return str(problem)
-    said = run.stdout.split()
-    if run.returncode != 0 or said[:1] != ["in"]:
+    answer = run.stdout.split()
+    if run.returncode != 0 or answer[:1] != ["in"]:
         return run.stderr.strip() or "no answer from the sandbox"
-    _, uid, capabilities, no_new_privileges, seccomp, denied = said
+    _, uid, capabilities, no_new_privileges, seccomp, denied = answer
     wanted = student_uid(isolation, 0)
     if (wanted is not None and int(uid) != wanted) or capabilities != "0":
         return f"the sandbox runs as user {uid} with capabilities {capabilities}"
@@ -144,7 +144,7 @@ def _try(isolation: Isolation, interpreter: Path) -> str | None:
 def _limits_memory(isolation: Isolation, interpreter: Path) -> bool:
     """Whether two processes that together take twice the limit are ended by the kernel."""
     with free_slot() as slot:
-        group = cell_group(isolation, slot)
+        group = sandbox_cgroup(isolation, slot)
         assert group is not None
         try:
             group.make(memory_bytes=_PROBE_BYTES)
@@ -157,9 +157,9 @@ def _limits_memory(isolation: Isolation, interpreter: Path) -> bool:
 
 
 def _run(
-    isolation: Isolation, interpreter: Path, program: str, slot: int = 0, group: CellGroup | None = None
+    isolation: Isolation, interpreter: Path, program: str, slot: int = 0, group: SandboxCgroup | None = None
 ) -> subprocess.CompletedProcess[str]:
-    """Run a program as sessions run a student's, in a cell of its own."""
+    """Run a program as sessions run a student's, in a sandbox of its own."""
     with tempfile.TemporaryDirectory(prefix="grade-probe-", ignore_cleanup_errors=True) as scratch:
         room = Room.below(Path(scratch), interpreter)
         room.make(Path(scratch))
@@ -173,7 +173,7 @@ def _run(
             try:
                 return subprocess.run(
                     argv,
-                    preexec_fn=lambda: _enter_cell(isolation.form),
+                    preexec_fn=lambda: _enter_sandbox(isolation.form),
                     capture_output=True,
                     text=True,
                     timeout=_TIMEOUT_S,
@@ -187,9 +187,9 @@ def _run(
                     os.close(info)
 
 
-def _enter_cell(form: Form) -> None:
+def _enter_sandbox(form: Form) -> None:
     try:
-        enter_cell(form)
+        enter_sandbox(form)
     except OSError as problem:
         os.write(2, str(problem).encode())
         os._exit(1)

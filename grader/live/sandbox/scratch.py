@@ -1,4 +1,4 @@
-"""Temporary folders whose names tell their owner, so that those of a killed grader can be told and removed."""
+"""Temporary folders whose names hold their owner, so that stale ones of a killed grader are found and removed."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def scratch_prefix() -> str:
     return f"grade-{_namespace()}-{os.getpid()}-{_start_ticks(os.getpid())}-"
 
 
-def remove_leavings() -> list[str]:
+def remove_stale() -> list[str]:
     """Remove the temporary folders of this user's gradings that have ended; returns their names.
 
     A process is known by its number, its start and the namespace in which both hold. What belongs to another namespace,
@@ -29,7 +29,7 @@ def remove_leavings() -> list[str]:
         return removed
     for path in sorted(Path(tempfile.gettempdir()).glob("grade-*")):
         with suppress(OSError):
-            if _is_left(path):
+            if _is_stale(path):
                 remove_tree(path)
                 removed.append(path.name)
     return removed
@@ -48,7 +48,7 @@ def remove_tree(folder: Path) -> None:
             subprocess.run([*command, "--", str(folder)], check=False, capture_output=True, stdin=subprocess.DEVNULL)
 
 
-def _is_left(path: Path) -> bool:
+def _is_stale(path: Path) -> bool:
     named = _NAME.fullmatch(path.name)
     if named is None or path.is_symlink() or path.lstat().st_uid != os.getuid() or int(named[1]) != _namespace():
         return False

@@ -8,12 +8,12 @@ from typing import Any
 
 from grader.live.process.process import RunningProcess
 from grader.recording.record import from_plain
-from grader.recording.session import GraphSnapshot, ProcessRun, Published, SessionRecord, Trusted, Unrecorded
+from grader.recording.session import GraphSnapshot, ProcessRun, Published, RecordingGap, SessionRecord, Trusted
 
 _START_S = 20.0
 _STOP_S = 8.0
 #: What it reports: list of the record -> kind of its entries, if that is a dataclass.
-_REPORTED = {"graph": GraphSnapshot, "trusted": Trusted, "published": Published, "unrecorded": Unrecorded}
+_REPORTED = {"graph": GraphSnapshot, "trusted": Trusted, "published": Published, "unrecorded": RecordingGap}
 
 #: Outcome and result of a request, or of a step.
 Answer = tuple[str, dict[str, Any]]

@@ -1,8 +1,9 @@
-"""Starts the first processes of cells as forks of a process that has imported what they need.
+"""Starts the first processes of sandboxes as forks of a process that has imported what they need.
 
-Python that imports rclpy and the session anew takes a seventh of a second of a core, in each of a grading's cells at
-the same time; a fork takes a hundredth. The server has an environment made from nothing, starts no thread and nothing
-of ROS, and serves one grading. Each cell's first process then forks its director and reference nodes in the same way.
+Python that imports rclpy and the session anew takes a seventh of a second of a core, in each of a grading's sandboxes
+at the same time; a fork takes a hundredth. The server has an environment made from nothing, starts no thread and
+nothing of ROS, and serves one grading. Each sandbox's first process then forks its director and reference nodes in the
+same way.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from pathlib import Path
 from grader.live.process.forked import Program, become, read_pipe
 from grader.live.sandbox.environment import INSIDE_FOLDER, LAUNCHING_FOLDER, trusted_environment
 from grader.live.sandbox.isolation import Form
-from grader.live.sandbox.namespaces import end_with_parent, enter_cell, enter_own_mounts, name_process
+from grader.live.sandbox.namespaces import end_with_parent, enter_own_mounts, enter_sandbox, name_process
 from grader.live.session.plan import SessionPlan
 from grader.recording.definitions import definition_of, type_hash_of
 
@@ -46,7 +47,7 @@ _END_S = 5.0
 
 
 class ForkServer:
-    """The process that forks the first processes of cells; used as a context, with which all that it started ends.
+    """The process that forks the first processes of sandboxes; used as a context, with which all that it started ends.
 
     `types` are those of messages and services that the sessions are likely to use.
     """
@@ -78,17 +79,17 @@ class ForkServer:
             self._process.wait()
 
     async def start(self, form: Form, plan: Path, errors: Path) -> asyncio.StreamReader:
-        """Start the session of a pickled `SessionPlan` in a cell of its own, with a file for its standard error.
+        """Start the session of a pickled `SessionPlan` in a sandbox of its own, with a file for its standard error.
 
-        Returns what its first process says, until all has ended: first the process id by which the cell ends, or why
-        the cell could not be made. `form` must be the same for all cells of a server.
+        Returns what its first process says, until all has ended: first the process id by which the sandbox ends, or why
+        the sandbox could not be made. `form` must be the same for all sandboxes of a server.
         """
-        said, says = os.pipe()
+        reader, writer = os.pipe()
         with errors.open("wb") as file, suppress(ConnectionError):  # Then nothing will be said.
             request = [form.value.encode(), b"\0", os.fsencode(plan)]
-            socket.send_fds(self._link, request, [says, file.fileno()])
-        os.close(says)
-        return await read_pipe(said)
+            socket.send_fds(self._link, request, [writer, file.fileno()])
+        os.close(writer)
+        return await read_pipe(reader)
 
 
 def _serve(link: socket.socket, types: Sequence[str]) -> None:
@@ -119,7 +120,7 @@ def _serve(link: socket.socket, types: Sequence[str]) -> None:
             with suppress(OSError):
                 os.write(descriptors[0], f"{problem}\n".encode())
         if forked == 0:
-            program = Program("cell", partial(_run_in_cell, form, plan), [], trusted_environment(plan.parent, 0))
+            program = Program("sandbox", partial(_run_in_sandbox, form, plan), [], trusted_environment(plan.parent, 0))
             become(program, server, (null, *descriptors))
         for descriptor in descriptors:
             os.close(descriptor)
@@ -155,12 +156,12 @@ def _load_type(name: str) -> None:
     type_hash_of(recorded)
 
 
-def _run_in_cell(form: Form, file: Path) -> None:
+def _run_in_sandbox(form: Form, file: Path) -> None:
     from grader.live.session.session import run
 
     print(os.getpid(), flush=True)
     plan: SessionPlan = pickle.loads(file.read_bytes())  # the grader's own, in a folder that nobody else may enter
-    enter_cell(form)
+    enter_sandbox(form)
     name_process("session")
     run(plan)
 
@@ -168,7 +169,7 @@ def _run_in_cell(form: Form, file: Path) -> None:
 def main() -> None:
     """Serve what comes through the socket of the number in argv[1]; the types to load follow."""
     end_with_parent()  # If that has ended already, so has the other side of the socket.
-    # What limits the grader's own memory is not for the cells, which have limits of their own.
+    # What limits the grader's own memory is not for the sandboxes, which have limits of their own.
     hard = resource.getrlimit(resource.RLIMIT_AS)[1]
     resource.setrlimit(resource.RLIMIT_AS, (hard, hard))
     with socket.socket(fileno=int(sys.argv[1])) as link:

@@ -2,7 +2,7 @@
 
 The stand-ins for `launch` and `launch_ros` make a *plan* of what `ros2 launch` would start; its processes
 are then started like any other of the student's. A mistake that is charged by one check must not hide all
-else, so a misnamed executable or package and an argument that is not declared are mended after they were
+else, so a misnamed executable or package and an argument that is not declared are worked around after they were
 noted, and the evaluation goes on.
 """
 
@@ -31,10 +31,10 @@ from grader.submission.beneath import is_regular_beneath
 #: How an evaluation writes one of the plan's own files.
 _OWN_FILE = re.compile(re.escape(PARAMETERS_PLACEHOLDER) + r"/([\w-]+(?:\.\w+)?)")
 _MAX_PLAN_BYTES = 4 * 1024 * 1024
-_MAX_MENDS = 6
+_MOST_WORKAROUNDS = 6
 #: Where a prefix lists its packages.
 _INDEX = "share/ament_index/resource_index/packages"
-#: What a second evaluation gets in any case: the mistake that the first one found is mended to see the rest.
+#: What a second evaluation gets in any case: the mistake that the first one found is worked around to see the rest.
 _LEAST_EVALUATION_S = 1.0
 _MAX_MEMORY_BYTES = 2 * 1024 * 1024 * 1024
 #: A process that is to be started again and again is so at most this often.
@@ -70,19 +70,23 @@ class LaunchRunner:
         if source is None:
             return "failed", {"problem": "missing artifact", "artifact": parameters["launch"]}
         arguments = dict(parameters["arguments"])
-        mended: list[dict[str, Any]] = []
+        worked_around: list[dict[str, Any]] = []
         end_s = time.monotonic() + parameters["timeout_s"]
         while True:
             # All evaluations share the time of one: a file that sleeps before each mistake gains none.
             left_s = max(_LEAST_EVALUATION_S, round(end_s - time.monotonic(), 1))
             outcome, plan = await self._evaluate(source, arguments, left_s, parameters["timeout_s"])
             problem = plan.problem
-            if problem is None or len(mended) >= _MAX_MENDS or not self._mend(problem, parameters["assume"], arguments):
+            if (
+                problem is None
+                or len(worked_around) >= _MOST_WORKAROUNDS
+                or not self._work_around(problem, parameters["assume"], arguments)
+            ):
                 break
-            mended.append({key: getattr(problem, key) for key in ("kind", "message", "file", "line", "remedy")})
-        return outcome, {"plan": plan.to_plain(), "mended": mended}
+            worked_around.append({key: getattr(problem, key) for key in ("kind", "message", "file", "line", "remedy")})
+        return outcome, {"plan": plan.to_plain(), "mended": worked_around}
 
-    def _mend(self, problem: Problem, assume: Mapping[str, str], arguments: dict[str, str]) -> bool:
+    def _work_around(self, problem: Problem, assume: Mapping[str, str], arguments: dict[str, str]) -> bool:
         """Make good a problem that a check of its own charges; False if that cannot be done."""
         wanted, *more = [*re.findall(r"'([^']+)'", problem.message), ""]
         if self._sandbox.students():
@@ -133,10 +137,10 @@ class LaunchRunner:
         if source in self._given_up:
             return "failed", self._given_up[source]
         root = f"{sandbox.seen[WORKSPACE]}/src"
-        trial = None
+        launch_workspace = None
         if sandbox.isolation.namespaces:
-            trial = sandbox.trial
-            sandbox.copy_workspace(sandbox.workspace, trial)
+            launch_workspace = sandbox.launch_workspace
+            sandbox.copy_workspace(sandbox.workspace, launch_workspace)
         result_read, result_write = os.pipe()
         program = f"{sandbox.seen[LAUNCHING]}/evaluate.py"
         command = ["prlimit", f"--as={_MAX_MEMORY_BYTES}", str(sandbox.plan.interpreter), program]
@@ -150,7 +154,7 @@ class LaunchRunner:
             run,
             environment,
             f"{root}/{Path(source).parent}",
-            workspace=trial,
+            workspace=launch_workspace,
             folders=native.folders if native is not None else {},
             pass_fds=(result_write,),
             with_input=True,
@@ -219,7 +223,7 @@ class LaunchRunner:
             run.output.append(OutputLine(run.started_ns, "stderr", f"this cannot be started: {error}"))
             return
         if process.respawn and respawns < _MAX_RESPAWNS:
-            self._later(self._start_again(process, running, respawns + 1))
+            self._later(self._restart(process, running, respawns + 1))
 
     def _free_name(self, wanted: str) -> str:
         """Return a name that no process of the session has: who took another's place would not be looked after."""
@@ -246,7 +250,7 @@ class LaunchRunner:
             return [*command[:program], f"{sandbox.seen[WORKSPACE]}/{installed}", *arguments]
         return command
 
-    async def _start_again(self, process: Process, running: RunningProcess, respawns: int) -> None:
+    async def _restart(self, process: Process, running: RunningProcess, respawns: int) -> None:
         await running.wait_exit(self._sandbox.plan.timeout_s)
         await asyncio.sleep(process.respawn_delay_s)
         if not self._ending:
@@ -300,7 +304,7 @@ def _read_plan(text: str, in_time: bool, timeout_s: float, run: ProcessRun, sour
         status = run.exit_status or 0
         number = status - 128 if status > 128 else -status
         how = f"by signal {number}" if number > 0 else f"with status {status}"
-        said = f"; it said: {run.output[-1].text[:300]}" if run.output else ""
-        message = f"cannot be read: the reading program was ended by it ({how}), before it gave a description{said}"
+        output = f"; it said: {run.output[-1].text[:300]}" if run.output else ""
+        message = f"cannot be read: the reading program was ended by it ({how}), before it gave a description{output}"
         remedy = "Take out what ends or replaces the program (os._exit, exec, signals), and return a LaunchDescription."
     return Plan("error", Problem(kind, f"the launch file {message}", source, None, remedy))

@@ -1,4 +1,4 @@
-"""Runs a submission's sessions, each in a cell of its own, side by side as the cores allow."""
+"""Runs a submission's sessions, each in a sandbox of its own, side by side as the cores allow."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from grader.recording.session import SessionRecord
 from grader.recording.submission import SubmissionRecord
 
 #: Sessions per core for which 100 Hz timing was seen to hold (p99 jitter under 6 ms), and the most at a time.
-_CELLS_PER_CORE = 2
-_MOST_CELLS = 4
-#: Time that a session may take beyond its own limit before its cell is killed.
+_SESSIONS_PER_CORE = 2
+_MOST_SESSIONS = 4
+#: Time that a session may take beyond its own limit before its sandbox is killed.
 _GRACE_S = 25.0
-#: How long a cell that is to end may take to say by which process id, and then to end.
+#: How long a sandbox that is to end may take to say by which process id, and then to end.
 _END_S = 5.0
 _REMEDY = "Check whether memory or processes ran out and whether /dev/shm exists; `grade doctor` shows more."
 
@@ -47,11 +47,11 @@ class Progress:
     ended: bool = False
 
 
-def cells_at_a_time(isolation: Isolation) -> int:
-    """How many cells may run side by side here; one where they would share a network."""
+def sessions_at_a_time(isolation: Isolation) -> int:
+    """How many sandboxes may run side by side here; one where they would share a network."""
     if not isolation.namespaces:
         return 1
-    return max(1, min(_MOST_CELLS, _CELLS_PER_CORE * len(os.sched_getaffinity(0))))
+    return max(1, min(_MOST_SESSIONS, _SESSIONS_PER_CORE * len(os.sched_getaffinity(0))))
 
 
 def names_in(rubric: Rubric) -> list[str]:
@@ -69,11 +69,11 @@ def _given(rubric: Rubric, *keys: str) -> list[str]:
     return sorted({str(step.parameters[key]) for step in steps for key in keys if step.parameters.get(key)})
 
 
-class Turns(Protocol):
+class Scheduler(Protocol):
     """When a session, or the grader's own work, may burden a machine that several submissions share."""
 
-    def cell(self, spec: SessionSpec, *, alone: bool) -> AbstractAsyncContextManager[None]:
-        """Wait until a session may run, `alone` if nothing else may meanwhile, and hold its place while it does."""
+    def session_slot(self, spec: SessionSpec, *, alone: bool) -> AbstractAsyncContextManager[None]:
+        """Wait until a session may run, `alone` if nothing else may meanwhile, and hold its slot while it does."""
         ...
 
     def work(self, what: str) -> AbstractContextManager[None]:
@@ -82,15 +82,15 @@ class Turns(Protocol):
 
 
 @dataclass(frozen=True)
-class Shared:
-    """What gradings on one machine have in common: turns, and how students' code is confined here."""
+class SchedulingContext:
+    """What gradings on one machine have in common: the scheduler, and how students' code is confined here."""
 
-    turns: Turns
+    scheduler: Scheduler
     isolation: Isolation
 
 
 @dataclass(frozen=True)
-class Sessions:
+class SessionRunner:
     """The sessions of one submission, ready to be recorded, each in a folder of its own below `recordings`.
 
     The `attempt` is 1, or more where an earlier recording left something undecided; in one of those the grader's own
@@ -110,7 +110,7 @@ class Sessions:
     native: NativeLaunch | None = None
     attempt: int = 1
     disturbed: frozenset[str] = frozenset()
-    turns: Turns | None = None
+    scheduler: Scheduler | None = None
 
     def record(
         self, chosen: Sequence[str], on_progress: Callable[[Progress], None], *, at_a_time: int | None = None
@@ -118,19 +118,19 @@ class Sessions:
         """Record the chosen sessions; returns when all have ended.
 
         A session that cannot be run to its end leaves a recording that says so. If the grader is ended by
-        Ctrl-C or by a signal that asks for it, the cells end too, and nothing of their sessions stays.
+        Ctrl-C or by a signal that asks for it, the sandboxes end too, and nothing of their sessions stays.
         """
-        run_to_an_end(self._record_all(chosen, on_progress, at_a_time or cells_at_a_time(self.isolation)))
+        run_to_an_end(self._record_all(chosen, on_progress, at_a_time or sessions_at_a_time(self.isolation)))
 
     async def _record_all(self, chosen: Sequence[str], on_progress: Callable[[Progress], None], at_a_time: int) -> None:
         queue = sorted((self.rubric.sessions[name] for name in chosen), key=lambda s: -s.typical_s)
-        turn = asyncio.Semaphore(at_a_time)
+        slots = asyncio.Semaphore(at_a_time)
 
         async def one(spec: SessionSpec) -> None:
-            async with turn if self.turns is None else self.turns.cell(spec, alone=self.attempt > 1):
+            async with slots if self.scheduler is None else self.scheduler.session_slot(spec, alone=self.attempt > 1):
                 await self._record_one(spec, on_progress)
-                again = " retry, as something was undecided" if self.attempt > 1 else ""
-                on_progress(Progress(spec.id, f"recorded{again}", ended=True))
+                retried = " retry, as something was undecided" if self.attempt > 1 else ""
+                on_progress(Progress(spec.id, f"recorded{retried}", ended=True))
 
         tasks = [asyncio.ensure_future(one(spec)) for spec in queue]
         try:
@@ -155,7 +155,7 @@ class Sessions:
                 plan = self._plan(spec, partial, scratch, slot)
                 (scratch / "plan").touch(mode=0o600)  # the seed is in it
                 (scratch / "plan").write_bytes(pickle.dumps(plan))
-                await self._run_cell(spec, scratch, on_progress)
+                await self._run_sandbox(spec, scratch, on_progress)
         except BaseException:
             shutil.rmtree(partial, ignore_errors=True)
             raise
@@ -193,47 +193,47 @@ class Sessions:
             native=self.native,
         )
 
-    async def _run_cell(self, spec: SessionSpec, scratch: Path, on_progress: Callable[[Progress], None]) -> None:
+    async def _run_sandbox(self, spec: SessionSpec, scratch: Path, on_progress: Callable[[Progress], None]) -> None:
         on_progress(Progress(spec.id, "starting"))
-        said = await self.forks.start(self.isolation.form, scratch / "plan", scratch / "stderr")
-        pid = asyncio.ensure_future(first_word(said))
+        messages = await self.forks.start(self.isolation.form, scratch / "plan", scratch / "stderr")
+        pid = asyncio.ensure_future(sandbox_pid(messages))
         try:
-            await asyncio.wait_for(_follow(said, pid, spec.id, on_progress), spec.timeout_s + _GRACE_S)
+            await asyncio.wait_for(_follow(messages, pid, spec.id, on_progress), spec.timeout_s + _GRACE_S)
         except asyncio.TimeoutError:
             pass
         finally:
-            await _end(said, pid)
+            await _end(messages, pid)
 
 
-async def first_word(said: asyncio.StreamReader) -> int:
-    """Return the process id by which a cell ends, or raise `PlatformError` with why it could not be made."""
-    word = (await said.readline()).decode("utf-8", "replace").strip()
-    if not word.isdecimal():
-        reason = word or "the process that starts sandboxes has ended"
+async def sandbox_pid(messages: asyncio.StreamReader) -> int:
+    """Return the process id by which a sandbox ends, or raise `PlatformError` with why it could not be made."""
+    first = (await messages.readline()).decode("utf-8", "replace").strip()
+    if not first.isdecimal():
+        reason = first or "the process that starts sandboxes has ended"
         raise PlatformError(f"a session cannot be started here: {reason}", remedy=_REMEDY)
-    return int(word)
+    return int(first)
 
 
 async def _follow(
-    said: asyncio.StreamReader, pid: asyncio.Future[int], session: str, on_progress: Callable[[Progress], None]
+    messages: asyncio.StreamReader, pid: asyncio.Future[int], session: str, on_progress: Callable[[Progress], None]
 ) -> None:
-    """Pass on what a session tells, until its cell has ended."""
+    """Pass on what a session reports, until its sandbox has ended."""
     await asyncio.shield(pid)
-    async for line in said:
+    async for line in messages:
         with suppress(ValueError, KeyError):
             event: dict[str, Any] = json.loads(line)
             on_progress(Progress(session, event["text"], event["index"], event["of"]))
 
 
-async def _end(said: asyncio.StreamReader, pid: asyncio.Future[int]) -> None:
-    """End a cell that has not ended by itself, and return when nothing of it is left."""
+async def _end(messages: asyncio.StreamReader, pid: asyncio.Future[int]) -> None:
+    """End a sandbox that has not ended by itself, and return when nothing of it is left."""
     with suppress(asyncio.TimeoutError, PlatformError):
         number = await asyncio.wait_for(pid, _END_S)
-        if not said.at_eof():
+        if not messages.at_eof():
             with suppress(ProcessLookupError):
                 os.killpg(number, signal.SIGKILL)
             # It holds the pipe as long as it is there.
-            await asyncio.wait_for(said.read(), _END_S)
+            await asyncio.wait_for(messages.read(), _END_S)
 
 
 def run_to_an_end(work: Coroutine[Any, Any, None]) -> None:

@@ -35,7 +35,7 @@ from grader.live.session.plan import SessionPlan
 from grader.live.session.student_sandbox import StudentSandbox
 from grader.recording.bag import recover
 from grader.recording.session import ProcessRun, StepRun, write_session
-from grader.recording.trusted_channel import participants_told, take_told
+from grader.recording.trusted_channel import collect_trusted_messages, trusted_participants
 
 #: Address space of each of the grader's own processes.
 _TRUSTED_BYTES = 3 * 1024**3
@@ -91,7 +91,7 @@ class Session:
             self.sandbox.clean_up()
 
     async def _stop_for_time(self) -> None:
-        """End the student's processes, for which each step waited as long as it may; unless the machine stood still."""
+        """End the student's processes, for which each step waited as long as it may; unless the machine stalled."""
         step, now_ns = self.record.steps[-1], time.time_ns()
         step.outcome, step.ended_ns = "timeout", now_ns
         alive = [process for process in self.sandbox.students() if process.alive]
@@ -116,7 +116,7 @@ class Session:
         await self._watch.stop()
         if self.director is not None:
             await self.director.stop()
-        take_told(self.record)
+        collect_trusted_messages(self.record)
         await self.sandbox.guard.look()
         self.sandbox.blame_unstarted()
         recover(self.plan.folder)
@@ -169,7 +169,7 @@ class Session:
         if outcome != "done":
             self.record.problems.append(f"the reference node {name} did not become ready")
         running.put_standing()
-        self._filter.protect(running.root_pid() or 0, next(participants_told(run), ""))
+        self._filter.protect(running.root_pid() or 0, next(trusted_participants(run), ""))
         return outcome, result
 
     def _types(self) -> dict[str, str]:

@@ -33,15 +33,21 @@ import os
 import runpy
 import sys
 
-root = os.path.normpath(os.path.join(os.path.dirname(os.path.realpath(__file__)), "../../../src", {root!r}))
+workspace = os.path.normpath(os.path.join(os.path.dirname(os.path.realpath(__file__)), "../../../src"))
+root = os.path.normpath(os.path.join(workspace, {root!r}))
 source = os.path.join(root, {source!r})
 sys.path[0] = root
+sys.path += [os.path.join(workspace, package) for package in {packages!r}]
 sys.argv[0] = source
 {run}
 '''
 
 #: Where packages keep data files of a kind.
 _USUAL_FOLDERS = {".yaml": "config", ".yml": "config", ".rviz": "rviz", ".urdf": "urdf", ".xacro": "urdf"}
+
+_INIT = re.compile(r"(^|/)__init__\.py$")
+#: Folders that are looked through for modules.
+_MOST_FOLDERS = 100
 
 #: What is installed beside the sources at most: data files once for each package, and programs.
 _MOST_INSTALLED_BYTES, _MOST_INSTALLED = 64 * 1024 * 1024, 8_000
@@ -142,10 +148,9 @@ class _Installation:
         self._register(package.name)
         for name, target in package.executables.items():
             program = self.folder / "install/lib" / package.name / name
-            if re.fullmatch(r"(?!\.{1,2}$)[\w.+-]{1,200}", name) and self._take_room(
-                program, len(_WRAPPER) + 4 * len(target)
-            ):
-                _write(program, self._wrapper_of_entry(package, target))
+            text = self._wrapper_of_entry(package, target)
+            if re.fullmatch(r"(?!\.{1,2}$)[\w.+-]{1,200}", name) and self._take_room(program, len(text)):
+                _write(program, text)
         all_data = self._all_data(package.name, PurePosixPath(package.path))
         self._share(all_data if package.shared is None else package.shared.items())
 
@@ -174,7 +179,10 @@ class _Installation:
     # -- wrappers -----------------------------------------------------------------------------
 
     def _wrapper(self, target: str, root: PurePosixPath, source: str, run: str) -> str:
-        return _WRAPPER.format(interpreter=self.interpreter, target=target, root=str(root), source=source, run=run)
+        packages = [folder for folder in self._python_path if folder != str(root)]
+        return _WRAPPER.format(
+            interpreter=self.interpreter, target=target, root=str(root), source=source, run=run, packages=packages
+        )
 
     def _wrapper_of_entry(self, package: PackageFact, target: str) -> str:
         if ":" not in target:
@@ -220,6 +228,15 @@ class _Installation:
     @cached_property
     def _files(self) -> frozenset[str]:
         return frozenset(file.path for file in self.record.files)
+
+    @cached_property
+    def _python_path(self) -> list[str]:
+        """Folders whose modules a program finds besides its own, as in a sourced workspace: those of all packages."""
+        if not self.record.packages:
+            return []
+        inner = (self._package_root(PurePosixPath(path)) for path in sorted(self._files) if _INIT.search(path))
+        folders = [package.path for package in self.record.packages] + [str(root) for root in inner]
+        return list(dict.fromkeys(folders))[:_MOST_FOLDERS]
 
     def _package_root(self, path: PurePosixPath) -> PurePosixPath:
         """Folder from which the file's Python package is imported; its own for a file that stands alone."""

@@ -20,8 +20,8 @@ from grader.live.sandbox.isolation import (
     TEMPORARY,
     WORKSPACE,
     Room,
-    cell_group,
     confined,
+    sandbox_cgroup,
     student_uid,
 )
 from grader.live.sandbox.machine import descendants_of
@@ -59,13 +59,13 @@ class StudentSandbox:
         self.processes: dict[str, RunningProcess] = {}
         self.trusted: list[RunningProcess] = []
         self._room = Room.below(plan.scratch, plan.interpreter)
-        self.workspace, self.trial = self._room.areas[WORKSPACE], plan.scratch / "trial"
+        self.workspace, self.launch_workspace = self._room.areas[WORKSPACE], plan.scratch / "trial"
         self.parameters = self._room.tools[PARAMETERS]
         self.seen = self._room.seen(plan.isolation)
         #: Programs that never began, and how the session would be disturbed by that.
         self._unstarted: list[tuple[ProcessRun, str]] = []
         self._output = OutputRoom()
-        self._group = cell_group(plan.isolation, plan.slot)
+        self._group = sandbox_cgroup(plan.isolation, plan.slot)
         self.guard = Guard(
             self.students,
             self._group,
@@ -87,12 +87,12 @@ class StudentSandbox:
 
     def prepare(self) -> None:
         """Bring the loopback up, and lay out the student's folders, each a file system of its own size."""
-        self.trial.mkdir()
+        self.launch_workspace.mkdir()
         if self.isolation.namespaces:
             bring_loopback_up()
             use_up_process_ids(_STUDENTS_IDS)
             _mount(Path("/dev/shm"), _SMALL_BYTES)
-            _mount(self.trial, _WORKSPACE_BYTES)
+            _mount(self.launch_workspace, _WORKSPACE_BYTES)
             sizes = {self.workspace: _WORKSPACE_BYTES}
             self._room.make(self.plan.scratch, lambda folder: _mount(folder, sizes.get(folder, _SMALL_BYTES)))
         else:
@@ -192,8 +192,8 @@ class StudentSandbox:
 
     def note_unstarted(self, run: ProcessRun, what: str) -> None:
         """Note that a program of the student's never began; `blame_unstarted` says in the end whose doing that is."""
-        said = run.output[-1].text if run.output else "nothing"
-        self._unstarted.append((run, f"{what} in its sandbox: {said}"))
+        output = run.output[-1].text if run.output else "nothing"
+        self._unstarted.append((run, f"{what} in its sandbox: {output}"))
 
     def blame_unstarted(self) -> None:
         """Lay it at the student's door where its own processes left no room for more; else it is a problem."""

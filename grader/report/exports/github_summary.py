@@ -125,5 +125,5 @@ def _foot(graded: Graded) -> str:
     facts = [f"isolation: {markdown_text(', '.join(levels))}"] if levels else []
     if graded.rubric_sha256:
         facts.append(f"rubric {markdown_text(graded.rubric_sha256[:12])}")
-    told = f" ({'; '.join(facts)})" if facts else ""
-    return f"The evidence for each point is in `report.html`, among the files of this job{told}.\n"
+    listed = f" ({'; '.join(facts)})" if facts else ""
+    return f"The evidence for each point is in `report.html`, among the files of this job{listed}.\n"

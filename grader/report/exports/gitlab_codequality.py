@@ -31,10 +31,10 @@ def render(graded: Graded, environment: Mapping[str, str]) -> str:
 
 def _finding(check: GradedCheck) -> dict[str, Any]:
     assert check.location is not None
-    said = [f"{check.title} (−{points(check.lost)} points):", check.reason, check.hint]
+    parts = [f"{check.title} (−{points(check.lost)} points):", check.reason, check.hint]
     key = f"{check.id}\0{check.location.path}"
     return {
-        "description": line(" ".join(said), 1000),
+        "description": line(" ".join(parts), 1000),
         "check_name": line(check.id),
         "fingerprint": hashlib.sha256(key.encode("utf-8", "backslashreplace")).hexdigest(),
         "severity": _SEVERITIES.get(check.outcome, "info"),

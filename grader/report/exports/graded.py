@@ -13,9 +13,9 @@ from grader.result import (
     AdjustmentKind,
     CheckResult,
     CriterionResult,
+    Location,
     Result,
     SessionProvenance,
-    Where,
 )
 
 #: No path is longer, and no name that matters.
@@ -51,7 +51,7 @@ class GradedCheck(CheckResult):
         return max(Decimal(0), self.possible - self.earned - self.undecided - self.given)
 
     @property
-    def places(self) -> tuple[str, ...]:
+    def locations(self) -> tuple[str, ...]:
         """Where the proof lies, in words."""
         return tuple(dict.fromkeys(str(where)[:_LONGEST_NAME] for where in self.where))
 
@@ -119,7 +119,7 @@ def _location(check: CheckResult, path_prefix: str) -> SourceLocation | None:
     return next((location for location in locations if location is not None), None)
 
 
-def _in_repository(where: Where, path_prefix: str) -> SourceLocation | None:
+def _in_repository(where: Location, path_prefix: str) -> SourceLocation | None:
     """Return the file in the repository; none if the path leads out of it, or cannot be shown as it is."""
     if not where.file or len(where.file) > _LONGEST_NAME:
         return None

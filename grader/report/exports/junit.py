@@ -39,14 +39,14 @@ def render(graded: Graded, environment: Mapping[str, str]) -> str:
             case = ElementTree.SubElement(suite, "testcase", name=line(name, 600), classname=line(class_name, 600))
             if check.lost:
                 word = badge_of(check.outcome).word
-                _tell(case, "failure", f"−{points(check.lost)} of {points(check.possible)} points, {word}", check)
+                _describe(case, "failure", f"−{points(check.lost)} of {points(check.possible)} points, {word}", check)
             elif check.open:
-                _tell(case, "skipped", "undecided, not earned", check)
+                _describe(case, "skipped", "undecided, not earned", check)
     ElementTree.indent(root)
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'
 
 
-def _tell(case: ElementTree.Element, name: str, cost: str, check: GradedCheck) -> None:
+def _describe(case: ElementTree.Element, name: str, cost: str, check: GradedCheck) -> None:
     # GitLab shows the contents alone, Jenkins the message and below it the contents.
     message = f"{cost}: {check.reason}" if check.reason else cost
     ElementTree.SubElement(case, name, message=line(message, 600)).text = shown("\n".join([cost, full_text(check)]))
@@ -61,11 +61,11 @@ def _counts(checks: Sequence[GradedCheck]) -> dict[str, str]:
 def _unique(named: Sequence[tuple[str, str]]) -> list[str]:
     """Return the titles; where two are alike, with their ids. GitLab takes equal names for one case."""
     titles = [line(title, 200) for _, title in named]
-    told = [
+    cases = [
         t if t and titles.count(t) == 1 else f"{t} ({line(key, 100)})"
         for (key, _), t in zip(named, titles, strict=True)
     ]
-    return _numbered(told)
+    return _numbered(cases)
 
 
 def _numbered(texts: Sequence[str]) -> list[str]:

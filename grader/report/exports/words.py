@@ -7,7 +7,7 @@ from grader.report.exports.graded import Graded, GradedCheck
 from grader.report.views import adjustment_text, note_of, points
 
 #: Most places that an export names for a check.
-MOST_PLACES = 4
+MOST_LOCATIONS = 4
 #: Most remarks of a kind on the submission as a whole, since a student can cause any number.
 MOST_REMARKS = 50
 
@@ -26,9 +26,9 @@ def adjustment_texts(graded: Graded) -> list[str]:
 
 
 def violation_texts(graded: Graded) -> list[str]:
-    """Return what of the grader's own was touched, each as a line of text that is still untrusted."""
+    """Return what of the grader's own was tampered with, each as a line of text that is still untrusted."""
     return [
-        " ".join([violation.text, note_of(violation), *violation.evidence[:MOST_PLACES]])
+        " ".join([violation.text, note_of(violation), *violation.evidence[:MOST_LOCATIONS]])
         for violation in graded.violations[:MOST_REMARKS]
     ]
 
@@ -44,7 +44,7 @@ def proof_lines(check: GradedCheck) -> list[tuple[str, str]]:
     named = [
         ("Expected", check.expected),
         ("Measured", check.measured),
-        ("Where", "; ".join(check.places[:MOST_PLACES])),
+        ("Where", "; ".join(check.locations[:MOST_LOCATIONS])),
         ("Hint", check.hint),
     ]
     return [(name, line(text, 600)) for name, text in named if text]
@@ -52,5 +52,5 @@ def proof_lines(check: GradedCheck) -> list[tuple[str, str]]:
 
 def full_text(check: GradedCheck) -> str:
     """Return all that is to be said of a check that did not pass, as plain lines that can be shown."""
-    said = undecided_text(check) if check.open else line(check.reason, 600)
-    return "\n".join([*([said] if said else []), *(f"{name}: {text}" for name, text in proof_lines(check))])
+    why = undecided_text(check) if check.open else line(check.reason, 600)
+    return "\n".join([*([why] if why else []), *(f"{name}: {text}" for name, text in proof_lines(check))])

@@ -33,10 +33,10 @@ class Call:
         if self.response is None:
             return "call-silent", "no answer in time"
         values = self.response.values() if isinstance(self.response, Mapping) else ()
-        said = next((value for value in values if isinstance(value, bool)), None)
-        if said is None:
+        accepted = next((value for value in values if isinstance(value, bool)), None)
+        if accepted is None:
             return "call-accepted", "answered"
-        return ("call-accepted" if said else "call-refused"), f"answered: {literal(said)}"
+        return ("call-accepted" if accepted else "call-refused"), f"answered: {literal(accepted)}"
 
     def mark(self, x: float, y: float) -> Markup:
         """Return its mark."""

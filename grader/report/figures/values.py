@@ -132,11 +132,11 @@ class Reports(FigureKind):
 
     def draw(self, recorded: Recorded, lab_folder: Path) -> Figure | None:
         """Draw reported numbers over the values that are right."""
-        said = [r for r in reports(recorded, self.artifact, self.pattern) if abs(r.value) < _FAR]
+        reported = [r for r in reports(recorded, self.artifact, self.pattern) if abs(r.value) < _FAR]
         plateaus = self._plateaus(recorded, lab_folder)
-        if not said and not plateaus:
+        if not reported and not plateaus:
             return None
-        shown = _thinned(recorded.seconds(np.array([r.t_ns for r in said])), np.array([r.value for r in said]))
+        shown = _thinned(recorded.seconds(np.array([r.t_ns for r in reported])), np.array([r.value for r in reported]))
         spans = [*shown[0], *(t for start_s, end_s, _ in plateaus for t in (start_s, end_s))]
         right = [value for _, _, value in plateaus]
         # One absurd report must not press all others flat.
@@ -156,7 +156,7 @@ class Reports(FigureKind):
                     parts.append(svg.tag("circle", cx=frame.px(t), cy=frame.py(v), r=2.4, class_="dot"))
             return 290, parts + frame.x_axis(SINCE)
 
-        caption = f"{len(said)} reported numbers"
+        caption = f"{len(reported)} reported numbers"
         caption += f" and {len(right)} spans in which the right value is known." if right else "."
         caption += f" {far} lie far outside and are not drawn." if far else ""
         return Figure(caption, paint, (("dot", "reported by the program"), ("plateau", "right value")))

@@ -70,7 +70,7 @@ def is_table(name: str) -> bool:
 
 
 def recognised(entries: Entries) -> Download | None:
-    """Tell which system a download comes from, and what it says of each entry.
+    """Determine which system a download comes from, and what it says of each entry.
 
     None unless most entries are named as one of the systems does; tables are not counted.
     """

@@ -46,7 +46,7 @@ def told(final: str, library: str = "") -> Diagnosis:
     assert (diagnosis.file, diagnosis.line) == ("joint_publisher.py", 17)
     assert diagnosis.exception_type == final.split(":")[0].split("\n")[0]
     assert diagnosis.remedy
-    assert diagnosis.sentence.endswith((".", "?"))
+    assert diagnosis.problem.endswith((".", "?"))
     return diagnosis
 
 
@@ -307,16 +307,16 @@ def test_known_exceptions_are_explained(final: str, library: str, kind: str, sub
 def test_the_trap_of_read_only_properties_is_explained_with_its_mend() -> None:
     """The student reads what a node's property is, and which name to use instead."""
     diagnosis = told("AttributeError: property 'publishers' of 'QoSComparisonNode' object has no setter")
-    assert "self.publishers" in diagnosis.sentence
+    assert "self.publishers" in diagnosis.problem
     assert "self._my_publishers" in diagnosis.remedy
 
 
 def test_near_misses_are_named() -> None:
     """A misspelt name comes with the right one, of Python or of ROS."""
-    assert "QoSProfile" in told("ImportError: cannot import name 'QosProfile' from 'rclpy.qos' (q.py)").sentence
-    assert "print" in told("NameError: name 'prnt' is not defined. Did you mean: 'print'?").sentence
+    assert "QoSProfile" in told("ImportError: cannot import name 'QosProfile' from 'rclpy.qos' (q.py)").problem
+    assert "print" in told("NameError: name 'prnt' is not defined. Did you mean: 'print'?").problem
     assert "numpy" in told("ModuleNotFoundError: No module named 'numppy'").remedy
-    assert "BEST_EFFORT" in told("AttributeError: BESTEFFORT").sentence
+    assert "BEST_EFFORT" in told("AttributeError: BESTEFFORT").problem
 
 
 @pytest.mark.parametrize(
@@ -464,7 +464,7 @@ def test_the_clashing_policy_is_named() -> None:
     )
     diagnosis = explain(lines(text), FILES)
     assert diagnosis is not None
-    assert "DURABILITY" in diagnosis.sentence
+    assert "DURABILITY" in diagnosis.problem
 
 
 def test_advisories_cost_nothing_and_say_what_is_better() -> None:

@@ -52,6 +52,20 @@ PATHS = [
         expect={"processes.0.name": "n1"},
     ),
     body(
+        "an include by the source that launch_xml has",
+        "IncludeLaunchDescription(__import__('launch_xml.launch_description_sources', fromlist=['x'])"
+        ".XMLLaunchDescriptionSource(HERE + '/o.launch.xml'), launch_arguments={'a': '1'}.items())",
+        _files={"o.launch.xml": "<launch><let name='b' value='n$(var a)'/></launch>"},
+        expect={"configurations.b": "n1"},
+    ),
+    body(
+        "an include by the source that launch_yaml has",
+        "IncludeLaunchDescription(__import__('launch_yaml.launch_description_sources', fromlist=['x'])"
+        ".YAMLLaunchDescriptionSource(HERE + '/o.launch.yaml'))",
+        _files={"o.launch.yaml": "launch:\n- let: {name: b, value: n1}\n"},
+        expect={"configurations.b": "n1"},
+    ),
+    body(
         "a pathlib path as a file of parameters",
         "talker(parameters=[__import__('pathlib').Path(HERE) / 'p.yaml'])",
         _files={"p.yaml": WILD.format("a: 1")},

@@ -1,4 +1,4 @@
-"""The director in a real cell: names found, calls timed, parameters, publications and the graph."""
+"""The director in a real sandbox: names found, calls timed, parameters, publications and the graph."""
 
 from __future__ import annotations
 

@@ -280,7 +280,7 @@ def test_nothing_is_lost(recorded: Recorded, topic: str) -> None:
 
 
 def test_received_time_is_the_middlewares(recorded: Recorded) -> None:
-    """The received time tells when a message came in, not when the recorder, held up for two seconds, took it."""
+    """The received time tells when a message came in, not when the recorder, delayed for two seconds, took it."""
     stream = recorded.stream("/rate_100")
     assert (stream.received_ns >= stream.source_ns).all()
     begun_ns, ended_ns = recorded.printed["held_ns"]

@@ -25,7 +25,7 @@ from grader.live.sandbox.isolation import STUDENT_UIDS, Form, Isolation, Level, 
 from grader.live.sandbox.probing import probe_isolation, require
 from grader.live.sandbox.seccomp import DENIED
 from grader.live.session.fork_server import ForkServer
-from grader.live.session.runner import Sessions
+from grader.live.session.runner import SessionRunner
 from grader.live.session.stage import stage
 from grader.recording.session import ProcessRun
 from grader.submission.artifacts import read_submission_folder
@@ -143,7 +143,7 @@ def record_at(lab: Lab, isolation: Isolation) -> Recorded:
     submission = read_submission_folder(lab.submission, rubric)
     with tempfile.TemporaryDirectory() as folder, ForkServer() as forks:
         workspace = stage(lab.submission, submission, rubric, Path(folder), str(PYTHON))
-        sessions = Sessions(
+        sessions = SessionRunner(
             rubric,
             submission,
             workspace.folder,

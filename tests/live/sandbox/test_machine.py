@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from grader.live.sandbox.cgroup import CellGroup, group_places
+from grader.live.sandbox.cgroup import SandboxCgroup, cgroup_parents
 from grader.live.sandbox.machine import read_clocks, sample_machine
 
 
@@ -49,10 +49,10 @@ except ChildProcessError:
 
 def test_a_group_counts_processes_that_nobody_waits_for() -> None:
     """Who ignores its children's ends is told of no CPU time of theirs, and the kernel counts it for the group."""
-    places = next((places for places in group_places() if places.cpu is not None), None)
-    if places is None:
+    parents = next((parents for parents in cgroup_parents() if parents.cpu is not None), None)
+    if parents is None:
         pytest.skip("no control group that counts CPU time can be made here")
-    group = CellGroup(places, f"test-{os.getpid()}")
+    group = SandboxCgroup(parents, f"test-{os.getpid()}")
     try:
         group.make()
         begun_s = os.times().children_user

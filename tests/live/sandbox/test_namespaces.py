@@ -1,4 +1,4 @@
-"""The first process of a cell: what it shares with the others, and that it and they end together."""
+"""The first process of a sandbox: what it shares with the others, and that it and they end together."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ PROGRAM = """
 import os, signal, socket, sys, time
 from pathlib import Path
 from grader.live.sandbox.isolation import Form
-from grader.live.sandbox.namespaces import enter_cell
+from grader.live.sandbox.namespaces import enter_sandbox
 
 before = {{name: os.readlink(f"/proc/self/ns/{{name}}") for name in ("net", "mnt", "ipc", "uts", "pid")}}
 outside = os.getpid()
-enter_cell(Form.{form})
+enter_sandbox(Form.{form})
 {body}
 """
 
@@ -36,7 +36,7 @@ def in_cell(body: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture(scope="module", autouse=True)
 def _permitted() -> None:
-    """Skip where no cells can be made."""
+    """Skip where no sandboxes can be made."""
     run = in_cell("")
     if run.returncode != 0:
         pytest.skip(f"no namespaces here: {run.stderr.strip().splitlines()[-1]}")
@@ -67,7 +67,7 @@ def test_the_process_outside_ends_as_the_first_one_does(body: str, status: int) 
 
 
 def test_a_cell_ends_with_the_process_outside() -> None:
-    """When that is killed, all in the cell end, also those with a session of their own."""
+    """When that is killed, all in the sandbox end, also those with a session of their own."""
     body = "import subprocess; subprocess.Popen(['sleep', '600'], start_new_session=True); print('up', flush=True); "
     program = PROGRAM.format(form=FORM, body=body + "time.sleep(600)")
     with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True) as process:

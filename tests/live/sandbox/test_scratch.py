@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from grader.live.sandbox.scratch import remove_leavings, remove_tree, scratch_prefix
+from grader.live.sandbox.scratch import remove_stale, remove_tree, scratch_prefix
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the live half runs on Linux alone")
 
@@ -44,10 +44,10 @@ def test_what_a_killed_process_left_is_removed(temporary: Path) -> None:
         folder = Path(process.stdout.readline().strip())
         (folder / "deep").mkdir()
         (folder / "deep" / "file").write_text("x")
-        assert remove_leavings() == []
+        assert remove_stale() == []
         assert folder.parent == temporary
         process.kill()
-    assert remove_leavings() == [folder.name]
+    assert remove_stale() == [folder.name]
     assert not folder.exists()
 
 
@@ -57,7 +57,7 @@ def test_a_number_that_was_given_again_is_another_process(temporary: Path) -> No
     words = mine.name.split("-")
     earlier = temporary / "-".join([*words[:3], str(int(words[3]) - 1), *words[4:]])
     earlier.mkdir()
-    assert remove_leavings() == [earlier.name]
+    assert remove_stale() == [earlier.name]
     assert mine.is_dir()
 
 
@@ -65,7 +65,7 @@ def test_a_number_that_was_given_again_is_another_process(temporary: Path) -> No
 def test_folders_of_others_stay(temporary: Path, name: str) -> None:
     """What is not called as our folders are is not touched."""
     (temporary / name).mkdir()
-    assert remove_leavings() == []
+    assert remove_stale() == []
     assert (temporary / name).is_dir()
 
 
@@ -74,7 +74,7 @@ def test_another_namespace_stays(temporary: Path) -> None:
     words = scratch_prefix().split("-")
     folder = temporary / "-".join([words[0], str(int(words[1]) + 1), "99999999", "1", "x"])
     folder.mkdir()
-    assert remove_leavings() == []
+    assert remove_stale() == []
     assert folder.is_dir()
 
 
@@ -86,7 +86,7 @@ def test_links_are_not_followed(temporary: Path) -> None:
     (victim / "file").write_text("x")
     link = temporary / "-".join([words[0], words[1], "99999999", "1", "x"])
     link.symlink_to(victim)
-    assert remove_leavings() == []
+    assert remove_stale() == []
     assert (victim / "file").is_file()
 
 

@@ -1,4 +1,4 @@
-"""The process that starts cells: what it says when it cannot, and that the CPU time of its forks is counted."""
+"""The process that starts sandboxes: what it says when it cannot, and that the CPU time of its forks is counted."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from grader.classroom.worker import limit_memory
 from grader.errors import PlatformError
 from grader.live.sandbox.isolation import Form
 from grader.live.session.fork_server import ForkServer
-from grader.live.session.runner import first_word
+from grader.live.session.runner import sandbox_pid
 from tests.live.small_lab import below, command_of, make_lab, name_of, until
 
 pytestmark = pytest.mark.live
@@ -28,17 +28,17 @@ FORM = Form.NONE
 
 
 async def said_by(forks: ForkServer, plan: Path, errors: Path) -> tuple[int, bytes]:
-    """Start a cell, and return its process id and what it says until its end."""
+    """Start a sandbox, and return its process id and what it says until its end."""
     said = await forks.start(FORM, plan, errors)
-    return await first_word(said), await said.read()
+    return await sandbox_pid(said), await said.read()
 
 
 def process_id_of_server() -> int:
-    """Return the process id of the one fork server that there is, when no cell is in it any more."""
+    """Return the process id of the one fork server that there is, when no sandbox is in it any more."""
     (found,) = (
         p
         for p in below(os.getpid())
-        if "grader.live.session.fork_server" in command_of(p) and name_of(p) not in ("", "cell")
+        if "grader.live.session.fork_server" in command_of(p) and name_of(p) not in ("", "sandbox")
     )
     return found
 
@@ -51,11 +51,11 @@ def test_a_plan_that_cannot_be_read_ends_its_cell_only(tmp_path: Path) -> None:
             assert pid > 0
             assert said == b""
             assert "FileNotFoundError" in (tmp_path / "errors").read_text(encoding="utf-8"), number
-        until(lambda: not [p for p in below(os.getpid()) if name_of(p) == "cell"], 10)
+        until(lambda: not [p for p in below(os.getpid()) if name_of(p) == "sandbox"], 10)
 
 
 def test_a_server_that_was_killed_is_told(tmp_path: Path) -> None:
-    """Who asks it for a cell gets an error, and does not wait."""
+    """Who asks it for a sandbox gets an error, and does not wait."""
     with ForkServer(["no/such/type"]) as forks:
         asyncio.run(said_by(forks, tmp_path / "none.json", tmp_path / "errors"))  # it is up
         server = process_id_of_server()
@@ -64,19 +64,19 @@ def test_a_server_that_was_killed_is_told(tmp_path: Path) -> None:
             asyncio.run(said_by(forks, tmp_path / "none.json", tmp_path / "errors"))
 
 
-#: Becomes the first process of a cell, and takes /dev/shm away there.
+#: Becomes the first process of a sandbox, and takes /dev/shm away there.
 WITHOUT_SHARED_MEMORY = """
 import asyncio, subprocess, sys
 from pathlib import Path
 from grader.errors import PlatformError
-from grader.live.session.runner import first_word
+from grader.live.session.runner import sandbox_pid
 from grader.live.session.fork_server import ForkServer
 from grader.live.sandbox.isolation import Form
-from grader.live.sandbox.namespaces import enter_cell
+from grader.live.sandbox.namespaces import enter_sandbox
 
 form, folder = Form(sys.argv[1]), Path(sys.argv[2])
 try:
-    enter_cell(form)
+    enter_sandbox(form)
 except OSError as problem:
     sys.exit(f"no namespaces here: {problem}")
 for name in ("null", "urandom"):
@@ -87,7 +87,7 @@ subprocess.run(["mount", "--rbind", folder, "/dev"], check=True)
 async def ask(forks):
     said = await forks.start(form, folder / "plan.json", folder / "errors")
     try:
-        await first_word(said)
+        await sandbox_pid(said)
     except PlatformError as error:
         print(error)
 
@@ -122,7 +122,7 @@ def test_cells_do_not_inherit_the_limit_of_the_process_that_grades(tmp_path: Pat
 
 
 def test_cpu_time_in_cells_counts_as_the_graders(tmp_path: Path) -> None:
-    """What processes in a cell have used is in the sum of this process's children, so that no cost is hidden."""
+    """What processes in a sandbox have used is in the sum of this process's children, so that no cost is hidden."""
     busy = "import time\nend = time.process_time() + 1.0\nwhile time.process_time() < end: pass\n"
     steps: list[dict[str, Any]] = [
         {"start": {"student": "talker"}},

@@ -1,4 +1,4 @@
-"""Cells: nothing gets in from the caller, nothing gets out to other cells, and nothing is left afterwards."""
+"""Sandboxes: nothing gets in from the caller, nothing gets out to other sandboxes, and nothing is left afterwards."""
 
 from __future__ import annotations
 
@@ -54,10 +54,10 @@ INTERRUPT: dict[str, Any] = {"interrupt": {"process": "talker"}}
 
 @pytest.fixture(scope="module", autouse=True)
 def _confined() -> None:
-    """Skip where no cells can be made."""
+    """Skip where no sandboxes can be made."""
     isolation = probe_isolation(Path(sys.executable))
     if not isolation.namespaces:
-        pytest.skip(f"no cells here: {isolation.remedy}")
+        pytest.skip(f"no sandboxes here: {isolation.remedy}")
 
 
 def command(lab: Lab) -> list[str]:
@@ -138,7 +138,7 @@ def test_statistics_come_although_the_grader_ignores_sigint(tmp_path: Path) -> N
 
 
 def test_cells_do_not_hear_each_other(tmp_path: Path) -> None:
-    """Two cells that publish on one topic at the same time record each its own messages only."""
+    """Two sandboxes that publish on one topic at the same time record each its own messages only."""
     steps: list[dict[str, Any]] = [START, HEARD, OBSERVE, {"wait_exit": {"process": "talker", "timeout_s": 60}}]
     observed: set[str] = set()
 
@@ -146,7 +146,7 @@ def test_cells_do_not_hear_each_other(tmp_path: Path) -> None:
         if "until talker ends" in progress.text:
             observed.add(progress.session)
             if len(observed) == 2:
-                time.sleep(0.5)  # in which the cells go on
+                time.sleep(0.5)  # in which the sandboxes go on
                 interrupt_students()
 
     recorded = make_lab(tmp_path, {"talker": TALKER}, {"one": steps, "other": steps}).record(end_both)
@@ -244,7 +244,7 @@ time.sleep(1000)
 
 
 def test_who_fills_a_cell_with_processes_keeps_its_own_programs_out(tmp_path: Path) -> None:
-    """A program that finds no room in the cell any more is no problem of the grader's: the limit is named with it."""
+    """A program that finds no room in the sandbox any more is no problem of the grader's; the limit is named."""
     steps: list[dict[str, Any]] = [
         {"start": {"student": "talker"}},
         {"wait_for": {"output_of": "talker", "text": "full", "timeout_s": 30}},
@@ -297,7 +297,7 @@ print('ready', flush=True)
 signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
 """
 ONE_LINE_FLOOD = "import os\nfor _ in range(10_000):\n    os.write(1, b'x' * 1024)\n"
-#: Stands in the cell until it has been looked at: it may be there for a tenth of a second only.
+#: Stands in the sandbox until it has been looked at: it may be there for a tenth of a second only.
 HELD = "import time\nprint('up', flush=True)\ntime.sleep(600)\n"
 HOLD: list[dict[str, Any]] = [
     {"start": {"student": "held"}},
@@ -386,7 +386,7 @@ def grading(tmp_path: Path) -> tuple[Lab, Path, subprocess.Popen[str], Watch]:
 
 
 def test_no_process_survives_a_killed_grader(tmp_path: Path) -> None:
-    """After a kill -9 of the grader its cells end by themselves, and there is no result to be taken for one."""
+    """After a kill -9 of the grader its sandboxes end by themselves, and there is no result to be taken for one."""
     lab, _, process, watch = grading(tmp_path)
     process.kill()
     process.communicate()
@@ -448,7 +448,7 @@ def test_an_interrupted_grader_leaves_all_as_it_was(number: signal.Signals, tmp_
 
 
 def test_a_killed_session_process_leaves_its_recording_cut_off(tmp_path: Path) -> None:
-    """If a session's own process dies, its cell dies with it and the recording is not complete."""
+    """If a session's own process dies, its sandbox dies with it and the recording is not complete."""
     steps: list[dict[str, Any]] = [
         START,
         HEARD,

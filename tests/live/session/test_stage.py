@@ -117,6 +117,21 @@ def test_a_package_is_installed_with_its_entry_points(tmp_path: Path) -> None:
     assert not (workspace.folder / "install/lib" / read_rubric(None).lab.package).exists()
 
 
+@pytest.mark.parametrize("inner", ["tools/__init__.py", "python/tools/__init__.py", "../other/tools/__init__.py"])
+def test_a_program_finds_the_modules_of_all_packages(tmp_path: Path, inner: str) -> None:
+    """A script that CMake installs imports what its workspace's packages have, as where that is sourced."""
+    files: dict[str, str | bytes] = {
+        "ws/arm/package.xml": MANIFEST.replace("ament_python", "ament_cmake"),
+        "ws/arm/CMakeLists.txt": "install(PROGRAMS scripts/talk.py DESTINATION lib/${PROJECT_NAME})",
+        "ws/arm/scripts/talk.py": "from tools import what\n" + SAYS.format("hello"),
+        "ws/other/package.xml": MANIFEST.replace("arm_lab", "other"),
+        os.path.normpath(f"ws/arm/{inner}"): "what = 1",
+    }
+    workspace = staged(tmp_path, files, publisher="ws/arm/scripts/talk.py")
+    assert run(wrapper(workspace)) == "hello __main__ []"
+    assert run(workspace.folder / "install/lib/arm_lab/talk.py") == "hello __main__ []"
+
+
 def test_a_workspace_can_be_moved(tmp_path: Path) -> None:
     """Wrappers find their files by relative paths."""
     workspace = staged(tmp_path, {"joint_publisher.py": SAYS.format("hello")}, publisher="joint_publisher.py")

@@ -131,7 +131,7 @@ def with_texts(plain: Any, text_of: Callable[[str, str], str], key: str = "") ->
     return plain
 
 
-def adjusted_and_touched() -> dict[str, Any]:
+def adjusted_and_tampered() -> dict[str, Any]:
     """Give a result with adjustments and a violation."""
     plain = every_outcome()
     person = {"who": "prof@lab.example", "when": "2026-06-01"}
@@ -164,14 +164,14 @@ def hostile_results(draw: st.DrawFn) -> dict[str, Any]:
     def text_of(key: str, text: str) -> str:
         return f"{texts[0]}{text}" if key in _IDS else texts[next(count) % len(texts)]
 
-    plain = with_texts(adjusted_and_touched(), text_of)
+    plain = with_texts(adjusted_and_tampered(), text_of)
     written: dict[str, Any] = json.loads(json_text(plain))
     return written
 
 
 def megabyte_result() -> dict[str, Any]:
     """Give a result in which every text is longer than any sink should take, and remarks are many."""
-    plain = adjusted_and_touched()
+    plain = adjusted_and_tampered()
     plain["advisories"] = plain["advisories"] * 500
     plain["problems"] = plain["problems"] * 500
     long: dict[str, Any] = with_texts(plain, lambda key, text: text if key in _IDS else MEGABYTE)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from grader.report.exports.classroom50 import whole_scores
 from tests.report.exports.sample_results import (
     VARIABLES,
-    adjusted_and_touched,
+    adjusted_and_tampered,
     check,
     criterion,
     every_outcome,
@@ -95,7 +95,7 @@ def test_adjustments_are_spread_over_the_tests(points: float, score: int) -> Non
 
 def test_decisions_about_single_checks_count_there() -> None:
     """An excused check passes with all its points."""
-    data = valid(adjusted_and_touched())
+    data = valid(adjusted_and_tampered())
     assert data["tests"][1]["passed"]
     assert (data["score"], data["max-score"]) == (11, 20)
 

@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, given, settings
 
 from grader.report.exports.github_summary import LONGEST_BYTES, fitting
 from tests.report.exports.sample_results import (
-    adjusted_and_touched,
+    adjusted_and_tampered,
     every_outcome,
     exported,
     hostile_results,
@@ -46,8 +46,8 @@ def test_undecided_points_are_said_on_top_and_not_counted_as_lost() -> None:
 
 
 def test_adjustments_and_violations_are_told() -> None:
-    """What people decided is listed with its reason, and what was touched with its evidence."""
-    text = Page(exported("github-summary", adjusted_and_touched())).text
+    """What people decided is listed with its reason, and what was tampered with with its evidence."""
+    text = Page(exported("github-summary", adjusted_and_tampered())).text
     assert "11 of 20 points" in text
     assert "+2.5 Title of a.partial: excused: The handout was wrong. (prof@lab.example, 2026-06-01)" in text
     assert "−1 Late: A day late." in text
@@ -66,7 +66,7 @@ def test_unconfined_code_is_said() -> None:
 @given(hostile_results())
 def test_hostile_texts_are_only_text(plain: dict[str, object]) -> None:
     """The page has the summary's own elements, each as often as with harmless texts, and nothing active."""
-    page, harmless = (Page(exported("github-summary", each)) for each in (plain, adjusted_and_touched()))
+    page, harmless = (Page(exported("github-summary", each)) for each in (plain, adjusted_and_tampered()))
     assert {tag for tag, _ in page.elements} <= _OWN
     for tag in ("h1", "table", "tr", "td", "th", "details", "summary", "blockquote"):
         assert [t for t, _ in page.elements].count(tag) == [t for t, _ in harmless.elements].count(tag)

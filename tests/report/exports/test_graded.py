@@ -11,7 +11,7 @@ from grader.errors import RecordingError
 from grader.report.exports.graded import SourceLocation
 from grader.report.exports.graded import graded as graded_of
 from tests.report.exports.sample_results import (
-    adjusted_and_touched,
+    adjusted_and_tampered,
     check,
     criterion,
     every_outcome,
@@ -42,7 +42,7 @@ def test_a_real_result_is_read() -> None:
 
 def test_what_a_person_decided_is_neither_lost_nor_open() -> None:
     """An excused check loses nothing, and one that was given points is not undecided any more."""
-    graded = graded_of(read(adjusted_and_touched()))
+    graded = graded_of(read(adjusted_and_tampered()))
     found = {each.id: each for each in graded.checks}
     assert found["a.partial"].lost == 0
     assert not found["b.open"].open

@@ -10,7 +10,7 @@ import jsonschema
 from hypothesis import HealthCheck, given, settings
 
 from tests.report.exports.sample_results import (
-    adjusted_and_touched,
+    adjusted_and_tampered,
     every_outcome,
     exported,
     hostile_results,
@@ -102,7 +102,7 @@ def test_what_is_undecided_is_said_and_neither_passed_nor_failed() -> None:
 
 def test_adjustments_are_in_the_total_and_told() -> None:
     """The total is what counts in the end, and the reader sees how it came about."""
-    data = valid(adjusted_and_touched())
+    data = valid(adjusted_and_tampered())
     assert data["score"] == 11
     assert "- +2.5 Title of a.partial: excused: The handout was wrong. (prof@lab.example, 2026-06-01)" in data["output"]
     assert "- There was a second server." in data["output"]

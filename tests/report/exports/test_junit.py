@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, example, given, settings
 
 from grader.report.escape import line
 from tests.report.exports.sample_results import (
-    adjusted_and_touched,
+    adjusted_and_tampered,
     check,
     criterion,
     every_outcome,
@@ -105,7 +105,7 @@ def test_the_graders_faults_are_never_failures() -> None:
 
 def test_what_a_person_excused_does_not_fail() -> None:
     """A decision by hand counts."""
-    root = assert_valid(exported("junit", adjusted_and_touched()))
+    root = assert_valid(exported("junit", adjusted_and_tampered()))
     failed = [case.get("name") for case in root.iter("testcase") if case.find("failure") is not None]
     assert failed == ["Title of b.failed", "Title of b.missed", "Title of b.open"]
 
@@ -140,7 +140,7 @@ def test_a_real_result_is_valid() -> None:
 def test_hostile_texts_are_only_text(plain: dict[str, object]) -> None:
     """The document is valid, has the same elements, and nothing in which a system looks for references to files."""
     root = assert_valid(exported("junit", plain))
-    harmless = assert_valid(exported("junit", adjusted_and_touched()))
+    harmless = assert_valid(exported("junit", adjusted_and_tampered()))
     assert [element.tag for element in root.iter()] == [element.tag for element in harmless.iter()]
     assert not list(root.iter("system-out"))
 

@@ -10,7 +10,7 @@ from grader.report.exports import EXPORTS
 from grader.result_folder import REPORT_FILE, RESULT_FILE
 from tests.report.exports.sample_results import (
     VARIABLES,
-    adjusted_and_touched,
+    adjusted_and_tampered,
     every_outcome,
     exported,
     hostile_results,
@@ -67,4 +67,4 @@ def test_a_missing_variable_is_named() -> None:
     with pytest.raises(GraderError, match="SUBMISSION_TAG, COMMIT_URL"):
         exported("classroom50", every_outcome(), environment={**VARIABLES, "SUBMISSION_TAG": "", "COMMIT_URL": ""})
     for name in set(EXPORTS) - {"classroom50"}:
-        assert exported(name, adjusted_and_touched())
+        assert exported(name, adjusted_and_tampered())

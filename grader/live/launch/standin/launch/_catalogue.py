@@ -48,8 +48,8 @@ class PublicModule(ModuleType):
             return [*known, *(each for each in inner if f"{title}.{each}" in _jazzy.NAMES)]
         if name in inner:
             return importlib.import_module(f"{title}.{name}")
-        for home in () if "__file__" in vars(self) else (parent, *_USED):
-            if name in _jazzy.NAMES.get(home, ()) and name in vars(held := importlib.import_module(home)):
+        for home in () if "__file__" in vars(self) else filter(None, (parent, *_USED)):
+            if name in (*known, *_jazzy.NAMES.get(home, ())) and name in vars(held := importlib.import_module(home)):
                 return getattr(held, name)
         if name in _jazzy.TYPES:
             return Any
