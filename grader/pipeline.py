@@ -159,6 +159,7 @@ def record(
     from grader.evidence.environment_gap import modules_to_look_for
     from grader.live.sandbox.environment import absent_modules, versions
     from grader.live.sandbox.isolation import Level
+    from grader.live.sandbox.machine import wait_for_calm
     from grader.live.sandbox.probing import probe_isolation, require
     from grader.live.sandbox.scratch import scratch_prefix
     from grader.live.session.fork_server import ForkServer
@@ -213,6 +214,8 @@ def record(
 
             def retry(undecided: Sequence[str], folder: Path, attempt: int, disturbed: frozenset[str]) -> None:
                 alone = replace(sessions, recordings=folder, attempt=attempt, disturbed=disturbed)
+                with watch.stage("waiting for a calmer machine"):
+                    wait_for_calm()
                 with watch.stage(f"repeating sessions, attempt {attempt}"):
                     alone.record(undecided, on_progress, at_a_time=1)
 

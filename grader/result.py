@@ -126,6 +126,8 @@ class Finding:
     settled: Finding | None = None
     #: What was counted towards it and what was not, a line each.
     counted: tuple[str, ...] = ()
+    #: Where it fails, and what depends on it was judged all the same: the share that those checks earn of their credit.
+    rest: Decimal | None = None
 
 
 class ViolationKind(str, Enum):

@@ -179,7 +179,7 @@ def spoil(result: dict[str, Any], slip: Slip, chance: random.Random, hints: dict
     outcome = "partial" if earned else "failed"
     check |= {"outcome": outcome, "earned": float(earned), "reason": reason, "hint": slip.hint or hints[slip.check]}
     for name in slip.blocks:
-        reason = f"It could not be looked at, since '{check['title']}' failed."
+        reason = f"Not tested, because '{check['title']}' failed."
         check_of(result, name).update(outcome="not_reached", earned=0, reason=reason, hint="")
 
 

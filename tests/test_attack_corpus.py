@@ -33,7 +33,7 @@ def test_all_parts_are_attacked() -> None:
 
 
 @pytest.mark.parametrize("attack", read_corpus(), ids=lambda attack: attack.name)
-def test_an_attack_is_told_so_that_it_can_be_judged(attack: Attack, rubric: Rubric) -> None:
+def test_an_attack_is_reported_so_that_it_can_be_judged(attack: Attack, rubric: Rubric) -> None:
     """Sessions, checks, twin and files that it names exist, and it says what it does."""
     assert len(attack.about) > 40
     assert set(attack.sessions) <= set(rubric.sessions)

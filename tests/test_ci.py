@@ -71,7 +71,7 @@ def test_every_option_is_one_of_the_command(file: str) -> None:
     assert named <= known
 
 
-def test_the_workflow_is_told_little_and_trusted_less() -> None:
+def test_the_workflow_is_reported_little_and_trusted_less() -> None:
     """It runs on the virtual machine, may only read, has no secrets, and leaves no credentials in the checkout."""
     workflow = read("ci/github-workflow.yml")
     assert workflow["permissions"] == {"contents": "read"}

@@ -76,7 +76,7 @@ def test_a_file_in_place_of_a_folder(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert (status, "this is not a zip or tar archive" in errors) == (3, True)
 
 
-def test_one_file_of_several_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_one_file_of_several_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Who gives a file in place of its folder is told so; who gives the folder, or the only file, is not."""
     (tmp_path / "no-folder").touch()
     for name in ("joint_publisher.py", "robot_service.py"):

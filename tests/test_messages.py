@@ -46,7 +46,7 @@ NOT_NAMED = {
     "parcel": "bundle",
     "trial": "selftest",
     "strays": "orphans",
-    "leavings": "stale",
+    "remains": "stale",
     "turns": "scheduler",
 }
 RECORDED = {"unrecorded"}

@@ -14,6 +14,7 @@ from grader.checks.base import (
     Part,
     apart,
     cpu_delay_doubt,
+    credit_of,
     describe_diagnosis,
     failed,
     inconclusive,
@@ -53,28 +54,37 @@ def plan_of(context: Context, step: str) -> Plan | None:
 def worked_around(context: Context, step: str, *kinds: str) -> list[Mapping[str, Any]]:
     """Return the problems of some kinds that the live half noted and worked around, to judge the rest."""
     run = context.session.step(step)
-    return [m for m in (run.result.get("mended", []) if run is not None else []) if m["kind"] in kinds]
+    found = run.result.get("mended", []) if run is not None else []
+    return [m for m in found if m["kind"] in kinds or not kinds]
 
 
 class LaunchLoads(Parameters):
-    """The launch file can be evaluated as `ros2 launch` would."""
+    """The launch file can be evaluated as `ros2 launch` would, as it was handed in."""
 
     artifact: ref.Artifact
     step: ref.PlanLabel
+    repaired_rest: Share = Field(
+        0.667, description="Share that the checks which depend on this one earn where a mistake was repaired on a copy."
+    )
 
 
 def launch_loads(context: Context, p: LaunchLoads) -> Finding:
     """Judge the evaluation; a module that we do not have is no fault of the student's.
 
-    A misnamed executable or an undeclared argument is charged by the checks of nodes and of arguments.
+    What was repaired on a copy is charged here, and the rest is judged there.
     """
     expected = "a launch description without an error"
     plan = plan_of(context, p.step)
     if plan is None:
         return inconclusive(expected, "not evaluated", "The recording does not hold an evaluation of the launch file.")
     problem = plan.problem
-    if problem is None or problem.kind in ("unknown_executable", "unknown_package"):
-        notes = [f"{w.message} ({w.file}:{w.line})" if w.file else w.message for w in plan.warnings]
+    noted = [*worked_around(context, p.step), *([vars(problem)] if problem is not None else [])]
+    excuses = [excuse for each in noted if (excuse := _excuse(context, each))]
+    if problem is None and len(excuses) < len(noted):
+        return _repaired([each for each in noted if not _excuse(context, each)], expected, p.repaired_rest)
+    if problem is None or len(excuses) == len(noted):
+        notes = excuses
+        notes += [f"{w.message} ({w.file}:{w.line})" if w.file else w.message for w in plan.warnings]
         measured = f"{len(plan.processes)} processes, {len(plan.arguments)} arguments"
         return passed(expected, measured, where=_at(context, problem), notes=[*notes, *_silent(plan)])
     newer = problem.kind == "syntax_error" and is_newer_python(context.submission.texts.get(problem.file or "", ""))
@@ -87,7 +97,36 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
         return inconclusive(expected, problem.message, reason, where=_at(context, problem), retry=False)
     location = f" ({problem.file}, line {problem.line})" if problem.file and problem.line else ""
     reason = _capitalised(problem.message) + location
-    return failed(expected, problem.message, reason, hint=problem.remedy, where=_at(context, problem))
+    finding = failed(expected, problem.message, reason, hint=problem.remedy, where=_at(context, problem))
+    # What it declares until it stops was seen, and counts.
+    return replace(finding, rest=credit_of(p.repaired_rest)) if plan.arguments else finding
+
+
+def _excuse(context: Context, noted: Mapping[str, Any]) -> str:
+    """Say why a name of something that is not there is no mistake of the launch file, if it is none."""
+    submission, said = context.submission, _capitalised(noted["message"])
+    missing = [a.expected.removesuffix(".py") for a in submission.artifacts if a.path is None]
+    if noted["kind"] in ("unknown_executable", "unknown_package") and any(name in said for name in missing):
+        return f"{said} Its file is missing, which costs points in another check."
+    near = "Did you mean" in noted["remedy"]
+    if noted["kind"] == "unknown_package" and not submission.packages and not near:
+        return f"{said} The files were handed in without their package, so that its name cannot be wrong."
+    return ""
+
+
+def _repaired(faults: Sequence[Mapping[str, Any]], expected: str, rest: float) -> Finding:
+    """State that a launch file does not load as it was handed in, by what, and what was repaired to judge the rest."""
+    done = "; ".join(noted["repair"] for noted in faults if noted.get("repair"))
+    reasons = " ".join(dict.fromkeys(_capitalised(noted["message"]) for noted in faults))
+    judged = f"To judge the rest, it was repaired on a copy{f': {done}' if done else ''}."
+    finding = failed(
+        expected,
+        "it stops before it starts anything",
+        f"{reasons} `ros2 launch` stops there. {judged}",
+        hint=" ".join(dict.fromkeys(str(noted["remedy"]) for noted in faults)),
+        where=[Location(file=noted["file"], line=noted["line"]) for noted in faults if noted["file"]],
+    )
+    return replace(finding, rest=credit_of(rest))
 
 
 def _at(context: Context, problem: Problem | None) -> tuple[Location, ...]:
@@ -150,25 +189,24 @@ def launch_arguments(context: Context, p: LaunchArguments) -> Finding:
     plan = plan_of(context, p.step)
     declared = {a.name: a for a in plan.arguments} if plan is not None else {}
     parts = []
+    assumed = " ".join(str(noted["message"]) for noted in worked_around(context, p.step, "undefined_configuration"))
     for wanted in p.arguments:
         got = declared.get(wanted.name)
-        if got is None:
+        if got is None and f"'{wanted.name}'" in assumed:
+            parts.append(Part(1.0))  # That it is not declared keeps the file from loading, and is charged there.
+        elif got is None:
             others = ", ".join(n for n in declared if n not in {a.name for a in p.arguments})
             known = f"; declared are {others}" if others else ""
-            parts.append(Part(0.0, reason=f"The argument {wanted.name} is not declared{known}."))
-            continue
-        right, where = (
-            got.default is not None and _same(got.default, wanted.default),
-            (Location(file=got.file, line=got.line),),
-        )
-        default = "no default" if got.default is None else f"the default {got.default!r}"
-        reason = f"The argument {wanted.name} has {default}; {wanted.default!r} is asked for."
-        parts.append(Part(1.0, where=where) if right else Part(p.other_default_credit, "", reason, where=where))
-    assumed = worked_around(context, p.step, "undefined_configuration")
-    locations = [Location(file=problem["file"], line=problem["line"]) for problem in assumed]
+            until = "" if plan is None or plan.problem is None else " until the file stops"
+            parts.append(Part(0.0, reason=f"The argument {wanted.name} is not declared{until}{known}."))
+        else:
+            right = got.default is not None and _same(got.default, wanted.default)
+            default = "no default" if got.default is None else f"the default {got.default!r}"
+            reason = "" if right else f"The argument {wanted.name} has {default}; {wanted.default!r} is asked for."
+            where = (Location(file=got.file, line=got.line),)
+            parts.append(Part(1.0 if right else p.other_default_credit, "", reason, where=where))
     measured = ", ".join(f"{n} = {a.default!r}" for n, a in declared.items()) or "no arguments"
-    costs = [(0.0, _capitalised(problem["message"])) for problem in assumed]
-    return of_parts(expected, parts, measured=measured, costs=costs, where=locations)
+    return of_parts(expected, parts, measured=measured)
 
 
 class WantedNode(Parameters):
@@ -189,6 +227,7 @@ class LaunchNodes(Parameters):
     step: ref.PlanLabel
     nodes: tuple[WantedNode, ...]
     other_name_credit: Share = Field(0.5, description="Credit of one that runs under another name.")
+    down_costs: Share = Field(0.0, description="Least share of the credit that is lost where one of them does not run.")
 
 
 def _entry_for(plan: Plan, node: str, executable: str) -> Process | None:
@@ -214,29 +253,20 @@ def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
         reason = "The grader runs no component containers, so it cannot judge nodes that are loaded into one."
         return inconclusive(expected, f"no {', '.join(absent)}, but components", reason, retry=False)
     parts = [_judge_node(context, plan, wanted, p.other_name_credit) for wanted in p.nodes]
-    stopping = []
-    for noted in worked_around(context, p.step, "unknown_executable", "unknown_package"):
-        missing = [a.expected.removesuffix(".py") for a in context.submission.artifacts if a.path is None]
-        if any(name in noted["message"] for name in missing):
-            note = f"{_capitalised(noted['message'])} Its file is missing, which costs points in another check."
-            parts[0] = replace(parts[0], notes=(*parts[0].notes, note))
-        else:
-            stopping.append(noted)
-    costs = [(1 / len(parts), _capitalised(noted["message"])) for noted in stopping]
+    mean = sum(part.share for part in parts) / len(parts)
+    if mean and any(part.share == 0.0 and part.best is None for part in parts):
+        kept = min(1.0, (1 - p.down_costs) / mean)
+        parts = [replace(part, share=part.share * kept) for part in parts]
     seen = (n for n in context.session.nodes if n not in context.reference_nodes)
     up = ", ".join(n + " (ended)" * _died(context, _entry_for(plan, n, "")) for n in seen)
     finding = of_parts(
         expected,
         parts,
-        measured=f"{_CORRECTED * bool(stopping and up)}{up or 'no node of the student in the graph'}",
-        costs=[*costs, (0.0, _STOPS)] if stopping else [],
-        hint=str(stopping[0]["remedy"]) if stopping else "",
-        where=[Location(file=noted["file"], line=noted["line"]) for noted in stopping],
+        measured=up or "no node of the student in the graph",
     )
     return replace(finding, retry=not any(part.doubt for part in parts))
 
 
-_CORRECTED = "your file starts nothing; with the names corrected by the grader: "
 _STOPS = "`ros2 launch` stops there and starts nothing."
 
 

@@ -17,6 +17,7 @@ from grader.checks.base import (
     cpu_delay_doubt,
     failed,
     graded,
+    not_reached,
     of_parts,
     percent,
     quantise,
@@ -32,7 +33,7 @@ from grader.evidence.timing import Timing, timing_of
 from grader.lab import references as ref
 from grader.lab.references import Parameters, Share
 from grader.recording.session import Claim, Endpoint
-from grader.result import Finding, Location
+from grader.result import Finding, Location, Outcome
 
 _NUMBER = re.compile(r"\d+(?:\.\d*)?(?:[eE][+-]?\d+)?")
 
@@ -115,10 +116,11 @@ class _Timed(Parameters):
         by = " by times of arrival, as the time stamps are not the times of publication"
         return timing.arrived, span, delay_s + late_s, by
 
-    def calm(self, context: Context, timing: Timing, by: str, harmless_s: float) -> Calm | None:
-        """Return the intervals that no harmful delay of the machine affected; None where they are too few."""
+    def calm(self, context: Context, timing: Timing, by: str, delay_s: float, harmless_s: float) -> Calm | None:
+        """Return, where the machine delayed it notably, the gaps that this did not affect; None if too few."""
         run = context.session.process(self.process)
-        if run is None or run.disturbed is None or by or timing.burst_error_hz is not None:
+        notable = delay_s > _NOTABLE_DELAY * timing.written / timing.rate_hz
+        if run is None or run.disturbed is None or by or timing.burst_error_hz is not None or not notable:
             return None
         calm = calm_intervals(context.session.delays(run), timing.times_ns, timing.intervals_s, harmless_s)
         return calm if calm.is_enough else None
@@ -171,8 +173,11 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
     least_hz, best_hz = _bounds_hz(timing, length_s, delay_s, before_s, p.rate_hz)
     error_hz = timing.burst_error_hz or 2 * timing.deviation_s() * timing.rate_hz / max(length_s, 1e-9)
     span_hz = (least_hz - error_hz, best_hz + error_hz)
-    if (calm := p.calm(context, timing, by, _HARMLESS * timing.median_s)) is not None:
+    if (calm := p.calm(context, timing, by, delay_s, _HARMLESS * timing.median_s)) is not None:
         span_hz = _within(calm.rate_hz(), span_hz)
+        error_hz = (span_hz[1] - span_hz[0]) / 2
+        by = calm.said
+    rate_hz = min(max(timing.rate_hz, span_hz[0]), span_hz[1])
     off_by = [abs(hz / p.rate_hz - 1) for hz in span_hz]
     least_off = 0.0 if span_hz[0] <= p.rate_hz <= span_hz[1] else min(off_by)
     worst, best = (ramp(off, p.full_within, p.zero_beyond) for off in (max(off_by), least_off))
@@ -183,15 +188,15 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
         reason = f"Messages stop after {sent_s:.1f} s of the {of_s:.1f} s. The program ran on without publishing."
         share = quantise(min(best, ramp(silent_s / of_s, p.full_within, p.zero_beyond)))
         return unexplained(graded(share, expected, measured, reason, hint=_SILENT_HINT, where=(location,)))
-    shown_hz = apart(timing.rate_hz, *(p.rate_hz * (1 + k * p.full_within) for k in (-1, 1)), places=2)
+    shown_hz = apart(rate_hz, *(p.rate_hz * (1 + k * p.full_within) for k in (-1, 1)), places=2)
     longest = f", the longest interval {timing.intervals_s.max():.2f} s" if len(timing.intervals_s) else ""
     measured = (
         f"{shown_hz} Hz ± {max(error_hz, 0.01):.2f} Hz ({timing.written} messages in {length_s:.1f} s{longest}){by}"
     )
-    times = timing.rate_hz / p.rate_hz
+    times = rate_hz / p.rate_hz
     off = apart(100 * abs(times - 1), 0, 100 * p.full_within, places=1)
     than = f"{off}% {'slower' if times < 1 else 'faster'} than" if times < 2 else f"{times:.3g} times"
-    rate = apart(timing.rate_hz, p.rate_hz, places=1)
+    rate = apart(rate_hz, p.rate_hz, places=1)
     reason = f"Messages come at {rate} Hz, {than} {p.rate_hz:g} Hz.{_by_timer(timers)}"
     doubt = _doubt(delay_s, length_s)
     return graded(worst, expected, measured, reason, where=where, best=best, levels=CREDIT_LEVELS, **doubt)
@@ -287,15 +292,16 @@ def topic_jitter(context: Context, p: TopicJitter) -> Finding:
         return failed(
             expected, "too few messages", "Too few messages arrived to measure the gaps between them.", where=where
         )
-    deviation_s = timing.deviation_s(p.share)
+    least, largest = shares_around(p.share, len(timing.intervals_s))
+    least_s, largest_s = timing.deviation_s(least, delay_s), timing.deviation_s(largest)
+    if (calm := p.calm(context, timing, by, delay_s, p.full_within_s / 2)) is not None:
+        least_s, largest_s = _within(calm.deviations_s(p.share), (least_s, largest_s))
+        by = calm.said
+    deviation_s = min(max(timing.deviation_s(p.share), least_s), largest_s)
     longest = f"longest {timing.intervals_s.max() * 1e3:.1f} ms"
     limits_ms = (p.full_within_s * 1e3, p.zero_beyond_s * 1e3)
     shown_ms = apart(deviation_s * 1e3, *limits_ms, places=2)
     measured = f"{percent(p.share)} within {shown_ms} ms of {timing.median_s * 1e3:.2f} ms ({longest}){by}"
-    least, largest = shares_around(p.share, len(timing.intervals_s))
-    least_s, largest_s = timing.deviation_s(least, delay_s), timing.deviation_s(largest)
-    if (calm := p.calm(context, timing, by, p.full_within_s / 2)) is not None:
-        least_s, largest_s = _within(calm.deviations_s(p.share), (least_s, largest_s))
     worst, best = (ramp(d, p.full_within_s, p.zero_beyond_s) for d in (largest_s, least_s))
     off = f"{apart(deviation_s * 1e3, *limits_ms, places=1)} ms off the usual {timing.median_s * 1e3:.1f} ms"
     reason = f"One gap in {round(1 / (1 - p.share))} is more than {off}."
@@ -309,11 +315,16 @@ class MessageValues(Parameters):
     topic: ref.Topic
     field: ref.FieldPath
     length: int
+    reach: float | None = Field(None, gt=0, description="No value may lie farther from 0.")
+    unsafe_by: ref.EarlierCheckId | None = Field(
+        None, description="Check of what the values do; where it failed, they are not safe, and worth nothing."
+    )
 
 
 def message_values(context: Context, p: MessageValues) -> Finding:
     """Judge the length and finiteness of a field; credit in parts."""
-    expected = f"{p.length} finite numbers in '{p.field}' of every message"
+    within = f", none beyond ±{p.reach:g}" if p.reach is not None else ""
+    expected = f"{p.length} finite numbers in '{p.field}' of every message{within}"
     rows = context.rows(p.topic, p.field)
     if not rows:
         return failed(expected, "no messages", "No message arrived.")
@@ -328,6 +339,14 @@ def message_values(context: Context, p: MessageValues) -> Finding:
     )
     if not all(finite):
         reasons.append(f"{finite.count(False)} messages hold numbers that are not finite.")
+    numbers = (row for row, ok in zip(rows, finite, strict=True) if row is not None and ok and len(row))
+    farthest = max((float(np.abs(row).max()) for row in numbers), default=0.0)
+    if p.reach is not None and farthest > p.reach:
+        return failed(
+            expected, f"{measured}, up to {farthest:.2f}", f"A value of {farthest:.2f} is beyond ±{p.reach:g}."
+        )
+    if (unsafe := context.findings.get(p.unsafe_by or "")) is not None and unsafe.outcome is Outcome.FAILED:
+        return failed(expected, unsafe.measured or measured, " ".join([*reasons, unsafe.reason]), hint=unsafe.hint)
     # One bad message is as clear as many, however often it comes.
     share = 1.0 if good == len(rows) else min(quantise(good / len(rows)), 1 - 1 / CREDIT_LEVELS)
     return graded(share, expected, measured, " ".join(reasons))
@@ -357,37 +376,64 @@ class Sinusoids(Parameters):
     components: tuple[Component, ...]
     tick_s: float = Field(gt=0, description="Time step per message with which the node computes.")
     others_still: int = Field(0, description="The elements up to this one that have no component stay at 0.")
+    reach: float | None = Field(None, gt=0, description="No element may go farther from 0: nothing is earned then.")
+    starts_within: float | None = Field(
+        None, gt=0, description="So near 0 each element begins; one that jumps there earns nothing."
+    )
     tolerance: Share = 0.05
     phase_tolerance: Share = Field(0.125, description="Share of a period by which a sinusoid may begin elsewhere.")
     slips: tuple[Slip, ...] = ()
-    misplaced_credit: Share = Field(
-        0.5, description="Credit of a component that moves as it should in another element."
-    )
     phase_credit: Share = Field(2 / 3, description="Credit of one that begins at another place of its period.")
 
 
 def sinusoids(context: Context, p: Sinusoids) -> Finding:
     """Judge amplitude and frequency, both by the clock and by counting messages.
 
-    A node whose rate is wrong is charged for the rate: its sinusoid may be right by either reckoning.
+    A node whose rate is wrong is charged for the rate: its sinusoid may be right by either reckoning. What sends a
+    joint where it must not go earns nothing, however right the rest of it is.
     """
     wanted = ", ".join(f"{c.amplitude:g}·sin(2π·{c.frequency_hz:g}·t) in [{c.index}]" for c in p.components)
     expected = f"{wanted}, the others 0"
     series = context.numeric(p.topic, p.field, finite=False)
     if series is None or len(series.values) < _FEWEST:
-        return failed(expected, "too few numbers", "Too few messages with numbers arrived to see a motion.")
-    parts, misplaced = [], set()
-    for component in p.components:
-        part = _judge_component(series, component, p)
-        if part.share < p.misplaced_credit and (element := _element_of(series, component, p)) is not None:
-            misplaced.add(element)
-            part = Part(
-                p.misplaced_credit, part.text, f"The motion of element {component.index} is in element {element}."
-            )
-        parts.append(part)
-    moving = [str(index) for index in _others_that_move(series.values, p) if index not in misplaced]
-    parts.append(Part(0.0, "", f"Element {', '.join(moving)} should stay at 0, but moves.") if moving else Part(1.0))
+        return not_reached("Too few messages with numbers arrived to see a motion.", expected=expected)
+    parts = [_judge_component(series, component, p) for component in p.components]
+    moving = ", ".join(map(str, _others_that_move(series.values, p)))
+    parts.append(Part(0.0, "", f"Element {moving} should stay at 0, but does not.") if moving else Part(1.0))
+    unmoved = [component for component, part in zip(p.components, parts, strict=False) if part.share < _RECOGNISED]
+    if danger := _danger(series, p) or _misplaced(series, p, unmoved):
+        measured = "; ".join(part.text for part in parts if part.text)
+        return failed(expected, measured, " ".join([danger, *(part.reason for part in parts if part.reason)]))
     return of_parts(expected, parts)
+
+
+#: A component that earns less may be in another element.
+_RECOGNISED = 0.5
+#: Of so many first messages, the first that was recorded shows where the motion begins.
+_FIRST_MESSAGES = 10
+
+
+def _danger(series: NumericStream, p: Sinusoids) -> str:
+    """Say by which values a joint would go where it must not, or would not know where to go; empty if by none."""
+    values = series.values
+    if values.shape[1] != (p.others_still or values.shape[1]):
+        return f"There are {values.shape[1]} elements for {p.others_still} joints."
+    finite = np.isfinite(values)
+    if lacking := ", ".join(str(n) for n in np.flatnonzero(finite.mean(axis=0) < _RECOGNISED)):
+        return f"Element {lacking} is not a number."
+    sizes = np.where(finite, np.abs(values), 0.0)
+    far, begins = float(sizes.max()), float(sizes[0].max())
+    if p.reach is not None and far > p.reach:
+        return f"Element {int(sizes.max(axis=0).argmax())} goes as far as {far:.2f}, beyond ±{p.reach:g}."
+    if p.starts_within is not None and begins > p.starts_within and series.sequence[0] <= _FIRST_MESSAGES:
+        return f"Element {int(sizes[0].argmax())} jumps to {begins:.2f} with the first message."
+    return ""
+
+
+def _misplaced(series: NumericStream, p: Sinusoids, unmoved: Sequence[Component]) -> str:
+    """Say which components move another element than their own; empty if none does."""
+    places = [(component.index, _element_of(series, component, p)) for component in unmoved]
+    return " ".join(f"The motion of element {own} is in element {place}." for own, place in places if place is not None)
 
 
 #: So many messages show a motion.

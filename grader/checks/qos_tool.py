@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from pydantic import Field, field_validator
@@ -13,6 +15,7 @@ from grader.checks.base import (
     Part,
     apart,
     cpu_delay_doubt,
+    failed,
     graded,
     inconclusive,
     not_reached,
@@ -97,11 +100,12 @@ def _without_tracebacks(output: Sequence[OutputLine]) -> str:
 
 
 class TopicsCarryTraffic(Parameters):
-    """Messages flow on each topic; each is a part."""
+    """Messages are published and received on each topic; each is a part."""
 
     topics: tuple[ref.Topic, ...]
     least_messages: int = 1
     other_name_costs: Share = Field(0.5, description="Share of a topic's credit that another name costs.")
+    unheard_credit: Share = Field(1.0, description="Credit of a topic from which no subscription of its own can hear.")
 
 
 def topics_carry_traffic(context: Context, p: TopicsCarryTraffic) -> Finding:
@@ -117,11 +121,22 @@ def topics_carry_traffic(context: Context, p: TopicsCarryTraffic) -> Finding:
         used, count = context.session.used(topic), _written(context, topic)
         renamed, few = bool(count) and used != topic, count < p.least_messages
         least, most = (quantise(n / p.least_messages) for n in (count, without_delay(count, delay_s, length_s)))
-        share, best = (max(0.0, min(1.0, each) - p.other_name_costs * renamed) for each in (least, most))
-        reasons = [f"Too few messages arrived on {topic}."] * few
+        unheard = _unheard(context, topic) if count else ""
+        heard = p.unheard_credit if unheard else 1.0
+        share, best = (max(0.0, min(1.0, each) - p.other_name_costs * renamed) * heard for each in (least, most))
+        reasons = [unheard] * bool(unheard)
+        reasons += [f"Too few messages arrived on {topic}."] * few
         reasons += [f"{topic} is named {used}; the other checks use that name."] * renamed
         parts.append(Part(share, f"{used} {count}", " ".join(reasons), best))
     return of_parts(expected, parts, doubt=cpu_delay_doubt(delay_s, length_s))
+
+
+def _unheard(context: Context, topic: str) -> str:
+    """Say why nothing that is published on a topic can be received by the student's own side, or nothing."""
+    if not student_endpoints(context, topic, "subscription"):
+        return f"Nothing subscribes to {topic}."
+    policy = _self_clash(context, topic)
+    return f"The two sides of {topic} are incompatible in {policy}: none can arrive." if policy else ""
 
 
 def _delay_s(context: Context, run: ProcessRun) -> tuple[float, float]:
@@ -155,6 +170,8 @@ class QosProfiles(Parameters):
 
     artifact: ref.Artifact
     profiles: tuple[WantedProfile, ...]
+    one_sided_credit: Share = Field(0.5, description="Most of a profile's credit where a side of its topic is lacking.")
+    alike_credit: Share = Field(1.0, description="Most of the credit where all profiles are one and the same.")
 
 
 _POLICIES = ("reliability", "durability", "history", "depth")
@@ -195,9 +212,14 @@ class _Side:
 def qos_profiles(context: Context, p: QosProfiles) -> Finding:
     """Judge reliability and durability from discovery, history and depth from what the program asked rclpy for."""
     sides = {w: [_Side.of(context, kind, w.topic) for kind in ("publisher", "subscription")] for w in p.profiles}
+    parts = [_judge_profile(wanted, each, p.one_sided_credit) for wanted, each in sides.items()]
+    alike = len(parts) > 1 and len({str(side) for each in sides.values() for side in each if side.seen}) == 1
+    if alike and sum(part.share for part in parts) > p.alike_credit * len(parts):
+        parts = [replace(part, share=p.alike_credit) for part in parts]
+        parts[0] = replace(parts[0], reason=f"{_ALIKE} {parts[0].reason}".strip())
     finding = of_parts(
         "; ".join(f"{w.topic}: {w.reliability}, {w.history} {w.depth}, {w.durability}" for w in p.profiles),
-        [_judge_profile(wanted, each) for wanted, each in sides.items()],
+        parts,
         where=(context.location(),),
     )
     unknown = [f"the {s.kind} on {w.topic}" for w, each in sides.items() for s in each if s.seen and s.asked is None]
@@ -206,8 +228,11 @@ def qos_profiles(context: Context, p: QosProfiles) -> Finding:
     return undecided(finding, f"The recording does not show the history and depth of {unknown[0]}.", retry=False)
 
 
-def _judge_profile(wanted: WantedProfile, sides: Sequence[_Side]) -> Part:
-    """Judge a topic: each policy counts the same, and a side that is lacking half."""
+_ALIKE = "All topics have one and the same profile, so that nothing is compared."
+
+
+def _judge_profile(wanted: WantedProfile, sides: Sequence[_Side], one_sided_credit: float) -> Part:
+    """Judge a topic: each policy counts the same."""
     topic, lacking = wanted.topic, [side.kind for side in sides if not side.seen]
     reasons = [f"There is no {' and no '.join(lacking)} on {topic}."] if lacking else []
     values = {policy: [value for side in sides for value in side.values(policy)] for policy in _POLICIES}
@@ -218,7 +243,7 @@ def _judge_profile(wanted: WantedProfile, sides: Sequence[_Side]) -> Part:
     reasons += [f"{topic if alike else f'The {side.kind} on {topic}'} has {text}." for side, text in charged]
     shown = str(sides[0]) if len(set(map(str, sides))) == 1 else " / ".join(f"{side.kind} {side}" for side in sides)
     return Part(
-        sum(right) / len(right) * (1 - len(lacking) / len(sides)),
+        sum(right) / len(right) * (1.0, one_sided_credit, 0.0)[len(lacking)],
         f"{topic}: {shown}",
         " ".join(reasons),
         where=tuple(location for side, _ in charged for location in side.where),
@@ -264,6 +289,8 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
     )
     if not rows:
         return not_reached("Not tested, because nothing was sent on any of the topics.", expected=expected)
+    if constants := _written_beforehand(context, p, [claim for claim in claims.values() if claim is not None]):
+        return failed(expected, "constants of the source", _CONSTANTS_REASON, hint=_CONSTANTS_HINT, where=constants)
     run = context.session.process(p.artifact)
     delay_s, length_s = _delay_s(context, run) if run is not None else (0.0, 1.0)
     late_s = context.session.backlog(run, _life(context, run)).late_s if run is not None else 0.0
@@ -285,6 +312,30 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
     where, doubt = (context.output_of(p.artifact),), cpu_delay_doubt(delay_s, length_s)
     measured = "" if any(part.text for part in parts) else "no results"
     return of_parts(expected, parts, measured=measured, where=where, doubt=doubt)
+
+
+_CONSTANTS_REASON = "Every count and latency that it prints is a constant in its source, so none was measured."
+_CONSTANTS_HINT = "Count in the callbacks, and print what was counted."
+_NUMBER = re.compile(r"(?<![\w.])\d{1,15}(?:\.\d{1,15})?(?:[eE]-?\d{1,2})?(?![\w.])")
+#: So many different latencies are no coincidence.
+_LEAST_LATENCIES = 4
+
+
+def _written_beforehand(context: Context, p: ReportedTraffic, claims: Sequence[ResultRow]) -> list[Location]:
+    """Return the lines of the source that hold all that is printed, as counts and latencies in s, ms or µs."""
+    path = context.path_of(p.artifact) or ""
+    lines = context.submission.texts.get(path, "").splitlines()
+    held = {
+        float(number): place for place, line in enumerate(lines, 1) for number in _NUMBER.findall(line[:LINE_LIMIT])
+    }
+    latencies = {value for claim in claims for value in (claim.mean_s, claim.max_s) if value}
+    if len(latencies) < _LEAST_LATENCIES or not all(claim.count in held for claim in claims):
+        return []
+    for unit in (1.0, 1e3, 1e6):
+        places = [next((at for n, at in held.items() if math.isclose(n, value * unit)), None) for value in latencies]
+        if None not in places:
+            return [Location(file=path, line=place) for place in sorted({place for place in places if place})][:4]
+    return []
 
 
 _ROW_HINT = "Print a line for each profile, as '{}: 1000 msgs, avg latency: 0.50ms, max: 2.00ms'."
@@ -327,10 +378,10 @@ def _judge_row(
         By how much the machine may have made the mean later, and how many messages it may have cost.
     """
     counted = f"{row.name} reports {got.count} messages"
+    if not got.count and (unheard := _unheard(context, row.topic)):
+        return 0.5, f"{counted}, which is true. {unheard}"
     if not student_endpoints(context, row.topic, "subscription"):
         return 0.0, f"{counted}, but nothing subscribes to {row.topic}."
-    if not got.count and (policy := _self_clash(context, row.topic)):
-        return 0.5, f"{counted}, as its own two sides are incompatible in {policy}: none can arrive."
     slack = max(3.0, p.count_tolerance * written)
     if not written - slack - pushed_out <= got.count <= written + slack:
         return 0.0, f"{counted}; {written} were published."

@@ -77,7 +77,6 @@ REGISTRY: dict[str, Check] = {
     "reported_series": Check(subscriber.ReportedSeries, subscriber.reported_series, by_clock=True),
     "reported_statistics": Check(subscriber.ReportedStatistics, subscriber.reported_statistics, by_clock=True),
     "survives": Check(subscriber.Survives, subscriber.survives, by_endpoints=True, by_clock=True),
-    "report_share": Check(subscriber.ReportShare, subscriber.report_share),
     # A node that serves.
     "service_offered": Check(service.ServiceOffered, service.service_offered, by_endpoints=True, seeks=("service",)),
     "call_answered": Check(service.CallAnswered, service.call_answered),

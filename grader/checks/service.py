@@ -216,10 +216,11 @@ class CallGated(Parameters):
     message_field: Annotated[str, ref.fields_of_type("_Response", "refused_step")] = "message"
     refusal: Pattern | None = Field(None, description="A message that refuses, whatever the other fields say.")
     half_credit: Share = Field(0.5, description="Credit of one half, such as refusing without recovering.")
+    from_start_credit: Share = Field(0.5, description="Credit of refusing only what was given from the start.")
 
 
 def call_gated(context: Context, p: CallGated) -> Finding:
-    """Judge refusal (half) and recovery (half); refusing only with the parameter given at start earns half."""
+    """Judge refusal (half) and recovery (half); refusing only with the parameter given at start earns less."""
     expected = (
         f"{_shown(p.refused)} while the parameter is off (half), {_shown(p.recovered)} when it is on again (half)"
     )
@@ -243,13 +244,13 @@ def call_gated(context: Context, p: CallGated) -> Finding:
     unset = _not_set(context.session.step(p.set_step))
     words = str(off.get(p.message_field, "")) if off is not None else ""
     only_message = recovers and p.refusal is not None and search(p.refusal, words)
-    kept = unset or "a change while it runs has no effect."
     rows: tuple[tuple[object, float, str, str], ...] = (
         (turned, p.half_credit, _REVERSED, "Invert the condition."),
         (refuses and recovers, 1.0, "", ""),
         (refuses, p.half_credit, "It refuses, but does not recover when the parameter is true again.", ""),
         (only_message, p.half_credit, _ONLY_MESSAGE, "Set the success field to False too, not only the message."),
-        (refuses_at_start, p.half_credit, f"{_AT_START} {kept}", _SET_HINT if unset else ""),
+        (refuses_at_start and unset, p.half_credit, f"{_AT_START} {unset}", _SET_HINT),
+        (refuses_at_start, p.from_start_credit, f"{_AT_START} a change while it runs has no effect.", ""),
         (unset, 0.0, f"It still enables the robot, because {unset}", _SET_HINT),
         (True, 0.0, "It enables although the parameter is false.", ""),
     )

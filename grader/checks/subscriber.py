@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,10 +18,9 @@ from grader.checks.base import (
     failed,
     graded,
     inconclusive,
-    not_reached,
     of_parts,
     passed,
-    percent,
+    quantise,
     unclear,
     unexplained,
 )
@@ -44,7 +43,7 @@ class WantedTopic(Parameters):
 
 
 class TopicsSubscribed(OfEndpoint):
-    """A node subscribes to topics, with types and QoS that fit; each topic is a part."""
+    """A node subscribes to topics, with types and QoS that fit; it needs them all, so that the worst one decides."""
 
     artifact: ref.Artifact
     topics: tuple[WantedTopic, ...]
@@ -65,6 +64,8 @@ def topics_subscribed(context: Context, p: TopicsSubscribed) -> Finding:
         fallback = "The node subscribed to none of the topics, nor to any of a similar name."
         return unexplained(failed(expected, "no subscription in the graph", fallback))
     parts = [_judge_subscription(context, p, wanted, each) for wanted, each in endpoints.items()]
+    least = min(part.share for part in parts)
+    parts = [replace(part, share=least) for part in parts]
     return of_parts(expected, parts, costs=p.node_faults(p.node, nodes), where=(context.location(),))
 
 
@@ -73,7 +74,7 @@ def _judge_subscription(
 ) -> Part:
     if not endpoints:
         reason = f"There is no subscription on {wanted.topic}, nor on a similar name."
-        return Part(0.0, f"nothing on {wanted.topic}", reason)
+        return Part(1 - p.other_name_costs, f"nothing on {wanted.topic}", reason)
     used, endpoint = (
         context.session.used(wanted.topic),
         next((e for e in endpoints if e.type == wanted.type), endpoints[0]),
@@ -85,7 +86,7 @@ def _judge_subscription(
     weaker = p.reliability == "reliable" and any(e.qos.reliability == "best_effort" for e in endpoints)
     note = f"The subscription on {used} requests BEST_EFFORT; with RELIABLE a lost message would be sent again."
     return Part(
-        max(0.0, 1 - sum(costs for costs, _ in wrong)),
+        1 - max((costs for costs, _ in wrong), default=0.0),
         f"{endpoint.type} from {used} ({endpoint.qos.reliability}, {endpoint.qos.durability})",
         " ".join(reason for _, reason in wrong),
         where=claimed_at(claim_of(context, "subscription", wanted.topic)),
@@ -138,10 +139,19 @@ class Alternative(Parameters):
         return graded(share, finding.expected, finding.measured, reason, where=finding.where, notes=notes)
 
 
+class ReportShare(Parameters):
+    """For how many of the messages for which it could a node reports, by an oracle's count of them."""
+
+    oracle: ref.Loadable = Field(description="file.py:function beside the rubric.")
+    full_from: Share = 0.9
+    costs: Share = Field(0.25, description="Share of the credit that a node loses which reports for next to none.")
+
+
 class ReportedSeries(Streams):
-    """Numbers that a node reports agree with an oracle's value on each span of time."""
+    """Numbers that a node reports agree with an oracle's value on each span of time, and come for each message."""
 
     pattern: Patterns
+    share: ReportShare | None = None
     tolerance: float = Field(gt=0, description="Absolute; 1 % of the value, and what rounding makes, are allowed too.")
     settle_s: float = Field(0.05, description="Reports this close to a span's ends do not count.")
     alternatives: tuple[Alternative, ...] = ()
@@ -184,7 +194,19 @@ def _plateaus(
 
 
 def reported_series(context: Context, p: ReportedSeries) -> Finding:
-    """Judge each span by the median of the reports that fall into it."""
+    """Judge each span by the median of the reports that fall into it, less what is lost for messages without one."""
+    finding = _right_values(context, p)
+    if p.share is None or finding.outcome not in (Outcome.PASSED, Outcome.PARTIAL):
+        return finding
+    share, best, measured, reason, doubt = _report_share(context, p, p.share)
+    if min(1.0, share) == 1.0:
+        return finding
+    kept, most = (float(finding.credit) * (1 - p.share.costs * (1 - quantise(min(1.0, s)))) for s in (share, best))
+    texts = (finding.expected, f"{finding.measured}; {measured}", f"{finding.reason} {reason}".strip())
+    return graded(kept, *texts, hint=finding.hint, where=finding.where, notes=finding.notes, best=most, doubt=doubt)
+
+
+def _right_values(context: Context, p: ReportedSeries) -> Finding:
     heard = reports(context.session, p.artifact, p.pattern)
     plateaus = _plateaus(context, p, heard)
     count = len(plateaus)
@@ -213,7 +235,7 @@ def reported_series(context: Context, p: ReportedSeries) -> Finding:
     last_right = max((n for n, fit in enumerate(fits, 1) if fit), default=0)
     unreported, notes = sum(not plateau.reports for plateau in plateaus[:last_right]), []
     if p.end_charged_by is not None and reached < count and _ended(context, p.artifact):
-        notes = [f"The node ended before the last {count - reached} phases, which costs points in {p.end_charged_by}."]
+        notes = [f"The node ended in phase {reached + 1} of {count}, which costs points in {p.end_charged_by}."]
         unreported += min(count - reached, count // 2)
     judged = max(right, count - unreported)
     kept, doubt = _kept_silent(context, p, plateaus[reached:])
@@ -511,35 +533,24 @@ def _early_reports(context: Context, p: Survives, step: StepRun, later: StepRun 
     return [r for r in heard if step.started_ns <= r.t_ns < begun_ns and r.lead_in in lead_ins]
 
 
-class ReportShare(Streams):
-    """A node reports for a share of the messages for which it could."""
+def _report_share(context: Context, p: ReportedSeries, of: ReportShare) -> tuple[float, float, str, str, str]:
+    """Return the share of messages with a report, the most that it may be, what was counted, why, and the doubt.
 
-    pattern: Patterns
-    full_from: Share = 0.9
-
-
-def report_share(context: Context, p: ReportShare) -> Finding:
-    """Judge the number of reports against the oracle's count, as far as the output was kept."""
-    streams = p.recorded(context)
-    expected = f"a report for at least {percent(p.full_from)} of the messages"
-    if streams is None:
-        return unclear(expected, "no stimulus recorded", _NO_STIMULUS)
-    run = context.session.processes_of(p.artifact)[-1:]
+    The oracle's count goes as far as the output was kept.
+    """
+    streams, run = p.recorded(context) or {}, context.session.processes_of(p.artifact)[-1:]
     full = bool(run) and bool(run[0].output_dropped_bytes and run[0].output)
     if full:
         streams = {role: stream.until(run[0].output[-1].t_ns) for role, stream in streams.items()}
-    possible = int(p.answer(context, streams))
+    possible = int(context.oracle(of.oracle)(streams, dict(p.parameters), context.session.record.seed))
     lines = reports(context.session, p.artifact, p.pattern)
-    if not lines:
-        return not_reached("Not tested, because the node printed no report.", expected=expected)
     heard = len(_without_repeats(context, p, lines))
     repeats = f", and {len(lines) - heard} that repeat one" if heard < len(lines) else ""
     kept = ", as far as its output is kept: it printed more" if full else ""
-    measured = f"{heard} reports{repeats} for {possible} messages{kept}"
     lost, late = _lost_to_machine(context, p)
-    share = heard / max(1, possible) / p.full_from
-    reason = f"Only {heard} of {possible} messages led to a report."
-    return graded(share, expected, measured, reason, best=share + lost / p.full_from, doubt=late, levels=CREDIT_LEVELS)
+    share = heard / max(1, possible) / of.full_from
+    measured = f"{heard} reports{repeats} for {possible} messages{kept}"
+    return share, share + lost / of.full_from, measured, f"Only {heard} of {possible} messages led to a report.", late
 
 
 #: After so many intervals without a message, those that follow come with another value.

@@ -6,6 +6,7 @@ import os
 import platform
 import shutil
 import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -21,6 +22,7 @@ from grader.evidence.recorded import Recorded
 from grader.evidence.timing import timing_of
 from grader.judging import rubrics
 from grader.lab.rubric import Rubric
+from grader.live.process.priority import WATCHING
 from grader.live.sandbox.environment import ask_interpreter, require_platform
 from grader.live.sandbox.isolation import Isolation, Level
 from grader.live.sandbox.machine import stolen_ns
@@ -72,6 +74,7 @@ def examine(interpreter: Path) -> Iterator[Status]:
     cores, slots = len(os.sched_getaffinity(0)), sessions_at_a_time(isolation)
     found = f"{cores} for this process; {f'{slots} sessions side by side' if slots > 1 else 'one session at a time'}"
     yield _status(cores >= 2, "cores", found, "Two cores or more make grading faster and surer.")
+    yield _real_time()
     yield _noise()
     yield _space()
     if platform_status.verdict is Verdict.PASS:
@@ -112,6 +115,15 @@ def _confinement(isolation: Isolation) -> Iterator[Status]:
     lacks = "" if verdict is Verdict.PASS else f"; lacks: {', '.join(isolation.describe()['lacks'])}"
     remedy = "" if verdict is Verdict.PASS else isolation.remedy
     yield Status(verdict, "confinement", f"{isolation.level.value}{lacks}", remedy)
+
+
+def _real_time() -> Status:
+    """Try, in a process that does nothing, whether the grader's own may be scheduled in real time."""
+    tried = f"import os; os.sched_setscheduler(0, os.SCHED_RR, os.sched_param({WATCHING}))"
+    is_permitted = subprocess.run([sys.executable, "-c", tried], capture_output=True, check=False).returncode == 0
+    found = "permitted" if is_permitted else "not permitted; on a busy machine more is left undecided"
+    remedy = f"Run as root (in a container: --cap-add SYS_NICE), or allow the user: rtprio {WATCHING} in limits.conf."
+    return _status(is_permitted, "real-time scheduling of the grader's own processes", found, remedy)
 
 
 def _noise() -> Status:
@@ -159,7 +171,7 @@ def _traffic(interpreter: Path) -> Iterator[Status]:
         yield _status(waited_s < _SLOW_DISCOVERY_S, "discovery", found, remedy)
         timing = timing_of(recorded.stream(_TOPIC), window)
         if timing is None:
-            yield Status(Verdict.FAIL, "100 Hz", "next to nothing was recorded", "Run `grade doctor` again.")
+            yield Status(Verdict.FAIL, "100 Hz", "almost nothing was recorded", "Run `grade doctor` again.")
             return
         process = recorded.process(_NODE)
         delay_s = recorded.machine_delay_s(process, window) if process is not None else 0.0

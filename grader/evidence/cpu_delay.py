@@ -112,6 +112,11 @@ class Calm:
         """Whether they can stand for all of a window."""
         return len(self.intervals_s) >= _ENOUGH and float(self.intervals_s.sum()) >= _ENOUGH_S
 
+    @property
+    def said(self) -> str:
+        """A clause that tells how much of the time they are."""
+        return f", by {self.intervals_s.sum():.1f} s in which the grading computer was not busy"
+
     def rate_hz(self) -> tuple[float, float]:
         """Return the bounds of the rate.
 
@@ -143,7 +148,11 @@ def shares_around(share: float, count: int) -> tuple[float, float]:
 
 
 #: Intervals, and the time that they fill together, from which those that were not affected stand for all.
-_ENOUGH, _ENOUGH_S = 20, 1.0
+_ENOUGH, _ENOUGH_S = 20, 0.5
+#: Who was kept from a core makes up for it within this part of the time.
+_MADE_UP = 0.5
+#: An interval of so many usual ones, without the delays in it, was not made by these.
+_PAUSE = 3.0
 
 
 def calm_intervals(delays: Sequence[Delay], ends_ns: Integers, intervals_s: Floats, harmless_s: float) -> Calm:
@@ -151,23 +160,26 @@ def calm_intervals(delays: Sequence[Delay], ends_ns: Integers, intervals_s: Floa
 
     Notes
     -----
-    A delay makes one interval longer and the next one shorter; who was kept for long may take as long again to make
-    up for it. So of what follows a delay as much is left out, and one interval more.
+    A delay makes one interval longer and the next one shorter, and what was missed may follow at once: so of what
+    follows a delay a part is left out, and one interval more. A pause of the program's own is likely to be touched
+    somewhere, the more so the longer it is: it counts by what the delays in it do not explain.
     """
     starts_ns = ends_ns - np.round(intervals_s * 1e9).astype(np.int64)
     touched = np.zeros(len(ends_ns), dtype=bool)
-    harmless_ns = np.zeros(len(ends_ns))
+    within_ns = np.zeros(len(ends_ns))
     for delay in delays:
         long = delay.delay_ns > harmless_s * 1e9
         first = int(np.searchsorted(ends_ns, delay.start_ns, side="right"))
-        last = int(np.searchsorted(starts_ns, delay.end_ns + delay.delay_ns * long))
+        last = int(np.searchsorted(starts_ns, delay.end_ns))
+        shared = np.minimum(ends_ns[first:last], delay.end_ns) - np.maximum(starts_ns[first:last], delay.start_ns)
+        # Of a long one nobody knows which interval had it; harmless ones count in the sum.
+        within_ns[first:last] += np.minimum(shared, delay.delay_ns if long else delay.delay_ns / max(1, last - first))
         if long:
-            touched[first:last] = True
-        elif last > first:
-            harmless_ns[first:last] += delay.delay_ns / (last - first)
+            touched[first : int(np.searchsorted(starts_ns, delay.end_ns + _MADE_UP * delay.delay_ns))] = True
     touched[1:] |= touched[:-1]
     calm = ~touched
-    chosen = intervals_s[calm]
+    share = float(within_ns[calm].sum()) / 1e9 / max(float(intervals_s[calm].sum()), 1e-9)
     begins = int(np.count_nonzero(calm[1:] & touched[:-1])) + int(len(calm) > 0 and bool(calm[0]))
-    share = float(harmless_ns[calm].sum()) / 1e9 / max(float(chosen.sum()), 1e-9)
-    return Calm(chosen, begins, share)
+    unexplained_s = intervals_s - within_ns / 1e9
+    pauses_s = unexplained_s[touched & (unexplained_s > _PAUSE * np.median(intervals_s))]
+    return Calm(np.concatenate((intervals_s[calm], pauses_s)), begins, share)

@@ -108,8 +108,25 @@ def judge_checks(
     findings: dict[str, Finding] = {}
     for spec in rubric.checks():
         if chosen is None or spec.session is None or spec.session in chosen:
-            findings[spec.id] = _judge(spec, recordings, rubric, findings, known)
+            findings[spec.id] = _of_the_rest(spec, _judge(spec, recordings, rubric, findings, known), findings, rubric)
     return findings
+
+
+def _of_the_rest(spec: CheckSpec, finding: Finding, findings: Mapping[str, Finding], rubric: Rubric) -> Finding:
+    """Return a finding with its share of credit where what it depends on failed and was repaired for it."""
+    repaired = next((findings[r] for r in _all_required(spec, rubric) if r in findings and findings[r].rest), None)
+    if repaired is None or not finding.credit:
+        return finding
+    credit = finding.credit * (repaired.rest or Decimal(1))
+    said = f"It was judged on a repaired copy, where it earns {float(repaired.rest or 1):.0%}. {finding.reason}".strip()
+    hint = finding.hint or repaired.hint
+    return dataclasses.replace(finding, outcome=Outcome.PARTIAL, credit=credit, reason=said, hint=hint)
+
+
+def _all_required(spec: CheckSpec, rubric: Rubric) -> list[str]:
+    """Return the ids of the checks that one requires, and of those that they require."""
+    by_id = {check.id: check for check in rubric.checks()}
+    return [id_ for r in spec.requires for id_ in (r, *_all_required(by_id[r], rubric))]
 
 
 def _judge(
@@ -171,7 +188,8 @@ def _judge(
 
 def _blocked(spec: CheckSpec, findings: Mapping[str, Finding], rubric: Rubric) -> Finding | None:
     """Pass on that an earlier check was lost or is undecided, None if all that this one requires went on."""
-    required = next((r for r in spec.requires if r in findings and findings[r].outcome not in _GOES_ON), None)
+    earlier_ones = ((r, findings[r]) for r in spec.requires if r in findings)
+    required = next((r for r, found in earlier_ones if found.outcome not in _GOES_ON and not found.rest), None)
     if required is None:
         return None
     title = next(check.title for check in rubric.checks() if check.id == required)
@@ -180,7 +198,7 @@ def _blocked(spec: CheckSpec, findings: Mapping[str, Finding], rubric: Rubric) -
         return inconclusive("", "", f"Depends on '{title}', which is not decided yet.", retry=False)
     if earlier.outcome is Outcome.NOT_REACHED:
         return not_reached(earlier.reason)  # It names what is at the root of both.
-    return not_reached(f"It could not be looked at, since '{title}' failed.")
+    return not_reached(f"Not tested, because '{title}' failed.")
 
 
 def _found(spec: CheckSpec, context: Context) -> Finding:
@@ -203,7 +221,7 @@ def _settled(finding: Finding, recorded: Recorded) -> Finding:
     settled = finding.settled
     if settled is None or may_be_flaky(recorded):
         return finding
-    often = f"The session was recorded {recorded.record.times_recorded} times; a program can cause this itself."
+    often = f"The session was recorded {recorded.record.times_recorded} times; a program can cause this by itself."
     return dataclasses.replace(settled, reason=f"{settled.reason} {often}")
 
 

@@ -201,7 +201,9 @@ def _check_part(raw: Mapping[str, Any], loc: Loc, rubric: Rubric, mistakes: Mist
         if not isinstance(identity, str):
             continue
         if identity not in possible:
-            mistakes.add((*loc, kind), f"the rubric has no {kind} {identity!r}{_meant(identity, list(possible))}")
+            part_of = next((c.id for c in rubric.checks() if kind == "check" and identity in c.replaces), None)
+            meant = f"; it is part of {part_of!r} now" if part_of else _meant(identity, list(possible))
+            mistakes.add((*loc, kind), f"the rubric has no {kind} {identity!r}{meant}")
             continue
         with suppress(ValueError):
             if "set" in raw and not 0 <= _points(raw["set"]) <= possible[identity]:

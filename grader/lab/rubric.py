@@ -195,6 +195,7 @@ class CheckSpec(_OfKind):
     parameters: SerializeAsAny[BaseModel] = Field(alias="with", default_factory=dict, validate_default=True)
     requires: tuple[EarlierCheckId, ...] = ()
     hint: str = ""
+    replaces: tuple[str, ...] = Field((), description="Ids of earlier checks that have become part of this one.")
 
     @model_validator(mode="before")
     @classmethod

@@ -420,4 +420,4 @@ def found_note(artifact: ArtifactFact) -> str:
     if artifact.path is None:
         meant = ", ".join(artifact.candidates[:5])
         return f"could have been meant: {meant}" if meant else ""
-    return {"name": "", "near miss": "taken for it, under another name"}.get(artifact.found_by, artifact.found_by)
+    return {"name": "", "near miss": "used in its place, under another name"}.get(artifact.found_by, artifact.found_by)

@@ -185,7 +185,7 @@ def members_of_archive(file: BinaryIO) -> Iterator[Member]:
             raise SubmissionError("this is not a zip or tar archive", remedy=_GET_ANOTHER)
         else:
             remedy = "Pack it as .zip or .tar.gz, or give the folder."
-            raise SubmissionError(f"a {kind} archive cannot be read", remedy=remedy)
+            raise SubmissionError(f"{kind} archives are not supported", remedy=remedy)
 
 
 @contextmanager

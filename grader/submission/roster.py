@@ -74,7 +74,7 @@ def read_class_list(path: Path) -> list[Student]:
             raise ValueError("there is no column 'name'")
         filled = (row for row in rows if any(cell.strip() for cell in row))
         return _once_each(_listed(dict(zip(columns, row, strict=False))) for row in filled)
-    except (ValueError, csv.Error) as problem:
+    except (ValueError, OverflowError, csv.Error) as problem:
         raise SubmissionError(
             f"the class list is not usable: {problem}",
             location=f"{path}:{rows.line_num}",

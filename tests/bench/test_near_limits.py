@@ -29,7 +29,7 @@ def test_only_what_is_asked_for_is_written(tmp_path: Path) -> None:
     assert [p.name for p in (tmp_path / "class").iterdir()] == ["jitter_2_ms"]
 
 
-def test_a_solution_without_the_text_is_told(tmp_path: Path) -> None:
+def test_a_solution_without_the_text_is_reported(tmp_path: Path) -> None:
     """Where the solution was rewritten, nothing is handed in unchanged by mistake."""
     (tmp_path / "solution").mkdir()
     for file in SOLUTION.glob("*.py"):

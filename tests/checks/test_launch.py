@@ -51,10 +51,10 @@ def entry(executable: str, name: str | None, **more: Any) -> dict[str, Any]:
     return {"id": f"{executable}-1", "path": "/x", "executable": executable, "name": name, "kind": "node", **more}
 
 
-def planned(session: Session, label: str = "plan", mended: Any = (), **plan: Any) -> Session:
+def planned(session: Session, label: str = "plan", worked_around: Any = (), **plan: Any) -> Session:
     """Add the step that evaluated a launch file."""
     whole = {"schema": PLAN_SCHEMA, "outcome": "error" if "problem" in plan else "ok", **plan}
-    return session.step("plan", label, plan=whole, mended=list(mended))
+    return session.step("plan", label, plan=whole, mended=list(worked_around))
 
 
 # -- it loads --------------------------------------------------------------------------------------
@@ -107,10 +107,53 @@ def test_a_file_in_newer_syntax_is_undecided(tmp_path: Path) -> None:
         assert judged("launch_loads", LOADS, session, submission({"it.py": text})).outcome is outcome
 
 
-def test_a_misnamed_executable_is_charged_elsewhere(tmp_path: Path) -> None:
-    """That an executable does not exist is a matter of the nodes."""
-    problem = {"kind": "unknown_executable", "message": "no executable talkk"}
-    assert judged("launch_loads", LOADS, planned(Session(tmp_path), problem=problem)).outcome is Outcome.PASSED
+REPAIRED = {
+    "kind": "unknown_keyword",
+    "message": "'exec'",
+    "file": "it.py",
+    "line": 5,
+    "remedy": "Write 'executable='.",
+    "repair": "'exec=' was read as 'executable='",
+}
+
+
+def test_a_repaired_mistake_loses_the_loading_and_leaves_a_share_of_the_rest(tmp_path: Path) -> None:
+    """What was repaired on a copy is said, with its line, and the rest is judged for a share of its points."""
+    finding = judged(
+        "launch_loads", {**LOADS, "repaired_rest": 0.6}, planned(Session(tmp_path), worked_around=[REPAIRED])
+    )
+    assert (finding.outcome, finding.rest) == (Outcome.FAILED, Decimal("0.6"))
+    assert "`ros2 launch` stops there" in finding.reason
+    assert "it was repaired on a copy: 'exec=' was read as 'executable='." in finding.reason
+    assert (finding.hint, finding.where[0].line) == ("Write 'executable='.", 5)
+
+
+def test_what_is_declared_until_a_file_stops_counts(tmp_path: Path) -> None:
+    """A mistake that nobody repairs leaves what was seen; one by which nothing was seen leaves nothing."""
+    problem = {"kind": "invalid_choice", "message": "no choice"}
+    seen = planned(Session(tmp_path, "a"), problem=problem, arguments=[{"name": "rate", "default": "100.0"}])
+    assert judged("launch_loads", LOADS, seen).rest == Decimal("0.667")
+    assert "is not declared until the file stops" in judged("launch_arguments", ARGUMENTS, seen).reason
+    assert judged("launch_loads", LOADS, planned(Session(tmp_path, "b"), problem=problem)).rest is None
+
+
+@pytest.mark.parametrize(
+    ("kind", "message", "remedy", "outcome"),
+    [
+        ("unknown_executable", "no executable 'talk'", "", Outcome.PASSED),
+        ("unknown_executable", "no executable 'tlak'", "", Outcome.FAILED),
+        ("unknown_package", "package 'mine' not found", "Write it right.", Outcome.PASSED),
+        ("unknown_package", "package 'lba' not found", "Did you mean 'lab'?", Outcome.FAILED),
+    ],
+)
+def test_what_lacks_by_no_mistake_of_the_file_costs_nothing(
+    tmp_path: Path, kind: str, message: str, remedy: str, outcome: Outcome
+) -> None:
+    """A file that was not handed in, and the name of a package that was not, are noted."""
+    worked_around = [{"kind": kind, "message": message, "file": "it.py", "line": 5, "remedy": remedy}]
+    handed_in = submission({"it.py": ""}, it="it.py", talk=None)
+    finding = judged("launch_loads", LOADS, planned(Session(tmp_path), worked_around=worked_around), handed_in)
+    assert (finding.outcome, bool(finding.notes)) == (outcome, outcome is Outcome.PASSED)
 
 
 def test_without_a_plan_nothing_is_decided(tmp_path: Path) -> None:
@@ -144,13 +187,11 @@ def test_each_argument_is_a_part(tmp_path: Path, defaults: dict[str, str | None]
     assert words in finding.reason
 
 
-def test_an_argument_that_was_assumed_is_told(tmp_path: Path) -> None:
-    """An argument that is used but not declared is named with its line."""
-    mended = [{"kind": "undefined_configuration", "message": "sim is not declared", "file": "it.py", "line": 9}]
-    session = planned(Session(tmp_path), mended=mended, arguments=[{"name": "rate", "default": "100.0"}])
-    finding = judged("launch_arguments", ARGUMENTS, session)
-    assert finding.credit == Decimal("0.5")
-    assert "Sim is not declared." in finding.reason
+def test_an_argument_that_was_assumed_is_not_charged_again(tmp_path: Path) -> None:
+    """That an argument is used and not declared keeps the file from loading, which is charged there."""
+    worked_around = [{"kind": "undefined_configuration", "message": "'sim' does not exist", "file": "it.py", "line": 9}]
+    session = planned(Session(tmp_path), worked_around=worked_around, arguments=[{"name": "rate", "default": "100.0"}])
+    assert judged("launch_arguments", ARGUMENTS, session).outcome is Outcome.PASSED
 
 
 # -- nodes -----------------------------------------------------------------------------------------
@@ -213,7 +254,7 @@ def test_a_node_whose_file_is_missing_is_charged_elsewhere(tmp_path: Path) -> No
         ({"interrupted_ns": None, "exit_status": 3}, "ended with status 3: 'oh'."),
     ],
 )
-def test_why_a_node_is_down_is_told(tmp_path: Path, run: dict[str, Any] | None, words: str) -> None:
+def test_why_a_node_is_down_is_reported(tmp_path: Path, run: dict[str, Any] | None, words: str) -> None:
     """Not started, running without a node, and ended are told apart."""
     session = planned(Session(tmp_path), processes=BOTH).node("/talker")
     if run is not None:
@@ -296,28 +337,11 @@ def test_a_node_that_was_there_for_a_moment_is_down(tmp_path: Path) -> None:
     assert "InvalidParameterType" in finding.reason
 
 
-def test_a_misnamed_executable_costs_a_part(tmp_path: Path) -> None:
-    """The message says that `ros2 launch` would stop there."""
-    mended = [
-        {"kind": "unknown_executable", "message": "no executable hear", "file": "it.py", "line": 5, "remedy": "x"}
-    ]
-    session = planned(Session(tmp_path), mended=mended, processes=BOTH[:1]).node("/talker")
-    finding = nodes(session)
-    assert finding.outcome is Outcome.FAILED
-    assert "`ros2 launch` stops there" in finding.reason
-    assert (finding.hint, finding.where[0].line) == ("x", 5)
-
-
-def test_several_misnamed_executables_are_told_in_their_order(tmp_path: Path) -> None:
-    """Each is named, and that the launch stops is said once."""
-    mended = [
-        {"kind": "unknown_executable", "message": f"no executable {name}", "file": "it.py", "line": n, "remedy": name}
-        for n, name in enumerate(("talk", "listen"), 1)
-    ]
-    finding = nodes(planned(Session(tmp_path), mended=mended, processes=BOTH).node("/talker").node("/listener"))
-    assert finding.reason == "No executable talk. No executable listen. `ros2 launch` stops there and starts nothing."
-    assert (finding.hint, finding.where[0].line) == ("talk", 1)
-    assert finding.measured == "your file starts nothing; with the names corrected by the grader: /talker, /listener"
+def test_a_node_that_does_not_run_costs_what_the_rubric_says(tmp_path: Path) -> None:
+    """Without one of them the nodes do not work together: the rubric may ask for more than its part."""
+    session = planned(Session(tmp_path), processes=BOTH[:1]).node("/talker")
+    assert judged("launch_nodes", NODES, session).credit == Decimal("0.5")
+    assert judged("launch_nodes", {**NODES, "down_costs": 0.8}, session).credit == Decimal("0.2")
 
 
 def test_a_plan_with_a_problem_starts_nothing(tmp_path: Path) -> None:

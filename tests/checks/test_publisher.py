@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
@@ -114,7 +115,7 @@ def test_a_missing_file_is_said_to_be_missing(tmp_path: Path) -> None:
     assert finding.reason == "There is no it.py in the submission."
 
 
-def test_a_silent_publisher_fails_and_its_exception_is_told(tmp_path: Path) -> None:
+def test_a_silent_publisher_fails_and_its_exception_is_reported(tmp_path: Path) -> None:
     """Where the process wrote a traceback, it is the reason, with the student's line."""
     lines = [
         "Traceback (most recent call last):",
@@ -166,7 +167,7 @@ def test_what_is_missing_is_missing_in_every_run(tmp_path: Path) -> None:
     assert finding.outcome is Outcome.FAILED
 
 
-def test_a_timer_that_waits_for_a_clock_is_told(tmp_path: Path) -> None:
+def test_a_timer_that_waits_for_a_clock_is_reported(tmp_path: Path) -> None:
     """A silent node whose source sets use_sim_time is told of it, unless a clock ran."""
     source = submission({"it.py": "Parameter('use_sim_time', value=True)\n"})
     for name, clock in (("a", False), ("b", True)):
@@ -288,7 +289,9 @@ def test_what_the_machine_disturbs_is_judged_by_what_it_did_not(
     """A quarter of the time all stands still; between, a right node is seen to be right and a slow one to be slow."""
     times, stops = stopped(rate_hz, 0.025)
     session = published(tmp_path, times).disturbed("it", *stops)
-    assert judged("topic_rate", RATE, session).outcome is rate
+    finding = judged("topic_rate", RATE, session)
+    assert finding.outcome is rate
+    assert float(finding.measured.split()[0]) == pytest.approx(rate_hz, abs=0.1)
     assert judged("topic_jitter", JITTER, session).outcome is even
 
 
@@ -503,13 +506,15 @@ def test_each_wrong_part_of_the_motion_costs_its_part(
     assert words in finding.reason
 
 
-def test_a_motion_in_another_element_earns_half(tmp_path: Path) -> None:
-    """Counting joints from 1 is one mistake: half of each sinusoid, and nothing for the elements that move instead."""
+def test_a_motion_in_another_element_earns_nothing(tmp_path: Path) -> None:
+    """Counting joints from 1 sends other joints where they must not go, which is said before all else."""
     times = np.array(evenly(100, 6.0))
     rows = [[0.0, *row[:6]] for row in motion(np.arange(len(times)) * 0.01)]
     finding = judged("sinusoids", MOTION, published(tmp_path, times.tolist(), rows))
-    assert float(finding.credit) == pytest.approx(0.667, abs=0.001)
-    assert finding.reason == "The motion of element 0 is in element 1. The motion of element 1 is in element 2."
+    assert finding.outcome is Outcome.FAILED
+    assert finding.reason.startswith(
+        "The motion of element 0 is in element 1. The motion of element 1 is in element 2."
+    )
 
 
 def test_a_motion_the_wrong_way_is_named(tmp_path: Path) -> None:
@@ -544,20 +549,46 @@ def test_an_offset_is_a_mistake_and_is_named(tmp_path: Path) -> None:
     assert "about 0.200 instead of 0" in finding.reason
 
 
-def test_six_elements_still_show_their_motion(tmp_path: Path) -> None:
-    """A wrong number of elements is charged elsewhere, not by the motion."""
+def test_a_motion_for_another_number_of_joints_earns_nothing(tmp_path: Path) -> None:
+    """No arm of seven joints can carry out what is meant for six."""
     times = np.array(evenly(100, 6.0))
     rows = [row[:6] for row in motion(times - times[0])]
-    assert judged("sinusoids", MOTION, published(tmp_path, times.tolist(), rows)).outcome is Outcome.PASSED
+    finding = judged("sinusoids", MOTION, published(tmp_path, times.tolist(), rows))
+    assert (finding.outcome, finding.reason) == (Outcome.FAILED, "There are 6 elements for 7 joints.")
 
 
-def test_an_element_that_is_no_number_does_not_move(tmp_path: Path) -> None:
-    """NaN in a moving element costs that element alone."""
+def test_a_joint_that_is_sent_no_number_makes_a_motion_worthless(tmp_path: Path) -> None:
+    """Where a joint goes that gets NaN, nobody knows."""
     times = np.array(evenly(100, 6.0))
     rows = [[float("nan"), *row[1:]] for row in motion(times - times[0])]
     finding = judged("sinusoids", MOTION, published(tmp_path, times.tolist(), rows))
-    assert float(finding.credit) == pytest.approx(2 / 3, abs=0.001)
+    assert finding.outcome is Outcome.FAILED
     assert "Element 0 is not a number" in finding.reason
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda row, n: [57.29578 * value for value in row], "beyond ±3.1416"),
+        (lambda row, n: [row[1], row[0], *row[2:]], "The motion of element 0 is in element 1."),
+        (lambda row, n: [*row[:6], 1.2], "Element 6 jumps to 1.20 with the first message."),
+        (lambda row, n: [0.5 * np.cos(2 * np.pi * 0.2 * 0.01 * n), *row[1:]], "Element 0 jumps to 0.50"),
+    ],
+    ids=["degrees", "swapped", "a joint off its rest", "cosine"],
+)
+def test_a_motion_that_endangers_earns_nothing_and_makes_its_values_unsafe(
+    tmp_path: Path, change: Callable[[list[float], int], list[float]], said: str
+) -> None:
+    """Where a joint would go where it must not, neither the motion nor the values are worth anything."""
+    times = np.array(evenly(100, 6.0))
+    rows = [change(row, n) for n, row in enumerate(motion(times - times[0]))]
+    session = published(tmp_path, times.tolist(), rows)
+    moved = judged("sinusoids", {**MOTION, "reach": 3.1416, "starts_within": 0.1}, session)
+    assert (moved.outcome, said in moved.reason) == (Outcome.FAILED, True)
+    values = {"topic": "/commands", "field": "data", "length": 7, "unsafe_by": "motion"}
+    assert judged("message_values", values, session, findings={"motion": moved}).outcome is Outcome.FAILED
+    harmless = replace(moved, outcome=Outcome.PARTIAL)
+    assert judged("message_values", values, session, findings={"motion": harmless}).outcome is Outcome.PASSED
 
 
 def test_an_element_that_is_not_there_is_named(tmp_path: Path) -> None:
@@ -599,7 +630,7 @@ def test_a_wrong_depth_only_advises(tmp_path: Path) -> None:
     assert "depth is 1" in finding.notes[0]
 
 
-def test_a_depth_left_to_the_middleware_is_told_so(tmp_path: Path) -> None:
+def test_a_depth_left_to_the_middleware_is_reported_so(tmp_path: Path) -> None:
     """The system's default profile has no depth of its own."""
     claimed = replace(RELIABLE, history="system_default", depth=0)
     session = Session(tmp_path).endpoint("publisher", TOPIC).claim("publisher", TOPIC, qos=claimed)

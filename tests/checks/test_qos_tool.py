@@ -59,7 +59,7 @@ def test_a_program_that_ends_with_results_passes(tmp_path: Path) -> None:
         (22.0, [], {"interrupted_ns": at(22.1), "ended_by": "kill"}, "0", "still running after 22 s"),
     ],
 )
-def test_each_other_end_is_told_apart(
+def test_each_other_end_is_distinguished(
     tmp_path: Path, after_s: float, lines: list[str], facts: dict[str, Any], credit: str, words: str
 ) -> None:
     """Ending well and having results are half each."""
@@ -90,7 +90,23 @@ def test_each_topic_with_traffic_is_a_part(tmp_path: Path) -> None:
     session.messages("/b", [[0.0]] * 3, [1.0, 2.0, 3.0])
     finding = judged("topics_carry_traffic", {"topics": ["/a", "/b"], "least_messages": 100}, session)
     assert finding.credit == Decimal("0.5")
-    assert finding.reason == "Too few messages arrived on /b."
+    assert finding.reason == "Nothing subscribes to /a. Nothing subscribes to /b. Too few messages arrived on /b."
+
+
+def test_what_nothing_hears_is_not_received(tmp_path: Path) -> None:
+    """A topic without a subscription, or with one that is incompatible, keeps what the rubric leaves it."""
+    parameters = {"topics": ["/a"], "least_messages": 2, "unheard_credit": 0.25}
+    for name, offered, requested, credit in (
+        ("none", RELIABLE, None, "0.25"),
+        ("clash", BEST_EFFORT, RELIABLE, "0.25"),
+        ("fits", RELIABLE, RELIABLE, "1"),
+    ):
+        session = (
+            Session(tmp_path / name).messages("/a", [[0.0]] * 2, [1.0, 2.0]).endpoint("publisher", "/a", qos=offered)
+        )
+        if requested is not None:
+            session.endpoint("subscription", "/a", qos=requested)
+        assert judged("topics_carry_traffic", parameters, session).credit == Decimal(credit)
 
 
 def test_too_little_traffic_earns_its_share(tmp_path: Path) -> None:
@@ -151,7 +167,7 @@ def test_a_side_that_is_missing_costs_half(tmp_path: Path) -> None:
     assert f"no subscription on {TOPIC}" in finding.reason
 
 
-def test_sides_that_differ_are_told_apart(tmp_path: Path) -> None:
+def test_sides_that_differ_are_distinguished(tmp_path: Path) -> None:
     """Where only the subscription is wrong, reason and measurement say so."""
     session = Session(tmp_path).endpoint("publisher", TOPIC).endpoint("subscription", TOPIC, qos=BEST_EFFORT).process()
     finding = judged("qos_profiles", PROFILES, session)
@@ -263,6 +279,29 @@ def test_the_machine_does_not_excuse_counts_of_what_never_was(tmp_path: Path) ->
     session.messages(TOPIC, [[0.0]] * len(times), times, latency_s=0.001)
     session.process("it", [row(1100)]).delayed("it", 2.0, 12.0)
     assert judged("reported_traffic", REPORTED, session).outcome is Outcome.FAILED
+
+
+@pytest.mark.parametrize(
+    ("source", "outcome"),
+    [
+        ("RESULTS = {'fast': (1000, 0.91, 3.2), 'slow': (998, 1.13, 2.75)}", Outcome.FAILED),
+        ("print('fast: 1000 msgs, avg 0.91 max 3.20')\nprint('slow: 998 msgs, avg 1.13 max 2.75')", Outcome.FAILED),
+        ("N = [1000, 998]\nSECONDS = [0.00091, 3.2e-3, 0.00113, 2.75e-3]", Outcome.FAILED),
+        ("# fast: 1000 msgs, avg 0.91 max 3.20\n# slow: 998 msgs, avg 1.31 max 2.57", Outcome.PASSED),
+        ("RESULTS = (10.91, 13.2, 11.13, 12.75, 1000, 998)", Outcome.PASSED),
+    ],
+)
+def test_numbers_that_stand_in_the_source_were_not_measured(tmp_path: Path, source: str, outcome: Outcome) -> None:
+    """Where all that is printed are constants, nothing was measured; an older result in a comment is no such thing."""
+    session = Session(tmp_path)
+    for topic in (TOPIC, "/slow"):
+        session.endpoint("publisher", topic).endpoint("subscription", topic)
+        session.messages(topic, [[0.0]] * 1000, evenly(100, 9.99), latency_s=0.001)
+    session.process("it", [row(1000, 0.91, 3.2), row(998, 1.13, 2.75, "slow")])
+    wanted = {**REPORTED, "rows": [{"name": "fast", "topic": TOPIC}, {"name": "slow", "topic": "/slow"}]}
+    finding = judged("reported_traffic", wanted, session, submission({"it.py": source}))
+    assert finding.outcome is outcome
+    assert [place.file for place in finding.where[:1]] == ["it.py" if outcome is Outcome.FAILED else None]
 
 
 def test_a_pattern_without_its_groups_is_a_mistake_of_the_rubric(tmp_path: Path) -> None:

@@ -247,12 +247,12 @@ def test_a_gate_the_wrong_way_round_earns_half(tmp_path: Path) -> None:
         assert (finding.outcome is Outcome.NOT_REACHED) == (credit == "0")
 
 
-def test_a_parameter_that_cannot_be_set_is_told(tmp_path: Path) -> None:
+def test_a_parameter_that_cannot_be_set_is_reported(tmp_path: Path) -> None:
     """If the parameter could not be set, the reason says so."""
     assert "could not be set while it ran" in gated(tmp_path, True, True, True, "failed").reason
 
 
-def test_no_answer_while_off_is_told(tmp_path: Path) -> None:
+def test_no_answer_while_off_is_reported(tmp_path: Path) -> None:
     """A node that falls silent while the parameter is false is told so."""
     finding = judged("call_gated", GATED, called(Session(tmp_path), "refuse", call(None)))
     assert finding.reason == "No answer came while the parameter was false."
@@ -308,7 +308,7 @@ def test_calls_are_credited_by_the_share_in_time(tmp_path: Path, latencies: list
     assert finding.credit == Decimal(credit)
 
 
-def test_calls_that_the_machine_may_have_held_up_are_undecided(tmp_path: Path) -> None:
+def test_calls_that_the_machine_may_have_delayed_are_undecided(tmp_path: Path) -> None:
     """A slow call is not charged where the server had no core for so long, and is where it slept."""
     calls = [call(answer(True), latency_s) for latency_s in [0.002] * 9 + [1.2]]
     held_up = called(Session(tmp_path / "a").process(), "many", *calls).delayed("it", 3.0, 4.0)
@@ -346,7 +346,7 @@ def test_no_calls_after_a_silent_one_are_not_reached(tmp_path: Path) -> None:
     assert judged("calls_in_time", IN_TIME, Session(tmp_path)).outcome is Outcome.FAILED
 
 
-def test_a_call_that_the_grader_itself_held_up_is_undecided(tmp_path: Path) -> None:
+def test_a_call_that_the_grader_itself_delayed_is_undecided(tmp_path: Path) -> None:
     """Who makes the calls, and times them, may be delayed too, or stall."""
     calls = [call(answer(True), latency_s) for latency_s in [0.002] * 9 + [1.4]]
     late = called(Session(tmp_path / "a").process("director", role="grader"), "many", *calls)
@@ -375,7 +375,7 @@ QUIET: dict[str, Any] = {"interrupted_ns": None, "ended_by": "itself", "exit_sta
     ],
 )
 @pytest.mark.parametrize("check", ["call_answered", "topic_published", "topics_subscribed", "service_offered"])
-def test_a_node_that_ended_without_an_error_is_told_what_its_source_shows(
+def test_a_node_that_ended_without_an_error_is_reported_what_its_source_shows(
     tmp_path: Path, check: str, source: str, words: str
 ) -> None:
     """That main() never spins is said only where the source shows it, and in each check of the node alike."""

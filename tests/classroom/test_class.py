@@ -16,7 +16,7 @@ sys.path.append(str(Path(__file__).parents[2]))
 from grader.live.sandbox.isolation import Level
 from grader.live.sandbox.probing import probe_isolation
 from tests.classroom.small_class import ASTRAY, CRASHES, SLEEPS, Family, SmallClass, make_class
-from tests.live.small_lab import TALKER, leavings, until
+from tests.live.small_lab import TALKER, remains, until
 
 pytestmark = pytest.mark.live
 
@@ -74,7 +74,7 @@ def test_a_class_is_graded_once(tmp_path: Path) -> None:
     assert small.result("eve")["score"]["earned"] == 1
     assert small.files_of("ann") == before["ann"]
     assert small.files_of("bob") != before["bob"]
-    assert leavings(small.temporary) == []
+    assert remains(small.temporary) == []
 
     (small.results / "ann" / "report.html").unlink()
     kept = small.files_of("eve")
@@ -99,7 +99,7 @@ def test_a_killed_run_goes_on_where_it_stopped(tmp_path: Path) -> None:
     assert small.files_of("ann") == before
     assert sorted(small.outcomes()) == ["ann", "bob", "cem"]
     assert earned(small)["cem"] == 1
-    assert leavings(small.temporary) == []
+    assert remains(small.temporary) == []
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -118,7 +118,7 @@ def test_a_run_that_is_asked_to_end_keeps_what_is_done(tmp_path: Path, number: s
     until(lambda: not family.left())
     assert small.graded() == ["ann"]
     assert not (small.results / "bob").exists()
-    assert leavings(small.temporary) == []
+    assert remains(small.temporary) == []
 
 
 def test_a_second_run_in_the_same_folder_is_refused(tmp_path: Path) -> None:

@@ -49,7 +49,7 @@ def result(folder: Path, name: str) -> None:
     (folder / name / "result.json").write_text(to_json(result_named(name)), encoding="utf-8")
 
 
-def test_all_who_are_known_are_told_once(tmp_path: Path) -> None:
+def test_all_who_are_known_are_reported_once(tmp_path: Path) -> None:
     """Those of this run, those graded before, and those who have not handed in, in the order of their names."""
     for name in ("ann", "cem", "old"):
         result(tmp_path, name)

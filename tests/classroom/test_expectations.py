@@ -70,7 +70,7 @@ def written(folder: Path, text: str, name: str = "one") -> Path:
     return folder / name
 
 
-def test_all_mistakes_are_told_at_once_with_their_lines(tmp_path: Path) -> None:
+def test_all_mistakes_are_reported_at_once_with_their_lines(tmp_path: Path) -> None:
     """An expected.yaml is read as strictly as a rubric."""
     text = """\
 sessions: [publisher]
@@ -216,7 +216,7 @@ def test_what_is_undecided_may_be_run_again(judged: dict[str, Any], rubric: Rubr
     assert compare(expecting(total=[0, 100]), read(open_score), rubric).undecided
 
 
-def test_an_expectation_of_another_rubric_is_told_before_anything_runs(rubric: Rubric) -> None:
+def test_an_expectation_of_another_rubric_is_reported_before_anything_runs(rubric: Rubric) -> None:
     """Names that the rubric does not have are listed, each with its kind."""
     checks = {"publisher.rat": {"outcome": "failed"}}
     expectation = expecting(sessions=["publisher", "night"], criteria={"publisher": {"checks": checks}, "fame": {}})

@@ -110,7 +110,7 @@ def test_a_look_writes_nothing(results: Path, stricter: Path) -> None:
     before = files(results)
     found = rejudge(results, stricter, None, pages=False)
     assert files(results) == before
-    assert {name: changes.difference for name, changes in found.changes.items()} == dict.fromkeys(NAMES, -6)
+    assert {name: changes.difference for name, changes in found.changes.items()} == dict.fromkeys(NAMES, -5)
     assert found.failed == {}
 
 
@@ -164,7 +164,7 @@ def test_each_is_judged_by_its_own_rubric(results: Path, stricter: Path) -> None
     """Where the copies differ, each folder's counts."""
     shutil.copy(stricter, results / "bob" / result_folder.RECORDINGS / result_folder.RUBRIC_COPY)
     found = rejudge(results, None, None, pages=False)
-    assert {name: changes.difference for name, changes in found.changes.items()} == {"alice": 0, "bob": -6}
+    assert {name: changes.difference for name, changes in found.changes.items()} == {"alice": 0, "bob": -5}
 
 
 def test_results_remember_the_rubric_that_was_applied(results: Path, stricter: Path) -> None:
@@ -176,7 +176,7 @@ def test_results_remember_the_rubric_that_was_applied(results: Path, stricter: P
     assert not [path for path in files(results) if path.endswith(f"alice/{result_folder.RUBRIC_COPY}")]
 
 
-def test_a_broken_rubric_is_told_before_anything_is_judged(results: Path, tmp_path: Path) -> None:
+def test_a_broken_rubric_is_reported_before_anything_is_judged(results: Path, tmp_path: Path) -> None:
     """All its mistakes are known, and no file has changed."""
     before = files(results)
     broken = rewritten(tmp_path, "check: topic_rate", "check: topic_rat")
@@ -233,7 +233,7 @@ def test_decisions_under_another_name_are_not_passed_over(results: Path) -> None
     assert not rejudge(results, None, None, pages=False).changes["bob"].matters
 
 
-def test_decisions_that_do_nothing_are_told(results: Path) -> None:
+def test_decisions_that_do_nothing_are_reported(results: Path) -> None:
     """A name that nobody has, and a time where none matters."""
     text = f"overrides:\n  - {{submission: bbo, bonus: 1, {WHY}}}\n  - {{submission: bob, extension: 1 day, {WHY}}}\n"
     (results / "overrides.yaml").write_text(text)
@@ -242,7 +242,7 @@ def test_decisions_that_do_nothing_are_told(results: Path) -> None:
     assert remarks[1].startswith("overrides.yaml:3: ")
 
 
-def test_broken_decisions_are_told_before_anything_is_judged(results: Path) -> None:
+def test_broken_decisions_are_reported_before_anything_is_judged(results: Path) -> None:
     """A file of overrides with mistakes stops all."""
     (results / "overrides.yaml").write_text("overrides:\n  - {submission: bob, bonus: 1}\n")
     with pytest.raises(RubricError, match="3 mistakes"):
@@ -285,8 +285,8 @@ def test_each_replaced_result_is_kept_and_noted(results: Path, stricter: Path) -
         assert (results / line["kept"]).read_bytes() == old[name]
         new = (results / name / result_folder.RESULT_FILE).read_bytes()
         assert line["result_sha256"] == [hashlib.sha256(text).hexdigest() for text in (old[name], new)]
-        assert line["final"][0] - line["final"][1] == 6
-        assert line["checks"]["publisher.rate"]["points"] == [6, 0]
+        assert line["final"][0] - line["final"][1] == 5
+        assert line["checks"]["publisher.rate"]["points"] == [5, 0]
         assert line["rubric_sha256"][1] == hashlib.sha256(stricter.read_bytes()).hexdigest()
         assert (line["at"], line["command"]) == ("2026-11-21T10:00:00+00:00", "regrade")
         assert line["overrides_sha256"] == hashlib.sha256(b"overrides: []\n").hexdigest()

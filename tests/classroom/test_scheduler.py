@@ -122,7 +122,7 @@ def test_no_more_places_than_one_alone_holds() -> None:
 
 
 @pytest.mark.parametrize("jobs", [None, 1, 4])
-def test_cells_that_share_a_network_run_one_at_a_time(jobs: int | None) -> None:
+def test_sandboxes_that_share_a_network_run_one_at_a_time(jobs: int | None) -> None:
     """Whatever was asked for, a submission is not given the chance to speak in another's network."""
     assert Machine.of(Isolation(Level.NONE), jobs).slots == 1
     assert Machine.of(Isolation(Level.FULL, Form.USER), 7).slots == 7

@@ -70,14 +70,14 @@ def told(found: Discovery) -> str:
     return console.file.getvalue()
 
 
-def test_who_is_marked_late_without_a_time_is_told() -> None:
+def test_who_is_marked_late_without_a_time_is_reported() -> None:
     """A system's mark is not lost where it alone tells that something was late."""
     late = SubmissionSource("bob", (), late=True)
     assert "--class-list can: bob\n" in told(Discovery((late, SubmissionSource("ann", ()))))
     assert told(Discovery((replace(late, submitted_at=datetime(2026, 3, 2, tzinfo=timezone.utc)),))) == ""
 
 
-def test_who_is_on_the_page_from_earlier_runs_is_told(tmp_path: Path) -> None:
+def test_who_is_on_the_page_from_earlier_runs_is_reported(tmp_path: Path) -> None:
     """A submission that was renamed or withdrawn stays on the class page, and a line says so."""
     for name in ("ann", "old"):
         (tmp_path / name).mkdir()

@@ -32,7 +32,7 @@ from grader.pipeline import Options
 from grader.result import Result, Score
 from grader.submission.extraction import SubmissionSource
 from tests.classroom.small_class import SLEEPS, Family, SmallClass, make_class
-from tests.live.small_lab import TALKER, command_of, leavings, until
+from tests.live.small_lab import TALKER, command_of, remains, until
 
 pytestmark = pytest.mark.live
 
@@ -72,7 +72,7 @@ class Case:
         ending = asyncio.run(scenario())
         assert self.family.members
         until(lambda: not self.family.left(), 30)
-        assert leavings(self.temporary) == []
+        assert remains(self.temporary) == []
         return ending
 
 
@@ -111,7 +111,7 @@ def test_a_process_that_says_nothing_is_ended(case: Case, silence_s: float, phas
 
 
 @pytest.mark.parametrize("phase", ["reading", "starting"])
-def test_a_process_that_is_killed_is_told(case: Case, phase: str) -> None:
+def test_a_process_that_is_killed_is_reported(case: Case, phase: str) -> None:
     """A process that the system kills, as for want of memory, becomes a problem with a remedy."""
     ending = case.ends(kill_at=phase)
     assert isinstance(ending, GraderError)
@@ -119,7 +119,7 @@ def test_a_process_that_is_killed_is_told(case: Case, phase: str) -> None:
     assert "memory" in ending.remedy
 
 
-def test_what_is_wrong_with_a_submission_is_told(case: Case) -> None:
+def test_what_is_wrong_with_a_submission_is_reported(case: Case) -> None:
     """A submission that is refused has the same words and status as alone."""
     case.job = replace(case.job, source=SubmissionSource.of(case.small.folder / "nobody"))
     ending = case.ends()
@@ -127,7 +127,7 @@ def test_what_is_wrong_with_a_submission_is_told(case: Case) -> None:
     assert (ending.problem, ending.exit_status) == ("there is no such submission", 3)
 
 
-def test_results_that_cannot_be_written_are_told(case: Case) -> None:
+def test_results_that_cannot_be_written_are_reported(case: Case) -> None:
     """Where a file stands in place of the results' folder, that is the problem."""
     case.small.results.write_text("in the way")
     ending = case.ends()

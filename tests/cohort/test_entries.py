@@ -42,7 +42,7 @@ def test_results_are_read_by_name_with_their_links(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "{", "[1]", '"x"', "{}", '{"score": {"earned": "x"}}', "[" * 100_000, "\x00"])
-def test_a_damaged_result_is_told_and_hurts_no_other(text: str, tmp_path: Path) -> None:
+def test_a_damaged_result_is_reported_and_hurts_no_other(text: str, tmp_path: Path) -> None:
     """A file that was cut off, or holds something else, leaves that submission ungraded."""
     finished(tmp_path, "alice", text)
     finished(tmp_path, "bob")

@@ -152,7 +152,7 @@ def test_the_same_check_with_another_remedy_is_another_mistake() -> None:
     assert [len(m.made_by) for m in found] == [1, 1]
 
 
-def test_all_lost_points_are_told_once() -> None:
+def test_all_lost_points_are_reported_once() -> None:
     """The costs of all mistakes together are the points that the class lost; undecided ones are not among them."""
     entries = [
         student("a", [0, 0, 0, 1], {}, calls="not_reached", more="not_reached"),

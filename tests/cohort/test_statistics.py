@@ -83,14 +83,14 @@ def test_a_class_without_results_has_no_spread() -> None:
     ("credit", "outcome"),
     [(1.0, Outcome.PASSED), (0.5, Outcome.PARTIAL), (0.0, Outcome.FAILED), (None, Outcome.INCONCLUSIVE)],
 )
-def test_a_cell_has_the_outcome_of_its_points(credit: float | None, outcome: Outcome) -> None:
+def test_a_sandbox_has_the_outcome_of_its_points(credit: float | None, outcome: Outcome) -> None:
     """All, some or none of the points, or none decided."""
     cell = summarise(entries_of(ONE, [credit]), ONE).rows[0].cells[0]
     assert cell is not None
     assert cell.outcome is outcome
 
 
-def test_a_criterion_that_was_not_judged_has_no_cell() -> None:
+def test_a_criterion_that_was_not_judged_has_no_sandbox() -> None:
     """Where only one session was asked for, the others' criteria stay empty, and nothing is made of them."""
     plain = result_of(TWO, [1.0, 1.0])
     plain["criteria"] = plain["criteria"][:1]

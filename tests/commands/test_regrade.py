@@ -75,8 +75,8 @@ def test_a_class_is_only_looked_at(results: Path, stricter: Path, capsys: pytest
     before = {p: p.read_bytes() for p in results.rglob("*") if p.is_file() and p.name != CHANGES_FILE}
     status, output, errors = run(capsys, results, "--rubric", stricter)
     assert (status, errors) == (1, "")
-    assert "ann 17 → 11 −6" in output
-    assert "Commands arrive at 100 Hz passed → failed 6 → 0 −6" in output
+    assert "ann 16 → 11 −5" in output
+    assert "Commands arrive at 100 Hz passed → failed 5 → 0 −5" in output
     assert "No result is written yet; --apply writes them." in output
     assert "bob,total" in (results / CHANGES_FILE).read_text(encoding="utf-8-sig")
     assert {p: p.read_bytes() for p in before} == before
@@ -98,7 +98,7 @@ def test_applying_writes_and_notes(results: Path, stricter: Path, capsys: pytest
     assert "The results are written." in output
     assert [points(results / name) for name in ("ann", "bob")] == [11, 11]
     lines = [json.loads(line) for line in (results / AUDIT_FILE).read_text().splitlines()]
-    assert [(line["submission"], line["final"]) for line in lines] == [("ann", [17, 11]), ("bob", [17, 11])]
+    assert [(line["submission"], line["final"]) for line in lines] == [("ann", [16, 11]), ("bob", [16, 11])]
     assert all(line["at"].endswith("+00:00") for line in lines)
     assert len(list((results / HISTORY).rglob("*.json"))) == 2
 
@@ -114,10 +114,10 @@ def test_the_class_page_is_said_to_be_of_before(
 
 def test_a_limit_is_for_final_points(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """--fail-under compares what counts, decisions included."""
-    assert run(capsys, results, "--fail-under", "17")[0] == 0
-    assert run(capsys, results, "--fail-under", "17.1")[0] == 1
+    assert run(capsys, results, "--fail-under", "16")[0] == 0
+    assert run(capsys, results, "--fail-under", "16.1")[0] == 1
     (results / "overrides.yaml").write_text(f"overrides:\n  - {{submission: '*', bonus: 0.1, {WHY}}}\n")
-    assert run(capsys, results, "--fail-under", "17.1", "--apply")[0] == 0
+    assert run(capsys, results, "--fail-under", "16.1", "--apply")[0] == 0
 
 
 def test_one_that_cannot_be_judged(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -129,7 +129,7 @@ def test_one_that_cannot_be_judged(results: Path, capsys: pytest.CaptureFixture[
     assert "ann" in errors
 
 
-def test_decisions_that_do_nothing_are_told(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_decisions_that_do_nothing_are_reported(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A name that nobody has is a note, not a mistake."""
     (results / "overrides.yaml").write_text(f"overrides:\n  - {{submission: abn, bonus: 1, {WHY}}}\n")
     status, output, _ = run(capsys, results)
@@ -155,18 +155,18 @@ def test_a_single_submission_is_written_at_once(
     """It is judged, printed and written, with what has changed; its old result is kept beside the class."""
     status, output, _ = run(capsys, results / "ann", "--rubric", stricter)
     assert status == 0
-    assert "ann 17 → 11 −6" in output
-    assert [points(results / name) for name in ("ann", "bob")] == [11, 17]
+    assert "ann 16 → 11 −5" in output
+    assert [points(results / name) for name in ("ann", "bob")] == [11, 16]
     (line,) = (json.loads(line) for line in (results / AUDIT_FILE).read_text().splitlines())
-    assert (line["submission"], line["final"]) == ("ann", [17, 11])
-    assert json.loads((results / line["kept"]).read_text())["score"]["final"] == 17
+    assert (line["submission"], line["final"]) == ("ann", [16, 11])
+    assert json.loads((results / line["kept"]).read_text())["score"]["final"] == 16
 
 
 def test_a_single_submission_without_changes_leaves_no_trace(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Judged again to the same, there is nothing to note."""
     status, output, _ = run(capsys, results / "ann")
     assert status == 0
-    assert "→ 17" not in output
+    assert "→ 16" not in output
     assert not (results / AUDIT_FILE).exists()
 
 
@@ -184,7 +184,7 @@ def test_another_file_of_decisions(results: Path, tmp_path: Path, capsys: pytest
     """--overrides names another file."""
     (tmp_path / "mine.yaml").write_text(f"overrides:\n  - {{submission: ann, bonus: 1, {WHY}}}\n")
     run(capsys, results / "ann", "--overrides", tmp_path / "mine.yaml")
-    assert points(results / "ann") == 18
+    assert points(results / "ann") == 17
 
 
 @pytest.mark.parametrize("option", [["--apply"], ["-j", "2"]])

@@ -98,7 +98,7 @@ def test_a_lost_message_makes_none_of_the_others_foreign(tmp_path: Path) -> None
     assert (len(found.own), len(found.others_ns)) == (2, 0)
 
 
-def test_without_anything_told_all_messages_are_seen(tmp_path: Path) -> None:
+def test_without_anything_reported_all_messages_are_seen(tmp_path: Path) -> None:
     """Older recordings are judged as they were."""
     session = Session(tmp_path).messages(TOPIC, OWN, OWN_TIMES_S).messages(TOPIC, [[9.0]], [1.5])
     recorded = session.recorded()
@@ -113,7 +113,7 @@ def test_where_the_student_is_expected_to_publish_nothing_is_left_out(tmp_path: 
     assert values(session.recorded()) == [0.1, 9.0, 0.2, 0.3]
 
 
-def test_a_publisher_of_the_graders_that_told_nothing_keeps_all(tmp_path: Path) -> None:
+def test_a_publisher_of_the_graders_that_reported_nothing_keeps_all(tmp_path: Path) -> None:
     """A reference node that had to be killed reported no digests: its messages must not be lost for that."""
     session = with_own(tmp_path).messages(TOPIC, [[5.0]], [1.5]).endpoint("publisher", TOPIC, "/plateaus")
     session.record.trusted.append(Trusted("plateaus", session.graph.endpoints[-1].gid[:24]))

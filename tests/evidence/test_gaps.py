@@ -50,7 +50,7 @@ def test_a_students_messages_on_the_graders_topic_are_the_students(tmp_path: Pat
     assert gaps(made.recorded()).by_student == (cut(STATES),)
 
 
-def test_where_a_reference_node_told_nothing_nobody_is_blamed(tmp_path: Path) -> None:
+def test_where_a_reference_node_reported_nothing_nobody_is_blamed(tmp_path: Path) -> None:
     """Then nobody knows which messages are the grader's own."""
     made = session(tmp_path, own=1, theirs=1000)
     made.record.trusted.clear()

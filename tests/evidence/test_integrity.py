@@ -1,4 +1,4 @@
-"""The census of the graph: what of the grader's own was tampered with, and what was not."""
+"""Integrity: what of the grader's own was tampered with, and what was not."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def add(made: Session, *endpoints: Endpoint) -> Session:
 
 
 def taken(made: Session) -> tuple[Tampering, ...]:
-    """Give the census of a session."""
+    """Give the tampering in a session."""
     return tampering_in(made.recorded(), NODES)
 
 
@@ -139,7 +139,7 @@ def test_a_silent_publisher_touches_nothing(tmp_path: Path) -> None:
     assert taken(add(session(tmp_path), endpoint("/joint_state_subscriber", STUDENT, STATES, number=9))) == ()
 
 
-def test_a_recording_that_was_told_nothing_holds_nothing(tmp_path: Path) -> None:
+def test_a_recording_that_was_reported_nothing_holds_nothing(tmp_path: Path) -> None:
     """Without what comes through the pipes, as in older recordings, nobody can be told from the grader."""
     for name, keep in (("none", []), ("no arm", [Trusted("director", PROBE)])):
         made = session(tmp_path / name).messages(STATES, [[9.0]], [2.5])
@@ -401,7 +401,7 @@ def test_messages_without_a_publisher_are_not_certain(tmp_path: Path) -> None:
     assert "no publisher" in " ".join(tampering.violation.evidence)
 
 
-def test_messages_that_cannot_be_told_apart_spoil_the_topic(tmp_path: Path) -> None:
+def test_messages_that_cannot_be_distinguished_invalidate_the_topic(tmp_path: Path) -> None:
     """Where the reference node reported no digests, two publishers are known by repeated sequence numbers alone."""
     made = session(tmp_path).messages(STATES, [[9.0]], [1.5])
     made.record.published.clear()
@@ -412,7 +412,7 @@ def test_messages_that_cannot_be_told_apart_spoil_the_topic(tmp_path: Path) -> N
     assert tampering.invalidated == {STATES}
 
 
-def test_a_flood_that_leaves_none_of_the_reference_nodes_messages_spoils_the_topic(tmp_path: Path) -> None:
+def test_a_flood_that_leaves_none_of_the_reference_nodes_messages_invalidates_the_topic(tmp_path: Path) -> None:
     """Where not one message of the arm was recorded, and others were, nothing of the topic can be measured."""
     made = session(tmp_path)
     made.record.published[0].digests = digest(floats([7.0]))
@@ -422,14 +422,14 @@ def test_a_flood_that_leaves_none_of_the_reference_nodes_messages_spoils_the_top
     assert tampering.invalidated == {STATES}
 
 
-def test_one_publisher_that_told_nothing_spoils_nothing(tmp_path: Path) -> None:
+def test_one_publisher_that_reported_nothing_invalidates_nothing(tmp_path: Path) -> None:
     """Sequence numbers of the reference node alone do not repeat, whoever else could have published."""
     made = session(tmp_path)
     made.record.published.clear()
     assert taken(add(made, endpoint("/joint_state_subscriber", STUDENT, STATES, number=9))) == ()
 
 
-def test_a_second_clock_spoils_what_is_paced_by_it(tmp_path: Path) -> None:
+def test_a_second_clock_invalidates_what_is_paced_by_it(tmp_path: Path) -> None:
     """Time itself cannot be told apart afterwards: every topic of the session depends on it."""
     ticks = [struct.pack("<BBHiI", 0, 1, 0, n, 0) for n in range(4)]
     definition = f"builtin_interfaces/Time clock\n{TIME}"

@@ -173,7 +173,7 @@ def test_delay_before_the_first_sample_counts(tmp_path: Path) -> None:
     assert machine_delay_s_of(tmp_path, process, Span(at(0.8), at(2.0))) == pytest.approx(0.2)
 
 
-def test_what_follows_the_last_sample_of_a_process_was_held_up_as_usual(tmp_path: Path) -> None:
+def test_what_follows_the_last_sample_of_a_process_was_delayed_as_usual(tmp_path: Path) -> None:
     """Nobody can ask a process that has ended; its delay is noted then as it was last seen."""
     process = run((0.0, 0, 0), (1.0, 0, 0.4), (1.5, 0.1, 0.4))
     process.exited_ns = at(1.5)

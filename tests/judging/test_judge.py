@@ -184,7 +184,7 @@ def test_a_check_that_breaks_costs_nothing(
 
 
 @pytest.mark.parametrize("field", ["position", "layout", "layout.data_offset", "data.0"])
-@pytest.mark.parametrize("check", ["message_values", "sinusoids", "reported_series", "report_share"])
+@pytest.mark.parametrize("check", ["message_values", "sinusoids", "reported_series"])
 def test_a_field_that_holds_no_numbers_is_a_mistake_of_the_rubric(
     check: str, field: str, solution: Recordings, rubric: Rubric
 ) -> None:
@@ -268,7 +268,7 @@ def test_what_a_program_can_bring_about_is_not_undecided_for_ever(copy: Path, ru
 
 
 @pytest.mark.parametrize("how", [killed, unseen])
-def test_what_may_be_chance_costs_nothing_until_it_is_seen_again(
+def test_what_may_be_flaky_costs_nothing_until_it_is_seen_again(
     copy: Path, rubric: Rubric, how: Callable[[SessionRecord], SessionRecord]
 ) -> None:
     """A program that something else killed, or a node that nobody saw: at first undecided, and then what it is."""
@@ -436,13 +436,13 @@ def test_kept_recordings_tell_nothing_of_the_machine() -> None:
 
 
 def test_what_a_fault_costs_stands_in_the_rubric(tmp_path: Path) -> None:
-    """Another name of the topic costs what the check's parameter says, and three fifths where it says nothing."""
+    """Another name of the topic costs what the check's parameter says."""
     text = (ROOT / "rubric.yaml").read_text(encoding="utf-8")
-    with_ = "with: {artifact: publisher, node: /joint_command_publisher, topic: /joint_commands"
-    assert with_ in text
+    cost = "other_name_costs: 0.8"
+    assert cost in text
     mine = tmp_path / "rubric.yaml"
-    for more, earned in (("", "2.0"), (", other_name_costs: 10%", "4.5")):
-        mine.write_text(text.replace(with_, with_ + more), encoding="utf-8")
+    for other, earned in ((cost, "1.0"), ("other_name_costs: 10%", "4.5")):
+        mine.write_text(text.replace(cost, other), encoding="utf-8")
         rubric = read_rubric(mine)
         recordings = open_recordings(KEPT / "wrong_topic", rubric)
         checks = {check.id: check for c in judge(recordings, rubric).criteria for check in c.checks}

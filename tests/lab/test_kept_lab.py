@@ -208,12 +208,12 @@ def test_a_rubric_that_is_named_brings_its_own_oracles(
     assert kept_files(results / RUBRIC_COPY) == {}
 
 
-def test_an_oracle_that_was_mended_in_the_lab_is_pointed_to(
+def test_an_oracle_that_was_repaired_in_the_lab_is_pointed_to(
     lab: Path, results: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The recording's own judges, and what has changed since is named."""
     path = lab / "reference/oracles.py"
-    path.write_text(path.read_text(encoding="utf-8") + "\n# Mended.\n", encoding="utf-8")
+    path.write_text(path.read_text(encoding="utf-8") + "\n# Corrected.\n", encoding="utf-8")
     status, output, _ = run(capsys, "regrade", results)
     assert status == 0
     assert f"Note: reference/oracles.py in {lab} has changed since it was recorded" in output

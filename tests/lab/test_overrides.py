@@ -134,8 +134,8 @@ def test_the_hash_is_that_of_the_file(tmp_path: Path, rubric: Rubric) -> None:
 # -- mistakes --------------------------------------------------------------------------------------
 
 
-def test_all_mistakes_are_told_at_once_with_their_lines(tmp_path: Path, rubric: Rubric) -> None:
-    """Nothing has to be mended twice."""
+def test_all_mistakes_are_reported_at_once_with_their_lines(tmp_path: Path, rubric: Rubric) -> None:
+    """Nothing has to be fixed twice."""
     text = f"""overrides:
   - submission: alice
     check: publisher.rat
@@ -159,7 +159,8 @@ extra: 1
 MISTAKES = {
     "an unknown check": ("check: publisher.rat, set: 6", "did you mean 'publisher.rate'?"),
     "an unknown criterion": ("criterion: sevrice, set: 6", "did you mean 'service'?"),
-    "more than a check has": ("check: publisher.rate, set: 6.5", "from 0 to 6 points; bonus gives more"),
+    "more than a check has": ("check: publisher.rate, set: 5.5", "from 0 to 5 points; bonus gives more"),
+    "part of another check": ("check: subscriber.reports, set: 1", "it is part of 'subscriber.rms' now"),
     "less than nothing": ("criterion: service, set: -1", "from 0 to 20 points"),
     "two changes": ("check: publisher.rate, set: 1, add: 1", "exactly one of set, add, excused"),
     "no change": ("check: publisher.rate", "exactly one of set, add, excused"),
@@ -231,7 +232,7 @@ def test_a_file_that_is_not_there(tmp_path: Path, rubric: Rubric) -> None:
 # -- what does nothing -----------------------------------------------------------------------------
 
 
-def test_entries_of_strangers_are_named(tmp_path: Path, rubric: Rubric) -> None:
+def test_entries_of_unknown_names_are_named(tmp_path: Path, rubric: Rubric) -> None:
     """A misspelt name of a submission is told, since its entry does nothing."""
     text = f"""overrides:
   - {{submission: [alice, bbo], bonus: 1, {WHY}}}

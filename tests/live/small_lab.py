@@ -140,7 +140,7 @@ def own_temporary_folder(folder: Path) -> Path:
     return mine
 
 
-def leavings(temporary: Path) -> list[str]:
+def remains(temporary: Path) -> list[str]:
     """Return what a grading left in its temporary folder."""
     return [path.name for path in temporary.iterdir()]
 

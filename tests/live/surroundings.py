@@ -2,7 +2,7 @@
 
 A program of its own: `python -I surroundings.py SURROUNDINGS COMMAND...`, where SURROUNDINGS is the `Surroundings` as
 JSON. It starts the command as another user or without the means to make namespaces, becomes the parent of whatever
-outlives it, and writes a `Leavings` as JSON to the file named. Standard library only.
+outlives it, and writes a `Remains` as JSON to the file named. Standard library only.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Surroundings:
     Attributes
     ----------
     told : str
-        File for the `Leavings`.
+        File for the `Remains`.
     place : str
         Folder that only this command uses.
     user, group : int or None
@@ -70,7 +70,7 @@ class Surroundings:
 
 
 @dataclass
-class Leavings:
+class Remains:
     """How a command ended, and what was there then that had not been before.
 
     Attributes
@@ -86,13 +86,13 @@ class Leavings:
     mounts: list[str] = field(default_factory=list)
 
 
-def run(surroundings: Surroundings, command: list[str]) -> Leavings:
+def run(surroundings: Surroundings, command: list[str]) -> Remains:
     """Run the command to its end, and look for what it left."""
     libc = ctypes.CDLL(None, use_errno=True)
     libc.prctl(SET_CHILD_SUBREAPER, 1, 0, 0, 0)
     if os.geteuid() == 0:
         _bring_loopback_up()
-    left = Leavings()
+    left = Remains()
     # Files and not pipes, which whatever outlives the command would hold open.
     with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as errors:
         program = subprocess.Popen(

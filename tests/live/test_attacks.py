@@ -38,7 +38,7 @@ from grader.live.sandbox.isolation import STUDENT_UIDS  # noqa: E402
 from grader.result import result_schema  # noqa: E402
 from grader.submission.extraction import SubmissionSource  # noqa: E402
 from tests.live.attacks import ESCAPED, SOLUTION, Attack, lay_out, read_corpus  # noqa: E402
-from tests.live.surroundings import Leavings, Surroundings  # noqa: E402
+from tests.live.surroundings import Remains, Surroundings  # noqa: E402
 from tests.machine import MACHINE  # noqa: E402
 from tests.report.taken_apart import Page  # noqa: E402
 
@@ -129,7 +129,7 @@ class Graded:
         Files that were left in shared folders.
     """
 
-    leavings: Leavings
+    remains: Remains
     results: dict[str, Path]
     littered: list[str]
     temporary: list[str]
@@ -190,19 +190,19 @@ def run_batch(batch: Batch, folder: Path) -> Graded:
     if batch.environment is Environment.CONTAINER:
         arguments += ["--require-isolation", "reduced"]
     before = entries_of_shared_folders()
-    leavings, user = run_in(batch.environment, folder, [str(GRADE), *arguments], LONGEST_S * len(paths))
+    remains, user = run_in(batch.environment, folder, [str(GRADE), *arguments], LONGEST_S * len(paths))
     # Some of what was handed in is too deep for Python to remove.
     subprocess.run(["rm", "-rf", str(folder / "handed")], check=False)
     names = result_names(batch, source, folder / "results")
     return Graded(
-        leavings,
+        remains,
         {name: folder / "results" / told for name, told in names.items()},
         sorted(str(p) for p in entries_of_shared_folders() - before if is_litter(p, user)),
         sorted(path.name for path in (folder / "tmp").iterdir()),
     )
 
 
-def run_in(environment: Environment, folder: Path, command: list[str], limit_s: float) -> tuple[Leavings, int]:
+def run_in(environment: Environment, folder: Path, command: list[str], limit_s: float) -> tuple[Remains, int]:
     """Run a command in an environment; returns what it left, and the user that it ran as."""
     settings = {"HOME": str(folder / "home"), "TMPDIR": str(folder / "tmp"), "LANG": "C.UTF-8", "COLUMNS": "200"}
     caller = {"PATH": os.environ["PATH"], **settings}
@@ -227,7 +227,7 @@ def run_in(environment: Environment, folder: Path, command: list[str], limit_s: 
             check=True,
             timeout=limit_s + 120,
         )
-    return Leavings(**json.loads((folder / "told.json").read_text(encoding="utf-8"))), user
+    return Remains(**json.loads((folder / "told.json").read_text(encoding="utf-8"))), user
 
 
 @contextmanager
@@ -271,7 +271,7 @@ def graded(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
             told.write_text(json.dumps(plain), encoding="utf-8")
     plain = json.loads(told.read_text(encoding="utf-8"))
     return Graded(
-        Leavings(**plain["leavings"]),
+        Remains(**plain["remains"]),
         {name: Path(path) for name, path in plain["results"].items()},
         plain["littered"],
         plain["temporary"],
@@ -410,10 +410,10 @@ def test_an_attack_gains_nothing_and_breaks_nothing(graded: Graded, attack: Atta
     if expect.nothing_at is not None:
         assert not Path(expect.nothing_at).exists()
     refused = not (folder / "result.json").exists()
-    assert refused == expect.refused or "refused" in expect.either, graded.leavings.output
+    assert refused == expect.refused or "refused" in expect.either, graded.remains.output
     if refused:
-        assert graded.leavings.exit_status == REFUSED, graded.leavings.errors
-        assert f"{attack.name}: not graded: " in graded.leavings.output
+        assert graded.remains.exit_status == REFUSED, graded.remains.errors
+        assert f"{attack.name}: not graded: " in graded.remains.output
         assert not (folder / "report.html").exists()
         return
     result = graded.result_of(attack.name)
@@ -432,7 +432,7 @@ def test_attacks_leave_the_machine_and_their_neighbour_as_they_were(
 ) -> None:
     """The grader ends by itself, the honest submission gets all points, and no process, mount or file is left."""
     batch: Batch = request.node.callspec.params["graded"]
-    left = graded.leavings
+    left = graded.remains
     refused = any(not (folder / "result.json").exists() for folder in graded.results.values())
     assert left.exit_status == (REFUSED if refused else 0), left.errors
     assert "Traceback" not in left.output + left.errors

@@ -123,7 +123,7 @@ def test_one_session_can_be_chosen(tmp_path: Path) -> None:
     assert not (tmp_path / "results").exists()
 
 
-def test_a_mistake_on_the_command_line_is_told(tmp_path: Path) -> None:
+def test_a_mistake_on_the_command_line_is_reported(tmp_path: Path) -> None:
     """A wrong path or session ends with the status of its kind, with a remedy and without a traceback."""
     for arguments, status in (((tmp_path / "nobody",), 3), ((ALICE, "--sessions", "nonsense"), 2)):
         run = grade(*arguments, cwd=tmp_path)

@@ -96,7 +96,7 @@ rclpy.spin(node)
 @pytest.fixture(scope="module")
 def sessions(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Recorded]:
     """Record all sessions, side by side."""
-    folder = tmp_path_factory.mktemp("census")
+    folder = tmp_path_factory.mktemp("integrity")
     sources = {
         "twin": TOUCHER.replace("TWIN", "'beacon'").replace("SPACE", "None"),
         "probe": TOUCHER.replace("TWIN", "'probe'").replace("SPACE", "'/_grader'"),

@@ -158,7 +158,7 @@ def test_messages_are_in_order_of_reception(tmp_path: Path) -> None:
     assert Bag.open(tmp_path).stream("/a").field("data") == ["1", "2", "3"]
 
 
-def test_every_cut_of_the_file_can_be_read_and_mended(tmp_path: Path) -> None:
+def test_every_cut_of_the_file_can_be_read_and_repaired(tmp_path: Path) -> None:
     """Wherever the file was cut, the messages before the cut come back, and never fewer for a later cut."""
     source = tmp_path / "source"
     write_floats(source)

@@ -69,7 +69,7 @@ def test_a_class_is_summed_up_by_check() -> None:
     assert "Points or outcomes change for 2 of 4 submissions, 1 only in words; 2 keep theirs." in text
 
 
-def test_another_total_is_told() -> None:
+def test_another_total_is_reported() -> None:
     """Where a rubric has fewer points in all, that is said once for all whom it concerns; renamed checks have ids."""
     checks = [Change("check", f"p.{n}", "Rate", None, Decimal(6), None, Outcome.PASSED) for n in "ab"]
     criterion = Change("criterion", "p", "Publisher", Decimal(20), Decimal(20))
@@ -97,7 +97,7 @@ def test_a_first_result_has_nothing_before_it() -> None:
     assert "ann none → 90 +90" in printed(change("ann", None, "90"))
 
 
-def test_outcomes_adjustments_and_undecided_points_are_told() -> None:
+def test_outcomes_adjustments_and_undecided_points_are_reported() -> None:
     """What is not a matter of a check's points has its line too."""
     adjusted = Change("adjustment", "score", "bonus", Decimal(0), Decimal(3))
     check = Change("check", "p.rate", "Rate", None, Decimal(0), None, Outcome.NOT_REACHED)
@@ -144,7 +144,7 @@ def test_a_row_for_each_part() -> None:
     assert found[4]["title"] == "late"
 
 
-def test_a_first_result_has_an_empty_cell() -> None:
+def test_a_first_result_has_an_empty_sandbox() -> None:
     """What was not there is empty, which is not 0."""
     assert [row["points before"] for row in rows(change("ann", None, "90"))] == [""]
 

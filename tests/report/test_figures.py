@@ -331,7 +331,7 @@ def test_what_all_processes_find_in_their_environment_stands_once(tmp_path: Path
         ({"on_shutdown": True}, "starts at the shutdown"),
     ],
 )
-def test_what_a_process_waits_for_is_told_in_words(tmp_path: Path, when: dict[str, Any], words: str) -> None:
+def test_what_a_process_waits_for_is_reported_in_words(tmp_path: Path, when: dict[str, Any], words: str) -> None:
     """Starts, ends and times of other processes are put into words."""
     assert planned(tmp_path, {"when": when})["processes"][0]["conditions"] == [words]
 

@@ -100,7 +100,7 @@ def test_the_contract() -> None:
     ]
 
 
-def test_a_violation_is_told_with_its_evidence() -> None:
+def test_a_violation_is_reported_with_its_evidence() -> None:
     """Its kind, where it was seen, what shows it, and what fails because of it."""
     violation = Violation(
         ViolationKind.SPOOFS_CLOCK, "s", "A second clock.", ("9 messages",), Location(session="s"), True, ("a.rate",)

@@ -37,7 +37,7 @@ def test_a_line_is_shown_as_it_is_and_does_nothing(before: str, text: str) -> No
 
 @given(hostile, hostile)
 @example("a|b", "\\|`")
-def test_a_cell_of_a_table_is_shown_as_it_is(first: str, second: str) -> None:
+def test_a_sandbox_of_a_table_is_shown_as_it_is(first: str, second: str) -> None:
     """The text neither leaves its cell nor adds a row, and only text and code are in it."""
     page = Page(f"| h | i |\n|---|---|\n| {markdown_text(first)} | {markdown_text(second)} |\n")
     assert [tag for tag, _ in page.elements if tag in ("tr", "td", "th")] == ["tr", "th", "th", "tr", "td", "td"]

@@ -172,7 +172,7 @@ def test_a_score_of_some_sessions_says_so() -> None:
     assert "only of the session" not in text_of(page_of())
 
 
-def test_the_time_of_a_call_is_told_in_milliseconds() -> None:
+def test_the_time_of_a_call_is_reported_in_milliseconds() -> None:
     """A span of less than a second is told to the millisecond, so that two calls are told apart."""
     places = [location_of(Location(session="alone", start_s=s, end_s=s + 0.002), {}, {}).text for s in (0.671, 0.674)]
     assert places == ["recording 'alone', 0.671–0.673 s", "recording 'alone', 0.674–0.676 s"]
@@ -319,7 +319,7 @@ def test_a_progress_bar_reads_as_its_last_state() -> None:
     assert "1.000 err done 1.001 err whole 1.002 err b" in words
 
 
-def test_process_ends_are_told() -> None:
+def test_process_ends_are_reported() -> None:
     """How a process ended is said in words, signals by their name."""
     record = session()
     record.processes[0].exit_status, record.processes[0].ended_by = -11, "itself"
@@ -328,7 +328,7 @@ def test_process_ends_are_told() -> None:
     assert "did not end on Ctrl-C or SIGTERM; killed" in text_of(page_of(sessions={"alone": record}))
 
 
-def test_a_second_start_is_told_from_the_first() -> None:
+def test_a_second_start_is_separated_from_the_first() -> None:
     """Two processes of one name have outputs of their own, and findings lead to the later one."""
     record = session()
     record.processes.append(dataclasses.replace(record.processes[0]))

@@ -96,7 +96,7 @@ def test_a_tar_that_lacks_its_last_blocks() -> None:
     assert contents(tar_of([("a.py", b"x" * 512)])[: 2 * 512]) == {"a.py": b"x" * 512}
 
 
-def test_what_is_no_file_is_told() -> None:
+def test_what_is_no_file_is_reported() -> None:
     """Links, devices and pipes are named as what they are, in both kinds of archive."""
     kinds = {
         tarfile.SYMTYPE: Kind.LINK,
@@ -121,7 +121,7 @@ def test_what_is_no_file_is_told() -> None:
     assert contents(packed) == {"link": Kind.LINK.value, "pipe": Kind.SPECIAL.value, "folder/": Kind.FOLDER.value}
 
 
-def test_sparse_files_are_told_and_what_follows_is_read() -> None:
+def test_sparse_files_are_reported_and_what_follows_is_read() -> None:
     """A file of which a tar holds pieces only is left alone, in both ways of writing it."""
     old = bytearray(tar_header("bag.mcap", 512))
     old[156:157] = tarfile.GNUTYPE_SPARSE
@@ -234,7 +234,7 @@ WHOLE = [zip_of(FILES), *(pack(tar_of([*FILES, (LONG, b"1")])) for pack in PACKE
 
 @settings(suppress_health_check=[HealthCheck.too_slow], deadline=None, max_examples=300)
 @given(st.sampled_from(WHOLE), st.lists(st.tuples(st.floats(0, 1), st.binary(min_size=1, max_size=8)), max_size=6))
-def test_any_damage_is_told(whole: bytes, changes: list[tuple[float, bytes]]) -> None:
+def test_any_damage_is_reported(whole: bytes, changes: list[tuple[float, bytes]]) -> None:
     """Whatever bytes are changed in an archive, reading it ends, and only with what its reader expects."""
     packed = bytearray(whole)
     for place, change in changes:
@@ -245,7 +245,7 @@ def test_any_damage_is_told(whole: bytes, changes: list[tuple[float, bytes]]) ->
 
 @settings(deadline=None)
 @given(st.sampled_from([b"PK\x03\x04", b"PK\x05\x06", b"\x1f\x8b\x08\x00", b"BZh9", b"\xfd7zXZ\x00"]), st.binary())
-def test_any_bytes_are_told(magic: bytes, rest: bytes) -> None:
+def test_any_bytes_are_reported(magic: bytes, rest: bytes) -> None:
     """What only begins as an archive is read no further than it goes."""
     read_all(magic + rest)
 

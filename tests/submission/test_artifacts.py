@@ -71,7 +71,7 @@ def test_nested_files_are_found(folder: Path, rubric: Rubric, tmp_path: Path) ->
 @pytest.mark.parametrize(
     "name", ["joint_pub.py", "JointPublisher.py", "joint-publisher.py", "joint_publisher (1).py", "joint_publisher"]
 )
-def test_a_similar_name_is_taken_and_told(folder: Path, rubric: Rubric, name: str) -> None:
+def test_a_similar_name_is_taken_and_reported(folder: Path, rubric: Rubric, name: str) -> None:
     """A near miss of a file's name, or none of its suffix, is taken for the file."""
     (folder / "joint_publisher.py").rename(folder / name)
     fact = next(a for a in read_submission_folder(folder, rubric).artifacts if a.name == "publisher")

@@ -176,7 +176,7 @@ def test_this_projects_own_folders(rubric: Rubric) -> None:
     assert fixtures <= set(found_in(ROOT / "fixtures", rubric))
 
 
-def test_what_is_not_understood_is_told(rubric: Rubric, tmp_path: Path) -> None:
+def test_what_is_not_understood_is_reported(rubric: Rubric, tmp_path: Path) -> None:
     """A file among students' folders belongs to nobody, and is named."""
     group = lay_out(tmp_path / "group", ["stray.py", "\x1b[2J.py", *in_folders({"alice": FIVE, "bob": FIVE})])
     found = find_submissions([group], rubric)
@@ -416,7 +416,7 @@ def test_gradescopes_export(form: str, rubric: Rubric, tmp_path: Path) -> None:
     assert found.not_understood == ()
 
 
-def test_a_download_of_one_is_told_beside_tables(rubric: Rubric, tmp_path: Path) -> None:
+def test_a_download_of_one_is_reported_beside_tables(rubric: Rubric, tmp_path: Path) -> None:
     """Where only one has handed in so far, the system's tables of grades do not outnumber the student."""
     names = [f"Ann Lee_11_assignsubmission_file_/{FIVE[0]}", "Grades-Lab 9.csv", "worksheet.xlsx"]
     found = find_submissions([lay_out(tmp_path / "export", names)], rubric)
@@ -581,7 +581,7 @@ def test_a_list_with_a_line_for_each_hand_in(rubric: Rubric, tmp_path: Path) -> 
 # -- names and the class list ----------------------------------------------------------------------------
 
 
-def test_equal_names_are_told_apart_for_good(rubric: Rubric, tmp_path: Path) -> None:
+def test_equal_names_are_distinguished_for_good(rubric: Rubric, tmp_path: Path) -> None:
     """Two submissions of one name get marks that do not depend on how or with whom they are given."""
     paths = [lay_out(tmp_path / folder / "alice", FIVE) for folder in "ab"]
     found = find_submissions(paths, rubric)
@@ -653,6 +653,7 @@ def test_a_class_list_knows_more(rubric: Rubric, tmp_path: Path) -> None:
         ("", 0),
         ("surname,time\n", 1),
         ("name,submitted_at\nann,2026-03-02\nbob,yesterday\n", 3),
+        ("name,submitted_at\nann,9999-12-31T23:59:59-14:00\n", 2),
         ("name,student_id\nann,1\n,,\n\n  ,\nbob\n,\n,x\ny\n", None),
         ("name\tstudent_id\tsubmitted_at\nann, b; c\t1\t2026-03-02\n", None),
         ('name\n"ann\n', None),

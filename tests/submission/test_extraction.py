@@ -264,7 +264,7 @@ def test_names_that_lead_outside_are_left_out(tmp_path: Path) -> None:
         assert not Path("/tmp/abs.py").exists()
 
 
-def test_hostile_names_are_cleaned_and_told(tmp_path: Path) -> None:
+def test_hostile_names_are_cleaned_and_reported(tmp_path: Path) -> None:
     """A name with characters that steer a screen is kept without them; folders written the Windows way are folders."""
     names = ["src\\p\\node.py", "gpj.\u202eyp.exe.md", "a\x1b[2Jb.py", "dots. ."]
     (tmp_path / "ann").write_bytes(zip_of([(name, PROGRAM) for name in names]))
@@ -484,7 +484,7 @@ def test_archives_that_cannot_be_read(tmp_path: Path, content: bytes, problem: s
     assert problem in refused(tmp_path / "outer.zip").problem
 
 
-def test_a_password_is_told(tmp_path: Path) -> None:
+def test_a_password_is_reported(tmp_path: Path) -> None:
     """A protected zip is refused, with what to do about it."""
     packed = bytearray(zip_of([("a.py", PROGRAM)]))
     for at in (6, packed.index(b"PK\x01\x02") + 8):

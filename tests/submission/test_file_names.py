@@ -121,12 +121,12 @@ def test_a_changed_name_is_noticed(name: str, changed: bool) -> None:
         ("src/build", None),
     ],
 )
-def test_folders_of_tools_are_told(path: str, folder: str | None) -> None:
+def test_folders_of_tools_are_reported(path: str, folder: str | None) -> None:
     """The outermost folder that a tool has made is named; a file of such a name is a file."""
     assert tool_folder(tuple(path.split("/"))) == folder
 
 
-def test_litter_and_compiled_code_are_told_by_name() -> None:
+def test_litter_and_compiled_code_are_reported_by_name() -> None:
     """What file managers leave and what compilers make is known, and nothing else."""
     assert all(map(is_litter, (".DS_Store", "Thumbs.db", "._joint_publisher.py", "desktop.ini")))
     assert not any(map(is_litter, ("joint_publisher.py", ".gitignore", "icon.png")))

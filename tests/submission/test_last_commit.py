@@ -75,7 +75,7 @@ def test_every_commit_of_a_packed_repository(tmp_path: Path, init: tuple[str, ..
         assert last_commit_time(folder) == told_by_git(folder)
 
 
-def test_commits_told_by_the_names_of_others(tmp_path: Path) -> None:
+def test_commits_reported_by_the_names_of_others(tmp_path: Path) -> None:
     """The other way of storing differences is read as well."""
     folder = repository(tmp_path / "ann", 6)
     git(folder, "-c", "repack.useDeltaBaseOffset=false", "repack", "-adfq", "--window=50", "--depth=50")

@@ -127,11 +127,12 @@ def find_executable(executable: str, package: str, root: str) -> str:
         return str(path)
     remedy = "Write the name of an entry point of setup.py ('name = package.module:main'), and build again."
     there = sorted(p.name for p in folder.iterdir() if p.is_file() and os.access(p, os.X_OK)) if folder.exists() else []
-    listed = ", ".join(there) or "nothing"
+    # Bare files are installed under their names without the ending too; one of both says enough.
+    listed = ", ".join(name for name in there if not name.endswith(".py") or name[:-3] not in there) or "nothing"
     entry = missing_entry_point(executable, root)
     close = difflib.get_close_matches(executable.removesuffix(".py"), there, n=1)
     meant = f"; did you mean '{close[0]}'?" if close else "."
-    message = f"executable '{executable}' not found in package '{package}'{meant} The package has: {listed}"
+    message = f"executable '{executable}' not found in package '{package}'{meant} The package installs: {listed}"
     if not folder.exists():
         message = f"package '{package}' has no executables at all: its folder lib/{package} does not exist"
     elif path.is_file():
@@ -139,7 +140,7 @@ def find_executable(executable: str, package: str, root: str) -> str:
         remedy = "Make it executable: chmod +x."
     elif entry is not None:
         message = f"executable '{executable}' not found in package '{package}': its file {entry[0]} is there, "
-        message += f"but {entry[1]} does not install it ({entry[2]} is missing). The package has: {listed}"
+        message += f"but {entry[1]} does not install it ({entry[2]} is missing). The package installs: {listed}"
         where = "console_scripts in setup.py" if entry[1] == "setup.py" else entry[1]
         remedy = f"Add to {where}: {entry[2]}, and build again."
     failure = getattr(import_module("launch.substitutions"), "SubstitutionFailure", RuntimeError)

@@ -16,6 +16,8 @@ _TICK_NS = 1_000_000_000 // os.sysconf("SC_CLK_TCK")
 _NOTABLE_PAGES = 16 * 1024
 _TABLES = ("udp", "udp6", "tcp", "tcp6")
 _READ_BYTES = 64 * 1024
+#: What is repeated waits so long at most for a machine on which processes wait for a core in less than this share.
+_MOST_WAIT_S, _CALM_SHARE = 10.0, 0.2
 #: Readings of both clocks that are tried, and how far apart they may be at best.
 _READINGS, _AT_ONCE_NS = 5, 50_000
 
@@ -24,10 +26,26 @@ def sample_machine() -> MachineSample:
     """Read the machine's clock, and what it says of time taken and time waited."""
     now_ns, offset_ns = read_clocks()
     idle_ns = {core: times[3] + times[4] for core, times in _times_of_cores().items()}
-    waiting_us = None
+    return MachineSample(now_ns, offset_ns, stolen_ns(), waited_us(), idle_ns)
+
+
+def waited_us() -> int | None:
+    """Return the time since boot in which some process waited for a core, where the system tells (PSI)."""
     with suppress(OSError, ValueError, IndexError):
-        waiting_us = int(Path("/proc/pressure/cpu").read_text().split("total=", 1)[1].split()[0])
-    return MachineSample(now_ns, offset_ns, stolen_ns(), waiting_us, idle_ns)
+        return int(Path("/proc/pressure/cpu").read_text().split("total=", 1)[1].split()[0])
+    return None
+
+
+def wait_for_calm(
+    most_s: float = _MOST_WAIT_S, period_s: float = 1.0, waited: Callable[[], int | None] = waited_us
+) -> bool:
+    """Wait until processes of this machine wait for its cores in little of a period; False if that lasts too long."""
+    end_s = time.monotonic() + most_s
+    while (before_us := waited()) is not None and time.monotonic() < end_s:
+        time.sleep(period_s)
+        if (waited() or 0) - before_us < _CALM_SHARE * period_s * 1e6:
+            return True
+    return before_us is None
 
 
 def read_clocks(

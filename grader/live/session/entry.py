@@ -24,9 +24,10 @@ def function_to_call(text: str, entry_points: Sequence[str] = ()) -> str | None:
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         return None
     defined = [n for n in tree.body if isinstance(n, (*_FUNCTIONS, ast.ClassDef))]
-    functions = {n.name for n in defined if isinstance(n, _FUNCTIONS)}
-    meant = next((name for name in (*entry_points, "main") if name in functions), None)
-    statements = [n for n in tree.body if n not in defined]
+    holding = {name: n for n in tree.body for name in _names_given_by(n)}
+    usual = [] if isinstance(holding.get("main"), (ast.Import, ast.ImportFrom, ast.ClassDef)) else ["main"]
+    meant = next((name for name in (*entry_points, *usual) if name.partition(".")[0] in holding), None)
+    statements = [n for n in tree.body if n not in defined and n is not holding.get(meant or "")]
     guards = (n for statement in statements if isinstance(statement, ast.If) for n in ast.walk(statement.test))
     if meant is None or any(isinstance(n, ast.Name) and n.id == "__name__" for n in guards):
         return None  # Under `if __name__ == ...` a file says itself how it is run.
@@ -41,6 +42,15 @@ def function_to_call(text: str, entry_points: Sequence[str] = ()) -> str | None:
             waiting += callers.get(name, ())
     called = {name for n in statements for name in _called(_outside_of_functions(n))}
     return meant if starting.isdisjoint(called) else None
+
+
+def _names_given_by(node: ast.stmt) -> list[str]:
+    """Return the names that a statement of a module defines: a function may be made in other ways than by `def`."""
+    if isinstance(node, (*_FUNCTIONS, ast.ClassDef)):
+        return [node.name]
+    if isinstance(node, (ast.Import, ast.ImportFrom)):
+        return [alias.asname or alias.name for alias in node.names]
+    return [target.id for target in getattr(node, "targets", ()) if isinstance(target, ast.Name)]
 
 
 def _called(nodes: Iterator[ast.AST]) -> set[str]:

@@ -1,8 +1,8 @@
 """Launch files in a session: evaluated in confinement, then really run.
 
 The stand-ins for `launch` and `launch_ros` make a *plan* of what `ros2 launch` would start; its processes
-are then started like any other of the student's. A mistake that is charged by one check must not hide all
-else, so a misnamed executable or package and an argument that is not declared are worked around after they were
+are then started like any other of the student's. One mistake must not hide all else, so a misnamed executable or
+package, an argument that is not declared and a keyword of another ROS are repaired on a copy after they were
 noted, and the evaluation goes on.
 """
 
@@ -31,10 +31,10 @@ from grader.submission.beneath import is_regular_beneath
 #: How an evaluation writes one of the plan's own files.
 _OWN_FILE = re.compile(re.escape(PARAMETERS_PLACEHOLDER) + r"/([\w-]+(?:\.\w+)?)")
 _MAX_PLAN_BYTES = 4 * 1024 * 1024
-_MOST_WORKAROUNDS = 6
+_MAX_REPAIRS = 6
 #: Where a prefix lists its packages.
 _INDEX = "share/ament_index/resource_index/packages"
-#: What a second evaluation gets in any case: the mistake that the first one found is worked around to see the rest.
+#: What a second evaluation gets in any case: the mistake that the first one found is repaired to see the rest.
 _LEAST_EVALUATION_S = 1.0
 _MAX_MEMORY_BYTES = 2 * 1024 * 1024 * 1024
 #: A process that is to be started again and again is so at most this often.
@@ -65,7 +65,7 @@ class LaunchRunner:
     # -- evaluation ---------------------------------------------------------------------------
 
     async def plan(self, parameters: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
-        """Evaluate the launch file; returns (outcome, {"plan": ..., "mended": [problem, ...]})."""
+        """Evaluate the launch file; returns (outcome, {"plan": ..., "mended": [problem and its repair, ...]})."""
         source = self._sandbox.plan.sources.get(parameters["launch"])
         if source is None:
             return "failed", {"problem": "missing artifact", "artifact": parameters["launch"]}
@@ -77,41 +77,87 @@ class LaunchRunner:
             left_s = max(_LEAST_EVALUATION_S, round(end_s - time.monotonic(), 1))
             outcome, plan = await self._evaluate(source, arguments, left_s, parameters["timeout_s"])
             problem = plan.problem
-            if (
-                problem is None
-                or len(worked_around) >= _MOST_WORKAROUNDS
-                or not self._work_around(problem, parameters["assume"], arguments)
-            ):
+            if problem is None or len(worked_around) >= _MAX_REPAIRS:
                 break
-            worked_around.append({key: getattr(problem, key) for key in ("kind", "message", "file", "line", "remedy")})
+            repair = self._repair(problem, {**plan.configurations, **parameters["assume"]}, arguments)
+            if not repair:
+                break
+            noted = {key: getattr(problem, key) for key in ("kind", "message", "file", "line", "remedy")}
+            worked_around.append({**noted, "repair": repair})
         return outcome, {"plan": plan.to_plain(), "mended": worked_around}
 
-    def _work_around(self, problem: Problem, assume: Mapping[str, str], arguments: dict[str, str]) -> bool:
-        """Make good a problem that a check of its own charges; False if that cannot be done."""
+    def _repair(self, problem: Problem, known: Mapping[str, str], arguments: dict[str, str]) -> str:
+        """Repair a known mistake on a copy, or give the argument that lacks; returns what was done, if anything was."""
         wanted, *more = [*re.findall(r"'([^']+)'", problem.message), ""]
-        if self._sandbox.students():
-            return False  # What stands in the workspace is the student's to change by now.
+        # What stands in the workspace is the student's to change once something of theirs runs.
+        if self._sandbox.students() or not _NAME.fullmatch(wanted):
+            return ""
         # Reading a launch file runs it, and without namespaces the workspace was open to it.
         self._sandbox.end_orphans()
-        if problem.kind == "undefined_configuration" and wanted in assume and wanted not in arguments:
-            arguments[wanted] = assume[wanted]
-            return True
-        if not re.fullmatch(r"[\w.+-]{0,199}\w", wanted):
-            return False
+        if problem.kind in ("undefined_configuration", "required_argument"):
+            meant = max(known, key=lambda name: likeness(wanted, name), default=wanted)
+            value = arguments.get(meant, known[meant]) if meant in known and _alike(wanted, meant) else ""
+            done = "" if wanted in arguments else f"'{wanted}' was given as '{value}'"
+            arguments.setdefault(wanted, value)
+            return done
+        if "/" in wanted and not problem.kind.endswith("_not_found"):
+            return ""
+        by_kind = {
+            "unknown_executable": lambda: self._put_executable(wanted, more[0]) if _LACKS in problem.message else "",
+            "unknown_package": lambda: self._put_package(wanted),
+            "unknown_keyword": lambda: self._rename_keyword(wanted, problem),
+            "include_not_found": lambda: self._install_file(wanted, problem),
+            "file_not_found": lambda: self._install_file(wanted, problem),
+        }
+        done = by_kind.get(problem.kind, str)()
+        if done:
+            self._sandbox.copy_workspace(self._own_copy(), self._sandbox.workspace)
+        return done
+
+    def _put_executable(self, wanted: str, package: str) -> str:
+        folder = self._own_copy() / "install/lib" / (package if re.fullmatch(r"[A-Za-z]\w{0,200}", package) else "\n")
+        target = folder / wanted
+        if not folder.is_dir() or target.exists():
+            return ""
+        meant = self._executable_meant(wanted, folder)
+        if meant is not None:
+            shutil.copy(meant, target)
+            return f"'{wanted}' was taken for '{meant.name}'"
+        target.write_text("#!/bin/sh\nexit 1\n", encoding="utf-8")
+        target.chmod(0o755)
+        return f"'{wanted}' was left out"
+
+    def _put_package(self, wanted: str) -> str:
         install = self._own_copy() / "install"
-        copies: dict[Path, Path] = {}
-        if problem.kind == "unknown_executable" and "found in package" in problem.message:
-            folder = install / "lib" / (more[0] if re.fullmatch(r"[A-Za-z]\w{0,200}", more[0]) else "\n")
-            meant = self._executable_meant(wanted, folder) if folder.is_dir() else None
-            copies = {meant: folder / wanted} if meant is not None else {}
-        elif problem.kind == "unknown_package" and len(there := list((install / _INDEX).iterdir())) == 1:
-            copies = {install / part / there[0].name: install / part / wanted for part in (_INDEX, "lib", "share")}
-        if not copies or any(target.exists() for target in copies.values()):
-            return False
-        for source, target in copies.items():
-            (shutil.copytree if source.is_dir() else shutil.copy)(source, target)
-        self._sandbox.copy_workspace(self._own_copy(), self._sandbox.workspace)
-        return True
+        there = [path.name for path in (install / _INDEX).iterdir()]
+        if len(there) != 1 or (install / "share" / wanted).exists():
+            return ""
+        for part in (_INDEX, "lib", "share"):
+            source = install / part / there[0]
+            (shutil.copytree if source.is_dir() else shutil.copy)(source, install / part / wanted)
+        return f"'{wanted}' was taken for '{there[0]}'"
+
+    def _install_file(self, wanted: str, problem: Problem) -> str:
+        """Put a file of the package into the share folder where the launch file looks for it."""
+        folder = re.search(r"data_files: \('(share(?:/\w[\w.+-]*)+)', ", problem.remedy)
+        source = self._own_copy() / "src" / wanted
+        if folder is None or not is_regular_beneath(self._own_copy() / "src", PurePosixPath(wanted)):
+            return ""
+        target = self._own_copy() / "install" / folder[1] / source.name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(source, target)
+        return f"'{wanted}' was installed in {folder[1]}"
+
+    def _rename_keyword(self, wanted: str, problem: Problem) -> str:
+        """Write the keyword that the remedy names in its place, in the launch files of that name."""
+        meant = re.search(r"'(\w+)=?'", problem.remedy)
+        files = [path for path in self._own_copy().rglob(PurePosixPath(problem.file or "\n").name) if path.is_file()]
+        if meant is None or not files:
+            return ""
+        keyword = re.compile(rb"\b" + wanted.encode() + rb"(?=\s*=[^=])")
+        for path in files:
+            path.write_bytes(keyword.sub(meant[1].encode(), path.read_bytes()))
+        return f"'{wanted}=' was read as '{meant[1]}='"
 
     def _own_copy(self) -> Path:
         """Return a copy of the staged submission to which the student's processes have no access."""
@@ -127,7 +173,7 @@ class LaunchRunner:
             if Path(source).stem == wanted.removesuffix(".py") and artifact in plan.executables:
                 return plan.staged / plan.executables[artifact]
         there = sorted((p for p in folder.iterdir() if p.suffix != ".py"), key=lambda p: (-likeness(wanted, p.name), p))
-        return there[0] if there and likeness(wanted, there[0].name) >= LEAST_RATIO else None
+        return there[0] if there and _alike(wanted, there[0].name) else None
 
     async def _evaluate(
         self, source: str, arguments: dict[str, str], left_s: float, timeout_s: float
@@ -269,6 +315,16 @@ class LaunchRunner:
         await asyncio.sleep(float(when.get("after_s", 0.0)))
         if not self._ending:
             await self._start(process)
+
+
+#: A name of something that is missing, or a path below the submission.
+_NAME = re.compile(r"(?:\w[\w.+-]{0,99}/){0,9}[\w.+-]{0,199}\w")
+#: What is said of an executable that its package has not.
+_LACKS = "found in package"
+
+
+def _alike(wanted: str, name: str) -> bool:
+    return likeness(wanted, name) >= LEAST_RATIO
 
 
 def with_places(text: str, names: Container[str], folder: str) -> str:

@@ -53,7 +53,12 @@ _MOST_FOLDERS = 100
 _MOST_INSTALLED_BYTES, _MOST_INSTALLED = 64 * 1024 * 1024, 8_000
 
 _RUN_FILE = 'runpy.run_path(source, run_name="__main__")'
-_RUN_FILE_FUNCTION = 'sys.exit(runpy.run_path(source, run_name="student_module")[{function!r}]())'
+_RUN_FILE_FUNCTION = """\
+import operator
+import types
+
+module = types.SimpleNamespace(**runpy.run_path(source, run_name="student_module"))
+sys.exit(operator.attrgetter({function!r})(module)())"""
 _RUN_MODULE = 'runpy.run_module({module!r}, run_name="__main__", alter_sys=True)'
 _RUN_ENTRY = "from {module} import {attribute}\n\nsys.exit({function}())"
 
@@ -206,7 +211,7 @@ class _Installation:
         elif function is None:
             run = _RUN_MODULE.format(module=module)
         else:
-            run = _RUN_ENTRY.format(module=module, attribute=function, function=function)
+            run = _RUN_ENTRY.format(module=module, attribute=function.split(".")[0], function=function)
         return self._wrapper(path, root, str(file.relative_to(root)), run)
 
     def _entry_points_of(self, path: PurePosixPath, executable: str | None) -> list[str]:

@@ -52,7 +52,7 @@ def _parts(graded: Graded) -> Iterable[str]:
         yield "## What cost points\n"
         yield from (_lost(check) for check in lossy)
     missed = [_because(c, f"−{points(c.lost)} points") for c in graded.lossy if c not in lossy]
-    yield from _listed("Not looked at, because of the above", missed)
+    yield from _listed("Not tested, because of the above", missed)
     undecided = [_because(c, f"{points(c.undecided)} points") for c in graded.checks if c.open]
     yield from _listed("Undecided, not earned", undecided)
     yield from _listed("Costs nothing, but worth knowing", map(markdown_text, graded.advisories[:MOST_REMARKS]))

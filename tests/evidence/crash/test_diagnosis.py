@@ -398,7 +398,7 @@ def test_a_dead_context_is_a_mistake_only_before_the_interrupt() -> None:
     assert diagnosis.kind == "context-shut-down"
 
 
-def test_the_first_cause_of_a_chain_is_told() -> None:
+def test_the_first_cause_of_a_chain_is_reported() -> None:
     """What fails in `finally` after an exception is not what went wrong."""
     first = "\n".join(line.text for line in raised("KeyError: 'reliable'"))
     diagnosis = explain(lines(first + DURING + SECOND_SHUTDOWN), FILES)
@@ -406,7 +406,7 @@ def test_the_first_cause_of_a_chain_is_told() -> None:
     assert diagnosis.kind == "key"
 
 
-def test_the_last_exception_is_told() -> None:
+def test_the_last_exception_is_reported() -> None:
     """Of several exceptions, the one that ended the process is explained."""
     last = raised("ZeroDivisionError: division by zero")
     both = [*raised("KeyError: 'a'"), OutputLine(0, "stderr", ""), *last]
@@ -415,7 +415,7 @@ def test_the_last_exception_is_told() -> None:
     assert diagnosis.kind == "division"
 
 
-def test_an_exception_before_a_clean_stop_is_still_told() -> None:
+def test_an_exception_before_a_clean_stop_is_still_reported() -> None:
     """A callback that died in a thread is trouble even where the node was stopped later."""
     first = "\n".join(line.text for line in raised("KeyError: 'a'"))
     diagnosis = explain(lines(first + "\n\n" + STOPPED), FILES)

@@ -85,7 +85,7 @@ def test_commented_out_code_is_code(lines: list[str]) -> None:
     assert kinds(*lines) == ["commented-out code"]
 
 
-def test_code_between_prose_is_told_apart() -> None:
+def test_code_between_prose_is_distinguished() -> None:
     """In one block, the lines of prose explain and the lines of code do not."""
     block = [
         "This is the old timer:",

@@ -361,7 +361,7 @@ def test_all_readers_agree(recorded: Recorded) -> None:
 
 
 def test_a_killed_recorder_leaves_its_evidence(tmp_path: Path) -> None:
-    """After SIGKILL all but the last second can be read, and mended into a bag that others read."""
+    """After SIGKILL all but the last second can be read, and repaired into a bag that others read."""
     folder = tmp_path / "bag"
     entry = {"topic": "/commands", "kind": "floats", "rate_hz": 500, "count": 5000}
     programs = [publishers("talker", tmp_path / "log.json", entry)]
@@ -377,7 +377,7 @@ def test_a_killed_recorder_leaves_its_evidence(tmp_path: Path) -> None:
         assert len(list(reader.messages(wanted))) == len(stream)
 
 
-def test_limits_and_unknown_types_are_told(tmp_path: Path) -> None:
+def test_limits_and_unknown_types_are_reported(tmp_path: Path) -> None:
     """A flood is cut without cost to other topics, and what cannot be recorded is told; neither is the recorder's."""
     flood = {"topic": "/flood", "kind": "floats", "rate_hz": 500, "count": 500, "values": 1000}
     calm = {"topic": "/calm", "kind": "floats", "rate_hz": 100, "count": 100, "values": 0}

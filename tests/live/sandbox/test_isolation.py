@@ -406,7 +406,7 @@ def _no_bubblewrap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root gives others user ids")
 @pytest.mark.skipif(landlock_version() < 1, reason="this kernel has no Landlock")
 @pytest.mark.usefixtures("_no_bubblewrap")
-def test_students_code_that_would_run_as_root_is_told_of_or_refused(tmp_path: Path) -> None:
+def test_students_code_that_would_run_as_root_is_reported_or_refused(tmp_path: Path) -> None:
     """Without namespaces, where other users may not run the interpreter: what to open is said, and what lacks."""
     closed = tmp_path / "closed"
     closed.mkdir(mode=0o700)

@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from grader.live.sandbox.cgroup import SandboxCgroup, cgroup_parents
-from grader.live.sandbox.machine import read_clocks, sample_machine
+from grader.live.sandbox.machine import read_clocks, sample_machine, wait_for_calm
 
 
 def test_a_core_that_is_lost_between_two_clocks_is_no_clock_that_was_set() -> None:
@@ -17,6 +17,24 @@ def test_a_core_that_is_lost_between_two_clocks_is_no_clock_that_was_set() -> No
     steady = iter([0, 30_000_000, 30_000_000, 30_000_200])
     told = iter([1_000_000_000, 1_030_000_100])
     assert read_clocks(lambda: next(told), lambda: next(steady)) == (1_030_000_100, 1_000_000_000)
+
+
+@pytest.mark.parametrize(
+    ("waited_us", "most_s", "calm", "looks"),
+    [
+        ([0, 9000, 9000, 18000, 18000, 18100], 1.0, True, 6),
+        ([None], 1.0, True, 1),
+        ([*range(0, 10**6, 9000)], 0.03, False, 0),
+    ],
+    ids=["calm at last", "nothing tells", "never"],
+)
+def test_what_is_repeated_waits_for_a_calmer_machine(
+    waited_us: list[int | None], most_s: float, calm: bool, looks: int
+) -> None:
+    """Until processes wait for cores little, where the system tells, and not for ever."""
+    told = list(waited_us)
+    assert wait_for_calm(most_s, 0.01, lambda: told.pop(0)) is calm
+    assert not looks or len(waited_us) - len(told) == looks
 
 
 def test_a_sample_holds_the_offset_of_its_time() -> None:

@@ -42,7 +42,7 @@ def _permitted() -> None:
         pytest.skip(f"no namespaces here: {run.stderr.strip().splitlines()[-1]}")
 
 
-def test_a_cell_shares_no_namespace_with_its_surroundings() -> None:
+def test_a_sandbox_shares_no_namespace_with_its_surroundings() -> None:
     """Network, mounts, IPC, host name and process ids are its own, with a loopback and itself in them."""
     run = in_cell("""
 print([name for name, was in before.items() if os.readlink(f"/proc/self/ns/{name}") == was])
@@ -52,7 +52,7 @@ print([name for _, name in socket.if_nameindex()])
     assert run.stdout.splitlines() == ["[]", "1 ['1']", "['lo']"], run.stderr
 
 
-def test_mounts_of_a_cell_are_seen_nowhere_else(tmp_path: Path) -> None:
+def test_mounts_of_a_sandbox_are_seen_nowhere_else(tmp_path: Path) -> None:
     """What its first process mounts stays in the cell."""
     mount = f'subprocess.run(["mount", "-t", "tmpfs", "none", {str(tmp_path)!r}], check=True)'
     run = in_cell(f"import subprocess; {mount}; print({str(tmp_path)!r} in Path('/proc/self/mounts').read_text())")
@@ -66,7 +66,7 @@ def test_the_process_outside_ends_as_the_first_one_does(body: str, status: int) 
     assert in_cell(body).returncode == status
 
 
-def test_a_cell_ends_with_the_process_outside() -> None:
+def test_a_sandbox_ends_with_the_process_outside() -> None:
     """When that is killed, all in the sandbox end, also those with a session of their own."""
     body = "import subprocess; subprocess.Popen(['sleep', '600'], start_new_session=True); print('up', flush=True); "
     program = PROGRAM.format(form=FORM, body=body + "time.sleep(600)")

@@ -43,7 +43,7 @@ def process_id_of_server() -> int:
     return found
 
 
-def test_a_plan_that_cannot_be_read_ends_its_cell_only(tmp_path: Path) -> None:
+def test_a_plan_that_cannot_be_read_ends_its_sandbox_only(tmp_path: Path) -> None:
     """The next one is served as well, and the reason is in the file of errors."""
     with ForkServer() as forks:
         for number in range(2):
@@ -54,7 +54,7 @@ def test_a_plan_that_cannot_be_read_ends_its_cell_only(tmp_path: Path) -> None:
         until(lambda: not [p for p in below(os.getpid()) if name_of(p) == "sandbox"], 10)
 
 
-def test_a_server_that_was_killed_is_told(tmp_path: Path) -> None:
+def test_a_server_that_was_killed_is_reported(tmp_path: Path) -> None:
     """Who asks it for a sandbox gets an error, and does not wait."""
     with ForkServer(["no/such/type"]) as forks:
         asyncio.run(said_by(forks, tmp_path / "none.json", tmp_path / "errors"))  # it is up
@@ -97,7 +97,7 @@ with ForkServer() as forks:
 """
 
 
-def test_why_no_cell_can_be_made_is_told(tmp_path: Path) -> None:
+def test_why_no_sandbox_can_be_made_is_reported(tmp_path: Path) -> None:
     """The reason is the system's, here that shared memory cannot be mounted; who asks again is told again."""
     form = "root" if os.geteuid() == 0 else "user"
     command = [sys.executable, "-c", WITHOUT_SHARED_MEMORY, form, str(tmp_path)]
@@ -107,7 +107,7 @@ def test_why_no_cell_can_be_made_is_told(tmp_path: Path) -> None:
     assert run.stdout.count("a session cannot be started here: [Errno 2] mount: No such file") == 2, run.stderr
 
 
-def test_cells_do_not_inherit_the_limit_of_the_process_that_grades(tmp_path: Path) -> None:
+def test_sandboxes_do_not_inherit_the_limit_of_the_process_that_grades(tmp_path: Path) -> None:
     """A class limits what judging a submission may map; a student's node has the same room there as by itself."""
     before = resource.getrlimit(resource.RLIMIT_AS)
     limit_memory()
@@ -121,7 +121,7 @@ def test_cells_do_not_inherit_the_limit_of_the_process_that_grades(tmp_path: Pat
         resource.setrlimit(resource.RLIMIT_AS, before)
 
 
-def test_cpu_time_in_cells_counts_as_the_graders(tmp_path: Path) -> None:
+def test_cpu_time_in_sandboxes_counts_as_the_graders(tmp_path: Path) -> None:
     """What processes in a sandbox have used is in the sum of this process's children, so that no cost is hidden."""
     busy = "import time\nend = time.process_time() + 1.0\nwhile time.process_time() < end: pass\n"
     steps: list[dict[str, Any]] = [

@@ -33,13 +33,13 @@ from tests.live.small_lab import (  # noqa: E402
     below,
     command_of,
     interrupt_students,
-    leavings,
     make_lab,
     mounts_below,
     name_of,
     own_temporary_folder,
     published,
     record_one,
+    remains,
     texts,
     until,
 )
@@ -79,7 +79,7 @@ def record_of(lab: Lab, session: str = "only") -> SessionRecord:
 # -- what gets in -----------------------------------------------------------------------------
 
 
-def test_callers_environment_reaches_no_process_of_a_cell(tmp_path: Path) -> None:
+def test_callers_environment_reaches_no_process_of_a_sandbox(tmp_path: Path) -> None:
     """Whatever the caller has exported, the node runs as ever and sees none of it."""
     shadow = tmp_path / "hostile"
     (shadow / "rclpy").mkdir(parents=True)
@@ -137,7 +137,7 @@ def test_statistics_come_although_the_grader_ignores_sigint(tmp_path: Path) -> N
 # -- what gets out ----------------------------------------------------------------------------
 
 
-def test_cells_do_not_hear_each_other(tmp_path: Path) -> None:
+def test_sandboxes_do_not_hear_each_other(tmp_path: Path) -> None:
     """Two sandboxes that publish on one topic at the same time record each its own messages only."""
     steps: list[dict[str, Any]] = [START, HEARD, OBSERVE, {"wait_exit": {"process": "talker", "timeout_s": 60}}]
     observed: set[str] = set()
@@ -194,7 +194,7 @@ print(json.dumps(facts), flush=True)
 """
 
 
-def test_a_student_is_alone_in_its_cell(tmp_path: Path) -> None:
+def test_a_student_is_alone_in_its_sandbox(tmp_path: Path) -> None:
     """The student has loopback only, its own processes, /dev/shm and /tmp, a read-only system and no rights."""
     secrets = [
         str(ROOT / "reference/oracles.py"),
@@ -243,7 +243,7 @@ time.sleep(1000)
 """
 
 
-def test_who_fills_a_cell_with_processes_keeps_its_own_programs_out(tmp_path: Path) -> None:
+def test_who_fills_a_sandbox_with_processes_keeps_its_own_programs_out(tmp_path: Path) -> None:
     """A program that finds no room in the sandbox any more is no problem of the grader's; the limit is named."""
     steps: list[dict[str, Any]] = [
         {"start": {"student": "talker"}},
@@ -349,7 +349,7 @@ def test_nothing_is_left_of_a_misbehaving_student(name: str, tmp_path: Path, mon
     assert ended_by in (None, run.ended_by)
     assert watch.networks
     watch.until_all_ended()
-    assert leavings(temporary) == []
+    assert remains(temporary) == []
     assert mounts_below([temporary]) == []
     kept = sum(len(line.text) + 1 for line in run.output)
     assert kept <= 2**20
@@ -442,7 +442,7 @@ def test_an_interrupted_grader_leaves_all_as_it_was(number: signal.Signals, tmp_
     assert process.returncode == 128 + number, errors
     assert "Traceback" not in errors
     watch.until_all_ended()
-    assert leavings(temporary) == []
+    assert remains(temporary) == []
     assert sorted(path for path in lab.results.rglob("*") if path.is_file()) == sorted(earlier)
     assert {path.read_text(encoding="utf-8") for path in earlier} == {"earlier"}
 

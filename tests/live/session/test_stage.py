@@ -165,21 +165,32 @@ def test_names_of_executables_cannot_leave_the_prefix(tmp_path: Path) -> None:
     assert workspace.executables == {}
 
 
-def test_an_entry_point_may_name_any_function(tmp_path: Path) -> None:
-    """A file that runs nothing by itself is run as the package's entry point would."""
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("run", "def run():\n    print('run')\n"),
+        ("run", "class Node:\n    @classmethod\n    def go(cls):\n        print('run')\n\nrun = Node.go\n"),
+        ("run", "from arm_lab.base import run\n"),
+        ("run", "def made():\n    def spin():\n        print('run')\n    return spin\n\nrun = made()\n"),
+        ("Node.go", "class Node:\n    @staticmethod\n    def go():\n        print('run')\n"),
+    ],
+)
+def test_an_entry_point_may_name_any_function(name: str, text: str, tmp_path: Path) -> None:
+    """A file that runs nothing by itself is run as the package's entry point would, however its function is made."""
     files: dict[str, str | bytes] = {
         "package.xml": MANIFEST,
-        "setup.py": SETUP.replace("arm_lab.talk:main", "arm_lab.nodes.talk:run"),
+        "setup.py": SETUP.replace("arm_lab.talk:main", f"arm_lab.nodes.talk:{name}"),
         "arm_lab/__init__.py": "",
+        "arm_lab/base.py": "def run():\n    print('run')\n",
         "arm_lab/nodes/__init__.py": "",
-        "arm_lab/nodes/talk.py": "def run():\n    print('run')\n",
+        "arm_lab/nodes/talk.py": text,
     }
     workspace = staged(tmp_path, files, publisher="arm_lab/nodes/talk.py")
     assert run(wrapper(workspace)) == "run"
     assert run(workspace.folder / "install/lib/arm_lab/talk") == "run"
 
 
-def test_nodes_in_one_file_are_told_apart_by_their_entry_points(tmp_path: Path) -> None:
+def test_nodes_in_one_file_are_distinguished_by_their_entry_points(tmp_path: Path) -> None:
     """Each artifact runs the function that the entry point of its name names."""
     points = "['joint_publisher = arm_lab.nodes:send', 'joint_subscriber = arm_lab.nodes:hear']"
     text = "".join(f"def {name}():\n    print('{name}')\n" for name in ("hear", "main", "send"))

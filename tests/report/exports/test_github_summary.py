@@ -34,7 +34,7 @@ def test_each_lost_point_has_its_reason_and_proof() -> None:
 def test_what_was_not_reached_comes_after_its_cause() -> None:
     """It costs points too, but is not the mistake itself."""
     text = Page(exported("github-summary", every_outcome())).text
-    assert "b.missed (−2 points): Reason of b.missed." in text.split("Not looked at, because of the above")[1]
+    assert "b.missed (−2 points): Reason of b.missed." in text.split("Not tested, because of the above")[1]
 
 
 def test_undecided_points_are_said_on_top_and_not_counted_as_lost() -> None:
@@ -45,7 +45,7 @@ def test_undecided_points_are_said_on_top_and_not_counted_as_lost() -> None:
     assert "b.open" not in text.split("What cost points")[1].split("##")[0].split("Undecided")[0]
 
 
-def test_adjustments_and_violations_are_told() -> None:
+def test_adjustments_and_violations_are_reported() -> None:
     """What people decided is listed with its reason, and what was tampered with with its evidence."""
     text = Page(exported("github-summary", adjusted_and_tampered())).text
     assert "11 of 20 points" in text

@@ -100,7 +100,7 @@ def test_what_is_undecided_is_said_and_neither_passed_nor_failed() -> None:
     assert data["tests"][4]["output"].startswith("Undecided, 3 points are not earned")
 
 
-def test_adjustments_are_in_the_total_and_told() -> None:
+def test_adjustments_are_in_the_total_and_reported() -> None:
     """The total is what counts in the end, and the reader sees how it came about."""
     data = valid(adjusted_and_tampered())
     assert data["score"] == 11

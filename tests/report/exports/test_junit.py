@@ -119,7 +119,7 @@ def test_a_suite_takes_the_time_of_its_sessions() -> None:
     assert [suite.get("time") for suite in assert_valid(exported("junit", plain))] == [None, None]
 
 
-def test_equal_titles_are_told_apart() -> None:
+def test_equal_titles_are_distinguished() -> None:
     """Checks and criteria of one title keep names of their own."""
     twins = [check(name, "passed", 1, 1, title="Same") for name in ("a.x", "a.y")]
     root = assert_valid(

@@ -105,7 +105,7 @@ def test_what_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["out.json"]
 
 
-def test_files_are_told(tmp_path: Path) -> None:
+def test_files_are_reported(tmp_path: Path) -> None:
     """Each file that was written is returned."""
     targets = [ExportTarget("junit"), ExportTarget("gradescope", str(tmp_path / "g.json"))]
     assert write_exports(targets, read(every_outcome()), tmp_path) == [tmp_path / "junit.xml", tmp_path / "g.json"]

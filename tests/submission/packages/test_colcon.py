@@ -169,7 +169,7 @@ def test_setup_py_is_never_executed() -> None:
     assert package({"package.xml": MANIFEST, "setup.py": setup}).executables == {"a": "b:c"}
 
 
-def test_the_same_mistake_in_a_thousand_files_is_not_told_a_thousand_times() -> None:
+def test_the_same_mistake_in_a_thousand_files_is_not_reported_a_thousand_times() -> None:
     """A few are named, and how many more there are."""
     launches = [f"launch/arm{n}.launch.py" for n in range(1000)]
     problems = with_scripts_and("data_files=[]", *launches).problems

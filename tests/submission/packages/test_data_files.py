@@ -89,7 +89,7 @@ def test_cmake_installs_folders_and_files() -> None:
     assert automatic == {"share/arm/config/p.yaml": "config/p.yaml"}
 
 
-def test_a_launch_file_that_is_not_installed_is_told_with_the_line_to_add() -> None:
+def test_a_launch_file_that_is_not_installed_is_reported_with_the_line_to_add() -> None:
     """The package's problem names the file, the command that fails, and the entry."""
     manifest = "<package><name>arm</name><export><build_type>ament_python</build_type></export></package>"
     scripts = "entry_points={'console_scripts': ['a = arm.a:main']}"
@@ -103,7 +103,7 @@ def test_a_launch_file_that_is_not_installed_is_told_with_the_line_to_add() -> N
     ]
 
 
-def test_data_files_that_are_not_followed_are_told() -> None:
+def test_data_files_that_are_not_followed_are_reported() -> None:
     """Then everything counts as installed, and the package's problem says so; a broken file has its own problem."""
     manifest = "<package><name>arm</name><export><build_type>ament_python</build_type></export></package>"
     scripts = "entry_points={'console_scripts': ['a = arm.a:main']}"
