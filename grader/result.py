@@ -187,6 +187,10 @@ class CheckResult:
     counted: tuple[str, ...] = ()
     session: str | None = None
     credit: Credit = Decimal(0)
+    #: Commands with which a student sees by themselves what points were lost for.
+    commands: tuple[str, ...] = ()
+    #: Id of the check whose failure kept this one from being tested.
+    blocked_by: str | None = None
     retry: Annotated[bool, Field(exclude=True)] = True
 
     @classmethod
@@ -195,6 +199,11 @@ class CheckResult:
         judged = {field.name for field in fields(cls)}
         found = {name: value for name, value in vars(finding).items() if name in judged}
         return cls(**found, **known)
+
+    @property
+    def try_again(self) -> str:
+        """The command that tests it once more, in the submission's folder."""
+        return f"grade . --sessions {self.session}" if self.session else "grade ."
 
     @property
     def lost(self) -> Decimal:
@@ -272,13 +281,17 @@ class SessionProvenance(TypedDict):
 
 @with_config(ConfigDict(extra="allow"))
 class Provenance(TypedDict, total=False):
-    """Where a result comes from: versions and hashes, the recorded sessions, and files that were not looked at."""
+    """Where a result comes from: versions and hashes, the recorded sessions, and files that were not looked at.
+
+    `handout_ros` is the distribution of ROS that the lab's handout was written for, as the rubric names it.
+    """
 
     grader: str
     lab: str
     rubric_sha256: str
     submission_sha256: str
     versions: dict[str, str]
+    handout_ros: str
     sessions: dict[str, SessionProvenance]
     left_out: list[str]
 

@@ -10,11 +10,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from grader import __version__
 from grader.checks.base import inconclusive, not_reached, undecided
+from grader.checks.commands import commands_of
 from grader.checks.invalidated import is_timed, named, not_measurable, with_checks, without_rest
 from grader.checks.preconditions import missing_artifact
 from grader.checks.registry import REGISTRY, Context
@@ -248,7 +250,12 @@ def _as_far_as_recorded(finding: Finding, spec: CheckSpec, recorded: Recorded) -
 def judge(recordings: Recordings, rubric: Rubric) -> Result:
     """Judge one submission."""
     violations = violations_of(recordings, rubric)
-    criteria = score_criteria(rubric, judge_checks(recordings, rubric, violations))
+    findings = judge_checks(recordings, rubric, violations)
+    criteria = score_criteria(
+        rubric,
+        findings,
+        {spec.id: _next_steps(spec, recordings, rubric, findings) for spec in rubric.checks() if spec.id in findings},
+    )
     return Result(
         submission=recordings.submission.name,
         lab=f"Lab {rubric.lab.id}: {rubric.lab.title}",
@@ -259,6 +266,33 @@ def judge(recordings: Recordings, rubric: Rubric) -> Result:
         provenance=_provenance(recordings, rubric),
         violations=violations,
     )
+
+
+def _next_steps(
+    spec: CheckSpec, recordings: Recordings, rubric: Rubric, findings: Mapping[str, Finding]
+) -> dict[str, Any]:
+    """Return what else the student is given with a finding: commands, or the check that has to be fixed before."""
+    finding = findings[spec.id]
+    if finding.outcome is Outcome.NOT_REACHED:
+        return {"blocked_by": _root(spec, rubric, findings)}
+    if finding.outcome in (Outcome.FAILED, Outcome.PARTIAL):
+        recorded = recordings.sessions.get(spec.session or "")
+        used = recorded.record.names if recorded is not None else {}
+        return {"commands": commands_of(spec, rubric, recordings.submission, used, finding)}
+    return {}
+
+
+def _root(spec: CheckSpec, rubric: Rubric, findings: Mapping[str, Finding]) -> str | None:
+    """Return the failed check that kept one from being tested: one that it requires, or the first of its session."""
+    lost = [check for check in rubric.checks() if check.id in findings and findings[check.id].outcome not in _GOES_ON]
+    before = lost[: next(n for n, check in enumerate(lost) if check.id == spec.id)]
+    required = next((check for check in before if check.id in spec.requires), None)
+    if required is not None and findings[required.id].outcome is Outcome.NOT_REACHED:
+        return _root(required, rubric, findings)
+    failed = (
+        check.id for check in before if check.session == spec.session and findings[check.id].outcome is Outcome.FAILED
+    )
+    return required.id if required is not None else next(failed, None)
 
 
 def _advisories(recordings: Recordings, criteria: tuple[CriterionResult, ...]) -> tuple[str, ...]:
@@ -306,6 +340,7 @@ def _provenance(recordings: Recordings, rubric: Rubric) -> Provenance:
         "rubric_sha256": rubric.sha256,
         "submission_sha256": recordings.submission.sha256,
         "versions": versions,
+        **({"handout_ros": rubric.lab.ros} if rubric.lab.ros else {}),
         "sessions": sessions,
         "left_out": list(recordings.submission.left_out),
     }

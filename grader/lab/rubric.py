@@ -30,7 +30,17 @@ from pydantic import (
 from pydantic.json_schema import models_json_schema
 
 from grader.lab.policy import Policy
-from grader.lab.references import EarlierCheckId, FileBeside, Loadable, Parameters, RosName, Scope, SessionId, one_of
+from grader.lab.references import (
+    CheckId,
+    EarlierCheckId,
+    FileBeside,
+    Loadable,
+    Parameters,
+    RosName,
+    Scope,
+    SessionId,
+    one_of,
+)
 from grader.lab.steps import STEPS, Step
 from grader.lab.yaml_with_lines import Loc, Strict, cannot_be_read, mistakes_at, parse_yaml, suggestion
 
@@ -66,6 +76,9 @@ class LabSpec(Parameters):
     title: str
     points: Points
     package: str = Field("student_lab", description="Package under which bare files are installed.")
+    ros: str | None = Field(
+        None, description="Distribution of ROS that the handout was written for; the report names it."
+    )
     solution: str | None = Field(None, description="Folder of a submission that earns all points.")
 
 
@@ -220,6 +233,9 @@ class FigureSpec(_OfKind):
     kind: str
     title: str
     session: SessionId
+    shows: tuple[CheckId, ...] = Field(
+        (), description="Checks whose loss it shows: it stands beside the first of them that lost points, else folded."
+    )
     parameters: SerializeAsAny[BaseModel] = Field(alias="with", default_factory=dict, validate_default=True)
 
 

@@ -6,6 +6,9 @@ A further step is a class here, listed in `STEPS`, and what the live half does f
 
 from __future__ import annotations
 
+import json
+import shlex
+from collections.abc import Sequence
 from typing import Annotated, Any, ClassVar
 
 from pydantic import Field, model_validator
@@ -22,6 +25,8 @@ class Step(Parameters):
     words: ClassVar[str]
     #: Keys of which exactly one is given; `{key}` and `{target}` in the words are its name and what it holds.
     targets: ClassVar[tuple[str, ...]] = ()
+    #: What does the same in a terminal, with names of its parameters; empty where nothing does.
+    command: ClassVar[str] = ""
 
     @model_validator(mode="after")
     def _has_one_target(self) -> Step:
@@ -33,6 +38,10 @@ class Step(Parameters):
         """Say in a few words what it does."""
         key = next((key for key in self.targets if getattr(self, key) is not None), "")
         return self.words.format(key=key.replace("_", " "), target=getattr(self, key, ""), **vars(self))
+
+    def commands(self) -> Sequence[str]:
+        """Return what does the same in a terminal, as templates with names of its parameters."""
+        return [self.command] if self.command else []
 
 
 class StartStep(Step):
@@ -92,6 +101,7 @@ class PublishStep(Step):
     """Publish one message some times, offered so that every subscription is compatible."""
 
     words = "publishing {count} messages on {topic}"
+    command = "ros2 topic pub -r {rate_hz} {topic} {type} {message}"
 
     topic: ref.RosName
     type: ref.MessageType
@@ -104,6 +114,7 @@ class CallStep(Step):
     """Call a service; keeps each request, response and latency."""
 
     words = "calling {service} ({repeat}×)"
+    command = "ros2 service call {service} {type} {request}"
 
     service: ref.RosName
     type: ref.ServiceType
@@ -118,6 +129,7 @@ class GetParametersStep(Step):
     """Read parameters of a student's node through its parameter services."""
 
     words = "reading parameters of {node}"
+    command = "ros2 param dump {node}"
 
     node: ref.RosName
     names: tuple[str, ...]
@@ -132,6 +144,14 @@ class SetParametersStep(Step):
     node: ref.RosName
     values: dict[str, Any]
     timeout_s: float = Field(5.0, gt=0, le=60)
+
+    def commands(self) -> Sequence[str]:
+        """Return a command for each of the values."""
+        written = (
+            f"{name} {json.dumps(value)}" if not isinstance(value, str) else f"{name} {shlex.quote(value)}"
+            for name, value in self.values.items()
+        )
+        return ["ros2 param set {node} " + text.replace("{", "{{").replace("}", "}}") for text in written]
 
 
 class InterruptStep(Step):
@@ -156,6 +176,7 @@ class PlanStep(Step):
     """Evaluate a launch file with arguments, without starting what it describes."""
 
     words = "evaluating {launch}"
+    command = "ros2 launch {launch}"
 
     launch: ref.Artifact
     arguments: dict[str, str] = Field(default_factory=dict)

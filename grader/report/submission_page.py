@@ -20,18 +20,24 @@ def render(
 ) -> str:
     """Return the report as a page of HTML, with figures by the criterion's id; equal arguments give equal bytes."""
     anchors = views.anchors_of(sessions)
+    losses = views.losses_of(result)
+    beside = views.figures_by_loss(losses, [figure for drawn in figures.values() for figure in drawn])
+    placed = [id(figure) for drawn in beside.values() for figure in drawn]
     return render_page(
         "report.html.j2",
         ("report.css",),
         "report.js",
         result=result,
         score=views.final_share(result.final, result.score.possible, result.still_undecided),
+        most=views.points(result.final + result.still_undecided),
         judged=views.points(result.score.earned),
         adjustments=views.adjustments_of(result),
         recorded=views.recorded_at(result, sessions),
-        lost=views.lost_by(result, (Outcome.FAILED, Outcome.PARTIAL)),
-        unreached=views.lost_by(result, (Outcome.NOT_REACHED,)),
-        figures=figures,
+        lost=losses,
+        unreached=[c for c in result.checks if c.outcome is Outcome.NOT_REACHED and c.lost > 0],
+        undecided=[c for c in result.checks if not c.outcome.decided],
+        beside=beside,
+        figures={of: [figure for figure in drawn if id(figure) not in placed] for of, drawn in figures.items()},
         sessions=sessions,
         isolations=views.isolations_of(sessions),
         versions=views.versions_of(result),

@@ -74,7 +74,8 @@ def print_result(console: Console, result: Result) -> None:
     total = Text(f"{points(score.earned)} / {points(score.possible)}", "bold")
     table.add_row("", Text(f"{terminal_text(result.submission, 80)}: {result.lab}", "bold"), total)
     if result.still_undecided:
-        note = f"{points(result.still_undecided)} points are undecided, and not earned before they are."
+        most = points(result.final + result.still_undecided)
+        note = f"{points(result.final)} now, up to {most}: {points(result.still_undecided)} points are undecided."
         table.add_row("?", Text(note, "magenta"), "")
     if result.adjustments:
         _add_adjustments(table, result)
@@ -139,6 +140,7 @@ def _add_checks(table: Table, checks: Sequence[CheckResult]) -> None:
     first = checks[0]
     sign = _sign(first.outcome)
     body = Text(", ".join(check.title for check in checks))
+    body.append(f"  {', '.join(check.id for check in checks)}", "dim")
     if first.reason:
         body.append(f"\n{terminal_text(first.reason)}", "default")
     if first.hint:
@@ -146,6 +148,10 @@ def _add_checks(table: Table, checks: Sequence[CheckResult]) -> None:
     locations = [str(w) for w in first.where if w.file]
     if locations:
         body.append(f"\n  {terminal_text(', '.join(locations[:3]))}", "dim")
+    for command in first.commands:
+        body.append(f"\n  see it yourself: {terminal_text(command, 400)}", "dim")
+    if first.outcome in (Outcome.FAILED, Outcome.PARTIAL):
+        body.append(f"\n  try again: {terminal_text(first.try_again)}", "dim")
     earned = points(sum((check.earned for check in checks), Decimal(0))) if checks[1:] else earned_text(first)
     possible = points(sum((check.possible for check in checks), Decimal(0)))
     table.add_row(sign, body, Text(f"{earned} / {possible}", sign.style))

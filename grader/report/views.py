@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from decimal import ROUND_HALF_UP, Decimal
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from grader.lab.steps import STEPS
 from grader.recording.session import OutputLine, ProcessRun, SessionRecord, StepRun
@@ -25,6 +25,9 @@ from grader.result import (
     Violation,
     outcome_of_points,
 )
+
+if TYPE_CHECKING:
+    from grader.report.figures.svg import Figure
 
 HEAD_LINES, TAIL_LINES = 40, 60
 PRINTED_HEAD_LINES, PRINTED_TAIL_LINES = 6, 14
@@ -119,15 +122,39 @@ def share_of(earned: Decimal, possible: Decimal, undecided: Decimal = Decimal(0)
     )
 
 
-def lost_by(result: Result, outcomes: Sequence[Outcome]) -> list[tuple[CheckResult, CriterionResult]]:
-    """Return what cost points with one of some outcomes, the dearest first."""
-    found = [
-        (check, criterion)
-        for criterion in result.criteria
-        for check in criterion.checks
-        if check.outcome in outcomes and check.lost > 0
-    ]
-    return sorted(found, key=lambda pair: -pair[0].lost)
+@dataclass(frozen=True)
+class Loss:
+    """A check that lost points by itself, its criterion, and the checks that could not be tested because of it."""
+
+    check: CheckResult
+    criterion: CriterionResult
+    blocked: tuple[CheckResult, ...]
+
+    @property
+    def opens(self) -> Decimal:
+        """The points that can be earned too once it is fixed."""
+        return sum((check.lost for check in self.blocked), Decimal(0))
+
+
+def losses_of(result: Result) -> list[Loss]:
+    """Return what lost points by itself; first that by which most can be won, with what depends on it."""
+    found = []
+    for criterion in result.criteria:
+        for check in criterion.checks:
+            if check.lost > 0 and check.outcome is not Outcome.NOT_REACHED:
+                blocked = tuple(other for other in result.checks if other.blocked_by == check.id and other.lost > 0)
+                found.append(Loss(check, criterion, blocked))
+    return sorted(found, key=lambda loss: -(loss.check.lost + loss.opens))
+
+
+def figures_by_loss(losses: Sequence[Loss], figures: Sequence[Figure]) -> dict[str, list[Figure]]:
+    """Return the figures that show a loss, each by the id of the first check of which it does."""
+    found: dict[str, list[Figure]] = {}
+    for figure in figures:
+        shown = next((loss.check.id for loss in losses if loss.check.id in figure.shows), None)
+        if shown is not None:
+            found.setdefault(shown, []).append(figure)
+    return found
 
 
 def earned_text(check: CheckResult) -> str:
@@ -413,6 +440,16 @@ def versions_of(result: Result) -> list[tuple[str, str]]:
         "rubric, SHA-256": provenance.get("rubric_sha256", ""),
     }
     return [(name, value) for name, value in (*versions.items(), *hashes.items()) if value]
+
+
+def graded_on(result: Result) -> str:
+    """Say on which distribution of ROS it was graded, and which the handout was written for."""
+    names = (re.fullmatch(r"ros-([a-z]+)-rclpy", name) for name in result.provenance.get("versions", {}))
+    graded = next((name[1].capitalize() for name in names if name), "")
+    handout = result.provenance.get("handout_ros", "")
+    if not graded:
+        return ""
+    return f"graded on ROS 2 {graded}" + (f" (the handout: {handout})" if handout not in ("", graded) else "")
 
 
 def found_note(artifact: ArtifactFact) -> str:

@@ -77,7 +77,8 @@ def ticking(count: int, period_ns: int, *values: float) -> list[Row]:
 def drawn(kind: str, data: Recorded, lab: Path = Path(), **settings_: Any) -> Figure | None:
     """Draw a figure of a kind."""
     parameters = FIGURES[kind](**settings_)
-    return draw(FigureSpec(kind=kind, title="Title", session="alone", **{"with": parameters}), data, lab)
+    spec = FigureSpec.model_validate({"kind": kind, "title": "Title", "session": "alone", "with": parameters})
+    return draw(spec, data, lab)
 
 
 def shown(kind: str, data: Recorded, lab: Path = Path(), **settings_: Any) -> Figure:

@@ -92,6 +92,7 @@ def test_the_contract() -> None:
         "counted",
         "session",
         "credit",
+        "commands",
     }
     assert check["outcome"] == "partial"
     assert check["where"] == [

@@ -61,7 +61,9 @@ CHECKS = (
         where=(Location(file="node.py", line=3), Location(session="alone", topic="/cmd", start_s=1.23, end_s=7.29)),
     ),
     check("a.bad", Outcome.FAILED, "0", reason="It crashed.", where=(Location(session="alone", process="node"),)),
-    check("a.after", Outcome.NOT_REACHED, "0", "2", reason="since 'x' failed"),
+    dataclasses.replace(
+        check("a.after", Outcome.NOT_REACHED, "0", "2", reason="since 'x' failed"), blocked_by="a.half"
+    ),
     check("a.open", Outcome.INCONCLUSIVE, "0", "4", reason="overloaded"),
     check("a.broken", Outcome.ERROR, "0", "1", reason="The check broke"),
 )
@@ -131,7 +133,8 @@ def test_score_and_outcomes_are_in_words() -> None:
     """The score has no trailing zeros, and each outcome stands there as a word."""
     words = text_of(page_of())
     assert "10.5 of 25 points" in words
-    assert "5 undecided: not earned before somebody has decided" in words
+    assert "10.5 of 25 points now, up to 15.5" in words
+    assert "5 still open: your instructor decides, you need do nothing" in words
     for word in ("passed", "partial", "failed", "not reached", "undecided"):
         assert word in words
     assert "4.5 / 6" in words
@@ -139,12 +142,34 @@ def test_score_and_outcomes_are_in_words() -> None:
     assert "Recorded 2027-01-15 08:00 UTC · isolation: confined" in words
 
 
-def test_dearest_mistakes_come_first() -> None:
-    """What to fix first is sorted by cost; what was not reached is named apart; each has a link."""
-    html = page_of()
-    fix = html[html.index('id="fix"') : html.index("<main>")]
+def test_what_opens_most_comes_first() -> None:
+    """What to fix is sorted by the points that it opens, with what depends on it; each stands there whole, once."""
+    dear = dataclasses.replace(CHECKS[1], commands=("ros2 topic hz /cmd",))
+    html = page_of(result_of([CHECKS[0], dear, *CHECKS[2:]]))
+    fix = html[html.index('<section class="fix"') : html.index('<section class="still-open"')]
     assert re.findall(r'class="cost">−([\d.]+)<', fix) == ["6", "1.5"]
-    assert re.findall(r'href="#([^"]+)"', fix) == ["check-a.bad", "check-a.half", "check-a.after"]
+    assert re.findall(r'<article [^>]*id="([^"]+)"', fix) == ["check-a.bad", "check-a.half"]
+    assert "Not tested because of it, 2 more points: Title of a.after (2)." in text_of(fix)
+    assert "See it yourself ros2 topic hz /cmd Try again grade . --sessions alone" in text_of(fix)
+    opening = dataclasses.replace(CHECKS[3], possible=Decimal(8))
+    html = page_of(result_of([*CHECKS[:3], opening]))
+    assert re.findall(r'class="cost">−([\d.]+)<', html) == ["1.5", "6"]
+
+
+def test_a_figure_stands_beside_the_loss_that_it_shows() -> None:
+    """It stands with the first check of which it shows a loss; else it is folded with its criterion."""
+    figure = Figure(table="plan", content=_PLAN, title="Plan", shows=("a.good", "a.half"))
+    html = page_of(figures=[figure, dataclasses.replace(figure, shows=("a.good",))])
+    fix, folded = html[html.index('<section class="fix"') : html.index("<main>")], html[html.index("<main>") :]
+    assert fix.count("<figure") == folded.count("<figure") == 1
+
+
+def test_the_ros_that_it_was_graded_on_is_named() -> None:
+    """Where the handout was written for another distribution, both are named."""
+    provenance: Any = {"versions": {"ros-jazzy-rclpy": "7.1.6"}, "handout_ros": "Humble"}
+    assert "graded on ROS 2 Jazzy (the handout: Humble)" in text_of(page_of(result_of(provenance=provenance)))
+    provenance["handout_ros"] = "Jazzy"
+    assert "graded on ROS 2 Jazzy ·" in text_of(page_of(result_of(provenance=provenance)))
 
 
 def test_every_link_has_a_target() -> None:
@@ -158,11 +183,11 @@ def test_every_link_has_a_target() -> None:
 def test_lost_points_show_their_proof() -> None:
     """Expected, measured, reason, hint, the source line with its neighbours, and the span of a topic."""
     words = text_of(page_of())
-    assert "It is slow. Expected 100 Hz Measured 90 Hz Credit 75% of 6 points Where node.py:3" in words
+    assert "It is slow. How to fix it Use a timer. Not tested because of it" in words
+    assert "Expected 100 Hz Measured 90 Hz Credit 75% of 6 points Where node.py:3" in words
     assert "1 one 2 two ▸3 three 4 four 5 five" in words
     assert "six" not in words
     assert "recording 'alone', /cmd, 1.2–7.3 s" in words
-    assert "How to fix it Use a timer." in words
 
 
 def test_a_score_of_some_sessions_says_so() -> None:

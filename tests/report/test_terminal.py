@@ -52,6 +52,7 @@ def test_each_lost_point_has_its_reason() -> None:
     assert re.search(r"✕ +Check 1", text)
     assert "too slow" in text
     assert "→ use a timer" in text
+    assert text.count("try again: grade . --sessions s") == 1
     assert "a.py:3" in text
     assert re.search(r"– +Check 2", text)
     assert "5 / 15" in text
@@ -63,8 +64,8 @@ def test_what_one_failure_hides_is_one_row() -> None:
     text = printed(
         result(finding(Outcome.FAILED), hidden, hidden, finding(Outcome.NOT_REACHED, "for another reason", ""))
     )
-    assert re.search(r"– +Check 1, Check 2 +0 / 10", text)
-    assert re.search(r"– +Check 3 +0 / 5", text)
+    assert re.search(r"– +Check 1, Check 2  a.1, a.2 +0 / 10", text)
+    assert re.search(r"– +Check 3  a.3 +0 / 5", text)
     assert text.count("since 'Check 0' failed") == 1
 
 
@@ -80,7 +81,7 @@ def test_what_is_undecided_is_not_shown_as_lost() -> None:
     """Undecided points are asked, not subtracted, and told apart."""
     text = printed(result(finding(Outcome.INCONCLUSIVE), finding(Outcome.ERROR)))
     assert text.count("? / 5") == 2
-    assert "10 points are undecided, and not earned before they are." in text
+    assert "0 now, up to 10: 10 points are undecided." in text
 
 
 def test_advice_and_problems_are_shown() -> None:

@@ -83,7 +83,7 @@ def test_the_report_begins_with_what_was_tampered_with() -> None:
     words = Words(page(SPOOFED)).text
     assert HEADING in words
     assert EXPLANATION in words
-    shown = words[words.index(HEADING) : words.index("Points by criterion")]
+    shown = words[words.index(HEADING) : words.index("What to fix first")]
     assert "published time on /clock. recording 'launch', /clock, 1.2–4.5 s" in shown
     assert "9 messages" in shown
     assert "Fails because of it: Together." in shown

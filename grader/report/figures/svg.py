@@ -45,6 +45,8 @@ class Figure:
     content: Any = None
     title: str = ""
     session: str = ""
+    #: Ids of the checks whose loss it shows.
+    shows: tuple[str, ...] = ()
 
     def svg(self, name: str, width: int) -> Markup:
         """Return the picture; `name` is unique in the page."""

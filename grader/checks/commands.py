@@ -1,0 +1,122 @@
+"""Commands with which students see a fault by themselves: from the kind of a check, its parameters and its steps."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import shlex
+import string
+from collections.abc import Iterator, Mapping, Sequence
+from copy import copy
+from typing import Any
+
+from grader.lab.rubric import CheckSpec, Rubric
+from grader.recording.submission import SubmissionRecord
+from grader.result import Finding
+
+#: Of the four profiles of a comparison, each.
+_MOST = 4
+
+#: Parameters that name a file of the submission.
+_FILES = ("artifact", "launch")
+#: Plays what the grader sent once more, from the folder of the report.
+_REPLAY = ("ros2 bag play recordings/{session} --topics {streams}",)
+#: Kind of a check -> commands that show its fault while the program runs. `{name}` is a parameter, a name within one,
+#: or what does the same as the step that a parameter names.
+_COMMANDS: Mapping[str, tuple[str, ...]] = {
+    "topic_published": ("ros2 topic list -t",),
+    "topic_rate": ("ros2 topic hz {topic}",),
+    "topic_jitter": ("ros2 topic hz {topic}",),
+    "message_values": ("ros2 topic echo --once {topic}",),
+    "sinusoids": ("ros2 topic echo {topic}",),
+    "offered_qos": ("ros2 topic info -v {topic}",),
+    "topics_subscribed": ("ros2 node info {node}",),
+    "reported_series": _REPLAY,
+    "reported_statistics": _REPLAY,
+    "report_share": _REPLAY,
+    "survives": ("{step}",),
+    "service_offered": ("ros2 service list -t",),
+    "call_answered": ("{step}",),
+    "call_gated": ("{set_step}", "{refused_step}"),
+    "parameters_declared": ("{step}",),
+    "calls_in_time": ("{step}",),
+    "launch_loads": ("{step} --show-args",),
+    "launch_arguments": ("{step} --show-args",),
+    "launch_nodes": ("{step} --print",),
+    "launch_parameters": ("{step} --print",),
+    "ends_by_itself": ("python3 {artifact}",),
+    "topics_carry_traffic": ("ros2 topic hz {topic}",),
+    "qos_profiles": ("ros2 topic info -v {topic}",),
+    "reported_traffic": ("python3 {artifact}",),
+}
+
+
+def commands_of(
+    spec: CheckSpec, rubric: Rubric, submission: SubmissionRecord, used: Mapping[str, str], finding: Finding
+) -> tuple[str, ...]:
+    """Return the commands that show what a check lost points for; empty where its kind has none.
+
+    Parameters
+    ----------
+    used : mapping of str to str
+        Names that the rubric gives -> those that the student uses.
+    """
+    scope = _Scope(spec, rubric, submission, used, finding.reason)
+    lines = (line for template in _COMMANDS.get(spec.check, ()) for line in scope.filled(template))
+    return tuple(itertools.islice(dict.fromkeys(lines), _MOST))
+
+
+class _Scope:
+    """What stands for the names in the templates of a check's commands."""
+
+    def __init__(
+        self, spec: CheckSpec, rubric: Rubric, submission: SubmissionRecord, used: Mapping[str, str], reason: str
+    ) -> None:
+        self._own = {**spec.parameters.model_dump(by_alias=True), "session": spec.session}
+        steps = rubric.sessions[spec.session].steps if spec.session else ()
+        self._steps = {step.label: step for step in steps if step.label is not None}
+        self._paths = {fact.name: fact.path for fact in submission.artifacts if fact.path is not None}
+        self._used, self._reason = used, reason
+
+    def filled(self, template: str) -> Iterator[str]:
+        """Give the template with each combination of values for its names; nothing where one has none."""
+        names = list(dict.fromkeys(name for _, name, _, _ in string.Formatter().parse(template) if name))
+        for values in itertools.product(*map(self._values, names)):
+            yield template.format(**dict(zip(names, values, strict=True)))
+
+    def _values(self, name: str) -> Sequence[str]:
+        """Return what stands for a name.
+
+        That is the command of the step that the parameter names, the parameter's value, or the values of that name
+        within other parameters: of several, those that the reason mentions.
+        """
+        value = self._own.get(name)
+        if (step := self._steps.get(value) if isinstance(value, str) else None) is not None:
+            inner = copy(self)
+            inner._own = {k: json.dumps(v) if isinstance(v, Mapping) else v for k, v in step.parameters.items()}
+            return [line for template in step.step.commands() for line in inner.filled(template)]
+        if value is not None:
+            return [shlex.quote(self._paths.get(value, value)) if name in _FILES else self._quoted(value)]
+        all_of_them = list(dict.fromkeys(_within(self._own, name)))
+        named = [v for v in all_of_them if v in self._reason or self._used.get(v, v) in self._reason]
+        return [self._quoted(v) for v in named or all_of_them]
+
+    def _quoted(self, value: Any) -> str:
+        """Write a value as a word of a command, those of a mapping or a list as several."""
+        if isinstance(value, (Mapping, list, tuple)):
+            return " ".join(map(self._quoted, value.values() if isinstance(value, Mapping) else value))
+        return shlex.quote(self._used.get(str(value), str(value)))
+
+
+def _within(value: Any, name: str) -> Iterator[str]:
+    """Give the texts of a name, or of its plural, in parameters within parameters."""
+    if isinstance(value, Mapping):
+        for key, inner in value.items():
+            if key == name and isinstance(inner, str):
+                yield inner
+            elif key == f"{name}s" and not isinstance(inner, Mapping):
+                yield from (text for text in inner if isinstance(text, str))
+            yield from _within(inner, name)
+    elif isinstance(value, (list, tuple)):
+        for inner in value:
+            yield from _within(inner, name)

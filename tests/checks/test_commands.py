@@ -1,0 +1,67 @@
+"""Commands with which students see a fault by themselves."""
+
+from __future__ import annotations
+
+import dataclasses
+import shlex
+from decimal import Decimal
+
+import pytest
+
+from grader.checks.commands import commands_of
+from grader.judging.rubrics import read_rubric
+from grader.lab.rubric import Rubric
+from grader.recording.submission import ArtifactFact, SubmissionRecord
+from grader.result import Finding, Outcome
+
+HANDED_IN = SubmissionRecord(
+    "ann",
+    artifacts=[
+        ArtifactFact("launch", "robot_launch.py", "launch/my robot_launch.py", "name"),
+        ArtifactFact("subscriber", "joint_subscriber.py", "joint_subscriber.py", "name"),
+    ],
+)
+
+
+@pytest.fixture(scope="module")
+def rubric() -> Rubric:
+    """Give the rubric that comes with the grader."""
+    return read_rubric(None)
+
+
+def shown(rubric: Rubric, kind: str, used: dict[str, str] | None = None, reason: str = "") -> list[str]:
+    """Return the commands for the first check of a kind."""
+    spec = next(spec for spec in rubric.checks() if spec.check == kind)
+    return list(commands_of(spec, rubric, HANDED_IN, used or {}, Finding(Outcome.FAILED, Decimal(0), reason=reason)))
+
+
+def test_a_command_has_the_values_of_the_check_and_of_its_steps(rubric: Rubric) -> None:
+    """Topics stand in the check's parameters, requests in the step that it names."""
+    assert shown(rubric, "topic_rate") == ["ros2 topic hz /joint_commands"]
+    call = "ros2 service call /robot/enable std_srvs/srv/SetBool '{\"data\": true}'"
+    assert shown(rubric, "call_answered") == [call]
+    assert shown(rubric, "call_gated") == ["ros2 param set /robot_mode_service safety_enabled false", call]
+    assert shown(rubric, "survives")[0].startswith(
+        "ros2 topic pub -r 100.0 /joint_states std_msgs/msg/Float64MultiArray "
+    )
+    replay = "ros2 bag play recordings/subscriber --topics /joint_commands /joint_states"
+    assert shown(rubric, "reported_series") == [replay]
+    assert shown(rubric, "launch_arguments") == ["ros2 launch 'launch/my robot_launch.py' --show-args"]
+
+
+def test_names_are_those_that_the_student_uses(rubric: Rubric) -> None:
+    """A name is quoted, whatever it is; of several topics those are named that the reason names."""
+    assert shown(rubric, "topic_rate", {"/joint_commands": "/a;b"}) == ["ros2 topic hz '/a;b'"]
+    assert len(shown(rubric, "qos_profiles")) == 4
+    named = shown(rubric, "qos_profiles", reason="/test_reliable has depth 1.")
+    assert named == ["ros2 topic info -v /test_reliable"]
+
+
+def test_every_kind_of_the_lab_can_be_written(rubric: Rubric) -> None:
+    """No template names what its check does not have; a check of what is written has no command."""
+    for spec in rubric.checks():
+        failed = Finding(Outcome.FAILED, Decimal(0))
+        whole = dataclasses.replace(HANDED_IN, artifacts=[ArtifactFact(n, n, n, "name") for n in rubric.artifacts])
+        commands = commands_of(spec, rubric, whole, {}, failed)
+        assert all(shlex.split(command)[0] in ("ros2", "python3") for command in commands)
+        assert bool(commands) == (spec.session is not None and spec.check != "launch_together"), spec.check
