@@ -124,26 +124,32 @@ def share_of(earned: Decimal, possible: Decimal, undecided: Decimal = Decimal(0)
 
 @dataclass(frozen=True)
 class Loss:
-    """A check that lost points by itself, its criterion, and the checks that could not be tested because of it."""
+    """A check that lost points by itself, its criterion, and the checks whose points the same fix opens."""
 
     check: CheckResult
     criterion: CriterionResult
-    blocked: tuple[CheckResult, ...]
+    others: tuple[CheckResult, ...]
 
     @property
     def opens(self) -> Decimal:
         """The points that can be earned too once it is fixed."""
-        return sum((check.lost for check in self.blocked), Decimal(0))
+        return sum((check.lost for check in self.others), Decimal(0))
 
 
 def losses_of(result: Result) -> list[Loss]:
-    """Return what lost points by itself; first that by which most can be won, with what depends on it."""
+    """Return what lost points by itself; first that by which most can be won, with what depends on it.
+
+    What has the same fix as an earlier check of its criterion lost its points by the same mistake.
+    """
     found = []
     for criterion in result.criteria:
-        for check in criterion.checks:
-            if check.lost > 0 and check.outcome is not Outcome.NOT_REACHED:
-                blocked = tuple(other for other in result.checks if other.blocked_by == check.id and other.lost > 0)
-                found.append(Loss(check, criterion, blocked))
+        lost = [check for check in criterion.checks if check.lost > 0 and check.outcome is not Outcome.NOT_REACHED]
+        first = {check.hint or check.id: check for check in reversed(lost)}
+        for check in lost:
+            if first[check.hint or check.id] is check:
+                same = [other for other in lost if other is not check and check.hint and other.hint == check.hint]
+                blocked = [other for other in result.checks if other.blocked_by == check.id and other.lost > 0]
+                found.append(Loss(check, criterion, (*same, *blocked)))
     return sorted(found, key=lambda loss: -(loss.check.lost + loss.opens))
 
 

@@ -149,11 +149,20 @@ def test_what_opens_most_comes_first() -> None:
     fix = html[html.index('<section class="fix"') : html.index('<section class="still-open"')]
     assert re.findall(r'class="cost">−([\d.]+)<', fix) == ["6", "1.5"]
     assert re.findall(r'<article [^>]*id="([^"]+)"', fix) == ["check-a.bad", "check-a.half"]
-    assert "Not tested because of it, 2 more points: Title of a.after (2)." in text_of(fix)
+    assert "Fix it, and 2 more points can be earned: Title of a.after (2)." in text_of(fix)
     assert "See it yourself ros2 topic hz /cmd Try again grade . --sessions alone" in text_of(fix)
     opening = dataclasses.replace(CHECKS[3], possible=Decimal(8))
     html = page_of(result_of([*CHECKS[:3], opening]))
     assert re.findall(r'class="cost">−([\d.]+)<', html) == ["1.5", "6"]
+
+
+def test_one_fix_is_shown_once() -> None:
+    """What lost points by the same mistake is named beside the first that did."""
+    again = dataclasses.replace(CHECKS[1], id="a.same", title="Title of a.same")
+    html = page_of(result_of([CHECKS[1], again]))
+    fix = html[html.index('<section class="fix"') : html.index("<main>")]
+    assert fix.count("Use a timer.") == 1
+    assert "1.5 more points can be earned: Title of a.same (1.5)." in text_of(fix)
 
 
 def test_a_figure_stands_beside_the_loss_that_it_shows() -> None:
@@ -183,7 +192,7 @@ def test_every_link_has_a_target() -> None:
 def test_lost_points_show_their_proof() -> None:
     """Expected, measured, reason, hint, the source line with its neighbours, and the span of a topic."""
     words = text_of(page_of())
-    assert "It is slow. How to fix it Use a timer. Not tested because of it" in words
+    assert "It is slow. How to fix it Use a timer. Fix it, and 2 more" in words
     assert "Expected 100 Hz Measured 90 Hz Credit 75% of 6 points Where node.py:3" in words
     assert "1 one 2 two ▸3 three 4 four 5 five" in words
     assert "six" not in words

@@ -125,13 +125,14 @@ def find_executable(executable: str, package: str, root: str) -> str:
     path = folder / executable
     if path.is_file() and os.access(path, os.X_OK):
         return str(path)
-    remedy = "Write the name of an entry point of setup.py ('name = package.module:main'), and build again."
     there = sorted(p.name for p in folder.iterdir() if p.is_file() and os.access(p, os.X_OK)) if folder.exists() else []
     # Bare files are installed under their names without the ending too; one of both says enough.
     listed = ", ".join(name for name in there if not name.endswith(".py") or name[:-3] not in there) or "nothing"
     entry = missing_entry_point(executable, root)
     close = difflib.get_close_matches(executable.removesuffix(".py"), there, n=1)
     meant = f"; did you mean '{close[0]}'?" if close else "."
+    # Bare files have no setup.py; the one name that was meant is right with and without.
+    remedy = f"Write executable='{close[0]}'." if close else "Write the name of an executable that is installed."
     message = f"executable '{executable}' not found in package '{package}'{meant} The package installs: {listed}"
     if not folder.exists():
         message = f"package '{package}' has no executables at all: its folder lib/{package} does not exist"

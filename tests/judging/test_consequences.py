@@ -1,0 +1,64 @@
+"""What a mistake costs in all criteria together stays within its class, launched or late as well as alone."""
+
+from __future__ import annotations
+
+from datetime import datetime, timedelta, timezone
+from decimal import Decimal
+from pathlib import Path
+
+import pytest
+
+from grader.judging.adjust import adjust
+from grader.judging.judge import judge, open_recordings
+from grader.judging.rubrics import read_rubric
+from grader.lab.policy import LatePolicy
+from grader.lab.rubric import Rubric
+from grader.result import Result
+
+KEPT = Path(__file__).resolve().parents[1] / "recordings"
+#: The least and the most of a criterion's points that a mistake of each class costs. Of a name or type that is another,
+#: a fifth of the check is kept for what is there; a repaired launch file costs a third of it, and a third of the rest.
+CLASSES = {
+    "endangers": ("0.25", "0.4"),
+    "does not work with the rest": ("0.16", "0.5"),
+    "is repaired": ("0.33", "0.57"),
+    "is measurably off": ("0.05", "0.3"),
+}
+#: Fixture -> criterion and class. The first two were launched as well.
+MISTAKES = {
+    "six_joints": ("publisher", "endangers"),
+    "service_wrong_name": ("service", "does not work with the rest"),
+    "best_effort_publisher": ("publisher", "does not work with the rest"),
+    "wrong_topic": ("publisher", "does not work with the rest"),
+    "launch_wrong_executable": ("launch", "is repaired"),
+    "qos_invented_numbers": ("qos", "is measurably off"),
+    "signed_mean_statistics": ("subscriber", "is measurably off"),
+}
+
+
+@pytest.fixture(scope="module")
+def rubric() -> Rubric:
+    """Give the lab's own rubric."""
+    return read_rubric(None)
+
+
+def lost_in_sessions(result: Result) -> Decimal:
+    """Give the points that are lost by what ran, over all criteria."""
+    assert not any(check.undecided for check in result.checks if check.session)
+    return sum((check.lost for check in result.checks if check.session), Decimal(0))
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_one_mistake_costs_what_its_consequence_does(name: str, rubric: Rubric) -> None:
+    """All that it loses is a share of its own criterion, within the class; lateness is no second price of it."""
+    criterion, consequence = MISTAKES[name]
+    points = next(each.points for each in rubric.criteria if each.id == criterion)
+    result = judge(open_recordings(KEPT / name, rubric), rubric)
+    lost = lost_in_sessions(result)
+    least, most = (Decimal(share) * points for share in CLASSES[consequence])
+    assert least <= lost <= most
+    due = datetime(2026, 11, 20, tzinfo=timezone.utc)
+    policy = LatePolicy.model_validate({"due": due.isoformat(), "per_day": "10 %"})
+    late = adjust(result, (), policy, due + timedelta(hours=1))
+    assert lost_in_sessions(late) == lost
+    assert abs(late.final - late.score.earned * Decimal("0.9")) <= Decimal("0.05")
