@@ -124,6 +124,8 @@ class Finding:
     #: What it is if it stays undecided however often the session is recorded, since the student's own processes can
     #: bring that about; None where only the machine can, or a person has to decide.
     settled: Finding | None = None
+    #: What was counted towards it and what was not, a line each.
+    counted: tuple[str, ...] = ()
     #: Where it fails, and what depends on it was judged all the same: the share that those checks earn of their credit.
     rest: Decimal | None = None
 
@@ -182,6 +184,7 @@ class CheckResult:
     hint: str = ""
     where: tuple[Location, ...] = ()
     notes: tuple[str, ...] = ()
+    counted: tuple[str, ...] = ()
     session: str | None = None
     credit: Credit = Decimal(0)
     #: Commands with which a student sees by themselves what points were lost for.

@@ -56,8 +56,8 @@ SLIPS = (
         "It refuses only when the parameter is false from the start; a change while it runs has no effect.",
     ),
     Slip(0.33, "publisher.rate", "0.6", "Messages come at {rate} Hz, {off}% slower than 100 Hz."),
-    Slip(0.3, "documentation.readme", "0.4", "It does not say what {file}, {other} do."),
-    Slip(0.28, "documentation.docstrings", "0.8", "Without a docstring that says something: {docs}."),
+    Slip(0.3, "documentation.readme", "0.4", "It found no mention of {file}, {other}."),
+    Slip(0.28, "documentation.code", "0.8", "Neither a docstring nor a comment explains {docs}."),
     Slip(0.28, "qos.profiles", "0.94", "/test_control_command has durability volatile, not transient_local."),
     Slip(0.2, "launch.parameters", "0.8", "The launch file gives {node} no publish_rate."),
     Slip(
@@ -69,9 +69,9 @@ SLIPS = (
     Slip(0.14, "publisher.reliable", "0", "The publisher offers BEST_EFFORT reliability, not RELIABLE."),
     Slip(
         0.14,
-        "documentation.comments",
+        "qos.honest",
         "0",
-        "{n} comments explain something; for {lines} lines of code 3 give full credit.",
+        "It prints {n} messages for /test_reliable, and {lines} arrived.",
     ),
     Slip(
         0.12,
@@ -148,7 +148,7 @@ def sample_class(rubric: Rubric, number: int = 40, base: dict[str, Any] | None =
 def values(chance: random.Random) -> dict[str, Any]:
     """Draw what differs from student to student."""
     rate = chance.uniform(85, 95)
-    modules = [f"module {m} (has no docstring)" for m in ("joint_publisher", "robot_service", "qos_comparison")]
+    modules = [f"{m}.py" for m in ("joint_publisher", "robot_service", "qos_comparison")]
     return {
         "rate": f"{rate:.1f}",
         "off": f"{100 - rate:.1f}",

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from grader.evidence import environment_gap
 from grader.evidence.crash import diagnosis
-from grader.evidence.text import launch_source, markup, printed, prose, result_rows, source
+from grader.evidence.text import launch_source, markup, printed, prose, result_rows, source, words
 from grader.judging.rubrics import read_rubric
 from grader.lab.patterns import Budget, patterns_bounded, search
 from grader.live.launch import parameter_text
@@ -24,7 +24,7 @@ from grader.submission.file_names import UnfitError, clean_parts, displayed
 from grader.submission.packages.colcon import find_packages
 
 NAMES = ("best_effort", "reliable")
-TOPICS = [prose.TopicWords("a", ("publisher",), ("node",)), prose.TopicWords("b", ("subscriber",))]
+PARTS = words.Terms.of(("publisher", "subscriber"), 3)
 PYTHON = "<package><name>p</name><export><build_type>ament_python</build_type></export></package>"
 #: Far above what any of these takes, noise included, and far below what one takes that is not linear.
 MOST_S = 10.0
@@ -36,14 +36,15 @@ def _output(text: str) -> list[OutputLine]:
 
 def _read_readme(text: str) -> None:
     document = markup.read_markdown(text)
-    prose.descriptions(document, TOPICS)
-    prose.run_lines(document, [r"ros2\s+(?:run|launch)\s+\S+\s+\S+"])
+    blocks, _ = prose.visible(document, PARTS, [r"^\W*todo\b(?:\W+\w+){0,6}\W*$"])
+    prose.mention(blocks, PARTS, PARTS)
+    prose.command_line(blocks, [r"ros2\s+(?:run|launch)\s+\S+\s+\S+"])
+    prose.instruction_line(blocks, ["run"])
     prose.concepts(prose.document_passages(document, "R"), {"x": ["reliab"], "y": ["*laten"]}, ["because"], ["qos"])
 
 
 def _read_source(text: str) -> None:
-    facts = source.parse("a.py", text)
-    source.docstring_share([facts])
+    (facts,) = source.read_sources({"a.py": text})
     prose.source_passages(facts)
     environment_gap.is_newer_python(text)
     launch_source.parameter_line(text, 1, "p")
@@ -127,8 +128,8 @@ def test_nested_f_strings_are_read_once_a_level() -> None:
 def test_files_of_thousands_of_functions_are_read() -> None:
     """What the parser takes is right, where the compiler would take the square of its time."""
     began_s = time.process_time()
-    facts = source.parse("a.py", "def f():\n  pass\n" * 12_000)
-    assert len(facts.definitions) == 12_001
+    (facts,) = source.read_sources({"a.py": "def f():\n  pass\n  pass\n  pass\n  pass\n  pass\n" * 4_000})
+    assert len(facts.units) == 4_001
     assert time.process_time() - began_s < MOST_S
 
 

@@ -1,56 +1,60 @@
-"""Checks of what is written: README, docstrings, comments, discussion. All from the text, in any language."""
+"""Checks of what is written: README, docstrings, comments, discussion. All from the text, in any language.
+
+In doubt they are for the student: points are lost only for what is surely not there. What the grader does not
+understand keeps its points, and a note asks a person to look.
+"""
 
 from __future__ import annotations
 
-import functools
-import math
-import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import groupby
 from pathlib import PurePosixPath
 
 from pydantic import Field
 
-from grader.checks.base import Context, apart, failed, graded, inconclusive, percent
-from grader.evidence.text.lexicon import one_of
-from grader.evidence.text.markup import Document, read_markdown
-from grader.evidence.text.prose import TopicWords, concepts, descriptions, document_passages, run_lines, source_passages
-from grader.evidence.text.source import SourceFacts, docstring_share, parse
+from grader.checks.base import Context, apart, failed, graded, inconclusive, passed, percent
+from grader.evidence.text.markup import Block, Document, read_markdown
+from grader.evidence.text.prose import (
+    command_line,
+    concepts,
+    document_passages,
+    instruction_line,
+    is_source,
+    mention,
+    source_passages,
+    visible,
+)
+from grader.evidence.text.source import Note, Rules, SourceFacts, Unit, read_sources
+from grader.evidence.text.words import Terms, substance
 from grader.lab import references as ref
+from grader.lab.patterns import search
 from grader.lab.references import Parameters, Pattern, Share
 from grader.result import Finding, Location
 
-#: What a README is called in other languages.
-_README = re.compile(one_of("readme_names"), re.IGNORECASE)
 _WRITTEN = (".md", ".markdown", ".rst", ".txt", ".adoc", ".org", "")
 #: Texts that are there for programs.
 _FOR_PROGRAMS = ("requirements", "cmakelists", "constraints", "license", "licence", "copying", "manifest", "top_level")
 #: Documents that people read and the grader does not.
 _NOT_READ = (".pdf", ".docx", ".doc", ".odt", ".rtf", ".pages", ".html", ".htm", ".ipynb", ".tex")
-
-
 #: Characters of all documents together after which no other is read.
 _MOST_CHARACTERS = 300_000
+#: Letters that may follow a name, as in `publishers`.
+_ENDING = 3
+#: Lines that are listed of what does not count.
+_MOST_LISTED = 12
 
 
-@functools.lru_cache(maxsize=256)
-def _facts(path: str, text: str) -> SourceFacts:
-    return parse(path, text)
-
-
-def readmes(context: Context) -> list[tuple[str, Document]]:
-    """Return the READMEs of a submission, the one nearest to its root first; without any, what else is written."""
+def _documents(context: Context) -> list[PurePosixPath]:
+    """Return all documents of a submission that people and the grader read, those nearest to its root first."""
     written = [p for p in map(PurePosixPath, context.submission.texts) if p.suffix.lower() in _WRITTEN]
-    paths = [p for p in written if _README.match(p.stem)]
-    if not paths:
-        paths = [p for p in written if p.suffix and not p.stem.lower().startswith(_FOR_PROGRAMS)]
-    paths.sort(key=lambda p: (len(p.parts), str(p)))
-    return list(_read(context, map(str, paths)))
+    return sorted(written, key=lambda p: (len(p.parts), str(p)))
 
 
-def _read(context: Context, paths: Iterable[str]) -> Iterator[tuple[str, Document]]:
+def _read(context: Context, paths: Iterable[PurePosixPath]) -> Iterator[tuple[str, Document]]:
     """Read documents one after the other, as many as anybody would."""
     left = _MOST_CHARACTERS
-    for path in paths:
+    for path in map(str, paths):
         if left > 0:
             left -= len(context.submission.texts[path])
             yield path, read_markdown(context.submission.texts[path])
@@ -60,19 +64,22 @@ def _not_read(context: Context) -> list[str]:
     """Return the documents that may say what is looked for, but in a form that only people can read."""
     paths = [PurePosixPath(f.path) for f in context.submission.files if f.size_bytes]
     found = [p for p in paths if p.suffix.lower() in _NOT_READ and not p.name.startswith(".")]
-    return [str(p) for p in sorted(found, key=lambda p: (_README.match(p.stem) is None, len(p.parts), str(p)))][:3]
+    return [str(p) for p in sorted(found, key=lambda p: (len(p.parts), str(p)))][:3]
 
 
-def _for_a_person(expected: str, paths: Sequence[str]) -> Finding:
-    reason = f"The grader cannot read {', '.join(paths)}; a person has to."
-    return inconclusive(expected, "not read", reason, where=[Location(file=path) for path in paths], retry=False)
-
-
-def sources(context: Context, artifacts: tuple[str, ...]) -> list[SourceFacts]:
-    """Return the facts of those artifacts that were handed in."""
-    paths = dict.fromkeys(context.path_of(artifact) for artifact in artifacts)  # one file may hold several
+def _sources(context: Context, artifacts: Sequence[str], rules: Rules | None = None) -> list[SourceFacts]:
+    """Return the facts of those artifacts that were handed in as Python; one file may hold several."""
+    paths = filter(None, dict.fromkeys(context.path_of(artifact) for artifact in artifacts))
     texts = context.submission.texts
-    return [_facts(path, texts[path]) for path in paths if path is not None and path in texts]
+    return read_sources({path: texts[path] for path in paths if path in texts and _is_python(path)}, rules)
+
+
+def _is_python(path: str) -> bool:
+    return PurePosixPath(path).suffix.lower() not in (".xml", ".yaml", ".yml")
+
+
+def _for_a_person(file: str, line: int, seen: str) -> str:
+    return f"For a person to read: {file}, line {line}, {seen}. The points are given."
 
 
 class _OfFiles(Parameters):
@@ -90,110 +97,182 @@ class Part(Parameters):
 
 
 class Readme(_OfFiles):
-    """The README says how to run the work (a part) and what each part of it does (a part each)."""
+    """The README says how to run the work (a part), and lets a reader find each part of it (the rest)."""
 
+    titles: tuple[Pattern, ...] = Field(description="How the names of READMEs begin, as regular expressions.")
     parts: tuple[Part, ...]
-    words_each: int = Field(8, description="Distinct words of its own that a description has at least.")
     commands: tuple[Pattern, ...] = Field(description="Regular expressions of commands that run something.")
-    run_weight: Share = Field(0.25, description="Share of the credit for the commands.")
+    run_words: tuple[str, ...] = Field((), description="Words of a heading or a sentence about running the work.")
+    run_weight: Share = Field(0.5, description="Share of the credit for saying how to run it.")
+    placeholders: tuple[Pattern, ...] = Field((), description="Regular expressions of texts that wait to be written.")
+    doubt_words: int = Field(
+        60, description="Distinct words from which a text that mentions no part may do so in words unknown here."
+    )
 
 
 def readme(context: Context, p: Readme) -> Finding:
-    """Judge commands and descriptions; a bare list of names describes nothing."""
-    # What was not handed in is charged where it is missing.
-    parts = [part for part in p.parts if context.path_of(part.artifact) is not None] or list(p.parts)
-    expected = f"commands to run it ({p.run_weight:.0%}), and a description of {_parts(len(parts))} (the rest)"
-    documents = readmes(context)
-    if not documents and (unread := _not_read(context)):
-        return _for_a_person(expected, unread)
-    if not documents:
+    """Judge whether it tells how to run the work and names each part; templates and pasted code say nothing."""
+    expected = f"it says how to run the work ({p.run_weight:.0%}), and each part can be found in it (the rest)"
+    documents = _documents(context)
+    paths = [path for path in documents if any(search(title, path.stem, ignore_case=True) for title in p.titles)]
+    # Without a README, what else is written may stand for it.
+    paths = paths or [q for q in documents if q.suffix and not q.stem.lower().startswith(_FOR_PROGRAMS)]
+    unread = _not_read(context)
+    if not paths and not unread:
         return failed(expected, "no README", "There is no README.", hint="Write a README.md beside the code.")
-    commands = [Location(file=path, line=line) for path, d in documents for line in run_lines(d, p.commands)]
-    topics = [TopicWords(part.artifact, part.names, part.synonyms) for part in parts]
-    described = {
-        topic: Location(file=path, line=line)
-        for path, d in reversed(documents)
-        for topic, line in descriptions(d, topics, p.words_each).items()
-    }
-    lacking = [part for part in parts if part.artifact not in described]
-    share = p.run_weight * bool(commands) + (1 - p.run_weight) * len(described) / len(parts)
-    first = PurePosixPath(documents[0][0])
-    reasons = [] if _README.match(first.stem) else [f"There is no README; {first} was read in its place."]
-    if not commands:
-        reasons.append("It does not say by which commands the work is run.")
-    if lacking:
-        reasons.append(
-            f"It does not say what {', '.join(part.names[0] for part in lacking)} "
-            + ("does." if len(lacking) == 1 else "do.")
+    reading = _Reading(context, p, paths)
+    share = p.run_weight * bool(reading.run) + (1 - p.run_weight) * len(reading.found) / len(reading.parts)
+    notes = [*reading.notes]
+    if share < 1 and unread:
+        notes = [f"For a person to read: {', '.join(unread)}, which the grader cannot. The points are given."]
+        share = 1.0
+    where = [Location(file=file, line=line) for file, line in dict.fromkeys([*reading.run, *reading.found.values()])]
+    where = where or [Location(file=str(path)) for path in [*paths[:1], *unread]]
+    measured = f"how to run it: {'yes' if reading.run else 'not found'}; "
+    measured += f"{len(reading.found)} of {len(reading.parts)} parts found"
+    finding = graded(share, expected, measured, reading.reason, where=where, notes=notes)
+    return replace(finding, counted=tuple(reading.counted))
+
+
+class _Reading:
+    """What READMEs say of how to run the work (`run`) and of its parts (`found`), each with file and line."""
+
+    def __init__(self, context: Context, p: Readme, paths: Sequence[PurePosixPath]) -> None:
+        # What was not handed in is charged where it is missing.
+        self.parts = [part for part in p.parts if context.path_of(part.artifact) is not None] or list(p.parts)
+        self.run: list[tuple[str, int]] = []
+        self.found: dict[str, tuple[str, int]] = {}
+        self.notes: list[str] = []
+        self.counted: list[str] = []
+        self.reason = ""
+        names = {part.artifact: (*part.names, *_own_names(context, part)) for part in self.parts}
+        terms = {
+            part.artifact: (Terms.of(names[part.artifact], _ENDING), Terms.of(part.synonyms, _ENDING))
+            for part in self.parts
+        }
+        every = Terms.of((name for found in names.values() for name in found), _ENDING)
+        texts: list[tuple[str, list[Block]]] = []
+        hollow: list[str] = []
+        for path, document in _read(context, paths):
+            if is_source(context.submission.texts[path]):
+                hollow.append(f"{path} (source code)")
+                continue
+            shown, empty = visible(document, every, p.placeholders)
+            texts.append((path, shown))
+            hollow += [f"'{section.title}' ({path}, line {section.line})" for section in empty if section.title]
+        for path, shown in texts:
+            for part in self.parts:
+                line = mention(shown, *terms[part.artifact])
+                if line is not None:
+                    self.found.setdefault(part.artifact, (path, line))
+        self._look_for_run(texts, p)
+        self._doubt(texts, p)
+        self.counted += [
+            f"{part.names[0]}: " + (_at(*self.found[part.artifact]) if part.artifact in self.found else "not found")
+            for part in self.parts
+        ]
+        if hollow:
+            self.counted.append(f"Not counted, as nothing of its own stands there: {', '.join(hollow[:_MOST_LISTED])}")
+        lacking = [part.names[0] for part in self.parts if part.artifact not in self.found]
+        reasons = [] if self.run else ["The grader found no command and no sentence that says how to run the work."]
+        reasons += [f"It found no mention of {', '.join(lacking)}."] if lacking else []
+        reasons += (
+            [f"Nothing of its own stands under {', '.join(hollow[:_MOST_LISTED])}."] if reasons and hollow else []
         )
-    measured = f"{len(commands)} commands, {len(described)} of {len(parts)} parts described"
-    where = [*commands[:1], *described.values()]
-    return graded(share, expected, measured, " ".join(reasons), where=where or (Location(file=documents[0][0]),))
+        self.reason = " ".join(reasons)
+
+    def _look_for_run(self, texts: Sequence[tuple[str, list[Block]]], p: Readme) -> None:
+        for path, shown in texts:
+            if (found := command_line(shown, p.commands)) is not None:
+                self.run = [(path, found[0])]
+                self.counted.append(f"How to run it: {_at(path, found[0])}, {found[1][:80]}")
+                return
+        for path, shown in texts:
+            if (line := instruction_line(shown, p.run_words)) is not None:
+                self.run = [(path, line)]
+                self.counted.append(f"How to run it: {_at(path, line)}, in words")
+                self.notes.append(_for_a_person(path, line, "may say how the work is run, though without a command"))
+                return
+        self.counted.append("How to run it: not found")
+
+    def _doubt(self, texts: Sequence[tuple[str, list[Block]]], p: Readme) -> None:
+        """Find all parts in a long text in which none was recognised: it may call them by other names."""
+        said = " ".join(block.text for _, shown in texts for block in shown if block.kind != "code")
+        if not self.found and texts and substance(said) >= p.doubt_words:
+            self.found = {part.artifact: (texts[0][0], 1) for part in self.parts}
+            self.notes.append(_for_a_person(texts[0][0], 1, "names no part of the work by a name known to the grader"))
 
 
-def _parts(count: int) -> str:
-    return "the one part" if count == 1 else f"each of {count} parts"
+def _own_names(context: Context, part: Part) -> tuple[str, ...]:
+    """Return what the student called a part."""
+    path = context.path_of(part.artifact)
+    return () if path is None else (PurePosixPath(path).name, PurePosixPath(path).stem)
 
 
-class Docstrings(_OfFiles):
-    """Modules, classes and functions have docstrings that say something."""
+def _at(file: str, line: int) -> str:
+    return f"{file}, line {line}"
+
+
+class CodeExplained(_OfFiles):
+    """Files, classes and functions of some length are explained by docstrings or comments, whichever."""
 
     artifacts: tuple[ref.Artifact, ...]
-    full_from: Share
-    zero_to: Share = 0.0
+    full_from: Share = Field(description="Share of them that earns full credit; less earns in proportion.")
+    function_lines: int = Field(5, description="A function whose body has fewer lines speaks for itself.")
+    min_words: int = Field(2, description="Distinct words from which a text explains.")
+    placeholders: tuple[Pattern, ...] = Field((), description="Regular expressions of texts that wait to be written.")
+    fillers: tuple[str, ...] = Field((), description="Words that add nothing to the name of what they stand beside.")
 
 
-def docstrings(context: Context, p: Docstrings) -> Finding:
-    """Judge the weighted share of definitions with a docstring; missing files do not count."""
-    facts = sources(context, p.artifacts)
-    expected = f"docstrings on at least {percent(p.full_from)} of modules, classes and functions"
-    expected += f"; no credit up to {percent(p.zero_to)}" if p.zero_to else ""
+def code_explained(context: Context, p: CodeExplained) -> Finding:
+    """Judge the share of files, classes and functions whose purpose or reason is said somewhere."""
+    rules = Rules(p.min_words, p.function_lines, p.placeholders, p.fillers)
+    facts = _sources(context, p.artifacts, rules)
+    expected = f"a docstring or a comment explains at least {percent(p.full_from)} of files, classes and functions"
+    expected += f" of {p.function_lines} lines or more"
+    units = [(f, unit) for f in facts for unit in f.units if unit.needed]
     if not facts:
         return failed(expected, "no source files", "There is no source to read.")
-    if unread := [f.path for f in facts if not f.readable]:
-        return _for_a_person(expected, unread)
-    share = docstring_share(facts)
-    weight = apart(100 * float(share.share), 100 * p.full_from, 100 * p.zero_to, places=0)
-    measured = f"{share.documented} of {share.needed} documented ({weight}% by weight)"
-    lacking = [f"{u.definition.label} ({u.reason})" for u in share.undocumented[:4]]
-    more = f" and {len(share.undocumented) - 4} more" if len(share.undocumented) > 4 else ""
-    reason = f"Without a docstring that says something: {', '.join(lacking)}{more}."
-    where = [Location(file=u.path, line=u.definition.line) for u in share.undocumented[:6]]
-    credit = (float(share.share) - p.zero_to) / (p.full_from - p.zero_to)
-    return graded(credit, expected, measured, reason, where=where)
+    if not units:
+        return passed(expected, "nothing that needs an explanation")
+    bare = [(f.path, unit) for f, unit in units if unit.explained_by is None]
+    explained = len(units) - len(bare)
+    share = explained / len(units)
+    measured = f"{explained} of {len(units)} explained ({apart(100 * share, 100 * p.full_from, places=0)}%)"
+    names = [unit.name for _, unit in bare]
+    more = f" and {len(names) - 6} more" if len(names) > 6 else ""
+    reason = f"Neither a docstring nor a comment explains {', '.join(names[:6])}{more}."
+    faults = {note.fault for f in facts for note in f.notes if note.fault}
+    reason += f" What was found there does not count: {', '.join(sorted(faults))}." if faults else ""
+    where = [Location(file=path, line=unit.line) for path, unit in bare[:6]]
+    notes = [
+        f"For a person to read: Python cannot read {f.path}, so only its comments were counted."
+        for f in facts
+        if not f.readable
+    ]
+    finding = graded(share / p.full_from, expected, measured, reason, where=where, notes=notes)
+    return replace(finding, counted=tuple(map(_listed, facts)))
 
 
-class Comments(_OfFiles):
-    """Comments explain the code; commented-out code, banners and repeats do not."""
+def _listed(facts: SourceFacts) -> str:
+    """List what explains each part of a file, and what does not count."""
+    units = [unit for unit in facts.units if unit.needed]
+    said = [f"{'the file' if unit is facts.units[0] else unit.name} ({_kind(unit)})" for unit in units]
+    faults = sorted((note for note in facts.notes if note.fault), key=lambda note: (note.fault, note.line))
+    listed = [
+        f"{fault} (at {', '.join(_lines(note) for note in list(notes)[:_MOST_LISTED])})"
+        for fault, notes in groupby(faults, key=lambda note: note.fault)
+    ]
+    return f"{facts.path}: {'; '.join(said)}" + (f". Not counted: {'; '.join(listed)}" if listed else "")
 
-    artifacts: tuple[ref.Artifact, ...]
-    full_per_100_lines: float = Field(gt=0)
-    zero_to_per_100_lines: float = Field(0, ge=0, description="Up to this there is no credit.")
+
+def _kind(unit: Unit) -> str:
+    note = unit.explained_by
+    return f"{note.kind}, line {note.line}" if note is not None else "nothing"
 
 
-def comments(context: Context, p: Comments) -> Finding:
-    """Judge the number of explaining comments against the lines of code."""
-    facts = sources(context, p.artifacts)
-    expected = f"at least {p.full_per_100_lines:g} explaining comments in 100 lines of code"
-    expected += f"; no credit up to {p.zero_to_per_100_lines:g}" if p.zero_to_per_100_lines else ""
-    lines = sum(f.code_lines for f in facts)
-    if not lines:
-        return failed(expected, "no source files", "There is no source to read.")
-    explaining = sum(len(f.explaining) for f in facts)
-    others = [c for f in facts for c in f.comments if c.kind in ("code", "repeated", "echo")]
-    density = 100 * explaining / lines
-    measured = f"{explaining} in {lines} lines of code ({apart(density, p.full_per_100_lines, places=1)} in 100)"
-    wanted = math.ceil(p.full_per_100_lines * lines / 100)
-    said = f"{explaining} comment explains" if explaining == 1 else f"{explaining} comments explain"
-    reason = f"{said} something; for {lines} lines of code {wanted} give{'s' * (wanted == 1)} full credit"
-    reason += (
-        f". {len(others)} more {'is' if len(others) == 1 else 'are'} commented-out code, repeats or echoes of the code."
-        if others
-        else "."
-    )
-    bare = sorted(facts, key=lambda f: len(f.explaining) / max(1, f.code_lines))[:3]
-    share = (density - p.zero_to_per_100_lines) / (p.full_per_100_lines - p.zero_to_per_100_lines)
-    return graded(share, expected, measured, reason, where=[Location(file=f.path) for f in bare])
+def _lines(note: Note) -> str:
+    return f"line {note.line}" if note.line == note.last else f"lines {note.line}–{note.last}"
 
 
 class ConceptsExplained(_OfFiles):
@@ -216,15 +295,9 @@ def concepts_explained(context: Context, p: ConceptsExplained) -> Finding:
 
     Without that, what is named may be no more than a list of settings, and earns half of what it would.
     """
-    passages = [passage for path, d in readmes(context) for passage in document_passages(d, path)]
-    other = [path for path in context.submission.texts if PurePosixPath(path).suffix.lower() in (".md", ".rst", ".txt")]
-    known = {passage.file for passage in passages}
-    passages += [
-        q
-        for path, document in _read(context, (path for path in sorted(other) if path not in known))
-        for q in document_passages(document, path)
-    ]
-    passages += [passage for facts in sources(context, p.artifacts) for passage in source_passages(facts)]
+    documents = [path for path in _documents(context) if not path.stem.lower().startswith(_FOR_PROGRAMS)]
+    passages = [q for path, document in _read(context, documents) for q in document_passages(document, path)]
+    passages += [passage for facts in _sources(context, p.artifacts) for passage in source_passages(facts)]
     found = concepts(passages, p.concepts, p.reasons, p.anchors, p.min_words, p.connectives)
     expected = (
         f"{p.full_concepts} of {len(p.concepts)} concepts discussed (two thirds), and weighed with reasons (one third)"
@@ -232,14 +305,20 @@ def concepts_explained(context: Context, p: ConceptsExplained) -> Finding:
     measured = f"{', '.join(found.discussed) or 'none'} discussed in {found.words} words"
     where = [Location(file=passage.file, line=passage.line) for passage in found.discussed.values()]
     if len(found.discussed) < p.least_concepts and (unread := _not_read(context)):
-        return _for_a_person(expected, unread)
+        reason = f"The grader cannot read {', '.join(unread)}; a person has to."
+        return inconclusive(expected, "not read", reason, where=[Location(file=path) for path in unread], retry=False)
     if len(found.discussed) < p.least_concepts:
         return failed(expected, measured, "There is next to nothing in writing about the trade-offs.", where=where)
     covered = min(1.0, len(found.discussed) / p.full_concepts)
     share = 2 / 3 * covered + 1 / 3 if found.related else 1 / 3 * covered
     reasons = [] if found.related else ["They are not set in relation to each other: when which, and at what price?"]
     if len(found.discussed) < p.full_concepts:
-        missing = [name for name in p.concepts if name not in found.discussed]
-        reasons.insert(0, f"Nothing is said about {', '.join(missing)}.")
+        missing = ", ".join(name for name in p.concepts if name not in found.discussed)
+        recognised = f"The grader recognised {len(found.discussed)} of {len(p.concepts)} subjects"
+        reasons.insert(0, f"{recognised}; {p.full_concepts} give full credit. Not recognised: {missing}.")
     notes = [f"For a person to read: {s.file}, line {s.line}, seems to be words, not sentences." for s in found.strung]
-    return graded(share, expected, measured, " ".join(reasons), where=where, notes=notes)
+    finding = graded(share, expected, measured, " ".join(reasons), where=where, notes=notes)
+    places = {name: _at(passage.file, passage.line) for name, passage in found.discussed.items()}
+    listed = [f"{name}: {places.get(name, 'not recognised')}" for name in p.concepts]
+    related = ", ".join(_at(passage.file, passage.line) for passage in found.related[:_MOST_LISTED])
+    return replace(finding, counted=(*listed, f"weighed with reasons: {related or 'not recognised'}"))

@@ -100,8 +100,7 @@ REGISTRY: dict[str, Check] = {
     "reported_traffic": Check(qos_tool.ReportedTraffic, qos_tool.reported_traffic, by_clock=True),
     # What is written.
     "readme": Check(documentation.Readme, documentation.readme),
-    "docstrings": Check(documentation.Docstrings, documentation.docstrings),
-    "comments": Check(documentation.Comments, documentation.comments),
+    "code_explained": Check(documentation.CodeExplained, documentation.code_explained),
     "concepts_explained": Check(documentation.ConceptsExplained, documentation.concepts_explained),
 }
 

@@ -75,9 +75,8 @@ def _hidden(entry: ClassEntry, pseudonym: str, hide: _Hider) -> ClassEntry:
 
 
 def _unquoted(check: CheckResult, hide: _Hider) -> CheckResult:
-    return replace(
-        check, reason=hide(check.reason), hint=hide(check.hint), expected="", measured="", where=(), notes=()
-    )
+    bare = replace(check, expected="", measured="", where=(), notes=(), counted=())
+    return replace(bare, reason=hide(check.reason), hint=hide(check.hint))
 
 
 class _Hider:

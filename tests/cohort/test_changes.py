@@ -55,12 +55,12 @@ def test_a_check_with_other_points(judged: dict[str, Any]) -> None:
     """The check, its criterion and the total change by as much."""
     after = with_check(judged, "publisher.rate", 2.5, "partial")
     changes = compared(judged, after)
-    assert (changes.submission, changes.before, changes.after) == (judged["submission"], Decimal(100), Decimal("96.5"))
+    assert (changes.submission, changes.before, changes.after) == (judged["submission"], Decimal(100), Decimal("97.5"))
     criterion, check = changes.parts
-    assert (criterion.id, criterion.before, criterion.after) == ("publisher", Decimal(20), Decimal("16.5"))
-    assert (check.id, check.before, check.after) == ("publisher.rate", Decimal(6), Decimal("2.5"))
+    assert (criterion.id, criterion.before, criterion.after) == ("publisher", Decimal(20), Decimal("17.5"))
+    assert (check.id, check.before, check.after) == ("publisher.rate", Decimal(5), Decimal("2.5"))
     assert (check.outcome_before, check.outcome_after) == (Outcome.PASSED, Outcome.PARTIAL)
-    assert changes.difference == criterion.difference == check.difference == Decimal("-3.5")
+    assert changes.difference == criterion.difference == check.difference == Decimal("-2.5")
     assert changes.words
 
 
@@ -84,7 +84,7 @@ def test_undecided_points_matter(judged: dict[str, Any]) -> None:
 
 def test_words_alone_do_not_matter(judged: dict[str, Any]) -> None:
     """Another reason is told apart from other points, and another rubric's hash is no difference at all."""
-    reworded = with_check(judged, "publisher.rate", 6, "passed", reason="other words")
+    reworded = with_check(judged, "publisher.rate", 5, "passed", reason="other words")
     changes = compared(judged, reworded)
     assert (changes.matters, changes.words) == (False, True)
     elsewhere = copy.deepcopy(judged) | {"provenance": {**judged["provenance"], "rubric_sha256": "other"}}
@@ -120,7 +120,7 @@ def test_checks_that_came_and_went(judged: dict[str, Any]) -> None:
         ("gone", False, True),
     ]
     check, *others = changes.at("check")
-    assert (check.id, check.before, check.after, check.outcome_before) == ("publisher.rate", None, Decimal(6), None)
+    assert (check.id, check.before, check.after, check.outcome_before) == ("publisher.rate", None, Decimal(5), None)
     assert {(c.before is None, c.after is None) for c in others} == {(True, False), (False, True)}
 
 
@@ -151,9 +151,9 @@ def test_the_trail_says_what_was_and_is(judged: dict[str, Any]) -> None:
     """Each change is a pair of old and new, in plain numbers."""
     plain = plain_changes(compared(judged, with_check(judged, "publisher.rate", 2.5, "partial")))
     assert plain == {
-        "final": [100, 96.5],
+        "final": [100, 97.5],
         "undecided": [0, 0],
-        "criteria": {"publisher": [20, 16.5]},
-        "checks": {"publisher.rate": {"outcome": ["passed", "partial"], "points": [6, 2.5]}},
+        "criteria": {"publisher": [20, 17.5]},
+        "checks": {"publisher.rate": {"outcome": ["passed", "partial"], "points": [5, 2.5]}},
         "adjustments": [],
     }

@@ -30,7 +30,7 @@ def fixtures(tmp_path: Path) -> Path:
         (tmp_path / "fixtures" / name / "submission").mkdir(parents=True)
         (tmp_path / "fixtures" / name / "submission/joint_publisher.py").write_text("import rclpy\n")
         text = "about: a\nsessions: []\ncriteria:\n  documentation:\n    checks:\n"
-        for check in ("readme", "docstrings", "comments"):
+        for check in ("readme", "code"):
             text += f"      documentation.{check}: {{outcome: {outcome if check == 'readme' else 'failed'}}}\n"
         (tmp_path / "fixtures" / name / "expected.yaml").write_text(text)
     return tmp_path / "fixtures"

@@ -89,6 +89,7 @@ def test_the_contract() -> None:
         "hint",
         "where",
         "notes",
+        "counted",
         "session",
         "credit",
         "commands",

@@ -17,8 +17,3 @@ def _lexicon() -> dict[str, list[str]]:
 def one_of(name: str) -> str:
     """Return a regular expression that matches any entry of a vocabulary."""
     return f"(?:{'|'.join(_lexicon()[name])})"
-
-
-def words_of(name: str) -> frozenset[str]:
-    """Return the single words of a vocabulary."""
-    return frozenset(word for line in _lexicon()[name] for word in line.split())

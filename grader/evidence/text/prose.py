@@ -7,43 +7,27 @@ languages as it likes.
 
 from __future__ import annotations
 
+import ast
 import re
 import unicodedata
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
 from grader.evidence.text.markup import Block, Document, Section, code_spans, own_text, plain_text
 from grader.evidence.text.source import SourceFacts
+from grader.evidence.text.syntax import normalise, tree_of
 from grader.evidence.text.words import Terms, fold, is_placeholder, measure, normal_form, sentences, words
 from grader.lab.patterns import search
-
-DESCRIPTION_WORDS = 4
-"""Distinct own words from which a part counts as described."""
 
 DISCUSSION_WORDS = 8
 """Distinct own words, besides the concepts' names, from which a passage discusses."""
 
 COMMAND_LIMIT = 500
-_TOPIC_ENDING = 3
-_OPENING_LENGTH = 4
+_OPENING_WORDS, _OPENING_LENGTH = 3, 40
+_OF_SOURCE = (ast.Import, ast.ImportFrom, ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
 _STUFFING_RATIO = 1.5
-_LISTING = re.compile(r"[,;/&、，،]")
 _COMMAND_START = re.compile(r"^[\s>*+-]{0,8}(?:[$#%]\s+)?")
-
-
-@dataclass(frozen=True)
-class TopicWords:
-    """What a README may call one part of the submission."""
-
-    #: Name of the artifact in the rubric.
-    id: str
-    #: Names that mean this part alone: file, executable, node.
-    names: tuple[str, ...]
-    #: What it may be called besides, in any language. A sentence with a name of one part and only synonyms of
-    #: another is about the first.
-    synonyms: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -70,102 +54,92 @@ class Discussion:
     words: int
 
 
-# -- what each part does -------------------------------------------------------------------------------
+# -- what a reader sees --------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class _Topic:
-    id: str
-    names: Terms
-    synonyms: Terms
+def is_source(text: str) -> bool:
+    """Whether a text is Python source: it parses, and imports or defines something."""
+    tree = tree_of(normalise(text))
+    return tree is not None and any(isinstance(node, _OF_SOURCE) for node in tree.body)
 
 
-@dataclass(frozen=True)
-class _Saying:
-    """A sentence said of some topics; `form` is the sentence without their names."""
+def visible(document: Document, names: Terms, placeholders: Sequence[str]) -> tuple[list[Block], list[Section]]:
+    """Return the pieces of a document that say something, in order, and the headings with nothing below them.
 
-    topics: tuple[str, ...]
-    line: int
-    form: str
-
-
-def descriptions(
-    document: Document, topics: Sequence[TopicWords], min_words: int = DESCRIPTION_WORDS
-) -> dict[str, int]:
-    """Return the ids of the topics that `document` describes, each with the line where it begins to.
-
-    A sentence counts for the topic that it names first, or else for that of the heading above it; one that names
-    none continues the one before. One that lists three or more counts for none, and so does the same sentence said
-    of several topics, names aside.
+    A heading says something where something stands below it, and is a block of kind "heading" or, if it is the title
+    of it all, "title". Pasted source code says nothing, and neither does what only holds the place of a text, be it
+    behind the name of a part.
     """
-    known = [_Topic(t.id, Terms.of(t.names, _TOPIC_ENDING), Terms.of(t.synonyms, _TOPIC_ENDING)) for t in topics]
-    every = Terms.of((w for t in topics for w in (*t.names, *t.synonyms)), _TOPIC_ENDING)
-    sayings = list(_sayings(document, known, every, min_words))
-    said_of = Counter(form for _, form in {(s.topics, s.form) for s in sayings})
-    found: dict[str, int] = {}
-    for topic in known:
-        said = [s for s in sayings if topic.id in s.topics and said_of[s.form] == 1]
-        if measure(word for s in said for word in s.form.split()) >= max(min_words, 1):
-            found[topic.id] = said[0].line
-    return found
+    shown: list[Block] = []
+    empty: list[Section] = []
+    below: list[tuple[int, bool]] = []
+    least = min((s.level for s in document.sections if s.level), default=0)
+    tops = [s for s in document.sections if s.level == least]
+    for section in reversed(document.sections):
+        blocks = [block for block in section.blocks if _says_something(block, names, placeholders)]
+        filled = bool(blocks)
+        while below and below[-1][0] > section.level:
+            filled |= below.pop()[1]
+        below.append((section.level, filled))
+        shown += reversed(blocks)
+        if section.level and filled:
+            is_title = len(tops) == 1 and section is tops[0]
+            shown.append(Block("title" if is_title else "heading", section.title, section.line))
+        elif section.level:
+            empty.append(section)
+    return shown[::-1], empty[::-1]
 
 
-def _sayings(document: Document, topics: Sequence[_Topic], every: Terms, min_words: int) -> Iterator[_Saying]:
-    title = _document_title(document, topics)
-    outer: list[tuple[int, tuple[str, ...]]] = []
-    for section in document.sections:
-        while outer and outer[-1][0] >= section.level:
-            outer.pop()
-        named = () if section is title else _about(section.title, topics)
-        heading = named or (outer[-1][1] if outer else ())
-        outer.append((section.level, heading))
-        current = heading
-        for block in section.blocks:
-            if block.kind == "code":
-                continue
-            amount = 0
-            for line, sentence in _lines_of(block):
-                current = _subjects(sentence, heading, current, topics, every)
-                form = normal_form(every.without(own_text(sentence)))
-                amount += measure(form.split())
-                if form and len(current) in (1, 2) and not is_placeholder(own_text(sentence)):
-                    yield _Saying(current, line, form)
-            if amount >= min_words:
-                current = heading
+def _says_something(block: Block, names: Terms, placeholders: Sequence[str]) -> bool:
+    if is_source(block.text):
+        return False
+    if block.kind == "code":
+        return bool(block.text.strip())
+    plain = plain_text(block.text)
+    own = names.without(plain)
+    is_bare_name = not any(character.isalnum() for character in own) and names.found(plain)
+    return is_bare_name or not is_placeholder(own, placeholders)
 
 
-def _subjects(
-    sentence: str, heading: tuple[str, ...], current: tuple[str, ...], topics: Sequence[_Topic], every: Terms
-) -> tuple[str, ...]:
-    """Return the topics that a sentence is about.
+def mention(blocks: Sequence[Block], names: Terms, synonyms: Terms) -> int | None:
+    """Return the line in which a part is mentioned by one of its names, or else by a synonym; None if it is in none."""
+    by_name = next((_line_of(block, place) for block in blocks if (place := names.place(block.text)) is not None), None)
+    if by_name is not None:
+        return by_name
+    texts = (block for block in blocks if block.kind != "title")
+    return next((_line_of(block, place) for block in texts if (place := synonyms.place(block.text)) is not None), None)
 
-    One that opens with a part's name is about that part, whatever the heading. One that lists others is still about
-    the part in the heading: what starts them, say.
+
+def _line_of(block: Block, place: int) -> int:
+    return block.line + fold(block.text).count("\n", 0, place)
+
+
+# -- how to run it -------------------------------------------------------------------------------------
+
+
+def command_line(blocks: Sequence[Block], patterns: Sequence[str]) -> tuple[int, str] | None:
+    """Return the first line with a command that matches one of `patterns`, and the command.
+
+    Lines of code, code spans and lines of text are searched, as many a README has its commands unmarked. A
+    pattern is a regular expression of the rubric, searched regardless of case.
     """
-    plain = plain_text(sentence)
-    named = _about(sentence, topics)
-    places = [place for topic in topics if (place := topic.names.place(plain)) is not None]
-    if min(places, default=_OPENING_LENGTH) < _OPENING_LENGTH:
-        return named[:1] if len(named) < 3 or _is_subject(plain, named, topics, every) else named
-    if len(heading) == 1:
-        return heading
-    return named[:1] if len(named) < 3 and named else named or current
+    for block in blocks:
+        for offset, line in enumerate(block.text.split("\n")):
+            for command in _commands(block.kind, line):
+                if any(search(pattern, command, ignore_case=True) for pattern in patterns):
+                    return block.line + offset, command
+    return None
 
 
-def _is_subject(plain: str, named: tuple[str, ...], topics: Sequence[_Topic], every: Terms) -> bool:
-    """Whether the first of the parts named does something with the others, rather than being listed with them."""
-    terms = {t.id: t.names if any(u.names.found(plain) for u in topics) else t.synonyms for t in topics}
-    first, second = (terms[topic].place(plain) or 0 for topic in named[:2])
-    between = every.without(fold(plain)[first:second])
-    return bool(words(between)) and not _LISTING.search(between)
-
-
-def _document_title(document: Document, topics: Sequence[_Topic]) -> Section | None:
-    """The heading of the whole document, unless it names a topic (by more than a synonym)."""
-    titled = [section for section in document.sections if section.level]
-    if len(titled) < 2 or any(titled[0].level >= section.level for section in titled[1:]):
-        return None
-    return None if any(topic.names.found(titled[0].title) for topic in topics) else titled[0]
+def instruction_line(blocks: Sequence[Block], run_words: Sequence[str]) -> int | None:
+    """Return the line of a heading, or of a sentence that begins so, by which the work seems to be run."""
+    terms = Terms.of(f"{word}$" for word in run_words)
+    for block in blocks:
+        for line, sentence in _lines_of(block) if block.kind != "code" else ():
+            opening = " ".join(plain_text(sentence).split()[:_OPENING_WORDS])[:_OPENING_LENGTH]
+            if terms.found(block.text if block.kind == "heading" else opening):
+                return line
+    return None
 
 
 def _lines_of(block: Block) -> Iterator[tuple[int, str]]:
@@ -177,32 +151,6 @@ def _lines_of(block: Block) -> Iterator[tuple[int, str]]:
             line += block.text.count("\n", position, start)
             position = start
         yield line, sentence
-
-
-def _about(text: str, topics: Sequence[_Topic]) -> tuple[str, ...]:
-    """The topics that a text names, or else those that it calls by a synonym, in the text's order."""
-    plain = plain_text(text)
-    for terms in ([(t.id, t.names) for t in topics], [(t.id, t.synonyms) for t in topics]):
-        if places := sorted((place, name) for name, term in terms if (place := term.place(plain)) is not None):
-            return tuple(name for _, name in places)
-    return ()
-
-
-# -- how to run it -------------------------------------------------------------------------------------
-
-
-def run_lines(document: Document, patterns: Sequence[str]) -> list[int]:
-    """Return the lines of `document` with a command that matches one of `patterns`.
-
-    Lines of code, code spans and lines of text are searched, as many a README has its commands unmarked. A
-    pattern is a regular expression of the rubric, searched regardless of case.
-    """
-    return [
-        block.line + offset
-        for block in document.blocks()
-        for offset, line in enumerate(block.text.split("\n"))
-        if any(search(p, command, ignore_case=True) for command in _commands(block.kind, line) for p in patterns)
-    ]
 
 
 def _commands(kind: str, line: str) -> Iterator[str]:
@@ -233,17 +181,8 @@ def document_passages(document: Document, file: str) -> tuple[Passage, ...]:
 
 
 def source_passages(facts: SourceFacts) -> tuple[Passage, ...]:
-    """Docstrings and explaining comments of a source as passages; comments on consecutive lines are one."""
-    passages = [Passage(d.docstring, facts.path, d.line) for d in facts.definitions if d.docstring]
-    last = -1
-    for comment in facts.explaining:
-        if comment.line == last + 1 and not comment.inline and passages:
-            before = passages[-1]
-            passages[-1] = Passage(f"{before.text}\n{comment.text}", before.file, before.line)
-        else:
-            passages.append(Passage(comment.text, facts.path, comment.line))
-        last = comment.line
-    return tuple(passages)
+    """Docstrings and comments of a source that explain something, as passages."""
+    return tuple(Passage(note.text, facts.path, note.line) for note in facts.notes if not note.fault)
 
 
 def concepts(
@@ -320,7 +259,7 @@ def _discussing(passages: Iterable[Passage], every: Terms, min_words: int) -> It
         fresh: list[str] = []
         for sentence in sentences(passage.text):
             form = normal_form(sentence)
-            if form and form not in seen and not is_placeholder(sentence):
+            if form and form not in seen:
                 seen.add(form)
                 fresh.append(sentence)
         text = plain_text("\n".join(fresh))

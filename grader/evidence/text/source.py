@@ -1,102 +1,253 @@
-"""What a student's Python source says of itself: definitions, docstrings, comments.
+"""What a student's Python source says of itself: which of its files, classes and functions are explained, and by what.
 
-Text is parsed, never imported or run. A text that Python refuses still yields its comments, and is read without the
-lines that it refuses, so that a typing error is not charged a second time as missing documentation.
+Text is parsed, never imported or run. A text that Python refuses is read without the lines that it refuses, so that a
+typing error is not charged a second time as missing documentation.
 """
 
 from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
-from decimal import Decimal
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import groupby
+from operator import itemgetter
 from pathlib import PurePosixPath
 
-from grader.evidence.text.comments import Comment, comments_of
-from grader.evidence.text.syntax import blank_out, normalise, tree_of
-from grader.evidence.text.words import is_placeholder, normal_form, substance, words
+from grader.evidence.text.comments import CodeFinder, is_for_programs, is_licence
+from grader.evidence.text.syntax import blank_out, normalise, spans, tree_of
+from grader.evidence.text.words import fold, is_placeholder, measure, words
 from grader.submission.python_source import parse_python
 
-DOCSTRING_WORDS = 3
-"""Distinct words from which a docstring says something."""
-
-TRIVIAL_LINES = 3
-"""A function this short, docstring aside, speaks for itself."""
-
 _DEFINITION_LINE = re.compile(r" *(?:async +)?(?:def|class) +[^\W\d]\w*")
-_NAME_PARTS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[^\W\d_a-zA-Z]+")
-_NEEDED = {"module": Decimal(1), "class": Decimal(2), "function": Decimal(1), "method": Decimal(1)}
-_BONUS = Decimal("0.5")
+_HUMP = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 #: Lines of a file that are left out for being no Python, and characters that are parsed to find them.
 _MOST_REPAIRS, _MOST_PARSED = 20, 400_000
 _EMPTY_BLOCK = re.compile(r"expected an indented block after .* on line (\d+)")
+#: A licence stands in the first lines of a file.
+_LAST_LICENCE_LINE = 10
 
 
 @dataclass(frozen=True)
-class Definition:
-    """A module, class, function or method."""
+class Rules:
+    """What a rubric asks of an explanation."""
 
-    #: "module", "class", "function" or "method".
+    #: Distinct words from which a text explains.
+    min_words: int = 2
+    #: A function whose body has fewer lines speaks for itself.
+    function_lines: int = 5
+    #: Regular expressions of texts that hold the place of one to come.
+    placeholders: tuple[str, ...] = ()
+    #: Words that add nothing to a name.
+    fillers: tuple[str, ...] = ()
+
+
+@dataclass
+class Note:
+    """A docstring, another string that stands alone, or comments on consecutive lines."""
+
+    #: "docstring" or "comment".
     kind: str
-    #: Its bare name; a module's is the file's without `.py`.
-    name: str
-    #: Where it begins.
+    text: str
+    #: Its first and last line.
     line: int
-    #: Its docstring without indentation.
-    docstring: str | None
-    #: Whether neither its name nor that of what it stands in begins with an underscore, and it is not nested in
-    #: a function.
-    public: bool
-    #: Whether it needs no explanation: `main`, special methods, bodies of a line or two.
-    trivial: bool = False
-    #: Name of the class or function that it stands in.
-    owner: str | None = None
+    last: int
+    #: Whether code stands before it on its line.
+    inline: bool = False
+    #: Why it explains nothing, e.g. "commented-out code"; empty if it explains.
+    fault: str = ""
+
+
+@dataclass
+class Unit:
+    """A file, class or function, with what is said about it."""
+
+    #: Its name; a file's is that of the file.
+    name: str
+    line: int
+    notes: list[Note] = field(default_factory=list)
+    #: Whether it should be explained.
+    needed: bool = True
 
     @property
-    def label(self) -> str:
-        """How to name it to a reader, e.g. `method Arm.step`."""
-        return f"{self.kind} {self.owner}.{self.name}" if self.owner else f"{self.kind} {self.name}"
+    def explained_by(self) -> Note | None:
+        """The first of its notes that explains, if any does."""
+        return next((note for note in self.notes if not note.fault), None)
 
 
 @dataclass(frozen=True)
 class SourceFacts:
-    """What the text of one Python file says."""
+    """What the text of one Python file says of itself."""
 
-    #: As given to `parse`.
     path: str
-    #: In the order of their lines, the module first.
-    definitions: tuple[Definition, ...]
-    #: All comments, each with what it is worth.
-    comments: tuple[Comment, ...]
-    #: Lines with code on them; blank lines, comments and docstrings are none.
-    code_lines: int
+    #: The file first, then its classes and functions.
+    units: tuple[Unit, ...]
+    #: In the order of their lines.
+    notes: tuple[Note, ...]
     #: Whether the definitions are known: Python takes the file, or all of it but for a few lines.
     readable: bool = True
 
-    @property
-    def explaining(self) -> tuple[Comment, ...]:
-        """The comments that explain."""
-        return tuple(comment for comment in self.comments if comment.kind == "explains")
+
+def read_sources(texts: Mapping[str, str], rules: Rules | None = None) -> list[SourceFacts]:
+    """Read Python files, given by their paths. What is said twice in the same words explains once. Never raises.
+
+    A note explains the innermost unit that it stands in or directly above. A constructor, a short or nested function
+    and a file's only class are one with what they stand in, and so is the only function of a file without classes.
+    `main` needs no explanation where there is anything else.
+    """
+    said: set[str] = set()
+    return [_read(path, text, rules or Rules(), said) for path, text in texts.items()]
 
 
-def parse(path: str, text: str) -> SourceFacts:
-    """Read the Python file `text`, which stands at `path` in the submission. Never raises."""
+def _read(path: str, text: str, rules: Rules, said: set[str]) -> SourceFacts:
     whole = normalise(text)
     blank = blank_out(whole)
     tree = tree_of(whole) or _repaired(whole, blank)
-    module = path.rsplit("/", 1)[-1].removesuffix(".py")
-    definitions = list(_definitions(module, tree or ast.Module([], [])))
-    docstring_lines = _docstring_lines(tree) if tree is not None else set()
-    comments = comments_of(whole, blank)
-    first_code = next((number for number, line in enumerate(blank.split("\n"), 1) if line.strip()), 0)
-    header = [c.text for c in comments if c.line < first_code and c.kind == "explains"]
-    if header and definitions[0].docstring is None:
-        definitions[0] = replace(definitions[0], docstring="\n".join(header))
-    code_lines = sum(
-        1 for number, line in enumerate(blank.split("\n"), 1) if line.strip() and number not in docstring_lines
-    )
-    return SourceFacts(path, tuple(definitions), comments, code_lines, tree is not None)
+    code = [*blank.split("\n"), ""]
+    file = Unit(PurePosixPath(path).name, 1, needed=bool(blank.strip("_ \n")))
+    scopes = list(_scopes(tree, file, rules)) if tree is not None else []
+    owners: list[_Scope | None] = [None] * (len(code) + 1)
+    for scope in scopes:
+        owners[scope.first : scope.last + 1] = [scope] * (scope.last + 1 - scope.first)
+    below = _next_lines_of_code(code)
+    begins = {scope.first: scope for scope in scopes}
+    notes = sorted([*_comments(whole, code), *_strings(tree)], key=lambda note: note.line)
+    for note in notes:
+        is_above = note.kind == "comment" and not note.inline
+        owner = begins.get(below[note.last]) if is_above else None
+        owner = owner or owners[note.line]
+        if note.kind == "docstring":
+            beside = code[owner.head - 1] if owner is not None else PurePosixPath(path).stem
+        else:
+            beside = code[(below[note.last] if is_above else note.line) - 1]
+        note.fault = note.fault or _fault(note.text, beside, rules, said)
+        (owner.unit if owner is not None else file).notes.append(note)
+    return SourceFacts(path, _units(file, scopes), tuple(notes), tree is not None)
+
+
+@dataclass(frozen=True)
+class _Scope:
+    """The lines of a class or function, the first with its decorators, and the line of its name."""
+
+    first: int
+    last: int
+    head: int
+    unit: Unit
+    is_class: bool
+
+
+def _scopes(tree: ast.Module, file: Unit, rules: Rules) -> Iterator[_Scope]:
+    """Yield classes and functions, the outer ones first; without recursion, as trees may be deep."""
+    classes = [node for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
+    functions = [node for node in tree.body if isinstance(node, _FUNCTIONS) and node.name != "main"]
+    alone = classes if len(classes) == 1 else functions if not classes and len(functions) == 1 else []
+    stack: list[tuple[ast.AST, Unit, bool]] = [(tree, file, False)]
+    while stack:
+        node, unit, within = stack.pop()
+        if isinstance(node, (*_FUNCTIONS, ast.ClassDef)):
+            is_function = not isinstance(node, ast.ClassDef)
+            is_one_with = node in alone or within or (is_function and _speaks_for_itself(node, rules))
+            owner, unit = unit, unit if is_one_with else Unit(node.name, node.lineno, needed=node.name != "main")
+            within = within or is_function
+            first = min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)])
+            yield _Scope(first, node.end_lineno or node.lineno, node.lineno, unit, owner is file and not is_function)
+        inner = [child for child in ast.iter_child_nodes(node) if not isinstance(child, ast.expr)]
+        stack += [(child, unit, within) for child in reversed(inner)]
+
+
+_FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
+
+
+def _speaks_for_itself(node: ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef, rules: Rules) -> bool:
+    body = node.body[1:] if ast.get_docstring(node) is not None else node.body
+    lines = (body[-1].end_lineno or 0) - body[0].lineno + 1 if body else 0
+    is_special = node.name.startswith("__") and node.name.endswith("__")
+    return is_special or (lines < rules.function_lines and node.name != "main")
+
+
+def _units(file: Unit, scopes: Iterable[_Scope]) -> tuple[Unit, ...]:
+    """Return all units; a file is explained by its classes too, and by `main` where it has nothing else."""
+    scopes = list(scopes)
+    others = list({id(scope.unit): scope.unit for scope in scopes if scope.unit is not file}.values())
+    if not any(unit.needed for unit in others):
+        file.notes += [note for unit in others for note in unit.notes]
+    file.notes += [note for scope in scopes if scope.is_class and scope.unit is not file for note in scope.unit.notes]
+    return file, *others
+
+
+def _next_lines_of_code(code: list[str]) -> list[int]:
+    """Return for each line, counted from 1, the first one behind it that holds code; else the last of all."""
+    found = [len(code)] * (len(code) + 1)
+    for number in range(len(code) - 1, 0, -1):
+        found[number] = number + 1 if code[number].strip() else found[number + 1]
+    return found
+
+
+def _strings(tree: ast.Module | None) -> Iterator[Note]:
+    """Yield the strings that stand alone: docstrings, and strings that are used as comments."""
+    finder = CodeFinder()
+    for node in ast.walk(tree) if tree is not None else ():
+        match node:
+            case ast.Expr(ast.Constant(str(text))):
+                lines = [line.strip() for line in text.strip().split("\n")]
+                is_code = len(finder.lines_of_code(lines)) == len(lines)
+                fault = "commented-out code" if is_code else ""
+                yield Note("docstring", text, node.lineno, node.end_lineno or node.lineno, fault=fault)
+
+
+def _comments(text: str, code: list[str]) -> Iterator[Note]:
+    """Yield the comments of a normalised text; consecutive lines at one column are one, but for code among them."""
+    finder = CodeFinder()
+    for block in _blocks(text, code):
+        bodies = [body for _, _, body in block]
+        first = block[0][0]
+        if first <= _LAST_LICENCE_LINE and is_licence(bodies):
+            yield Note("comment", "\n".join(bodies), first, first + len(block) - 1, fault="a licence")
+            continue
+        switched_off = finder.lines_of_code([body.lstrip("#!:").strip() for body in bodies])
+        marked = [(number in switched_off, number, body) for number, body in enumerate(bodies)]
+        for is_code, run in groupby(marked, key=itemgetter(0)):
+            _, numbers, lines = zip(*run, strict=True)
+            said = "\n".join(line.strip() for line in lines if not is_for_programs(line))
+            if any(character.isalnum() for character in said):
+                line, last = first + numbers[0], first + numbers[-1]
+                inline = bool(code[line - 1].strip())
+                yield Note("comment", said, line, last, inline, "commented-out code" if is_code else "")
+
+
+def _blocks(text: str, code: list[str]) -> Iterator[list[tuple[int, int, str]]]:
+    """Yield line, column and text of comments, block by block; one behind code is a block of its own."""
+    block: list[tuple[int, int, str]] = []
+    line, position = 1, 0
+    for span in spans(text):
+        line += text.count("\n", position, position := span.start())
+        if (body := span["comment"]) is None:
+            continue
+        column = position - text.rfind("\n", 0, position) - 1
+        follows = bool(block) and (line, column) == (block[-1][0] + 1, block[-1][1])
+        if block and not (follows and not code[line - 1].strip() and not code[block[-1][0] - 1].strip()):
+            yield block
+            block = []
+        block.append((line, column, body[1:]))
+    if block:
+        yield block
+
+
+def _fault(text: str, beside: str, rules: Rules, said: set[str]) -> str:
+    """Return why a text beside some code explains nothing, empty if it does. Adds it to what was `said`."""
+    found = words(text[:2000])
+    if is_placeholder(text, rules.placeholders):
+        return "a placeholder"
+    if measure(found) < rules.min_words:
+        return f"fewer than {rules.min_words} words"
+    known = {*words(beside[:1000]), *words(_HUMP.sub(" ", beside[:1000])), *map(fold, rules.fillers)}
+    if set(found) <= known:
+        return "repeats the code"
+    form = " ".join(found)
+    if form in said:
+        return "said before"
+    said.add(form)
+    return ""
 
 
 def _repaired(text: str, blank: str) -> ast.Module | None:
@@ -132,57 +283,6 @@ def _indent(line: str) -> int:
     return len(line) - len(line.lstrip(" "))
 
 
-def _definitions(module: str, tree: ast.Module) -> Iterator[Definition]:
-    """Definitions of a tree in the order of their lines; without recursion, as trees may be deep."""
-    yield Definition("module", module, 1, ast.get_docstring(tree), True, not tree.body)
-    stack: list[tuple[ast.AST, ast.AST | None, bool]] = [(tree, None, True)]
-    while stack:
-        node, owner, public = stack.pop()
-        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
-            yield _definition(node, owner, public)
-            owner, public = node, public and isinstance(node, ast.ClassDef) and not node.name.startswith("_")
-        inner = [child for child in ast.iter_child_nodes(node) if not isinstance(child, ast.expr)]
-        stack += [(child, owner, public) for child in reversed(inner)]
-
-
-def _definition(
-    node: ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef, owner: ast.AST | None, public: bool
-) -> Definition:
-    body = node.body[1:] if ast.get_docstring(node) is not None else node.body
-    last = body[-1].end_lineno or 0 if body else 0
-    body_lines = last - body[0].lineno + 1 if body else 0
-    if isinstance(node, ast.ClassDef):
-        kind = "class"
-        trivial = not body or all(isinstance(statement, ast.Pass) for statement in body)
-    else:
-        kind = "method" if isinstance(owner, ast.ClassDef) else "function"
-        trivial = _is_self_evident(node.name) or body_lines < TRIVIAL_LINES
-    name = getattr(owner, "name", None)
-    return Definition(
-        kind=kind,
-        name=node.name,
-        line=node.lineno,
-        docstring=ast.get_docstring(node),
-        public=public and (not node.name.startswith("_") or _is_self_evident(node.name)),
-        trivial=trivial,
-        owner=name if isinstance(name, str) else None,
-    )
-
-
-def _is_self_evident(name: str) -> bool:
-    return name == "main" or (name.startswith("__") and name.endswith("__"))
-
-
-def _docstring_lines(tree: ast.Module) -> set[int]:
-    """Lines taken by strings that stand alone as statements: docstrings and strings used as comments."""
-    return {
-        line
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
-        for line in range(node.lineno, (node.end_lineno or node.lineno) + 1)
-    }
-
-
 def spin_lines(text: str, others: Iterable[str]) -> tuple[int, ...] | None:
     """Return the lines in which a file names what spins a node; None where the file alone does not tell.
 
@@ -206,72 +306,3 @@ def spin_lines(text: str, others: Iterable[str]) -> tuple[int, ...] | None:
         if named.startswith("spin"):
             lines.add(node.lineno)  # type: ignore[attr-defined]
     return tuple(sorted(lines))
-
-
-@dataclass(frozen=True)
-class Undocumented:
-    """A definition whose docstring is missing or says nothing, and why."""
-
-    path: str
-    definition: Definition
-    reason: str
-
-
-@dataclass(frozen=True)
-class DocstringShare:
-    """How much of a submission's definitions is documented."""
-
-    #: Weight of what is documented over weight of what should be, from 0 to 1.
-    share: Decimal
-    #: Definitions that should be documented: those that are, and all.
-    documented: int
-    needed: int
-    #: Definitions that should be documented and are not.
-    undocumented: tuple[Undocumented, ...]
-
-
-def docstring_share(sources: Iterable[SourceFacts]) -> DocstringShare:
-    """Weigh the docstrings of several files together.
-
-    Modules, classes and public functions of more than a few lines should be documented; a class weighs twice.
-    What speaks for itself (`main`, special methods, private and short functions) costs nothing without a
-    docstring, and makes up for half a missing one with it. A docstring counts if it has `DOCSTRING_WORDS`
-    distinct words, says more than the name, holds no place for a later text, and is not used twice.
-    """
-    weight = documented_weight = Decimal(0)
-    documented = needed = 0
-    undocumented: list[Undocumented] = []
-    seen: set[str] = set()
-    for path, definition in ((s.path, d) for s in sources for d in s.definitions):
-        reason = _fault(definition, seen)
-        if not definition.public or definition.trivial:
-            documented_weight += _BONUS if not reason else 0
-            continue
-        needed += 1
-        weight += _NEEDED[definition.kind]
-        if reason:
-            undocumented.append(Undocumented(path, definition, reason))
-        else:
-            documented += 1
-            documented_weight += _NEEDED[definition.kind]
-    share = min(documented_weight / weight, Decimal(1)) if weight and documented else Decimal(0)
-    return DocstringShare(share, documented, needed, tuple(undocumented))
-
-
-def _fault(definition: Definition, seen: set[str]) -> str:
-    """Why the docstring of `definition` does not count, empty if it does. Adds it to those `seen`."""
-    docstring = definition.docstring
-    if docstring is None:
-        return "has no docstring"
-    form = normal_form(docstring)
-    if is_placeholder(docstring):
-        return "has a placeholder for a docstring"
-    name_parts = {part.lower() for part in _NAME_PARTS.findall(definition.name)} | {definition.name.lower()}
-    if set(words(docstring)) <= name_parts | {"a", "an", "the", "class", "function", "method", "module"}:
-        return "has a docstring that only repeats its name"
-    if substance(docstring) < DOCSTRING_WORDS:
-        return f"has a docstring of fewer than {DOCSTRING_WORDS} words"
-    if form in seen:
-        return "repeats the docstring of another"
-    seen.add(form)
-    return ""

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from grader.evidence.text.lexicon import one_of, words_of
+from grader.lab.patterns import search
 
 IDEOGRAPHS_PER_WORD = 2
 """Han and kana characters that say as much as one spaced word."""
@@ -27,14 +27,7 @@ _IS_IDEOGRAPH = re.compile(f"[{_IDEOGRAPH}]").match
 _IS_UNSPACED = re.compile(f"[{_UNSPACED}]").match
 _SENTENCE_END = re.compile(r"(?<=[.!?])\s+|[。！？；।؟۔]+|\n[ \t]*\n")
 _SENTENCE_LIMIT = 20_000
-_UNDONE = re.compile(r"\W*(?:todo|tbd|tba|fixme|xxx|wip|lorem ipsum|coming soon)\b|\W*(?:待办|待完成|未完成)", re.I)
-UNDONE_LIMIT_WORDS = 12
-"""Words up to which a text that begins with TODO is no more than that."""
-
-_PLACEHOLDER = re.compile(rf"\W*{one_of('placeholders')}\b", re.IGNORECASE)
-_PLACEHOLDER_LIMIT_WORDS = 6
 _BRACKETED = re.compile(r"^\W{0,80}[<\[{][^<>\[\]{}]{0,80}[>\]}]\W*$")
-_LOREM = words_of("blind_text")
 
 
 def fold(text: str) -> str:
@@ -88,22 +81,12 @@ def normal_form(text: str) -> str:
     return " ".join(words(text))
 
 
-def is_placeholder(text: str, undone_limit_words: int = UNDONE_LIMIT_WORDS) -> bool:
-    """Whether `text` only holds the place of a text: a TODO, dots, a template's field, blind text.
-
-    A TODO of more than `undone_limit_words` words says something.
-    """
+def is_placeholder(text: str, patterns: Sequence[str] = ()) -> bool:
+    """Whether `text` only holds the place of a text: dots, a template's field, or what one of the patterns finds."""
     stripped = text.strip()[:400]
-    if not any(c.isalnum() for c in stripped):
+    if not any(c.isalnum() for c in stripped) or _BRACKETED.match(stripped):
         return True
-    found = words(stripped)
-    if _UNDONE.match(stripped) and len(found) <= undone_limit_words:
-        return True
-    if _PLACEHOLDER.match(stripped) and len(found) <= _PLACEHOLDER_LIMIT_WORDS:
-        return True
-    if _BRACKETED.match(stripped):
-        return True
-    return len(found) >= 4 and sum(word in _LOREM for word in found) > 0.6 * len(found)
+    return any(search(pattern, stripped, ignore_case=True) for pattern in patterns)
 
 
 def sentences(text: str) -> list[str]:

@@ -8,24 +8,23 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grader.evidence.text.markup import read_markdown
+from grader.evidence.text.markup import Block, read_markdown
 from grader.evidence.text.prose import (
     Discussion,
     Passage,
-    TopicWords,
+    command_line,
     concepts,
-    descriptions,
     document_passages,
-    run_lines,
+    instruction_line,
+    mention,
     source_passages,
+    visible,
 )
-from grader.evidence.text.source import parse
+from grader.evidence.text.source import read_sources
+from grader.evidence.text.words import Terms
 
-TOPICS = (
-    TopicWords("talker", ("talker.py", "talker", "talker_node"), ("publisher", "发布者", "Sender", "издатель")),
-    TopicWords("listener", ("listener.py", "listener"), ("subscriber", "订阅者", "Empfänger", "подписчик")),
-    TopicWords("switch", ("switch_service.py", "switch_service"), ("service", "服务", "Dienst", "сервис")),
-)
+NAMES = Terms.of(["talker.py", "talker", "listener.py", "listener", "switch_service"], 3)
+PLACEHOLDERS = (r"^\W*todo\b", "lorem ipsum")
 RUN = (r"python3?\s+\S+\.py", r"ros2\s+(?:run|launch)\s+\S+")
 LEXICON = {
     "reliability": [
@@ -107,9 +106,9 @@ REASONS = (
 )
 
 
-def described(text: str) -> tuple[str, ...]:
-    """Ids of the topics that a README describes."""
-    return tuple(descriptions(read_markdown(text), TOPICS))
+def shown(text: str) -> list[Block]:
+    """Pieces of a README that say something."""
+    return visible(read_markdown(text), NAMES, PLACEHOLDERS)[0]
 
 
 def discussion(*texts: str, anchors: tuple[str, ...] = ()) -> Discussion:
@@ -121,95 +120,35 @@ def discussion(*texts: str, anchors: tuple[str, ...] = ()) -> Discussion:
 @pytest.mark.parametrize(
     "text",
     [
-        "# talker.py\nSends the wanted joint angles to the arm at a fixed rate.\n"
-        "# listener.py\nCompares wanted and measured angles and reports the error.\n"
-        "# switch_service.py\nTurns the motors on or off when somebody asks.\n",
-        "# Lab\n- `talker.py`: sends the wanted joint angles to the arm\n"
-        "- **listener.py** – compares wanted and measured angles, prints errors\n"
-        "- switch_service turns the motors on or off on request\n",
-        "| file | what |\n|---|---|\n| talker.py | sends the wanted joint angles to the arm |\n"
-        "| listener.py | compares wanted with measured angles, prints errors |\n"
-        "| switch_service.py | turns the motors on and off on request |\n",
-        "Talker\n======\nSends the wanted joint angles to the arm.\n\nListener\n========\nCompares "
-        "wanted and measured angles, prints errors.\n\n"
-        "Switch service\n==============\nTurns the motors on and off on request.\n",
-        "The publisher sends wanted joint angles to the arm. The subscriber compares wanted and "
-        "measured angles and prints errors. "
-        "The service turns the motors on and off on request.\n",
-        "talker.py\n\nSends the wanted joint angles to the arm.\n\nlistener.py\n\nCompares wanted and "
-        "measured angles, prints errors.\n\n"
-        "switch_service.py\n\nTurns the motors on and off on request.\n",
-        "## 发布者\n以固定频率向机械臂发送期望的关节角度。\n"
-        "## 订阅者\n比较期望角度与测量角度并打印误差。\n## 服务\n根据请求打开或关闭电机电源。\n",
-        "## Sender\nSchickt die gewünschten Gelenkwinkel regelmäßig an den Arm.\n## Empfänger\n"
-        "Vergleicht gewünschte und gemessene Winkel, "
-        "meldet Fehler.\n## Dienst\nSchaltet die Motoren auf Anfrage ein oder aus.\n",
-        "- издатель отправляет желаемые углы суставов на манипулятор\n- подписчик сравнивает желаемые "
-        "и измеренные углы, печатает ошибки\n"
-        "- сервис включает и выключает двигатели по запросу\n",
+        "",
+        "# talker.py\n\n# listener.py\n\n# switch_service.py\n",
+        "# talker.py\nTODO\n# listener.py\n- TODO: describe it\n# switch_service.py\n<description of the node>\n",
+        "# talker.py\nLorem ipsum dolor sit amet, consectetur adipiscing elit, sed do eiusmod.\n",
+        "| talker.py | TODO |\n",
+        "# talker.py\n```python\nimport rclpy\nx = 1\n```\n",
+        "# talker.py\n\n    def f():\n        return 1\n",
+        "<!-- talker.py sends the wanted joint angles to the arm at a rate -->\n",
     ],
-    ids=["headings", "list", "table", "rst", "sentences", "names alone", "chinese", "german", "russian"],
+    ids=["nothing", "empty headings", "todo", "lorem", "row", "code", "indented code", "comment"],
 )
-def test_descriptions_count_in_every_form_and_language(text: str) -> None:
-    """A part is described whether in sections, lists, tables or running text, in any language."""
-    assert described(text) == ("talker", "listener", "switch")
+def test_what_says_nothing_is_not_seen(text: str) -> None:
+    """Headings, templates, blind text and source are nothing to read."""
+    assert shown(text) == []
 
 
 @pytest.mark.parametrize(
-    "text",
+    ("text", "line"),
     [
-        "",
-        "# talker.py\n\n# listener.py\n\n# switch_service.py\n",
-        "# talker.py\nTODO\n# listener.py\nTODO: describe this node\n# switch_service.py\n<description of the node>\n",
-        "# talker.py\nLorem ipsum dolor sit amet, consectetur adipiscing elit, sed do eiusmod.\n",
-        "- talker.py\n- listener.py\n- switch_service.py\n",
-        "Files: talker.py, listener.py, switch_service.py\n",
-        "# talker.py\nThis file is a very important part of the lab.\n# listener.py\nThis file is a "
-        "very important part of the lab.\n"
-        "# switch_service.py\nThis file is a very important part of the lab.\n",
-        "# talker.py\n```\nsends the wanted joint angles to the arm at a rate\n```\n",
-        "# talker.py\n[link](http://a.b/sends/the/wanted/angles) `sends the wanted angles to the arm now`\n",
-        "<!-- talker.py sends the wanted joint angles to the arm at a rate -->\n",
-        "talker.py talker.py talker.py talker.py talker.py talker.py talker.py talker.py\n",
-    ],
-    ids=[
-        "nothing",
-        "empty headings",
-        "todo",
-        "lorem",
-        "list of names",
-        "one line",
-        "same sentence",
-        "code",
-        "link",
-        "comment",
-        "names",
+        ("# Lab\n\n- talker.py\n- listener.py\n", 3),
+        ("# Lab\n```\nsrc/\n  talker.py  sends\n```\n", 4),
+        ("# Lab\n\nWords.\n\n## The talker\n\nSends things.\n", 5),
+        ("# Lab\n\nOnly a sender is here.\n", 3),
+        ("# Lab of a sender\n\n## Other\n\nWords without it.\n", None),
     ],
 )
-def test_what_says_nothing_describes_nothing(text: str) -> None:
-    """Headings, templates, blind text, names, code and repeats are no description."""
-    assert described(text) == ()
-
-
-def test_one_sentence_about_all_parts_describes_none() -> None:
-    """A sentence that lists the parts lends each only its share of words."""
-    text = "The files talker.py, listener.py and switch_service.py belong together and make up my solution.\n"
-    assert described(text) == ()
-
-
-def test_a_sentence_with_a_second_part_describes_the_first() -> None:
-    """Naming the partner of a node does not take its description away."""
-    text = "- listener.py: compares what the talker sends with the measured angles and prints errors\n"
-    assert descriptions(read_markdown(f"# Lab\n{text}"), TOPICS) == {"listener": 2}
-
-
-def test_the_title_of_the_document_describes_no_part() -> None:
-    """A title with a general word in it does not make the introduction a description."""
-    text = (
-        "# My publisher and subscriber lab\nIn this lab we learn many things about robots and "
-        "middleware.\n\n## Running\nType this in a shell, then wait a bit for output.\n"
-    )
-    assert described(text) == ()
+def test_a_part_is_found_where_it_is_named(text: str, line: int | None) -> None:
+    """In lists, trees, headings with something below, and by a synonym, but for the title of it all."""
+    assert mention(shown(text), Terms.of(["talker"], 3), Terms.of(["sender"], 3)) == line
 
 
 @pytest.mark.parametrize(
@@ -225,12 +164,28 @@ def test_the_title_of_the_document_describes_no_part() -> None:
 )
 def test_commands_are_found_wherever_they_stand(text: str, line: int) -> None:
     """Blocks, spans, prompts and plain lines with a command say how to run the work."""
-    assert run_lines(read_markdown(text), RUN) == [line]
+    found = command_line(shown(text), RUN)
+    assert found is not None
+    assert found[0] == line
 
 
 def test_talk_about_running_is_no_instruction() -> None:
     """A README without a command does not say how to run anything."""
-    assert run_lines(read_markdown("# Running\nRun all the nodes with ros2 and python.\n"), RUN) == []
+    assert command_line(shown("# Running\nRun all the nodes with ros2 and python.\n"), RUN) is None
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("# Lab\n\nWords.\n\n## How to start it\n\nPress the button in the editor.\n", 5),
+        ("To start the nodes, press the button.\n", 1),
+        ("Everything here starts together and runs at 100 Hz.\n", None),
+        ("## Start\n\n## Other\n\nWords.\n", None),
+    ],
+)
+def test_instructions_in_words_are_seen(text: str, line: int | None) -> None:
+    """A heading with text below, or a sentence that begins so, may say how the work is run; mere talk does not."""
+    assert instruction_line(shown(text), ["start", "run"]) == line
 
 
 @pytest.mark.parametrize(
@@ -317,7 +272,7 @@ def test_passages_of_source_are_docstrings_and_comment_blocks() -> None:
         '"""Compare several profiles of quality."""\nx = 1\n# Best effort is fine for sensors,\n# '
         "as a lost sample is replaced soon.\n# self.y = 2\n"
     )
-    passages = source_passages(parse("a.py", text))
+    passages = source_passages(read_sources({"a.py": text})[0])
     assert [(p.line, p.text) for p in passages] == [
         (1, "Compare several profiles of quality."),
         (3, "Best effort is fine for sensors,\nas a lost sample is replaced soon."),
@@ -362,8 +317,10 @@ def test_hostile_documents_take_bounded_time(piece: str) -> None:
     text = (piece * (1_000_000 // len(piece) + 1))[:1_000_000]
     started = time.process_time()
     document = read_markdown(text)
-    descriptions(document, TOPICS)
-    run_lines(document, RUN)
+    blocks, _ = visible(document, NAMES, PLACEHOLDERS)
+    mention(blocks, NAMES, NAMES)
+    command_line(blocks, RUN)
+    instruction_line(blocks, ["run"])
     concepts(document_passages(document, "README.md"), LEXICON, REASONS)
     assert time.process_time() - started < 5, "ten times what an idle machine takes"
 
@@ -372,6 +329,8 @@ def test_hostile_documents_take_bounded_time(piece: str) -> None:
 def test_any_text_is_read(text: str) -> None:
     """No text raises."""
     document = read_markdown(text)
-    assert set(descriptions(document, TOPICS)) <= {topic.id for topic in TOPICS}
-    run_lines(document, RUN)
+    blocks, _ = visible(document, NAMES, PLACEHOLDERS)
+    mention(blocks, NAMES, NAMES)
+    command_line(blocks, RUN)
+    instruction_line(blocks, ["run"])
     concepts(document_passages(document, "README.md"), LEXICON, REASONS)

@@ -1,16 +1,14 @@
-"""Definitions, docstrings and lines of a student's source."""
+"""Which files, classes and functions are explained, and by what."""
 
 from __future__ import annotations
 
 import time
-from decimal import Decimal
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grader.evidence.text.source import SourceFacts, docstring_share, parse
-from grader.evidence.text.syntax import SIZE_LIMIT
+from grader.evidence.text.source import Rules, SourceFacts, read_sources
 
 DOCUMENTED = '''"""Publish joint commands for the arm."""
 import math
@@ -31,6 +29,8 @@ class JointPublisher(Node):
         self.t += 0.01
         first = math.sin(self.t)
         second = math.cos(self.t)
+        if first > second:
+            self.get_logger().info("first")
         self.send(first, second)
 
     def send(self, first, second):
@@ -47,73 +47,72 @@ def main():
 
 def facts(text: str, path: str = "src/joint_publisher.py") -> SourceFacts:
     """Facts of one file."""
-    return parse(path, text)
+    return read_sources({path: text}, Rules(fillers=("the", "class", "function"), placeholders=("^todo", "^add ")))[0]
 
 
-def share(*texts: str) -> Decimal:
-    """Share of documented definitions in some files."""
-    return docstring_share([parse(f"file{index}.py", text) for index, text in enumerate(texts)]).share
+def explained(source: SourceFacts) -> dict[str, bool]:
+    """Give the units that need it by name, and whether each is explained."""
+    return {unit.name: unit.explained_by is not None for unit in source.units if unit.needed}
 
 
-def test_definitions_are_reported_with_kind_line_and_owner() -> None:
-    """Modules, classes, methods and functions come in the order of their lines."""
-    found = [(d.kind, d.name, d.line, d.owner, d.trivial) for d in facts(DOCUMENTED).definitions]
-    assert found == [
-        ("module", "joint_publisher", 1, None, False),
-        ("class", "JointPublisher", 7, None, False),
-        ("method", "__init__", 10, "JointPublisher", True),
-        ("method", "on_timer", 15, "JointPublisher", False),
-        ("method", "send", 22, "JointPublisher", True),
-        ("function", "main", 26, None, True),
-    ]
-    assert facts(DOCUMENTED).definitions[3].label == "method JointPublisher.on_timer"
-
-
-def test_a_reasonable_student_gets_it_all() -> None:
-    """Module, class and main methods documented is full marks; main and short ones need nothing."""
-    result = docstring_share([facts(DOCUMENTED)])
-    assert (result.documented, result.needed, result.undocumented) == (3, 3, ())
-    assert result.share == 1
-
-
-def test_what_is_missing_is_named() -> None:
-    """A definition without a docstring is reported with its file and the reason."""
-    text = DOCUMENTED.replace('        """Compute the next positions and publish them."""\n', "")
-    result = docstring_share([facts(text)])
-    assert result.share == Decimal("0.75")
-    (missing,) = result.undocumented
-    assert (missing.path, missing.definition.name, missing.reason) == (
-        "src/joint_publisher.py",
-        "on_timer",
-        "has no docstring",
-    )
+def test_a_class_is_one_with_its_file_and_short_functions_with_their_class() -> None:
+    """What needs an explanation is the file and what is long."""
+    assert explained(facts(DOCUMENTED)) == {"joint_publisher.py": True, "on_timer": True}
 
 
 @pytest.mark.parametrize(
-    ("docstring", "reason"),
+    ("written", "instead"),
     [
-        ("TODO", "placeholder"),
-        ("...", "placeholder"),
-        ("docstring", "placeholder"),
-        ("Add docstring here", "placeholder"),
-        ("Joint publisher.", "repeats its name"),
-        ("The JointPublisher class", "repeats its name"),
-        ("Sends things", "fewer than 3 words"),
-        ("x x x x", "fewer than 3 words"),
-        ("发布", "fewer than 3 words"),
-        ("Publish joint commands for the arm.", "repeats the docstring"),
+        (
+            '        """Compute the next positions and publish them."""',
+            "        # The phase goes on, so that nothing jumps",
+        ),
+        ('        """Compute the next positions and publish them."""', "        'Positions of the next tick.'"),
+        ("    def on_timer(self):", "    # Called a hundred times a second\n    def on_timer(self):"),
+        ("        self.t += 0.01", "        self.t += 0.01  # seconds since the start"),
     ],
 )
-def test_docstrings_that_say_nothing_do_not_count(docstring: str, reason: str) -> None:
-    """Placeholders, names, crumbs and repeats are told from docstrings that explain."""
-    text = DOCUMENTED.replace("Node that sends a sine wave to the first two joints.", docstring)
-    (missing,) = docstring_share([facts(text)]).undocumented
-    assert reason in missing.reason
+def test_a_comment_is_as_good_as_a_docstring(written: str, instead: str) -> None:
+    """A reason above, in or behind the code explains the function that it belongs to."""
+    bare = DOCUMENTED.replace('        """Compute the next positions and publish them."""\n', "")
+    assert not explained(facts(bare))["on_timer"]
+    text = DOCUMENTED if written.strip().startswith('"') else bare
+    assert explained(facts(text.replace(written, instead)))["on_timer"]
+
+
+def test_comments_in_the_constructor_explain_the_class() -> None:
+    """A file that is explained by comments alone lacks nothing."""
+    bare = DOCUMENTED.replace('"""Publish joint commands for the arm."""', "")
+    bare = bare.replace('    """Node that sends a sine wave to the first two joints."""\n', "")
+    assert not explained(facts(bare))["joint_publisher.py"]
+    assert explained(facts(bare.replace("self.t = 0.0", "self.t = 0.0  # starts at rest")))["joint_publisher.py"]
 
 
 @pytest.mark.parametrize(
     "docstring",
     [
+        "TODO",
+        "...",
+        "Add docstring here",
+        "On timer.",
+        "The on_timer function",
+        "x x x x",
+        "发布",
+        "<what it does>",
+        "Publish joint commands for the arm.",
+    ],
+)
+def test_docstrings_that_say_nothing_do_not_count(docstring: str) -> None:
+    """Placeholders, names, crumbs and repeats are told from docstrings that explain."""
+    assert not explained(facts(DOCUMENTED.replace("Compute the next positions and publish them.", docstring)))[
+        "on_timer"
+    ]
+
+
+@pytest.mark.parametrize(
+    "docstring",
+    [
+        "Sends things",
         "Sendet Sinuswellen an zwei Gelenke.",
         "向前两个关节发送正弦波。",
         "最初の二つの関節に正弦波を送る。",
@@ -124,51 +123,18 @@ def test_docstrings_that_say_nothing_do_not_count(docstring: str, reason: str) -
 )
 def test_docstrings_count_in_any_language(docstring: str) -> None:
     """A docstring explains in any language."""
-    text = DOCUMENTED.replace("Node that sends a sine wave to the first two joints.", docstring)
-    assert docstring_share([facts(text)]).share == 1
+    assert explained(facts(DOCUMENTED.replace("Compute the next positions and publish them.", docstring)))["on_timer"]
 
 
-def test_nothing_documented_is_nothing() -> None:
-    """Without any docstring, and for an empty submission, the share is zero."""
-    assert share("import os\n\n\nclass A:\n    def f(self):\n        x = 1\n        y = 2\n        return x + y\n") == 0
-    assert share("") == 0
-    assert share() == 0
-
-
-def test_documenting_small_things_makes_up_for_something() -> None:
-    """A docstring on a method that needs none weighs half a missing one, and never lifts above one."""
-    text = DOCUMENTED.replace('        """Compute the next positions and publish them."""\n', "")
-    text = text.replace("def main():\n", 'def main():\n    """Start the node and spin until Ctrl-C."""\n')
-    assert share(text) == Decimal("0.875")
-    assert share(DOCUMENTED.replace("def main():\n", 'def main():\n    """Start and spin the node."""\n')) == 1
-
-
-def test_a_comment_above_the_code_stands_for_the_module_docstring() -> None:
-    """Students who explain a file in a leading comment have documented it."""
-    text = DOCUMENTED.replace('"""Publish joint commands for the arm."""', "# Publishes joint commands for the arm.")
-    assert share(text) == 1
-
-
-def test_nested_and_private_definitions_need_nothing() -> None:
-    """What is not for others to use needs no docstring."""
-    text = (
-        "def outer():\n    '''Make a counter for others.'''\n    def inner():\n        a = 1\n     "
-        "   b = 2\n        return a\n    return inner\n"
-    )
-    text += "class _Hidden:\n    def f(self):\n        a = 1\n        b = 2\n        return a\n"
-    assert [d.name for d in facts(text).definitions if d.public] == ["joint_publisher", "outer"]
-
-
-BROKEN = DOCUMENTED.replace("second = math.cos(self.t)", "second = math.cos(self.t")
-
-
-def test_a_syntax_error_is_not_charged_as_missing_documentation() -> None:
-    """Definitions and docstrings of a file that Python refuses are told from its lines."""
-    broken = facts(BROKEN)
-    assert [(d.kind, d.name, d.line) for d in broken.definitions] == [
-        (d.kind, d.name, d.line) for d in facts(DOCUMENTED).definitions
-    ]
-    assert docstring_share([broken]).share == 1
+def test_several_classes_and_functions_stand_for_themselves() -> None:
+    """Of several classes each needs words, and one that has them explains the file; so do functions, but for `main`."""
+    two = "class A:\n    'Sends the commands.'\n    x = 1\n\n\nclass B:\n    y = 2\n"
+    assert explained(facts(two)) == {"joint_publisher.py": True, "A": True, "B": False}
+    long = "    a = 1\n    b = 2\n    c = 3\n    d = 4\n    return a + b + c + d\n"
+    several = f"def f():\n    'Adds the weights.'\n{long}\n\ndef g():\n{long}\n\ndef main():\n{long}"
+    assert explained(facts(several)) == {"joint_publisher.py": False, "f": True, "g": False}
+    assert explained(facts(f"def only():\n    'Adds the weights.'\n{long}")) == {"joint_publisher.py": True}
+    assert explained(facts(f"def main():\n    # Adds the weights\n{long}")) == {"joint_publisher.py": True}
 
 
 @pytest.mark.parametrize(
@@ -186,33 +152,20 @@ def test_a_syntax_error_is_not_charged_as_missing_documentation() -> None:
 def test_slips_of_typing_hide_no_definition(right: str, wrong: str) -> None:
     """Without the lines that Python refuses, the others say what they said."""
     broken = facts(DOCUMENTED.replace(right, wrong))
-    names = [(d.kind, d.name, d.docstring) for d in facts(DOCUMENTED).definitions]
     assert broken.readable
-    assert [(d.kind, d.name, d.docstring) for d in broken.definitions if d.name != "empty"] == names
+    assert explained(broken) == explained(facts(DOCUMENTED))
 
 
 def test_what_is_no_python_at_all_is_not_readable() -> None:
-    """Then nobody knows what it defines, and nothing is made up."""
+    """Then only its comments are known, and nothing is made up."""
     prose = facts("This is not what\nwas asked for, is it?\n" * 30)
     assert not prose.readable
-    assert docstring_share([prose]).needed == 0
+    assert explained(prose) == {"joint_publisher.py": False}
 
 
 def test_line_ends_and_marks_do_not_matter() -> None:
     """Windows line ends and a byte order mark change nothing."""
-    windows = "\ufeff" + DOCUMENTED.replace("\n", "\r\n")
-    assert facts(windows).definitions == facts(DOCUMENTED).definitions
-
-
-def test_code_lines_are_lines_with_code() -> None:
-    """Blank lines, comments and docstrings are no code; strings in code are."""
-    text = '"""A\nB\n"""\n\n# remark\nx = 1  # inline\ny = """a\nb"""\n'
-    assert facts(text).code_lines == 3
-
-
-def test_huge_files_are_cut_off() -> None:
-    """A file that nobody wrote by hand is read in part."""
-    assert facts("x = 'some text'\n" * 100_000).code_lines == SIZE_LIMIT // len("x = 'some text'\n")
+    assert facts("\ufeff" + DOCUMENTED.replace("\n", "\r\n")).units == facts(DOCUMENTED).units
 
 
 @pytest.mark.parametrize(
@@ -251,5 +204,4 @@ def test_hostile_files_take_bounded_time(piece: str) -> None:
 def test_any_text_is_read(text: str) -> None:
     """No text raises."""
     result = facts(text)
-    docstring_share([result])
-    assert result.definitions[0].kind == "module"
+    assert result.units[0].name == "joint_publisher.py"
