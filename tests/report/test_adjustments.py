@@ -20,7 +20,7 @@ from grader.recording.submission import SubmissionRecord
 from grader.report import submission_page
 from grader.report.terminal import print_result
 from grader.report.views import adjustments_of, final_share
-from grader.result import Adjustment, AdjustmentKind, Result, result_schema, to_json, to_plain
+from grader.result import Adjustment, AdjustmentKind, Result, number, result_schema, to_json, to_plain
 from tests.report.untrusted_texts import FRAGMENTS
 
 KEPT = Path(__file__).resolve().parents[1] / "recordings"
@@ -83,7 +83,7 @@ def test_the_page_shows_final_points_and_what_was_judged(judged: Result, adjuste
     final = earned + Decimal("6.7")
     page = page_of(adjusted)
     assert f"{final} of {possible} points" in words_of(page)
-    assert f"{earned} as judged; adjusted" in words_of(page)
+    assert f"{number(earned)} as judged; adjusted" in words_of(page)
     assert re.search(rf"<title>[^<]*: {re.escape(str(final))} of", page)
 
 
@@ -117,7 +117,7 @@ def test_more_than_is_possible_is_still_a_bar(judged: Result) -> None:
     """A bonus beyond the rubric's points is written out, and the bar is full."""
     beyond = replace(judged, adjustments=(adjustment(AdjustmentKind.BONUS, "score", "50"),))
     share = final_share(beyond.final, beyond.score.possible, beyond.still_undecided)
-    assert share.earned == str(judged.score.earned + 50)
+    assert share.earned == str(number(judged.score.earned + 50))
     assert (share.earned_part, share.undecided_part) == ("100.00", "0.00")
 
 
@@ -140,7 +140,7 @@ def test_whatever_people_write_is_only_text(judged: Result, first: int) -> None:
 def test_the_terminal_shows_them_below_the_sum(judged: Result, adjusted: Result) -> None:
     """First the points as judged, then each adjustment, and at last what counts."""
     text = printed(adjusted)
-    before = f"{judged.score.earned} / {judged.score.possible}"
+    before = f"{number(judged.score.earned)} / {judged.score.possible}"
     after = f"With all adjustments {adjusted.final} / {adjusted.score.possible}"
     assert (
         text.index(before) < text.index("Commands arrive at 100 Hz −1.5") < text.index("Late −2.4") < text.index(after)
