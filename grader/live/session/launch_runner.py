@@ -17,6 +17,7 @@ import shutil
 import time
 from collections.abc import Container, Coroutine, Mapping
 from contextlib import suppress
+from itertools import pairwise
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -154,9 +155,12 @@ class LaunchRunner:
         files = [path for path in self._own_copy().rglob(PurePosixPath(problem.file or "\n").name) if path.is_file()]
         if meant is None or not files:
             return ""
-        keyword = re.compile(rb"\b" + wanted.encode() + rb"(?=\s*=[^=])")
         for path in files:
-            path.write_bytes(keyword.sub(meant[1].encode(), path.read_bytes()))
+            parts = re.split(r"(\W+)", path.read_text(encoding="utf-8", errors="surrogateescape"))
+            for place, (word, behind) in enumerate(pairwise(parts)):
+                if word == wanted and behind.lstrip().startswith("=") and not behind.lstrip().startswith("=="):
+                    parts[place] = meant[1]
+            path.write_text("".join(parts), encoding="utf-8", errors="surrogateescape")
         return f"'{wanted}=' was read as '{meant[1]}='"
 
     def _own_copy(self) -> Path:
