@@ -64,7 +64,7 @@ NEAR_LIMITS = (
         "joint_subscriber.py",
         _REPORT,
         "        self.seen = getattr(self, 'seen', 0) + 1\n        if self.seen % 11:\n    " + _REPORT,
-        "subscriber.reports",
+        "subscriber.rms",
     ),
 )
 

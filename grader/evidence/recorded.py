@@ -36,6 +36,8 @@ from grader.recording.session import (
 #: How far the clock may move against the monotonic one; what is more than slewing means that it was set.
 _STEP_S, _SLEW = 0.002, 0.001
 
+#: Who used, or waited for, so much of a core had no time left.
+_SATURATED = 0.9
 #: The kernel tells a core's idle time in hundredths of a second; both ends of a span may be off by one.
 _IDLE_ERROR_S = 0.02
 #: A thread by itself waits for no longer than its program does not compute; what is more than that by this share of a
@@ -269,8 +271,20 @@ class Recorded:
         return max(0.0, delay_s - (self._unseen_s(span) if run.role == "student" else 0.0))
 
     def backlog(self, run: ProcessRun, span: Span, room_s: float = float("inf")) -> Backlog:
-        """Return what may have waited for a process within a span, with so much room in its queue."""
-        return backlog(self.delays(run), span, room_s, self.cpu_s(run, span) / max(span.duration_s, 1e-9))
+        """Return what may have waited for a process within a span, with so much room in its queue.
+
+        Notes
+        -----
+        Who computed, or waited for its core, all the time would have done more with the time that it waited.
+        """
+        found = backlog(self.delays(run), span, room_s, self.cpu_s(run, span) / max(span.duration_s, 1e-9))
+        missed_s = 0.0
+        for part in (Span(*part) for part in itertools.pairwise([usage.t_ns for usage in run.usage])):
+            within_s = span.shared_ns(part.start_ns, part.end_ns) / 1e9
+            cpu_s, delay_s = self.cpu_s(run, part), self.machine_delay_s(run, part)
+            if cpu_s + delay_s > _SATURATED * part.duration_s:
+                missed_s += within_s * delay_s / (cpu_s + delay_s)
+        return replace(found, lost_s=max(found.lost_s, missed_s)) if room_s < float("inf") else found
 
     def _sampled_delay_s(self, run: ProcessRun, span: Span) -> float:
         """Return the same of a process that was not watched, in s, from samples twice a second.

@@ -132,7 +132,7 @@ def test_a_second_run_in_the_same_folder_is_refused(tmp_path: Path) -> None:
         finally:
             process.send_signal(signal.SIGCONT)
         assert status == 70
-        assert "another run of grade is at work" in errors
+        assert "another run of grade is writing to this results folder" in errors
         _, first = process.communicate(timeout=120)
     assert (process.returncode, first) == (0, "")
     assert earned(small) == {"ann": 1, "bob": 1}

@@ -218,6 +218,16 @@ def test_of_a_process_that_was_not_watched_samples_tell_what_may_have_waited_for
     assert recorded.backlog(process, Span(at(2), at(5)), 0.03).lost_s == pytest.approx(0.01)
 
 
+@pytest.mark.parametrize(("cpu_s", "lost_s"), [(7.0, 3.0), (3.0, 0.0)])
+def test_who_had_no_time_left_would_have_done_more(tmp_path: Path, cpu_s: float, lost_s: float) -> None:
+    """Of a process that computes or waits all the time, the machine takes as much as it waited; of another, nothing."""
+    session = Session(tmp_path).process("it").delayed("it", 0.0, 10.0, cpu_s)
+    session.disturbed("it", *((n / 10, 0.03) for n in range(100)))
+    recorded = session.recorded()
+    (process,) = recorded.processes_of("it")
+    assert recorded.backlog(process, Span(at(0), at(10)), 0.2).lost_s == pytest.approx(lost_s, abs=0.1)
+
+
 def test_the_delays_of_a_process_that_was_watched_count_where_they_are(tmp_path: Path) -> None:
     """Samples do not count then; of a delay that reaches over a span, as much as the span has room for."""
     recorded = Session(tmp_path).recorded()

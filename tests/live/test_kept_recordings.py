@@ -59,7 +59,7 @@ def test_what_breaks_after_the_sessions_leaves_the_recordings(
         with_figure(lab.rubric_file, oracle)
         capsys.readouterr()
         assert main(command) in (status, 70)
-        assert f"The recordings are kept; `grade regrade {results}` goes on from there." in capsys.readouterr().err
+        assert f"The recordings are kept; `grade regrade {results}` continues from there." in capsys.readouterr().err
         assert sorted(path.name for path in results.iterdir()) == ["recordings"]
         recorded = read_session(results / "recordings/only")
         assert recorded.started_ns not in seen

@@ -97,7 +97,6 @@ MISDEEDS = [
         "import shutil\nfor folder in ('/ws/src', '/ws/install', '/tmp', '/home/student', '/usr'):\n"
         "    shutil.rmtree(folder, ignore_errors=True)\n",
         reason_has="not found",
-        check="launch.nodes",
     ),
     Misdeed(
         "plants_links",
