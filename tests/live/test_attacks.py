@@ -74,9 +74,9 @@ class Environment(str, Enum):
 
 #: What is tried otherwise: another part in each environment, since all would take too long for every run.
 PARTS = {
-    Environment.ROOT: slice(0, None, 7),
-    Environment.USER: slice(2, None, 7),
-    Environment.CONTAINER: slice(4, None, 21),
+    Environment.ROOT: slice(0, None, 10),
+    Environment.USER: slice(3, None, 10),
+    Environment.CONTAINER: slice(6, None, 30),
 }
 
 

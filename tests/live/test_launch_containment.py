@@ -94,9 +94,10 @@ MISDEEDS = [
     Misdeed("kills_itself", "import os\nos.kill(os.getpid(), 9)", reason_has="ended by it (by signal 9)"),
     Misdeed(
         "deletes_everything",
-        "import shutil\nfor folder in ('/ws/src', '/ws/install', '/tmp', '/home/student', '/usr'):\n"
+        "import shutil\nfor folder in ('/ws/src', '/ws/install', '/tmp', '/home/student', '/etc'):\n"
         "    shutil.rmtree(folder, ignore_errors=True)\n",
         reason_has="not found",
+        check="launch.nodes",
     ),
     Misdeed(
         "plants_links",
