@@ -17,7 +17,7 @@ alice: $(STAMP) system
 test: $(DEV_STAMP) system-dev lint types layers house
 	$(BIN)/python -m pytest -n 4
 
-# Every fixture; some six minutes. `make test` grades the half of them that the commit's name chooses.
+# Every fixture; some six minutes. `make test` grades the third of them that the commit's name chooses.
 fixtures: $(DEV_STAMP) system
 	FIXTURES=all $(BIN)/python -m pytest -n 3 tests/live/test_fixtures.py
 
