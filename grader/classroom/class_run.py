@@ -93,7 +93,7 @@ class ClassRun:
 
         Parameters
         ----------
-        where : Isolation or str
+        location : Isolation or str
             How students' code is confined here, or the address of a Dask scheduler for other machines.
 
         Raises

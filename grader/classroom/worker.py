@@ -28,6 +28,7 @@ from grader.classroom.job import Ending, Job, Phase, problem_of
 from grader.errors import GraderError
 from grader.files import UNFINISHED
 from grader.lab.rubric import SessionSpec
+from grader.live.process.waiting import within
 from grader.live.sandbox.scratch import remove_stale, scratch_prefix
 from grader.live.session.runner import Progress, SchedulingContext
 
@@ -78,14 +79,14 @@ async def _run(job: Job, scratch: Path, on_phase: Callable[[Phase], None], on_st
     quiet_s = job.silence_s + max(session.timeout_s for session in job.rubric.sessions.values())
     ending: Ending | None = None
     try:
-        while (line := await asyncio.wait_for(process.stdout.readline(), quiet_s)).endswith(b"\n"):
+        while (line := await within(process.stdout.readline(), quiet_s)).endswith(b"\n"):
             on_started()
             message: Phase | Ending = pickle.loads(base64.b64decode(line))
             if isinstance(message, Phase):
                 on_phase(message)
             else:
                 ending = message
-        await asyncio.wait_for(process.wait(), quiet_s)
+        await within(process.wait(), quiet_s)
     except asyncio.TimeoutError:
         remedy = "Grade this submission alone and watch its progress; the others are not affected."
         ending = ending or GraderError(f"the grader's process reported nothing for {quiet_s:g} s", remedy=remedy)
@@ -101,12 +102,12 @@ async def _end(process: asyncio.subprocess.Process) -> None:
         with suppress(ProcessLookupError):
             process.terminate()
         try:
-            await asyncio.wait_for(process.wait(), _END_S)
+            await within(process.wait(), _END_S)
         except asyncio.TimeoutError:
             with suppress(ProcessLookupError):
                 process.kill()
     with suppress(asyncio.TimeoutError):
-        await asyncio.wait_for(process.communicate(), _END_S)
+        await within(process.communicate(), _END_S)
 
 
 def _broken(status: int | None, errors: Path) -> GraderError:

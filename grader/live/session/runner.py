@@ -18,6 +18,7 @@ from typing import Any, Protocol
 
 from grader.errors import PlatformError
 from grader.lab.rubric import Rubric, SessionSpec
+from grader.live.process.waiting import within
 from grader.live.sandbox.isolation import Isolation, free_slot
 from grader.live.sandbox.scratch import remove_tree, scratch_prefix
 from grader.live.session.fork_server import ForkServer
@@ -198,7 +199,7 @@ class SessionRunner:
         messages = await self.forks.start(self.isolation.form, scratch / "plan", scratch / "stderr")
         pid = asyncio.ensure_future(sandbox_pid(messages))
         try:
-            await asyncio.wait_for(_follow(messages, pid, spec.id, on_progress), spec.timeout_s + _GRACE_S)
+            await within(_follow(messages, pid, spec.id, on_progress), spec.timeout_s + _GRACE_S)
         except asyncio.TimeoutError:
             pass
         finally:
@@ -228,12 +229,12 @@ async def _follow(
 async def _end(messages: asyncio.StreamReader, pid: asyncio.Future[int]) -> None:
     """End a sandbox that has not ended by itself, and return when nothing of it is left."""
     with suppress(asyncio.TimeoutError, PlatformError):
-        number = await asyncio.wait_for(pid, _END_S)
+        number = await within(pid, _END_S)
         if not messages.at_eof():
             with suppress(ProcessLookupError):
                 os.killpg(number, signal.SIGKILL)
             # It holds the pipe as long as it is there.
-            await asyncio.wait_for(messages.read(), _END_S)
+            await within(messages.read(), _END_S)
 
 
 def run_to_an_end(work: Coroutine[Any, Any, None]) -> None:

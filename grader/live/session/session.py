@@ -25,6 +25,7 @@ from grader.live.process.cpu_watch import CpuWatch
 from grader.live.process.forked import Program, script
 from grader.live.process.priority import put_self_first
 from grader.live.process.process import RunningProcess
+from grader.live.process.waiting import within
 from grader.live.sandbox.environment import trusted_environment
 from grader.live.sandbox.isolation import WORKSPACE
 from grader.live.sandbox.machine import sample_machine
@@ -76,7 +77,7 @@ class Session:
             put_self_first()
             watchers = [asyncio.create_task(self._sample()), asyncio.create_task(self.sandbox.guard.watch())]
             try:
-                await asyncio.wait_for(self._run_steps(), self.plan.timeout_s)
+                await within(self._run_steps(), self.plan.timeout_s)
             except asyncio.TimeoutError:
                 await self._stop_for_time()
             for watcher in watchers:
