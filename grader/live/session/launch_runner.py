@@ -27,12 +27,15 @@ from grader.live.sandbox.isolation import LAUNCHING, PARAMETERS, WORKSPACE
 from grader.live.session.student_sandbox import StudentSandbox
 from grader.recording.launch_plan import PARAMETERS_PLACEHOLDER, MalformedPlanError, Plan, Problem, Process, ros2_run
 from grader.recording.session import OutputLine, ProcessRun
+from grader.submission.artifacts import MAX_TEXT_BYTES
 from grader.submission.beneath import is_regular_beneath
 
 #: How an evaluation writes one of the plan's own files.
 _OWN_FILE = re.compile(re.escape(PARAMETERS_PLACEHOLDER) + r"/([\w-]+(?:\.\w+)?)")
 _MAX_PLAN_BYTES = 4 * 1024 * 1024
 _MAX_REPAIRS = 6
+#: Files of one name: in the sources, and where packages install them.
+_MOST_RENAMED = 20
 #: Where a prefix lists its packages.
 _INDEX = "share/ament_index/resource_index/packages"
 #: What a second evaluation gets in any case: the mistake that the first one found is repaired to see the rest.
@@ -152,7 +155,10 @@ class LaunchRunner:
     def _rename_keyword(self, wanted: str, problem: Problem) -> str:
         """Write the keyword that the remedy names in its place, in the launch files of that name."""
         meant = re.search(r"'(\w+)=?'", problem.remedy)
-        files = [path for path in self._own_copy().rglob(PurePosixPath(problem.file or "\n").name) if path.is_file()]
+        name = PurePosixPath(problem.file or "").name
+        # What a plan names is a student's: no pattern, and no more than anybody would write.
+        scripts = (path for path in self._own_copy().rglob("*.py") if path.name == name and path.is_file())
+        files = [path for path in scripts if path.stat().st_size <= MAX_TEXT_BYTES][:_MOST_RENAMED]
         if meant is None or not files:
             return ""
         for path in files:
