@@ -36,6 +36,7 @@ from tests.submission.hostile_archives import (
     zip_of,
     zip_of_entries,
 )
+from tests.thorough import examples
 
 FILES = [("lab/a.py", b"print(1)\n"), ("lab/größe.md", "Größe\n".encode() * 999), ("lab/empty.txt", b"")]
 LONG = "/".join(["a" * 90] * 4) + "/node.py"
@@ -232,7 +233,7 @@ def read_all(packed: bytes) -> None:
 WHOLE = [zip_of(FILES), *(pack(tar_of([*FILES, (LONG, b"1")])) for pack in PACKERS.values()), zip_of_entries(3)]
 
 
-@settings(suppress_health_check=[HealthCheck.too_slow], deadline=None, max_examples=300)
+@settings(suppress_health_check=[HealthCheck.too_slow], deadline=None, max_examples=examples(300))
 @given(st.sampled_from(WHOLE), st.lists(st.tuples(st.floats(0, 1), st.binary(min_size=1, max_size=8)), max_size=6))
 def test_any_damage_is_reported(whole: bytes, changes: list[tuple[float, bytes]]) -> None:
     """Whatever bytes are changed in an archive, reading it ends, and only with what its reader expects."""
