@@ -14,7 +14,6 @@ import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from grader.errors import UsageError
@@ -42,9 +41,7 @@ class LiveExports:
     def __enter__(self) -> LiveExports:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """End what is under way: it would only be overwritten."""
         if self._child is not None:
             self._child.send_signal(signal.SIGINT)  # On which it removes a file that is half written.

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Coroutine, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractAsyncContextManager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
 
 from grader.classroom import audit, fingerprint
-from grader.classroom.cluster import cluster
-from grader.classroom.job import Ending, Job, Phase, Row, problem_of
+from grader.classroom.cluster import Cluster, cluster
+from grader.classroom.job import Ending, Job, Row, problem_of
 from grader.classroom.journal import UNJUDGED, Entry, Journal, recordings_sha256
 from grader.classroom.progress import RunProgress
 from grader.classroom.regrade import regrade_all
@@ -21,23 +20,15 @@ from grader.classroom.worker import grade_in_process
 from grader.cohort.entries import NOTHING_SUBMITTED, ClassEntry, entries_in
 from grader.errors import GraderError, RecordingError
 from grader.lab.rubric import Rubric
+from grader.live.process.waiting import side_by_side
 from grader.live.sandbox.isolation import Isolation, Level
 from grader.live.sandbox.scratch import scratch_prefix
-from grader.live.session.runner import run_to_an_end
+from grader.live.session.runner import Progress, run_to_an_end
 from grader.pipeline import Options
 from grader.recording.submission import read_submission, write_submission
 from grader.result import Result, load_result
 from grader.result_folder import RECORDINGS, REPORT_FILE, RESULT_FILE
 from grader.submission.extraction import SubmissionSource, open_submission
-
-T = TypeVar("T")
-
-
-class Site(Protocol):
-    """Where submissions are graded: this machine, or others."""
-
-    async def grade(self, job: Job, on_phase: Callable[[Phase], None]) -> tuple[Ending, Level]:
-        """Grade a submission; returns how it ended, and how its code was confined."""
 
 
 class Here:
@@ -48,21 +39,11 @@ class Here:
         self._machine = machine
         self._room = asyncio.Semaphore(machine.slots)
 
-    async def grade(self, job: Job, on_phase: Callable[[Phase], None]) -> tuple[Ending, Level]:
-        """Grade a submission in a process of its own."""
+    async def grade(self, job: Job, on_progress: Callable[[Progress], None]) -> tuple[Ending, Level]:
+        """Grade a submission in a process of its own; returns how it ended, and how its code was confined."""
         async with self._room:
             here = replace(job, isolation=self._isolation, machine=self._machine)
-            return await grade_in_process(here, on_phase), self._isolation.level
-
-
-async def side_by_side(works: Iterable[Coroutine[Any, Any, T]]) -> list[T]:
-    """Do all of them at a time; when that is cancelled, wait until each has cleaned up."""
-    running = [asyncio.ensure_future(work) for work in works]
-    try:
-        return await asyncio.gather(*running)
-    finally:
-        if running:
-            await asyncio.wait(running)
+            return await grade_in_process(here, on_progress), self._isolation.level
 
 
 @dataclass(frozen=True)
@@ -182,7 +163,7 @@ class ClassRun:
     # -- what is to be recorded ------------------------------------------------------------------
 
     async def _record(self, tasks: Sequence[_Task], location: Isolation | str) -> None:
-        site: AbstractAsyncContextManager[Site] = (
+        site: AbstractAsyncContextManager[Here | Cluster] = (
             cluster(location, self.display.note)
             if isinstance(location, str)
             else nullcontext(Here(location, self.machine))
@@ -190,7 +171,7 @@ class ClassRun:
         async with site as opened:
             await side_by_side(self._one(task, opened) for task in tasks)
 
-    async def _one(self, task: _Task, site: Site) -> None:
+    async def _one(self, task: _Task, site: Here | Cluster) -> None:
         name, seed = task.source.name, self.options.seed
         if seed is None:
             seed = fingerprint.seed_for(task.submission, self.journal.run_seed)
@@ -201,7 +182,7 @@ class ClassRun:
             ending = self._abandoned(task, problem_of(error))
         self._end(Row(task.source, ending, took_s=self.display.took_s(name)))
 
-    async def _grade(self, task: _Task, job: Job, site: Site) -> Ending:
+    async def _grade(self, task: _Task, job: Job, site: Here | Cluster) -> Ending:
         name, decided_by = task.source.name, self.options.overrides.sha256
         before, recorded = audit.text_of(job.results / RESULT_FILE), recordings_sha256(job.results)
         ending, isolation = await site.grade(job, partial(self.display.phase, name))

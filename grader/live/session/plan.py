@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from grader.live.sandbox.environment import NativeLaunch
 from grader.live.sandbox.isolation import Isolation
-from grader.live.session.ros_launch import NativeLaunch
 from grader.recording.session import SessionRecord
 
 

@@ -18,12 +18,12 @@ from typing import Any, Protocol
 
 from grader.errors import PlatformError
 from grader.lab.rubric import Rubric, SessionSpec
-from grader.live.process.waiting import within
+from grader.live.process.waiting import side_by_side, within
+from grader.live.sandbox.environment import NativeLaunch
 from grader.live.sandbox.isolation import Isolation, free_slot
 from grader.live.sandbox.scratch import remove_tree, scratch_prefix
 from grader.live.session.fork_server import ForkServer
 from grader.live.session.plan import PlannedStep, SessionPlan
-from grader.live.session.ros_launch import NativeLaunch
 from grader.recording.session import SessionRecord
 from grader.recording.submission import SubmissionRecord
 
@@ -39,7 +39,7 @@ _REMEDY = "Check whether memory or processes ran out and whether /dev/shm exists
 
 @dataclass(frozen=True)
 class Progress:
-    """What a session is doing now."""
+    """What a session is doing now; the grader's own work, where that is empty."""
 
     session: str
     text: str
@@ -71,7 +71,12 @@ def _given(rubric: Rubric, *keys: str) -> list[str]:
 
 
 class Scheduler(Protocol):
-    """When a session, or the grader's own work, may burden a machine that several submissions share."""
+    """When a session, or the grader's own work, may burden a machine that several submissions share.
+
+    `isolation` is how students' code is confined there.
+    """
+
+    isolation: Isolation
 
     def session_slot(self, spec: SessionSpec, *, alone: bool) -> AbstractAsyncContextManager[None]:
         """Wait until a session may run, `alone` if nothing else may meanwhile, and hold its slot while it does."""
@@ -80,14 +85,6 @@ class Scheduler(Protocol):
     def work(self, what: str) -> AbstractContextManager[None]:
         """Wait until the grader's own work, such as judging, takes no core from a session that is being timed."""
         ...
-
-
-@dataclass(frozen=True)
-class SchedulingContext:
-    """What gradings on one machine have in common: the scheduler, and how students' code is confined here."""
-
-    scheduler: Scheduler
-    isolation: Isolation
 
 
 @dataclass(frozen=True)
@@ -133,17 +130,7 @@ class SessionRunner:
                 retried = " retry, as something was undecided" if self.attempt > 1 else ""
                 on_progress(Progress(spec.id, f"recorded{retried}", ended=True))
 
-        tasks = [asyncio.ensure_future(one(spec)) for spec in queue]
-        try:
-            await asyncio.gather(*tasks)
-        except Exception:
-            for task in tasks:
-                task.cancel()
-            raise
-        finally:
-            # `gather` ends with the first that fails or is cancelled; the others are still cleaning up.
-            if tasks:
-                await asyncio.wait(tasks)
+        await side_by_side(one(spec) for spec in queue)
 
     async def _record_one(self, spec: SessionSpec, on_progress: Callable[[Progress], None]) -> None:
         folder = self.recordings / spec.id

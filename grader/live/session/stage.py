@@ -63,16 +63,10 @@ _RUN_MODULE = 'runpy.run_module({module!r}, run_name="__main__", alter_sys=True)
 _RUN_ENTRY = "from {module} import {attribute}\n\nsys.exit({function}())"
 
 
-@dataclass(frozen=True)
-class Workspace:
-    """A staged submission: a folder with `src/` and `install/`, and artifact name -> path of its wrapper in there."""
-
-    folder: Path
-    executables: dict[str, str] = field(default_factory=dict)
-
-
-def stage(source: Path, record: SubmissionRecord, rubric: Rubric, folder: Path, interpreter: str) -> Workspace:
+def stage(source: Path, record: SubmissionRecord, rubric: Rubric, folder: Path, interpreter: str) -> dict[str, str]:
     """Make the workspace of a submission's folder, of which only the files listed in `record` are copied.
+
+    Returns for each artifact the path of its wrapper in there.
 
     Of data there may be more than a session has room for, once it is installed for each of several packages; then what
     is no text is left out. The interpreter is the absolute path of the Python that runs students' code.
@@ -82,7 +76,7 @@ def stage(source: Path, record: SubmissionRecord, rubric: Rubric, folder: Path, 
         if not origin.is_symlink() and origin.is_file():
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(origin, target, follow_symlinks=False)
-    return Workspace(folder, _Installation(folder, record, rubric, interpreter).install())
+    return _Installation(folder, record, rubric, interpreter).install()
 
 
 @dataclass
