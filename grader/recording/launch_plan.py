@@ -372,10 +372,6 @@ class Plan:
     not_started: tuple[Mapping[str, Any], ...] = ()
     parameter_files: _Files = field(default_factory=dict)
 
-    def node(self, full_name: str) -> Process | None:
-        """The process that starts a node of a name, if any."""
-        return next((p for p in self.processes if p.full_name == full_name), None)
-
     @classmethod
     def from_plain(cls, plain: Any) -> Plan:
         """Read a plan from plain data.

@@ -125,8 +125,8 @@ def find_submissions(
 
     Returns
     -------
-    Found
-        Grade each of `submissions` by `grader.pipeline.grade(handed, ...)` into `results / handed.name`; show
+    Discovery
+        Grade each of `submissions` by `grader.pipeline.grade(source, ...)` into `results / source.name`; show
         `understood`, `not_understood` and `missing`.
 
     Raises
@@ -150,7 +150,7 @@ def find_submissions(
         plain = {_origin(one): one.name for one in search.submissions}
         sources, missing, unclear = _with_class_list(sources, plain, read_class_list(class_list))
         search.understood += unclear
-    ordered = tuple(sorted(sources, key=lambda h: (h.name.casefold(), h.name)))
+    ordered = tuple(sorted(sources, key=lambda source: (source.name.casefold(), source.name)))
     return Discovery(ordered, tuple(search.understood), tuple(search.not_understood), missing)
 
 

@@ -37,7 +37,7 @@ def evaluate(root: Path, file: str, prefix: Path, *, native: bool, **arguments: 
     read, write_end = os.pipe()
     request = {"file": str(root / file), "arguments": arguments, "root": str(root), "native": native}
     done = subprocess.run(
-        [sys.executable, str(LAUNCHING / "evaluate.py"), "--result-fd", str(write_end)],
+        [sys.executable, str(LAUNCHING / "evaluate.py"), str(write_end)],
         input=json.dumps(request),
         capture_output=True,
         text=True,

@@ -8,9 +8,7 @@ from typing import Any
 from .._base import (
     LaunchDescriptionEntity,
     ensure_argument_type,
-    is_a,
     is_a_subclass,
-    isclassinstance,
     normalize_to_list_of_substitutions,
     perform_substitutions,
 )
