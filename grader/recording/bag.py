@@ -59,7 +59,7 @@ _Row = tuple[int, int, int, _Buffer, int, int]
 
 
 @dataclass
-class Channel:
+class TopicInfo:
     """A topic of one type in a bag, with its number of messages, as the MCAP file and `metadata.yaml` describe it."""
 
     topic: str
@@ -98,7 +98,7 @@ def _qos_text(profiles: Sequence[Qos]) -> str:
     return json.dumps(listed)
 
 
-def _metadata_yaml(file_name: str, channels: Sequence[Channel], start_ns: int, end_ns: int) -> str:
+def _metadata_yaml(file_name: str, channels: Sequence[TopicInfo], start_ns: int, end_ns: int) -> str:
     total = sum(channel.count for channel in channels)
     duration, start = {"nanoseconds": end_ns - start_ns}, {"nanoseconds_since_epoch": start_ns}
     topics = [
@@ -162,7 +162,7 @@ class BagWriter:
         self._writer.start(profile="ros2", library="ros-lab-grader")
         self._stream.flush()
         self._schemas: dict[tuple[str, MessageDefinition], int] = {}
-        self._channels: dict[int, Channel] = {}
+        self._channels: dict[int, TopicInfo] = {}
         self._start_ns, self._end_ns = INFINITE_NS, 0
         self._closed = False
 
@@ -175,9 +175,9 @@ class BagWriter:
         offered_qos: Sequence[Qos],
     ) -> int:
         """Add a topic of one type; returns the channel to `write` to."""
-        return self._add(Channel(topic, topic_type, type_hash, definition, _qos_text(offered_qos)))
+        return self._add(TopicInfo(topic, topic_type, type_hash, definition, _qos_text(offered_qos)))
 
-    def _add(self, channel: Channel) -> int:
+    def _add(self, channel: TopicInfo) -> int:
         key = (channel.topic_type, channel.definition)
         if key not in self._schemas:
             encoding, text = channel.definition.encoding, channel.definition.text
@@ -223,7 +223,7 @@ class _Contents:
     """All that can be read of an MCAP file."""
 
     schemas: dict[int, tuple[str, MessageDefinition]] = field(default_factory=dict)
-    channels: dict[int, Channel] = field(default_factory=dict)
+    channels: dict[int, TopicInfo] = field(default_factory=dict)
     rows: dict[int, list[_Row]] = field(default_factory=dict)
     finished: bool = False
 
@@ -283,7 +283,7 @@ def _read_description(opcode: int, buffer: _Buffer, body: int, end: int, content
         channel = Channel.read(fields)
         if channel.id not in contents.channels and channel.schema_id in contents.schemas:
             metadata = channel.metadata
-            contents.channels[channel.id] = Channel(
+            contents.channels[channel.id] = TopicInfo(
                 channel.topic,
                 contents.schemas[channel.schema_id][0],
                 metadata.get("topic_type_hash", ""),
@@ -442,7 +442,7 @@ class Bag:
 
     Attributes
     ----------
-    topics : tuple of Channel
+    topics : tuple of TopicInfo
         Topics by name, then by type; a topic that had two types is there twice.
     finished : bool
         Whether its recorder came to its end, and nothing is missing since. If not, the last moments may be.
@@ -470,7 +470,7 @@ class Bag:
             raise FileNotFoundError(f"no .mcap file in {folder}: give the folder of a recording")
         return cls(_contents_of(path))
 
-    def _channel(self, numbers: Sequence[int]) -> Channel:
+    def _channel(self, numbers: Sequence[int]) -> TopicInfo:
         count = sum(len(self._contents.rows[number]) for number in numbers)
         return replace(self._contents.channels[numbers[0]], count=count)
 
