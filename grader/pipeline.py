@@ -27,7 +27,7 @@ from grader.report.exports.writing import ExportTarget
 from grader.result import CheckResult, Result
 from grader.result_folder import RECORDINGS, REPORT_FILE, RESULT_FILE, RUBRIC_COPY
 from grader.submission.artifacts import read_submission
-from grader.submission.extraction import Intake, SubmissionSource, confined, open_submission
+from grader.submission.extraction import Intake, SubmissionSource, in_bounds, open_submission
 from grader.submission.separation import made_from
 from grader.timings import Stopwatch
 
@@ -121,7 +121,7 @@ def grade(
     with ExitStack() as stack:
         with watch.stage("unpacking the submission"):
             intake = stack.enter_context(opening)
-            submission = confined(partial(read_submission, intake, rubric), intake.location, _READING_BOUND)
+            submission = in_bounds(partial(read_submission, intake, rubric), intake.location, _READING_BOUND)
         submission.sessions = list(options.sessions) if options.sessions is not None else None
         with LiveExports(options.exports, results, options.path_prefix) as exports:
             follow = exports.follow(on_progress)
@@ -199,14 +199,14 @@ def record(
         chosen = chosen_sessions(rubric, options, submission)
         for name in [name for name in options.sessions_of(rubric) if name not in chosen]:
             on_progress(Progress(name, "left out, since its file is missing", ended=True))
-        wanted = confined(partial(modules_to_look_for, submission), submission.source, _READING_BOUND)
+        wanted = in_bounds(partial(modules_to_look_for, submission), submission.source, _READING_BOUND)
         submission.absent_modules = absent_modules(options.interpreter, wanted)
         if options.scope is not Scope.UNDECIDED:
             _start_afresh(recordings, submission, rubric)
         with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as scratch:
             with work("staging"):
                 staging = partial(stage, folder, submission, rubric, Path(scratch), str(options.interpreter))
-                executables = confined(staging, submission.source, _READING_BOUND)
+                executables = in_bounds(staging, submission.source, _READING_BOUND)
             sessions = SessionRunner(
                 rubric,
                 submission,

@@ -62,11 +62,6 @@ def packed(files: dict[str, Path]) -> bytes:
     return stream.getvalue()
 
 
-def files_in(folder: Path) -> dict[str, Path]:
-    """Return the regular files below a folder by their paths within it."""
-    return {path.relative_to(folder).as_posix(): path for path in sorted(folder.rglob("*")) if path.is_file()}
-
-
 def unpack(content: bytes, folder: Path) -> None:
     """Write the files of an archive below an empty folder.
 
@@ -102,7 +97,7 @@ def grade_bundle(bundle: bytes) -> tuple[Ending, str, bytes]:
         isolation = probe_isolation(job.options.interpreter)
         job = replace(job, isolation=isolation, machine=Machine.of(isolation, job.options.jobs))
         ending = asyncio.run(grade_in_process(job, lambda progress: None))
-        made = files_in(job.results)
+        made = dict(fingerprint.files_below(job.results))
         return ending, isolation.level.value, packed(made) if made else b""
 
 
@@ -214,7 +209,9 @@ class Cluster:
         with open_submission(job.source, prefix=scratch_prefix()) as intake:
             own = job.options.interpreter == Path(sys.executable)
             sent = replace(job, source=intake)
-            return pickle.dumps(Bundle(self._engine, sent, packed(files_in(intake.folder)), lab, own))
+            return pickle.dumps(
+                Bundle(self._engine, sent, packed(dict(fingerprint.files_below(intake.folder))), lab, own)
+            )
 
 
 def _lost(problem: BaseException) -> GraderError:

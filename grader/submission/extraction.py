@@ -88,7 +88,7 @@ _BOUND = Bound("unpacking it", cpu_s=20, wall_s=600, memory_bytes=128 * 1024**2,
 T = TypeVar("T")
 
 
-def confined(work: Callable[[], T], location: str, bound: Bound = _BOUND) -> T:
+def in_bounds(work: Callable[[], T], location: str, bound: Bound = _BOUND) -> T:
     """Return what work on a submission returns, done in a bounded process.
 
     Raises SubmissionError if it raises that, or exceeds the bound; with where the submission comes from.
@@ -173,7 +173,7 @@ def open_submission(
     if isinstance(source, Path):
         source = SubmissionSource.of(source)
     with tempfile.TemporaryDirectory(prefix=f"{prefix}intake-") as scratch:
-        yield confined(partial(_extracted, source, Path(scratch), limits), source.location)
+        yield in_bounds(partial(_extracted, source, Path(scratch), limits), source.location)
 
 
 def _extracted(source: SubmissionSource, scratch: Path, limits: Limits) -> Intake:
@@ -393,7 +393,7 @@ def _read_of_class(path: Path, read: Callable[[BinaryIO], T]) -> T | None:
             return read(file)
 
     with suppress(OSError, SubmissionError):
-        return confined(work, str(path))
+        return in_bounds(work, str(path))
     return None
 
 

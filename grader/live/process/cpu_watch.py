@@ -35,8 +35,8 @@ _LEAST_NS = 1_000_000
 _MOST_KEPT = 1000
 #: How far back it is known what a process used, in samples.
 _HISTORY = 200
-#: A process of the grader's that takes this share of a core for so long may not go before all others any more.
-_RUNAWAY_SHARE, _RUNAWAY_NS = 0.6, 300_000_000
+#: A process of the grader's that takes so much of a core in so long may not go before all others any more.
+_RUNAWAY_USED_NS, _RUNAWAY_NS = 180_000_000, 300_000_000
 _STOP_S = 3.0
 _ADDRESS_SPACE_BYTES = 1024**3
 
@@ -194,8 +194,10 @@ class _Watch:
         for watched in [w for w in self.watched.values() if w.core is None]:
             waited = watched.read(now_ns) if is_first else (0, 0)
             self._judge(watched, [watched], *waited, looked_ns, now_ns, stalled_ns)
-            if is_first and watched.role != "student" and now_ns // _RUNAWAY_NS > looked_ns // _RUNAWAY_NS:
-                _demote_runaway(watched, now_ns)
+            is_time = is_first and now_ns // _RUNAWAY_NS > looked_ns // _RUNAWAY_NS
+            # One of the grader's own that somebody floods goes before others no more.
+            if is_time and watched.role != "student" and watched.used_since(now_ns - _RUNAWAY_NS) > _RUNAWAY_USED_NS:
+                demote(watched.files)
 
     def _judge(
         self, watched: _Watched, own: list[_Watched], together_ns: int, longest_ns: int,
@@ -210,12 +212,6 @@ class _Watch:
         delay_ns = max(delay_ns, stalled_ns)
         if delay_ns > _LEAST_NS:
             watched.note(start_ns, now_ns, delay_ns)
-
-
-def _demote_runaway(watched: _Watched, now_ns: int) -> None:
-    """Let one of the grader's own that somebody floods go before others no more."""
-    if watched.used_since(now_ns - _RUNAWAY_NS) > _RUNAWAY_SHARE * _RUNAWAY_NS:
-        demote(watched.files)
 
 
 def main() -> None:
