@@ -178,7 +178,7 @@ def record(
     from grader.live.sandbox.probing import probe_isolation, require
     from grader.live.sandbox.scratch import scratch_prefix
     from grader.live.session.fork_server import ForkServer
-    from grader.live.session.runner import Progress, SessionRunner, types_in
+    from grader.live.session.runner import Progress, SessionRunner, given_in_steps
     from grader.live.session.stage import stage
 
     watch = watch or Stopwatch()
@@ -190,7 +190,7 @@ def record(
             yield
 
     # It begins to import while the isolation is tried.
-    with ForkServer(types_in(rubric)) as forks:
+    with ForkServer(given_in_steps(rubric, "type")) as forks:
         with watch.stage("testing the sandbox"):
             isolation = scheduler.isolation if scheduler is not None else probe_isolation(options.interpreter)
         require(isolation, Level.of(options.least_isolation))

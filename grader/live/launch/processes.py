@@ -7,14 +7,11 @@ import shutil
 from collections.abc import Iterable, Mapping
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from . import parameter_text
 from .installed import ELSEWHERE
 from .problems import SUBSTITUTION_AS_TEXT, relative
-
-if TYPE_CHECKING:
-    from .executor import Executor
 
 _ROS_TYPES = {bool: "bool", int: "integer", float: "double", str: "string", bytes: "byte_array"}
 
@@ -37,7 +34,7 @@ def text_of(subs: Any, context: Any) -> str:
 class Describer:
     """Describes the processes of a plan, and warns of what would not go as it is meant."""
 
-    def __init__(self, executor: Executor) -> None:
+    def __init__(self, executor: Any) -> None:
         self._plan, self._warn, self._files = executor, executor.warn, executor.files
 
     def process(self, action: Any, context: Any) -> dict[str, Any]:

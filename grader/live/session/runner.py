@@ -55,17 +55,12 @@ def sessions_at_a_time(isolation: Isolation) -> int:
     return max(1, min(_MOST_SESSIONS, _SESSIONS_PER_CORE * len(os.sched_getaffinity(0))))
 
 
-def names_in(rubric: Rubric) -> list[str]:
-    """Names of topics, services and nodes that the rubric's steps use."""
-    return _given(rubric, "node", "publisher", "subscription", "service", "first_message_on")
+#: By which steps name topics, services and nodes.
+_NAMING = ("node", "publisher", "subscription", "service", "first_message_on")
 
 
-def types_in(rubric: Rubric) -> list[str]:
-    """Types of messages and services that the rubric's steps use."""
-    return _given(rubric, "type")
-
-
-def _given(rubric: Rubric, *keys: str) -> list[str]:
+def given_in_steps(rubric: Rubric, *keys: str) -> list[str]:
+    """Return what the rubric's steps give under some keys: names, or by `type` those of messages and services."""
     steps = [step for session in rubric.sessions.values() for step in session.steps]
     return sorted({str(step.parameters[key]) for step in steps for key in keys if step.parameters.get(key)})
 
@@ -172,7 +167,7 @@ class SessionRunner:
                 name: {"file": str((self.rubric.folder / ref.file).resolve()), "node": ref.node}
                 for name, ref in self.rubric.reference.items()
             },
-            expected=names_in(self.rubric),
+            expected=given_in_steps(self.rubric, *_NAMING),
             isolation=self.isolation,
             interpreter=self.interpreter,
             slot=slot,
