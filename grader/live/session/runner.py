@@ -23,8 +23,8 @@ from grader.live.sandbox.environment import NativeLaunch
 from grader.live.sandbox.isolation import Isolation, free_slot
 from grader.live.sandbox.scratch import remove_tree, scratch_prefix
 from grader.live.session.fork_server import ForkServer
-from grader.live.session.plan import PlannedStep, SessionPlan
-from grader.recording.session import SessionRecord
+from grader.live.session.plan import SessionPlan
+from grader.recording.session import SessionRecord, StepRun
 from grader.recording.submission import SubmissionRecord
 
 #: Sessions per core for which 100 Hz timing was seen to hold (p99 jitter under 6 ms), and the most at a time.
@@ -157,7 +157,7 @@ class SessionRunner:
                 isolation=self.isolation.describe(),
                 versions=self.versions,
             ),
-            steps=[PlannedStep(s.kind, s.parameters, s.label, s.step.describe()) for s in spec.steps],
+            steps=[(StepRun(s.kind, s.parameters, s.label), s.step.describe()) for s in spec.steps],
             folder=folder.resolve(),
             scratch=scratch,
             staged=self.staged.resolve(),
