@@ -382,30 +382,20 @@ def names_in(path: Path, within: str = "") -> list[str] | None:
 
     None if it is no archive, or cannot be read, or holds more than a class hands in.
     """
-    return _read_of_class(path, partial(_names_in, within))
-
-
-def _read_of_class(path: Path, read: Callable[[BinaryIO], T]) -> T | None:
-    """Return what is read of an archive, in a bounded process; None if that cannot be."""
-
-    def work() -> T:
-        with _opened(path) as file:
-            return read(file)
-
     with suppress(OSError, SubmissionError):
-        return in_bounds(work, str(path))
+        return in_bounds(partial(_names_in, path, within), str(path))
     return None
 
 
-def _names_in(within: str, file: BinaryIO) -> list[str] | None:
-    if not within:
-        return [_listed(member) for member in _members_of_class(file)]
-    for member in _members_of_class(file):
-        if _listed(member) == within:
-            with tempfile.TemporaryFile() as inner:
+def _names_in(path: Path, within: str) -> list[str] | None:
+    with _opened(path) as file, tempfile.TemporaryFile() as inner:
+        if not within:
+            return [_listed(member) for member in _members_of_class(file)]
+        for member in _members_of_class(file):
+            if _listed(member) == within:
                 inner.writelines(member.pieces())
                 inner.seek(0)
-                return _names_in("", inner)
+                return [_listed(member) for member in _members_of_class(inner)]
     return None
 
 
@@ -434,12 +424,14 @@ def texts_in(path: Path, wanted: Collection[str], most_bytes: int) -> dict[str, 
 
     What cannot be read is left out; the members' sizes together are limited.
     """
-    return _read_of_class(path, partial(_texts_in, wanted, most_bytes)) or {}
+    with suppress(OSError, SubmissionError):
+        return in_bounds(partial(_texts_in, path, wanted, most_bytes), str(path))
+    return {}
 
 
-def _texts_in(wanted: Collection[str], most_bytes: int, file: BinaryIO) -> dict[str, str]:
+def _texts_in(path: Path, wanted: Collection[str], most_bytes: int) -> dict[str, str]:
     found: dict[str, str] = {}
-    with suppress(SubmissionError):
+    with _opened(path) as file, suppress(SubmissionError):
         for member in _members_of_class(file):
             if (name := _listed(member)) in wanted:
                 content = b""
