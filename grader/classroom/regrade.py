@@ -195,8 +195,7 @@ def _measures(
         except RubricError as error:
             mistake = next(iter(error.mistakes), error.problem)
             problem = f"the rubric kept with it does not fit this version of the grader: {mistake}"
-            location, remedy = str(folder), "`--rubric rubric.yaml` judges by today's."
-            failed[folder.resolve().name] = RubricError(problem, [], location=location, remedy=remedy)
+            failed[folder.resolve().name] = RubricError(problem, [], location=str(folder), remedy=error.remedy)
         except (GraderError, OSError, UnicodeDecodeError) as error:
             failed[folder.resolve().name] = described(error)
     sources = [made_from(folder) for folder in folders]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import tarfile
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from grader.judging.rubrics import read_rubric
 from grader.lab.rubric import Rubric
 
 ROOT = Path(__file__).parents[2]
-KEPT = sorted((ROOT / "tests/recordings/teacher").glob("*.tar.xz"))
+KEPT = sorted((ROOT / "tests/teacher_recordings").glob("*.tar.xz"))
 
 
 @pytest.fixture(scope="module")
@@ -32,3 +33,13 @@ def test_each_criterion_earns_what_a_teacher_would_give(kept: Path, tmp_path: Pa
     judged = {criterion.id for criterion in result.criteria}
     assert {"documentation", *fixture.expectation.sessions} <= judged
     assert compare(fixture.expectation, result, rubric).differences == ()
+
+
+def test_the_kept_recordings_tell_nothing_of_the_machine() -> None:
+    """No path of the machine on which they were made stands in them, and they stay small."""
+    own = [str(ROOT), sys.prefix, f"{Path.home()}/"]
+    for kept in KEPT:
+        with tarfile.open(kept) as archive:
+            contents = [archive.extractfile(member).read() for member in archive if member.isfile()]  # type: ignore[union-attr]
+        assert not [name for name in own if any(name.encode() in content for content in contents)], kept
+    assert sum(kept.stat().st_size for kept in KEPT) < 3_000_000
