@@ -13,6 +13,8 @@ from grader.cli import main
 from grader.judging import rubrics
 from grader.lab.rubric import Rubric
 
+pytestmark = pytest.mark.usefixtures("judged_before")
+
 KEPT = Path(__file__).resolve().parents[1] / "recordings"
 
 
