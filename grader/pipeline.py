@@ -8,6 +8,7 @@ import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
+from enum import Enum
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -41,6 +42,17 @@ _BEGUN = ".begun"
 _READING_BOUND = Bound(what="reading the submission", cpu_s=20.0, wall_s=100.0, memory_bytes=1024**3)
 
 
+class Scope(Enum):
+    """Which of the chosen sessions a grading records."""
+
+    #: All, and again those that leave something undecided.
+    ALL = "all"
+    #: All, once.
+    ONCE = "once"
+    #: Those that leave something undecided in the recordings of an earlier grading, which go on counting otherwise.
+    UNDECIDED = "undecided"
+
+
 @dataclass(frozen=True)
 class Options:
     """What the user chose for the live half; by default all sessions, with a new seed, as many as the cores allow."""
@@ -48,6 +60,7 @@ class Options:
     #: Python that runs students' code.
     interpreter: Path
     sessions: Sequence[str] | None = None
+    scope: Scope = Scope.ALL
     #: For the stimuli.
     seed: int | None = None
     #: Sessions side by side.
@@ -117,6 +130,8 @@ def grade(
                 atomic_replacement(results, PARTS, lambda new: _is_recorded(new / RECORDINGS)) as new,
                 _naming_kept(new, results),
             ):
+                if options.scope is Scope.UNDECIDED:
+                    shutil.copytree(results / RECORDINGS, new / RECORDINGS)
                 judgement = record(intake.folder, submission, rubric, new, options, follow, scheduling, watch)
             with _naming_kept(results, results):
                 replace_files(files_of(judgement, results, rubric))
@@ -188,7 +203,8 @@ def record(
             on_progress(Progress(name, "left out, since its file is missing", ended=True))
         wanted = confined(partial(modules_to_look_for, submission), submission.source, _READING_BOUND)
         submission.absent_modules = absent_modules(options.interpreter, wanted)
-        _start_afresh(recordings, submission, rubric)
+        if options.scope is not Scope.UNDECIDED:
+            _start_afresh(recordings, submission, rubric)
         with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as scratch:
             with work("staging"):
                 staging = partial(stage, folder, submission, rubric, Path(scratch), str(options.interpreter))
@@ -208,9 +224,11 @@ def record(
                 scheduler=scheduler,
             )
             on_progress = watch.follow(on_progress)
-            with watch.stage("sessions"):
-                sessions.record(chosen, on_progress, at_a_time=options.jobs if sessions.isolation.namespaces else None)
-            (recordings / _BEGUN).unlink()
+            if options.scope is not Scope.UNDECIDED:
+                at_a_time = options.jobs if sessions.isolation.namespaces else None
+                with watch.stage("sessions"):
+                    sessions.record(chosen, on_progress, at_a_time=at_a_time)
+                (recordings / _BEGUN).unlink()
 
             def retry(undecided: Sequence[str], folder: Path, attempt: int, disturbed: frozenset[str]) -> None:
                 alone = replace(sessions, recordings=folder, attempt=attempt, disturbed=disturbed)
@@ -223,7 +241,7 @@ def record(
                 with work("judging"):
                     return judge_bounded(recordings, rubric, options.overrides)
 
-            return retry_undecided(recordings, chosen, retry, judged)
+            return judged() if options.scope is Scope.ONCE else retry_undecided(recordings, chosen, retry, judged)
 
 
 def _start_afresh(recordings: Path, submission: SubmissionRecord, rubric: Rubric) -> None:

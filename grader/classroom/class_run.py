@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Coroutine, Iterable, Sequence
+from collections.abc import Callable, Coroutine, Iterable, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -20,11 +20,12 @@ from grader.classroom.scheduler import Machine
 from grader.classroom.worker import grade_in_process
 from grader.cohort.entries import NOTHING_SUBMITTED, ClassEntry, entries_in
 from grader.errors import GraderError, RecordingError
+from grader.judging.attempts import undecided_sessions
 from grader.lab.rubric import Rubric
 from grader.live.sandbox.isolation import Isolation, Level
 from grader.live.sandbox.scratch import scratch_prefix
 from grader.live.session.runner import run_to_an_end
-from grader.pipeline import Options
+from grader.pipeline import Options, Scope
 from grader.recording.submission import read_submission, write_submission
 from grader.result import Result, load_result
 from grader.result_folder import RECORDINGS, REPORT_FILE, RESULT_FILE
@@ -111,10 +112,19 @@ class ClassRun:
         tasks = [self._task(one, common) for one in sources]
         entries = [self._entry(task, least) for task in tasks]
         new = [task for task, entry in zip(tasks, entries, strict=True) if entry is None]
-        for task in new:
+        kept = {task: entry for task, entry in zip(tasks, entries, strict=True) if entry is not None}
+        undecided = {}
+        if self.options.scope is Scope.UNDECIDED:
+            if new:
+                names = ", ".join(task.source.name for task in new)
+                self.display.note(f"Not graded yet, and left out: {names}. Grade them without --undecided.")
+            found = {task: self._result(task) for task in kept}
+            undecided = {task: result for task, result in found.items() if result and self._is_undecided(result)}
+            kept, new = {task: entry for task, entry in kept.items() if task not in undecided}, []
+        for task in (*new, *undecided):
             self.display.expect(task.source.name, self._work_s())
-        self._judge({task: entry for task, entry in zip(tasks, entries, strict=True) if entry is not None})
-        run_to_an_end(self._record(new, location))
+        self._judge(kept)
+        run_to_an_end(self._record(new, undecided, location))
 
     def _task(self, source: SubmissionSource, common: str) -> _Task:
         try:
@@ -135,6 +145,9 @@ class ClassRun:
     def _work_s(self) -> float:
         sessions = self.rubric.sessions
         return sum(sessions[s].typical_s for s in self.options.sessions or sessions if s in sessions)
+
+    def _is_undecided(self, result: Result) -> bool:
+        return bool(undecided_sessions(result, list(self.rubric.sessions)))
 
     def _end(self, row: Row) -> None:
         self.rows.append(row)
@@ -181,28 +194,52 @@ class ClassRun:
 
     # -- what is to be recorded ------------------------------------------------------------------
 
-    async def _record(self, tasks: Sequence[_Task], location: Isolation | str) -> None:
+    async def _record(
+        self, tasks: Sequence[_Task], undecided: Mapping[_Task, Result], location: Isolation | str
+    ) -> None:
         site: AbstractAsyncContextManager[Site] = (
             cluster(location, self.display.note)
             if isinstance(location, str)
             else nullcontext(Here(location, self.machine))
         )
         async with site as opened:
-            await side_by_side(self._one(task, opened) for task in tasks)
+            # What this machine leaves undecided is recorded again when it has nothing else to do.
+            scope = Scope.ALL if isinstance(location, str) else Scope.ONCE
+            endings = await side_by_side(self._first(task, opened, scope) for task in tasks)
+            left = {task: ending for task, ending in zip(tasks, endings, strict=True) if ending is not None}
+            await side_by_side(self._again(*one, opened) for one in {**left, **undecided}.items())
 
-    async def _one(self, task: _Task, site: Site) -> None:
-        name, seed = task.source.name, self.options.seed
-        if seed is None:
-            seed = fingerprint.seed_for(task.submission, self.journal.run_seed)
-        job = Job(task.source, self.journal.results / name, self.rubric, replace(self.options, seed=seed))
+    async def _first(self, task: _Task, site: Site, scope: Scope) -> Result | None:
+        """Grade a submission; returns its result if something undecided is to be recorded again at the end."""
+        name = task.source.name
         try:
-            ending = await self._grade(task, job, site)
+            ending = await self._grade(task, site, scope)
         except Exception as error:
             ending = self._abandoned(task, problem_of(error))
+        if scope is Scope.ONCE and isinstance(ending, Result) and self._is_undecided(ending):
+            self.display.phase(name, Phase("", "waits for the others, since something is undecided"))
+            return ending
+        self._end(Row(task.source, ending, took_s=self.display.took_s(name)))
+        return None
+
+    async def _again(self, task: _Task, earlier: Result, site: Site) -> None:
+        """Record again what is undecided in a result, which stays where that fails."""
+        name = task.source.name
+        try:
+            ending = await self._grade(task, site, Scope.UNDECIDED)
+        except Exception as error:
+            ending = problem_of(error)
+        if isinstance(ending, GraderError):
+            self.display.note(f"{name}: not recorded again: {ending.problem}")
+            ending = earlier
         self._end(Row(task.source, ending, took_s=self.display.took_s(name)))
 
-    async def _grade(self, task: _Task, job: Job, site: Site) -> Ending:
-        name, decided_by = task.source.name, self.options.overrides.sha256
+    async def _grade(self, task: _Task, site: Site, scope: Scope) -> Ending:
+        name, decided_by, seed = task.source.name, self.options.overrides.sha256, self.options.seed
+        if seed is None:
+            seed = fingerprint.seed_for(task.submission, self.journal.run_seed)
+        options = replace(self.options, seed=seed, scope=scope)
+        job = Job(task.source, self.journal.results / name, self.rubric, options)
         before, recorded = audit.text_of(job.results / RESULT_FILE), recordings_sha256(job.results)
         ending, isolation = await site.grade(job, partial(self.display.phase, name))
         if not isinstance(ending, GraderError):
@@ -211,7 +248,7 @@ class ClassRun:
             self.journal.note(name, task.key, task.policy, isolation.value)
             return ending
         if recordings_sha256(job.results) in ("", recorded) or ending.exit_status == RecordingError.exit_status:
-            return self._abandoned(task, ending)
+            return ending if scope is Scope.UNDECIDED else self._abandoned(task, ending)
         # What was recorded could not be judged: the next run tries again.
         if before is not None:
             audit.keep(self.journal.results, name, before)

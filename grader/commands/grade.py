@@ -101,6 +101,8 @@ def _add_class(parser: argparse.ArgumentParser) -> None:
     again = group.add_mutually_exclusive_group()
     add_flag(again, "--resume", "keep what has been graded from the same files, rubric and options (the default)")
     add_flag(again, "--afresh", "grade all again")
+    undecided = "of what has been graded, run again only the sessions that left something undecided"
+    add_flag(again, "--undecided", undecided)
     replace = "let results take the place of those that were made from another path under the same name"
     add_flag(group, "--replace", replace)
     pseudonyms = "also write index-anonymous.html and grades-anonymous.csv, with pseudonyms instead of names"
@@ -123,7 +125,9 @@ def run(arguments: Sequence[str], console: Console, epilog: str = "") -> int:
     pipeline.require_sessions(options.sessions or (), rubric)
     require_submissions(options.submissions, rubric)
     found = _found(options, rubric)
-    several = len(found.submissions) > 1 or options.scheduler is not None
+    if options.undecided and options.scheduler is not None:
+        parser.error("--undecided is for this machine; leave --scheduler out")
+    several = len(found.submissions) > 1 or options.scheduler is not None or options.undecided
     origins = [source.origin for source in found.submissions]
     require_no_links(options.output, origins)
     for folder in recorded_in(options.output):
@@ -139,6 +143,7 @@ def run(arguments: Sequence[str], console: Console, epilog: str = "") -> int:
     live = pipeline.Options(
         interpreter_of(options.python),
         options.sessions,
+        pipeline.Scope.UNDECIDED if options.undecided else pipeline.Scope.ALL,
         options.seed,
         options.jobs,
         options.launch,
@@ -254,7 +259,7 @@ def _grade_class(found: Discovery, rubric: Rubric, live: Options, options: argpa
         if below := [row.source.name for row in rows if _status(row, options.fail_under) == BELOW]:
             print_note(console, f"Below {options.fail_under} points: {', '.join(below)}")
         _report_class(rows, found.missing, rubric, options, console)
-    return max(_status(row, options.fail_under) for row in rows)
+    return max((_status(row, options.fail_under) for row in rows), default=0)
 
 
 def _grading_location(options: argparse.Namespace, live: Options) -> tuple[Isolation | str, Machine]:

@@ -9,7 +9,7 @@ from decimal import Decimal
 from pathlib import Path
 
 from grader.judging.judgement import Judgement
-from grader.recording.session import read_session, write_session
+from grader.recording.session import SESSION_FILE, read_session, write_session
 from grader.result import Result
 
 #: How often a session whose checks are undecided is recorded again, alone.
@@ -31,8 +31,10 @@ def retry_undecided(
     judgement = judged()
     disturbed: frozenset[str] = frozenset()
     retry = recordings.parent / _RETRY
+    kept = [read_session(recordings / name) for name in chosen if (recordings / name / SESSION_FILE).is_file()]
+    recorded = max((session.times_recorded for session in kept), default=1)
     try:
-        for attempt in range(2, RETRIES + 2):
+        for attempt in range(recorded + 1, recorded + RETRIES + 1):
             disturbed |= {v.session for v in judgement.by_rubric.violations if v.kind.disturbs}
             if not (undecided := undecided_sessions(judgement.by_rubric, chosen)):
                 break

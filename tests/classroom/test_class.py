@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import signal
 import sys
 from pathlib import Path
@@ -13,8 +14,13 @@ pytest.importorskip("rclpy")
 
 sys.path.append(str(Path(__file__).parents[2]))
 
+from grader.classroom.journal import Journal
+from grader.judging.rubrics import read_rubric
 from grader.live.sandbox.isolation import Level
 from grader.live.sandbox.probing import probe_isolation
+from grader.pipeline import judge_results
+from grader.recording.session import read_session, write_session
+from grader.result_folder import JOURNAL_FILE, RECORDINGS
 from tests.classroom.small_class import ASTRAY, CRASHES, SLEEPS, Family, SmallClass, make_class
 from tests.live.small_lab import TALKER, remains, until
 
@@ -81,6 +87,43 @@ def test_a_class_is_graded_once(tmp_path: Path) -> None:
     assert small.grade()[0] == 0
     assert small.files_of("ann") == before["ann"], "the report was not made from what is there"
     assert small.files_of("eve") == kept
+
+
+def test_exactly_what_is_undecided_is_run_again(tmp_path: Path) -> None:
+    """With --undecided a session that left something open is recorded again, and nothing else is touched."""
+    small = make_class(tmp_path, {"ann": TALKER, "bob": CRASHES})
+    assert small.grade()[0] == 0
+    leave_open(small, "ann")
+    small.hand_in("cem", TALKER)
+    before = small.files_of("bob")
+    status, output, errors = small.grade("--undecided")
+    assert (status, errors) == (0, "")
+    assert "Not graded yet, and left out: cem. Grade them without --undecided." in output
+    assert "2 graded, 1 of them as before, mean 0.5 points" in output
+    assert earned(small) == {"ann": 1, "bob": 0}
+    session = read_session(small.results / "ann" / RECORDINGS / "only")
+    assert (session.attempt, session.problems) == (2, [])
+    assert small.files_of("bob") == before
+    assert not (small.results / "cem").exists()
+    assert remains(small.temporary) == []
+    again = small.files_of("ann")
+    assert "2 graded, 2 of them as before" in small.grade("--undecided")[1], "there is nothing to decide any more"
+    assert small.files_of("ann") == again
+
+
+def leave_open(small: SmallClass, name: str) -> None:
+    """Make of a graded submission one whose session the machine disturbed."""
+    folder = small.results / name
+    session = read_session(folder / RECORDINGS / "only")
+    session.problems = ["A reference node ended."]
+    write_session(folder / RECORDINGS / "only", session)
+    rubric = read_rubric(small.rubric)
+    judge_results(folder, rubric)
+    assert small.result(name)["score"]["undecided"] == 1
+    with Journal.open(small.results) as journal:
+        found = [json.loads(line) for line in (small.results / JOURNAL_FILE).read_text().splitlines()]
+        entry = next(line for line in found if line.get("graded") == name)
+        journal.note(name, entry["key"], entry["policy"], entry["isolation"])
 
 
 def test_a_killed_run_goes_on_where_it_stopped(tmp_path: Path) -> None:
