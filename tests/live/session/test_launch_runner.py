@@ -64,15 +64,15 @@ def runner(tmp_path: Path) -> LaunchRunner:
         (tmp_path / "sub" / path).write_text(text, encoding="utf-8")
     record.texts, record.packages = files, find_packages(files, list(files))
     record.artifacts = [ArtifactFact("publisher", "arm_lab/talk.py", "arm_lab/talk.py", "name")]
-    staged = stage(tmp_path / "sub", record, read_rubric(None), tmp_path / "staged", sys.executable)
+    executables = stage(tmp_path / "sub", record, read_rubric(None), tmp_path / "staged", sys.executable)
     scratch = tmp_path / "scratch"
     plan = SessionPlan(
-        SessionRecord("launch"), [], tmp_path, scratch, staged.folder, staged.executables, {}, {}, [],
+        SessionRecord("launch"), [], tmp_path, scratch, tmp_path / "staged", executables, {}, {}, [],
         Isolation(Level.NO_CGROUP, Form.ROOT), Path(sys.executable), 0, 0, 60.0,
     )  # fmt: skip
     sandbox = StudentSandbox(plan)
     sandbox.workspace.mkdir(parents=True)
-    sandbox.copy_workspace(staged.folder, sandbox.workspace)
+    sandbox.copy_workspace(plan.staged, sandbox.workspace)
     return LaunchRunner(sandbox)
 
 
