@@ -10,7 +10,7 @@ import yaml
 
 @functools.cache
 def _lexicon() -> dict[str, list[str]]:
-    lexicon: dict[str, list[str]] = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text(encoding="utf-8"))
+    lexicon: dict[str, list[str]] = yaml.load(Path(__file__).with_suffix(".yaml").read_bytes(), yaml.CSafeLoader)
     return lexicon
 
 
