@@ -9,9 +9,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from grader.report.escape import markdown_text
-from grader.report.exports.graded import Graded, GradedCheck, GradedCriterion
-from grader.report.exports.words import (
+from grader.report.exports.graded import (
     MOST_REMARKS,
+    Graded,
+    GradedCheck,
+    GradedCriterion,
     adjustment_texts,
     points_of,
     proof_lines,
