@@ -9,12 +9,15 @@ from collections.abc import Generator, Iterator
 
 import pytest
 from hypothesis import HealthCheck, settings
-from xdist.scheduler import LoadScopeScheduling
 
+from tests.in_turn import InTurn, Kind, kind_of, step_behind
 from tests.machine import beside_others
+from tests.thorough import examples
 
 # How long an example takes says more about the machine than about the code.
-settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile(
+    "any machine", deadline=None, max_examples=examples(), suppress_health_check=[HealthCheck.too_slow]
+)
 settings.load_profile("any machine")
 
 
@@ -24,26 +27,17 @@ def pytest_configure() -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-class InTurn(LoadScopeScheduling):  # type: ignore[misc]
-    """Gives a worker a module at a time, or one of the long tests: a live fixture, or a batch of attacks."""
-
-    def _split_scope(self, nodeid: str) -> str:
-        module, _, test = nodeid.partition("::")
-        if module.endswith("test_fixtures.py"):
-            return nodeid
-        return "-".join(test.partition("[")[2].split("-")[:2]) if module.endswith("test_attacks.py") else module
-
-
 def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> InTurn:
-    """Let workers take tests in the order in which `pytest_collection_modifyitems` puts them."""
+    """Let workers take tests in the order of `tests/in_turn.py`."""
     config.option.loadscopereorder = False
     return InTurn(config, log)
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put live tests behind those that only compute, and would keep them from a core."""
-    last = ("test_fixtures.py", "test_attacks.py")
-    items.sort(key=lambda item: (item.get_closest_marker("live") is not None, *(item.path.name == n for n in last)))
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Put live tests behind those that only compute, where one process runs all."""
+    items.sort(key=lambda item: kind_of(item.nodeid) < Kind.BROWSER)
+    step_behind(config, items)
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)

@@ -6,7 +6,6 @@ import ast
 import builtins
 import re
 import time
-from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -28,6 +27,8 @@ CHARACTERS = 3000
 SOON_S = 0.0025
 #: How many times longer four times the text may take: 4 where it is linear, 16 where it is the square.
 MOST_TIMES = 9.0
+#: In each, a part of them is tried.
+PROCESSES = 12
 BOUND = Bound("trying it", cpu_s=10.0, wall_s=120.0, memory_bytes=2**30)
 
 
@@ -175,14 +176,13 @@ def _took_s(compiled: re.Pattern[str], how: str, text: str) -> float:
 
 def test_no_pattern_takes_longer_than_its_text_is_long() -> None:
     """What a text of 3,000 characters that is hardest for a pattern takes is no more than that of a few quarters."""
-    found = defaultdict(list)
-    for use in uses():
-        found[use.place.partition(":")[0]].append(use)
-    assert sum(map(len, found.values())) > 150
-    slow = []
-    for file, told in in_processes({file: partial(slow_ones, found[file]) for file in found}, BOUND, at_a_time=2):
+    found = list({(use.pattern, use.flags, use.how): use for use in uses()}.values())
+    assert len(found) > 150
+    slow, parts = [], [found[n::PROCESSES] for n in range(PROCESSES)]
+    tried = {n: partial(slow_ones, some) for n, some in enumerate(parts)}
+    for n, told in in_processes(tried, BOUND, at_a_time=2):
         if isinstance(told, Exception):  # One of them has no end.
-            each = in_processes({use: partial(slowness, use) for use in found[file]}, BOUND, at_a_time=2)
+            each = in_processes({use: partial(slowness, use) for use in parts[n]}, BOUND, at_a_time=2)
             told = [_describe(use, problem) for use, problem in each if problem]
         slow += told
     assert not slow, "\n" + "\n".join(sorted(slow))

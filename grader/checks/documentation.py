@@ -93,6 +93,7 @@ class Part(Parameters):
     artifact: ref.Artifact
     names: tuple[str, ...]
     synonyms: tuple[str, ...] = ()
+    shown_by: str | None = Field(None, description="Part by which it is found where the README names others too.")
 
 
 class Readme(_OfFiles):
@@ -125,6 +126,10 @@ def readme(context: Context, p: Readme) -> Finding:
     texts, hollow = _visible(context, paths, Terms.of(chain(*names.values()), _ENDING), p.placeholders)
     run, how, notes = _how_to_run(texts, p)
     found = {part: line for part in parts if (line := _mentioned(texts, names[part], part.synonyms)) is not None}
+    if len(found) > 1:  # Where others are named too, a part may be found by one of them.
+        found |= {
+            part: found[by] for part in parts if part not in found for by in found if by.artifact == part.shown_by
+        }
     said = " ".join(block.text for _, shown in texts for block in shown if block.kind != "code")
     if not found and texts and substance(said) >= p.doubt_words:  # It may call them by other names.
         found = dict.fromkeys(parts, (texts[0][0], 1))
@@ -198,7 +203,7 @@ def _at(file: str, line: int) -> str:
 
 
 class CodeExplained(_OfFiles):
-    """Files, classes and functions of some length are explained by docstrings or comments, whichever."""
+    """Files (half), and classes and functions of some length, are explained by docstrings or comments, whichever."""
 
     artifacts: tuple[ref.Artifact, ...]
     full_from: Share = Field(description="Share of them that earns full credit; less earns in proportion.")
@@ -212,17 +217,24 @@ def code_explained(context: Context, p: CodeExplained) -> Finding:
     """Judge the share of files, classes and functions whose purpose or reason is said somewhere."""
     rules = Rules(p.min_words, p.function_lines, p.placeholders, p.fillers)
     facts = _sources(context, p.artifacts, rules)
-    expected = f"a docstring or a comment explains at least {percent(p.full_from)} of files, classes and functions"
-    expected += f" of {p.function_lines} lines or more"
+    expected = (
+        f"a docstring or a comment explains at least {percent(p.full_from)}: of the files (half), and of classes "
+    )
+    expected += f"and functions of {p.function_lines} lines or more (half)"
     units = [(f, unit) for f in facts for unit in f.units if unit.needed]
     if not facts:
         return failed(expected, "no source files", "There is no source to read.")
     if not units:
         return passed(expected, "nothing that needs an explanation")
     bare = [(f.path, unit) for f, unit in units if unit.explained_by is None]
-    explained = len(units) - len(bare)
-    share = explained / len(units)
-    measured = f"{explained} of {len(units)} explained ({apart(100 * share, 100 * p.full_from, places=0)}%)"
+    # A file is as many as there are artifacts in it.
+    paths = [context.path_of(artifact) for artifact in p.artifacts]
+    files = [(paths.count(f.path), unit) for f, unit in units if unit is f.units[0]]
+    inner = [(1, unit) for f, unit in units if unit is not f.units[0]]
+    shares = [_share_explained(weighted) for weighted in (files, inner) if weighted]
+    share = sum(shares) / len(shares)
+    measured = f"{len(units) - len(bare)} of {len(units)} explained, half by files, half by what is in them: "
+    measured += f"{apart(100 * share, 100 * p.full_from, places=0)}%"
     names = [unit.name for _, unit in bare]
     more = f" and {len(names) - 6} more" if len(names) > 6 else ""
     reason = f"Neither a docstring nor a comment explains {', '.join(names[:6])}{more}."
@@ -236,6 +248,10 @@ def code_explained(context: Context, p: CodeExplained) -> Finding:
     ]
     finding = graded(share / p.full_from, expected, measured, reason, where=where, notes=notes)
     return replace(finding, counted=tuple(map(_listed, facts)))
+
+
+def _share_explained(weighted: Sequence[tuple[int, Unit]]) -> float:
+    return sum(weight for weight, unit in weighted if unit.explained_by) / sum(weight for weight, _ in weighted)
 
 
 def _listed(facts: SourceFacts) -> str:
@@ -292,7 +308,8 @@ def concepts_explained(context: Context, p: ConceptsExplained) -> Finding:
         reason = f"The grader cannot read {', '.join(unread)}; a person has to."
         return inconclusive(expected, "not read", reason, where=[Location(file=path) for path in unread], retry=False)
     if len(found.discussed) < p.least_concepts:
-        return failed(expected, measured, "There is next to nothing in writing about the trade-offs.", where=where)
+        reason = "The grader found no text about this, neither in a README nor in the program."
+        return failed(expected, measured, reason, where=where)
     covered = min(1.0, len(found.discussed) / p.full_concepts)
     share = 2 / 3 * covered + 1 / 3 if found.related else 1 / 3 * covered
     reasons = [] if found.related else ["They are not set in relation to each other: when which, and at what price?"]

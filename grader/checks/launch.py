@@ -17,6 +17,7 @@ from grader.checks.base import (
     credit_of,
     describe_diagnosis,
     failed,
+    graded,
     inconclusive,
     not_reached,
     of_parts,
@@ -33,6 +34,7 @@ from grader.lab import references as ref
 from grader.lab.references import Parameters, Share
 from grader.recording.launch_plan import MalformedPlanError, Plan, Problem, Process
 from grader.recording.session import ProcessRun
+from grader.recording.submission import PackageFact
 from grader.result import Finding, Location
 
 
@@ -63,8 +65,9 @@ class LaunchLoads(Parameters):
     artifact: ref.Artifact
     step: ref.PlanLabel
     repaired_rest: Share = Field(
-        0.667, description="Share that the checks which depend on this one earn where a mistake was repaired on a copy."
+        0.75, description="Share that the checks which depend on this one earn where a mistake was repaired on a copy."
     )
+    not_installed_costs: Share = Field(0.0, description="Cost of a file that its package's build does not install.")
 
 
 def launch_loads(context: Context, p: LaunchLoads) -> Finding:
@@ -85,7 +88,14 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
         notes = excuses
         notes += [f"{w.message} ({w.file}:{w.line})" if w.file else w.message for w in plan.warnings]
         measured = f"{len(plan.processes)} processes, {len(plan.arguments)} arguments"
-        return passed(expected, measured, where=_at(context, problem), notes=[*notes, *_silent(plan)])
+        notes += _silent(plan)
+        if (package := _leaves_out(context, p.artifact)) is None:
+            return passed(expected, measured, where=_at(context, problem), notes=notes)
+        build = "setup.py" if package.build_type == "ament_python" else "CMakeLists.txt"
+        where = (Location(file=f"{package.path}/{build}".lstrip("/")),)
+        reason = f"The package {package.name} does not install it, so that `ros2 launch` finds it by its path only."
+        hint = f"Install it in {build}, as the remark about the package says."
+        return graded(1 - p.not_installed_costs, expected, measured, reason, hint=hint, where=where, notes=notes)
     newer = problem.kind == "syntax_error" and is_newer_python(context.submission.texts.get(problem.file or "", ""))
     # A module may be said to be missing that the launch file does not import, or that is not missing here.
     made_up = problem.kind == "missing_module" and not absent_module(
@@ -103,6 +113,15 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
     finding = failed(expected, problem.message, reason, hint=problem.remedy, where=_at(context, problem))
     # What it declares until it stops was seen, and counts.
     return replace(finding, rest=credit_of(p.repaired_rest)) if plan.arguments else finding
+
+
+def _leaves_out(context: Context, artifact: str) -> PackageFact | None:
+    """Return the package that holds an artifact's file and surely does not install it, if one does."""
+    path = context.path_of(artifact) or ""
+    owners = [p for p in context.submission.packages if path.startswith(f"{p.path}/".lstrip("/"))]
+    owner = max(owners, key=lambda package: len(package.path), default=None)
+    known = owner.shared if owner is not None else None
+    return owner if known is not None and path not in known.values() else None
 
 
 def _excuse(context: Context, noted: Mapping[str, Any]) -> str:

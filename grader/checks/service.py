@@ -75,6 +75,9 @@ class CallAnswered(Parameters):
     given: Given | None = Field(None, description="A parameter on which the answer depends.")
     changed_credit: Share = Field(0.75, description="Credit of a right answer that is another one later.")
     wordless_credit: Share = Field(0.75, description="Credit of a right answer whose message is empty.")
+    logged_credit: Share = Field(
+        0.667, description="Credit where an earlier call had no answer either, but the program's log has the message."
+    )
 
 
 def _calls(step: StepRun | None) -> list[Mapping[str, Any]]:
@@ -130,6 +133,15 @@ def _earlier_silence(context: Context, step: StepRun | None, expected: str) -> F
     return not_reached(reason, expected=expected)
 
 
+def _logged(context: Context, artifact: str | None, step: StepRun | None, pattern: str | None) -> str:
+    """Return what an artifact's program printed while a call waited, if it fits: what it did without an answer."""
+    lines = (line for run in context.session.processes_of(artifact or "") for line in run.output)
+    spans = [(call["started_ns"], call["ended_ns"]) for call in _calls(step)[:1]]
+    said = (line.text for line in lines if any(start <= line.t_ns <= end for start, end in spans))
+    return next((text for text in said if pattern is not None and search(pattern, text)), "")
+
+
+_BY_ITS_LOG = "It gives no answer here either, which costs its points above; by its log it does what was asked."
 _THEN_THESE = "Fix that, and these points can be earned too."
 _STUCK = "The node does not answer parameter requests either: it does not spin, or a callback never returns."
 _STUCK_HINT = (
@@ -159,7 +171,13 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
     response = _answer(step)
     where = (_location(context, step),)
     if response is None:
-        return _silence(context, step, expected, _problem(step))
+        logged = _logged(context, p.artifact, step, p.message)
+        if not logged or _earlier_silence(context, step, expected) is None:
+            return _silence(context, step, expected, _problem(step))
+        return graded(p.logged_credit, expected, f"no answer; it logs {logged!r}", _BY_ITS_LOG, where=where)
+    if (same := _same_request(context, step)) is not None:
+        reason = f"A request of this type has no field {' or '.join(request)}, so nobody can ask for this: "
+        return failed(expected, "the same request", f"{reason}it is the same as that of '{same.label}'.", where=where)
     measured = f"{_shown(response)} after {_latency_s(_calls(step)[0]) * 1e3:.1f} ms"
     wrong = [f"{k} is {response.get(k)!r}, not {v!r}" for k, v in p.response.items() if response.get(k) != v]
     if wrong:
@@ -188,10 +206,26 @@ def _fits(answer: Mapping[str, Any] | None, wanted: Mapping[str, Any]) -> bool:
     return answer is not None and all(answer.get(k) == v for k, v in wanted.items())
 
 
+def _was_sent(step: StepRun | None) -> bool:
+    """Whether a call was made as the rubric has it: the student's type may lack some of the request's fields."""
+    asked = step.parameters.get("request") if step is not None else None
+    return step is not None and step.result.get("request", asked) == asked
+
+
+def _same_request(context: Context, step: StepRun | None) -> StepRun | None:
+    """Return an earlier call that should have been another one, but for lack of a field was the same."""
+    if step is None or _was_sent(step):
+        return None
+    steps = context.session.record.steps
+    earlier = (s for s in steps[: steps.index(step)] if s.kind == step.kind)
+    return next((s for s in earlier if s.parameters.get("request") != step.parameters.get("request")), None)
+
+
 def _later_answers(context: Context, p: CallAnswered) -> list[Mapping[str, Any]]:
     """Return the answers of the later step, if it made the same request."""
     step, later = context.session.step(p.step), context.session.step(p.again) if p.again else None
-    alike = step is not None and later is not None and later.parameters.get("request") == step.parameters.get("request")
+    requests = [s.parameters.get("request") for s in (step, later) if s is not None and _was_sent(s)]
+    alike = len(requests) == 2 and requests[0] == requests[1]
     return [c["response"] for c in _calls(later) if c["response"] is not None] if alike else []
 
 
@@ -204,19 +238,31 @@ def _contradicts(p: CallAnswered, answer: Mapping[str, Any]) -> bool:
 class CallGated(Parameters):
     """A parameter decides over the answer, and may be changed while the node runs."""
 
+    artifact: ref.Artifact | None = Field(None, description="Program whose log counts where no call was answered.")
     set_step: ref.SetLabel = Field(description="The step that sets the parameter.")
     refused_step: ref.CallLabel
     recovered_step: ref.CallLabel
     from_start_step: ref.CallLabel = Field(description="The call to a node that had the parameter from its start.")
+    allowed_step: ref.CallLabel | None = Field(
+        None, description="A call that must be answered as ever while the parameter is off."
+    )
     enables: ref.EarlierCheckId | None = Field(
         None, description="Check of the answer in the normal case; if that one fails, this is not tested."
+    )
+    allowed_charged_by: ref.EarlierCheckId | None = Field(
+        None, description="Where this check took points, another answer to the allowed call takes none."
     )
     refused: Annotated[Mapping[str, Any], ref.fields_of_type("_Response", "refused_step")]
     recovered: Annotated[Mapping[str, Any], ref.fields_of_type("_Response", "recovered_step")]
     message_field: Annotated[str, ref.fields_of_type("_Response", "refused_step")] = "message"
+    allowed: Annotated[Mapping[str, Any], ref.fields_of_type("_Response", "allowed_step")] = Field(default_factory=dict)
     refusal: Pattern | None = Field(None, description="A message that refuses, whatever the other fields say.")
     half_credit: Share = Field(0.5, description="Credit of one half, such as refusing without recovering.")
     from_start_credit: Share = Field(0.5, description="Credit of refusing only what was given from the start.")
+    disallowed_credit: Share = Field(0.5, description="Credit where what must stay possible is refused too.")
+    logged_credit: Share = Field(
+        0.33, description="Credit where no call was answered, but the program's log tells refusing from enabling."
+    )
 
 
 def call_gated(context: Context, p: CallGated) -> Finding:
@@ -232,6 +278,10 @@ def call_gated(context: Context, p: CallGated) -> Finding:
     enabling = context.findings.get(p.enables) if p.enables is not None else None
     fails = enabling is not None and enabling.outcome in (Outcome.FAILED, Outcome.NOT_REACHED)
     turned = fails and _fits(off, p.recovered) and _fits(on, p.refused)
+    refusing = _logged(context, p.artifact, steps[p.refused_step], p.refusal) if off is None else ""
+    enabling_step = next((s for s in context.session.record.steps if s.kind == "call"), None)
+    if refusing and fails and not _logged(context, p.artifact, enabling_step, p.refusal):
+        return graded(p.logged_credit, expected, f"no answer; it logs {refusing!r}", _BY_ITS_LOG, where=where)
     if fails and not turned and not (refuses and recovers):
         reason = "Not tested: the robot cannot be enabled at all, so a refusal proves nothing."
         return not_reached(reason, expected=expected)
@@ -243,9 +293,14 @@ def call_gated(context: Context, p: CallGated) -> Finding:
         return graded(p.half_credit * refuses_at_start, expected, measured, reason, hint=_THEN_THESE, where=where)
     unset = _not_set(context.session.step(p.set_step))
     words = str(off.get(p.message_field, "")) if off is not None else ""
+    allowed_step = context.session.step(p.allowed_step) if p.allowed_step is not None else None
+    allowed = _answer(allowed_step) if _was_sent(allowed_step) else None
+    is_charged = context.charged(p.allowed_charged_by)
+    disallows = refuses and allowed is not None and not is_charged and not _fits(allowed, p.allowed)
     only_message = recovers and p.refusal is not None and search(p.refusal, words)
     rows: tuple[tuple[object, float, str, str], ...] = (
         (turned, p.half_credit, _REVERSED, "Invert the condition."),
+        (disallows, p.disallowed_credit, f"{_DISALLOWS} {_shown(allowed)}.", _DISALLOWS_HINT),
         (refuses and recovers, 1.0, "", ""),
         (refuses, p.half_credit, "It refuses, but does not recover when the parameter is true again.", ""),
         (only_message, p.half_credit, _ONLY_MESSAGE, "Set the success field to False too, not only the message."),
@@ -268,6 +323,8 @@ def _not_set(step: StepRun | None) -> str:
 
 _AT_START = "It refuses only when the parameter is false from the start;"
 _ONLY_MESSAGE = "Its message refuses, but the other fields report success, and client programs read those."
+_DISALLOWS = "While the parameter is false it refuses what must always be possible too:"
+_DISALLOWS_HINT = "Let the parameter decide over enabling alone; to disable must always be possible."
 _REVERSED = "It follows the parameter, but inverted: it enables while it is false and refuses while it is true."
 _SET_HINT = (
     "Declare the parameter with a default of the type that the lab gives it, not read-only; others can then set it."

@@ -11,7 +11,7 @@ import difflib
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, reduce
+from functools import cached_property, lru_cache, reduce
 from operator import or_
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
@@ -344,11 +344,15 @@ def _definition(scope: Scope, value: str) -> ast.FunctionDef | ast.ClassDef:
     file, _, name = value.partition(":")
     one_of(file, "Python file", _beside(scope, file), " beside the rubric")
     try:
-        tree = ast.parse((scope.folder / file).read_bytes())
+        found = _definitions((scope.folder / file).read_bytes())
     except (SyntaxError, ValueError) as problem:
         raise ValueError(f"{file} is not valid Python: {problem}") from problem
-    found = {node.name: node for node in tree.body if isinstance(node, (ast.FunctionDef, ast.ClassDef))}
     return found[one_of(name, "function or class", found, f" in {file}")]
+
+
+@lru_cache(maxsize=8)
+def _definitions(source: bytes) -> dict[str, ast.FunctionDef | ast.ClassDef]:
+    return {node.name: node for node in ast.parse(source).body if isinstance(node, (ast.FunctionDef, ast.ClassDef))}
 
 
 FileBeside = Annotated[str, Reference("File beside the rubric.", _file)]

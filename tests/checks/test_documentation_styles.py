@@ -80,9 +80,10 @@ HEADINGS = "# Lab\n\n## How to run\n\n{0}\n\n" + "".join(f"## {file}\n\n{{0}}\n\
         ("# Lab 09-01\n\nI enjoyed this lab very much and learned a lot about robots.\n", 0),
         ("# Lab 09-01: publisher, subscriber, service\n\nRobotics, by Ann.\n", 0),
         ("# Lab\n\nRun `ros2 launch physical_ai_textbook robot_launch.py`.\n", 2.4),
+        ("# Lab\n\nRun `ros2 launch arm robot_launch.py` or `ros2 run arm qos_comparison`.\n", 4),
         ("# Lab\n\nThe files:\n\n" + "".join(f"- {file}\n" for file in FILES.values()), 2),
     ],
-    ids=["empty", "todo", "template", "lorem", "code", "pasted", "chat", "title", "run only", "list only"],
+    ids=["empty", "todo", "template", "lorem", "code", "pasted", "chat", "title", "run only", "run both", "list only"],
 )
 def test_a_hollow_readme_gets_what_it_says(text: str, most: float) -> None:
     """Templates, blind text and pasted code earn nothing; half of what is asked for earns half."""
@@ -173,9 +174,9 @@ OFF = "        # message.data = [1.0] * 7\n        # self.publisher.publish(mess
             },
             0,
         ),
-        ({"head": "# this is important\n", "reason": "        # this is important\n"}, 1),
+        ({"head": "# this is important\n", "reason": "        # this is important\n"}, 1.09),
         ({"head": "#!/usr/bin/env python3\n# -*- coding: utf-8 -*-\n", "reason": "        # ----------\n"}, 0),
-        ({"head": '"""Sends the commands of @."""\n'}, 5),
+        ({"head": '"""Sends the commands of @."""\n'}, 5.45),
     ],
     ids=["nothing", "licence", "off", "echo", "todo", "names", "imports", "lorem", "same", "tools", "heads"],
 )

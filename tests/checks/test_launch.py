@@ -13,6 +13,7 @@ import pytest
 from grader.checks.base import failed, passed
 from grader.recording.launch_plan import PLAN_SCHEMA
 from grader.recording.session import Claim
+from grader.recording.submission import PackageFact
 from grader.result import Finding, Location, Outcome
 from tests.synthetic import FLOATS, Session, at, evenly, judged, submission
 
@@ -128,11 +129,25 @@ def test_a_repaired_mistake_loses_the_loading_and_leaves_a_share_of_the_rest(tmp
     assert (finding.hint, finding.where[0].line) == ("Write 'executable='.", 5)
 
 
+@pytest.mark.parametrize(
+    ("shared", "credit"), [({}, "0.6"), ({"share/arm/launch/it.py": "arm/it.py"}, "1"), (None, "1")]
+)
+def test_a_file_that_its_package_does_not_install_costs_a_part(
+    tmp_path: Path, shared: dict[str, str] | None, credit: str
+) -> None:
+    """It is found by its path, and not by the package's name; where that is not sure, nothing is lost."""
+    record = submission({"arm/it.py": ""}, it="arm/it.py")
+    record.packages = [PackageFact("arm", "arm", "ament_python", shared=shared)]
+    finding = judged("launch_loads", {**LOADS, "not_installed_costs": 0.4}, planned(Session(tmp_path)), record)
+    assert finding.credit == Decimal(credit)
+    assert [w.file for w in finding.where] == (["arm/setup.py"] if credit != "1" else [None])
+
+
 def test_what_is_declared_until_a_file_stops_counts(tmp_path: Path) -> None:
     """A mistake that nobody repairs leaves what was seen; one by which nothing was seen leaves nothing."""
     problem = {"kind": "invalid_choice", "message": "no choice"}
     seen = planned(Session(tmp_path, "a"), problem=problem, arguments=[{"name": "rate", "default": "100.0"}])
-    assert judged("launch_loads", LOADS, seen).rest == Decimal("0.667")
+    assert judged("launch_loads", LOADS, seen).rest == Decimal("0.75")
     assert "is not declared until the file stops" in judged("launch_arguments", ARGUMENTS, seen).reason
     assert judged("launch_loads", LOADS, planned(Session(tmp_path, "b"), problem=problem)).rest is None
 

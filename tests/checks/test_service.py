@@ -42,11 +42,13 @@ def answer(success: bool, message: str = "Robot enabled") -> dict[str, Any]:
     return {"success": success, "message": message}
 
 
-def called(session: Session, label: str, *calls: dict[str, Any], wanted: int | None = None) -> Session:
+def called(
+    session: Session, label: str, *calls: dict[str, Any], wanted: int | None = None, data: bool = True, **result: Any
+) -> Session:
     """Add a step that called the service."""
-    parameters = {"service": NAME, "request": {"data": True}, "repeat": wanted or len(calls)}
+    parameters = {"service": NAME, "request": {"data": data}, "repeat": wanted or len(calls)}
     outcome = "done" if all(c["response"] is not None for c in calls) else "timeout"
-    return session.step("call", label, outcome, calls=list(calls), service=NAME, parameters=parameters)
+    return session.step("call", label, outcome, calls=list(calls), service=NAME, parameters=parameters, **result)
 
 
 # -- the service -----------------------------------------------------------------------------------
@@ -189,6 +191,23 @@ def test_silence_is_charged_once(tmp_path: Path) -> None:
     assert judged("call_answered", ANSWERED, session).outcome is Outcome.NOT_REACHED
 
 
+@pytest.mark.parametrize(("line", "credit"), [("Robot disabled", "0.667"), ("callback", "0")])
+def test_what_the_log_shows_of_an_unanswered_call_counts_in_part(tmp_path: Path, line: str, credit: str) -> None:
+    """After a first silence, a call that the program did by its log earns a part; one that it did not earns nothing."""
+    session = called(Session(tmp_path).process("it", [line]), "first", call(None, 3.0))
+    finding = judged("call_answered", {**ANSWERED, "message": "disabled"}, called(session, "enable", call(None, 3.0)))
+    assert finding.credit == Decimal(credit)
+
+
+def test_what_the_students_type_cannot_ask_for_fails(tmp_path: Path) -> None:
+    """Two requests that differ in a field which the type lacks are one, and only the first of them was made."""
+    session = called(Session(tmp_path), "first", call(answer(True)), request={})
+    assert judged("call_answered", {**ANSWERED, "step": "first"}, session).outcome is Outcome.PASSED
+    session = called(session, "enable", call(answer(True)), data=False, request={})
+    finding = judged("call_answered", ANSWERED, session)
+    assert (finding.outcome, "no field data" in finding.reason) == (Outcome.FAILED, True)
+
+
 def test_a_call_that_was_never_made_fails(tmp_path: Path) -> None:
     """Without the step there is no answer."""
     finding = judged("call_answered", ANSWERED, Session(tmp_path).process())
@@ -223,6 +242,16 @@ def test_refusal_and_recovery_are_half_each(
     finding = gated(tmp_path, *answers)
     assert finding.credit == Decimal(credit)
     assert words in finding.reason
+
+
+@pytest.mark.parametrize(("success", "credit"), [(True, "1"), (False, "0.17")])
+def test_what_must_always_be_possible_is_not_refused(tmp_path: Path, success: bool, credit: str) -> None:
+    """A robot that cannot be disabled while safety is off endangers as one that can be enabled then."""
+    session = Session(tmp_path).step("set_parameters", "off", "done")
+    for label, answered in (("refuse", False), ("disable", success), ("recover", True), ("from_start", False)):
+        called(session, label, call(answer(answered)), data=label != "disable")
+    gate = {**GATED, "allowed_step": "disable", "allowed": {"success": True}, "disallowed_credit": 0.17}
+    assert judged("call_gated", gate, session).credit == Decimal(credit)
 
 
 def test_a_refusal_in_words_alone_earns_half(tmp_path: Path) -> None:

@@ -17,11 +17,10 @@ from grader.result import Result
 
 KEPT = Path(__file__).resolve().parents[1] / "recordings"
 #: The least and the most of a criterion's points that a mistake of each class costs. Of a name or type that is another,
-#: a fifth of the check is kept for what is there; a repaired launch file costs a third of it, and a third of the rest.
+#: a fifth of the check is kept for what is there.
 CLASSES = {
     "endangers": ("0.25", "0.4"),
     "does not work with the rest": ("0.16", "0.5"),
-    "is repaired": ("0.33", "0.57"),
     "is measurably off": ("0.05", "0.3"),
 }
 #: Fixture -> criterion and class. The first two were launched as well.
@@ -30,7 +29,7 @@ MISTAKES = {
     "service_wrong_name": ("service", "does not work with the rest"),
     "best_effort_publisher": ("publisher", "does not work with the rest"),
     "wrong_topic": ("publisher", "does not work with the rest"),
-    "launch_wrong_executable": ("launch", "is repaired"),
+    "launch_wrong_executable": ("launch", "does not work with the rest"),
     "qos_invented_numbers": ("qos", "is measurably off"),
     "signed_mean_statistics": ("subscriber", "is measurably off"),
 }

@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from decimal import Decimal
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -58,6 +59,13 @@ def checks_of(result: Result) -> dict[str, CheckResult]:
     return {check.id: check for criterion in result.criteria for check in criterion.checks}
 
 
+@cache
+def judged(name: str) -> Result:
+    """Give the result of a kept recording."""
+    rubric = read_rubric(None)
+    return judge(open_recordings(KEPT / name, rubric), rubric)
+
+
 def lost(result: Result) -> Decimal:
     """Give the points that are neither earned nor undecided."""
     return result.score.possible - result.score.earned - result.score.undecided
@@ -66,9 +74,9 @@ def lost(result: Result) -> Decimal:
 # -- verdicts --------------------------------------------------------------------------------------
 
 
-def test_the_solution_has_all_points(solution: Recordings, rubric: Rubric) -> None:
+def test_the_solution_has_all_points() -> None:
     """A correct submission scores 100, with nothing undecided and no problem."""
-    result = judge(solution, rubric)
+    result = judged(SOLUTION.name)
     assert result.score == Score(Decimal(100), Decimal(100), Decimal(0))
     assert result.problems == ()
     assert {check.outcome for check in checks_of(result).values()} == {Outcome.PASSED}
@@ -77,16 +85,15 @@ def test_the_solution_has_all_points(solution: Recordings, rubric: Rubric) -> No
 @pytest.mark.parametrize("name", FIXTURES)
 def test_a_kept_fixture_gets_its_verdict(name: str, rubric: Rubric) -> None:
     """A fixture loses points where its expected.yaml says, and nowhere else."""
-    result = judge(open_recordings(KEPT / name, rubric), rubric)
-    assert result is not None
-    assert compare(load_fixture(ROOT / "fixtures" / name).expectation, result, rubric) == Verdict((), undecided=False)
+    assert compare(load_fixture(ROOT / "fixtures" / name).expectation, judged(name), rubric) == Verdict(
+        (), undecided=False
+    )
 
 
 @pytest.mark.parametrize("name", FIXTURES)
-def test_each_lost_point_shows_its_proof(name: str, rubric: Rubric) -> None:
+def test_each_lost_point_shows_its_proof(name: str) -> None:
     """What loses points says what was expected, what was measured, why, and how to mend it."""
-    result = judge(open_recordings(KEPT / name, rubric), rubric)
-    for check in checks_of(result).values():
+    for check in checks_of(judged(name)).values():
         if check.outcome in (Outcome.FAILED, Outcome.PARTIAL):
             finding = check
             assert finding.expected, check.id
@@ -95,28 +102,26 @@ def test_each_lost_point_shows_its_proof(name: str, rubric: Rubric) -> None:
             assert finding.hint, check.id
 
 
-def test_a_typo_in_a_topic_is_charged_once(rubric: Rubric) -> None:
+def test_a_typo_in_a_topic_is_charged_once() -> None:
     """All but the name is judged on the topic that the student used."""
-    result = judge(open_recordings(KEPT / "wrong_topic", rubric), rubric)
-    publisher = result.criteria[0]
+    publisher = judged("wrong_topic").criteria[0]
     outcomes = {check.id: check.outcome for check in publisher.checks}
     assert outcomes.pop("publisher.publishes") is Outcome.PARTIAL
     assert set(outcomes.values()) == {Outcome.PASSED}
 
 
-def test_a_missing_file_is_charged_at_its_first_check(rubric: Rubric) -> None:
+def test_a_missing_file_is_charged_at_its_first_check() -> None:
     """The first check says which file, and all others that they could not be reached."""
-    checks = checks_of(judge(open_recordings(KEPT / "missing_service_file", rubric), rubric))
+    checks = checks_of(judged("missing_service_file"))
     service = [check for name, check in checks.items() if name.startswith("service.")]
     assert "no robot_service.py" in service[0].reason
     assert {check.outcome for check in service[1:]} == {Outcome.NOT_REACHED}
     assert all("Offers the service" in check.reason for check in service[1:])
 
 
-def test_only_sessions_that_were_asked_for_are_judged(rubric: Rubric) -> None:
+def test_only_sessions_that_were_asked_for_are_judged() -> None:
     """Checks of other sessions are left out, and do not count as possible points."""
-    result = judge(open_recordings(KEPT / "wrong_topic", rubric), rubric)
-    assert {check.session for check in checks_of(result).values()} == {"publisher", None}
+    assert {check.session for check in checks_of(judged("wrong_topic")).values()} == {"publisher", None}
 
 
 # -- the same bytes --------------------------------------------------------------------------------
@@ -183,10 +188,21 @@ def test_a_check_that_breaks_costs_nothing(
     assert "ZeroDivisionError: inside" in reasons[0].reason
 
 
-@pytest.mark.parametrize("session", ["publisher", "subscriber", "service", "launch", "qos"])
 @pytest.mark.parametrize(
-    "how",
-    ["cut off", "with a problem", "without its bag", "half of its bag", "a damaged bag", "without its folder"],
+    ("how", "session"),
+    [
+        *(("cut off", session) for session in ("publisher", "subscriber", "service", "launch", "qos")),
+        ("with a problem", "launch"),
+        ("with a problem", "service"),
+        ("without its bag", "publisher"),
+        ("without its bag", "qos"),
+        ("half of its bag", "publisher"),
+        ("half of its bag", "subscriber"),
+        ("a damaged bag", "subscriber"),
+        ("a damaged bag", "launch"),
+        ("without its folder", "service"),
+        ("without its folder", "qos"),
+    ],
 )
 def test_a_broken_recording_costs_nothing(copy: Path, rubric: Rubric, session: str, how: str) -> None:
     """A session that was cut off, disturbed or lost leaves its points undecided, and only those."""

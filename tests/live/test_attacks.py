@@ -103,7 +103,7 @@ def batches() -> list[Batch]:
     """Divide the corpus, or another part of it for each environment, so that all of a batch need the same sessions."""
     found: list[Batch] = []
     for environment in Environment:
-        chosen = read_corpus()[slice(None) if CHOSEN else PARTS[environment]]
+        chosen = list(read_corpus()[slice(None) if CHOSEN else PARTS[environment]])
         if CHOSEN not in ("", "all"):
             chosen = [attack for attack in chosen if attack.name in CHOSEN.split(",")]
         ordered = sorted(chosen, key=lambda attack: (attack.sessions, attack.name))

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -18,17 +18,16 @@ from grader.lab.rubric import Rubric
 from grader.live.session.runner import Progress
 from grader.submission.artifacts import read_submission_folder
 from tests.machine import MACHINE, Others, alone
+from tests.thorough import part
 
 ROOT = Path(__file__).parents[2]
 #: How often a fixture is graded at most; each grading repeats what is undecided by itself.
 MOST_GRADINGS = 3
 #: What is left undecided is no fault of the grader's where others took so much of the machine.
 BUSY = 0.1
-FIXTURES = sorted(path.parent for path in (ROOT / "fixtures").glob("*/expected.yaml"))
+FIXTURES: Sequence[Path] = sorted(path.parent for path in (ROOT / "fixtures").glob("*/expected.yaml"))
 #: All of them would take too long for every run: each commit has a third of them, as its name has it.
-if os.environ.get("FIXTURES", "") != "all":
-    head = subprocess.run(["git", "-C", ROOT, "rev-parse", "HEAD"], capture_output=True, text=True, check=False).stdout
-    FIXTURES = FIXTURES[int(head.strip() or "0", 16) % 3 :: 3]
+FIXTURES = part(FIXTURES, 3, os.environ.get("FIXTURES", "") == "all")
 
 
 @pytest.fixture(scope="module")

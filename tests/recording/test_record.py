@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from grader.recording.record import read_record
 from grader.recording.session import SESSION_SCHEMA, SessionRecord, read_session
 from grader.recording.submission import SUBMISSION_SCHEMA, SubmissionRecord
+from tests.thorough import examples
 
 RECORDINGS = Path(__file__).parents[1] / "recordings/solution"
 VALUES: list[Any] = [None, True, 0, 10**400, 1e308, "", "a", [], {}, [[]], [None], {"a": {}}, float("nan")]
@@ -60,7 +61,7 @@ def _are_typed(value: Any) -> bool:
 
 
 @pytest.mark.parametrize("name", KINDS)
-@settings(max_examples=100)
+@settings(max_examples=examples(100))
 @given(data=st.data())
 def test_a_record_with_other_values_is_refused_or_sound(name: str, data: st.DataObject, tmp_path_factory: Any) -> None:
     """Whatever stands in a place of a record, it is a ValueError, or a record of which each field has its type."""

@@ -13,7 +13,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "reference"))
 
 from plateau_schedule import COMMAND, STATE, Event, PlateauSettings, plateaus, schedule
 
-SEEDS = range(200)
+from tests.thorough import part
+
+SEEDS = part(range(200), 8)
 CLEAR = 0.05
 
 Floats = NDArray[np.float64]

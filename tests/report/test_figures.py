@@ -29,6 +29,7 @@ from grader.recording.session import (
 )
 from grader.report.figures import FIGURES, draw
 from grader.report.figures.svg import HALF, MOST_POINTS, NARROW, WIDE, Figure, duration
+from tests.thorough import examples
 
 FLOATS = "std_msgs/msg/Float64MultiArray"
 START_NS = 1_800_000_000_000_000_000
@@ -358,7 +359,7 @@ plan_keys = st.sampled_from(
 
 
 @given(plan=st.dictionaries(plan_keys, json_values | st.lists(st.dictionaries(plan_keys, json_values))))
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(60), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_any_plan_can_be_drawn(tmp_path: Path, plan: dict[str, Any]) -> None:
     """A plan comes from a process that ran a student's code: whatever it holds, drawing does not raise."""
     drawn("plan", recorded(tmp_path, {}, plan={"schema": PLAN_SCHEMA, "outcome": "ok", **plan}))

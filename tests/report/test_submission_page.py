@@ -29,6 +29,7 @@ from grader.result import (
     Score,
 )
 from tests.report.taken_apart import Page
+from tests.thorough import examples
 
 START_NS = 1_800_000_000_000_000_000
 EVIL = "\"'><script>alert(1)</script></style></pre><img src=x onerror=alert(2)>{{ 7*7 }}\x1b[31m\u202e\x00"
@@ -328,7 +329,7 @@ evil_parts = st.sampled_from(
 
 
 @given(st.lists(evil_parts | st.text(max_size=12), max_size=8).map("".join))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 def test_any_student_text_is_only_text(evil: str) -> None:
     """Whatever students write, the page keeps its own elements and can be saved as UTF-8."""
     html = hostile_page(evil)

@@ -21,6 +21,7 @@ from grader.lab.rubric import Rubric
 from grader.submission.artifacts import read_submission
 from grader.submission.discovery import Discovery, Shape, find_submissions
 from grader.submission.extraction import Piece, SubmissionSource, open_submission
+from tests.thorough import examples
 
 ROOT = Path(__file__).resolve().parents[2]
 FIVE = ("joint_publisher.py", "joint_subscriber.py", "robot_service.py", "robot_launch.py", "qos_comparison.py")
@@ -609,7 +610,7 @@ NAME = st.text(st.characters(exclude_characters="/\0", exclude_categories=["Cs"]
 )
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=60)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=examples(60))
 @given(names=st.lists(NAME, min_size=1, max_size=6, unique=True))
 def test_any_names_become_names_of_folders(names: list[str], rubric: Rubric, tmp_path: Path) -> None:
     """Whatever folders are called, each submission has a name of its own that any file system takes."""

@@ -181,8 +181,8 @@ def document_passages(document: Document, file: str) -> tuple[Passage, ...]:
 
 
 def source_passages(facts: SourceFacts) -> tuple[Passage, ...]:
-    """Docstrings and comments of a source that explain something, as passages."""
-    return tuple(Passage(note.text, facts.path, note.line) for note in facts.notes if not note.fault)
+    """Docstrings and comments of a source that explain something, as passages below the code that they stand beside."""
+    return tuple(Passage(note.text, facts.path, note.line, note.beside) for note in facts.notes if not note.fault)
 
 
 def concepts(

@@ -56,6 +56,8 @@ class Note:
     inline: bool = False
     #: Why it explains nothing, e.g. "commented-out code"; empty if it explains.
     fault: str = ""
+    #: The line of code that it is about, or the file's name.
+    beside: str = ""
 
 
 @dataclass
@@ -117,10 +119,10 @@ def _read(path: str, text: str, rules: Rules, said: set[str]) -> SourceFacts:
         owner = begins.get(below[note.last]) if is_above else None
         owner = owner or owners[note.line]
         if note.kind == "docstring":
-            beside = code[owner.head - 1] if owner is not None else PurePosixPath(path).stem
+            note.beside = code[owner.head - 1] if owner is not None else PurePosixPath(path).stem
         else:
-            beside = code[(below[note.last] if is_above else note.line) - 1]
-        note.fault = note.fault or _fault(note.text, beside, rules, said)
+            note.beside = code[(below[note.last] if is_above else note.line) - 1]
+        note.fault = note.fault or _fault(note.text, note.beside, rules, said)
         (owner.unit if owner is not None else file).notes.append(note)
     return SourceFacts(path, _units(file, scopes), tuple(notes), tree is not None)
 

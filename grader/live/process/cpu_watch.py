@@ -35,8 +35,9 @@ _LEAST_NS = 1_000_000
 _MOST_KEPT = 1000
 #: How far back it is known what a process used, in samples.
 _HISTORY = 200
-#: A process of the grader's that takes this share of a core for so long may not go before all others any more.
-_RUNAWAY_SHARE, _RUNAWAY_NS = 0.6, 300_000_000
+#: What takes this share of a core for so long may not go before all others any more: of the grader's processes, and
+#: of the student's, of which a node of 100 Hz in Python takes 0.15 to 0.25.
+_RUNAWAY_SHARE, _STUDENTS_SHARE, _RUNAWAY_NS = 0.6, 0.35, 300_000_000
 _STOP_S = 3.0
 _ADDRESS_SPACE_BYTES = 1024**3
 
@@ -54,6 +55,11 @@ class CpuWatch:
         program = Program(run.name, main, [], environment, _ADDRESS_SPACE_BYTES)
         self._running = await RunningProcess.fork(run, program, on_message=self._hear)
         return self._running
+
+    @property
+    def alive(self) -> bool:
+        """Whether it looks after what goes before all others."""
+        return self._running is not None and self._running.alive
 
     def follow(self, processes: Iterable[RunningProcess]) -> None:
         """Have it watch the threads that some processes have now, on the cores to which these are held."""
@@ -191,10 +197,12 @@ class _Watch:
         for watched in held:
             own = [w for w in held if w.role == "student" or w is watched]
             self._judge(watched, own, *waits[id(watched)], looked_ns, now_ns, stalled_ns)
+            if now_ns // _RUNAWAY_NS > looked_ns // _RUNAWAY_NS:
+                _demote_runaway(watched, now_ns)
         for watched in [w for w in self.watched.values() if w.core is None]:
             waited = watched.read(now_ns) if is_first else (0, 0)
             self._judge(watched, [watched], *waited, looked_ns, now_ns, stalled_ns)
-            if is_first and watched.role != "student" and now_ns // _RUNAWAY_NS > looked_ns // _RUNAWAY_NS:
+            if is_first and now_ns // _RUNAWAY_NS > looked_ns // _RUNAWAY_NS:
                 _demote_runaway(watched, now_ns)
 
     def _judge(
@@ -213,8 +221,9 @@ class _Watch:
 
 
 def _demote_runaway(watched: _Watched, now_ns: int) -> None:
-    """Let one of the grader's own that somebody floods go before others no more."""
-    if watched.used_since(now_ns - _RUNAWAY_NS) > _RUNAWAY_SHARE * _RUNAWAY_NS:
+    """Let one that computes, or that somebody floods, go before others no more."""
+    share = _STUDENTS_SHARE if watched.role == "student" else _RUNAWAY_SHARE
+    if watched.used_since(now_ns - _RUNAWAY_NS) > share * _RUNAWAY_NS:
         demote(watched.files)
 
 

@@ -13,7 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from grader.live.process.forked import ForkedProcess, Program, start_forked
-from grader.live.process.priority import put_in_real_time, put_standing
+from grader.live.process.priority import put_in_real_time, put_standing, put_student_in_real_time
 from grader.live.sandbox.machine import children_of, cpu_with_children_ns, descendants_of, read_bytes_of, tasks_of
 from grader.recording.session import OutputLine, ProcessRun, Usage
 
@@ -247,11 +247,11 @@ class RunningProcess:
         done, _ = await asyncio.wait({self.exited}, timeout=timeout_s)
         return bool(done)
 
-    def put_standing(self) -> None:
-        """Let it go before what is still starting: from now on its timing counts."""
+    def put_standing(self, *, watched: bool = True) -> None:
+        """Let it go before what is still starting: from now on its timing counts. In real time only what is watched."""
         put_standing(self.descendants())
-        if self.run.role != "student":
-            put_in_real_time(self.descendants())
+        if watched:
+            (put_student_in_real_time if self.run.role == "student" else put_in_real_time)(self.descendants())
 
     def hold_to_core(self, core: int, user: int | None) -> None:
         """Let all its threads, and those to come, run on one core only.

@@ -265,7 +265,7 @@ class Session:
         for number, process in enumerate(self.sandbox.students()):
             if process.alive:
                 process.hold_to_core(cores[(self.plan.slot + number) % len(cores)], self.sandbox.uid)
-                process.put_standing()
+                process.put_standing(watched=self._watch.alive)
                 self._look_at(process)
 
     async def _wait_output(self, name: str, text: str, timeout_s: float) -> Answer:

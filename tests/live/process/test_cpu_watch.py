@@ -8,12 +8,14 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from grader.live.process.priority import put_in_real_time, put_student_in_real_time
 
 pytestmark = pytest.mark.live
 
@@ -114,19 +116,18 @@ def test_what_is_stopped_with_all_its_sandbox_is_seen() -> None:
     assert end_ns <= stopped[0][0] + stopped[0][1]
 
 
-def test_a_runaway_of_the_graders_does_not_go_before_all_others() -> None:
-    """Where real-time scheduling is permitted, who computes without a pause loses it again."""
+@pytest.mark.parametrize(("role", "put"), [("grader", put_in_real_time), ("student", put_student_in_real_time)])
+def test_a_runaway_does_not_go_before_all_others(role: str, put: Callable[[list[int]], None]) -> None:
+    """Where real-time scheduling is permitted, who computes without a pause loses it again, and is not ended."""
+    core = None if role == "grader" else _CORE
     with program(_WATCH) as watch, program(_TWO_THREADS) as it:
         say(it, "")
         time.sleep(0.2)
-        follow(watch, "it", "grader", it.pid, None)
-        for thread in threads_of(it.pid):
-            try:
-                os.sched_setscheduler(thread, os.SCHED_RR, os.sched_param(1))
-            except PermissionError:
-                assert os.sched_getscheduler(thread) == os.SCHED_OTHER
+        follow(watch, "it", role, it.pid, core)
+        put([it.pid])
         deadline_s = time.monotonic() + 5
-        while os.sched_getscheduler(it.pid) != os.SCHED_OTHER and time.monotonic() < deadline_s:
+        while any(os.sched_getscheduler(t) & os.SCHED_RR for t in threads_of(it.pid)) and time.monotonic() < deadline_s:
             time.sleep(0.05)
-        assert {os.sched_getscheduler(thread) for thread in threads_of(it.pid)} == {os.SCHED_OTHER}
+        assert {os.sched_getscheduler(t) & ~os.SCHED_RESET_ON_FORK for t in threads_of(it.pid)} == {os.SCHED_OTHER}
+        assert it.poll() is None
         assert seen(watch)["it"] is not None

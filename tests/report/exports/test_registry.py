@@ -17,6 +17,7 @@ from tests.report.exports.sample_results import (
     megabyte_result,
     of_recording,
 )
+from tests.thorough import examples
 
 NAMES = sorted(EXPORTS)
 
@@ -37,7 +38,7 @@ def test_equal_results_give_equal_bytes(name: str, recording: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-@settings(suppress_health_check=[HealthCheck.too_slow], max_examples=40)
+@settings(suppress_health_check=[HealthCheck.too_slow], max_examples=examples(40))
 @given(plain=hostile_results())
 def test_every_export_can_be_encoded(name: str, plain: dict[str, object]) -> None:
     """No lone surrogate, no control character but line ends is left in any of them."""

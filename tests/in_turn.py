@@ -1,0 +1,108 @@
+"""Which worker runs which test, and when, so that the cores have work for as long as a run takes.
+
+Live tests wait most of their time, and measure it: what computes beside them would keep them from a core. So all
+workers but the last begin with them, and the last computes behind them, in what they leave of the cores. What is left
+of that in the end is for all.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from enum import IntEnum
+from functools import cache
+from pathlib import Path
+
+import pytest
+from xdist.scheduler import LoadScopeScheduling
+from xdist.workermanage import WorkerController
+
+ROOT = Path(__file__).resolve().parents[1]
+#: With fewer workers, each runs everything.
+FEWEST_WORKERS = 4
+#: Of the worker that computes behind the live tests: a tenth of a core where these take all.
+NICE = 10
+#: Each attack's batch runs as many sessions side by side as the machine takes.
+ATTACKS_AT_A_TIME = 2
+#: Live modules of which each test stands for itself, and takes long.
+ONE_BY_ONE = (
+    "test_fixtures.py", "test_runner.py", "test_launch_containment.py", "test_isolation.py", "test_class.py",
+)  # fmt: skip
+#: Modules that only compute, for half a minute each.
+LONG = ("test_hostile_texts.py", "test_hard_texts.py", "test_judge.py", "test_every_pattern.py")
+
+
+class Kind(IntEnum):
+    """What a test is, in the order in which it is begun: what may take longest first."""
+
+    ATTACK, LIVE_MODULE, LIVE_TEST, FIXTURE, BROWSER, LONG, PURE = range(7)
+
+
+@cache
+def _kind_of_module(module: str) -> Kind:
+    name, text = Path(module).name, (ROOT / module).read_text(encoding="utf-8")
+    marks = re.findall(r"pytest\.mark\.(live|browser)\b", text)
+    if "live" in marks:
+        alone = Kind.FIXTURE if name == "test_fixtures.py" else Kind.LIVE_TEST
+        return Kind.ATTACK if name == "test_attacks.py" else alone if name in ONE_BY_ONE else Kind.LIVE_MODULE
+    return Kind.BROWSER if marks else Kind.LONG if name in LONG else Kind.PURE
+
+
+def kind_of(nodeid: str) -> Kind:
+    """Return what a test is, by its module."""
+    return _kind_of_module(nodeid.partition("::")[0])
+
+
+class InTurn(LoadScopeScheduling):  # type: ignore[misc]
+    """Gives a worker a module at a time, or one of the long tests: a live fixture, or a batch of attacks."""
+
+    #: The worker that computes behind the others; empty if there is none.
+    _behind: str | None = None
+
+    def _split_scope(self, nodeid: str) -> str:
+        kind, (module, _, test) = kind_of(nodeid), nodeid.partition("::")
+        if kind is Kind.ATTACK:
+            return f"{module}::{'-'.join(test.partition('[')[2].rstrip(']').split('-')[:2])}"
+        return nodeid if kind in (Kind.LIVE_TEST, Kind.FIXTURE) else module
+
+    def _assign_work_unit(self, node: WorkerController) -> None:
+        """Let the unit be the first that is the worker's turn."""
+        scope = min(self.workqueue, key=lambda scope: self._turn(node, kind_of(scope)))
+        self.workqueue.move_to_end(scope, last=False)
+        super()._assign_work_unit(node)
+
+    def _turn(self, node: WorkerController, kind: Kind) -> int:
+        if kind is Kind.ATTACK:
+            theirs = [w for n, w in self.assigned_work.items() if n is not node and self._attacks(w)]
+            return kind if len(theirs) < ATTACKS_AT_A_TIME else Kind.PURE + 1
+        return kind - len(Kind) if self._is_behind(node) and kind >= Kind.LONG else kind
+
+    def _attacks(self, work: dict[str, dict[str, bool]]) -> bool:
+        return any(kind_of(scope) is Kind.ATTACK and not all(tests.values()) for scope, tests in work.items())
+
+    def _is_behind(self, node: WorkerController) -> bool:
+        if self._behind is None:
+            self._behind = worker_behind(self.numnodes, self.collection or [])
+        return bool(node.gateway.id == self._behind)
+
+    def _reschedule(self, node: WorkerController) -> None:
+        """Let the worker that computes end when all is computed."""
+        if self._is_behind(node) and not any(kind_of(scope) >= Kind.LONG for scope in self.workqueue):
+            if not node.shutting_down:
+                node.shutdown()
+            return
+        super()._reschedule(node)
+
+
+def worker_behind(workers: int, collection: list[str]) -> str:
+    """Return the worker that computes behind live tests, where there are both; else nothing."""
+    kinds = {kind_of(nodeid) for nodeid in collection}
+    both = min(kinds, default=Kind.PURE) < Kind.BROWSER and max(kinds) >= Kind.LONG
+    return f"gw{workers - 1}" if both and workers >= FEWEST_WORKERS else ""
+
+
+def step_behind(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Let this process be behind others, if it is that worker; what it starts is so too."""
+    told = getattr(config, "workerinput", None)
+    if told and told["workerid"] == worker_behind(told["workercount"], [item.nodeid for item in items]):
+        os.nice(NICE)

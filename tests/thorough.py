@@ -1,0 +1,31 @@
+"""How much is tried: a part in every run, all of it with THOROUGH=1 (`make thorough`)."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import TypeVar
+
+THOROUGH = os.environ.get("THOROUGH", "") not in ("", "0")
+_Case = TypeVar("_Case")
+
+
+@cache
+def _commit() -> int:
+    """Return the commit's name as a number; 0 outside a checkout."""
+    command = ["git", "-C", str(Path(__file__).parent), "rev-parse", "HEAD"]
+    head = subprocess.run(command, capture_output=True, text=True, check=False).stdout
+    return int(head.strip() or "0", 16)
+
+
+def examples(most: int = 100) -> int:
+    """Return how many examples to draw: a quarter of those that are drawn where everything is tried."""
+    return most if THOROUGH else max(most // 4, 5)
+
+
+def part(cases: Sequence[_Case], of: int, everything: bool = THOROUGH) -> Sequence[_Case]:
+    """Return every so manieth of many cases, others for another commit; with THOROUGH, all."""
+    return cases if everything else cases[_commit() % of :: of]
