@@ -123,7 +123,9 @@ def unseen(context: Context, p: Any, finding: Finding, kinds: Sequence[str]) -> 
     for kind, wanted in itertools.product(kinds, _wanted(p)):
         used = context.session.used(wanted[_NAMED_BY[kind]])
         claims = [] if _is_in_graph(context, kind, used) else context.session.record.claims
-        claim = next((c for c in claims if _asks_for(c, kind, used) and _went_on(context, c)), None)
+        sought = ("node", used) if kind == "node" else (kind, used.lstrip("/"))
+        asked = (c for c in claims if sought in (("node", c.node), (c.kind, c.name.lstrip("/"))))
+        claim = next((c for c in asked if _went_on(context, c)), None)
         if claim is not None:
             reason = (
                 f"The node asked for the {kind} {used} ({claim.file}:{claim.line}), but it was not seen in the graph."
@@ -149,10 +151,6 @@ def _is_in_graph(context: Context, kind: str, name: str) -> bool:
     if kind == "service":
         return any(offer.name == name for graph in session.record.graph for offer in graph.services)
     return bool(session.endpoints_on(name, kind, context.reference_nodes))
-
-
-def _asks_for(claim: Claim, kind: str, name: str) -> bool:
-    return claim.node == name if kind == "node" else (claim.kind, claim.name.lstrip("/")) == (kind, name.lstrip("/"))
 
 
 def _went_on(context: Context, claim: Claim) -> bool:

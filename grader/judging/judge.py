@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 
 from grader import __version__
-from grader.checks.base import inconclusive, not_reached, undecided
+from grader.checks.base import Context, inconclusive, not_reached, undecided
 from grader.checks.commands import commands_of
 from grader.checks.invalidated import is_timed, named, not_measurable, with_checks, without_rest
 from grader.checks.preconditions import missing_artifact
-from grader.checks.registry import REGISTRY, Context
+from grader.checks.registry import REGISTRY
 from grader.errors import RecordingError
 from grader.evidence.crash.diagnosis import advisories, hit_limit
 from grader.evidence.flakiness import inconclusive_reason, may_be_flaky

@@ -75,14 +75,16 @@ def render(summary: ClassSummary) -> str:
     ]
     for number, row in enumerate(summary.rows):
         submitted, result = row.entry.submitted_at, row.result
-        sums = [result.final, result.score.earned, result.score.possible, result.still_undecided] if result else []
+        sums: list[str | Decimal] = [""] * 4
+        if result:
+            sums = [result.final, result.score.earned, result.score.possible, result.still_undecided]
         adjustments = result.adjustments if result else ()
         rows.append(
             [
                 row.entry.name,
                 row.entry.student_id or "",
                 submitted.isoformat() if submitted else "",
-                *(sums or [""] * 4),
+                *sums,
                 *(cell.earned if cell else "" for cell in row.cells),
                 *map(_outcome, row.cells),
                 "; ".join(f"{a.kind.value} {points(a.points)}: {a.reason}".rstrip(": ") for a in adjustments),

@@ -13,7 +13,6 @@ from grader.report.exports.graded import (
     MOST_REMARKS,
     Graded,
     GradedCheck,
-    GradedCriterion,
     adjustment_texts,
     points_of,
     proof_lines,
@@ -78,16 +77,12 @@ def _head(graded: Graded) -> str:
 
 
 def _criteria(graded: Graded) -> str:
-    rows = [
-        f"| {badge_of(criterion.outcome).sign} | {markdown_text(criterion.title)} | {_share(criterion)} |"
-        for criterion in graded.criteria
-    ]
+    rows = []
+    for criterion in graded.criteria:
+        undecided = f" (+ {points(criterion.undecided)} undecided)" if criterion.undecided else ""
+        share = f"{points(criterion.earned)} / {points(criterion.possible)}{undecided}"
+        rows.append(f"| {badge_of(criterion.outcome).sign} | {markdown_text(criterion.title)} | {share} |")
     return "\n".join(["| | Criterion | Points |", "|:-:|---|--:|", *rows]) + "\n"
-
-
-def _share(criterion: GradedCriterion) -> str:
-    undecided = f" (+ {points(criterion.undecided)} undecided)" if criterion.undecided else ""
-    return f"{points(criterion.earned)} / {points(criterion.possible)}{undecided}"
 
 
 def _lost(check: GradedCheck) -> str:
