@@ -65,7 +65,11 @@ def in_processes(
     """
     if sys.platform != "linux":
         for key, work in works.items():
-            yield key, _outcome_of(work)
+            try:
+                outcome: T | Exception = work()
+            except Exception as error:
+                outcome = error
+            yield key, outcome
         return
     waiting = list(works.items())[::-1]
     running: dict[int, tuple[K, _Child]] = {}
@@ -133,13 +137,6 @@ def _exceeded(bound: Bound, problem: str) -> BoundError:
         "Nothing else is affected. No text of a student's should cause this: please report it, with the recordings."
     )
     return BoundError(f"{bound.what} {problem}", remedy=remedy)
-
-
-def _outcome_of(work: Callable[[], T]) -> T | Exception:
-    try:
-        return work()
-    except Exception as error:
-        return error
 
 
 def _be_child(work: Callable[[], object], pipe: int, bound: Bound) -> NoReturn:

@@ -14,7 +14,6 @@ import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from grader.errors import UsageError
@@ -37,14 +36,16 @@ class LiveExports:
         for target in targets:
             EXPORTS[target.name].require_variables(os.environ)
             if target.file != STANDARD_OUTPUT:
-                _clear(target.path(results), results)
+                path = target.path(results)
+                if path.parent != results and not path.parent.is_dir():  # Fail now rather than in the end.
+                    problem, location = "there is no such folder to export into", str(path.parent)
+                    raise UsageError(problem, location=location, remedy="Make it first.")
+                path.unlink(missing_ok=True)  # An earlier export must not be taken for this grading's.
 
     def __enter__(self) -> LiveExports:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """End what is under way: it would only be overwritten."""
         if self._child is not None:
             self._child.send_signal(signal.SIGINT)  # On which it removes a file that is half written.
@@ -87,10 +88,3 @@ class LiveExports:
             )
             # It runs only when no other wants the core; the least priority still disturbs a timer of 100 Hz.
             os.sched_setscheduler(self._child.pid, os.SCHED_IDLE, os.sched_param(0))
-
-
-def _clear(path: Path, results: Path) -> None:
-    """Remove an earlier export, which must not be taken for this grading's; fail now rather than in the end."""
-    if path.parent != results and not path.parent.is_dir():
-        raise UsageError("there is no such folder to export into", location=str(path.parent), remedy="Make it first.")
-    path.unlink(missing_ok=True)

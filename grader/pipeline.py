@@ -1,4 +1,4 @@
-"""The stages of grading, a line each: `record` (the live half) and `judge_results` (the judging half)."""
+"""The stages of grading, a line each: `record` (the live half) and what it is judged by (the judging half)."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ from grader.report.exports.writing import ExportTarget
 from grader.result import CheckResult, Result
 from grader.result_folder import RECORDINGS, REPORT_FILE, RESULT_FILE, RUBRIC_COPY
 from grader.submission.artifacts import read_submission
-from grader.submission.extraction import Intake, SubmissionSource, confined, open_submission
+from grader.submission.extraction import Intake, SubmissionSource, in_bounds, open_submission
 from grader.submission.separation import made_from
 from grader.timings import Stopwatch
 
 if TYPE_CHECKING:
-    from grader.live.session.runner import SchedulingContext
+    from grader.live.session.runner import Scheduler
 
 #: What a grading makes, the file that says that it is whole last.
 PARTS = (RUBRIC_COPY, kept_lab.KEPT, RECORDINGS, REPORT_FILE, RESULT_FILE)
@@ -65,7 +65,7 @@ class Options:
     seed: int | None = None
     #: Sessions side by side.
     jobs: int | None = None
-    #: What evaluates launch files, see `LaunchChoice`.
+    #: What evaluates launch files, see `find_native_launch`.
     launch: str = "standin"
     #: The level of confinement below which nothing is run, see `Level`.
     least_isolation: str = "reduced"
@@ -102,7 +102,7 @@ def grade(
     results: Path,
     options: Options,
     on_progress: Callable[..., None],
-    scheduling: SchedulingContext | None = None,
+    scheduler: Scheduler | None = None,
     watch: Stopwatch | None = None,
 ) -> Result:
     """Grade one submission: record, judge, run undecided sessions again, report.
@@ -121,7 +121,7 @@ def grade(
     with ExitStack() as stack:
         with watch.stage("unpacking the submission"):
             intake = stack.enter_context(opening)
-            submission = confined(partial(read_submission, intake, rubric), intake.location, _READING_BOUND)
+            submission = in_bounds(partial(read_submission, intake, rubric), intake.location, _READING_BOUND)
         submission.sessions = list(options.sessions) if options.sessions is not None else None
         with LiveExports(options.exports, results, options.path_prefix) as exports:
             follow = exports.follow(on_progress)
@@ -132,7 +132,7 @@ def grade(
             ):
                 if options.scope is Scope.UNDECIDED:
                     shutil.copytree(results / RECORDINGS, new / RECORDINGS)
-                judgement = record(intake.folder, submission, rubric, new, options, follow, scheduling, watch)
+                judgement = record(intake.folder, submission, rubric, new, options, follow, scheduler, watch)
             with _naming_kept(results, results):
                 replace_files(files_of(judgement, results, rubric))
     with _naming_kept(results, results):
@@ -167,23 +167,21 @@ def record(
     results: Path,
     options: Options,
     on_progress: Callable[..., None],
-    scheduling: SchedulingContext | None = None,
+    scheduler: Scheduler | None = None,
     watch: Stopwatch | None = None,
 ) -> Judgement:
     """Run the live half, and sessions again whose checks are undecided; returns the judgement of what is kept."""
     from grader.evidence.environment_gap import modules_to_look_for
-    from grader.live.sandbox.environment import absent_modules, versions
+    from grader.live.sandbox.environment import absent_modules, find_native_launch, versions
     from grader.live.sandbox.isolation import Level
     from grader.live.sandbox.machine import wait_for_calm
     from grader.live.sandbox.probing import probe_isolation, require
     from grader.live.sandbox.scratch import scratch_prefix
     from grader.live.session.fork_server import ForkServer
-    from grader.live.session.ros_launch import LaunchChoice, find_native_launch
-    from grader.live.session.runner import Progress, SessionRunner, types_in
+    from grader.live.session.runner import Progress, SessionRunner, given_in_steps
     from grader.live.session.stage import stage
 
     watch = watch or Stopwatch()
-    scheduler = scheduling.scheduler if scheduling is not None else None
 
     @contextmanager
     def work(what: str) -> Iterator[None]:
@@ -192,28 +190,28 @@ def record(
             yield
 
     # It begins to import while the isolation is tried.
-    with ForkServer(types_in(rubric)) as forks:
+    with ForkServer(given_in_steps(rubric, "type")) as forks:
         with watch.stage("testing the sandbox"):
-            isolation = scheduling.isolation if scheduling is not None else probe_isolation(options.interpreter)
+            isolation = scheduler.isolation if scheduler is not None else probe_isolation(options.interpreter)
         require(isolation, Level.of(options.least_isolation))
-        native = find_native_launch(options.interpreter, LaunchChoice(options.launch))
+        native = find_native_launch(options.interpreter, options.launch)
         recordings = results / RECORDINGS
         chosen = chosen_sessions(rubric, options, submission)
         for name in [name for name in options.sessions_of(rubric) if name not in chosen]:
             on_progress(Progress(name, "left out, since its file is missing", ended=True))
-        wanted = confined(partial(modules_to_look_for, submission), submission.source, _READING_BOUND)
+        wanted = in_bounds(partial(modules_to_look_for, submission), submission.source, _READING_BOUND)
         submission.absent_modules = absent_modules(options.interpreter, wanted)
         if options.scope is not Scope.UNDECIDED:
             _start_afresh(recordings, submission, rubric)
         with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as scratch:
             with work("staging"):
                 staging = partial(stage, folder, submission, rubric, Path(scratch), str(options.interpreter))
-                workspace = confined(staging, submission.source, _READING_BOUND)
+                executables = in_bounds(staging, submission.source, _READING_BOUND)
             sessions = SessionRunner(
                 rubric,
                 submission,
-                workspace.folder,
-                workspace.executables,
+                Path(scratch),
+                executables,
                 recordings,
                 isolation,
                 options.interpreter,
@@ -254,16 +252,6 @@ def _start_afresh(recordings: Path, submission: SubmissionRecord, rubric: Rubric
     submission.lab_folder, submission.lab_files = str(rubric.folder), kept_lab.sha256s(files)
     write_submission(recordings, submission)
     replace_files(rubric_files(recordings, rubric))
-
-
-def judge_results(results: Path, rubric: Rubric, overrides: Overrides | None = None) -> Result:
-    """Run the judging half on a results folder and write `result.json` and `report.html`; see `judge_bounded`.
-
-    The rubric is kept with them, if it is another than the submission was recorded with.
-    """
-    judgement = judge_bounded(results / RECORDINGS, rubric, overrides or Overrides())
-    replace_files(files_of(judgement, results, rubric))
-    return judgement.result
 
 
 def files_of(judgement: Judgement, results: Path, rubric: Rubric) -> dict[Path, str | None]:

@@ -24,7 +24,7 @@ from grader.recording.session import (
     OutputLine,
     ProcessRun,
     Qos,
-    ServiceOffer,
+    ServiceEndpoint,
     SessionRecord,
     StepRun,
     Usage,
@@ -140,7 +140,7 @@ class Session:
 
     def service(self, name: str, node: str = "/student", kind: str = "std_srvs/srv/SetBool") -> Session:
         """Put a service into the graph."""
-        self.graph.services.append(ServiceOffer(name, kind, node))
+        self.graph.services.append(ServiceEndpoint(name, kind, node))
         return self.node(node)
 
     def process(self, name: str = "it", lines: Iterable[str | tuple[float, str]] = (), **facts: Any) -> Session:

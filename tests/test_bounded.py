@@ -12,13 +12,13 @@ from pathlib import Path
 
 import pytest
 
-from grader import pipeline, result_folder
+from grader import result_folder
 from grader.bounded import Bound, in_process, in_processes
 from grader.classroom.regrade import recorded_in, regrade
 from grader.errors import BoundError, RecordingError
 from grader.judging import judgement, rubrics
 from grader.lab.rubric import Rubric, load_rubric
-from tests.regraded import regraded
+from tests.regraded import judge_results, regraded
 
 ROOT = Path(__file__).resolve().parents[1]
 SMALL = Bound(what="work", cpu_s=1.0, wall_s=3.0, memory_bytes=256 * 1024**2)
@@ -99,9 +99,9 @@ def test_judging_without_end_keeps_the_recordings(
     results = tmp_path / "results/ann"
     shutil.copytree(ROOT / "tests/recordings/solution", results / result_folder.RECORDINGS)
     shutil.copy(ROOT / "rubric.yaml", results / result_folder.RECORDINGS / result_folder.RUBRIC_COPY)
-    before = pipeline.judge_results(results, rubrics.read_rubric(None))
+    before = judge_results(results, rubrics.read_rubric(None))
     with pytest.raises(BoundError, match="judging the submission took more than 2 s"):
-        pipeline.judge_results(results, endless)
+        judge_results(results, endless)
     assert regraded(results).score == before.score
 
 

@@ -82,8 +82,8 @@ def test_packages_of_any_text(place: str, text: str, rubric: Rubric, tmp_path: P
         (tmp_path / "handed_in" / path).parent.mkdir(exist_ok=True)
         (tmp_path / "handed_in" / path).write_text(TEXTS[text], encoding="utf-8", errors="replace")
     record = SubmissionRecord("ann", files=[FileFact(path, 1, "") for path in texts], texts=texts, packages=[package])
-    staged = stage(tmp_path / "handed_in", record, rubric, tmp_path / "ws", sys.executable)
-    assert (staged.folder / "install/share" / package.name).is_dir()
+    stage(tmp_path / "handed_in", record, rubric, tmp_path / "ws", sys.executable)
+    assert (tmp_path / "ws" / "install/share" / package.name).is_dir()
 
 
 @pytest.mark.parametrize("text", CHOSEN)
@@ -127,5 +127,5 @@ def test_packages_within_each_other_are_installed_soon(rubric: Rubric, tmp_path:
     record.packages = find_packages(texts, list(texts))
     assert {len(package.executables) for package in record.packages} == {100}
     with calls_limited(300_000):
-        staged = stage(tmp_path / "handed_in", record, rubric, tmp_path / "ws", sys.executable)
-    assert (staged.folder / "install/lib/p/f49.py").is_file()
+        stage(tmp_path / "handed_in", record, rubric, tmp_path / "ws", sys.executable)
+    assert (tmp_path / "ws" / "install/lib/p/f49.py").is_file()

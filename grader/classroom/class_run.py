@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Coroutine, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
 
 from grader.classroom import audit, fingerprint
-from grader.classroom.cluster import cluster
-from grader.classroom.job import Ending, Job, Phase, Row, problem_of
+from grader.classroom.cluster import Cluster, cluster
+from grader.classroom.job import Ending, Job, Row, problem_of
 from grader.classroom.journal import UNJUDGED, Entry, Journal, recordings_sha256
 from grader.classroom.progress import RunProgress
 from grader.classroom.regrade import regrade_all
@@ -22,23 +21,15 @@ from grader.cohort.entries import NOTHING_SUBMITTED, ClassEntry, entries_in
 from grader.errors import GraderError, RecordingError
 from grader.judging.attempts import undecided_sessions
 from grader.lab.rubric import Rubric
+from grader.live.process.waiting import side_by_side
 from grader.live.sandbox.isolation import Isolation, Level
 from grader.live.sandbox.scratch import scratch_prefix
-from grader.live.session.runner import run_to_an_end
+from grader.live.session.runner import Progress, run_to_an_end
 from grader.pipeline import Options, Scope
 from grader.recording.submission import read_submission, write_submission
 from grader.result import Result, load_result
 from grader.result_folder import RECORDINGS, REPORT_FILE, RESULT_FILE
 from grader.submission.extraction import SubmissionSource, open_submission
-
-T = TypeVar("T")
-
-
-class Site(Protocol):
-    """Where submissions are graded: this machine, or others."""
-
-    async def grade(self, job: Job, on_phase: Callable[[Phase], None]) -> tuple[Ending, Level]:
-        """Grade a submission; returns how it ended, and how its code was confined."""
 
 
 class Here:
@@ -49,21 +40,11 @@ class Here:
         self._machine = machine
         self._room = asyncio.Semaphore(machine.slots)
 
-    async def grade(self, job: Job, on_phase: Callable[[Phase], None]) -> tuple[Ending, Level]:
-        """Grade a submission in a process of its own."""
+    async def grade(self, job: Job, on_progress: Callable[[Progress], None]) -> tuple[Ending, Level]:
+        """Grade a submission in a process of its own; returns how it ended, and how its code was confined."""
         async with self._room:
             here = replace(job, isolation=self._isolation, machine=self._machine)
-            return await grade_in_process(here, on_phase), self._isolation.level
-
-
-async def side_by_side(works: Iterable[Coroutine[Any, Any, T]]) -> list[T]:
-    """Do all of them at a time; when that is cancelled, wait until each has cleaned up."""
-    running = [asyncio.ensure_future(work) for work in works]
-    try:
-        return await asyncio.gather(*running)
-    finally:
-        if running:
-            await asyncio.wait(running)
+            return await grade_in_process(here, on_progress), self._isolation.level
 
 
 @dataclass(frozen=True)
@@ -197,7 +178,7 @@ class ClassRun:
     async def _record(
         self, tasks: Sequence[_Task], undecided: Mapping[_Task, Result], location: Isolation | str
     ) -> None:
-        site: AbstractAsyncContextManager[Site] = (
+        site: AbstractAsyncContextManager[Here | Cluster] = (
             cluster(location, self.display.note)
             if isinstance(location, str)
             else nullcontext(Here(location, self.machine))
@@ -209,7 +190,7 @@ class ClassRun:
             left = {task: ending for task, ending in zip(tasks, endings, strict=True) if ending is not None}
             await side_by_side(self._again(*one, opened) for one in {**left, **undecided}.items())
 
-    async def _first(self, task: _Task, site: Site, scope: Scope) -> Result | None:
+    async def _first(self, task: _Task, site: Here | Cluster, scope: Scope) -> Result | None:
         """Grade a submission; returns its result if something undecided is to be recorded again at the end."""
         name = task.source.name
         try:
@@ -217,12 +198,12 @@ class ClassRun:
         except Exception as error:
             ending = self._abandoned(task, problem_of(error))
         if scope is Scope.ONCE and isinstance(ending, Result) and self._is_undecided(ending):
-            self.display.phase(name, Phase("", "waits for the others, since something is undecided"))
+            self.display.phase(name, Progress("", "waits for the others, since something is undecided"))
             return ending
         self._end(Row(task.source, ending, took_s=self.display.took_s(name)))
         return None
 
-    async def _again(self, task: _Task, earlier: Result, site: Site) -> None:
+    async def _again(self, task: _Task, earlier: Result, site: Here | Cluster) -> None:
         """Record again what is undecided in a result, which stays where that fails."""
         name = task.source.name
         try:
@@ -234,7 +215,7 @@ class ClassRun:
             ending = earlier
         self._end(Row(task.source, ending, took_s=self.display.took_s(name)))
 
-    async def _grade(self, task: _Task, site: Site, scope: Scope) -> Ending:
+    async def _grade(self, task: _Task, site: Here | Cluster, scope: Scope) -> Ending:
         name, decided_by, seed = task.source.name, self.options.overrides.sha256, self.options.seed
         if seed is None:
             seed = fingerprint.seed_for(task.submission, self.journal.run_seed)

@@ -21,7 +21,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from grader.classroom import fingerprint
-from grader.classroom.job import Ending, Job, Phase
+from grader.classroom.job import Ending, Job
 from grader.classroom.scheduler import Machine
 from grader.classroom.worker import grade_in_process
 from grader.errors import GraderError, PlatformError
@@ -29,6 +29,7 @@ from grader.files import atomic_replacement
 from grader.live.sandbox.isolation import Level
 from grader.live.sandbox.probing import probe_isolation
 from grader.live.sandbox.scratch import scratch_prefix
+from grader.live.session.runner import Progress
 from grader.pipeline import PARTS
 from grader.submission.extraction import Intake, SubmissionSource, open_submission
 
@@ -59,11 +60,6 @@ def packed(files: dict[str, Path]) -> bytes:
         for name, path in files.items():
             archive.add(path, name, recursive=False)
     return stream.getvalue()
-
-
-def files_in(folder: Path) -> dict[str, Path]:
-    """Return the regular files below a folder by their paths within it."""
-    return {path.relative_to(folder).as_posix(): path for path in sorted(folder.rglob("*")) if path.is_file()}
 
 
 def unpack(content: bytes, folder: Path) -> None:
@@ -100,8 +96,8 @@ def grade_bundle(bundle: bytes) -> tuple[Ending, str, bytes]:
         job = _laid_out(sent, Path(scratch))
         isolation = probe_isolation(job.options.interpreter)
         job = replace(job, isolation=isolation, machine=Machine.of(isolation, job.options.jobs))
-        ending = asyncio.run(grade_in_process(job, lambda phase: None))
-        made = files_in(job.results)
+        ending = asyncio.run(grade_in_process(job, lambda progress: None))
+        made = dict(fingerprint.files_below(job.results))
         return ending, isolation.level.value, packed(made) if made else b""
 
 
@@ -164,19 +160,19 @@ class Cluster:
     # hangs, beside a worker that has nothing to do.
     _threads: int = 0
     _next: asyncio.Lock = field(default_factory=asyncio.Lock)
-    _under_way: dict[str, Callable[[Phase], None]] = field(default_factory=dict)
+    _under_way: dict[str, Callable[[Progress], None]] = field(default_factory=dict)
     _labs: dict[str, bytes] = field(default_factory=dict)
     _engine: str = field(default_factory=fingerprint.engine_sha256)
 
-    async def grade(self, job: Job, on_phase: Callable[[Phase], None]) -> tuple[Ending, Level]:
+    async def grade(self, job: Job, on_progress: Callable[[Progress], None]) -> tuple[Ending, Level]:
         """Grade a submission on one of the workers."""
         key = f"grade-{uuid.uuid4().hex}"
         async with self._next:
             while len(self._under_way) >= self._threads:
                 await asyncio.sleep(_POLL_S)
-            self._under_way[key] = on_phase
+            self._under_way[key] = on_progress
         try:
-            on_phase(Phase("", "waits for a worker"))
+            on_progress(Progress("", "waits for a worker"))
             future = self.client.submit(grade_bundle, await asyncio.to_thread(self._bundle, job), key=key, pure=False)
             try:
                 ending, level, results = await future
@@ -203,8 +199,8 @@ class Cluster:
             with suppress(OSError, asyncio.TimeoutError):
                 self._threads = await self.workers()
                 for worker, keys in (await self.client.processing()).items():
-                    for on_phase in filter(None, (self._under_way.get(str(key)) for key in keys)):
-                        on_phase(Phase("", f"with {worker}"))
+                    for on_progress in filter(None, (self._under_way.get(str(key)) for key in keys)):
+                        on_progress(Progress("", f"with {worker}"))
             await asyncio.sleep(_WATCH_S)
 
     def _bundle(self, job: Job) -> bytes:
@@ -213,7 +209,9 @@ class Cluster:
         with open_submission(job.source, prefix=scratch_prefix()) as intake:
             own = job.options.interpreter == Path(sys.executable)
             sent = replace(job, source=intake)
-            return pickle.dumps(Bundle(self._engine, sent, packed(files_in(intake.folder)), lab, own))
+            return pickle.dumps(
+                Bundle(self._engine, sent, packed(dict(fingerprint.files_below(intake.folder))), lab, own)
+            )
 
 
 def _lost(problem: BaseException) -> GraderError:

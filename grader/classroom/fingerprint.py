@@ -20,7 +20,7 @@ from grader.submission.extraction import Intake
 def engine_sha256() -> str:
     """Return the hash of the grader's own code and of the versions that a recording keeps."""
     package = Path(grader.__file__).parent
-    ours = {name: path for name, path in _files_below(package) if not name.startswith("shipped_lab/")}
+    ours = {name: path for name, path in files_below(package) if not name.startswith("shipped_lab/")}
     stated = {name: version for name, version in versions().items() if name != "kernel"}
     return _sha256_of(stated, sorted(ours.items()))
 
@@ -38,7 +38,7 @@ def lab_files(rubric: Rubric, *, figures: bool = True) -> dict[str, Path]:
     files = {}
     named = (rubric.folder / name for name in named_files(rubric, figures=figures))
     for folder in {path.parent for path in named if path.is_file()}:
-        for name, path in _files_below(folder):
+        for name, path in files_below(folder):
             # Of the rubric's own folder, which may be anybody's home, only what lies in it.
             if folder != rubric.folder or "/" not in name:
                 files[path.relative_to(rubric.folder).as_posix()] = path
@@ -52,7 +52,7 @@ def lab_sha256(rubric: Rubric) -> str:
 
 def submission_sha256(intake: Intake) -> str:
     """Return the hash of an extracted submission."""
-    return _sha256_of(intake.left_out, sorted(_files_below(intake.folder)))
+    return _sha256_of(intake.left_out, sorted(files_below(intake.folder)))
 
 
 def options_sha256(options: Options) -> str:
@@ -84,7 +84,7 @@ def _sha256_of(stated: Any, files: list[tuple[str, Path]]) -> str:
     return digest.hexdigest()
 
 
-def _files_below(folder: Path) -> Iterator[tuple[str, Path]]:
+def files_below(folder: Path) -> Iterator[tuple[str, Path]]:
     """Yield the regular files below a folder, without compiled Python; links are not followed."""
     for root, folders, files in os.walk(folder, followlinks=False):
         folders[:] = [name for name in folders if name != "__pycache__"]

@@ -59,14 +59,3 @@ class Row:
     reused: bool = False
     #: From its first phase on.
     took_s: float = 0.0
-
-
-@dataclass(frozen=True)
-class Phase:
-    """What a submission is doing now."""
-
-    #: The session concerned; empty for the grader's own work.
-    session: str
-    text: str
-    #: Whether that has been done.
-    ended: bool = False

@@ -14,8 +14,9 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from grader.classroom.job import Phase, Row
+from grader.classroom.job import Row
 from grader.errors import GraderError
+from grader.live.session.runner import Progress
 from grader.report.escape import terminal_text
 from grader.report.views import points
 from grader.result import Result
@@ -55,16 +56,17 @@ class RunProgress(Live):
         """Take note of a submission that is to be graded, with the time that its sessions take together."""
         self._work_s[name] = work_s
 
-    def phase(self, name: str, phase: Phase) -> None:
+    def phase(self, name: str, progress: Progress) -> None:
         """Take note of what a submission is doing."""
         self._since_s.setdefault(name, time.monotonic())
         phases = self._phases.setdefault(name, {})
-        if phase.session:
+        if progress.session:
             phases.pop("", None)  # The grader's own work comes before or after all sessions.
-        if phase.ended:
-            phases.pop(phase.session, None)
+        if progress.ended:
+            phases.pop(progress.session, None)
         else:
-            phases[phase.session] = phase.text
+            step = f" ({progress.step} of {progress.steps})" if progress.steps else ""
+            phases[progress.session] = progress.text[:200] + step
 
     def took_s(self, name: str) -> float:
         """Return how long ago a submission was first heard of; 0 if that was not yet."""

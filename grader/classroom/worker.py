@@ -24,13 +24,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from grader import pipeline
-from grader.classroom.job import Ending, Job, Phase, problem_of
+from grader.classroom.job import Ending, Job, problem_of
 from grader.errors import GraderError
 from grader.files import UNFINISHED
 from grader.lab.rubric import SessionSpec
 from grader.live.process.waiting import within
+from grader.live.sandbox.isolation import Isolation
 from grader.live.sandbox.scratch import remove_stale, scratch_prefix
-from grader.live.session.runner import Progress, SchedulingContext
+from grader.live.session.runner import Progress
 
 #: What reading and judging a submission may take of the address space; some 0.7 GiB suffice.
 _MOST_MEMORY_BYTES = 4 * 1024**3
@@ -45,7 +46,7 @@ _MOST_LINE_BYTES = 64 * 1024 * 1024
 # -- the process that grades many ----------------------------------------------------------------
 
 
-async def grade_in_process(job: Job, on_phase: Callable[[Phase], None]) -> Ending:
+async def grade_in_process(job: Job, on_progress: Callable[[Progress], None]) -> Ending:
     """Grade one submission in a process of its own; returns how it ended, and never fails because of it."""
     assert job.machine is not None
     # So that starting takes no core from a session; the process itself takes the next slot.
@@ -53,7 +54,7 @@ async def grade_in_process(job: Job, on_phase: Callable[[Phase], None]) -> Endin
     try:
         with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as scratch:
             (Path(scratch) / "job").write_bytes(pickle.dumps(job))
-            return await _run(job, Path(scratch), on_phase, give_back)
+            return await _run(job, Path(scratch), on_progress, give_back)
     except (OSError, ValueError) as error:
         return problem_of(error)
     finally:
@@ -63,7 +64,9 @@ async def grade_in_process(job: Job, on_phase: Callable[[Phase], None]) -> Endin
             job.results.rmdir()
 
 
-async def _run(job: Job, scratch: Path, on_phase: Callable[[Phase], None], on_started: Callable[[], None]) -> Ending:
+async def _run(
+    job: Job, scratch: Path, on_progress: Callable[[Progress], None], on_started: Callable[[], None]
+) -> Ending:
     with (scratch / "stderr").open("wb") as errors:
         process = await asyncio.create_subprocess_exec(
             *("setpriv", "--pdeathsig", "KILL", sys.executable, "-I", "-m", "grader.classroom.worker"),
@@ -81,9 +84,9 @@ async def _run(job: Job, scratch: Path, on_phase: Callable[[Phase], None], on_st
     try:
         while (line := await within(process.stdout.readline(), quiet_s)).endswith(b"\n"):
             on_started()
-            message: Phase | Ending = pickle.loads(base64.b64decode(line))
-            if isinstance(message, Phase):
-                on_phase(message)
+            message: Progress | Ending = pickle.loads(base64.b64decode(line))
+            if isinstance(message, Progress):
+                on_progress(message)
             else:
                 ending = message
         await within(process.wait(), quiet_s)
@@ -128,8 +131,8 @@ def main(argv: list[str]) -> int:
     try:
         job: Job = pickle.loads(Path(argv[0]).read_bytes())
         assert job.isolation is not None
-        scheduling = SchedulingContext(_WorkerScheduler(job), job.isolation)
-        ending: Ending = pipeline.grade(job.source, job.rubric, job.results, job.options, _describe, scheduling)
+        scheduler = _WorkerScheduler(job, job.isolation)
+        ending: Ending = pipeline.grade(job.source, job.rubric, job.results, job.options, _send, scheduler)
     except Exception as error:
         traceback.print_exc()
         ending = problem_of(error)
@@ -138,15 +141,10 @@ def main(argv: list[str]) -> int:
     return 0
 
 
-def _send(what: Phase | Ending) -> None:
+def _send(what: Progress | Ending) -> None:
     line = memoryview(base64.b64encode(pickle.dumps(what)) + b"\n")
     while line:
         line = line[os.write(sys.stdout.fileno(), line) :]
-
-
-def _describe(progress: Progress) -> None:
-    step = f" ({progress.step} of {progress.steps})" if progress.steps else ""
-    _send(Phase(progress.session, progress.text[:200] + step, progress.ended))
 
 
 @dataclass
@@ -158,6 +156,7 @@ class _WorkerScheduler:
     """
 
     job: Job
+    isolation: Isolation
     _own: Callable[[], None] | None = None
     _alone_s: float = 0.0
 
@@ -172,7 +171,7 @@ class _WorkerScheduler:
             self._own()
             self._own = None
         alone = alone and self._alone_s < self.job.alone_s
-        give_back = await self._take(Phase(spec.id, "waits to run alone" if alone else "waits"), alone=alone)
+        give_back = await self._take(Progress(spec.id, "waits to run alone" if alone else "waits"), alone=alone)
         began_s = time.monotonic()
         try:
             yield
@@ -184,16 +183,16 @@ class _WorkerScheduler:
     def work(self, what: str) -> Iterator[None]:
         """Hold a slot for work of this process."""
         if self._own is None:
-            self._own = asyncio.run(self._take(Phase("", what)))
+            self._own = asyncio.run(self._take(Progress("", what)))
         else:
-            _send(Phase("", what))
+            _send(Progress("", what))
         yield
 
-    async def _take(self, phase: Phase, *, alone: bool = False) -> Callable[[], None]:
+    async def _take(self, progress: Progress, *, alone: bool = False) -> Callable[[], None]:
         assert self.job.machine is not None
         waiting = asyncio.ensure_future(self.job.machine.take(alone=alone))
         while not waiting.done():
-            _send(phase)
+            _send(progress)
             await asyncio.wait({waiting}, timeout=_STILL_WAITS_S)
         return waiting.result()
 

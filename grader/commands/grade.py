@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import difflib
+import os
 import resource
 import sys
 import time
@@ -15,6 +17,7 @@ from rich.console import Console
 from rich.text import Text
 
 from grader import __version__
+from grader.commands import COMMANDS
 from grader.commands.arguments import (
     BELOW,
     add_fail_under,
@@ -31,6 +34,9 @@ from grader.commands.arguments import (
 )
 from grader.commands.export import add_exports
 from grader.errors import GraderError, UsageError
+from grader.recording.submission import SUBMISSION_FILE
+from grader.result_folder import HISTORY, RECORDINGS
+from grader.submission.file_names import is_packed
 from grader.submission.separation import require_no_links, require_same_source, uncounted_overrides
 
 if TYPE_CHECKING:
@@ -115,7 +121,6 @@ def run(arguments: Sequence[str], console: Console, epilog: str = "") -> int:
     """Grade the submissions; returns the exit status."""
     from grader import pipeline
     from grader.classroom.regrade import recorded_in
-    from grader.commands.meant import require_submissions
     from grader.judging import rubrics
     from grader.live.sandbox.scratch import remove_stale
 
@@ -315,3 +320,36 @@ def _status(row: Row, least: Decimal | None) -> int:
     if isinstance(row.ending, GraderError):
         return row.ending.exit_status
     return BELOW if least is not None and row.ending.final < least else 0
+
+
+# -- what else than submissions may be meant ------------------------------------------------------
+
+
+def require_submissions(paths: Sequence[Path], rubric: Rubric) -> None:
+    """Raise UsageError if a path is no submission, but a word like a command, or a folder of results."""
+    for path in paths:
+        near = difflib.get_close_matches(str(path), COMMANDS, n=1, cutoff=0.75)
+        if near and not path.exists():
+            remedy = f"If you mean the command, write it first: grade {near[0]} ..."
+            raise UsageError(f"there is neither a submission nor a command {str(path)!r}", remedy=remedy)
+        if is_results(path, rubric):
+            remedy = f"`grade regrade {path}` judges them again, without ROS."
+            if not _is_recorded(path):
+                remedy += f" `grade report {path}` writes the class page again."
+            raise UsageError("these are results, not submissions", location=str(path), remedy=remedy)
+
+
+def is_results(path: Path, rubric: Rubric) -> bool:
+    """Whether a folder holds results of a submission, or of a class, and nothing that a student hands in."""
+    if not path.is_dir():
+        return False
+    inner = [entry for entry in path.iterdir() if not entry.name.startswith(".") and entry.name != HISTORY]
+    folders = [path] if _is_recorded(path) else [entry for entry in inner if entry.is_dir()]
+    if not folders or not all(map(_is_recorded, folders)) or any(is_packed(entry.name) for entry in inner):
+        return False
+    wanted = {artifact.file for artifact in rubric.artifacts.values()}
+    return not any(wanted.intersection(files) for folder in folders for _, _, files in os.walk(folder))
+
+
+def _is_recorded(folder: Path) -> bool:
+    return (folder / RECORDINGS / SUBMISSION_FILE).is_file()

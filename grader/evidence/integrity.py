@@ -30,7 +30,7 @@ from grader.recording.session import (
     UNKNOWN_NODE,
     GraphSnapshot,
     ProcessRun,
-    ServiceClient,
+    ServiceEndpoint,
 )
 from grader.result import Location, Violation, ViolationKind
 
@@ -128,7 +128,7 @@ class _Integrity:
     def asked_to_change(self) -> Iterator[Tampering]:
         """Find clients of the services that would set parameters of a reference node, if it had them."""
         wanted = {f"{node}/{service}": node for node in self.nodes for service in _CHANGING}
-        found: dict[str, list[tuple[int, ServiceClient]]] = {}
+        found: dict[str, list[tuple[int, ServiceEndpoint]]] = {}
         for graph in self.record.graph:
             for client in graph.clients:
                 if client.name in wanted:

@@ -59,8 +59,8 @@ _Row = tuple[int, int, int, _Buffer, int, int]
 
 
 @dataclass
-class _Channel:
-    """What is told of a channel, in the MCAP file and in `metadata.yaml`."""
+class TopicInfo:
+    """A topic of one type in a bag, with its number of messages, as the MCAP file and `metadata.yaml` describe it."""
 
     topic: str
     topic_type: str
@@ -98,7 +98,7 @@ def _qos_text(profiles: Sequence[Qos]) -> str:
     return json.dumps(listed)
 
 
-def _metadata_yaml(file_name: str, channels: Sequence[_Channel], start_ns: int, end_ns: int) -> str:
+def _metadata_yaml(file_name: str, channels: Sequence[TopicInfo], start_ns: int, end_ns: int) -> str:
     total = sum(channel.count for channel in channels)
     duration, start = {"nanoseconds": end_ns - start_ns}, {"nanoseconds_since_epoch": start_ns}
     topics = [
@@ -162,7 +162,7 @@ class BagWriter:
         self._writer.start(profile="ros2", library="ros-lab-grader")
         self._stream.flush()
         self._schemas: dict[tuple[str, MessageDefinition], int] = {}
-        self._channels: dict[int, _Channel] = {}
+        self._channels: dict[int, TopicInfo] = {}
         self._start_ns, self._end_ns = INFINITE_NS, 0
         self._closed = False
 
@@ -175,9 +175,9 @@ class BagWriter:
         offered_qos: Sequence[Qos],
     ) -> int:
         """Add a topic of one type; returns the channel to `write` to."""
-        return self._add(_Channel(topic, topic_type, type_hash, definition, _qos_text(offered_qos)))
+        return self._add(TopicInfo(topic, topic_type, type_hash, definition, _qos_text(offered_qos)))
 
-    def _add(self, channel: _Channel) -> int:
+    def _add(self, channel: TopicInfo) -> int:
         key = (channel.topic_type, channel.definition)
         if key not in self._schemas:
             encoding, text = channel.definition.encoding, channel.definition.text
@@ -223,7 +223,7 @@ class _Contents:
     """All that can be read of an MCAP file."""
 
     schemas: dict[int, tuple[str, MessageDefinition]] = field(default_factory=dict)
-    channels: dict[int, _Channel] = field(default_factory=dict)
+    channels: dict[int, TopicInfo] = field(default_factory=dict)
     rows: dict[int, list[_Row]] = field(default_factory=dict)
     finished: bool = False
 
@@ -283,7 +283,7 @@ def _read_description(opcode: int, buffer: _Buffer, body: int, end: int, content
         channel = Channel.read(fields)
         if channel.id not in contents.channels and channel.schema_id in contents.schemas:
             metadata = channel.metadata
-            contents.channels[channel.id] = _Channel(
+            contents.channels[channel.id] = TopicInfo(
                 channel.topic,
                 contents.schemas[channel.schema_id][0],
                 metadata.get("topic_type_hash", ""),
@@ -346,16 +346,6 @@ def _copy(contents: _Contents, writer: BagWriter) -> None:
 
 
 # -- reading ---------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class TopicInfo:
-    """A topic of one type in a bag, with its number of messages."""
-
-    topic: str
-    topic_type: str
-    count: int
-    type_hash: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -464,7 +454,7 @@ class Bag:
         self._numbers: dict[tuple[str, str], list[int]] = {}
         for number, channel in contents.channels.items():
             self._numbers.setdefault((channel.topic, channel.topic_type), []).append(number)
-        self.topics = tuple(self._info(*key) for key in sorted(self._numbers))
+        self.topics = tuple(self._channel(self._numbers[key]) for key in sorted(self._numbers))
 
     @classmethod
     def open(cls, folder: Path) -> Bag:
@@ -480,10 +470,9 @@ class Bag:
             raise FileNotFoundError(f"no .mcap file in {folder}: give the folder of a recording")
         return cls(_contents_of(path))
 
-    def _info(self, topic: str, topic_type: str) -> TopicInfo:
-        numbers = self._numbers[topic, topic_type]
+    def _channel(self, numbers: Sequence[int]) -> TopicInfo:
         count = sum(len(self._contents.rows[number]) for number in numbers)
-        return TopicInfo(topic, topic_type, count, self._contents.channels[numbers[0]].type_hash)
+        return replace(self._contents.channels[numbers[0]], count=count)
 
     def size_bytes(self, topic: str, topic_type: str) -> int:
         """Bytes of all messages of a topic of one type together."""

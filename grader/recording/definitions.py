@@ -40,7 +40,6 @@ class DefinitionNotFound(LookupError):
             f"no installed package defines {topic_type!r}; install the package that does, "
             "or add its prefix to AMENT_PREFIX_PATH"
         )
-        self.topic_type = topic_type
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import field, fields, is_dataclass
 from itertools import accumulate, pairwise
 from operator import or_
@@ -254,8 +254,10 @@ class Process:
         full_name = self.full_name or node or "/"
         named = self.name is not None and self.namespace is not None
         by_pattern: dict[str, dict[str, Any]] = {}
-        for pattern, values in self._values_on_command_line() if not self.parameters else ():
-            by_pattern.setdefault(pattern, {}).update(values)
+        for flag, word in pairwise(self._words if not self.parameters else ()):
+            name, is_rule, value = word.partition(":=")
+            if is_rule and flag in ("-p", "--param"):
+                by_pattern.setdefault("**", {})[name] = value
         for parameter in self.parameters:
             if parameter.name is not None:
                 pattern = full_name if named and not parameter.wildcard else "/**"
@@ -268,12 +270,6 @@ class Process:
             if _matches(pattern, full_name)
             for name, value in values.items()
         }
-
-    def _values_on_command_line(self) -> Iterator[tuple[str, dict[str, Any]]]:
-        for flag, word in pairwise(self._words):
-            name, is_rule, value = word.partition(":=")
-            if is_rule and flag in ("-p", "--param"):
-                yield "**", {name: value}
 
 
 def _sections(content: Mapping[str, Any], above: str) -> list[tuple[str, Mapping[str, Any]]]:
@@ -371,10 +367,6 @@ class Plan:
     #: What a condition kept back, or what is not evaluated: `what`, `why`, `file`, `line`.
     not_started: tuple[Mapping[str, Any], ...] = ()
     parameter_files: _Files = field(default_factory=dict)
-
-    def node(self, full_name: str) -> Process | None:
-        """The process that starts a node of a name, if any."""
-        return next((p for p in self.processes if p.full_name == full_name), None)
 
     @classmethod
     def from_plain(cls, plain: Any) -> Plan:

@@ -127,17 +127,8 @@ class Endpoint:
 
 
 @dataclass
-class ServiceOffer:
-    """A service server in the graph, attributed to its node."""
-
-    name: str
-    type: str
-    node: str  # fully qualified
-
-
-@dataclass
-class ServiceClient:
-    """A client of a service in the graph, attributed to its node."""
+class ServiceEndpoint:
+    """A server of a service in the graph, or a client of one, attributed to its node."""
 
     name: str
     type: str
@@ -151,8 +142,8 @@ class GraphSnapshot:
     t_ns: int
     nodes: list[str] = field(default_factory=list)  # fully qualified, with duplicates
     endpoints: list[Endpoint] = field(default_factory=list)
-    services: list[ServiceOffer] = field(default_factory=list)
-    clients: list[ServiceClient] = field(default_factory=list)
+    services: list[ServiceEndpoint] = field(default_factory=list)
+    clients: list[ServiceEndpoint] = field(default_factory=list)
 
 
 @dataclass

@@ -49,7 +49,7 @@ from grader.result_folder import AUDIT_FILE, CHANGES_FILE, HISTORY, JOURNAL_FILE
 from grader.submission.extraction import Piece, SubmissionSource, names_in, text_of, texts_in
 from grader.submission.file_names import TOOL_FOLDERS, displayed, is_litter, is_packed, without_archive_suffix
 from grader.submission.last_commit import last_commit_time
-from grader.submission.lms.systems import Delivered, Download, is_table, recognised
+from grader.submission.lms.systems import Delivered, System, is_table, recognised
 from grader.submission.members import is_folder
 from grader.submission.roster import Student, matches, read_class_list
 
@@ -125,8 +125,8 @@ def find_submissions(
 
     Returns
     -------
-    Found
-        Grade each of `submissions` by `grader.pipeline.grade(handed, ...)` into `results / handed.name`; show
+    Discovery
+        Grade each of `submissions` by `grader.pipeline.grade(source, ...)` into `results / source.name`; show
         `understood`, `not_understood` and `missing`.
 
     Raises
@@ -150,7 +150,7 @@ def find_submissions(
         plain = {_origin(one): one.name for one in search.submissions}
         sources, missing, unclear = _with_class_list(sources, plain, read_class_list(class_list))
         search.understood += unclear
-    ordered = tuple(sorted(sources, key=lambda h: (h.name.casefold(), h.name)))
+    ordered = tuple(sorted(sources, key=lambda source: (source.name.casefold(), source.name)))
     return Discovery(ordered, tuple(search.understood), tuple(search.not_understood), missing)
 
 
@@ -285,7 +285,7 @@ class _Search:
             self._add(_source_of(listing), listing.name)
             self.understood.append(f"{listing.location}: one submission")
         elif not students.is_repository and (download := recognised(students.entries)) is not None:
-            self._add_download(students, download)
+            self._add_download(students, *download)
         else:
             self._add_each(students)
 
@@ -329,7 +329,7 @@ class _Search:
         own = self._artifacts(name for name, folder in entries.items() if not folder)
         # What a system writes beside submissions lies in no repository, and beside no student's files.
         download = recognised(entries)
-        if download is not None and not listing.is_repository and not (own and download.system.own & entries.keys()):
+        if download is not None and not listing.is_repository and not (own and download[0].own & entries.keys()):
             return True
         folders = [name for name, folder in entries.items() if folder]
         held = {name: self._artifacts(listing.below(name).files) for name in folders}
@@ -401,14 +401,14 @@ class _Search:
             inner = inner.below(next(iter(inner.entries)))
         return listing
 
-    def _add_download(self, listing: _Listing, download: Download) -> None:
+    def _add_download(self, listing: _Listing, system: System, delivered: Mapping[str, Delivered]) -> None:
         students: dict[tuple[str, str], dict[str, Delivered]] = defaultdict(dict)
-        known = download.system.details(download.known, listing.texts)
+        known = system.details(delivered, listing.texts)
         for entry, is_a_folder in listing.entries.items():
             if entry in known:
                 students[known[entry].student, known[entry].student_id][entry] = known[entry]
-            elif entry not in download.system.own and (is_a_folder or not is_table(entry)):
-                described = f"{listing.location}: {displayed(entry)}: not named as {download.system.name} names files"
+            elif entry not in system.own and (is_a_folder or not is_table(entry)):
+                described = f"{listing.location}: {displayed(entry)}: not named as {system.name} names files"
                 self.not_understood.append(described)
         for (student, student_id), entries in students.items():
             source = self._delivered(listing, entries)
@@ -419,7 +419,7 @@ class _Search:
             )
             self._add(source, named)
         amount = _submissions(len(students))
-        self.understood.append(f"{listing.location}: {download.system.name}'s download of {amount}")
+        self.understood.append(f"{listing.location}: {system.name}'s download of {amount}")
 
     def _delivered(self, listing: _Listing, entries: Mapping[str, Delivered]) -> SubmissionSource:
         """Put together what one student has handed in: of several attempts, the last."""

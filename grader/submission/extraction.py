@@ -88,7 +88,7 @@ _BOUND = Bound("unpacking it", cpu_s=20, wall_s=600, memory_bytes=128 * 1024**2,
 T = TypeVar("T")
 
 
-def confined(work: Callable[[], T], location: str, bound: Bound = _BOUND) -> T:
+def in_bounds(work: Callable[[], T], location: str, bound: Bound = _BOUND) -> T:
     """Return what work on a submission returns, done in a bounded process.
 
     Raises SubmissionError if it raises that, or exceeds the bound; with where the submission comes from.
@@ -173,7 +173,7 @@ def open_submission(
     if isinstance(source, Path):
         source = SubmissionSource.of(source)
     with tempfile.TemporaryDirectory(prefix=f"{prefix}intake-") as scratch:
-        yield confined(partial(_extracted, source, Path(scratch), limits), source.location)
+        yield in_bounds(partial(_extracted, source, Path(scratch), limits), source.location)
 
 
 def _extracted(source: SubmissionSource, scratch: Path, limits: Limits) -> Intake:
@@ -383,7 +383,7 @@ def names_in(path: Path, within: str = "") -> list[str] | None:
     None if it is no archive, or cannot be read, or holds more than a class hands in.
     """
     with suppress(OSError, SubmissionError):
-        return confined(partial(_names_in, path, within), str(path))
+        return in_bounds(partial(_names_in, path, within), str(path))
     return None
 
 
@@ -425,7 +425,7 @@ def texts_in(path: Path, wanted: Collection[str], most_bytes: int) -> dict[str, 
     What cannot be read is left out; the members' sizes together are limited.
     """
     with suppress(OSError, SubmissionError):
-        return confined(partial(_texts_in, path, wanted, most_bytes), str(path))
+        return in_bounds(partial(_texts_in, path, wanted, most_bytes), str(path))
     return {}
 
 

@@ -9,9 +9,10 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, expect
 
-from grader import pipeline, result_folder
+from grader import result_folder
 from grader.judging import rubrics
 from tests.browser.chromium import DESK, PHONE, browser, visit
+from tests.regraded import judge_results
 
 pytestmark = pytest.mark.browser
 
@@ -41,7 +42,7 @@ def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     overrides = rubrics.read_overrides(None, folder, rubric)
     for name in NAMES:
         shutil.copytree(KEPT / name, folder / name / result_folder.RECORDINGS)
-        pipeline.judge_results(folder / name, rubric, overrides)
+        judge_results(folder / name, rubric, overrides)
     return {name: folder / name / result_folder.REPORT_FILE for name in NAMES}
 
 

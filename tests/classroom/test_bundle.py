@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from grader.classroom.cluster import files_in, packed, unpack
+from grader.classroom.cluster import packed, unpack
+from grader.classroom.fingerprint import files_below
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -24,7 +25,7 @@ def test_a_folder_there_and_back(tmp_path: Path) -> None:
         (origin / name).parent.mkdir(parents=True, exist_ok=True)
         (origin / name).write_bytes(bytes([number]) * number * 1000)
     target.mkdir()
-    unpack(packed(files_in(origin)), target)
+    unpack(packed(dict(files_below(origin))), target)
     assert contents(target) == contents(origin)
 
 

@@ -18,11 +18,11 @@ from grader.classroom.journal import Journal
 from grader.judging.rubrics import read_rubric
 from grader.live.sandbox.isolation import Level
 from grader.live.sandbox.probing import probe_isolation
-from grader.pipeline import judge_results
 from grader.recording.session import read_session, write_session
 from grader.result_folder import JOURNAL_FILE, RECORDINGS
 from tests.classroom.small_class import ASTRAY, CRASHES, SLEEPS, Family, SmallClass, make_class
 from tests.live.small_lab import TALKER, remains, until
+from tests.regraded import judge_results
 
 pytestmark = pytest.mark.live
 

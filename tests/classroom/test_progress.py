@@ -10,9 +10,10 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from grader.classroom.job import Ending, Phase, Row
+from grader.classroom.job import Ending, Row
 from grader.classroom.progress import RunProgress, print_class, summary
 from grader.errors import GraderError
+from grader.live.session.runner import Progress
 from grader.result import Result, Score
 from grader.submission.extraction import Piece, SubmissionSource
 
@@ -47,7 +48,7 @@ def test_in_a_ci_job_each_submission_is_a_line() -> None:
         for name in ("ann", "bob", "cem"):
             progress.expect(name, 40.0)
         progress.ended(row("dan", points("77"), reused=True))
-        progress.phase("ann", Phase("qos", "starting"))
+        progress.phase("ann", Progress("qos", "starting"))
         progress.ended(row("ann", points("84.6")))
         progress.ended(row("bob", points("50", "2.5")))
         progress.ended(row("cem", GraderError("the submission is empty", location="class/cem", remedy="fill it")))
@@ -64,11 +65,11 @@ def test_on_a_terminal_all_that_runs_is_shown() -> None:
     for name in ("ann", "bob", "cem", "dan"):
         progress.expect(name, 40.0)
     assert "0 of 4 submissions done · 0 under way · 4 in the queue · about 40 s left" in shown(progress)
-    progress.phase("ann", Phase("", "reading"))
-    progress.phase("ann", Phase("qos", "waits for the exit of qos (7 of 8)"))
-    progress.phase("ann", Phase("publisher", "waits"))
-    progress.phase("ann", Phase("publisher", "recorded", ended=True))
-    progress.phase("bob", Phase("", "reading"))
+    progress.phase("ann", Progress("", "reading"))
+    progress.phase("ann", Progress("qos", "waits for the exit of qos", 7, 8))
+    progress.phase("ann", Progress("publisher", "waits"))
+    progress.phase("ann", Progress("publisher", "recorded", ended=True))
+    progress.phase("bob", Progress("", "reading"))
     text = shown(progress)
     assert "2 under way · 2 in the queue" in text
     assert re.search(r"^ann +qos: waits for the exit of qos \(7 of 8\) *$", text, re.MULTILINE)
@@ -130,7 +131,7 @@ def test_names_cannot_steer_terminal_or_log(name: str) -> None:
     screen, stream = console(terminal=False)
     with RunProgress(screen, 4) as progress:
         progress.expect(name, 1.0)
-        progress.phase(name, Phase(name, name))
+        progress.phase(name, Progress(name, name))
         text = shown(progress)
         progress.ended(row(name, GraderError(name, location=name, remedy=name)))
     print_class(screen, [row(name, GraderError(name, location=name, remedy=name))])

@@ -11,14 +11,14 @@ from typing import Any
 
 import pytest
 
-from grader import pipeline, result_folder
+from grader import result_folder
 from grader.classroom.audit import note_replaced
 from grader.classroom.regrade import Regrade, is_class, recorded_in, regrade
 from grader.errors import RecordingError, RubricError
 from grader.judging import rubrics
 from grader.lab.kept_lab import lab_folder
 from grader.result_folder import AUDIT_FILE, HISTORY
-from tests.regraded import regraded
+from tests.regraded import judge_results, regraded
 
 ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = lab_folder() / "rubric.yaml"
@@ -42,7 +42,7 @@ def judged(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Lay out a class of two with their results, once."""
     folder = tmp_path_factory.mktemp("judged")
     for name in NAMES:
-        pipeline.judge_results(add(folder, name), rubrics.read_rubric(None))
+        judge_results(add(folder, name), rubrics.read_rubric(None))
     return folder
 
 

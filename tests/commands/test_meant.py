@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from grader.cli import main
-from grader.commands.meant import is_results
+from grader.commands.grade import is_results
 from grader.judging.rubrics import read_rubric
 from grader.lab.kept_lab import lab_folder
 from grader.result_folder import RECORDINGS, RUBRIC_COPY

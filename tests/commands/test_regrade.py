@@ -11,8 +11,8 @@ import pytest
 from grader.cli import main
 from grader.judging.rubrics import read_rubric
 from grader.lab.kept_lab import lab_folder
-from grader.pipeline import judge_results
 from grader.result_folder import AUDIT_FILE, CHANGES_FILE, HISTORY, RECORDINGS, RESULT_FILE, RUBRIC_COPY
+from tests.regraded import judge_results
 
 ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = lab_folder() / "rubric.yaml"

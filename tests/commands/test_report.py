@@ -8,10 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from grader import pipeline, result_folder
+from grader import result_folder
 from grader.cli import main
 from grader.judging import rubrics
 from grader.lab.rubric import Rubric
+from tests.regraded import judge_results
 
 KEPT = Path(__file__).resolve().parents[1] / "recordings"
 
@@ -31,7 +32,7 @@ def judged(rubric: Rubric, tmp_path_factory: pytest.TempPathFactory) -> Path:
         (results / name / result_folder.RECORDINGS / result_folder.RUBRIC_COPY).write_text(
             rubric.text, encoding="utf-8"
         )
-        pipeline.judge_results(results / name, rubric)
+        judge_results(results / name, rubric)
     return results
 
 
@@ -136,7 +137,7 @@ def test_the_rubric_is_that_of_most(
     other = tmp_path / "other.yaml"
     other.write_text(rubric.text + "\n# Changed since.\n", encoding="utf-8")
     shutil.copy(other, results / "solution" / result_folder.RECORDINGS / result_folder.RUBRIC_COPY)
-    pipeline.judge_results(results / "solution", rubrics.read_rubric(other))
+    judge_results(results / "solution", rubrics.read_rubric(other))
     run(capsys, results)
     assert {name: row["needs"] for name, row in grades(results).items() if row["needs"]} == {"solution": "other rubric"}
     run(capsys, results, "--rubric", other)

@@ -22,8 +22,7 @@ from grader.recording.session import (
     ProcessRun,
     Published,
     Qos,
-    ServiceClient,
-    ServiceOffer,
+    ServiceEndpoint,
     Trusted,
 )
 from grader.recording.trusted_channel import digest
@@ -122,8 +121,8 @@ def test_the_students_own_topics_and_services_are_its_own(tmp_path: Path) -> Non
     add(made, endpoint("/joint_command_publisher", "0d" * 12, COMMANDS))
     last = made.record.graph[-1]
     last.nodes.append("/joint_command_publisher")
-    last.services += [ServiceOffer("/robot/enable", "std_srvs/srv/SetBool", node) for node in ("/a", "/b")]
-    last.clients.append(ServiceClient("/a/set_parameters", "rcl_interfaces/srv/SetParameters", "/b"))
+    last.services += [ServiceEndpoint("/robot/enable", "std_srvs/srv/SetBool", node) for node in ("/a", "/b")]
+    last.clients.append(ServiceEndpoint("/a/set_parameters", "rcl_interfaces/srv/SetParameters", "/b"))
     assert taken(made) == ()
 
 
@@ -185,9 +184,9 @@ def test_a_client_that_sets_parameters_of_a_reference_node(tmp_path: Path, offer
     """The attempt is stated, and that it changed nothing where the node has no such service."""
     made = session(tmp_path)
     name, kind = "/simulated_arm/set_parameters", "rcl_interfaces/srv/SetParameters"
-    made.record.graph[-1].clients.append(ServiceClient(name, kind, "/student"))
+    made.record.graph[-1].clients.append(ServiceEndpoint(name, kind, "/student"))
     if offered:
-        made.record.graph[-1].services.append(ServiceOffer(name, kind, "/simulated_arm"))
+        made.record.graph[-1].services.append(ServiceEndpoint(name, kind, "/simulated_arm"))
     (tampering,) = taken(made)
     assert tampering.violation.kind is ViolationKind.CHANGES_REFERENCE
     assert tampering.violation.evidence == (f"client of {name} in node /student",)
@@ -198,7 +197,7 @@ def test_a_client_that_sets_parameters_of_a_reference_node(tmp_path: Path, offer
 def test_a_client_that_only_reads_parameters_touches_nothing(tmp_path: Path) -> None:
     """To look is free."""
     made = session(tmp_path)
-    client = ServiceClient("/simulated_arm/get_parameters", "rcl_interfaces/srv/GetParameters", "/student")
+    client = ServiceEndpoint("/simulated_arm/get_parameters", "rcl_interfaces/srv/GetParameters", "/student")
     made.record.graph[-1].clients.append(client)
     assert taken(made) == ()
 
@@ -207,7 +206,7 @@ def test_a_second_server_of_a_reference_nodes_service(tmp_path: Path) -> None:
     """What that service answers can no longer be measured, for nobody knows who answered."""
     made = session(tmp_path)
     for node in ("/simulated_arm", "/student"):
-        made.record.graph[-1].services.append(ServiceOffer("/arm/reset", "std_srvs/srv/Trigger", node))
+        made.record.graph[-1].services.append(ServiceEndpoint("/arm/reset", "std_srvs/srv/Trigger", node))
     (tampering,) = taken(made)
     assert tampering.violation.kind is ViolationKind.SECOND_SERVER
     assert tampering.violation.evidence == ("server of /arm/reset in node /student",)
@@ -218,7 +217,7 @@ def test_a_service_that_the_steps_expect_is_the_students(tmp_path: Path) -> None
     """A student is asked to offer it, whoever else does."""
     made = session(tmp_path).step("call", "reset", parameters={"service": "/arm/reset"})
     for node in ("/simulated_arm", "/student"):
-        made.record.graph[-1].services.append(ServiceOffer("/arm/reset", "std_srvs/srv/Trigger", node))
+        made.record.graph[-1].services.append(ServiceEndpoint("/arm/reset", "std_srvs/srv/Trigger", node))
     assert taken(made) == ()
 
 
@@ -229,7 +228,7 @@ def rivals(made: Session, programs: Sequence[str], participants: Sequence[str]) 
     """Let two nodes offer a service that the steps call, from programs and participants."""
     for node, participant in zip(("/one", "/two"), participants, strict=True):
         add(made, endpoint(node, participant, "/parameter_events", number=9))
-        made.record.graph[-1].services.append(ServiceOffer(ENABLE, "std_srvs/srv/SetBool", node))
+        made.record.graph[-1].services.append(ServiceEndpoint(ENABLE, "std_srvs/srv/SetBool", node))
     for program in programs:
         made.record.processes.append(ProcessRun(program, "student", [program, "--ros-args"], started_ns=at(0.3)))
     return made.step("call", "enable", parameters={"service": ENABLE})

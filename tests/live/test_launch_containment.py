@@ -24,6 +24,7 @@ from grader.live.session.runner import Progress
 from grader.result import CheckResult, Outcome, Result
 from grader.submission.artifacts import read_submission_folder
 from tests.live.small_lab import Watch, until
+from tests.regraded import judge_results
 
 pytestmark = pytest.mark.live
 
@@ -145,7 +146,7 @@ def record_and_judge(
     record.sessions = [CRITERION]
     options = pipeline.Options(Path(sys.executable), [CRITERION], jobs=1)
     pipeline.record(submission, record, rubric, results, options, on_progress)
-    return pipeline.judge_results(results, rubric)
+    return judge_results(results, rubric)
 
 
 def checks_of(result: Result) -> dict[str, CheckResult]:

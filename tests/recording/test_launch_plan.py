@@ -97,13 +97,6 @@ def test_a_rule_names_a_node_that_has_no_other_name() -> None:
     assert Process("a-1", "/a", argv=("--ros-args",)).full_name is None
 
 
-def test_a_node_is_found_by_its_full_name() -> None:
-    """`node` finds the process of a name, and None for a name that nobody has."""
-    plan = Plan("ok", processes=(Process("a-1", "/a", name="t"),))
-    assert plan.node("/t") is plan.processes[0]
-    assert plan.node("/u") is None
-
-
 @pytest.mark.parametrize(
     ("content", "expected"),
     [

@@ -2,14 +2,13 @@
 
 Reads a request as JSON from standard input: `{"file": ..., "arguments": {...}, "root": ...,
 "native": false}`; `native` asks for the real `launch` instead of the stand-in beside this script. Writes the plan
-as JSON to the file descriptor that `--result-fd` names. The launch file's own output goes where it would.
+as JSON to the file descriptor that argv[1] names. The launch file's own output goes where it would.
 Nothing of the rest of the grader is imported, so that the script and the stand-in beside it can be all that
 the process sees.
 """
 
 from __future__ import annotations
 
-import argparse
 import importlib
 import json
 import os
@@ -23,7 +22,7 @@ HERE = Path(__file__).resolve().parent
 STANDIN = HERE / "standin"
 
 
-def main(argv: list[str] | None = None) -> int:
+def main() -> int:
     """Evaluate the launch file of the request on standard input.
 
     Returns
@@ -31,12 +30,10 @@ def main(argv: list[str] | None = None) -> int:
     int
         The exit status: always 0 once a plan is written.
     """
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--result-fd", type=int, required=True, help="where the plan is written")
-    options = parser.parse_args(argv)
-    os.set_inheritable(options.result_fd, False)
+    result_fd = int(sys.argv[1])
+    os.set_inheritable(result_fd, False)
     request = json.load(sys.stdin)
-    os.write(options.result_fd, b"\n")  # whatever happens now, the evaluation itself has started
+    os.write(result_fd, b"\n")  # whatever happens now, the evaluation itself has started
     process = os.getpid()
     evaluate = evaluation(native=bool(request.get("native")))
     plan = evaluate(request["file"], request.get("arguments") or {}, request["root"])
@@ -44,7 +41,7 @@ def main(argv: list[str] | None = None) -> int:
         os._exit(0)  # the launch file forked, and this is its child
     with suppress(Exception):
         sys.stdout.flush()  # it may be closed, or no file at all
-    with os.fdopen(options.result_fd, "wb") as result:
+    with os.fdopen(result_fd, "wb") as result:
         result.write(json.dumps(plan).encode())
     return 0
 

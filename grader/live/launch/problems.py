@@ -255,6 +255,9 @@ def _package(error: Any, _: str) -> Described | None:
 
 def _file(error: Any, root: str) -> Described | None:
     path = str(error.filename or error)
+    if isinstance(error, IsADirectoryError):
+        message = f"'{relative(path, root)}' is a folder, and a file is wanted here"
+        return "file_not_found", message, "Give the path of a file."
     launched = path.endswith((".launch.py", "launch.xml"))
     included = launched or getattr(error, "launch_object", "") == "IncludeLaunchDescription"
     what, kind = ("the included launch file", "include_not_found") if included else ("the file", "file_not_found")
@@ -283,24 +286,14 @@ def _not_found(error: Any, _: str) -> Described | None:
     return missing_program(error.__dict__["name"])
 
 
-def _folder(error: Any, root: str) -> Described:
-    path = relative(str(error.filename), root)
-    return "file_not_found", f"'{path}' is a folder, and a file is wanted here", "Give the path of a file."
-
-
-def _exit(error: Any, _: str) -> Described:
-    return "exits", "the launch file ends the whole program", "Remove the call of exit()."
-
-
 _BY_TYPE: list[tuple[Any, Callable[[Any, str], Described | None]]] = [
     (SyntaxError, _syntax),
     (ImportError, _import),
     (AttributeError, _attribute),
     (NameError, _name),
     (KeyError, _package),
-    (FileNotFoundError, _file),
-    (IsADirectoryError, _folder),
-    (SystemExit, _exit),
+    ((FileNotFoundError, IsADirectoryError), _file),
+    (SystemExit, lambda *_: ("exits", "the launch file ends the whole program", "Remove the call of exit().")),
     (Exception, _not_found),
 ]
 

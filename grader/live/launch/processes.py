@@ -7,10 +7,9 @@ import shutil
 from collections.abc import Iterable, Mapping
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from . import parameter_text
-from .files import PlanFiles
 from .installed import ELSEWHERE
 from .problems import SUBSTITUTION_AS_TEXT, relative
 
@@ -32,22 +31,10 @@ def text_of(subs: Any, context: Any) -> str:
     return str(perform_substitutions(context, normalize_to_list_of_substitutions(subs)))
 
 
-class Evaluation(Protocol):
-    """What is asked of the evaluation that the processes are of."""
-
-    root: str
-    files: PlanFiles
-    found: dict[str, list[dict[str, Any]]]
-    initial_environment: dict[str, str]
-
-    def warn(self, message: str, source: Any) -> None:
-        """Keep a warning of something in the launch file."""
-
-
 class Describer:
     """Describes the processes of a plan, and warns of what would not go as it is meant."""
 
-    def __init__(self, executor: Evaluation) -> None:
+    def __init__(self, executor: Any) -> None:
         self._plan, self._warn, self._files = executor, executor.warn, executor.files
 
     def process(self, action: Any, context: Any) -> dict[str, Any]:

@@ -20,6 +20,8 @@ from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
+from grader.live.sandbox.machine import tasks_of
+
 #: Each step of a nice value is a quarter more of a core that several want, so that others still get a tenth.
 STANDING = -10
 #: Who asks for short turns is given them soon after waking.
@@ -42,9 +44,8 @@ def put_standing(pids: Iterable[int]) -> None:
     """Let all threads of some processes, and those to come, go before all others."""
     for pid in pids:
         _weigh_session(pid)
-        with suppress(OSError):
-            for task in Path(f"/proc/{pid}/task").iterdir():
-                _put_first(int(task.name))
+        for task in tasks_of(pid):
+            _put_first(int(task))
 
 
 def _weigh_session(pid: int) -> None:
@@ -85,8 +86,8 @@ def put_student_in_real_time(pids: Iterable[int]) -> None:
 
 
 def _schedule(pid: int, policy: int, priority: int) -> None:
-    for task in Path(f"/proc/{pid}/task").iterdir():
-        os.sched_setscheduler(int(task.name), policy, os.sched_param(priority))
+    for task in tasks_of(pid):
+        os.sched_setscheduler(int(task), policy, os.sched_param(priority))
 
 
 def put_self_in_real_time(priority: int) -> None:

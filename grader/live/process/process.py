@@ -291,7 +291,7 @@ class RunningProcess:
     def _note_last_usage(self) -> None:
         """Note the CPU time that it took until its end, which no sample has seen; its delay is as last seen.
 
-        The sandbox that ends leaves its first process, with the CPU time of all in it, to the first of the cell.
+        The sandbox that ends leaves its first process, with the CPU time of all in it, to the first of the session.
         """
         if self._sandbox_pid is None or not self.run.usage:
             return
@@ -343,10 +343,9 @@ async def _hear(stream: asyncio.StreamReader, on_message: Callable[[bytes], None
 
 def _hold(pid: int, core: int) -> None:
     """Hold all threads of a process to a core, or raise `PermissionError`."""
-    with suppress(FileNotFoundError):
-        for task in tasks_of(pid):
-            with suppress(ProcessLookupError):
-                os.sched_setaffinity(int(task), {core})
+    for task in tasks_of(pid):
+        with suppress(ProcessLookupError):
+            os.sched_setaffinity(int(task), {core})
 
 
 def _hold_as_user(pid: int, core: int, user: int) -> None:
@@ -360,9 +359,8 @@ def _hold_as_user(pid: int, core: int, user: int) -> None:
 def _scheduling_of(pid: int) -> dict[int, tuple[int, int]]:
     """Return (CPU time, run-queue delay) in ns for each of a process's threads, by thread id."""
     found = {}
-    with suppress(OSError):
-        for task in os.listdir(f"/proc/{pid}/task"):  # noqa: PTH208
-            with suppress(OSError, ValueError, IndexError):
-                words = read_bytes_of(f"/proc/{pid}/task/{task}/schedstat").split()
-                found[int(task)] = (int(words[0]), int(words[1]))
+    for task in tasks_of(pid):
+        with suppress(OSError, ValueError, IndexError):
+            words = read_bytes_of(f"/proc/{pid}/task/{task}/schedstat").split()
+            found[int(task)] = (int(words[0]), int(words[1]))
     return found

@@ -1,10 +1,10 @@
-"""Waiting for something that must not take too long."""
+"""Waiting for work: for one piece not too long, for several until each has cleaned up."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable
-from typing import TypeVar
+from collections.abc import Awaitable, Coroutine, Iterable
+from typing import Any, TypeVar
 
 T = TypeVar("T")
 
@@ -25,3 +25,18 @@ async def within(work: Awaitable[T], timeout_s: float) -> T:
     if not done:
         raise asyncio.TimeoutError
     return task.result()
+
+
+async def side_by_side(works: Iterable[Coroutine[Any, Any, T]]) -> list[T]:
+    """Do all of them at a time; the first that fails ends the others. Waits in any case until each has cleaned up."""
+    running = [asyncio.ensure_future(work) for work in works]
+    try:
+        return await asyncio.gather(*running)
+    except Exception:
+        for task in running:
+            task.cancel()
+        raise
+    finally:
+        # `gather` ends with the first that fails or is cancelled; the others are still cleaning up.
+        if running:
+            await asyncio.wait(running)

@@ -29,8 +29,7 @@ from grader.recording.session import (
     Endpoint,
     GraphSnapshot,
     Qos,
-    ServiceClient,
-    ServiceOffer,
+    ServiceEndpoint,
 )
 
 #: Topics and nodes looked at in one snapshot, and endpoints reported; a flood of them must not stall the session.
@@ -215,7 +214,7 @@ def _glance(node: Node) -> object:
     return nodes, topics, counts, services
 
 
-def _services_of(node: Node, full: str) -> tuple[list[ServiceOffer], list[ServiceClient]]:
+def _services_of(node: Node, full: str) -> tuple[list[ServiceEndpoint], list[ServiceEndpoint]]:
     namespace, name = full.rsplit("/", 1)
     try:
         offered = node.get_service_names_and_types_by_node(name, namespace or "/")[:MAX_TOPICS]
@@ -223,8 +222,8 @@ def _services_of(node: Node, full: str) -> tuple[list[ServiceOffer], list[Servic
     except (RuntimeError, UnicodeDecodeError):  # The node left in between, or what it has are no names.
         return [], []
     return (
-        [ServiceOffer(service, kind, full) for service, kinds in offered for kind in kinds],
-        [ServiceClient(service, kind, full) for service, kinds in asked for kind in kinds],
+        [ServiceEndpoint(service, kind, full) for service, kinds in offered for kind in kinds],
+        [ServiceEndpoint(service, kind, full) for service, kinds in asked for kind in kinds],
     )
 
 

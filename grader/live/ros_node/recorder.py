@@ -46,31 +46,16 @@ class _LimitReached(ValueError):
     """There are more topics, or types of one, than are recorded."""
 
 
-@dataclass(frozen=True)
-class _Request:
-    """QoS that a subscription requests, as far as it decides which publishers match."""
+#: What a subscription requests, as far as it decides which publishers match: whether all messages are to arrive, and
+#: whether those too that were sent before it came.
+_Request = tuple[bool, bool]
 
-    reliable: bool
-    transient_local: bool
 
-    @classmethod
-    def suiting(cls, publishers: Sequence[Endpoint]) -> _Request:
-        """Request what every publisher offers (the rule of rosbag2)."""
-        return cls(
-            all(p.qos.reliability == "reliable" for p in publishers),
-            all(p.qos.durability == "transient_local" for p in publishers),
-        )
-
-    def weakened(self, other: _Request) -> _Request:
-        return _Request(self.reliable and other.reliable, self.transient_local and other.transient_local)
-
-    def profile(self) -> QoSProfile:
-        return QoSProfile(
-            history=HistoryPolicy.KEEP_LAST,
-            depth=_DEPTH,
-            reliability=ReliabilityPolicy.RELIABLE if self.reliable else ReliabilityPolicy.BEST_EFFORT,
-            durability=(DurabilityPolicy.TRANSIENT_LOCAL if self.transient_local else DurabilityPolicy.VOLATILE),
-        )
+def _suiting(publishers: Sequence[Endpoint], before: _Request = (True, True)) -> _Request:
+    """Request what every publisher offers (the rule of rosbag2), and no more than before."""
+    reliable = all(p.qos.reliability == "reliable" for p in publishers)
+    transient_local = all(p.qos.durability == "transient_local" for p in publishers)
+    return before[0] and reliable, before[1] and transient_local
 
 
 #: Takes the next message of a subscription's queue, with its times.
@@ -96,11 +81,18 @@ class _Line:
 
     def subscribe(self, request: _Request) -> None:
         """Receive it by one more subscription."""
+        reliable, transient_local = request
+        profile = QoSProfile(
+            history=HistoryPolicy.KEEP_LAST,
+            depth=_DEPTH,
+            reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL if transient_local else DurabilityPolicy.VOLATILE,
+        )
         subscription: Any = self.node.create_subscription(
             self.message_type,
             self.topic,
             lambda data, info: None,
-            request.profile(),
+            profile,
             raw=True,
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
         )
@@ -184,9 +176,8 @@ class Recorder:
         for key, endpoints in topics.items():
             if key in self._refused or self._ending.is_set():
                 continue
-            request = _Request.suiting(endpoints)
             if (line := self._lines.get(key)) is not None:
-                weaker = line.request.weakened(request)
+                weaker = _suiting(endpoints, line.request)
                 if weaker != line.request and not line.stopped:
                     # So that a publisher that offers less is received too. No message is taken meanwhile: it could
                     # come by both.
@@ -194,7 +185,7 @@ class Recorder:
                         line.subscribe(weaker)
                 continue
             try:
-                line = self._open(*key, endpoints, request)
+                line = self._open(*key, endpoints)
             except Exception as error:
                 # Names and types are a student's: there are many ways in which rclpy can refuse them.
                 self._refused.add(key)
@@ -203,7 +194,7 @@ class Recorder:
                 with self._lock:
                     self._lines[key] = line
 
-    def _open(self, topic: str, topic_type: str, publishers: list[Endpoint], request: _Request) -> _Line:
+    def _open(self, topic: str, topic_type: str, publishers: list[Endpoint]) -> _Line:
         if len(self._lines) >= self._limit_topics:
             raise _LimitReached(f"{self._limit_topics} topics are recorded already")
         definition = definition_of(topic_type)
@@ -215,8 +206,8 @@ class Recorder:
         with self._lock:
             offered = [publisher.qos for publisher in publishers]
             channel = self._writer.add_channel(topic, topic_type, type_hash, definition, offered)
-        line = _Line(topic, topic_type, channel, node, message_type, request)
-        line.subscribe(request)
+        line = _Line(topic, topic_type, channel, node, message_type, _suiting(publishers))
+        line.subscribe(line.request)
         return line
 
     def _node(self, level: int) -> Node:

@@ -13,7 +13,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 #: Limit of all of a sandbox's student processes together.
 MEMORY_BYTES = 2 * 1024**3
@@ -24,18 +23,11 @@ _REMOVAL_S = 2.0
 _ENTER = 'while [ "$1" != -- ]; do echo $$ > "$1/cgroup.procs" || exit 125; shift; done; shift; exec "$@"'
 
 
-class _Names(NamedTuple):
-    """Files of the memory controller."""
-
-    limit: str
-    swap: str  # in version 1 of both together
-    taken: str
-    kills: str
-
-
-_NAMES = {
-    1: _Names("memory.limit_in_bytes", "memory.memsw.limit_in_bytes", "memory.usage_in_bytes", "memory.oom_control"),
-    2: _Names("memory.max", "memory.swap.max", "memory.current", "memory.events"),
+#: Files of the memory controller by version: its limit, that of swap (in version 1 of both together), what is taken,
+#: and how often it killed.
+_MEMORY_FILES = {
+    1: ("memory.limit_in_bytes", "memory.memsw.limit_in_bytes", "memory.usage_in_bytes", "memory.oom_control"),
+    2: ("memory.max", "memory.swap.max", "memory.current", "memory.events"),
 }
 
 
@@ -61,9 +53,9 @@ class SandboxCgroup:
 
     def __init__(self, parents: CgroupParents, label: str) -> None:
         self._version = parents.version
-        self._names = _NAMES[parents.version]
         name = f"grade-{os.getuid()}-{label}"
         self._memory, self._processes = Path(parents.memory) / name, Path(parents.processes) / name
+        self._limit, self._swap, self._taken, self._kills = (self._memory / n for n in _MEMORY_FILES[parents.version])
         self._cpu = Path(parents.cpu) / name if parents.cpu is not None else None
 
     def make(self, memory_bytes: int = MEMORY_BYTES, processes: int = PROCESSES) -> None:
@@ -75,9 +67,9 @@ class SandboxCgroup:
                 with suppress(OSError):
                     (folder.parent / "cgroup.subtree_control").write_text("+memory +pids")
         (self._processes / "pids.max").write_text(str(processes))
-        (self._memory / self._names.limit).write_text(str(memory_bytes))
+        self._limit.write_text(str(memory_bytes))
         with suppress(OSError):
-            (self._memory / self._names.swap).write_text(str(memory_bytes if self._version == 1 else 0))
+            self._swap.write_text(str(memory_bytes if self._version == 1 else 0))
 
     def entering(self, command: Sequence[str]) -> list[str]:
         """Return the command line that runs `command` within the group."""
@@ -86,14 +78,14 @@ class SandboxCgroup:
     def exceeded(self) -> dict[str, int]:
         """Return how often each limit was hit: {"memory": kills for want of memory, "processes": refused forks}."""
         return {
-            "memory": _counter(self._memory / self._names.kills, "oom_kill"),
+            "memory": _counter(self._kills, "oom_kill"),
             "processes": _counter(self._processes / "pids.events", "max"),
         }
 
     def memory_bytes(self) -> int:
         """Return the memory that the group takes, 0 where that cannot be read."""
         with suppress(OSError, ValueError):
-            return int((self._memory / self._names.taken).read_text())
+            return int(self._taken.read_text())
         return 0
 
     def cpu_ns(self) -> int | None:

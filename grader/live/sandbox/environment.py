@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import importlib.metadata
 import importlib.util
+import json
 import os
 import platform
 import subprocess
 import sys
 import sysconfig
 from collections.abc import Sequence
+from dataclasses import dataclass
 from importlib.machinery import PathFinder
 from pathlib import Path
 
@@ -22,13 +24,15 @@ from grader.errors import PlatformError
 
 #: What of ours stands in a student's sandbox: the tap and the settings of discovery.
 INSIDE_FOLDER = Path(__file__).parents[1] / "student_tap/inside"
+#: Python of the grader itself: not resolved, since a virtual environment is known by its link.
+OWN_INTERPRETER = Path(sys.executable)
 #: What evaluates launch files there.
 LAUNCHING_FOLDER = Path(__file__).parents[1] / "launch"
 
 #: The first import from a cold disk takes seconds.
 _IMPORT_S = 60.0
 
-#: Fast DDS over UDP alone: shared memory needs equal user ids on both sides and crosses cells.
+#: Fast DDS over UDP alone: shared memory needs equal user ids on both sides and crosses sandboxes.
 _DDS = {
     "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
     "SKIP_DEFAULT_XML_FILE": "1",
@@ -94,11 +98,6 @@ def student_environment(interpreter: Path, home: str, workspace: str, inside: st
     }
 
 
-def default_interpreter() -> Path:
-    """Python of the grader itself: not resolved, since a virtual environment is known by its link."""
-    return Path(sys.executable)
-
-
 def require_platform(interpreter: Path | None = None) -> None:
     """Raise `PlatformError` unless ROS 2 nodes can run here, and, if it is given, with students' interpreter."""
     if platform.system() != "Linux" or platform.machine() != "x86_64":
@@ -112,8 +111,19 @@ def require_platform(interpreter: Path | None = None) -> None:
             "the Python package rclpy is not installed",
             remedy="pip install 'ros-jazzy-rclpy[fastrtps]' ros-jazzy-common-interfaces",
         )
-    if interpreter is not None:
-        require_ros(interpreter)
+    if interpreter is None or interpreter == OWN_INTERPRETER:
+        return
+    # In the environment that students' processes get: every submission would fail for want of rclpy.
+    try:
+        if not ask_interpreter(interpreter, "import rclpy, std_msgs.msg, std_srvs.srv; print('imported')"):
+            raise ValueError("it does not answer")
+    except ValueError as problem:
+        raise PlatformError(
+            f"this interpreter cannot run students' nodes ({problem})",
+            location=str(interpreter),
+            remedy="Give --python an environment in which the ROS 2 packages are installed with pip, as the grader's "
+            "own constraints.txt has them. What was sourced in the terminal reaches no student's process.",
+        ) from problem
 
 
 def versions() -> dict[str, str]:
@@ -150,24 +160,66 @@ def ask_interpreter(interpreter: Path, program: str, *arguments: str, isolated: 
     return run.stdout
 
 
-def require_ros(interpreter: Path) -> None:
-    """Raise `PlatformError` unless another interpreter imports ROS 2 in the environment that students' processes get.
+# -- the real `launch` and `launch_ros`, on a machine that has them ----------------------------------
 
-    Without this, every submission would fail for want of rclpy.
+_FIND_LAUNCH = """
+import json, os, sys
+import launch, launch_ros, launch.actions, launch_ros.actions, launch.launch_description_sources
+print(json.dumps({
+    "python_path": [p for p in sys.path if p and os.path.isdir(p)],
+    "prefixes": [p for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if os.path.isdir(p)],
+    "library_path": os.environ.get("LD_LIBRARY_PATH", ""),
+}))
+"""
+
+
+@dataclass(frozen=True)
+class NativeLaunch:
+    """What an interpreter needs in order to import the real `launch`."""
+
+    python_path: list[str]
+    prefixes: list[str]
+    library_path: str
+
+    def environment(self, prefix: str) -> dict[str, str]:
+        """Variables for an evaluation; `prefix` is where the submission is installed."""
+        return {
+            "PYTHONPATH": ":".join(self.python_path),
+            "AMENT_PREFIX_PATH": ":".join([prefix, *self.prefixes]),
+            "LD_LIBRARY_PATH": self.library_path,
+        }
+
+    @property
+    def folders(self) -> dict[str, Path]:
+        """Folders that must be seen, where they are, besides those that always are."""
+        return {p: Path(p) for p in [*self.prefixes, *self.python_path] if not p.startswith("/usr")}
+
+
+def find_native_launch(interpreter: Path, choice: str) -> NativeLaunch | None:
+    """Find the real `launch` in the environment from which the grader was started; None for the stand-in.
+
+    The choice is "standin", "native" or "auto". It raises `PlatformError` if the real one was asked for and cannot be
+    imported.
     """
-    if interpreter == default_interpreter():
-        return
+    if choice == "standin":
+        return None
     try:
-        if not ask_interpreter(interpreter, "import rclpy, std_msgs.msg, std_srvs.srv; print('imported')"):
-            raise ValueError("it does not answer")
-    except ValueError as problem:
-        raise PlatformError(
-            f"this interpreter cannot run students' nodes ({problem})",
-            location=str(interpreter),
-            remedy="Give --python an environment in which the ROS 2 packages are installed with pip, as the grader's "
-            "own constraints.txt has them. What was sourced in the terminal reaches no student's process.",
-        ) from problem
+        return NativeLaunch(**json.loads(ask_interpreter(interpreter, _FIND_LAUNCH, isolated=False)))
+    except (ValueError, TypeError) as error:
+        problem = error
+    if choice == "auto":
+        return None
+    raise PlatformError(
+        f"the real launch and launch_ros cannot be imported ({problem})",
+        location=str(interpreter),
+        remedy="Source a ROS 2 installation in this terminal first. The interpreter (that of grade, or --python) "
+        "must be of the Python version that the installation was built for, as 3.12 for Jazzy on Ubuntu 24.04, "
+        "with the pip packages of grade's constraints.txt in it. Or leave --launch out: the stand-in needs no "
+        "ROS installation.",
+    )
 
+
+# -- what an interpreter finds ---------------------------------------------------------------------
 
 _FIND = "import importlib.util, sys; print(*(n for n in sys.argv[1:] if importlib.util.find_spec(n) is None))"
 
@@ -177,7 +229,7 @@ def absent_modules(interpreter: Path, names: Sequence[str]) -> list[str] | None:
 
     Nothing of the submission is on its path, and no module is imported for it.
     """
-    own = [sysconfig.get_path("purelib"), sysconfig.get_path("platlib")] if interpreter == default_interpreter() else []
+    own = [sysconfig.get_path("purelib"), sysconfig.get_path("platlib")] if interpreter == OWN_INTERPRETER else []
     unknown = [name for name in names if not own or PathFinder.find_spec(name, own) is None]
     try:
         return ask_interpreter(interpreter, _FIND, *unknown).split() if unknown else []
@@ -188,7 +240,7 @@ def absent_modules(interpreter: Path, names: Sequence[str]) -> list[str] | None:
 def interpreter_roots(interpreter: Path) -> list[Path]:
     """Folders that an interpreter needs to run: its virtual environment and the installation behind it."""
     real = interpreter.resolve().parent.parent
-    stdlib = Path(sysconfig.get_path("stdlib")).parent.parent if interpreter == default_interpreter() else real
+    stdlib = Path(sysconfig.get_path("stdlib")).parent.parent if interpreter == OWN_INTERPRETER else real
     # A link may lie anywhere, such as in ~/bin: what else is there is nobody's business.
     linked = [path.parent.parent for path in (interpreter, *_links_of(interpreter))]
     installed = [p for p in linked if (p / "pyvenv.cfg").is_file() or any(p.glob("lib*/python3*"))]

@@ -24,7 +24,7 @@ import grader
 from grader.live.sandbox.cgroup import PROCESSES, CgroupParents, SandboxCgroup
 from grader.live.sandbox.confine import Confinement, confines_signals
 from grader.live.sandbox.environment import INSIDE_FOLDER, LAUNCHING_FOLDER, interpreter_links, interpreter_roots
-from grader.live.sandbox.machine import number_of_tasks, processes_of_user
+from grader.live.sandbox.machine import processes_of_user, tasks_of
 from grader.live.sandbox.seccomp import open_filter
 
 #: Paths inside a confined student's process.
@@ -239,9 +239,8 @@ def confined(
         return
     if not isolation.namespaces:
         # It counts all of a user's threads.
-        limits["nproc"] = PROCESSES + (
-            0 if uid is not None else sum(map(number_of_tasks, processes_of_user(os.getuid())))
-        )
+        others = sum(len(tasks_of(pid)) for pid in processes_of_user(os.getuid())) if uid is None else 0
+        limits["nproc"] = PROCESSES + others
         read, write = _readable(room), [*map(str, room.areas.values()), *(f"/dev/{name}" for name in _DEVICES)]
         confinement = Confinement(list(command), dict(environment), cwd, read, write, uid, limits)
         yield confinement.argv(sys.executable), (), None

@@ -114,10 +114,9 @@ def available_share() -> float:
 def children_of(pid: int) -> list[int]:
     """Return the process ids of a process's children, whichever of its threads started them."""
     found: list[int] = []
-    with suppress(OSError):
-        for task in os.listdir(f"/proc/{pid}/task"):  # noqa: PTH208 - names alone, which is faster
-            with suppress(OSError, ValueError):
-                found += map(int, read_bytes_of(f"/proc/{pid}/task/{task}/children").split())
+    for task in tasks_of(pid):
+        with suppress(OSError, ValueError):
+            found += map(int, read_bytes_of(f"/proc/{pid}/task/{task}/children").split())
     return found
 
 
@@ -141,15 +140,10 @@ def cpu_with_children_ns(pid: int) -> int:
 
 
 def tasks_of(pid: int) -> list[str]:
-    """Return the thread ids of a process."""
-    return os.listdir(f"/proc/{pid}/task")  # noqa: PTH208 - names alone, which is faster
-
-
-def number_of_tasks(pid: int) -> int:
-    """Return how many threads a process has, 0 if it has ended."""
+    """Return the thread ids of a process, none if it has ended."""
     with suppress(OSError):
-        return len(tasks_of(pid))
-    return 0
+        return os.listdir(f"/proc/{pid}/task")  # noqa: PTH208 - names alone, which is faster
+    return []
 
 
 def processes_of_user(uid: int) -> set[int]:

@@ -1,4 +1,4 @@
-"""Finds how well students' code can be confined on this machine, by running a program in a real cell."""
+"""Finds how well students' code can be confined on this machine, by running a program in a real sandbox."""
 
 from __future__ import annotations
 

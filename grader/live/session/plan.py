@@ -4,34 +4,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+from grader.live.sandbox.environment import NativeLaunch
 from grader.live.sandbox.isolation import Isolation
-from grader.live.session.ros_launch import NativeLaunch
-from grader.recording.session import SessionRecord
-
-
-@dataclass(frozen=True)
-class PlannedStep:
-    """A step with its parameters as plain data, and the words in which it is shown while it runs."""
-
-    kind: str
-    parameters: dict[str, Any]
-    label: str | None
-    words: str
+from grader.recording.session import SessionRecord, StepRun
 
 
 @dataclass(frozen=True)
 class SessionPlan:
     """All that the process of a session needs to know.
 
-    The `record` holds what is known before; the caller removes `scratch`. For each artifact there are the wrapper's
-    path relative to `staged`, and the source's relative to `staged`/src; for each reference node the absolute path of
-    its "file" and its full name as "node". `expected` are the names of topics, services and nodes that the rubric uses.
+    The `record` holds what is known before, `steps` what is to be run, each with the words in which it is shown then;
+    the caller removes `scratch`. For each artifact there are the wrapper's path relative to `staged`, and the source's
+    relative to `staged`/src; for each reference node the absolute path of its "file" and its full name as "node".
+    `expected` are the names of topics, services and nodes that the rubric uses.
     """
 
     record: SessionRecord
-    steps: list[PlannedStep]
+    steps: list[tuple[StepRun, str]]
     folder: Path
     scratch: Path
     staged: Path

@@ -18,13 +18,13 @@ from typing import Any, Protocol
 
 from grader.errors import PlatformError
 from grader.lab.rubric import Rubric, SessionSpec
-from grader.live.process.waiting import within
+from grader.live.process.waiting import side_by_side, within
+from grader.live.sandbox.environment import NativeLaunch
 from grader.live.sandbox.isolation import Isolation, free_slot
 from grader.live.sandbox.scratch import remove_tree, scratch_prefix
 from grader.live.session.fork_server import ForkServer
-from grader.live.session.plan import PlannedStep, SessionPlan
-from grader.live.session.ros_launch import NativeLaunch
-from grader.recording.session import SessionRecord
+from grader.live.session.plan import SessionPlan
+from grader.recording.session import SessionRecord, StepRun
 from grader.recording.submission import SubmissionRecord
 
 #: Sessions per core for which 100 Hz timing was seen to hold (p99 jitter under 6 ms), and the most at a time.
@@ -39,7 +39,7 @@ _REMEDY = "Check whether memory or processes ran out and whether /dev/shm exists
 
 @dataclass(frozen=True)
 class Progress:
-    """What a session is doing now."""
+    """What a session is doing now; the grader's own work, where that is empty."""
 
     session: str
     text: str
@@ -55,23 +55,23 @@ def sessions_at_a_time(isolation: Isolation) -> int:
     return max(1, min(_MOST_SESSIONS, _SESSIONS_PER_CORE * len(os.sched_getaffinity(0))))
 
 
-def names_in(rubric: Rubric) -> list[str]:
-    """Names of topics, services and nodes that the rubric's steps use."""
-    return _given(rubric, "node", "publisher", "subscription", "service", "first_message_on")
+#: By which steps name topics, services and nodes.
+_NAMING = ("node", "publisher", "subscription", "service", "first_message_on")
 
 
-def types_in(rubric: Rubric) -> list[str]:
-    """Types of messages and services that the rubric's steps use."""
-    return _given(rubric, "type")
-
-
-def _given(rubric: Rubric, *keys: str) -> list[str]:
+def given_in_steps(rubric: Rubric, *keys: str) -> list[str]:
+    """Return what the rubric's steps give under some keys: names, or by `type` those of messages and services."""
     steps = [step for session in rubric.sessions.values() for step in session.steps]
     return sorted({str(step.parameters[key]) for step in steps for key in keys if step.parameters.get(key)})
 
 
 class Scheduler(Protocol):
-    """When a session, or the grader's own work, may burden a machine that several submissions share."""
+    """When a session, or the grader's own work, may burden a machine that several submissions share.
+
+    `isolation` is how students' code is confined there.
+    """
+
+    isolation: Isolation
 
     def session_slot(self, spec: SessionSpec, *, alone: bool) -> AbstractAsyncContextManager[None]:
         """Wait until a session may run, `alone` if nothing else may meanwhile, and hold its slot while it does."""
@@ -80,14 +80,6 @@ class Scheduler(Protocol):
     def work(self, what: str) -> AbstractContextManager[None]:
         """Wait until the grader's own work, such as judging, takes no core from a session that is being timed."""
         ...
-
-
-@dataclass(frozen=True)
-class SchedulingContext:
-    """What gradings on one machine have in common: the scheduler, and how students' code is confined here."""
-
-    scheduler: Scheduler
-    isolation: Isolation
 
 
 @dataclass(frozen=True)
@@ -133,17 +125,7 @@ class SessionRunner:
                 retried = " retry, as something was undecided" if self.attempt > 1 else ""
                 on_progress(Progress(spec.id, f"recorded{retried}", ended=True))
 
-        tasks = [asyncio.ensure_future(one(spec)) for spec in queue]
-        try:
-            await asyncio.gather(*tasks)
-        except Exception:
-            for task in tasks:
-                task.cancel()
-            raise
-        finally:
-            # `gather` ends with the first that fails or is cancelled; the others are still cleaning up.
-            if tasks:
-                await asyncio.wait(tasks)
+        await side_by_side(one(spec) for spec in queue)
 
     async def _record_one(self, spec: SessionSpec, on_progress: Callable[[Progress], None]) -> None:
         folder = self.recordings / spec.id
@@ -175,7 +157,7 @@ class SessionRunner:
                 isolation=self.isolation.describe(),
                 versions=self.versions,
             ),
-            steps=[PlannedStep(s.kind, s.parameters, s.label, s.step.describe()) for s in spec.steps],
+            steps=[(StepRun(s.kind, s.parameters, s.label), s.step.describe()) for s in spec.steps],
             folder=folder.resolve(),
             scratch=scratch,
             staged=self.staged.resolve(),
@@ -185,7 +167,7 @@ class SessionRunner:
                 name: {"file": str((self.rubric.folder / ref.file).resolve()), "node": ref.node}
                 for name, ref in self.rubric.reference.items()
             },
-            expected=names_in(self.rubric),
+            expected=given_in_steps(self.rubric, *_NAMING),
             isolation=self.isolation,
             interpreter=self.interpreter,
             slot=slot,

@@ -35,7 +35,7 @@ from grader.live.session.launch_runner import LaunchRunner
 from grader.live.session.plan import SessionPlan
 from grader.live.session.student_sandbox import StudentSandbox
 from grader.recording.bag import recover
-from grader.recording.session import ProcessRun, StepRun, write_session
+from grader.recording.session import ProcessRun, write_session
 from grader.recording.trusted_channel import collect_trusted_messages, trusted_participants
 
 #: Address space of each of the grader's own processes.
@@ -201,11 +201,11 @@ class Session:
     # -- steps --------------------------------------------------------------------------------
 
     async def _run_steps(self) -> None:
-        for number, planned in enumerate(self.plan.steps, 1):
-            step = StepRun(planned.kind, planned.parameters, planned.label, started_ns=time.time_ns())
+        for number, (step, words) in enumerate(self.plan.steps, 1):
+            step.started_ns = time.time_ns()
             self.record.steps.append(step)
             with suppress(BrokenPipeError):
-                print(json.dumps({"text": planned.words, "index": number, "of": len(self.plan.steps)}), flush=True)
+                print(json.dumps({"text": words, "index": number, "of": len(self.plan.steps)}), flush=True)
             # What is not done here is an operation of the director's.
             action = getattr(self, f"_step_{step.kind}", None) or partial(self._direct, step.kind)
             step.outcome, step.result = await action(step.parameters)

@@ -60,19 +60,12 @@ import types
 module = types.SimpleNamespace(**runpy.run_path(source, run_name="student_module"))
 sys.exit(operator.attrgetter({function!r})(module)())"""
 _RUN_MODULE = 'runpy.run_module({module!r}, run_name="__main__", alter_sys=True)'
-_RUN_ENTRY = "from {module} import {attribute}\n\nsys.exit({function}())"
 
 
-@dataclass(frozen=True)
-class Workspace:
-    """A staged submission: a folder with `src/` and `install/`, and artifact name -> path of its wrapper in there."""
-
-    folder: Path
-    executables: dict[str, str] = field(default_factory=dict)
-
-
-def stage(source: Path, record: SubmissionRecord, rubric: Rubric, folder: Path, interpreter: str) -> Workspace:
+def stage(source: Path, record: SubmissionRecord, rubric: Rubric, folder: Path, interpreter: str) -> dict[str, str]:
     """Make the workspace of a submission's folder, of which only the files listed in `record` are copied.
+
+    Returns for each artifact the path of its wrapper in there.
 
     Of data there may be more than a session has room for, once it is installed for each of several packages; then what
     is no text is left out. The interpreter is the absolute path of the Python that runs students' code.
@@ -82,7 +75,7 @@ def stage(source: Path, record: SubmissionRecord, rubric: Rubric, folder: Path, 
         if not origin.is_symlink() and origin.is_file():
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(origin, target, follow_symlinks=False)
-    return Workspace(folder, _Installation(folder, record, rubric, interpreter).install())
+    return _Installation(folder, record, rubric, interpreter).install()
 
 
 @dataclass
@@ -193,8 +186,8 @@ class _Installation:
         if ":" not in target:
             return self._wrapper_of_file(target)
         module, function = target.split(":", 1)
-        run = _RUN_ENTRY.format(module=module, attribute=function.split(".")[0], function=function)
-        return self._wrapper(target, PurePosixPath(package.path), module.replace(".", "/") + ".py", run)
+        source = module.replace(".", "/") + ".py"
+        return self._wrapper(target, PurePosixPath(package.path), source, _run_entry(module, function))
 
     def _wrapper_of_file(self, path: str, executable: str | None = None) -> str:
         if (path, executable) not in self.wrappers:
@@ -208,10 +201,8 @@ class _Installation:
         module = ".".join(file.relative_to(root).with_suffix("").parts)
         if root == file.parent or file.suffix != ".py":
             root, run = file.parent, _RUN_FILE if function is None else _RUN_FILE_FUNCTION.format(function=function)
-        elif function is None:
-            run = _RUN_MODULE.format(module=module)
         else:
-            run = _RUN_ENTRY.format(module=module, attribute=function.split(".")[0], function=function)
+            run = _RUN_MODULE.format(module=module) if function is None else _run_entry(module, function)
         return self._wrapper(path, root, str(file.relative_to(root)), run)
 
     def _entry_points_of(self, path: PurePosixPath, executable: str | None) -> list[str]:
@@ -251,6 +242,10 @@ class _Installation:
                 return path.parent
             root = root.parent
         return root
+
+
+def _run_entry(module: str, function: str) -> str:
+    return f"from {module} import {function.partition('.')[0]}\n\nsys.exit({function}())"
 
 
 def _write(path: Path, text: str, mode: int = 0o755) -> None:

@@ -91,10 +91,14 @@ class StudentSandbox:
         if self.isolation.namespaces:
             bring_loopback_up()
             use_up_process_ids(_STUDENTS_IDS)
-            _mount(Path("/dev/shm"), _SMALL_BYTES)
-            _mount(self.launch_workspace, _WORKSPACE_BYTES)
-            sizes = {self.workspace: _WORKSPACE_BYTES}
-            self._room.make(self.plan.scratch, lambda folder: _mount(folder, sizes.get(folder, _SMALL_BYTES)))
+            sizes = {self.workspace: _WORKSPACE_BYTES, self.launch_workspace: _WORKSPACE_BYTES}
+
+            def mount(folder: Path) -> None:
+                mount_tmpfs(str(folder), sizes.get(folder, _SMALL_BYTES), _MAX_FILES)
+
+            mount(Path("/dev/shm"))
+            mount(self.launch_workspace)
+            self._room.make(self.plan.scratch, mount)
         else:
             adopt_orphans()
             self._room.make(self.plan.scratch)
@@ -229,7 +233,3 @@ class StudentSandbox:
         roots = [root for p in self.trusted if p.alive and (root := p.root_pid()) is not None]
         ours = {os.getpid(), *(pid for root in roots for pid in descendants_of(root))}
         return [pid for pid in descendants_of(os.getpid()) if pid not in ours]
-
-
-def _mount(folder: Path, size_bytes: int) -> None:
-    mount_tmpfs(str(folder), size_bytes, _MAX_FILES)

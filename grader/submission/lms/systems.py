@@ -56,21 +56,13 @@ class System:
     details: Callable[[Mapping[str, Delivered], Read], Mapping[str, Delivered]] = lambda known, read: known
 
 
-@dataclass(frozen=True)
-class Download:
-    """A download of a class, and what the system says of each entry that it named after a student."""
-
-    system: System
-    known: Mapping[str, Delivered]
-
-
 def is_table(name: str) -> bool:
     """Whether a file is a table, such as a system writes of grades."""
     return PurePosixPath(name).suffix.lower() in _TABLES
 
 
-def recognised(entries: Entries) -> Download | None:
-    """Determine which system a download comes from, and what it says of each entry.
+def recognised(entries: Entries) -> tuple[System, Mapping[str, Delivered]] | None:
+    """Determine which system a download comes from, and what it says of each entry that it named after a student.
 
     None unless most entries are named as one of the systems does; tables are not counted.
     """
@@ -79,7 +71,7 @@ def recognised(entries: Entries) -> Download | None:
         known = system.match(fit)
         others = [name for name in entries if name not in known and name not in system.own and not is_table(name)]
         if len(known) > len(others):
-            return Download(system, known)
+            return system, known
     return None
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import configparser
 import re
-from collections.abc import Sequence
 from pathlib import PurePosixPath
 from xml.etree import ElementTree
 
@@ -36,7 +35,8 @@ def find_packages(texts: dict[str, str], paths: list[str]) -> list[PackageFact]:
     for path in sorted(p for p in paths if PurePosixPath(p).name == "package.xml")[:_MOST_PACKAGES]:
         folder = str(PurePosixPath(path).parent).removeprefix(".")
         package = _read_manifest(folder, texts.get(path, ""))
-        inside = _paths_inside(package, paths)
+        above = _inside(package.path, "")
+        inside = [path.removeprefix(above) for path in paths if path.startswith(above)]  # relative to its folder
         if package.build_type == "ament_python":
             _read_setup(package, texts, inside)
         else:
@@ -66,12 +66,6 @@ def _read_manifest(folder: str, text: str) -> PackageFact:
 
 def _inside(folder: str, name: str) -> str:
     return f"{folder}/{name}" if folder else name
-
-
-def _paths_inside(package: PackageFact, paths: Sequence[str]) -> list[str]:
-    """Return the package's files, relative to its folder."""
-    above = f"{package.path}/" if package.path else ""
-    return [path.removeprefix(above) for path in paths if path.startswith(above)]
 
 
 def _read_setup(package: PackageFact, texts: dict[str, str], inside: list[str]) -> None:

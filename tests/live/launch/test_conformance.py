@@ -56,7 +56,7 @@ def evaluate(file: Path, prefix: Path, **arguments: str) -> tuple[dict[str, Any]
     read, write_end = os.pipe()
     request = {"file": str(file), "arguments": arguments, "root": str(file.parent)}
     done = subprocess.run(
-        [sys.executable, str(LAUNCHING / "evaluate.py"), "--result-fd", str(write_end)],
+        [sys.executable, str(LAUNCHING / "evaluate.py"), str(write_end)],
         input=json.dumps(request),
         capture_output=True,
         text=True,

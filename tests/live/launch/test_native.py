@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from grader.errors import PlatformError
-from grader.live.session.ros_launch import LaunchChoice, find_native_launch
+from grader.live.sandbox.environment import find_native_launch
 from grader.recording.launch_plan import Plan
 
 ROOT = Path(__file__).parents[3]
@@ -37,7 +37,7 @@ def evaluate(root: Path, file: str, prefix: Path, *, native: bool, **arguments: 
     read, write_end = os.pipe()
     request = {"file": str(root / file), "arguments": arguments, "root": str(root), "native": native}
     done = subprocess.run(
-        [sys.executable, str(LAUNCHING / "evaluate.py"), "--result-fd", str(write_end)],
+        [sys.executable, str(LAUNCHING / "evaluate.py"), str(write_end)],
         input=json.dumps(request),
         capture_output=True,
         text=True,
@@ -138,10 +138,10 @@ def test_what_is_not_there_is_an_error_only_if_asked_for() -> None:
         pass
     else:
         pytest.skip("this machine has the real launch")
-    assert find_native_launch(interpreter, LaunchChoice.AUTO) is None
-    assert find_native_launch(interpreter, LaunchChoice.STANDIN) is None
+    assert find_native_launch(interpreter, "auto") is None
+    assert find_native_launch(interpreter, "standin") is None
     with pytest.raises(PlatformError) as caught:
-        find_native_launch(interpreter, LaunchChoice.NATIVE)
+        find_native_launch(interpreter, "native")
     assert caught.value.exit_status == 5
     assert "launch" in caught.value.problem
     assert caught.value.remedy

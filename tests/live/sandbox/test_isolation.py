@@ -142,12 +142,12 @@ def record_at(lab: Lab, isolation: Isolation) -> Recorded:
     rubric = lab.rubric()
     submission = read_submission_folder(lab.submission, rubric)
     with tempfile.TemporaryDirectory() as folder, ForkServer() as forks:
-        workspace = stage(lab.submission, submission, rubric, Path(folder), str(PYTHON))
+        wrappers = stage(lab.submission, submission, rubric, Path(folder), str(PYTHON))
         sessions = SessionRunner(
             rubric,
             submission,
-            workspace.folder,
-            workspace.executables,
+            Path(folder),
+            wrappers,
             lab.recordings,
             isolation,
             PYTHON,

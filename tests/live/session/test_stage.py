@@ -6,11 +6,12 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
 from grader.judging.rubrics import read_rubric
-from grader.live.session.stage import Workspace, stage
+from grader.live.session.stage import stage
 from grader.recording.submission import ArtifactFact, FileFact, SubmissionRecord
 from grader.submission.artifacts import decode_text
 from grader.submission.packages.colcon import find_packages
@@ -18,6 +19,13 @@ from grader.submission.packages.colcon import find_packages
 SAYS = 'import sys\nprint("{0}", __name__, sys.argv[1:])\n'
 MANIFEST = "<package><name>arm_lab</name><export><build_type>ament_python</build_type></export></package>"
 SETUP = "from setuptools import setup\nsetup(entry_points={'console_scripts': ['talk = arm_lab.talk:main']})\n"
+
+
+class Workspace(NamedTuple):
+    """A staged submission: its folder, and each artifact's wrapper in there."""
+
+    folder: Path
+    executables: dict[str, str]
 
 
 def staged(folder: Path, files: dict[str, str | bytes], **artifacts: str) -> Workspace:
@@ -32,7 +40,8 @@ def staged(folder: Path, files: dict[str, str | bytes], **artifacts: str) -> Wor
         record.texts[path] = decode_text(data)
     record.artifacts = [ArtifactFact(name, path, path, "name") for name, path in artifacts.items()]
     record.packages = find_packages(record.texts, list(files))
-    return stage(folder / "submission", record, read_rubric(None), folder / "ws", sys.executable)
+    wrappers = stage(folder / "submission", record, read_rubric(None), folder / "ws", sys.executable)
+    return Workspace(folder / "ws", wrappers)
 
 
 def run(path: Path, *arguments: str) -> str:
@@ -151,8 +160,8 @@ def test_only_listed_files_are_copied_and_no_links(tmp_path: Path) -> None:
     source.mkdir()
     (source / "joint_publisher.py").symlink_to("/etc/hostname")
     record = SubmissionRecord("ann", files=[FileFact("joint_publisher.py", 1, "")])
-    other = stage(source, record, read_rubric(None), tmp_path / "ws", sys.executable)
-    assert not (other.folder / "src/joint_publisher.py").exists()
+    stage(source, record, read_rubric(None), tmp_path / "ws", sys.executable)
+    assert not (tmp_path / "ws/src/joint_publisher.py").exists()
 
 
 def test_names_of_executables_cannot_leave_the_prefix(tmp_path: Path) -> None:
@@ -220,6 +229,7 @@ def test_data_are_installed_while_there_is_room_and_texts_before_them(tmp_path: 
     for path, content in files.items():
         (tmp_path / path).write_bytes(content.encode() if isinstance(content, str) else content)
         record.files.append(FileFact(path, len(content), ""))
-    share = stage(tmp_path, record, read_rubric(None), tmp_path / "ws", sys.executable).folder / "install/share"
+    stage(tmp_path, record, read_rubric(None), tmp_path / "ws", sys.executable)
+    share = tmp_path / "ws/install/share"
     assert len(list(share.glob("p[0-9]*/launch/robot_launch.py"))) == 12
     assert len(list(share.glob("*/a.bin"))) == 8

@@ -17,10 +17,10 @@ from grader.judging.rubrics import read_rubric
 from grader.lab.kept_lab import lab_folder
 from grader.live.session.runner import Progress
 from grader.live_exports import LiveExports
-from grader.pipeline import judge_results
 from grader.report.exports import EXPORTS
 from grader.report.exports.writing import ExportTarget, write_exports
 from grader.result_folder import RECORDINGS, RUBRIC_COPY
+from tests.regraded import judge_results
 from tests.report.exports.sample_results import every_outcome, read
 
 SOLUTION = Path(__file__).resolve().parents[2] / "recordings/solution"

@@ -441,14 +441,6 @@ _KIND_OF_ARGUMENT = {
 }
 
 
-def isclassinstance(obj: Any) -> bool:
-    return hasattr(obj, "__class__")
-
-
-def is_a(obj: Any, entity_type: type) -> bool:
-    return isinstance(obj, entity_type)
-
-
 def is_a_subclass(obj: Any, entity_type: type) -> bool:
     try:
         return isinstance(obj, entity_type) or issubclass(obj, entity_type)

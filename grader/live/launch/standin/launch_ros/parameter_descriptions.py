@@ -1,4 +1,4 @@
-"""Parameters of nodes: values, rules and files."""
+"""Parameters of nodes: values, rules and files, and how markup writes them, with remappings."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ from launch._base import (
     SubstitutionFailure,
     Text,
     Typed,
+    blaming,
+    mistake,
     normalize_to_list_of_substitutions,
     perform_substitutions,
 )
@@ -82,3 +84,78 @@ class ParameterFile(Located):
             message = f"the parameter file '{path}' is not valid YAML after its substitutions"
             raise SubstitutionFailure(message) from error
         return Path(context.session.files.add(path.stem, ".yaml", resolved))
+
+
+# -- as XML and YAML launch files write them -------------------------------------------------------
+
+
+def read_remappings(entity: Any, parser: Any) -> Any:
+    """The rules of `<remap>` inside an element."""
+    found = []
+    for rule in entity.nested("remap"):
+        found.append(tuple(parser.parse_substitution(rule.get_attr(name)) for name in ("from", "to")))
+        rule.assert_entity_completely_parsed()
+    return found or None
+
+
+def read_parameters(entity: Any, parser: Any) -> Any:
+    """The parameters of `<param>` inside an element."""
+    found = []
+    for param in entity.nested("param"):
+        with blaming(param):
+            found.append(_parse_param(param, parser))
+        param.assert_entity_completely_parsed()
+    return found or None
+
+
+_TYPE_NAMES = ("int", "float", "bool", "str", "list_of_int", "list_of_float", "list_of_bool", "list_of_str", "yaml")
+
+
+def _bad(message: str, remedy: str = "Correct this element of the file.") -> Any:
+    return mistake(RuntimeError, message, "bad_markup", remedy)
+
+
+def _type_named(name: str | None) -> Any:
+    from typing import List  # noqa: UP035
+
+    if name is None or name == "yaml":
+        return None
+    if name not in _TYPE_NAMES:
+        raise _bad(f"the type '{name}' is not one of {', '.join(_TYPE_NAMES)}", "Use one of the types.")
+    scalar = {"int": int, "float": float, "bool": bool, "str": str}[name.removeprefix("list_of_")]
+    return List[scalar] if name.startswith("list_of_") else scalar  # type: ignore[valid-type]  # noqa: UP006
+
+
+def _parse_param(param: Any, parser: Any) -> Any:
+    source = param.get_attr("from", optional=True)
+    name = param.get_attr("name", optional=True)
+    allow = param.get_attr("allow_substs", data_type=bool, optional=True)
+    if source is not None and name is not None:
+        raise _bad("a <param> has either 'name' or 'from'")
+    if source is None and allow is not None:
+        raise _bad("a <param> has 'allow_substs' only with 'from'")
+    if source is not None:
+        allow = parser.parse_substitution(allow) if isinstance(allow, str) else bool(allow)
+        return ParameterFile(parser.parse_substitution(source), allow_substs=allow)
+    if name is None:
+        raise _bad("a <param> needs 'name' or 'from'")
+    return _named_param(param, parser)
+
+
+def _named_param(param: Any, parser: Any) -> dict[Any, Any]:
+    name = tuple(parser.parse_substitution(param.get_attr("name")))
+    type_name = param.get_attr("type", optional=True)
+    kind = _type_named(type_name)
+    value = param.get_attr("value", data_type=kind, optional=True)
+    inner = param.nested("param")
+    if inner and (value is not None or kind is not None):
+        raise _bad("a <param> has either 'value' and 'type', or others inside")
+    if value is not None:
+        return {name: ParameterValue(parser.parse_if_substitutions(value), value_type=kind)}
+    if not inner:
+        raise _bad("a <param> needs 'value' or others inside")
+    content: dict[Any, Any] = {}
+    for each in inner:
+        content.update(_named_param(each, parser))
+        each.assert_entity_completely_parsed()
+    return {name: content}

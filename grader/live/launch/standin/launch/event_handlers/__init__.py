@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import collections.abc
-from collections.abc import Callable
 from typing import Any
 
 from .._base import Field, LaunchDescriptionEntity, Located, is_a_subclass, mistake, shown
@@ -156,11 +155,3 @@ class OnIncludeLaunchDescription(BaseEventHandler):
     def handle(self, event: Any, context: Any) -> Any:
         super().handle(event, context)
         return event.launch_description
-
-
-def event_named(event_name: str) -> Callable[[Any], bool]:
-    return lambda event: bool(event.name == event_name)
-
-
-def gen_handler(entities: Any) -> Callable[[Any, Any], Any]:
-    return lambda event, context: entities

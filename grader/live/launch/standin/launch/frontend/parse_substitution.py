@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from itertools import groupby
 from typing import Any
 
 from .._base import Substitution, exposed_substitutions, mistake, problems
@@ -51,13 +52,13 @@ class _Reader:
 
     def template(self, quote: str) -> list[Substitution]:
         """What stands outside of any substitution, or between two quotes: anything."""
-        parts = _Parts()
+        parts: list[Any] = []
         while self._here() and self._here() != quote:
             if self._begins_substitution():
-                parts.add(self._substitution(quote))
+                parts.append(self._substitution(quote))
             else:
-                parts.text += self._take(2 if quote and self._escapes(quote) else 1)
-        return parts.done()
+                parts.append(self._take(2 if quote and self._escapes(quote) else 1))
+        return _joined(parts)
 
     def _substitution(self, quote: str) -> Any:
         name = _NAME.match(self._text, self._at + 2)
@@ -92,21 +93,21 @@ class _Reader:
         return value
 
     def _unquoted(self, quote: str) -> list[Substitution]:
-        parts = _Parts()
+        parts: list[Any] = []
         barred = quote or "'\""
         while character := self._here():
             protected = self._text[self._at - 1] == "\\"
             if self._begins_substitution():
-                parts.add(self._substitution(quote))
+                parts.append(self._substitution(quote))
             elif any(self._escapes(each) for each in barred):
-                parts.text += self._take(2)
+                parts.append(self._take(2))
             elif character in (" ", *barred) or (character == ")" and not protected):
                 break
             elif character == "(" and not protected:
                 raise self._wrong("'(' in an argument needs quotes around the argument", "Put the argument in quotes.")
             else:
-                parts.text += self._take(1)
-        return parts.done()
+                parts.append(self._take(1))
+        return _joined(parts)
 
     def _wrong(self, what: str, remedy: str) -> Any:
         return mistake(ValueError, f"'{self._text}': {what}", "bad_markup", remedy)
@@ -126,21 +127,13 @@ class _Reader:
         return self._text.startswith("$(", self._at) and self._text[self._at - 1 : self._at] != "\\"
 
 
-class _Parts:
-    """Texts and substitutions in a row."""
-
-    def __init__(self) -> None:
-        self.text = ""
-        self._parts: list[Substitution] = []
-
-    def add(self, substitution: Substitution) -> None:
-        self.done().append(substitution)
-
-    def done(self) -> list[Substitution]:
-        if self.text:
-            self._parts.append(TextSubstitution(text=replace_escaped_characters(self.text)))
-            self.text = ""
-        return self._parts
+def _joined(parts: list[Any]) -> list[Substitution]:
+    """Substitutions, with the texts between them."""
+    found: list[Substitution] = []
+    for is_text, run in groupby(parts, lambda part: isinstance(part, str)):
+        following = list(run)
+        found += [TextSubstitution(text=replace_escaped_characters("".join(following)))] if is_text else following
+    return found
 
 
 def parse_if_substitutions(value: Any) -> Any:

@@ -312,22 +312,21 @@ class NotSubstitution(_Logical):
     decide = staticmethod(lambda truths: not truths[0])
 
 
-class _Pair(_Logical):
+@expose_substitution("and")
+class AndSubstitution(_Logical):
     left = Text(positional=POSITIONAL)
     right = Text(positional=POSITIONAL)
 
 
-@expose_substitution("and")
-class AndSubstitution(_Pair):
-    """Whether both truth values hold."""
-
-
 @expose_substitution("or")
-class OrSubstitution(_Pair):
+class OrSubstitution(AndSubstitution):
     decide = staticmethod(any)
 
 
-class _Several(_Logical):
+@expose_substitution("all")
+class AllSubstitution(_Logical):
+    """Whether several truth values all hold."""
+
     def __init__(self, *args: Any) -> None:
         super().__init__()
         self.args = [normalize_to_list_of_substitutions(arg) for arg in args]
@@ -344,13 +343,8 @@ class _Several(_Logical):
 
 
 @expose_substitution("any")
-class AnySubstitution(_Several):
+class AnySubstitution(AllSubstitution):
     decide = staticmethod(any)
-
-
-@expose_substitution("all")
-class AllSubstitution(_Several):
-    """Whether several truth values all hold."""
 
 
 class _Comparable(Text):

@@ -15,17 +15,11 @@ from .._base import (
 )
 
 ScalarTypesTuple = (int, float, bool, str)
-ListTypesTuple = (List[int], List[float], List[bool], List[str])  # noqa: UP006
-AllowedTypesTuple = ScalarTypesTuple + ListTypesTuple
 
 
 def _unreadable(message: str, raised: type[Exception] = ValueError) -> Any:
     remedy = "Give a value of the type that is asked for, or a text that can be read as one."
     return mistake(raised, message, "bad_parameter_value", remedy)
-
-
-def is_valid_scalar_type(data_type: Any) -> bool:
-    return data_type in ScalarTypesTuple
 
 
 def is_typing_list(data_type: Any) -> bool:

@@ -6,8 +6,7 @@ from typing import Any
 
 from launch._base import Action, Field, Located, Text
 
-from .._markup import read_parameters, read_remappings
-from ..parameter_descriptions import Parameter, ParameterFile, ParameterValue
+from ..parameter_descriptions import Parameter, ParameterFile, ParameterValue, read_parameters, read_remappings
 from ..utilities import normalize_parameters, normalize_remap_rules
 
 

@@ -58,14 +58,6 @@ def validate_namespace(namespace: str) -> None:
         raise mistake(InvalidNamespaceException, message, "bad_name", remedy)
 
 
-def is_root_namespace(ns: str) -> bool:
-    return ns == "/"
-
-
-def is_namespace_absolute(ns: str) -> bool:
-    return ns.startswith("/")
-
-
 def make_namespace_absolute(ns: str | None) -> str | None:
     return ns if ns is None or ns.startswith("/") else "/" + ns
 
