@@ -26,6 +26,8 @@ class Timing:
     rate_hz: float
     #: Samples written, from the sequence numbers.
     written: int
+    #: Samples written but not recorded.
+    lost: int
     #: float64[n]: Times between consecutive samples, without those across a gap.
     intervals_s: Floats
     #: int64[n]: Source timestamps of the samples that end the intervals.
@@ -121,7 +123,8 @@ def _timed(times: Integers, sequence: Integers) -> Timing | None:
     rate_hz, error_hz = written / ((times[-1] - times[0]) / 1e9), None
     if len(intervals) and np.median(intervals) < _BURSTS / rate_hz:
         rate_hz, error_hz = _slope(times, sequence)
-    return Timing(float(rate_hz), written + 1, intervals, times[1:][steps == 1], error_hz)
+    lost = written + 1 - len(times)
+    return Timing(float(rate_hz), written + 1, lost, intervals, times[1:][steps == 1], error_hz)
 
 
 #: Where the usual interval is shorter than this part of the mean one, samples come in bursts.
