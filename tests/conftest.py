@@ -6,6 +6,7 @@ import codecs
 import os
 import signal
 from collections.abc import Generator, Iterator
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -53,6 +54,16 @@ def _own_state(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
         yield
+
+
+@pytest.fixture(scope="session")
+def judged_before() -> None:
+    """Judge in this process: those that branch off it to judge need not compile templates and patterns again."""
+    from grader.judging.judgement import judge_recordings
+    from grader.judging.rubrics import read_rubric
+    from grader.lab.overrides import Overrides
+
+    judge_recordings(Path(__file__).parent / "recordings/missing_service_file", read_rubric(None), Overrides())
 
 
 @pytest.fixture

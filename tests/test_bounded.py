@@ -20,6 +20,8 @@ from grader.judging import judgement, rubrics
 from grader.lab.rubric import Rubric, load_rubric
 from tests.regraded import judge_results, regraded
 
+pytestmark = pytest.mark.usefixtures("judged_before")
+
 ROOT = Path(__file__).resolve().parents[1]
 SMALL = Bound(what="work", cpu_s=1.0, wall_s=3.0, memory_bytes=256 * 1024**2)
 

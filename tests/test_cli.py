@@ -19,6 +19,8 @@ from grader.cli import main
 from grader.lab.kept_lab import lab_folder
 from grader.result_folder import RECORDINGS, REPORT_FILE, RESULT_FILE, RUBRIC_COPY
 
+pytestmark = pytest.mark.usefixtures("judged_before")
+
 ROOT = Path(__file__).resolve().parents[1]
 SHIPPED = lab_folder() / "rubric.yaml"
 

@@ -25,6 +25,8 @@ from grader.recording.session import read_session, write_session
 from grader.recording.submission import ArtifactFact, SubmissionRecord
 from tests.regraded import regraded
 
+pytestmark = pytest.mark.usefixtures("judged_before")
+
 ROOT = Path(__file__).resolve().parents[1]
 SHIPPED = lab_folder() / "rubric.yaml"
 

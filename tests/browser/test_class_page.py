@@ -225,8 +225,7 @@ def test_focus_is_seen(page: Page) -> None:
 # -- everywhere --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
-@pytest.mark.parametrize("size", [DESK, PHONE], ids=["desk", "phone"])
+@pytest.mark.parametrize(("size", "dark"), [(DESK, False), (PHONE, True)], ids=["desk, light", "phone, dark"])
 def test_nothing_keeps_anyone_from_using_it(chromium: Browser, file: Path, size: tuple[int, int], dark: bool) -> None:
     """axe-core has no serious or critical finding, all folded parts open; nothing is asked of a network."""
     with visit(chromium, file, size, dark=dark) as seen:

@@ -20,6 +20,8 @@ from grader.lab.kept_lab import lab_folder
 from grader.result_folder import AUDIT_FILE, HISTORY
 from tests.regraded import judge_results, regraded
 
+pytestmark = pytest.mark.usefixtures("judged_before")
+
 ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = lab_folder() / "rubric.yaml"
 NAMES = ("alice", "bob")

@@ -17,6 +17,8 @@ from grader.report.exports import EXPORTS
 from grader.result_folder import RECORDINGS, RESULT_FILE, RUBRIC_COPY
 from tests.report.exports.sample_results import VARIABLES, every_outcome
 
+pytestmark = pytest.mark.usefixtures("judged_before")
+
 ROOT = Path(__file__).resolve().parents[2]
 
 

@@ -14,6 +14,8 @@ from grader.lab.kept_lab import lab_folder
 from grader.result_folder import AUDIT_FILE, CHANGES_FILE, HISTORY, RECORDINGS, RESULT_FILE, RUBRIC_COPY
 from tests.regraded import judge_results
 
+pytestmark = pytest.mark.usefixtures("judged_before")
+
 ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = lab_folder() / "rubric.yaml"
 WHY = "reason: it was so, who: J. Smith, when: 2026-11-21"

@@ -14,6 +14,8 @@ from grader.judging import rubrics
 from grader.lab.rubric import Rubric
 from tests.regraded import judge_results
 
+pytestmark = pytest.mark.usefixtures("judged_before")
+
 KEPT = Path(__file__).resolve().parents[1] / "recordings"
 
 
@@ -61,10 +63,10 @@ def test_page_and_table_are_written_and_reported(results: Path, capsys: pytest.C
     """It says how many were graded, and where the files are; the table has the points of each result."""
     status, output, _ = run(capsys, results)
     assert status == 0
-    assert output.splitlines()[0] == "3 submissions, 3 graded, median 21 of 100; 0 need attention."
+    assert output.splitlines()[0] == "3 submissions, 3 graded, median 21.5 of 100; 0 need attention."
     assert output.splitlines()[1:] == [f"Class: {results / 'index.html'}", f"Grades: {results / 'grades.csv'}"]
     assert {name: row["total"] for name, row in grades(results).items()} == {
-        "best_effort_publisher": "21",
+        "best_effort_publisher": "21.5",
         "solution": "100",
         "wrong_topic": "16",
     }
@@ -86,7 +88,7 @@ def test_a_list_adds_ids_and_who_is_missing(results: Path, tmp_path: Path, capsy
     roster = tmp_path / "class.csv"
     roster.write_text("name,student_id\nsolution,007\nnobody,8\n", encoding="utf-8")
     _, output, _ = run(capsys, results, "--class-list", roster)
-    assert output.startswith("4 submissions, 3 graded, median 21 of 100; 1 needs attention.")
+    assert output.startswith("4 submissions, 3 graded, median 21.5 of 100; 1 needs attention.")
     table = grades(results)
     assert (table["solution"]["student_id"], table["nobody"]["total"], table["nobody"]["needs"]) == (
         "007",

@@ -2,55 +2,16 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
-import os
-import subprocess
-import sys
-from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
 pytest.importorskip("rclpy")
 
-ROOT = Path(__file__).parents[2]
-GRADE = Path(sys.executable).parent / "grade"
-ALICE = ROOT / "submissions" / "alice"
+from tests.live.sample import ALICE, Graded, grade
 
 pytestmark = pytest.mark.live
-
-
-def grade(*arguments: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
-    """Run the command."""
-    return subprocess.run(
-        [str(GRADE), *map(str, arguments)], cwd=cwd, capture_output=True, text=True, timeout=280, check=False
-    )
-
-
-@dataclass(frozen=True)
-class Graded:
-    """Alice's results."""
-
-    folder: Path
-    exit_status: int
-    output: str
-    errors: str
-
-
-@pytest.fixture(scope="module")
-def alice(tmp_path_factory: pytest.TempPathFactory) -> Graded:
-    """Grade the sample once for all workers of a test run, as the README's first command does."""
-    base = tmp_path_factory.getbasetemp()
-    shared = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "alice"
-    shared.mkdir(exist_ok=True)
-    told = shared / "run.json"
-    with (shared / "lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        if not told.exists():
-            run = grade(ALICE, cwd=shared)
-            told.write_text(json.dumps([run.returncode, run.stdout, run.stderr]), encoding="utf-8")
-    return Graded(shared / "results" / "alice", *json.loads(told.read_text(encoding="utf-8")))
 
 
 def test_the_sample_is_graded(alice: Graded) -> None:

@@ -52,11 +52,6 @@ MISDEEDS = [
     Misdeed("loops", "while True:\n    pass", reason_has="still busy after 10 s"),
     Misdeed("prints_without_end", "while True:\n    print('x' * 1000)", reason_has="at the limit of output"),
     Misdeed(
-        "waits_for_a_thread",
-        "import threading, time\nthreading.Thread(target=lambda: time.sleep(1e6)).start()",
-        Outcome.PASSED,
-    ),
-    Misdeed(
         "forks_without_end",
         "import os, time\nfor _ in range(400):\n    try:\n        os.fork()\n    except OSError:\n        pass\n"
         "time.sleep(1e6)",
@@ -71,14 +66,15 @@ MISDEEDS = [
         Outcome.PASSED,
     ),
     Misdeed(
-        "writes_files",
-        "import pathlib\n"
+        "writes_files_floods_its_output_and_waits_for_a_thread",
+        "import os, pathlib, threading, time\n"
         "for folder in ('.', '..', '../..', '/ws', '/ws/install/lib', '/tmp', '/', '/launching', '/parameters'):\n"
         "    try:\n        (pathlib.Path(folder) / 'planted_by_launch').write_text('x')\n"
-        "    except OSError:\n        pass",
+        "    except OSError:\n        pass\n"
+        "for _ in range(50):\n    os.write(1, b'x' * 2**20)\n"
+        "threading.Thread(target=lambda: time.sleep(1e6)).start()",
         Outcome.PASSED,
     ),
-    Misdeed("floods_its_output", "import os\nfor _ in range(50):\n    os.write(1, b'x' * 2**20)", Outcome.PASSED),
     Misdeed(
         "floods_the_result",
         "import os, sys\nfd = int(sys.orig_argv[-1])\nfor _ in range(50):\n    os.write(fd, b'x' * 2**20)",
@@ -138,13 +134,16 @@ def processes_with(words: str) -> set[str]:
 
 
 def record_and_judge(
-    submission: Path, results: Path, on_progress: Callable[[Progress], None] = lambda progress: None
+    submission: Path,
+    results: Path,
+    on_progress: Callable[[Progress], None] = lambda progress: None,
+    scope: pipeline.Scope = pipeline.Scope.ALL,
 ) -> Result:
     """Record the launch session alone, and judge it."""
     rubric = rubrics.read_rubric(None)
     record = read_submission_folder(submission, rubric)
     record.sessions = [CRITERION]
-    options = pipeline.Options(Path(sys.executable), [CRITERION], jobs=1)
+    options = pipeline.Options(Path(sys.executable), [CRITERION], scope, jobs=1)
     pipeline.record(submission, record, rubric, results, options, on_progress)
     return judge_results(results, rubric)
 
@@ -202,7 +201,7 @@ def test_a_node_in_a_container_is_left_undecided(tmp_path: Path) -> None:
         "                                namespace='', composable_node_descriptions=[inside]),\n"
         "    ])\n"
     )
-    judged = checks_of(record_and_judge(submission, tmp_path / "results"))
+    judged = checks_of(record_and_judge(submission, tmp_path / "results", scope=pipeline.Scope.ONCE))
     nodes = judged["launch.nodes"]
     assert judged["launch.loads"].outcome is Outcome.PASSED
     assert nodes.outcome is Outcome.INCONCLUSIVE

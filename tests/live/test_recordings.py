@@ -1,9 +1,8 @@
-"""Recordings of the solution: other readers agree on them, judging them repeats, and a dead recorder costs nothing."""
+"""Recordings of the sample: other readers agree on them, and a dead recorder costs nothing."""
 
 from __future__ import annotations
 
 import dataclasses
-import fcntl
 import os
 import shutil
 import signal
@@ -27,11 +26,10 @@ sys.path.append(str(ROOT))
 from grader import pipeline, result_folder  # noqa: E402
 from grader.errors import BoundError  # noqa: E402
 from grader.evidence.recorded import Recorded  # noqa: E402
-from grader.judging import judgement, rubrics  # noqa: E402
+from grader.judging import judgement  # noqa: E402
 from grader.judging.judge import judge, open_recordings  # noqa: E402
-from grader.lab.rubric import Rubric  # noqa: E402
 from grader.result import Outcome  # noqa: E402
-from grader.submission.artifacts import read_submission_folder  # noqa: E402
+from tests.live.sample import Graded  # noqa: E402
 from tests.live.small_lab import (  # noqa: E402
     TALKER,
     TEXT,
@@ -50,35 +48,10 @@ pytestmark = pytest.mark.live
 SESSIONS = ("publisher", "subscriber", "service", "launch", "qos")
 
 
-@pytest.fixture(scope="module")
-def rubric() -> Rubric:
-    """Give the lab's own rubric."""
-    return rubrics.read_rubric(None)
-
-
-@pytest.fixture(scope="module")
-def solution(rubric: Rubric, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give the results folder of the solution, recorded once for all workers of a test run."""
-    base = tmp_path_factory.getbasetemp()
-    shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
-    results = shared / "solution"
-    with (shared / "solution.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        if not results.exists():
-            folder = ROOT / "reference" / "solution"
-            submission = read_submission_folder(folder, rubric)
-            partial = shared / "solution.partial"
-            shutil.rmtree(partial, ignore_errors=True)
-            options = pipeline.Options(Path(sys.executable))
-            pipeline.record(folder, submission, rubric, partial, options, lambda progress: None)
-            partial.rename(results)
-    return results
-
-
 @pytest.mark.parametrize("session", SESSIONS)
-def test_other_readers_agree_with_ours(session: str, solution: Path) -> None:
+def test_other_readers_agree_with_ours(session: str, alice: Graded) -> None:
     """`rosbags`, `mcap` and our own reader give the same counts, times and bytes, and every message decodes."""
-    folder = solution / result_folder.RECORDINGS / session
+    folder = alice.folder / result_folder.RECORDINGS / session
     recorded = Recorded.open(folder)
     assert recorded.record.complete
     assert not recorded.record.problems
@@ -107,12 +80,12 @@ def test_other_readers_agree_with_ours(session: str, solution: Path) -> None:
         assert all(message is not None for message in ours.messages())
 
 
-def test_values_are_those_that_were_published(solution: Path) -> None:
-    """The first joint's command in the bag is the solution's sinusoid, as read by `rosbags`."""
-    with AnyReader([solution / result_folder.RECORDINGS / "publisher"]) as bag:
+def test_values_are_those_that_were_published(alice: Graded) -> None:
+    """The first joint's command in the bag is the sample's sinusoid, as read by `rosbags`."""
+    with AnyReader([alice.folder / result_folder.RECORDINGS / "publisher"]) as bag:
         connections = [c for c in bag.connections if c.topic == "/joint_commands"]
         messages: list[Any] = [bag.deserialize(data, c.msgtype) for c, _, data in bag.messages(connections)]
-    ours = Recorded.open(solution / result_folder.RECORDINGS / "publisher").numeric("/joint_commands", "data")
+    ours = Recorded.open(alice.folder / result_folder.RECORDINGS / "publisher").numeric("/joint_commands", "data")
     assert ours is not None
     values = np.array([message.data for message in messages])
     assert len(values) > 100
@@ -122,28 +95,18 @@ def test_values_are_those_that_were_published(solution: Path) -> None:
     assert np.allclose(values[:, 0], expected, atol=1e-9)
 
 
-def test_all_traffic_is_recorded(solution: Path) -> None:
+def test_all_traffic_is_recorded(alice: Graded) -> None:
     """Logs, the clock, the grader's own publications and its service calls are in the bags too."""
-    topics = {s: {t.topic for t in Recorded.open(solution / result_folder.RECORDINGS / s).bag.topics} for s in SESSIONS}
+    topics = {
+        s: {t.topic for t in Recorded.open(alice.folder / result_folder.RECORDINGS / s).bag.topics} for s in SESSIONS
+    }
     assert {"/joint_commands", "/rosout", "/parameter_events"} <= topics["publisher"]
     assert {"/joint_commands", "/joint_states", "/rosout"} <= topics["subscriber"]
     assert {"/robot/enable/_service_event", "/parameter_events"} <= topics["service"]
     assert {"/clock", "/joint_states", "/joint_commands"} <= topics["launch"]
     assert {"/test_best_effort", "/test_reliable", "/test_sensor_data", "/test_control_command"} <= topics["qos"]
-    early = Recorded.open(solution / result_folder.RECORDINGS / "subscriber").stream("/joint_states").field("data")
+    early = Recorded.open(alice.folder / result_folder.RECORDINGS / "subscriber").stream("/joint_states").field("data")
     assert [list(data) for data in early[:20]] == [[0.1, 0.2, 0.3, 0.1, 0.2, 0.3, 0.1]] * 20
-
-
-def test_judging_a_recording_twice_gives_the_same_bytes(solution: Path, tmp_path: Path) -> None:
-    """Regrading writes the same result and report, byte for byte, wherever the recordings lie."""
-    pages = []
-    for name in ("first", "second"):
-        shutil.copytree(solution, tmp_path / name / "solution")
-        for _ in range(2):
-            regraded(tmp_path / name / "solution")
-            files = [tmp_path / name / "solution" / f for f in (result_folder.RESULT_FILE, result_folder.REPORT_FILE)]
-            pages.append([path.read_bytes() for path in files])
-    assert all(page == pages[0] for page in pages)
 
 
 def test_a_killed_recorder_costs_no_points(tmp_path: Path) -> None:

@@ -74,7 +74,8 @@ class _Row:
 @functools.cache
 def table() -> dict[str, Any]:
     """Return what stands in `causes.yaml`."""
-    sections: dict[str, Any] = yaml.safe_load((Path(__file__).parent / "causes.yaml").read_text(encoding="utf-8"))
+    text = (Path(__file__).parent / "causes.yaml").read_text(encoding="utf-8")
+    sections: dict[str, Any] = yaml.load(text, yaml.CSafeLoader)
     return sections
 
 

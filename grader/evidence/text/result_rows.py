@@ -27,7 +27,7 @@ _LONG_UNITS = (("milli", 1e-3), ("micro", 1e-6), ("nano", 1e-9), ("second", 1.0)
 #: what came.
 _KINDS: dict[str, re.Pattern[str]] = {
     kind: re.compile("|".join(words), re.IGNORECASE)
-    for kind, words in yaml.safe_load(Path(__file__).with_name("lexicon.yaml").read_text(encoding="utf-8")).items()
+    for kind, words in yaml.load(Path(__file__).with_name("lexicon.yaml").read_bytes(), yaml.CSafeLoader).items()
 }
 _MEASURED = re.compile(rf"(?<![A-Za-z_\d.])({NUMBER})(?![\d.])\s*({_UNIT}|(?:milli|micro|nano|second)[a-z]*)?")
 _UNIT_IN_BRACKETS = re.compile(rf"[(\[]\s*({_UNIT})\s*[)\]]")

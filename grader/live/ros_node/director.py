@@ -291,7 +291,7 @@ class Director:
                 self._until(lambda: False, 1.0 / float(request["rate_hz"]))
             publisher.wait_for_all_acked(Duration(seconds=_ACKNOWLEDGED_S))
         finally:
-            _send("published", Published("director", topic, request["type"], digest(data) * sent))
+            _send("published", Published("director", topic, request["type"], digest(data) * sent, recorded=True))
             node.destroy_node()
             context.shutdown()
         return "done", {"topic": topic, "matched": matched}

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from grader.evidence.crash.diagnosis import Diagnosis, advisories, explain
 from grader.recording.session import OutputLine
+from tests.thorough import part
 
 NODE_PROPERTIES = (
     *("clients", "context", "default_callback_group", "executor", "guards", "handle", "publishers", "services"),
@@ -483,18 +484,21 @@ def test_advisories_cost_nothing_and_say_what_is_better() -> None:
 
 @pytest.mark.parametrize(
     "piece",
-    [
-        "\n",
-        "a\n",
-        "Traceback (most recent call last):\n",
-        '  File "a.py", line 3, in f\n',
-        "KeyError: 'x'\n",
-        "[INFO] [\n",
-        "  | ",
-        "+-",
-        "x" * 5000 + "\n",
-        "  + Exception Group Traceback (most recent call last):\n",
-    ],
+    part(
+        [
+            "\n",
+            "a\n",
+            "Traceback (most recent call last):\n",
+            '  File "a.py", line 3, in f\n',
+            "KeyError: 'x'\n",
+            "[INFO] [\n",
+            "  | ",
+            "+-",
+            "x" * 5000 + "\n",
+            "  + Exception Group Traceback (most recent call last):\n",
+        ],
+        3,
+    ),
 )
 def test_hostile_output_takes_bounded_time(piece: str) -> None:
     """A megabyte of anything is read in a bounded time."""

@@ -22,6 +22,7 @@ from grader.evidence.text.prose import (
 )
 from grader.evidence.text.source import read_sources
 from grader.evidence.text.words import Terms
+from tests.thorough import part
 
 NAMES = Terms.of(["talker.py", "talker", "listener.py", "listener", "switch_service"], 3)
 PLACEHOLDERS = (r"^\W*todo\b", "lorem ipsum")
@@ -287,30 +288,33 @@ def test_passages_of_a_document_join_lists_and_tables() -> None:
 
 @pytest.mark.parametrize(
     "piece",
-    [
-        "a",
-        "`",
-        "[",
-        "](",
-        "![",
-        "<a ",
-        "- ",
-        "# a\n",
-        "|",
-        "--- x ",
-        "-=",
-        "*a",
-        "**a** ",
-        "talker ",
-        "talker. ",
-        "。",
-        "```\n",
-        "::\n    a\n",
-        "x\n---\n",
-        "best effort ",
-        "\n",
-        "> ",
-    ],
+    part(
+        [
+            "a",
+            "`",
+            "[",
+            "](",
+            "![",
+            "<a ",
+            "- ",
+            "# a\n",
+            "|",
+            "--- x ",
+            "-=",
+            "*a",
+            "**a** ",
+            "talker ",
+            "talker. ",
+            "。",
+            "```\n",
+            "::\n    a\n",
+            "x\n---\n",
+            "best effort ",
+            "\n",
+            "> ",
+        ],
+        3,
+    ),
 )
 def test_hostile_documents_take_bounded_time(piece: str) -> None:
     """A megabyte of anything is read in a bounded time."""
