@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from grader.evidence.text.launch_source import parameter_line
+from grader.checks.launch import parameter_line
 
 TEXT = """\
 from launch_ros.actions import Node
