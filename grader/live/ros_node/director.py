@@ -20,6 +20,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -69,6 +70,10 @@ _MATCH_S = 3.0
 _ACKNOWLEDGED_S = 1.0
 #: In a network that is not the sandbox's own, how long to look for nodes that do not belong there.
 _FOREIGN_S = 0.5
+#: How long a service may take to come up, and to answer once it has left a call unanswered: its long wait was that one.
+_BRIEFLY_S = 3.0
+#: How long a service that is called may be gone from the graph, as it is when its node has ended.
+_GONE_S = 1.0
 #: Service events that the middleware keeps until the recorder has them.
 _EVENTS_DEPTH = 100
 #: Of the disk's free space a bag takes one part in so many at most, so that no flood of messages fills it.
@@ -111,6 +116,7 @@ class Director:
         self._domain_id = domain_id
         self._forgotten: set[str] = set()
         self._clients: dict[tuple[str, str, int], Client[Any, Any]] = {}
+        self._silent: set[str] = set()
         self._requests: queue.Queue[dict[str, Any] | None] = queue.Queue()
         self._cancelled = False
 
@@ -291,7 +297,7 @@ class Director:
                 self._until(lambda: False, 1.0 / float(request["rate_hz"]))
             publisher.wait_for_all_acked(Duration(seconds=_ACKNOWLEDGED_S))
         finally:
-            _send("published", Published("director", topic, request["type"], digest(data) * sent, recorded=True))
+            _send("published", Published("director", topic, request["type"], digest(data) * sent))
             node.destroy_node()
             context.shutdown()
         return "done", {"topic": topic, "matched": matched}
@@ -322,11 +328,15 @@ class Director:
 
     def _do_call(self, request: Mapping[str, Any]) -> Answer:
         service = self._names.get(request["service"], request["service"])
-        timeout_s = float(request["timeout_s"])
-        clients = [self._ready_client(service, request["type"], n, timeout_s) for n in range(int(request["clients"]))]
+        kind, timeout_s = self._offered_type(service, request["type"]), float(request["timeout_s"])
+        briefly_s = min(timeout_s, _BRIEFLY_S)
+        timeout_s = briefly_s if service in self._silent else timeout_s
+        clients = [self._ready_client(service, kind, n, briefly_s) for n in range(int(request["clients"]))]
         if any(client is None for client in clients):
             return "timeout", {"service": service, "calls": [], "problem": "the service is not up"}
-        message = _fill(interface_named(request["type"]).Request(), request["request"])
+        message = interface_named(kind).Request()
+        sent = {k: v for k, v in request["request"].items() if k in message.get_fields_and_field_types()}
+        _fill(message, sent)
         idle, calls = [client for client in clients if client is not None], list[_Call]()
         finished: list[dict[str, Any]] = []
         left, end_s = int(request["repeat"]), time.monotonic() + float(request["at_most_s"])
@@ -344,8 +354,21 @@ class Director:
             self._spin()
             if len(finished) >= 2 and finished[-1]["response"] is None:
                 break  # A service that does not answer twice is not asked fifty times.
-        outcome = "done" if all(c["response"] is not None for c in finished) else "timeout"
-        return outcome, {"service": service, "request": dict(request["request"]), "calls": finished}
+        is_answered = all(c["response"] is not None for c in finished)
+        self._silent |= set() if is_answered else {service}
+        result = {"service": service, "type": kind, "request": sent, "calls": finished}
+        # A service that is gone would never have answered, however busy the machine.
+        late = "failed" if any(c.get("gone") for c in finished) else "timeout"
+        return ("done" if is_answered else late), result
+
+    def _offered_type(self, service: str, wanted: str) -> str:
+        """Return the type by which a service can be called: another is charged where it is offered, and answers too."""
+        offered = [s.type for s in self._watch.last.services if s.name == service]
+        for kind in offered if wanted not in offered else ():
+            with suppress(ImportError, AttributeError, ValueError):
+                interface_named(kind)
+                return kind
+        return wanted
 
     def _ask(self, request: Mapping[str, Any], operation: str, **fields: Any) -> Any:
         """Call one of the parameter services of a request's node; None if there is no answer."""
@@ -418,6 +441,7 @@ class _Call:
     def __init__(self, client: Client[Any, Any], message: Any, timeout_s: float) -> None:
         self.client = client
         self._started_ns, self._deadline = time.time_ns(), Deadline(timeout_s)
+        self._gone = Deadline(_GONE_S)
         self._future = client.call_async(message)
         self._ended_ns = 0
         self._future.add_done_callback(self._end)
@@ -426,8 +450,10 @@ class _Call:
         self._ended_ns = time.time_ns()
 
     def finish(self) -> dict[str, Any] | None:
-        """Return the record of a call that has ended (answered or too late), else None."""
-        late = self._deadline.passed()
+        """Return the record of a call that has ended (answered, too late, or its service gone), else None."""
+        self._gone = self._gone if not self.client.service_is_ready() else Deadline(_GONE_S)
+        gone = self._gone.passed()
+        late = self._deadline.passed() or gone
         if not self._future.done() and not late:
             return None
         answer = self._future.result() if self._future.done() else None
@@ -438,7 +464,8 @@ class _Call:
         ended_ns = self._ended_ns or time.time_ns()
         record = {"started_ns": self._started_ns, "ended_ns": ended_ns, "response": _jsonable(response)}
         stall_ns = round(self._deadline.stall_s * 1e9)
-        return {**record, "held_up_ns": stall_ns} if stall_ns else record
+        record |= {"held_up_ns": stall_ns} if stall_ns else {}
+        return record | {"gone": True} if gone and answer is None else record
 
 
 def _fill(message: Any, values: Mapping[str, Any]) -> Any:
