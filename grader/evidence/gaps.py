@@ -86,9 +86,7 @@ def limits_hit(recorded: Recorded) -> dict[str, str]:
 def _publisher_of(recorded: Recorded, gap: RecordingGap) -> ProcessRun | None:
     """Return the student's process that published a topic, by what its nodes asked for; else the busiest one."""
     students = [run for run in recorded.record.processes if run.role == "student"]
-    claims = [c for c in recorded.record.claims if c.kind == "publisher"]
-    plain = gap.topic.rsplit("/", 1)[-1]
-    asking = {claim.process for claim in claims if claim.name.rsplit("/", 1)[-1] == plain}
+    asking = {claim.process for claim in recorded.claims_of("publisher", gap.topic)}
     asked = [run for run in students if run.name in asking]
     return max(asked or students, key=lambda run: run.usage[-1].cpu_ns if run.usage else 0, default=None)
 
