@@ -126,6 +126,10 @@ class Finding:
     settled: Finding | None = None
     #: What was counted towards it and what was not, a line each.
     counted: tuple[str, ...] = ()
+    #: Id of the check whose failure kept this one from being tested.
+    blocked_by: str | None = None
+    #: Whether a crash, an end or a limit of the program explains it better, if there was one.
+    unexplained: bool = False
     #: Where it fails, and what depends on it was judged all the same: the share that those checks earn of their credit.
     rest: Decimal | None = None
 

@@ -57,6 +57,8 @@ class ArmSettings:
         Largest distance of each joint from zero at the start.
     noise_rad : float
         Standard deviation of the measured positions.
+    match_timeout_s : float
+        Begin even where the recorder is not there after this time.
     """
 
     rate_hz: float = 100.0
@@ -67,6 +69,7 @@ class ArmSettings:
     enable_service: str | None = None
     initial_offset_rad: float = 0.05
     noise_rad: float = 0.0
+    match_timeout_s: float = 5.0
 
     def __post_init__(self) -> None:
         for name in ("rate_hz", "clock_rate_hz", "max_velocity"):
@@ -222,6 +225,7 @@ def play(configuration: Configuration, settings: ArmSettings, stop: StopRequest)
     with reference_node("simulated_arm") as reference:
         arm = SimulatedArm(reference, configuration, settings)
         print("ready", flush=True)
+        reference.wait_until_recorded(stop, settings.match_timeout_s)
         start_ns, count = time.monotonic_ns(), 0
         while not stop:
             elapsed_ns = round(count * 1e9 / settings.step_rate_hz)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import sys
 import time
 from array import array
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,6 @@ from plateau_schedule import COMMAND, STATE, Event, PlateauSettings, schedule
 from reference_node import Configuration, ReferenceNode, StopRequest, ToldPublisher, reference_node, run, sleep_until
 
 TOPICS = {COMMAND: "/joint_commands", STATE: "/joint_states"}
-MATCH_POLL_NS = 5_000_000
 IDLE_NS = 10**9
 
 
@@ -65,22 +64,6 @@ def open_publishers(reference: ReferenceNode, configuration: Configuration) -> d
     }
 
 
-def wait_for_matched(
-    publishers: Collection[ToldPublisher], configuration: Configuration, settings: PlateauSettings, stop: StopRequest
-) -> None:
-    """Wait until each publisher is matched by the recorder's subscription and all of the student's."""
-
-    def matched(publisher: ToldPublisher) -> bool:
-        students = configuration.subscriptions.get(publisher.topic, 0)
-        return publisher.subscription_count >= max(settings.subscriptions, students + 1)
-
-    deadline_ns = time.monotonic_ns() + round(settings.match_timeout_s * 1e9)
-    while not stop and (now_ns := time.monotonic_ns()) < deadline_ns:
-        if all(matched(publisher) for publisher in publishers):
-            return
-        sleep_until(min(now_ns + MATCH_POLL_NS, deadline_ns), stop)
-
-
 def publish_all(publishers: dict[str, ToldPublisher], events: list[Event], stop: StopRequest) -> None:
     """Publish each event at its time, paced by absolute deadlines."""
     messages = {role: publisher.message_class() for role, publisher in publishers.items()}
@@ -100,7 +83,12 @@ def play(configuration: Configuration, settings: PlateauSettings, stop: StopRequ
         print("ready", flush=True)
         events = schedule(configuration.seed, settings)
         if settings.wait_for_matched:
-            wait_for_matched(publishers.values(), configuration, settings, stop)
+
+            def matched(publisher: ToldPublisher) -> bool:
+                students = configuration.subscriptions.get(publisher.topic, 0)
+                return publisher.subscription_count >= max(settings.subscriptions, students + 1)
+
+            reference.wait_until_recorded(stop, settings.match_timeout_s, matched)
         publish_all(publishers, events, stop)
         if not stop:
             print("done", flush=True)

@@ -6,7 +6,8 @@ It prints `ready` once all its endpoints exist, runs until SIGINT or SIGTERM, an
 
 What travels over DDS can be forged by students' nodes, standard output cannot. So it also prints who it is in
 the graph (`participant GID_PREFIX`, the first thing) and what it published (`published TOPIC TYPE DIGESTS`, the
-last; a digest a message). By these the judging half knows its endpoints and its messages from all others.
+last; a digest a message). By these the judging half knows its endpoints and its messages from all others. A node that
+published nothing before `wait_until_recorded` adds ` recorded`: then the whole of it has to be in the recording.
 """
 
 from __future__ import annotations
@@ -32,6 +33,9 @@ LONGEST_SLEEP_S = 0.02
 BAD_CONFIGURATION_STATUS = 2
 # As `grader.recording.trusted_channel` has them. A line of output may not be longer than 8 KiB.
 DIGEST_BYTES, PARTICIPANT_BYTES, DIGESTS_IN_LINE = 6, 12, 500
+# The namespace of the recorder's nodes, as `grader.recording.session` has it.
+GRADER_NAMESPACE = "/_grader"
+MATCH_POLL_NS = 5_000_000
 
 T = TypeVar("T")
 
@@ -139,6 +143,9 @@ class ToldPublisher:
         from rclpy.serialization import serialize_message
 
         self.message_class = message_class
+        package, folder, *_ = message_class.__module__.split(".")
+        self.topic_type = f"{package}/{folder}/{message_class.__name__}"
+        self._node = node
         self._serialize = serialize_message
         self._publisher = node.create_publisher(message_class, topic, qos)
         self._digests: list[str] = []
@@ -153,19 +160,27 @@ class ToldPublisher:
         """How many subscriptions are matched."""
         return int(self._publisher.get_subscription_count())
 
+    @property
+    def has_recorder(self) -> bool:
+        """Whether a subscription of the recorder's is in the graph."""
+        try:
+            found = self._node.get_subscriptions_info_by_topic(self.topic)
+        except (UnicodeDecodeError, RuntimeError):  # A student's node may have a name that is no text.
+            return False
+        return (GRADER_NAMESPACE, self.topic_type) in {(info.node_namespace, info.topic_type) for info in found}
+
     def publish(self, message: Any) -> None:
         """Publish a message."""
         data = self._serialize(message)
         self._digests.append(hashlib.blake2b(data, digest_size=DIGEST_BYTES).hexdigest())
         self._publisher.publish(data)
 
-    def tell(self) -> None:
+    def tell(self, *, recorded: bool) -> None:
         """Print the digests of all messages, in order."""
-        package, folder, *_ = self.message_class.__module__.split(".")
-        topic_type = f"{package}/{folder}/{self.message_class.__name__}"
+        last = " recorded" if recorded else ""
         for first in range(0, max(1, len(self._digests)), DIGESTS_IN_LINE):
             digests = "".join(self._digests[first : first + DIGESTS_IN_LINE]) or "-"
-            print(f"published {self.topic} {topic_type} {digests}", flush=True)
+            print(f"published {self.topic} {self.topic_type} {digests}{last}", flush=True)
 
 
 class ReferenceNode:
@@ -174,11 +189,27 @@ class ReferenceNode:
     def __init__(self, node: Node) -> None:
         self.node = node
         self._publishers: list[ToldPublisher] = []
+        self._recorded = False
 
     def open_publisher(self, message_class: type, topic: str, qos: QoSProfile) -> ToldPublisher:
         """Open a publisher. Each publisher of a reference node must be opened so."""
         self._publishers.append(ToldPublisher(self.node, message_class, topic, qos))
         return self._publishers[-1]
+
+    def wait_until_recorded(
+        self, stop: StopRequest, timeout_s: float, ready: Callable[[ToldPublisher], bool] = lambda publisher: True
+    ) -> None:
+        """Wait until the recorder has subscribed to each topic of this node, and `ready` holds of each publisher.
+
+        To be called before the first message. Once the time is up it goes on anyway, and what is lost then counts as
+        lost: whoever holds up the recorder gains nothing by it.
+        """
+        self._recorded = True
+        deadline_ns = time.monotonic_ns() + round(timeout_s * 1e9)
+        while not stop and (now_ns := time.monotonic_ns()) < deadline_ns:
+            if all(publisher.has_recorder and ready(publisher) for publisher in self._publishers):
+                return
+            sleep_until(min(now_ns + MATCH_POLL_NS, deadline_ns), stop)
 
     def tell_participant(self) -> None:
         """Print by which gids its endpoints are known.
@@ -197,7 +228,7 @@ class ReferenceNode:
     def tell_published(self) -> None:
         """Print the digests of all messages that it published."""
         for publisher in self._publishers:
-            publisher.tell()
+            publisher.tell(recorded=self._recorded)
 
 
 @contextmanager

@@ -11,7 +11,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from grader.checks.registry import REGISTRY, Context
+from grader.checks.base import Context
+from grader.checks.registry import REGISTRY
 from grader.evidence.recorded import Recorded
 from grader.recording.bag import BagWriter
 from grader.recording.definitions import SEPARATOR, MessageDefinition

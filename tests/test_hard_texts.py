@@ -11,9 +11,10 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from grader.checks.launch import parameter_line
 from grader.evidence import environment_gap
 from grader.evidence.crash import diagnosis
-from grader.evidence.text import launch_source, markup, printed, prose, result_rows, source, words
+from grader.evidence.text import markup, printed, prose, result_rows, source, words
 from grader.judging.rubrics import read_rubric
 from grader.lab.patterns import Budget, patterns_bounded, search
 from grader.live.launch import parameter_text
@@ -48,7 +49,7 @@ def _read_source(text: str) -> None:
     (facts,) = source.read_sources({"a.py": text})
     prose.source_passages(facts)
     environment_gap.is_newer_python(text)
-    launch_source.parameter_line(text, 1, "p")
+    parameter_line(text, 1, "p")
 
 
 def _read_results(text: str) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 
 from grader.evidence.crash.diagnosis import Diagnosis, explain
 from grader.evidence.oracle import load_oracle
-from grader.evidence.recorded import Floats, NumericStream, Recorded, can_hold_row
+from grader.evidence.recorded import Recorded
 from grader.recording.session import ProcessRun
 from grader.recording.submission import SubmissionRecord
 from grader.result import Finding, Location, Outcome
@@ -80,39 +80,6 @@ class Context:
         run = self.session.step(step) if step is not None else None
         read = (run.result.get("values", {}) if run is not None else {}).get(name)
         return read["value"] if read is not None else None
-
-    def streams(self, roles: Mapping[str, str], fieldname: str) -> dict[str, NumericStream]:
-        """Return the numeric streams for an oracle, by role; roles without numbers are left out."""
-        found = {role: self.numeric(topic, fieldname) for role, topic in roles.items()}
-        return {role: stream for role, stream in found.items() if stream is not None}
-
-    def numeric(self, topic: str, fieldname: str, *, finite: bool = True) -> NumericStream | None:
-        """Return the messages on a topic that carry rows of numbers in a field, see `Recorded.numeric`."""
-        self._require_row(topic, fieldname)
-        return self.session.numeric(topic, fieldname, finite=finite)
-
-    def rows(self, topic: str, fieldname: str) -> tuple[Floats | None, ...]:
-        """Return the row of numbers in a field of each message on a topic, see `Recorded.rows`."""
-        self._require_row(topic, fieldname)
-        return self.session.rows(topic, fieldname)
-
-    def _require_row(self, topic: str, fieldname: str) -> None:
-        """See that a field of the type that the rubric gives a topic can hold a row of numbers.
-
-        Raises
-        ------
-        LookupError
-            If it cannot, which no student can help: a mistake in the rubric.
-        """
-        stream = self.session.stream(topic)
-        given = (step.parameters for step in self.session.record.steps if topic in step.parameters.values())
-        types = {str(parameters["type"]) for parameters in given if parameters.get("type")}
-        if types and stream.topic_type not in types:
-            return  # Another type is the student's, and charged where it is published.
-        first = next((message for message in stream.messages() if message is not None), None)
-        if first is not None and not can_hold_row(first, fieldname):
-            problem = f"the field '{fieldname}' of {stream.topic_type} on {topic} holds no row of numbers"
-            raise LookupError(f"{problem}: name another in the rubric")
 
     def oracle(self, reference: str) -> Callable[..., Any]:
         """Load an oracle by ``file.py:function``, relative to the rubric's folder."""
@@ -234,13 +201,9 @@ def failed(expected: str, measured: str, reason: str, *, hint: str = "", where: 
     return graded(0.0, expected, measured, reason, hint=hint, where=where)
 
 
-class Unexplained(Finding):
-    """A finding with another reason, hint and proof where the program crashed, ended or hit a limit."""
-
-
-def unexplained(finding: Finding) -> Unexplained:
+def unexplained(finding: Finding) -> Finding:
     """Return a finding for which the engine looks whether the program crashed, ended or hit a limit."""
-    return Unexplained(**vars(finding))
+    return replace(finding, unexplained=True)
 
 
 def inconclusive(

@@ -33,7 +33,6 @@ _COMMANDS: Mapping[str, tuple[str, ...]] = {
     "topics_subscribed": ("ros2 node info {node}",),
     "reported_series": _REPLAY,
     "reported_statistics": _REPLAY,
-    "report_share": _REPLAY,
     "survives": ("{step}",),
     "service_offered": ("ros2 service list -t",),
     "call_answered": ("{step}",),

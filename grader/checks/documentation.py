@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import groupby
+from itertools import chain, groupby
 from pathlib import PurePosixPath
 
 from pydantic import Field
@@ -37,6 +37,8 @@ _WRITTEN = (".md", ".markdown", ".rst", ".txt", ".adoc", ".org", "")
 _FOR_PROGRAMS = ("requirements", "cmakelists", "constraints", "license", "licence", "copying", "manifest", "top_level")
 #: Documents that people read and the grader does not.
 _NOT_READ = (".pdf", ".docx", ".doc", ".odt", ".rtf", ".pages", ".html", ".htm", ".ipynb", ".tex")
+#: Of launch files that are not Python.
+_LAUNCH_ENDINGS = (".xml", ".yaml", ".yml")
 #: Characters of all documents together after which no other is read.
 _MOST_CHARACTERS = 300_000
 #: Letters that may follow a name, as in `publishers`.
@@ -71,11 +73,8 @@ def _sources(context: Context, artifacts: Sequence[str], rules: Rules | None = N
     """Return the facts of those artifacts that were handed in as Python; one file may hold several."""
     paths = filter(None, dict.fromkeys(context.path_of(artifact) for artifact in artifacts))
     texts = context.submission.texts
-    return read_sources({path: texts[path] for path in paths if path in texts and _is_python(path)}, rules)
-
-
-def _is_python(path: str) -> bool:
-    return PurePosixPath(path).suffix.lower() not in (".xml", ".yaml", ".yml")
+    python = (path for path in paths if path in texts and PurePosixPath(path).suffix.lower() not in _LAUNCH_ENDINGS)
+    return read_sources({path: texts[path] for path in python}, rules)
 
 
 def _for_a_person(file: str, line: int, seen: str) -> str:
@@ -121,90 +120,75 @@ def readme(context: Context, p: Readme) -> Finding:
     unread = _not_read(context)
     if not paths and not unread:
         return failed(expected, "no README", "There is no README.", hint="Write a README.md beside the code.")
-    reading = _Reading(context, p, paths)
-    share = p.run_weight * bool(reading.run) + (1 - p.run_weight) * len(reading.found) / len(reading.parts)
-    notes = [*reading.notes]
+    # What was not handed in is charged where it is missing.
+    parts = [part for part in p.parts if context.path_of(part.artifact) is not None] or list(p.parts)
+    names = {part: (*part.names, *_own_names(context, part)) for part in parts}
+    texts, hollow = _visible(context, paths, Terms.of(chain(*names.values()), _ENDING), p.placeholders)
+    run, how, notes = _how_to_run(texts, p)
+    found = {part: line for part in parts if (line := _mentioned(texts, names[part], part.synonyms)) is not None}
+    if len(found) > 1:  # Where others are named too, a part may be found by one of them.
+        found |= {
+            part: found[by] for part in parts if part not in found for by in found if by.artifact == part.shown_by
+        }
+    said = " ".join(block.text for _, shown in texts for block in shown if block.kind != "code")
+    if not found and texts and substance(said) >= p.doubt_words:  # It may call them by other names.
+        found = dict.fromkeys(parts, (texts[0][0], 1))
+        notes.append(_for_a_person(texts[0][0], 1, "names no part of the work by a name known to the grader"))
+    share = p.run_weight * bool(run) + (1 - p.run_weight) * len(found) / len(parts)
     if share < 1 and unread:
         notes = [f"For a person to read: {', '.join(unread)}, which the grader cannot. The points are given."]
         share = 1.0
-    where = [Location(file=file, line=line) for file, line in dict.fromkeys([*reading.run, *reading.found.values()])]
-    where = where or [Location(file=str(path)) for path in [*paths[:1], *unread]]
-    measured = f"how to run it: {'yes' if reading.run else 'not found'}; "
-    measured += f"{len(reading.found)} of {len(reading.parts)} parts found"
-    finding = graded(share, expected, measured, reading.reason, where=where, notes=notes)
-    return replace(finding, counted=tuple(reading.counted))
+    where = [Location(file=str(path)) for path in [*paths[:1], *unread]]
+    measured = f"how to run it: {'yes' if run else 'not found'}; {len(found)} of {len(parts)} parts found"
+    nothing = ", ".join(hollow[:_MOST_LISTED])
+    reasons = [] if run else ["The grader found no command and no sentence that says how to run the work."]
+    if lacking := ", ".join(part.names[0] for part in parts if part not in found):
+        reasons.append(f"It found no mention of {lacking}.")
+    if reasons and hollow:
+        reasons.append(f"Nothing of its own stands under {nothing}.")
+    counted = [how, *(f"{part.names[0]}: {_at(*found[part]) if part in found else 'not found'}" for part in parts)]
+    counted += [f"Not counted, as nothing of its own stands there: {nothing}"] if hollow else []
+    finding = graded(share, expected, measured, " ".join(reasons), where=where, notes=notes)
+    return replace(finding, counted=tuple(counted))
 
 
-class _Reading:
-    """What READMEs say of how to run the work (`run`) and of its parts (`found`), each with file and line."""
+#: READMEs by their paths, with what they show.
+_Texts = list[tuple[str, list[Block]]]
 
-    def __init__(self, context: Context, p: Readme, paths: Sequence[PurePosixPath]) -> None:
-        # What was not handed in is charged where it is missing.
-        self.parts = [part for part in p.parts if context.path_of(part.artifact) is not None] or list(p.parts)
-        self.run: list[tuple[str, int]] = []
-        self.found: dict[str, tuple[str, int]] = {}
-        self.notes: list[str] = []
-        self.counted: list[str] = []
-        self.reason = ""
-        names = {part.artifact: (*part.names, *_own_names(context, part)) for part in self.parts}
-        terms = {
-            part.artifact: (Terms.of(names[part.artifact], _ENDING), Terms.of(part.synonyms, _ENDING))
-            for part in self.parts
-        }
-        every = Terms.of((name for found in names.values() for name in found), _ENDING)
-        texts: list[tuple[str, list[Block]]] = []
-        hollow: list[str] = []
-        for path, document in _read(context, paths):
-            if is_source(context.submission.texts[path]):
-                hollow.append(f"{path} (source code)")
-                continue
-            shown, empty = visible(document, every, p.placeholders)
-            texts.append((path, shown))
-            hollow += [f"'{section.title}' ({path}, line {section.line})" for section in empty if section.title]
-        for path, shown in texts:
-            for part in self.parts:
-                line = mention(shown, *terms[part.artifact])
-                if line is not None:
-                    self.found.setdefault(part.artifact, (path, line))
-        by_others = [part for part in self.parts if part.shown_by in self.found] if len(self.found) > 1 else []
-        for part in by_others:
-            self.found.setdefault(part.artifact, self.found[str(part.shown_by)])
-        self._look_for_run(texts, p)
-        self._doubt(texts, p)
-        self.counted += [
-            f"{part.names[0]}: " + (_at(*self.found[part.artifact]) if part.artifact in self.found else "not found")
-            for part in self.parts
-        ]
-        if hollow:
-            self.counted.append(f"Not counted, as nothing of its own stands there: {', '.join(hollow[:_MOST_LISTED])}")
-        lacking = [part.names[0] for part in self.parts if part.artifact not in self.found]
-        reasons = [] if self.run else ["The grader found no command and no sentence that says how to run the work."]
-        reasons += [f"It found no mention of {', '.join(lacking)}."] if lacking else []
-        reasons += (
-            [f"Nothing of its own stands under {', '.join(hollow[:_MOST_LISTED])}."] if reasons and hollow else []
-        )
-        self.reason = " ".join(reasons)
 
-    def _look_for_run(self, texts: Sequence[tuple[str, list[Block]]], p: Readme) -> None:
-        for path, shown in texts:
-            if (found := command_line(shown, p.commands)) is not None:
-                self.run = [(path, found[0])]
-                self.counted.append(f"How to run it: {_at(path, found[0])}, {found[1][:80]}")
-                return
-        for path, shown in texts:
-            if (line := instruction_line(shown, p.run_words)) is not None:
-                self.run = [(path, line)]
-                self.counted.append(f"How to run it: {_at(path, line)}, in words")
-                self.notes.append(_for_a_person(path, line, "may say how the work is run, though without a command"))
-                return
-        self.counted.append("How to run it: not found")
+def _visible(
+    context: Context, paths: Sequence[PurePosixPath], names: Terms, placeholders: Sequence[str]
+) -> tuple[_Texts, list[str]]:
+    """Return what READMEs show, and the sections and files in which nothing of their own stands."""
+    texts: _Texts = []
+    hollow: list[str] = []
+    for path, document in _read(context, paths):
+        if is_source(context.submission.texts[path]):
+            hollow.append(f"{path} (source code)")
+            continue
+        shown, empty = visible(document, names, placeholders)
+        texts.append((path, shown))
+        hollow += [f"'{section.title}' ({path}, line {section.line})" for section in empty if section.title]
+    return texts, hollow
 
-    def _doubt(self, texts: Sequence[tuple[str, list[Block]]], p: Readme) -> None:
-        """Find all parts in a long text in which none was recognised: it may call them by other names."""
-        said = " ".join(block.text for _, shown in texts for block in shown if block.kind != "code")
-        if not self.found and texts and substance(said) >= p.doubt_words:
-            self.found = {part.artifact: (texts[0][0], 1) for part in self.parts}
-            self.notes.append(_for_a_person(texts[0][0], 1, "names no part of the work by a name known to the grader"))
+
+def _mentioned(texts: _Texts, names: Sequence[str], synonyms: Sequence[str]) -> tuple[str, int] | None:
+    """Return file and line of the first README that mentions a part."""
+    terms = Terms.of(names, _ENDING), Terms.of(synonyms, _ENDING)
+    lines = ((path, mention(shown, *terms)) for path, shown in texts)
+    return next(((path, line) for path, line in lines if line is not None), None)
+
+
+def _how_to_run(texts: _Texts, p: Readme) -> tuple[list[tuple[str, int]], str, list[str]]:
+    """Return where it is said how the work is run, what was found there, and what a person should look at."""
+    for path, shown in texts:
+        if (found := command_line(shown, p.commands)) is not None:
+            return [(path, found[0])], f"How to run it: {_at(path, found[0])}, {found[1][:80]}", []
+    for path, shown in texts:
+        if (line := instruction_line(shown, p.run_words)) is not None:
+            note = _for_a_person(path, line, "may say how the work is run, though without a command")
+            return [(path, line)], f"How to run it: {_at(path, line)}, in words", [note]
+    return [], "How to run it: not found", []
 
 
 def _own_names(context: Context, part: Part) -> tuple[str, ...]:
@@ -327,13 +311,13 @@ def concepts_explained(context: Context, p: ConceptsExplained) -> Finding:
         return failed(expected, measured, reason, where=where)
     covered = min(1.0, len(found.discussed) / p.full_concepts)
     share = 2 / 3 * covered + 1 / 3 if found.related else 1 / 3 * covered
-    reasons = [] if found.related else ["They are not set in relation to each other: when which, and at what price?"]
+    reasons = [] if found.related else ["It recognised no passage that weighs them: when which, and at what price?"]
     if len(found.discussed) < p.full_concepts:
         missing = ", ".join(name for name in p.concepts if name not in found.discussed)
         recognised = f"The grader recognised {len(found.discussed)} of {len(p.concepts)} subjects"
         reasons.insert(0, f"{recognised}; {p.full_concepts} give full credit. Not recognised: {missing}.")
     notes = [f"For a person to read: {s.file}, line {s.line}, seems to be words, not sentences." for s in found.strung]
-    finding = graded(share, expected, measured, " ".join(reasons), where=where, notes=notes)
+    finding = graded(share, expected, measured, " ".join(reasons), where=[] if reasons else where, notes=notes)
     places = {name: _at(passage.file, passage.line) for name, passage in found.discussed.items()}
     listed = [f"{name}: {places.get(name, 'not recognised')}" for name in p.concepts]
     related = ", ".join(_at(passage.file, passage.line) for passage in found.related[:_MOST_LISTED])

@@ -79,9 +79,7 @@ def clash(requested: Endpoint, offered: OfferedProfile | Qos) -> str | None:
 
 def claim_of(context: Context, kind: str, name: str) -> Claim | None:
     """Return the first call by which the student's node asked for an endpoint, by the tap."""
-    plain = context.session.used(name).rsplit("/", 1)[-1]
-    claims = context.session.record.claims
-    return next((c for c in claims if c.kind == kind and c.name.rsplit("/", 1)[-1] == plain), None)
+    return next(iter(context.session.claims_of(kind, name)), None)
 
 
 def claimed_at(claim: Claim | None) -> tuple[Location, ...]:

@@ -28,8 +28,7 @@ from grader.checks.base import (
 from grader.checks.preconditions import environment_gap_of
 from grader.evidence.cpu_delay import Span
 from grader.evidence.environment_gap import absent_module, is_newer_python
-from grader.evidence.recorded import Recorded, clock_step_s
-from grader.evidence.text.launch_source import parameter_line
+from grader.evidence.recorded import clock_step_s
 from grader.evidence.timing import timing_of
 from grader.lab import references as ref
 from grader.lab.references import Parameters, Share
@@ -98,7 +97,11 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
         hint = f"Install it in {build}, as the remark about the package says."
         return graded(1 - p.not_installed_costs, expected, measured, reason, hint=hint, where=where, notes=notes)
     newer = problem.kind == "syntax_error" and is_newer_python(context.submission.texts.get(problem.file or "", ""))
-    if newer or (plan.outcome == "not_assessable" and not _is_made_up(problem, context)):
+    # A module may be said to be missing that the launch file does not import, or that is not missing here.
+    made_up = problem.kind == "missing_module" and not absent_module(
+        problem.module, problem.file or "", problem.line, context.submission
+    )
+    if newer or (plan.outcome == "not_assessable" and not made_up):
         reason = "The grader cannot evaluate this launch file."
         if newer:
             reason = (
@@ -140,7 +143,7 @@ def _repaired(faults: Sequence[Mapping[str, Any]], expected: str, rest: float) -
     judged = f"To judge the rest, it was repaired on a copy{f': {done}' if done else ''}."
     finding = failed(
         expected,
-        "it stops before it starts anything",
+        "it stops with an error",
         f"{reasons} `ros2 launch` stops there. {judged}",
         hint=" ".join(dict.fromkeys(str(noted["remedy"]) for noted in faults)),
         where=[Location(file=noted["file"], line=noted["line"]) for noted in faults if noted["file"]],
@@ -151,12 +154,6 @@ def _repaired(faults: Sequence[Mapping[str, Any]], expected: str, rest: float) -
 def _at(context: Context, problem: Problem | None) -> tuple[Location, ...]:
     at_line = problem is not None and problem.file
     return (Location(file=problem.file, line=problem.line) if problem is not None and at_line else context.location(),)
-
-
-def _is_made_up(problem: Problem, context: Context) -> bool:
-    """Whether a module is said to be missing that the launch file does not import, or that is not missing here."""
-    is_import = problem.kind == "missing_module"
-    return is_import and absent_module(problem.module, problem.file or "", problem.line, context.submission) is None
 
 
 def _silent(plan: Plan) -> list[str]:
@@ -368,6 +365,21 @@ def _why_down(context: Context, entry: Process, executable: str) -> Part:
     return Part(0.0, "", reason, hint=found.remedy, where=where)
 
 
+#: Lines that a node's entry in a launch file takes at most.
+_MOST_LINES = 60
+
+
+def parameter_line(text: str, node_line: int | None, parameter: str) -> int | None:
+    """Find the line of a launch file that gives a node a parameter; else the one on which the node is made."""
+    first = node_line or 0
+    for number, line in enumerate(text.split("\n")[first : first + _MOST_LINES] if first else (), first + 1):
+        if f"'{parameter}'" in line or f'"{parameter}"' in line:
+            return number
+        if "Node(" in line:
+            break
+    return node_line
+
+
 class WantedNodeParameter(Parameters):
     """A parameter of a launched node, with the value for the default arguments and for others."""
 
@@ -531,7 +543,10 @@ def _commands_come(context: Context, p: TogetherCommands, span: Span | None, del
         reason = "No commands arrived while all ran together; do the nodes follow the simulation's clock?"
         return Part(0.0, "no commands", reason)
     wanted_hz, alone = context.parameter(p.rate_step, p.rate_parameter), context.sessions.get(p.alone_session)
-    alone_hz = _rate_alone_hz(alone, p) if alone is not None else None
+    alone_span = alone.window(p.window) if alone is not None else None
+    by_itself = timing_of(alone.stream(p.topic), alone_span) if alone is not None else None
+    clock_set = alone is not None and alone_span is not None and clock_step_s(alone.record, alone_span) > 0
+    alone_hz = by_itself.rate_hz if by_itself is not None and not clock_set else None
     as_set = isinstance(wanted_hz, (int, float)) and 0 < wanted_hz * p.least_share <= timing.rate_hz <= 2 * wanted_hz
     if alone_hz is None or as_set:
         return Part(1.0, f"commands at {timing.rate_hz:.1f} Hz")
@@ -543,19 +558,12 @@ def _commands_come(context: Context, p: TogetherCommands, span: Span | None, del
     return Part(share, f"commands at {shown} Hz ({alone_shown} Hz alone)", reason, best)
 
 
-def _rate_alone_hz(alone: Recorded, p: TogetherCommands) -> float | None:
-    """Measure the commands of the session in which they come alone; None where its clock was set meanwhile."""
-    span = alone.window(p.window)
-    timing = timing_of(alone.stream(p.topic), span)
-    return timing.rate_hz if timing is not None and not (span and clock_step_s(alone.record, span)) else None
-
-
 #: Share of a window for which a process was delayed, from which what others do may depend on that.
 _MANY_DELAYS = 0.25
 
 
 def _arm_follows(context: Context, p: TogetherFollows, *, late: bool) -> Part | None:
-    command, state = (context.numeric(t, p.field) for t in (p.command, p.topic))
+    command, state = (context.session.numeric(t, p.field) for t in (p.command, p.topic))
     if command is None or state is None or max(command.values.shape[1], state.values.shape[1]) <= p.index:
         return None
     own = (e for e in context.session.endpoints_on(p.command, "subscription") if e.node in context.reference_nodes)

@@ -8,14 +8,12 @@ from dataclasses import replace
 from pathlib import PurePosixPath
 from typing import Any
 
-from grader.checks.base import Context, Unexplained, describe_diagnosis, failed, inconclusive, undecided
+from grader.checks.base import Context, describe_diagnosis, failed, inconclusive, undecided
 from grader.checks.endpoints import claimed_at
 from grader.evidence.cpu_delay import Span
-from grader.evidence.crash.diagnosis import Diagnosis
-from grader.evidence.crash.limits import ended_by_limit, hit_limit
+from grader.evidence.crash.diagnosis import Diagnosis, ended_by_limit, hit_limit
 from grader.evidence.environment_gap import environment_gap
 from grader.evidence.recorded import clock_step_s
-from grader.evidence.text.source import spin_lines
 from grader.recording.session import Claim
 from grader.result import Finding, Location
 
@@ -49,14 +47,14 @@ def proof(context: Context, p: Any) -> tuple[Location, ...]:
 
 def explained(context: Context, p: Any, finding: Finding) -> Finding:
     """Put in what kept the program from it, where it crashed, ended or hit a limit, and the check has not said so."""
-    if not isinstance(finding, Unexplained):
+    if not finding.unexplained:
         return finding
     run = context.session.process(getattr(p, "process", ""))
     students = (run.artifact for run in context.session.record.processes if run.role == "student")
     artifact = getattr(p, "artifact", None) or (run.artifact if run is not None else next(students, None))
     reason, hint, where = (artifact and why_nothing(context, artifact)) or (finding.reason, "", ())
     where = (*where, *(location for location in finding.where or proof(context, p) if location not in where))
-    return Finding(**{**vars(finding), "reason": reason, "hint": hint or finding.hint, "where": where})
+    return replace(finding, reason=reason, hint=hint or finding.hint, where=where)
 
 
 def why_nothing(context: Context, artifact: str) -> Explanation | None:
@@ -76,12 +74,8 @@ def why_nothing(context: Context, artifact: str) -> Explanation | None:
 
 
 def _ended_already(context: Context, artifact: str) -> Explanation | None:
-    """Say of a program that ended by itself without an error what was seen of it.
-
-    That it never spins is said only where its source shows it; None if it went on until it was asked to end.
-    """
-    runs = context.session.processes_of(artifact)
-    run = runs[-1] if runs else None
+    """Say of a program that ended by itself what was seen of it; None if it went on until it was asked to end."""
+    run = next(reversed(context.session.processes_of(artifact)), None)
     if run is None or run.exited_ns is None or run.interrupted_ns is not None or run.ended_by != "itself":
         return None
     output = context.output_of(artifact)
@@ -89,14 +83,11 @@ def _ended_already(context: Context, artifact: str) -> Explanation | None:
     if run.exit_status != 0:
         reason = f"Your {artifact} node had already ended, with exit status {run.exit_status} after {after_s:.1f} s."
         return reason, "Its output shows what ended it.", (output,)
-    path = context.path_of(artifact) or ""
-    ended = f"Your {artifact} node had already ended (exit status 0 after {after_s:.1f} s, no error)"
-    if path and spin_lines(context.submission.texts.get(path, ""), context.submission.texts) == ():
-        return f"{ended}: main() never reaches rclpy.spin(node).", _SPIN_HINT, (Location(file=path), output)
-    return f"{ended}.", "Let main() spin the node until Ctrl-C.", (output,)
+    reason = f"Your {artifact} node had already ended (exit status 0 after {after_s:.1f} s, no error)."
+    return reason, _SPIN_HINT, (output,)
 
 
-_SPIN_HINT = "Call rclpy.spin(node) in main() after creating the node: it runs the node's callbacks until Ctrl-C."
+_SPIN_HINT = "main() has to reach rclpy.spin(node), which runs the node's callbacks until Ctrl-C."
 
 
 def not_assessable_here(context: Context, artifact: str, expected: str) -> Finding | None:
@@ -132,7 +123,9 @@ def unseen(context: Context, p: Any, finding: Finding, kinds: Sequence[str]) -> 
     for kind, wanted in itertools.product(kinds, _wanted(p)):
         used = context.session.used(wanted[_NAMED_BY[kind]])
         claims = [] if _is_in_graph(context, kind, used) else context.session.record.claims
-        claim = next((c for c in claims if _asks_for(c, kind, used) and _went_on(context, c)), None)
+        sought = ("node", used) if kind == "node" else (kind, used.lstrip("/"))
+        asked = (c for c in claims if sought in (("node", c.node), (c.kind, c.name.lstrip("/"))))
+        claim = next((c for c in asked if _went_on(context, c)), None)
         if claim is not None:
             reason = (
                 f"The node asked for the {kind} {used} ({claim.file}:{claim.line}), but it was not seen in the graph."
@@ -158,10 +151,6 @@ def _is_in_graph(context: Context, kind: str, name: str) -> bool:
     if kind == "service":
         return any(offer.name == name for graph in session.record.graph for offer in graph.services)
     return bool(session.endpoints_on(name, kind, context.reference_nodes))
-
-
-def _asks_for(claim: Claim, kind: str, name: str) -> bool:
-    return claim.node == name if kind == "node" else (claim.kind, claim.name.lstrip("/")) == (kind, name.lstrip("/"))
 
 
 def _went_on(context: Context, claim: Claim) -> bool:

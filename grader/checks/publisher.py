@@ -59,8 +59,8 @@ def topic_published(context: Context, p: TopicPublished) -> Finding:
     types = [*(e.type for e in endpoints), *([stream.topic_type] if len(stream) else [])]
     found_type = next((t for t in types if t != p.type), p.type)  # one that fits does not make up for another
     if not len(stream):
-        reason, hint = _silent_publisher(context, p.artifact, used)
-        return unexplained(failed(expected, f"{found_type} on {used}, 0 messages", reason, hint=hint))
+        reason = f"The publisher on {used} exists, but sent no message.{_by_timer(_timers(context))}"
+        return unexplained(failed(expected, f"{found_type} on {used}, 0 messages", reason, hint=_NO_TIMER_HINT))
     nodes = [e.node for e in endpoints]
     wrong = p.faults("topic", (p.topic, p.type), (used, found_type), nodes)
     wrong += [(p.other_type_costs, reason) for reason in _wrong_definition(context, used, endpoints)]
@@ -81,16 +81,10 @@ def _wrong_definition(context: Context, topic: str, endpoints: Sequence[Endpoint
     return []
 
 
-def _silent_publisher(context: Context, artifact: str, used: str) -> tuple[str, str]:
-    """Say of a publisher without messages what its timers tell: reason and hint."""
-    silent, timers = f"The publisher on {used} exists, but sent no message.", _timers(context)
-    source = context.submission.texts.get(context.path_of(artifact) or "", "")
-    if timers and "use_sim_time" in source and not len(context.session.stream("/clock")):
-        return (
-            f"{silent} It uses use_sim_time; in simulation time timers wait for /clock, which nobody sends here.",
-            "Leave use_sim_time to the launch file or the command line; a node by itself runs on the system's time.",
-        )
-    return f"{silent}{_by_timer(timers)}", "Call publish() from a timer that the node creates, and spin the node."
+_NO_TIMER_HINT = (
+    "Call publish() from a timer that the node creates, and spin the node. With use_sim_time, which belongs into the "
+    "launch file, timers wait for /clock, which nobody sends here."
+)
 
 
 class _Timed(Parameters):
@@ -325,7 +319,7 @@ def message_values(context: Context, p: MessageValues) -> Finding:
     """Judge the length and finiteness of a field; credit in parts."""
     within = f", none beyond ±{p.reach:g}" if p.reach is not None else ""
     expected = f"{p.length} finite numbers in '{p.field}' of every message{within}"
-    rows = context.rows(p.topic, p.field)
+    rows = context.session.rows(p.topic, p.field)
     if not rows:
         return failed(expected, "no messages", "No message arrived.")
     lengths = [len(row) if row is not None else 0 for row in rows]
@@ -394,7 +388,7 @@ def sinusoids(context: Context, p: Sinusoids) -> Finding:
     """
     wanted = ", ".join(f"{c.amplitude:g}·sin(2π·{c.frequency_hz:g}·t) in [{c.index}]" for c in p.components)
     expected = f"{wanted}, the others 0"
-    series = context.numeric(p.topic, p.field, finite=False)
+    series = context.session.numeric(p.topic, p.field, finite=False)
     if series is None or len(series.values) < _FEWEST:
         return not_reached("Too few messages with numbers arrived to see a motion.", expected=expected)
     parts = [_judge_component(series, component, p) for component in p.components]

@@ -133,9 +133,10 @@ def topics_carry_traffic(context: Context, p: TopicsCarryTraffic) -> Finding:
 
 def _unheard(context: Context, topic: str) -> str:
     """Say why nothing that is published on a topic can be received by the student's own side, or nothing."""
-    if not student_endpoints(context, topic, "subscription"):
+    offers, requests = (student_endpoints(context, topic, kind) for kind in ("publisher", "subscription"))
+    if not requests:
         return f"Nothing subscribes to {topic}."
-    policy = _self_clash(context, topic)
+    policy = clash(requests[0], offers[0].qos) if offers else None
     return f"The two sides of {topic} are incompatible in {policy}: none can arrive." if policy else ""
 
 
@@ -390,15 +391,6 @@ def _judge_row(
     return (0.75, f"{row.name} reports no largest latency.") if got.max_s is None else (1.0, "")
 
 
-def _self_clash(context: Context, topic: str) -> str | None:
-    """Return the policy in which the student's subscription asks for more than the student's publisher offers."""
-    offers = student_endpoints(context, topic, "publisher")
-    requests = student_endpoints(context, topic, "subscription")
-    if not offers or not requests:
-        return None
-    return clash(requests[0], offers[0].qos)
-
-
 def _latency_problem(context: Context, p: ReportedTraffic, row: Row, got: ResultRow, late_s: float) -> str:
     """Say why a reported latency cannot be, or nothing.
 
@@ -406,7 +398,8 @@ def _latency_problem(context: Context, p: ReportedTraffic, row: Row, got: Result
     """
     if got.mean_s is None:
         return f"{row.name} reports {got.count} messages, but no latency."
-    latencies = _latencies_s(context, row.topic)
+    stream = context.session.stream(row.topic)
+    latencies: Floats = (stream.received_ns - stream.source_ns) / 1e9
     if not len(latencies):
         return ""
     if _stamped_otherwise(context, latencies):
@@ -436,8 +429,3 @@ def _stamped_otherwise(context: Context, latencies: Floats) -> bool:
     busy = context.session.recorder_delay_s(span) > _RECORDER_BUSY * span.duration_s
     plausible = _LEAST_MEDIAN_S <= float(np.median(latencies)) <= _MOST_MEDIAN_S
     return not plausible and not busy and not clock_step_s(record, span)
-
-
-def _latencies_s(context: Context, topic: str) -> Floats:
-    stream = context.session.stream(topic)
-    return (stream.received_ns - stream.source_ns) / 1e9

@@ -103,7 +103,3 @@ REGISTRY: dict[str, Check] = {
     "code_explained": Check(documentation.CodeExplained, documentation.code_explained),
     "concepts_explained": Check(documentation.ConceptsExplained, documentation.concepts_explained),
 }
-
-PARAMETERS_OF: dict[str, type[Parameters]] = {name: check.parameters for name, check in REGISTRY.items()}
-
-__all__ = ["PARAMETERS_OF", "REGISTRY", "Check", "Context"]

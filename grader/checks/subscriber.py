@@ -111,7 +111,7 @@ class Streams(Parameters):
 
     def recorded(self, context: Context) -> dict[str, NumericStream] | None:
         """Return the streams by role, or None where one of them was not recorded."""
-        streams = context.streams(self.streams, self.field)
+        streams = context.session.streams(self.streams, self.field)
         return streams if len(streams) == len(self.streams) else None
 
 
@@ -253,7 +253,7 @@ def _kept_silent(context: Context, p: ReportedSeries, silent: Sequence[_Plateau]
     Those are the silent ones at the end for half of which it had no core; and any, where the grader stalled and
     read too late what was printed.
     """
-    times = [stream.source_ns for stream in context.streams(p.streams, p.field).values()]
+    times = [stream.source_ns for stream in context.session.streams(p.streams, p.field).values()]
     run, span = (
         context.session.processes_of(p.artifact)[-1:],
         Span(min(int(t[0]) for t in times), max(int(t[-1]) for t in times)),
@@ -292,7 +292,7 @@ def _lost_to_machine(context: Context, p: Streams) -> tuple[float, str]:
     processes = context.session.processes_of(p.artifact)
     if not processes or _ended(context, p.artifact):
         return 0.0, ""
-    most = max((s.source_ns for s in context.streams(p.streams, p.field).values()), key=len)
+    most = max((s.source_ns for s in context.session.streams(p.streams, p.field).values()), key=len)
     span = Span(int(most[0]), int(most[-1]))
     length_s = max(span.duration_s, 1e-9)
     claims = [claim_of(context, "subscription", topic) for topic in p.streams.values()]
@@ -566,7 +566,7 @@ def _without_repeats(context: Context, p: Streams, heard: Sequence[Report]) -> l
     came together after a silence it cannot say more than came until then. Where more is said than the time in which
     the grader stalled explains, lines are repeated: those that follow each other faster than messages count once.
     """
-    streams = context.streams(p.streams, p.field).values()
+    streams = context.session.streams(p.streams, p.field).values()
     begun_ns = max((int(stream.source_ns[0]) for stream in streams), default=0)
     sent = max((s.source_ns[s.source_ns >= begun_ns] for s in streams), key=len, default=np.array([], dtype=np.int64))
     if len(sent) < 2:

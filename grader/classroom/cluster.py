@@ -112,7 +112,7 @@ def _laid_out(sent: Bundle, scratch: Path) -> Job:
         sent.job,
         source=replace(sent.job.source, folder=submission),
         results=scratch / "results",
-        rubric=replace(sent.job.rubric, folder=lab),
+        rubric=sent.job.rubric.model_copy(update={"folder": lab}),
         options=replace(options, interpreter=Path(sys.executable)) if sent.own_interpreter else options,
     )
 

@@ -41,14 +41,11 @@ def anonymous(entries: Sequence[ClassEntry], rubric: Rubric) -> list[ClassEntry]
     """
     submitted = (entry.result.provenance.get("submission_sha256", "") if entry.result else "" for entry in entries)
     key = hashlib.sha256("\n".join(sorted(submitted)).encode()).digest()
-    order = sorted(range(len(entries)), key=lambda n: (_keyed(key, entries[n].name), n))
+    names = [entry.name.encode("utf-8", "surrogatepass") for entry in entries]
+    order = sorted(range(len(entries)), key=lambda n: (hmac.digest(key, names[n], "sha256"), n))
     digits = max(2, len(str(len(entries))))
     hide = _Hider(entries, rubric)
     return [_hidden(entries[index], f"Student {rank:0{digits}d}", hide) for rank, index in enumerate(order, 1)]
-
-
-def _keyed(key: bytes, name: str) -> bytes:
-    return hmac.digest(key, name.encode("utf-8", "surrogatepass"), "sha256")
 
 
 def _hidden(entry: ClassEntry, pseudonym: str, hide: _Hider) -> ClassEntry:

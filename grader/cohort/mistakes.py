@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from decimal import Decimal
 
 from grader.lab.rubric import Rubric
-from grader.result import CheckResult, Outcome, Result
+from grader.result import CheckResult, Result
 
 MOST_VALUES = 3
 MOST_CHARACTERS = 2000
@@ -63,7 +63,7 @@ def mistakes_of(results: Mapping[int, Result], rubric: Rubric) -> tuple[Mistake,
     """
     groups: dict[tuple[str, str, str], list[tuple[Made, CheckResult]]] = {}
     for row, result in results.items():
-        following = _following(result, rubric)
+        following = _following(result)
         for check in result.checks:
             if check.lost > 0 and check.id in following:
                 made = Made(row, check.lost, following[check.id])
@@ -86,33 +86,14 @@ def _mistake(members: Sequence[tuple[Made, CheckResult]]) -> Mistake:
     )
 
 
-# -- what follows from what --------------------------------------------------------------------
-
-
-def _following(result: Result, rubric: Rubric) -> dict[str, Decimal]:
+def _following(result: Result) -> dict[str, Decimal]:
     """Return, for each check that cost points by itself, the points that were out of reach because of it."""
+    lost = {check.id: check for check in result.checks if check.lost > 0}
     sums: dict[str, Decimal] = {}
-    for check in (check for check in result.checks if check.lost > 0):
-        cause = _cause(check, result, rubric)
+    for check in lost.values():
+        cause = check.blocked_by if check.blocked_by in lost else check.id
         sums[cause] = sums.get(cause, Decimal(0)) + (check.lost if cause != check.id else 0)
     return sums
-
-
-def _cause(check: CheckResult, result: Result, rubric: Rubric) -> str:
-    """Return the check that a loss goes back to: itself, one that it requires, or an earlier one of its criterion."""
-    requires = {spec.id: spec.requires for spec in rubric.checks()}
-    checks = {c.id: c for c in result.checks}
-    for _ in checks:  # No chain is longer.
-        if check.outcome is not Outcome.NOT_REACHED:
-            break
-        criterion = next(c.checks for c in result.criteria if check in c.checks)
-        required = (checks[name] for name in requires.get(check.id, ()) if name in checks)
-        blocking = [c for c in required if c.outcome in (Outcome.FAILED, Outcome.NOT_REACHED) and c.lost > 0]
-        blocking += [c for c in criterion[: criterion.index(check)] if c.outcome is Outcome.FAILED and c.lost > 0]
-        if not blocking:
-            break
-        check = blocking[0]
-    return check.id
 
 
 # -- what is the same in different words -------------------------------------------------------

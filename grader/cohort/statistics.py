@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import statistics
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from decimal import Decimal
@@ -15,7 +16,7 @@ from enum import Enum
 from grader.cohort.entries import ClassEntry
 from grader.cohort.mistakes import Mistake, mistakes_of
 from grader.lab.rubric import Rubric
-from grader.result import Adjustment, CriterionResult, Outcome, Result
+from grader.result import CriterionResult, Outcome, Result
 
 #: Submissions below which a correlation says next to nothing.
 LEAST_FOR_DISCRIMINATION = 10
@@ -32,39 +33,9 @@ class Row:
     cells: tuple[CriterionResult | None, ...]
 
     @property
-    def outcomes(self) -> dict[str, Outcome]:
-        """Check id -> outcome."""
-        return {check.id: check.outcome for check in self.result.checks} if self.result else {}
-
-    @property
     def result(self) -> Result | None:
         """None if the submission was not graded."""
         return self.entry.result
-
-    @property
-    def problem(self) -> str:
-        """Why it was not graded; empty if it was."""
-        return "" if self.result else self.entry.problem or "It was not graded."
-
-    @property
-    def total(self) -> Decimal:
-        """Points with all adjustments; 0 if it was not graded."""
-        return self.result.final if self.result else Decimal(0)
-
-    @property
-    def possible(self) -> Decimal:
-        """Points that could be had."""
-        return self.result.score.possible if self.result else Decimal(0)
-
-    @property
-    def undecided(self) -> Decimal:
-        """Points that are neither earned nor lost, and that no person has decided since."""
-        return self.result.still_undecided if self.result else Decimal(0)
-
-    @property
-    def adjustments(self) -> tuple[Adjustment, ...]:
-        """What changed the points after the judgement."""
-        return self.result.adjustments if self.result else ()
 
 
 class Need(str, Enum):
@@ -192,24 +163,22 @@ class ClassSummary:
 
 def summarise(entries: Sequence[ClassEntry], rubric: Rubric) -> ClassSummary:
     """Sum up a class; what was judged by another rubric than this is told among the things to do."""
+    judged = [{c.id: c for c in entry.result.criteria} if entry.result else {} for entry in entries]
     rows = tuple(
-        Row(entry, tuple(_cell(entry.result, criterion.id) for criterion in rubric.criteria)) for entry in entries
+        Row(entry, tuple(cells.get(criterion.id) for criterion in rubric.criteria))
+        for entry, cells in zip(entries, judged, strict=True)
     )
     results = {n: row.result for n, row in enumerate(rows) if row.result is not None}
     return ClassSummary(
         f"Lab {rubric.lab.id}: {rubric.lab.title}",
         rows,
         tuple(_column(n, rubric, rows) for n in range(len(rubric.criteria))),
-        _spread([row.total for row in rows if row.result], rubric.lab.points) if results else None,
+        _spread([result.final for result in results.values()], rubric.lab.points) if results else None,
         _check_statistics(list(results.values()), rubric),
         mistakes_of(results, rubric),
         tuple(sorted(_todos(rows, rubric), key=lambda todo: list(Need).index(todo.need))),
         2 / math.sqrt(len(results)) if len(results) >= LEAST_FOR_DISCRIMINATION else None,
     )
-
-
-def _cell(result: Result | None, criterion: str) -> CriterionResult | None:
-    return next((judged for judged in result.criteria if judged.id == criterion), None) if result else None
 
 
 def _column(index: int, rubric: Rubric, rows: Sequence[Row]) -> Column:
@@ -225,16 +194,10 @@ def _column(index: int, rubric: Rubric, rows: Sequence[Row]) -> Column:
 def _spread(totals: Sequence[Decimal], possible: Decimal) -> Spread:
     ordered = sorted(totals)
     first, median, third = statistics.quantiles(ordered * 2 if len(ordered) == 1 else ordered, method="inclusive")
-    mean, bars = statistics.mean(ordered), _bars(ordered, possible)
-    return Spread(len(ordered), possible, mean, ordered[0], first, median, third, ordered[-1], bars)
-
-
-def _bars(totals: Sequence[Decimal], possible: Decimal) -> tuple[Bar, ...]:
     width = possible / BARS
-    counts = [0] * BARS
-    for total in totals:
-        counts[max(0, min(BARS - 1, int(total / width) if width else 0))] += 1
-    return tuple(Bar(width * n, width * (n + 1), count) for n, count in enumerate(counts))
+    places = Counter(max(0, min(BARS - 1, int(total / width) if width else 0)) for total in ordered)
+    bars = tuple(Bar(width * n, width * (n + 1), places[n]) for n in range(BARS))
+    return Spread(len(ordered), possible, statistics.mean(ordered), ordered[0], first, median, third, ordered[-1], bars)
 
 
 # -- what each check tells ---------------------------------------------------------------------
@@ -291,19 +254,17 @@ def _todos(rows: Sequence[Row], rubric: Rubric) -> list[Todo]:
     found = []
     for n, row in enumerate(rows):
         if row.result is None:
-            found.append(Todo(n, Need.NOT_GRADED, rubric.lab.points, (), (row.problem,)))
+            found.append(Todo(n, Need.NOT_GRADED, rubric.lab.points, (), (row.entry.problem,)))
             continue
-        violations = row.result.violations
-        if violations:
+        if violations := row.result.violations:
             kinds = tuple(dict.fromkeys(v.kind.value.replace("_", " ") for v in violations))
             described = (v.text if v.certain else f"{v.text} {UNCERTAIN}" for v in violations if v.text)
             texts = tuple(dict.fromkeys(described))
-            found.append(Todo(n, Need.VIOLATION, row.possible, kinds, texts))
-        undecided = row.result.open_checks
-        if undecided:
+            found.append(Todo(n, Need.VIOLATION, row.result.score.possible, kinds, texts))
+        if undecided := row.result.open_checks:
             texts = tuple(dict.fromkeys(c.reason for c in undecided if c.reason))
             titles = tuple(c.title for c in undecided)
-            found.append(Todo(n, Need.UNDECIDED, row.undecided, titles, texts, undecided[0].id))
+            found.append(Todo(n, Need.UNDECIDED, row.result.still_undecided, titles, texts, undecided[0].id))
         if row.result.rubric_sha256 != rubric.sha256:
             found.append(Todo(n, Need.OTHER_RUBRIC, Decimal(0), (), ()))
     return found

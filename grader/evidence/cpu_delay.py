@@ -42,11 +42,6 @@ class Delay:
     end_ns: int
     delay_ns: int
 
-    @property
-    def slack_s(self) -> float:
-        """Return for how long within it the process was not delayed."""
-        return (self.end_ns - self.start_ns - self.delay_ns) / 1e9
-
 
 def clipped(delays: Iterable[Delay], span: Span) -> Iterator[Delay]:
     """Return what of delays may lie within a span: of one that reaches over its ends, as much as there is room for."""
@@ -86,7 +81,8 @@ def backlog(delays: Iterable[Delay], span: Span, room_s: float, busy: float) -> 
         waiting = min(waiting, room_s)
         late += waiting * delay_s
         # One delay may lie at the end of its time and the next at its beginning, so that nothing is between the two.
-        waiting, slack = max(0.0, waiting - pace * slack), delay.slack_s
+        waiting = max(0.0, waiting - pace * slack)
+        slack = (delay.end_ns - delay.start_ns - delay.delay_ns) / 1e9  # in it the process was not delayed
         end_ns = delay.end_ns
     return Backlog(lost, late / max(span.duration_s, 1e-9))
 

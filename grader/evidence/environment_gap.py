@@ -11,13 +11,14 @@ import ast
 import functools
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import PurePosixPath
 
 import regex
 
 from grader.evidence.crash.diagnosis import Diagnosis
 from grader.evidence.known_packages import known_packages
-from grader.evidence.text.syntax import expression_tree, normalise, tree_of
+from grader.evidence.text.syntax import normalise, tree_of
 from grader.recording.submission import SubmissionRecord
 
 _WHO_DECIDES = "Your instructor will run it by hand."
@@ -127,20 +128,13 @@ def is_newer_python(text: str) -> bool:
     """Whether a text is right by the syntax of Python 3.12, and not by an older one's.
 
     Type aliases, type parameters, and f-strings that hold their own quotation marks are written as before 3.12;
-    what is then right was right.
+    what is then right was right, but for what stands in such a string: that a person will see.
     """
     text = normalise(text)
     older = _TYPE_PARAMETERS.sub(r"\1", _TYPE_ALIAS.sub(r"\1\2 =", text))
-    older = _without_inner_quotes(older)
+    with suppress(TimeoutError):
+        older = _F_STRING.sub(_without_newer_fields, older, timeout=_LONGEST_SEARCH_S)
     return older != text and tree_of(older) is not None
-
-
-def _without_inner_quotes(text: str) -> str:
-    """Return a text in which a bare name stands in those fields of f-strings that are expressions of the newer kind."""
-    try:
-        return _F_STRING.sub(_without_newer_fields, text, timeout=_LONGEST_SEARCH_S)
-    except TimeoutError:
-        return text
 
 
 def _without_newer_fields(string: regex.Match[str]) -> str:
@@ -148,8 +142,7 @@ def _without_newer_fields(string: regex.Match[str]) -> str:
     signs = (quotes, "\n" if len(quotes) == 1 else quotes, "\\")
 
     def older(found: regex.Match[str]) -> str:
-        newer = found["field"] and any(sign in found[0] for sign in signs)
-        return "{_}" if newer and _is_expression(found[0][1:-1]) else found[0]
+        return "{_}" if found["field"] and any(sign in found[0] for sign in signs) else found[0]
 
     begin = string[0].index(quotes) + len(quotes)
     return string[0][:begin] + _FIELD.sub(older, string[0][begin:])
@@ -157,16 +150,3 @@ def _without_newer_fields(string: regex.Match[str]) -> str:
 
 #: Ordinary files take a thousandth of it.
 _LONGEST_SEARCH_S = 2.0
-_CONVERSION = re.compile(r"(?<![!=<>])=?\s{0,9}(?:![rsa])?(?::(?!=).*)?$", re.DOTALL)
-
-
-def _is_expression(field: str) -> bool:
-    """Whether the contents of a field are an expression, with what says how to show it or without."""
-    if len(field) > _LONGEST_FIELD:
-        return False
-    older = _without_inner_quotes(field)  # once for all readings: what is nested would else be read three times a level
-    readings = dict.fromkeys((older, _CONVERSION.sub("", older), older.rpartition(":")[0]))
-    return any(text.strip() and expression_tree(f"({text})") is not None for text in readings)
-
-
-_LONGEST_FIELD = 500

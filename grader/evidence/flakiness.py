@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from grader.evidence.cpu_delay import Span
-from grader.evidence.crash.limits import ended_by_limit
+from grader.evidence.crash.diagnosis import ended_by_limit
 from grader.evidence.recorded import Recorded
 from grader.recording.session import ProcessRun
 

@@ -86,9 +86,7 @@ def limits_hit(recorded: Recorded) -> dict[str, str]:
 def _publisher_of(recorded: Recorded, gap: RecordingGap) -> ProcessRun | None:
     """Return the student's process that published a topic, by what its nodes asked for; else the busiest one."""
     students = [run for run in recorded.record.processes if run.role == "student"]
-    claims = [c for c in recorded.record.claims if c.kind == "publisher"]
-    plain = gap.topic.rsplit("/", 1)[-1]
-    asking = {claim.process for claim in claims if claim.name.rsplit("/", 1)[-1] == plain}
+    asking = {claim.process for claim in recorded.claims_of("publisher", gap.topic)}
     asked = [run for run in students if run.name in asking]
     return max(asked or students, key=lambda run: run.usage[-1].cpu_ns if run.usage else 0, default=None)
 
@@ -103,8 +101,8 @@ class Dropped:
 
 #: So many may be missing: more than a reliable connection on loopback loses, and too few to change a verdict.
 _HARMLESS = 0.05
-#: For so long one may publish before the recorder's subscription is matched: in vain, if one keeps nothing for those
-#: who come later, or is gone by then.
+#: For so long one that does not wait for the recorder's subscription may publish before it is matched: in vain, if it
+#: keeps nothing for those who come later, or is gone by then.
 _MATCHED_WITHIN_S = 5.0
 
 
@@ -121,22 +119,27 @@ def dropped(recorded: Recorded) -> tuple[Dropped, ...]:
     limited = {gap.topic for gap in record.unrecorded}
     by_topic: dict[tuple[str, str], list[Published]] = {}
     for entry in record.published:
-        run = recorded.process(entry.process)
-        gone_at_once = (
-            run is not None and (run.exited_ns or record.ended_ns) - run.started_ns <= _MATCHED_WITHIN_S * 1e9
-        )
-        if entry.topic not in limited and not gone_at_once:
+        if entry.topic not in limited and not _gone_at_once(recorded, entry):
             by_topic.setdefault((entry.topic, entry.type), []).append(entry)
     found = []
     for (topic, _), entries in by_topic.items():
         published = sum(len(digests_of(entry)) for entry in entries)
         apart = recorded.authorship(topic) if recorded.published_on(topic) == tuple(entries) else None
         apart = apart or authorship(recorded.bag, topic, entries)
-        there, early = (len(apart.own), _before_match(recorded, topic, apart.own)) if apart is not None else (0, 0)
+        there, early = (len(apart.own), 0) if apart is not None else (0, 0)
+        if apart is not None and not all(entry.recorded for entry in entries):
+            early = _before_match(recorded, topic, apart.own)
         if published - early - there > _HARMLESS * published:
             text = f"Of the {published} messages that the grader published on {topic} {there} are recorded."
             found.append(Dropped(topic, text))
     return tuple(found)
+
+
+def _gone_at_once(recorded: Recorded, entry: Published) -> bool:
+    run = recorded.process(entry.process)
+    if entry.recorded or run is None:
+        return False
+    return (run.exited_ns or recorded.record.ended_ns) - run.started_ns <= _MATCHED_WITHIN_S * 1e9
 
 
 def _before_match(recorded: Recorded, topic: str, own: Stream) -> int:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import itertools
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ from grader.recording.bag import Bag, Stream
 from grader.recording.session import (
     PARTICIPANT_DIGITS,
     UNKNOWN_NODE,
+    Claim,
     Endpoint,
     OutputLine,
     ProcessRun,
@@ -184,6 +185,11 @@ class Recorded:
         values = np.array([rows[i] for i in order], dtype=np.float64)
         return NumericStream(stream.source_ns[order], stream.received_ns[order], stream.sequence[order], values)
 
+    def streams(self, roles: Mapping[str, str], field: str) -> dict[str, NumericStream]:
+        """Return the numeric streams for an oracle, by role; roles without numbers are left out."""
+        found = {role: self.numeric(topic, field) for role, topic in roles.items()}
+        return {role: stream for role, stream in found.items() if stream is not None}
+
     # -- graph --------------------------------------------------------------------------------
 
     def is_trusted(self, gid: str) -> bool:
@@ -240,6 +246,11 @@ class Recorded:
     def nodes(self) -> tuple[str, ...]:
         """Fully qualified names of all nodes that were ever in the graph."""
         return tuple(dict.fromkeys(node for graph in self.record.graph for node in graph.nodes))
+
+    def claims_of(self, kind: str, name: str) -> list[Claim]:
+        """Return the calls by which student's nodes asked for an endpoint, in whatever namespace, by the tap."""
+        plain = self.used(name).rsplit("/", 1)[-1]
+        return [c for c in self.record.claims if c.kind == kind and c.name.rsplit("/", 1)[-1] == plain]
 
     # -- processes ----------------------------------------------------------------------------
 
@@ -418,21 +429,6 @@ def _numbers(value: Any) -> Floats | None:
     except (TypeError, ValueError):
         return None
     return row if row.ndim == 1 else None
-
-
-def can_hold_row(message: object, field: str) -> bool:
-    """Whether a message's type has a field that holds a row of numbers; what lies in an empty row is not known."""
-    value: Any = message
-    for step in field.split("."):
-        if step.isdecimal() and isinstance(value, (list, tuple, np.ndarray)):
-            if int(step) >= len(value):
-                return True
-            value = value[int(step)]
-        elif hasattr(value, step):
-            value = getattr(value, step)
-        else:
-            return False
-    return _numbers(value) is not None
 
 
 def _first_numbers(message: object | None) -> Floats | None:

@@ -38,15 +38,15 @@ def adjust(
     without it. The total is never below 0.
     """
     listed = list(entries)
-    parts: list[CheckResult | CriterionResult] = [*result.criteria, *result.checks]
-    earned = {_part(each): each.earned for each in parts}
-    possible = {_part(each): each.possible for each in parts}
+    parts: dict[tuple[str, str | None], CheckResult | CriterionResult] = {("check", c.id): c for c in result.checks}
+    parts |= {("criterion", criterion.id): criterion for criterion in result.criteria}
+    earned = {part: judged.earned for part, judged in parts.items()}
     criterion_of = {check.id: criterion.id for criterion in result.criteria for check in criterion.checks}
     made: list[Adjustment] = []
     for entry in sorted(listed, key=lambda entry: entry.check is None):
         part = ("check", entry.check) if entry.check is not None else ("criterion", entry.criterion)
         if part in earned:  # Else nothing of it was judged.
-            change = _changed(earned[part], entry, possible[part]) - earned[part]
+            change = _changed(earned[part], entry, parts[part].possible) - earned[part]
             earned[part] += change
             if entry.check is not None:
                 earned["criterion", criterion_of[entry.check]] += change
@@ -57,10 +57,6 @@ def adjust(
         standing = result.score.earned + sum((change.points for change in made), Decimal(0))
         made += _lateness(standing, listed, late, submitted)
     return replace(result, adjustments=tuple(made))
-
-
-def _part(judged: CheckResult | CriterionResult) -> tuple[str, str | None]:
-    return ("check" if isinstance(judged, CheckResult) else "criterion", judged.id)
 
 
 def _changed(points: Decimal, entry: Override, possible: Decimal) -> Decimal:

@@ -10,19 +10,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from grader import __version__
-from grader.checks.base import inconclusive, not_reached, undecided
+from grader.checks.base import Context, inconclusive, not_reached, undecided
 from grader.checks.commands import commands_of
 from grader.checks.invalidated import is_timed, named, not_measurable, with_checks, without_rest
 from grader.checks.preconditions import missing_artifact
-from grader.checks.registry import REGISTRY, Context
+from grader.checks.registry import REGISTRY
 from grader.errors import RecordingError
-from grader.evidence.crash.diagnosis import advisories
-from grader.evidence.crash.limits import hit_limit
+from grader.evidence.crash.diagnosis import advisories, hit_limit
 from grader.evidence.flakiness import inconclusive_reason, may_be_flaky
 from grader.evidence.gaps import describe_gap, dropped, gaps, limits_hit
 from grader.evidence.integrity import tampering_in
@@ -181,6 +179,8 @@ def _judge(
         finding = not_measurable(finding.expected, tampering)
     elif recorded is not None:
         finding = _as_far_as_recorded(_settled(finding, recorded), spec, recorded)
+    if finding.outcome is Outcome.NOT_REACHED:
+        return dataclasses.replace(finding, blocked_by=_failed_before(spec, findings, rubric))
     if finding.outcome not in (Outcome.FAILED, Outcome.PARTIAL):
         return finding
     if recorded is not None and (flaky := inconclusive_reason(recorded, context.reference_nodes)) is not None:
@@ -199,8 +199,15 @@ def _blocked(spec: CheckSpec, findings: Mapping[str, Finding], rubric: Rubric) -
     if not earlier.outcome.decided:
         return inconclusive("", "", f"Depends on '{title}', which is not decided yet.", retry=False)
     if earlier.outcome is Outcome.NOT_REACHED:
-        return not_reached(earlier.reason)  # It names what is at the root of both.
-    return not_reached(f"Not tested, because '{title}' failed.")
+        # It names what is at the root of both.
+        return dataclasses.replace(not_reached(earlier.reason), blocked_by=earlier.blocked_by)
+    return dataclasses.replace(not_reached(f"Not tested, because '{title}' failed."), blocked_by=required)
+
+
+def _failed_before(spec: CheckSpec, findings: Mapping[str, Finding], rubric: Rubric) -> str | None:
+    """Return the first check of a session that failed, for which a later one could not be reached."""
+    earlier = (check.id for check in rubric.checks() if check.session == spec.session and check.id in findings)
+    return next((name for name in earlier if findings[name].outcome is Outcome.FAILED), None)
 
 
 def _found(spec: CheckSpec, context: Context) -> Finding:
@@ -251,11 +258,9 @@ def judge(recordings: Recordings, rubric: Rubric) -> Result:
     """Judge one submission."""
     violations = violations_of(recordings, rubric)
     findings = judge_checks(recordings, rubric, violations)
-    criteria = score_criteria(
-        rubric,
-        findings,
-        {spec.id: _next_steps(spec, recordings, rubric, findings) for spec in rubric.checks() if spec.id in findings},
-    )
+    judged = (spec for spec in rubric.checks() if spec.id in findings)
+    commands = {spec.id: _commands(spec, recordings, rubric, findings[spec.id]) for spec in judged}
+    criteria = score_criteria(rubric, findings, commands)
     return Result(
         submission=recordings.submission.name,
         lab=f"Lab {rubric.lab.id}: {rubric.lab.title}",
@@ -268,31 +273,14 @@ def judge(recordings: Recordings, rubric: Rubric) -> Result:
     )
 
 
-def _next_steps(
-    spec: CheckSpec, recordings: Recordings, rubric: Rubric, findings: Mapping[str, Finding]
-) -> dict[str, Any]:
-    """Return what else the student is given with a finding: commands, or the check that has to be fixed before."""
-    finding = findings[spec.id]
-    if finding.outcome is Outcome.NOT_REACHED:
-        return {"blocked_by": _root(spec, rubric, findings)}
-    if finding.outcome in (Outcome.FAILED, Outcome.PARTIAL):
-        recorded = recordings.sessions.get(spec.session or "")
-        used = recorded.record.names if recorded is not None else {}
-        return {"commands": commands_of(spec, rubric, recordings.submission, used, finding)}
-    return {}
-
-
-def _root(spec: CheckSpec, rubric: Rubric, findings: Mapping[str, Finding]) -> str | None:
-    """Return the failed check that kept one from being tested: one that it requires, or the first of its session."""
-    lost = [check for check in rubric.checks() if check.id in findings and findings[check.id].outcome not in _GOES_ON]
-    before = lost[: next(n for n, check in enumerate(lost) if check.id == spec.id)]
-    required = next((check for check in before if check.id in spec.requires), None)
-    if required is not None and findings[required.id].outcome is Outcome.NOT_REACHED:
-        return _root(required, rubric, findings)
-    failed = (
-        check.id for check in before if check.session == spec.session and findings[check.id].outcome is Outcome.FAILED
+def _commands(spec: CheckSpec, recordings: Recordings, rubric: Rubric, finding: Finding) -> tuple[str, ...]:
+    """Return the commands that show a student what points were lost for."""
+    if finding.outcome not in (Outcome.FAILED, Outcome.PARTIAL):
+        return ()
+    recorded = recordings.sessions.get(spec.session or "")
+    return commands_of(
+        spec, rubric, recordings.submission, recorded.record.names if recorded is not None else {}, finding
     )
-    return required.id if required is not None else next(failed, None)
 
 
 def _advisories(recordings: Recordings, criteria: tuple[CriterionResult, ...]) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from grader.checks.registry import PARAMETERS_OF
+from grader.checks.registry import REGISTRY
 from grader.cohort.entries import ClassEntry
 from grader.errors import RecordingError, RubricError, UsageError
 from grader.lab import kept_lab
@@ -55,6 +55,7 @@ def recorded_rubric(copy: Path, *, trusted: bool = False) -> Rubric:
     try:
         return load_rubric(copy, rubric_kinds(), lab_folder() if shipped else copy.parent / kept_lab.KEPT)
     except RubricError as error:
+        error.remedy = "`--rubric rubric.yaml` judges by today's."
         if not files and not shipped:
             error.remedy = "The recordings are without the files of their lab; give its rubric by --rubric."
         raise
@@ -62,7 +63,7 @@ def recorded_rubric(copy: Path, *, trusted: bool = False) -> Rubric:
 
 def rubric_kinds() -> Kinds:
     """Return the checks and figures that a rubric can use."""
-    return Kinds(PARAMETERS_OF, FIGURES)
+    return Kinds({name: check.parameters for name, check in REGISTRY.items()}, FIGURES)
 
 
 def read_overrides(path: Path | None, results: Path, rubric: Rubric, sources: Iterable[str] = ()) -> Overrides:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from decimal import ROUND_HALF_UP, Decimal
-from typing import Any
 
 from grader.lab.rubric import CheckSpec, Rubric
 from grader.result import CheckResult, CriterionResult, Finding, Score
@@ -12,26 +11,22 @@ from grader.result import CheckResult, CriterionResult, Finding, Score
 TENTH = Decimal("0.1")
 
 
-def score_check(spec: CheckSpec, finding: Finding, **more: Any) -> CheckResult:
-    """Give a finding its points, and what else is known of the check; what is undecided is neither earned nor lost."""
+def score_check(spec: CheckSpec, finding: Finding, commands: tuple[str, ...] = ()) -> CheckResult:
+    """Give a finding its points, and commands that show it; what is undecided is neither earned nor lost."""
     undecided = Decimal(0) if finding.outcome.decided else spec.points
     earned = (spec.points * finding.credit).quantize(TENTH, ROUND_HALF_UP) if finding.outcome.decided else Decimal(0)
     points = {"earned": earned, "possible": spec.points, "undecided": undecided}
-    return CheckResult.of(finding, id=spec.id, title=spec.title, session=spec.session, **points, **more)
+    return CheckResult.of(finding, id=spec.id, title=spec.title, session=spec.session, commands=commands, **points)
 
 
 def score_criteria(
-    rubric: Rubric, findings: Mapping[str, Finding], more: Mapping[str, Mapping[str, Any]] | None = None
+    rubric: Rubric, findings: Mapping[str, Finding], commands: Mapping[str, tuple[str, ...]]
 ) -> tuple[CriterionResult, ...]:
-    """Add up each criterion over the checks that were judged; criteria without any are left out.
-
-    `more` is what else is known of checks, by their ids.
-    """
-    known = more or {}
+    """Add up each criterion over the checks that were judged; criteria without any are left out."""
     criteria = []
     for criterion in rubric.criteria:
         judged = [spec for spec in criterion.checks if spec.id in findings]
-        checks = tuple(score_check(spec, findings[spec.id], **known.get(spec.id, {})) for spec in judged)
+        checks = tuple(score_check(spec, findings[spec.id], commands.get(spec.id, ())) for spec in judged)
         if checks:
             sums = vars(total(checks))
             found = CriterionResult(

@@ -16,7 +16,7 @@ from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from grader.lab.policy import Moment, TimeSpan, parse_time
 from grader.lab.rubric import Rubric
@@ -72,12 +72,6 @@ def _date(value: Any) -> Any:
     return found.isoformat(timespec="minutes") if isinstance(found, datetime) else found.isoformat()
 
 
-def _bonus(points: Decimal) -> Decimal:
-    if points <= 0:
-        raise ValueError("a bonus is more than 0 points; add takes points of a check or a criterion")
-    return points
-
-
 Points = Annotated[Decimal, BeforeValidator(_points)]
 Words = Annotated[str, BeforeValidator(_words)]
 
@@ -94,7 +88,7 @@ class Override(Strict):
     #: A check or a criterion loses nothing.
     excused: Literal[True] | None = None
     #: Points beyond the rubric's.
-    bonus: Annotated[Points, AfterValidator(_bonus)] | None = None
+    bonus: Annotated[Points, Field(gt=0)] | None = None
     #: How much later it is due.
     extension: TimeSpan | None = None
     #: When it is due, and when it was handed in, in place of what is known.

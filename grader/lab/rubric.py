@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from decimal import Decimal
 from functools import cached_property
 from pathlib import Path
@@ -275,18 +275,11 @@ class RubricFile(Parameters):
         return self
 
 
-@dataclass(frozen=True)
-class Rubric:
+class Rubric(RubricFile):
     """A validated rubric, the folder of the files that it names, and its YAML, a copy of which goes with recordings."""
 
-    lab: LabSpec
-    artifacts: dict[str, ArtifactSpec]
-    reference: dict[str, ReferenceSpec]
-    sessions: dict[str, SessionSpec]
-    criteria: tuple[CriterionSpec, ...]
     folder: Path
     text: str
-    policy: Policy = field(default_factory=Policy)
 
     @property
     def sha256(self) -> str:
@@ -326,8 +319,7 @@ def load_rubric(path: Path, kinds: Kinds, *folders: Path) -> Rubric:
             errors.append(error)
             continue
         mistakes.raise_any(_REMEDY)
-        parts = (found.lab, found.artifacts, found.reference, found.sessions, found.criteria)
-        return Rubric(*parts, folder, text, found.policy)
+        return Rubric(**dict(found), folder=folder, text=text)
     mistakes.add_validation((), min(errors, key=lambda error: error.error_count()))
     raise mistakes.error(_REMEDY)
 

@@ -1,6 +1,7 @@
 """The plan of a launch file: what would start, with which command line, and when.
 
-A plan is data: the live half runs it, the recording keeps it, the report shows it.
+A plan is data: the live half runs it, the recording keeps it, the report shows it. What an evaluation says besides, by
+which the stand-in is compared with the original, is for nobody else and is left out here.
 """
 
 from __future__ import annotations
@@ -113,7 +114,6 @@ class Argument:
     default: str | None = None
     description: str = ""
     choices: tuple[_Text, ...] | None = None
-    included: _Flag = False
     file: str | None = None
     line: _Line | None = None
 
@@ -140,14 +140,8 @@ class Parameter:
 class Component:
     """A node that is loaded into a container."""
 
-    package: str | None = None
     plugin: str | None = None
     name: str | None = None
-    namespace: str | None = None
-    parameters: tuple[Parameter, ...] = ()
-    remappings: _Remappings = ()
-    file: str | None = None
-    line: _Line | None = None
 
 
 @dataclass(frozen=True)
@@ -167,21 +161,15 @@ class Process:
     #: choice that holds `parameter_files`.
     prefix: tuple[_Word, ...] = ()
     argv: tuple[_Word, ...] = ()
-    #: What differs from the environment of the launch; if `env_replaces`, `env` is all there is.
+    #: What differs from the environment of the launch.
     env: _Environment = field(default_factory=dict)
-    env_unset: tuple[_Word, ...] = ()
-    env_replaces: _Flag = False
     cwd: Annotated[_Path, AfterValidator(_require_folder)] | None = None
     parameters: tuple[Parameter, ...] = ()
     remappings: _Remappings = ()
     output: Any = "log"
     respawn: _Flag = False
     respawn_delay_s: _Seconds = 0.0
-    respawn_max_retries: _Line = -1
-    emulate_tty: _Flag = False
     shell: _Flag = False
-    sigterm_timeout_s: _Seconds = 5.0
-    sigkill_timeout_s: _Seconds = 5.0
     #: None: at once. Else what it waits for: `after_s`, `on_start_of`, `on_exit_of`, `on_shutdown`, ...
     when: _Moment | None = None
     #: On what condition it was started.
@@ -359,10 +347,6 @@ class Plan:
     includes: tuple[Include, ...] = ()
     logs: tuple[Note, ...] = ()
     warnings: tuple[Note, ...] = ()
-    shutdowns: tuple[Mapping[str, Any], ...] = ()
-    signals: tuple[Mapping[str, Any], ...] = ()
-    #: What lifecycle nodes are asked to do: `process`, `transition`, `when`, `file`, `line`.
-    transitions: tuple[Mapping[str, Any], ...] = ()
     loaded_components: tuple[Mapping[str, Any], ...] = ()
     #: What a condition kept back, or what is not evaluated: `what`, `why`, `file`, `line`.
     not_started: tuple[Mapping[str, Any], ...] = ()

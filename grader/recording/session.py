@@ -204,6 +204,8 @@ class Published:
     #: `digest` of each message's CDR, one behind the other: that of the message with the publication sequence
     #: number n stands at place n, counted from 1.
     digests: str
+    #: Whether it published nothing before the recorder's subscription was there, so that the whole has to be recorded.
+    recorded: bool = False
 
 
 @dataclass

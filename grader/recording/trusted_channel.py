@@ -5,9 +5,10 @@ report who they are and what they published by another way: the director in its 
 standard output:
 
     participant GID_PREFIX
-    published TOPIC TYPE DIGESTS
+    published TOPIC TYPE DIGESTS [recorded]
 
-The last may come in several lines, in order; `-` stands for no messages.
+The last may come in several lines, in order; `-` stands for no messages, `recorded` for a node that waited for the
+recorder's subscription before it published.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from grader.recording.session import ProcessRun, Published, SessionRecord, Trust
 DIGEST_DIGITS = 12
 
 _PARTICIPANT = re.compile(r"participant ([0-9a-f]{24})")
-_PUBLISHED = re.compile(rf"published (/\S+) (\S+) (-|(?:[0-9a-f]{{{DIGEST_DIGITS}}})+)")
+_PUBLISHED = re.compile(rf"published (/\S+) (\S+) (-|(?:[0-9a-f]{{{DIGEST_DIGITS}}})+)( recorded)?")
 
 
 def digest(data: bytes) -> str:
@@ -43,19 +44,19 @@ def collect_trusted_messages(record: SessionRecord) -> None:
     for run in record.processes:
         if run.role == "reference":
             by_topic: dict[tuple[str, str], Published] = {}
-            for topic, topic_type, digests in _trusted_messages(run, record):
-                entry = by_topic.setdefault((topic, topic_type), Published(run.name, topic, topic_type, ""))
+            for topic, topic_type, digests, recorded in _trusted_messages(run, record):
+                entry = by_topic.setdefault((topic, topic_type), Published(run.name, topic, topic_type, "", recorded))
                 entry.digests += digests
             record.published += by_topic.values()
 
 
-def _trusted_messages(run: ProcessRun, record: SessionRecord) -> Iterator[tuple[str, str, str]]:
+def _trusted_messages(run: ProcessRun, record: SessionRecord) -> Iterator[tuple[str, str, str, bool]]:
     """Take the trusted messages out of a process's output; those on publications are returned."""
     output, run.output = run.output, []
     for line in output:
         if line.stream == "stdout" and (match := _PARTICIPANT.fullmatch(line.text)):
             record.trusted.append(Trusted(run.name, match[1]))
         elif line.stream == "stdout" and (match := _PUBLISHED.fullmatch(line.text)):
-            yield match[1], match[2], match[3].strip("-")
+            yield match[1], match[2], match[3].strip("-"), bool(match[4])
         else:
             run.output.append(line)

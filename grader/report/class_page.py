@@ -70,7 +70,7 @@ def render(summary: ClassSummary, *, anonymous: bool = False) -> str:
         single=[(n, mistake) for n, mistake in enumerate(summary.mistakes) if len(mistake.made_by) == 1],
         mistakes=[[k for k, m in enumerate(summary.mistakes) if any(one.row == n for one in m.made_by)] for n in rows],
         codes=[_codes(row, summary) for row in summary.rows],
-        wholes=[views.final_share(row.total, row.possible, row.undecided) for row in summary.rows],
+        final_share=views.final_share,
         titles={check.id: check.title for check in summary.checks} | {c.id: c.title for c in summary.columns},
         criteria={check.id: summary.columns[check.column].title for check in summary.checks},
         remarks=[_remark(check, summary.noise) for check in summary.checks],
@@ -81,9 +81,9 @@ def render(summary: ClassSummary, *, anonymous: bool = False) -> str:
 
 def _codes(row: Row, summary: ClassSummary) -> str:
     """Return a letter for each criterion, then for each check."""
-    outcomes = [cell.outcome if cell else None for cell in row.cells]
-    outcomes += [row.outcomes.get(check.id) for check in summary.checks]
-    return "".join(CODES[outcome] for outcome in outcomes)
+    checks = {check.id: check for check in row.result.checks} if row.result else {}
+    judged = [*row.cells, *(checks.get(check.id) for check in summary.checks)]
+    return "".join(CODES[part.outcome if part else None] for part in judged)
 
 
 def _zone(summary: ClassSummary) -> timezone | None:

@@ -49,7 +49,8 @@ def shown(text: str, longest: int = LONGEST) -> str:
     for character in text[:longest].replace("\r\n", "\n"):
         marks = marks + 1 if unicodedata.combining(character) else 0
         if marks <= _MOST_MARKS:
-            kept.append(character if _harmless(character) else f"⟨U+{ord(character):04X}⟩")
+            hidden = character not in _KEPT and unicodedata.category(character) in _HIDDEN
+            kept.append(f"⟨U+{ord(character):04X}⟩" if hidden else character)
     return "".join(kept) + (" … (cut)" if cut else "")
 
 
@@ -58,10 +59,6 @@ def line(text: str, longest: int = 300) -> str:
     # Split again, since where a terminal sequence stood between blanks, two are left.
     whole = " ".join(shown(" ".join(text[: longest * 4].split()), longest * 4).split())
     return whole if len(whole) <= longest and len(text) <= longest * 4 else whole[: longest - 1] + "…"
-
-
-def _harmless(character: str) -> bool:
-    return character in _KEPT or unicodedata.category(character) not in _HIDDEN
 
 
 # -- terminal and CI log -----------------------------------------------------------------------

@@ -74,18 +74,22 @@ def render(summary: ClassSummary) -> str:
         [*head, *ids, *(f"{name}_outcome" for name in ids), "adjustments", "needs", "problem"]
     ]
     for number, row in enumerate(summary.rows):
-        submitted, score = row.entry.submitted_at, row.result.score if row.result else None
+        submitted, result = row.entry.submitted_at, row.result
+        sums: list[str | Decimal] = [""] * 4
+        if result:
+            sums = [result.final, result.score.earned, result.score.possible, result.still_undecided]
+        adjustments = result.adjustments if result else ()
         rows.append(
             [
                 row.entry.name,
                 row.entry.student_id or "",
                 submitted.isoformat() if submitted else "",
-                *([row.total, score.earned, score.possible, row.undecided] if score else [""] * 4),
+                *sums,
                 *(cell.earned if cell else "" for cell in row.cells),
                 *map(_outcome, row.cells),
-                "; ".join(f"{a.kind.value} {points(a.points)}: {a.reason}".rstrip(": ") for a in row.adjustments),
+                "; ".join(f"{a.kind.value} {points(a.points)}: {a.reason}".rstrip(": ") for a in adjustments),
                 ", ".join(todo.need.value for todo in summary.todos if todo.row == number),
-                row.problem,
+                row.entry.problem,
             ]
         )
     return csv_text(rows)

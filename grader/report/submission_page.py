@@ -28,7 +28,7 @@ def render(
         ("report.css",),
         "report.js",
         result=result,
-        score=views.final_share(result.final, result.score.possible, result.still_undecided),
+        score=views.final_share(result),
         most=views.points(result.final + result.still_undecided),
         judged=views.points(result.score.earned),
         adjustments=views.adjustments_of(result),

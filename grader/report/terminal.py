@@ -138,7 +138,8 @@ def _add_criterion(table: Table, criterion: CriterionResult) -> None:
 
 def _add_checks(table: Table, checks: Sequence[CheckResult]) -> None:
     first = checks[0]
-    sign = _sign(first.outcome)
+    badge = badge_of(first.outcome)
+    sign = Text(badge.sign, _COLOURS[badge.style])
     body = Text(", ".join(check.title for check in checks))
     body.append(f"  {', '.join(check.id for check in checks)}", "dim")
     if first.reason:
@@ -155,8 +156,3 @@ def _add_checks(table: Table, checks: Sequence[CheckResult]) -> None:
     earned = points(sum((check.earned for check in checks), Decimal(0))) if checks[1:] else earned_text(first)
     possible = points(sum((check.possible for check in checks), Decimal(0)))
     table.add_row(sign, body, Text(f"{earned} / {possible}", sign.style))
-
-
-def _sign(outcome: Outcome) -> Text:
-    badge = badge_of(outcome)
-    return Text(badge.sign, _COLOURS[badge.style])

@@ -230,10 +230,12 @@ def signed(value: Decimal) -> str:
     return f"{'+' if value > 0 else '−'}{points(abs(value))}" if value else "±0"
 
 
-def final_share(total: Decimal, possible: Decimal, undecided: Decimal) -> Share:
+def final_share(result: Result) -> Share:
     """Describe the points with all adjustments; a bonus may make them more than are possible."""
-    within = max(Decimal(0), min(total, possible))
-    return replace(share_of(within, possible, min(undecided, possible - within)), earned=points(total))
+    possible = result.score.possible
+    within = max(Decimal(0), min(result.final, possible))
+    share = share_of(within, possible, min(result.still_undecided, possible - within))
+    return replace(share, earned=points(result.final))
 
 
 # -- what interfered with the grader's own nodes and topics ------------------------------------
@@ -283,18 +285,14 @@ def _excerpt(texts: Mapping[str, str], file: str, number: int) -> tuple[SourceLi
         return ()
     first = max(1, number - CONTEXT_LINES)
     last = min(len(lines), number + CONTEXT_LINES)
-    near = [_source(text) for text in lines[first - 1 : last]]
+    tabless = (text.replace("\t", "    ") for text in lines[first - 1 : last])
+    near = [t if len(t) <= LONGEST_SOURCE_LINE else t[: LONGEST_SOURCE_LINE - 1] + "…" for t in tabless]
     common = min((len(text) - len(text.lstrip(" ")) for text in near if text.strip()), default=0)
     return tuple(
         SourceLine(n, text[common:], n == number)
         for n, text in enumerate(near, first)
         if n == number or n < len(lines) or text
     )
-
-
-def _source(text: str) -> str:
-    text = text.replace("\t", "    ")
-    return text if len(text) <= LONGEST_SOURCE_LINE else text[: LONGEST_SOURCE_LINE - 1] + "…"
 
 
 def location_of(where: Location, texts: Mapping[str, str], anchors: Mapping[tuple[str, str], str]) -> ShownLocation:
@@ -390,7 +388,8 @@ def end_of(run: ProcessRun) -> str:
     status = run.exit_status
     if status is None:
         return "did not end" if run.exited_ns is None else "ended, exit status not known"
-    how = f"signal {_signal(-status)}" if status < 0 else f"exit status {status}"
+    signals = {each.value: each.name for each in signal.Signals}
+    how = f"signal {signals.get(-status, -status)}" if status < 0 else f"exit status {status}"
     ways = {
         "itself": f"ended by itself, {how}",
         "interrupt": f"ended after Ctrl-C (SIGINT), {how}",
@@ -400,13 +399,6 @@ def end_of(run: ProcessRun) -> str:
     }
     limit = f"; limit hit: {run.limit}" if run.limit is not None else ""
     return ways[run.ended_by] + limit
-
-
-def _signal(number: int) -> str:
-    try:
-        return signal.Signals(number).name
-    except ValueError:
-        return str(number)
 
 
 # -- where and how -----------------------------------------------------------------------------

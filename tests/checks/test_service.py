@@ -391,23 +391,9 @@ def test_a_call_that_the_grader_itself_delayed_is_undecided(tmp_path: Path) -> N
 QUIET: dict[str, Any] = {"interrupted_ns": None, "ended_by": "itself", "exit_status": 0, "exited_ns": at(0.9)}
 
 
-@pytest.mark.parametrize(
-    ("source", "words"),
-    [
-        (
-            "def main():\n    node = make()\n    # rclpy.spin(node)\n",
-            "no error): main() never reaches rclpy.spin(node).",
-        ),
-        ("def main():\n    rclpy.spin_once(node)\n", "(exit status 0 after 0.8 s, no error)."),
-        ("from helper import run\nrun()\n", "(exit status 0 after 0.8 s, no error)."),
-        ("def main(:\n", "(exit status 0 after 0.8 s, no error)."),
-    ],
-)
 @pytest.mark.parametrize("check", ["call_answered", "topic_published", "topics_subscribed", "service_offered"])
-def test_a_node_that_ended_without_an_error_is_reported_what_its_source_shows(
-    tmp_path: Path, check: str, source: str, words: str
-) -> None:
-    """That main() never spins is said only where the source shows it, and in each check of the node alike."""
+def test_a_node_that_ended_without_an_error_is_told_to_spin(tmp_path: Path, check: str) -> None:
+    """That it had ended is said in each check of the node alike."""
     parameters: dict[str, dict[str, Any]] = {
         "call_answered": ANSWERED,
         "service_offered": OFFERED,
@@ -416,11 +402,10 @@ def test_a_node_that_ended_without_an_error_is_reported_what_its_source_shows(
     }
     session = Session(tmp_path).process("it", **QUIET)
     session.step("call", "enable", "cancelled", problem="the student's process had ended")
-    finding = judged(check, parameters[check], session, submission({"it.py": source, "helper.py": ""}, it="it.py"))
+    finding = judged(check, parameters[check], session, submission({"it.py": ""}, it="it.py"))
     assert finding.outcome is Outcome.FAILED
     assert finding.reason.startswith("Your it node had already ended (exit status 0 after 0.8 s, no error)")
-    assert finding.reason.endswith(words)
-    assert "return" not in finding.hint
+    assert "rclpy.spin(node)" in finding.hint
 
 
 def test_what_could_not_be_asked_of_a_node_that_ended_is_not_charged_again(tmp_path: Path) -> None:

@@ -98,7 +98,7 @@ def test_the_rubric_with_all_its_programs_counts(tmp_path: Path, rubric: Rubric)
         assert fingerprint.lab_sha256(here) != whole, name
         path.write_text(text, encoding="utf-8")
     assert fingerprint.lab_sha256(here) == whole
-    assert fingerprint.lab_sha256(replace(here, text=here.text + "\n")) != whole
+    assert fingerprint.lab_sha256(here.model_copy(update={"text": here.text + "\n"})) != whole
 
 
 def test_of_the_rubrics_own_folder_not_everything_counts(tmp_path: Path, rubric: Rubric) -> None:
@@ -108,7 +108,7 @@ def test_of_the_rubrics_own_folder_not_everything_counts(tmp_path: Path, rubric:
     (tmp_path / "submissions").mkdir()
     (tmp_path / "submissions" / "ann.py").write_text("")
     specs = {name: spec.model_copy(update={"file": "arm.py"}) for name, spec in rubric.reference.items()}
-    atomic_replacement = replace(rubric, folder=tmp_path, reference=specs)
+    atomic_replacement = rubric.model_copy(update={"folder": tmp_path, "reference": specs})
     assert set(fingerprint.lab_files(atomic_replacement)) == {"arm.py", "arm_model.py", "oracles.py"}
 
 

@@ -10,7 +10,6 @@ from typing import Any
 
 from grader.cohort.entries import ClassEntry
 from grader.json_text import json_text
-from grader.lab.policy import Policy
 from grader.lab.rubric import CheckSpec, CriterionSpec, LabSpec, Rubric
 from grader.result import RESULT_SCHEMA, read_result
 
@@ -37,7 +36,7 @@ def rubric_of(*checks: tuple[str, int], requires: dict[str, tuple[str, ...]] | N
         criteria.append(CriterionSpec(id=name, title=name.title(), points=total, checks=own))
     total = sum((c.points for c in criteria), Decimal(0))
     lab = LabSpec(id="1", title="Nodes", points=total)
-    return Rubric(lab, {}, {}, {}, tuple(criteria), Path(), "text", Policy())
+    return Rubric(lab=lab, criteria=tuple(criteria), folder=Path(), text="text")
 
 
 def plain_check(spec: CheckSpec, credit: float | None, reason: str = "", outcome: str = "") -> dict[str, Any]:

@@ -76,7 +76,7 @@ def test_a_korean_name_hides_no_word_that_sounds_alike_at_first() -> None:
 
 def test_words_of_the_rubric_are_no_names() -> None:
     """A submission called after what it gets wrong keeps the reasons readable; its whole name goes."""
-    lab = dataclasses.replace(LAB, text="title: the topic has its rate")
+    lab = LAB.model_copy(update={"text": "title: the topic has its rate"})
     hidden = anonymous([entry("wrong_topic", "The topic of wrong_topic.")], lab)
     assert hidden[0].result is not None
     assert hidden[0].result.checks[0].reason == f"The topic of {HIDDEN}."

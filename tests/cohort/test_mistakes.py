@@ -86,11 +86,12 @@ LAB = rubric_of(
 )
 
 
-def student(name: str, credits: list[float], reasons: dict[str, str], hint: str = "", **outcomes: str) -> ClassEntry:
-    """Give a student with credits, reasons, and outcomes that differ from what the credits say."""
+def student(name: str, credits: list[float], reasons: dict[str, str], hint: str = "", **blocked: str) -> ClassEntry:
+    """Give a student with credits, reasons, and for checks that were not reached that which kept them from it."""
     plain: dict[str, Any] = result_of(LAB, credits, reasons)
     for check in (check for criterion in plain["criteria"] for check in criterion["checks"]):
-        check["outcome"] = outcomes.get(check["id"].partition(".")[2], check["outcome"])
+        if (cause := blocked.get(check["id"].partition(".")[2])) is not None:
+            check |= {"outcome": "not_reached", **({"blocked_by": cause} if cause else {})}
         check["hint"] = hint
     return entry_of(name, plain)
 
@@ -121,16 +122,16 @@ def test_a_mistake_has_its_students_its_cost_and_its_hint() -> None:
 
 def test_what_could_not_be_reached_counts_with_its_cause() -> None:
     """A missing service costs its own points and those of all that depends on it, and nothing twice."""
-    lost = {"calls": "not_reached", "more": "not_reached"}
+    lost = {"calls": "s.offers", "more": "s.offers"}
     found = mistakes(student("a", [0, 0, 0, 1], {"s.offers": "There is no x.py."}, **lost))
     assert costs(found) == [("s.offers", 12, 8)]
 
 
-def test_a_cause_that_no_requirement_names_is_the_failed_check_before_it() -> None:
+def test_what_no_check_blocked_stands_for_itself() -> None:
     """A call that could not be made after one without an answer belongs to that one; else it stands for itself."""
-    found = mistakes(student("a", [1, 0, 0, 1], {"s.calls": "No answer."}, more="not_reached"))
+    found = mistakes(student("a", [1, 0, 0, 1], {"s.calls": "No answer."}, more="s.calls"))
     assert costs(found) == [("s.calls", 8, 2)]
-    found = mistakes(student("a", [0, 1, 1, 1], {"s.offers": "Nothing is started."}, offers="not_reached"))
+    found = mistakes(student("a", [0, 1, 1, 1], {"s.offers": "Nothing is started."}, offers=""))
     assert costs(found) == [("s.offers", 4, 0)]
 
 

@@ -61,10 +61,11 @@ def test_adjustments_count_in_points_but_not_in_criteria() -> None:
     plain = result_of(ONE, [0.8])
     plain["adjustments"] = [{"kind": "late", "what": "score", "points": -10, "reason": "late", "who": "", "when": ""}]
     row = summarise([entry_of("a", plain)], ONE).rows[0]
-    assert row.total == 70
+    assert row.result is not None
+    assert row.result.final == 70
     assert row.cells[0] is not None
     assert row.cells[0].earned == 80
-    assert row.adjustments[0].points == -10
+    assert row.result.adjustments[0].points == -10
 
 
 def test_a_class_without_results_has_no_spread() -> None:
@@ -72,7 +73,7 @@ def test_a_class_without_results_has_no_spread() -> None:
     assert summarise([], ONE).spread is None
     summary = summarise([ClassEntry("a", None, "broken archive")], ONE)
     assert summary.spread is None
-    assert summary.rows[0].problem == "broken archive"
+    assert summary.rows[0].entry.problem == "broken archive"
     assert summary.checks[0].mean_credit is None
 
 
@@ -83,14 +84,14 @@ def test_a_class_without_results_has_no_spread() -> None:
     ("credit", "outcome"),
     [(1.0, Outcome.PASSED), (0.5, Outcome.PARTIAL), (0.0, Outcome.FAILED), (None, Outcome.INCONCLUSIVE)],
 )
-def test_a_sandbox_has_the_outcome_of_its_points(credit: float | None, outcome: Outcome) -> None:
+def test_a_cell_has_the_outcome_of_its_points(credit: float | None, outcome: Outcome) -> None:
     """All, some or none of the points, or none decided."""
     cell = summarise(entries_of(ONE, [credit]), ONE).rows[0].cells[0]
     assert cell is not None
     assert cell.outcome is outcome
 
 
-def test_a_criterion_that_was_not_judged_has_no_sandbox() -> None:
+def test_a_criterion_that_was_not_judged_has_no_cell() -> None:
     """Where only one session was asked for, the others' criteria stay empty, and nothing is made of them."""
     plain = result_of(TWO, [1.0, 1.0])
     plain["criteria"] = plain["criteria"][:1]
@@ -189,9 +190,10 @@ def test_what_a_person_has_decided_is_not_to_do_again(what: str) -> None:
     """Points given by hand for an undecided check, or for its criterion, settle it."""
     plain = result_of(TWO, [1, None])
     decided = {"kind": "points", "what": what, "points": 6, "reason": "seen", "who": "JS", "when": "2026-11-21"}
-    summary = summarise([entry_of("a", plain | {"adjustments": [decided]})], TWO)
-    assert summary.todos == ()
-    assert summary.rows[0].undecided == 0
+    entry = entry_of("a", plain | {"adjustments": [decided]})
+    assert summarise([entry], TWO).todos == ()
+    assert entry.result is not None
+    assert entry.result.still_undecided == 0
 
 
 def test_equal_entries_give_an_equal_summary() -> None:

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from grader.evidence.gaps import describe_gap, gaps, limits_hit
-from grader.recording.session import Claim, ProcessRun, Published, RecordingGap, Trusted, Usage
+from grader.evidence.gaps import describe_gap, dropped, gaps, limits_hit
+from grader.recording.session import Claim, Endpoint, ProcessRun, Published, RecordingGap, Trusted, Usage
 from grader.recording.trusted_channel import digest
-from tests.synthetic import FLOATS, Session, at, floats
+from tests.synthetic import FLOATS, RELIABLE, Session, at, floats
 
 STATES, COMMANDS = "/joint_states", "/joint_commands"
 FILLED = "they fill as much space as is left for all other topics"
@@ -107,3 +107,22 @@ def test_the_process_that_asked_for_the_publisher_hit_the_limit(tmp_path: Path) 
 def test_it_says_what_is_missing(left_out: RecordingGap, said: str) -> None:
     """The number of messages, what they filled, and why no more are there."""
     assert describe_gap(left_out).startswith(said)
+
+
+@pytest.mark.parametrize(("ends_s", "first", "honest"), [(20.0, 23, True), (4.0, 301, True), (20.0, 601, False)])
+def test_what_came_before_the_recorder_is_excused_where_nobody_waited_for_it(
+    tmp_path: Path, ends_s: float, first: int, honest: bool
+) -> None:
+    """One that waited, and said so, published nothing before: of its messages none may be missing at the start."""
+    rows = [[float(n)] for n in range(1000)]
+    for waited in (False, True):
+        made = Session(tmp_path, f"waited_{waited}")
+        made.record.processes.append(ProcessRun("arm", "reference", [], started_ns=at(0.0), exited_ns=at(ends_s)))
+        made.record.trusted.append(Trusted("arm", "0a" * 12))
+        digests = "".join(digest(floats(row)) for row in rows)
+        made.record.published.append(Published("arm", STATES, FLOATS, digests, recorded=waited))
+        made.graph.endpoints.append(Endpoint("publisher", STATES, FLOATS, "", "/arm", "0a" * 12 + "01", RELIABLE))
+        there = range(first, 1001)
+        made.messages(STATES, rows[first - 1 :], [1 + n / 100 for n in there], sequence=there)
+        lost = first - 1 > 50 if waited else not honest
+        assert len(dropped(made.recorded())) == lost

@@ -168,7 +168,7 @@ MISTAKES = {
     "points of nothing": ("add: 1", "either a check or a criterion"),
     "a bonus of a check": ("check: publisher.rate, bonus: 1", "bonus is of the whole submission"),
     "an extension of a check": ("check: publisher.rate, extension: 1 day", "extension is of the whole submission"),
-    "no bonus at all": ("bonus: 0", "a bonus is more than 0 points"),
+    "no bonus at all": ("bonus: 0", "it should be greater than 0"),
     "points in words": ("bonus: many", "a number of points is expected"),
     "points that are true": ("bonus: true", "a number of points is expected"),
     "points that are no number": ("bonus: .nan", "a number of points is expected"),

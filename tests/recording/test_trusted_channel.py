@@ -30,13 +30,13 @@ def test_what_a_reference_node_tells_moves_to_the_record() -> None:
         f"participant {ARM}",
         "ready",
         f"published /joint_states std_msgs/msg/Float64MultiArray {ONE}",
-        "published /clock rosgraph_msgs/msg/Clock -",
+        "published /clock rosgraph_msgs/msg/Clock - recorded",
         f"published /joint_states std_msgs/msg/Float64MultiArray {TWO}{ONE}",
     )
     assert taken.trusted == [Trusted("arm", ARM)]
     assert taken.published == [
         Published("arm", "/joint_states", "std_msgs/msg/Float64MultiArray", ONE + TWO + ONE),
-        Published("arm", "/clock", "rosgraph_msgs/msg/Clock", ""),
+        Published("arm", "/clock", "rosgraph_msgs/msg/Clock", "", recorded=True),
     ]
     assert left(taken) == ["ready"]
 

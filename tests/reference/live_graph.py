@@ -15,6 +15,8 @@ from functools import cache
 from pathlib import Path
 from typing import IO, Any
 
+from grader.recording.session import GRADER_NAMESPACE
+
 REFERENCE = Path(__file__).resolve().parents[2] / "reference"
 
 
@@ -51,14 +53,14 @@ class Listener:
 
 @contextmanager
 def listener(domain_id: int) -> Iterator[Listener]:
-    """Give a listener in a context of its own."""
+    """Give a listener in a context of its own, and in the namespace of the recorder, whom reference nodes wait for."""
     import rclpy
     from rclpy.context import Context
     from rclpy.executors import SingleThreadedExecutor
 
     context = Context()
     rclpy.init(context=context, domain_id=domain_id)
-    node = rclpy.create_node("listener", context=context)
+    node = rclpy.create_node("listener", namespace=GRADER_NAMESPACE, context=context)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(node)
     try:
@@ -109,8 +111,8 @@ def stop_and_hear(process: subprocess.Popen[str]) -> dict[str, str]:
     """Stop a node and give what it tells of its publications: digests by topic and type."""
     told: dict[str, str] = {}
     for line in _stopped(process, signal.SIGINT)[1].splitlines():
-        word, topic, topic_type, digests = line.split(" ")
-        assert word == "published"
+        word, topic, topic_type, digests, last = line.split(" ")
+        assert (word, last) == ("published", "recorded")
         assert len(line) < 8192
         told[f"{topic} {topic_type}"] = told.get(f"{topic} {topic_type}", "") + digests
     return told

@@ -13,12 +13,14 @@ from plateau_schedule import PlateauSettings
 from reference_node import (
     BAD_CONFIGURATION_STATUS,
     DIGEST_BYTES,
+    GRADER_NAMESPACE,
     PARTICIPANT_BYTES,
     ConfigurationError,
     build_settings,
     parse_configuration,
 )
 
+from grader.recording.session import GRADER_NAMESPACE as RECORDERS
 from grader.recording.session import PARTICIPANT_DIGITS
 from grader.recording.trusted_channel import DIGEST_DIGITS
 
@@ -60,6 +62,7 @@ def test_digests_and_prefixes_are_as_the_judging_half_reads_them() -> None:
     """A byte is two digits."""
     assert 2 * DIGEST_BYTES == DIGEST_DIGITS
     assert 2 * PARTICIPANT_BYTES == PARTICIPANT_DIGITS
+    assert GRADER_NAMESPACE == RECORDERS
 
 
 def test_a_configuration_can_come_where_no_command_line_shows_it() -> None:

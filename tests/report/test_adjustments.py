@@ -116,7 +116,7 @@ def test_without_adjustments_nothing_is_said_of_them(judged: Result) -> None:
 def test_more_than_is_possible_is_still_a_bar(judged: Result) -> None:
     """A bonus beyond the rubric's points is written out, and the bar is full."""
     beyond = replace(judged, adjustments=(adjustment(AdjustmentKind.BONUS, "score", "50"),))
-    share = final_share(beyond.final, beyond.score.possible, beyond.still_undecided)
+    share = final_share(beyond)
     assert share.earned == str(number(judged.score.earned + 50))
     assert (share.earned_part, share.undecided_part) == ("100.00", "0.00")
 

@@ -11,10 +11,11 @@ from dataclasses import dataclass
 
 from grader.evidence.crash.causes import cause_of, cause_of_line, table, uses_dead_context
 from grader.evidence.crash.tracebacks import Raised, chains, plain_lines, student_file, student_frame, tracebacks
-from grader.recording.session import OutputLine
+from grader.recording.session import OutputLine, ProcessRun
 
 #: Characters of an exception's message that are kept.
 _MESSAGE_LENGTH = 300
+_KILLED = (-9, 137)
 
 
 @dataclass(frozen=True)
@@ -56,10 +57,17 @@ def explain(
         When the process was interrupted: using a context that is already shut down is no mistake after that.
     """
     for chain in reversed(chains(tracebacks(output))):
-        cause = _cause(chain, interrupted_ns)
-        if cause is not None:
-            return _diagnosis(cause, chain, root_files)
-    return _without_exception(output, root_files)
+        if (raised := _mistake_in(chain, interrupted_ns)) is not None:
+            frames = (student_frame(each.frames, root_files) for each in (raised, *chain))
+            file, line = next(filter(None, frames), (None, None))
+            kind, problem, remedy, subject = cause_of(raised, root_files)
+            message = raised.message[:_MESSAGE_LENGTH]
+            return Diagnosis(kind, problem, remedy, file, line, raised.type, message, subject[:200], raised.t_ns)
+    for t_ns, text in plain_lines(output):
+        if (cause := cause_of_line(text)) is not None:
+            file = student_file(cause.subject, root_files)
+            return Diagnosis(*cause[:3], file, message=text[:_MESSAGE_LENGTH], subject=cause.subject, t_ns=t_ns)
+    return None
 
 
 def advisories(output: Sequence[OutputLine]) -> tuple[str, ...]:
@@ -74,7 +82,7 @@ def advisories(output: Sequence[OutputLine]) -> tuple[str, ...]:
     )
 
 
-def _cause(chain: Sequence[Raised], interrupted_ns: int | None) -> Raised | None:
+def _mistake_in(chain: Sequence[Raised], interrupted_ns: int | None) -> Raised | None:
     """The first exception of a chain that is a mistake."""
     stopped = any(exception.name in ("KeyboardInterrupt", "ExternalShutdownException") for exception in chain)
     for exception in chain:
@@ -86,33 +94,23 @@ def _cause(chain: Sequence[Raised], interrupted_ns: int | None) -> Raised | None
 
 
 def _is_stop(exception: Raised) -> bool:
-    return exception.name in (
-        "KeyboardInterrupt",
-        "ExternalShutdownException",
-        "SystemExit",
-    ) or _is_second_shutdown(exception)
+    """Whether a program that is stopped ends with it; so it does where it shuts down what is shut down already."""
+    return exception.name in _STOPS or any(words in exception.message for words in _SECOND_SHUTDOWN)
 
 
-def _is_second_shutdown(exception: Raised) -> bool:
-    return (
-        "rcl_shutdown already called" in exception.message
-        or "Context must be initialized before it can be shutdown" in exception.message
-    )
+_STOPS = ("KeyboardInterrupt", "ExternalShutdownException", "SystemExit")
+_SECOND_SHUTDOWN = ("rcl_shutdown already called", "Context must be initialized before it can be shutdown")
 
 
-def _diagnosis(cause: Raised, chain: Sequence[Raised], root_files: Collection[str]) -> Diagnosis:
-    location = student_frame(cause.frames, root_files)
-    for other in chain:
-        location = location or student_frame(other.frames, root_files)
-    kind, problem, remedy, subject = cause_of(cause, root_files)
-    file, line = location or (None, None)
-    message = cause.message[:_MESSAGE_LENGTH]
-    return Diagnosis(kind, problem, remedy, file, line, cause.type, message, subject[:200], cause.t_ns)
+def ended_by_limit(run: ProcessRun) -> bool:
+    """Whether a process was ended because of a limit."""
+    return run.limit is not None and (run.ended_by == "limit" or run.exit_status in _KILLED)
 
 
-def _without_exception(output: Sequence[OutputLine], root_files: Collection[str]) -> Diagnosis | None:
-    for t_ns, line in plain_lines(output):
-        if (cause := cause_of_line(line)) is not None:
-            file = student_file(cause.subject, root_files)
-            return Diagnosis(*cause[:3], file, message=line[:_MESSAGE_LENGTH], subject=cause.subject, t_ns=t_ns)
-    return None
+def hit_limit(run: ProcessRun) -> tuple[str, str] | None:
+    """Return (what happened, how to fix it) of a process that hit a limit; None of one that did not."""
+    if run.limit is None:
+        return None
+    what, remedy = table()["limits"].get(run.limit, (f"exceeded the limit '{run.limit}'", "Use less of it."))
+    how = "was ended" if ended_by_limit(run) else "went on"
+    return f"The program {what} (limit: {run.limit}), and {how}.", remedy

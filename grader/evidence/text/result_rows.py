@@ -11,9 +11,11 @@ import itertools
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import NamedTuple
 
-from grader.evidence.text.lexicon import one_of
+import yaml
+
 from grader.evidence.text.printed import NUMBER, with_short_runs
 from grader.recording.session import OutputLine
 
@@ -21,15 +23,12 @@ _LOG_PREFIX = re.compile(r"^\[[A-Z]+\] \[[\d.]+\] \[[^\]]{1,200}\]: ")
 _UNITS_S = {"ns": 1e-9, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ms": 1e-3, "msec": 1e-3, "s": 1.0, "sec": 1.0}
 _UNIT = r"(?:ns|us|µs|μs|msec|ms|sec|s)(?![A-Za-z])"
 _LONG_UNITS = (("milli", 1e-3), ("micro", 1e-6), ("nano", 1e-9), ("second", 1.0), ("segundo", 1.0), ("sekunde", 1.0))
-#: What a label says, the first that fits: of what is counted, only what came counts.
-_KINDS = [
-    ("max", re.compile(one_of("largest"), re.IGNORECASE)),
-    ("mean", re.compile(one_of("mean"), re.IGNORECASE)),
-    ("received", re.compile(one_of("received"), re.IGNORECASE)),
-    ("", re.compile(one_of("not_received"), re.IGNORECASE)),
-    ("messages", re.compile(rf"{one_of('messages')}|^\W{{0,9}}[nN#]\W{{0,9}}$", re.IGNORECASE)),
-    ("latency", re.compile(one_of("latency"), re.IGNORECASE)),
-]
+#: What a label says -> the words for it, as regular expressions. The first counts that fits: of what is counted, only
+#: what came.
+_KINDS: dict[str, re.Pattern[str]] = {
+    kind: re.compile("|".join(words), re.IGNORECASE)
+    for kind, words in yaml.load(Path(__file__).with_name("lexicon.yaml").read_bytes(), yaml.CSafeLoader).items()
+}
 _MEASURED = re.compile(rf"(?<![A-Za-z_\d.])({NUMBER})(?![\d.])\s*({_UNIT}|(?:milli|micro|nano|second)[a-z]*)?")
 _UNIT_IN_BRACKETS = re.compile(rf"[(\[]\s*({_UNIT})\s*[)\]]")
 _CELL_BORDER = r"[|│┃║,;\t]"
@@ -93,7 +92,7 @@ def result_row(
     loosely : bool
         Whether the name may be spelt otherwise, as ``Best Effort`` for ``best_effort``.
     """
-    lines = [_without_prefix(line.text[:LINE_LIMIT]) for line in output]
+    lines = [_LOG_PREFIX.sub("", line.text[:LINE_LIMIT]) for line in output]
     found = []
     for start in lines_naming(lines, name, loosely=loosely):
         line = plain_numbers(lines[start])
@@ -107,11 +106,6 @@ def result_row(
         found.append([_row_of(output[start].t_ns, each) for each in fields])
     rows = [row for kind in zip(*found, strict=True) for row in kind if row is not None]
     return next((row for row in rows if row.mean_s is not None), rows[0] if rows else None)
-
-
-def _without_prefix(line: str) -> str:
-    prefix = _LOG_PREFIX.match(line)
-    return line[prefix.end() :] if prefix is not None else line
 
 
 @functools.lru_cache(maxsize=8192)  # Each line is read for each thing.
@@ -183,7 +177,7 @@ class _Field(NamedTuple):
 
 
 def _kind_of(label: str) -> str:
-    return next((kind for kind, pattern in _KINDS if pattern.search(label)), "")
+    return next((kind for kind, pattern in _KINDS.items() if pattern.search(label)), "")
 
 
 def _unit_of(text: str) -> float | None:

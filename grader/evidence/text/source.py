@@ -283,28 +283,3 @@ def _repaired(text: str, blank: str) -> ast.Module | None:
 
 def _indent(line: str) -> int:
     return len(line) - len(line.lstrip(" "))
-
-
-def spin_lines(text: str, others: Iterable[str]) -> tuple[int, ...] | None:
-    """Return the lines in which a file names what spins a node; None where the file alone does not tell.
-
-    Parameters
-    ----------
-    others : iterable of str
-        Paths of the submission's files: one that this file imports may spin for it.
-    """
-    tree = tree_of(normalise(text))
-    if tree is None:
-        return None
-    modules = {PurePosixPath(path).stem for path in others if path.endswith(".py")}
-    lines = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import | ast.ImportFrom):
-            module = node.module or "" if isinstance(node, ast.ImportFrom) else ""
-            parts = {part for alias in node.names for part in f"{module}.{alias.name}".split(".")}
-            if parts & modules or (isinstance(node, ast.ImportFrom) and node.level):
-                return None
-        named = node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""
-        if named.startswith("spin"):
-            lines.add(node.lineno)  # type: ignore[attr-defined]
-    return tuple(sorted(lines))

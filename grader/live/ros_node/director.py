@@ -291,7 +291,7 @@ class Director:
                 self._until(lambda: False, 1.0 / float(request["rate_hz"]))
             publisher.wait_for_all_acked(Duration(seconds=_ACKNOWLEDGED_S))
         finally:
-            _send("published", Published("director", topic, request["type"], digest(data) * sent))
+            _send("published", Published("director", topic, request["type"], digest(data) * sent, recorded=True))
             node.destroy_node()
             context.shutdown()
         return "done", {"topic": topic, "matched": matched}
@@ -394,7 +394,7 @@ class Director:
         if refused is None:
             return "timeout", {"node": node, "problem": _NO_ANSWER}
         names = {"names": meant} if meant else {}
-        return ("failed" if refused else "done"), {"node": node, "refused": refused, **names}
+        return ("failed" if refused else "done"), _jsonable({"node": node, "refused": refused, **names})
 
     def _refused(self, request: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, str] | None:
         """Set parameters; returns the reasons for which some were refused, None if there was no answer."""

@@ -15,7 +15,7 @@ import os
 import re
 import shutil
 import time
-from collections.abc import Container, Coroutine, Mapping
+from collections.abc import Container, Coroutine, Iterable, Mapping
 from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path, PurePosixPath
@@ -24,6 +24,7 @@ from typing import Any
 from grader.live.process.process import PipeReader, RunningProcess
 from grader.live.ros_node.near_miss import LEAST_RATIO, likeness
 from grader.live.sandbox.isolation import LAUNCHING, PARAMETERS, WORKSPACE
+from grader.live.sandbox.scratch import remove_tree
 from grader.live.session.student_sandbox import StudentSandbox
 from grader.recording.launch_plan import PARAMETERS_PLACEHOLDER, MalformedPlanError, Plan, Problem, Process, ros2_run
 from grader.recording.session import OutputLine, ProcessRun
@@ -36,6 +37,8 @@ _MAX_PLAN_BYTES = 4 * 1024 * 1024
 _MAX_REPAIRS = 6
 #: Files of one name: in the sources, and where packages install them.
 _MOST_RENAMED = 20
+#: Names among which the one that was meant is looked for.
+_MOST_LIKENED = 100
 #: Where a prefix lists its packages.
 _INDEX = "share/ament_index/resource_index/packages"
 #: What a second evaluation gets in any case: the mistake that the first one found is repaired to see the rest.
@@ -99,8 +102,8 @@ class LaunchRunner:
         # Reading a launch file runs it, and without namespaces the workspace was open to it.
         self._sandbox.end_orphans()
         if problem.kind in ("undefined_configuration", "required_argument"):
-            meant = max(known, key=lambda name: likeness(wanted, name), default=wanted)
-            value = arguments.get(meant, known[meant]) if meant in known and _alike(wanted, meant) else ""
+            meant = _meant(wanted, known)
+            value = arguments.get(meant, known[meant]) if meant is not None else ""
             done = "" if wanted in arguments else f"'{wanted}' was given as '{value}'"
             arguments.setdefault(wanted, value)
             return done
@@ -113,9 +116,15 @@ class LaunchRunner:
             "include_not_found": lambda: self._install_file(wanted, problem),
             "file_not_found": lambda: self._install_file(wanted, problem),
         }
-        done = by_kind.get(problem.kind, str)()
-        if done:
-            self._sandbox.copy_workspace(self._own_copy(), self._sandbox.workspace)
+        copy = self._own_copy()
+        try:
+            done = by_kind.get(problem.kind, str)()
+            if done:
+                self._sandbox.copy_workspace(copy, self._sandbox.workspace)
+        except OSError:  # What no file system takes, or has room for, is not repaired.
+            remove_tree(copy)
+            self._sandbox.copy_workspace(self._sandbox.plan.staged, self._sandbox.workspace)
+            return ""
         return done
 
     def _put_executable(self, wanted: str, package: str) -> str:
@@ -154,7 +163,7 @@ class LaunchRunner:
 
     def _rename_keyword(self, wanted: str, problem: Problem) -> str:
         """Write the keyword that the remedy names in its place, in the launch files of that name."""
-        meant = re.search(r"'(\w+)=?'", problem.remedy)
+        meant = re.search(r"'(\w{1,100})=?'", problem.remedy)
         name = PurePosixPath(problem.file or "").name
         # What a plan names is a student's: no pattern, and no more than anybody would write.
         scripts = (path for path in self._own_copy().rglob("*.py") if path.name == name and path.is_file())
@@ -182,8 +191,8 @@ class LaunchRunner:
         for artifact, source in plan.sources.items():
             if Path(source).stem == wanted.removesuffix(".py") and artifact in plan.executables:
                 return plan.staged / plan.executables[artifact]
-        there = sorted((p for p in folder.iterdir() if p.suffix != ".py"), key=lambda p: (-likeness(wanted, p.name), p))
-        return there[0] if there and _alike(wanted, there[0].name) else None
+        meant = _meant(wanted, (path.name for path in folder.iterdir() if path.suffix != ".py"))
+        return folder / meant if meant is not None else None
 
     async def _evaluate(
         self, source: str, arguments: dict[str, str], left_s: float, timeout_s: float
@@ -333,8 +342,10 @@ _NAME = re.compile(r"(?:\w[\w.+-]{0,99}/){0,9}[\w.+-]{0,199}\w")
 _LACKS = "found in package"
 
 
-def _alike(wanted: str, name: str) -> bool:
-    return likeness(wanted, name) >= LEAST_RATIO
+def _meant(wanted: str, names: Iterable[str]) -> str | None:
+    """Return the likest of some names, the first in the alphabet of several, if one is like enough."""
+    likest = min(sorted(names)[:_MOST_LIKENED], key=lambda name: -likeness(wanted, name), default="")
+    return likest if likest and likeness(wanted, likest) >= LEAST_RATIO else None
 
 
 def with_places(text: str, names: Container[str], folder: str) -> str:

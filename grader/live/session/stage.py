@@ -101,6 +101,8 @@ class _Installation:
                 _write(self.folder / relative, self._wrapper_of_file(artifact.path, executable))
                 executables[artifact.name] = relative
         for package in self.record.packages:
+            self._register(package.name)  # before any package installs something in another's place
+        for package in self.record.packages:
             self._install_package(package)
         if not self.record.packages:
             for name in self._packages_of_bare_files():
@@ -143,7 +145,6 @@ class _Installation:
     # -- packages -----------------------------------------------------------------------------
 
     def _install_package(self, package: PackageFact) -> None:
-        self._register(package.name)
         for name, target in package.executables.items():
             program = self.folder / "install/lib" / package.name / name
             text = self._wrapper_of_entry(package, target)

@@ -23,8 +23,7 @@ from typing import Any
 
 from grader.json_text import json_text
 from grader.report.escape import line, markdown_text
-from grader.report.exports.graded import Graded, GradedCheck
-from grader.report.exports.words import full_text
+from grader.report.exports.graded import Graded, GradedCheck, full_text
 from grader.report.views import badge_of
 
 SCHEMA = "classroom50/result/v1"

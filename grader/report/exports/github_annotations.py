@@ -10,8 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from grader.report.escape import command_data, command_property, line
-from grader.report.exports.graded import Graded, GradedCheck
-from grader.report.exports.words import full_text
+from grader.report.exports.graded import Graded, GradedCheck, full_text
 from grader.report.views import badge_of, points
 from grader.result import Outcome
 
@@ -33,13 +32,9 @@ def render(graded: Graded, environment: Mapping[str, str]) -> str:
 
 
 def _command(kind: str, check: GradedCheck) -> str:
-    properties = {"title": _title(check)}
+    cost = f"−{points(check.lost)} points" if check.lost else "costs nothing"
+    properties = {"title": f"{line(check.title, _LONGEST_TITLE)} ({badge_of(check.outcome).word}, {cost})"}
     if check.location is not None:
         properties = {"file": check.location.path, "line": str(check.location.line), **properties}
     written = ",".join(f"{key}={command_property(value, 1000)}" for key, value in properties.items())
     return f"::{kind} {written}::{command_data(full_text(check) or badge_of(check.outcome).word)}"
-
-
-def _title(check: GradedCheck) -> str:
-    cost = f"−{points(check.lost)} points" if check.lost else "costs nothing"
-    return f"{line(check.title, _LONGEST_TITLE)} ({badge_of(check.outcome).word}, {cost})"

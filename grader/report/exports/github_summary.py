@@ -9,9 +9,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from grader.report.escape import markdown_text
-from grader.report.exports.graded import Graded, GradedCheck, GradedCriterion
-from grader.report.exports.words import (
+from grader.report.exports.graded import (
     MOST_REMARKS,
+    Graded,
+    GradedCheck,
     adjustment_texts,
     points_of,
     proof_lines,
@@ -76,16 +77,12 @@ def _head(graded: Graded) -> str:
 
 
 def _criteria(graded: Graded) -> str:
-    rows = [
-        f"| {badge_of(criterion.outcome).sign} | {markdown_text(criterion.title)} | {_share(criterion)} |"
-        for criterion in graded.criteria
-    ]
+    rows = []
+    for criterion in graded.criteria:
+        undecided = f" (+ {points(criterion.undecided)} undecided)" if criterion.undecided else ""
+        share = f"{points(criterion.earned)} / {points(criterion.possible)}{undecided}"
+        rows.append(f"| {badge_of(criterion.outcome).sign} | {markdown_text(criterion.title)} | {share} |")
     return "\n".join(["| | Criterion | Points |", "|:-:|---|--:|", *rows]) + "\n"
-
-
-def _share(criterion: GradedCriterion) -> str:
-    undecided = f" (+ {points(criterion.undecided)} undecided)" if criterion.undecided else ""
-    return f"{points(criterion.earned)} / {points(criterion.possible)}{undecided}"
 
 
 def _lost(check: GradedCheck) -> str:

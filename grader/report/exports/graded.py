@@ -1,4 +1,4 @@
-"""A result as the exports show it: with what people decided of each check, and the files of the repository."""
+"""A result as the exports show it: with what people decided of each check, in the words that all exports share."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import PurePosixPath
 
-from grader.report.escape import shown
+from grader.report.escape import line, shown
+from grader.report.views import adjustment_text, note_of, points
 from grader.result import (
     BY_HAND,
     AdjustmentKind,
@@ -20,6 +21,10 @@ from grader.result import (
 
 #: No path is longer, and no name that matters.
 _LONGEST_NAME = 4096
+#: Most places that an export names for a check.
+MOST_LOCATIONS = 4
+#: Most remarks of a kind on the submission as a whole, since a student can cause any number.
+MOST_REMARKS = 50
 
 
 @dataclass(frozen=True)
@@ -129,3 +134,43 @@ def _in_repository(where: Location, path_prefix: str) -> SourceLocation | None:
         return None
     showable = shown(text, len(text)) == text and "\n" not in text
     return SourceLocation(text, max(1, where.line or 1)) if showable else None
+
+
+def points_of(check: GradedCheck) -> str:
+    """Return what a check earned of its points; a question mark where that is open."""
+    if check.open:
+        return f"? / {points(check.possible)}"
+    return f"{points(check.earned + check.given)} / {points(check.possible)}"
+
+
+def adjustment_texts(graded: Graded) -> list[str]:
+    """Return the adjustments, each as a line of text that is still untrusted."""
+    titles = {check.id: check.title for check in graded.checks} | {part.id: part.title for part in graded.criteria}
+    return [adjustment_text(each, titles) for each in graded.adjustments]
+
+
+def violation_texts(graded: Graded) -> list[str]:
+    """Return what of the grader's own was tampered with, each as a line of text that is still untrusted."""
+    return [
+        " ".join([violation.text, note_of(violation), *violation.evidence[:MOST_LOCATIONS]])
+        for violation in graded.violations[:MOST_REMARKS]
+    ]
+
+
+def proof_lines(check: GradedCheck) -> list[tuple[str, str]]:
+    """Return what was expected, what was measured, where, and what to do; names with texts of a line each."""
+    named = [
+        ("Expected", check.expected),
+        ("Measured", check.measured),
+        ("Where", "; ".join(check.locations[:MOST_LOCATIONS])),
+        ("Hint", check.hint),
+    ]
+    return [(name, line(text, 600)) for name, text in named if text]
+
+
+def full_text(check: GradedCheck) -> str:
+    """Return all that is to be said of a check that did not pass, as plain lines that can be shown."""
+    why = line(check.reason, 600)
+    if check.open:
+        why = f"Undecided, {points(check.undecided)} points are not earned before somebody has decided. {why}".strip()
+    return "\n".join([*([why] if why else []), *(f"{name}: {text}" for name, text in proof_lines(check))])

@@ -18,15 +18,23 @@ from typing import Any
 
 from grader.json_text import json_text
 from grader.report.escape import line
-from grader.report.exports.graded import Graded, GradedCheck, GradedCriterion
-from grader.report.exports.words import MOST_REMARKS, adjustment_texts, full_text, violation_texts
+from grader.report.exports.graded import (
+    MOST_REMARKS,
+    Graded,
+    GradedCheck,
+    GradedCriterion,
+    adjustment_texts,
+    full_text,
+    violation_texts,
+)
 from grader.report.views import HEADING, points
+from grader.result import number
 
 
 def render(graded: Graded, environment: Mapping[str, str]) -> str:
     """Return the file's text."""
     plain: dict[str, Any] = {
-        "score": _number(max(Decimal(0), graded.final)),
+        "score": number(max(Decimal(0), graded.final)),
         "output": "\n".join(_overall(graded)),
         "output_format": "text",
         "test_output_format": "text",
@@ -39,9 +47,9 @@ def render(graded: Graded, environment: Mapping[str, str]) -> str:
             for m, check in enumerate(criterion.checks, 1)
         ],
         "extra_data": {
-            "earned": _number(graded.score.earned),
-            "possible": _number(graded.score.possible),
-            "undecided": _number(graded.still_undecided),
+            "earned": number(graded.score.earned),
+            "possible": number(graded.score.possible),
+            "undecided": number(graded.still_undecided),
         },
     }
     duration_s = _duration_s(graded)
@@ -67,10 +75,10 @@ def _overall(graded: Graded) -> list[str]:
     return lines
 
 
-def _test(check: GradedCheck, criterion: GradedCriterion, number: str) -> dict[str, Any]:
+def _test(check: GradedCheck, criterion: GradedCriterion, place: str) -> dict[str, Any]:
     plain: dict[str, Any] = {
         "name": line(f"{criterion.title}: {check.title}"),
-        "number": number,
+        "number": place,
         "output": full_text(check) or "Passed.",
         "output_format": "text",
         "visibility": "visible",
@@ -80,11 +88,7 @@ def _test(check: GradedCheck, criterion: GradedCriterion, number: str) -> dict[s
         return plain | {"name": f"{plain['name']} (undecided)"}
     earned = max(Decimal(0), check.earned + check.given)
     status = "failed" if check.lost else "passed"
-    return plain | {"score": _number(earned), "max_score": _number(check.possible), "status": status}
-
-
-def _number(value: Decimal) -> int | float:
-    return int(value) if value == value.to_integral_value() else float(value)
+    return plain | {"score": number(earned), "max_score": number(check.possible), "status": status}
 
 
 def _duration_s(graded: Graded) -> float | None:

@@ -16,8 +16,7 @@ from collections.abc import Mapping, Sequence
 from xml.etree import ElementTree
 
 from grader.report.escape import line, shown
-from grader.report.exports.graded import Graded, GradedCheck
-from grader.report.exports.words import full_text
+from grader.report.exports.graded import Graded, GradedCheck, full_text
 from grader.report.views import badge_of, points
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from grader.evidence.recorded import Recorded
 from grader.lab import references as ref
-from grader.recording.session import Claim, Endpoint
+from grader.recording.session import Endpoint
 from grader.report.escape import line
 from grader.report.figures.svg import SINCE, Figure, FigureKind, duration, frame_in, padded, rule, tag, text
 from grader.report.views import fields, literal
@@ -119,7 +119,10 @@ class QosTable(FigureKind):
 
 
 def _qos_row(endpoint: Endpoint, recorded: Recorded) -> dict[str, Any]:
-    claim, seen = _claim(endpoint, recorded.record.claims), endpoint.qos
+    # Of several claims that of the same node.
+    node, claims = endpoint.node.rsplit("/", 1)[-1], recorded.claims_of(endpoint.kind, endpoint.topic)
+    claim = next(iter([c for c in claims if c.node.rsplit("/", 1)[-1] == node] or claims), None)
+    seen = endpoint.qos
     if claim is not None and claim.qos is not None:
         history = claim.qos.history if seen.history == "unknown" else seen.history
         seen = replace(seen, history=history, depth=seen.depth or claim.qos.depth)
@@ -131,11 +134,3 @@ def _qos_row(endpoint: Endpoint, recorded: Recorded) -> dict[str, Any]:
         "where": f"{claim.file}:{claim.line}" if claim is not None and inside else "",
         "messages": len(recorded.bag.stream(endpoint.topic)),
     }
-
-
-def _claim(endpoint: Endpoint, claims: Sequence[Claim]) -> Claim | None:
-    """Return what the node's source asked for: the claim of the same node if there are several."""
-    plain, node = endpoint.topic.rsplit("/", 1)[-1], endpoint.node.rsplit("/", 1)[-1]
-    fitting = [c for c in claims if c.kind == endpoint.kind and c.name.rsplit("/", 1)[-1] == plain]
-    of_node = [c for c in fitting if c.node.rsplit("/", 1)[-1] == node]
-    return next(iter(of_node or fitting), None)

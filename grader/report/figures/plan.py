@@ -44,7 +44,10 @@ class PlanTree(FigureKind):
                     "runs": _program(p),
                     "where": _location(p.file, p.line),
                     "conditions": _conditions(p),
-                    "words": _own_words(p),
+                    # A node's own arguments are those before the ones of ROS; of an executable they are what runs.
+                    "words": list(itertools.takewhile(lambda word: word != "--ros-args", p.argv[:_MOST_ITEMS]))
+                    if p.kind != "executable"
+                    else [],
                     "parameters": [item for given in p.parameters[:_MOST_ITEMS] for item in _parameters(given)],
                     "environment": [e for e in environment if e not in shared],
                     "remappings": p.remappings[:_MOST_ITEMS],
@@ -77,12 +80,6 @@ def _program(process: Process) -> str:
     if process.kind == "executable":
         return " ".join((process.path, *process.argv[:_MOST_ITEMS]))[:300]
     return "/".join(part for part in (process.package, process.executable) if part) or process.path
-
-
-def _own_words(process: Process) -> list[str]:
-    """Return a node's own arguments: those before the ones of ROS. Of an executable they are shown as what runs."""
-    words = process.argv[:_MOST_ITEMS] if process.kind != "executable" else ()
-    return list(itertools.takewhile(lambda word: word != "--ros-args", words))
 
 
 def _written(condition: str) -> str:

@@ -111,15 +111,12 @@ def padded(values: Iterable[float], share: float, least: float) -> tuple[float, 
 
 def tag(name: str, content: str | Markup = "", **attributes: str | float) -> Markup:
     """Return an element; `class_` and `text_anchor` become class and text-anchor, and text is made fit to be shown."""
-    parts = [
-        f' {key.rstrip("_").replace("_", "-")}="{escape(_coordinate(value))}"' for key, value in attributes.items()
-    ]
+    parts = []
+    for key, value in attributes.items():
+        written = value if isinstance(value, str) else f"{value:.1f}".removesuffix(".0")
+        parts.append(f' {key.rstrip("_").replace("_", "-")}="{escape(written)}"')
     inside = content if isinstance(content, Markup) else escape(shown(content))
     return Markup(f"<{name}{''.join(parts)}>{inside}</{name}>")
-
-
-def _coordinate(value: str | float) -> str:
-    return value if isinstance(value, str) else f"{value:.1f}".removesuffix(".0")
 
 
 def text(x: float, y: float, content: str, anchor: str = "middle", class_: str = "tick") -> Markup:

@@ -164,10 +164,8 @@ class Reports(FigureKind):
     def _plateaus(self, recorded: Recorded, lab_folder: Path) -> list[tuple[float, float, float]]:
         """Return the spans in which the right report is one value: start, end, value."""
         oracle = load_oracle(lab_folder, self.oracle)
-        found = {role: recorded.numeric(topic, self.field) for role, topic in self.streams.items()}
-        streams = {role: stream for role, stream in found.items() if stream is not None}
         try:
-            plateaus = oracle(streams, self.parameters, recorded.record.seed)
+            plateaus = oracle(recorded.streams(self.streams, self.field), self.parameters, recorded.record.seed)
         except Exception:
             # Commands and states that do not fit together are judged by the checks; here is no line to draw.
             return []

@@ -17,7 +17,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from grader.errors import IsolationError
-from grader.evidence.crash.limits import ended_by_limit
+from grader.evidence.crash.diagnosis import ended_by_limit
 from grader.evidence.recorded import Recorded
 from grader.live.sandbox import environment
 from grader.live.sandbox.confine import confines_signals, landlock_version

@@ -5,12 +5,20 @@ from __future__ import annotations
 import json
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
-from grader.live.session.launch_runner import _read_plan, with_places
-from grader.recording.launch_plan import PLAN_SCHEMA, Plan
-from grader.recording.session import ProcessRun
+from grader.judging.rubrics import read_rubric
+from grader.live.sandbox.isolation import Form, Isolation, Level
+from grader.live.session.launch_runner import LaunchRunner, _read_plan, with_places
+from grader.live.session.plan import SessionPlan
+from grader.live.session.stage import stage
+from grader.live.session.student_sandbox import StudentSandbox
+from grader.recording.launch_plan import PLAN_SCHEMA, Plan, Problem
+from grader.recording.session import ProcessRun, SessionRecord
+from grader.recording.submission import ArtifactFact, FileFact, SubmissionRecord
+from grader.submission.packages.colcon import find_packages
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the live half runs on Linux alone")
 
@@ -37,3 +45,77 @@ def test_a_plans_own_files_are_placed_in_one_pass() -> None:
     placed = [with_places(text, names, "/p") for text in texts]
     assert time.process_time() - began_s < 5.0
     assert placed[:3] == ["/p/arm_1.yaml:/p/arm_12.yaml.", "{parameters}/else.yaml", "x" * 20]
+
+
+@pytest.fixture
+def runner(tmp_path: Path) -> LaunchRunner:
+    """Give the runner of a staged package with a program and a launch file of a thousand keywords."""
+    files = {
+        "package.xml": "<package><name>arm_lab</name><export><build_type>ament_python</build_type></export></package>",
+        "setup.py": "from setuptools import setup\n"
+        "setup(entry_points={'console_scripts': ['talk = arm_lab.talk:main']}, "
+        "data_files=[('share/arm_lab/launch', ['robot.launch.py'])])\n",
+        "arm_lab/talk.py": "def main():\n    pass\n",
+        "robot.launch.py": "Node(a=1)\n" * 1000,
+    }
+    record = SubmissionRecord("ann", files=[FileFact(path, len(text), "") for path, text in files.items()])
+    for path, text in files.items():
+        (tmp_path / "sub" / path).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "sub" / path).write_text(text, encoding="utf-8")
+    record.texts, record.packages = files, find_packages(files, list(files))
+    record.artifacts = [ArtifactFact("publisher", "arm_lab/talk.py", "arm_lab/talk.py", "name")]
+    executables = stage(tmp_path / "sub", record, read_rubric(None), tmp_path / "staged", sys.executable)
+    scratch = tmp_path / "scratch"
+    plan = SessionPlan(
+        SessionRecord("launch"), [], tmp_path, scratch, tmp_path / "staged", executables, {}, {}, [],
+        Isolation(Level.NO_CGROUP, Form.ROOT), Path(sys.executable), 0, 0, 60.0,
+    )  # fmt: skip
+    sandbox = StudentSandbox(plan)
+    sandbox.workspace.mkdir(parents=True)
+    sandbox.copy_workspace(plan.staged, sandbox.workspace)
+    return LaunchRunner(sandbox)
+
+
+def _lacking(name: str) -> Problem:
+    return Problem("unknown_executable", f"executable '{name}' not found in package 'arm_lab'")
+
+
+def _not_installed(folder: str) -> Problem:
+    return Problem("file_not_found", "'robot.launch.py' does not exist", remedy=f"data_files: ('{folder}', [...])")
+
+
+def _misnamed(meant: str) -> Problem:
+    return Problem("unknown_keyword", "no keyword 'a'", "robot.launch.py", remedy=f"Write '{meant}=' instead.")
+
+
+@pytest.mark.parametrize(
+    ("problem", "repaired"),
+    [
+        pytest.param(_lacking("talkk"), True, id="likely executable"),
+        pytest.param(_lacking("é" * 200), False, id="executable of 400 bytes"),
+        pytest.param(Problem("unknown_package", "package 'arms' not found"), True, id="package"),
+        pytest.param(Problem("unknown_package", f"package '{'é' * 200}' not found"), False, id="package of 400 bytes"),
+        pytest.param(Problem("unknown_package", "package '.artifacts' not found"), False, id="folder of the stage's"),
+        pytest.param(_not_installed("share/arm_lab/more"), True, id="file"),
+        pytest.param(_not_installed("share/arm_lab/launch/robot.launch.py"), False, id="file as folder"),
+        pytest.param(_not_installed("share" + "/a" * 4000), False, id="folder that none can make"),
+        pytest.param(_misnamed("name"), True, id="keyword"),
+        pytest.param(_misnamed("b" * 3_000_000), False, id="keyword of megabytes"),
+    ],
+)
+def test_what_cannot_be_repaired_leaves_all_as_it_was(runner: LaunchRunner, problem: Problem, repaired: bool) -> None:
+    """Whatever a plan asks for, nothing is raised that would end the session, and nothing grows without bound."""
+    workspace = runner._sandbox.workspace
+    before = {path: path.read_bytes() for path in workspace.rglob("*") if path.is_file()}
+    assert bool(runner._repair(problem, {}, {})) == repaired
+    after = {path: path.read_bytes() for path in workspace.rglob("*") if path.is_file()}
+    assert (after != before) == repaired
+    assert sum(map(len, after.values())) < 100_000
+
+
+def test_among_many_names_the_meant_one_is_soon_found(runner: LaunchRunner) -> None:
+    """Ten thousand configurations of sixty letters are not all compared."""
+    known = {f"{'a' * 55}{n:05}": "1" for n in range(10_000)}
+    began_s = time.process_time()
+    assert runner._repair(Problem("undefined_configuration", f"'{'a' * 60}'"), known, {})
+    assert time.process_time() - began_s < 3.0

@@ -233,3 +233,17 @@ def test_data_are_installed_while_there_is_room_and_texts_before_them(tmp_path: 
     share = tmp_path / "ws/install/share"
     assert len(list(share.glob("p[0-9]*/launch/robot_launch.py"))) == 12
     assert len(list(share.glob("*/a.bin"))) == 8
+
+
+@pytest.mark.parametrize("target", ["share", "share/ament_index/resource_index/packages/other"])
+def test_what_a_package_installs_keeps_no_other_from_its_place(tmp_path: Path, target: str) -> None:
+    """A data file where another package is to be listed, or to have its folder, is left out."""
+    files: dict[str, str | bytes] = {
+        "arm/package.xml": MANIFEST,
+        "arm/setup.py": SETUP.replace("setup(", f"setup(data_files=[('{target}', ['other'])], "),
+        "arm/other": "",
+        "other/package.xml": MANIFEST.replace("arm_lab", "other"),
+    }
+    install = staged(tmp_path, files).folder / "install"
+    assert (install / "share/ament_index/resource_index/packages/other").is_file()
+    assert (install / "share/other").is_dir()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from launch._base import Action, Field, Located, Text
+from launch._base import Field, Located, Text
 
 from ..parameter_descriptions import Parameter, ParameterFile, ParameterValue, read_parameters, read_remappings
 from ..utilities import normalize_parameters, normalize_remap_rules
