@@ -138,8 +138,7 @@ def readme(context: Context, p: Readme) -> Finding:
     if share < 1 and unread:
         notes = [f"For a person to read: {', '.join(unread)}, which the grader cannot. The points are given."]
         share = 1.0
-    where = [Location(file=file, line=line) for file, line in dict.fromkeys([*run, *found.values()])]
-    where = where or [Location(file=str(path)) for path in [*paths[:1], *unread]]
+    where = [Location(file=str(path)) for path in [*paths[:1], *unread]]
     measured = f"how to run it: {'yes' if run else 'not found'}; {len(found)} of {len(parts)} parts found"
     nothing = ", ".join(hollow[:_MOST_LISTED])
     reasons = [] if run else ["The grader found no command and no sentence that says how to run the work."]
@@ -312,13 +311,13 @@ def concepts_explained(context: Context, p: ConceptsExplained) -> Finding:
         return failed(expected, measured, reason, where=where)
     covered = min(1.0, len(found.discussed) / p.full_concepts)
     share = 2 / 3 * covered + 1 / 3 if found.related else 1 / 3 * covered
-    reasons = [] if found.related else ["They are not set in relation to each other: when which, and at what price?"]
+    reasons = [] if found.related else ["It recognised no passage that weighs them: when which, and at what price?"]
     if len(found.discussed) < p.full_concepts:
         missing = ", ".join(name for name in p.concepts if name not in found.discussed)
         recognised = f"The grader recognised {len(found.discussed)} of {len(p.concepts)} subjects"
         reasons.insert(0, f"{recognised}; {p.full_concepts} give full credit. Not recognised: {missing}.")
     notes = [f"For a person to read: {s.file}, line {s.line}, seems to be words, not sentences." for s in found.strung]
-    finding = graded(share, expected, measured, " ".join(reasons), where=where, notes=notes)
+    finding = graded(share, expected, measured, " ".join(reasons), where=[] if reasons else where, notes=notes)
     places = {name: _at(passage.file, passage.line) for name, passage in found.discussed.items()}
     listed = [f"{name}: {places.get(name, 'not recognised')}" for name in p.concepts]
     related = ", ".join(_at(passage.file, passage.line) for passage in found.related[:_MOST_LISTED])

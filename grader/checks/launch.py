@@ -143,7 +143,7 @@ def _repaired(faults: Sequence[Mapping[str, Any]], expected: str, rest: float) -
     judged = f"To judge the rest, it was repaired on a copy{f': {done}' if done else ''}."
     finding = failed(
         expected,
-        "it stops before it starts anything",
+        "it stops with an error",
         f"{reasons} `ros2 launch` stops there. {judged}",
         hint=" ".join(dict.fromkeys(str(noted["remedy"]) for noted in faults)),
         where=[Location(file=noted["file"], line=noted["line"]) for noted in faults if noted["file"]],

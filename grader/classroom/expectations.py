@@ -14,7 +14,7 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from grader.errors import SubmissionError
 from grader.lab.rubric import Rubric
 from grader.lab.yaml_with_lines import Strict, cannot_be_read, parse_yaml
-from grader.result import CheckResult, Outcome, Result
+from grader.result import CheckResult, CriterionResult, Outcome, Result
 
 EXPECTED_FILE = "expected.yaml"
 
@@ -71,14 +71,20 @@ class Expectation(Strict):
     #: Which of these are left out.
     without: tuple[str, ...] = ()
     #: Criteria that are asserted, by their id.
-    criteria: Annotated[dict[str, ExpectedCriterion], _OR_EMPTY]
+    criteria: Annotated[dict[str, ExpectedCriterion], _OR_EMPTY] = Field(default_factory=dict)
+    #: The least and the most points of a criterion that a teacher would give; asserted where all of it is judged.
+    teacher: dict[str, Bounds] = Field(default_factory=dict)
+    #: Criteria for which the grader gives others, and why.
+    apart: dict[str, str] = Field(default_factory=dict)
     #: The least and the most points of all that is judged.
     total: Bounds | None = None
 
     @model_validator(mode="after")
     def _asserts_something(self) -> Expectation:
-        if not self.criteria and self.total is None:
+        if not self.criteria and not self.teacher and self.total is None:
             raise ValueError("it asserts nothing: name a criterion or the total")
+        if aims := self.apart.keys() - self.teacher.keys():
+            raise ValueError(f"a teacher's range is missing for {', '.join(sorted(aims))}")
         return self
 
     def loses_in(self, criterion: str) -> bool:
@@ -90,11 +96,11 @@ class Expectation(Strict):
         """Say what is named here and is not in a rubric."""
         checks = {criterion.id: {check.id for check in criterion.checks} for criterion in rubric.criteria}
         found = [f"the rubric has no session {name!r}" for name in self.sessions if name not in rubric.sessions]
-        for name, expected in self.criteria.items():
+        for name in dict.fromkeys([*self.criteria, *self.teacher]):
             if name not in checks:
                 found.append(f"the rubric has no criterion {name!r}")
-            else:
-                unknown = [check for check in expected.checks if check not in checks[name]]
+            elif name in self.criteria:
+                unknown = [check for check in self.criteria[name].checks if check not in checks[name]]
                 found += [f"the rubric's criterion {name!r} has no check {check!r}" for check in unknown]
         return found
 
@@ -200,12 +206,25 @@ def compare(expectation: Expectation, result: Result, rubric: Rubric) -> Verdict
             wanted = expected.checks.get(check.id, ExpectedCheck(outcome="passed"))
             differences += wanted.differences(check)
             undecided = undecided or not check.outcome.decided
+    possible = {criterion.id: criterion.points for criterion in rubric.criteria}
+    for criterion in result.criteria:
+        if criterion.id in expectation.teacher and criterion.possible == possible[criterion.id]:
+            undecided = undecided or bool(criterion.undecided)
+            differences += _from_teacher(expectation, criterion)
     if expectation.total is not None:
         least, most = expectation.total
         undecided = undecided or bool(result.score.undecided)
         if not least <= result.score.earned <= most:
             differences.append(f"it earns {result.score.earned} points in all, not {_span(least, most)}")
     return Verdict(tuple(differences), undecided)
+
+
+def _from_teacher(expectation: Expectation, criterion: CriterionResult) -> Iterator[str]:
+    """Say that a criterion earns what no teacher would give, or does so where that is said not to be."""
+    least, most = expectation.teacher[criterion.id]
+    if (least <= criterion.earned <= most) == (criterion.id in expectation.apart):
+        wanted = f"{'not ' * (criterion.id not in expectation.apart)}{_span(least, most)}"
+        yield f"{criterion.id} earns {criterion.earned}, {wanted} as a teacher would give"
 
 
 def _span(least: Decimal, most: Decimal) -> str:

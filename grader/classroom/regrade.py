@@ -15,7 +15,7 @@ from pathlib import Path
 from grader.bounded import in_processes
 from grader.classroom.audit import note_replaced, text_of
 from grader.cohort.changes import Changes, changes_between
-from grader.errors import GraderError, RecordingError, described
+from grader.errors import GraderError, RecordingError, RubricError, described
 from grader.files import replace_files, uninterrupted
 from grader.judging import judgement
 from grader.judging.judgement import Judgement
@@ -192,6 +192,10 @@ def _measures(
             if key not in rubrics:
                 rubrics[key] = recorded_rubric(copy, trusted=trusted)
             rubric_of[folder] = rubrics[key]
+        except RubricError as error:
+            mistake = next(iter(error.mistakes), error.problem)
+            problem = f"the rubric kept with it does not fit this version of the grader: {mistake}"
+            failed[folder.resolve().name] = RubricError(problem, [], location=str(folder), remedy=error.remedy)
         except (GraderError, OSError, UnicodeDecodeError) as error:
             failed[folder.resolve().name] = described(error)
     sources = [made_from(folder) for folder in folders]

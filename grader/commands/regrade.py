@@ -133,6 +133,10 @@ def _regrade_class(folder: Path, options: argparse.Namespace, console: Console) 
             on_judged=lambda name: progress.advance(task),
         )
     took_s = time.monotonic() - began_s
+    if found.failed:
+        console.print(f"{len(found.failed)} of {len(folders)} could not be judged, for the causes below.")
+    if not found.judged:
+        return _status(found, [], options)
     print_changes(console, found.changes)
     matter = [changes for changes in found.changes.values() if changes.matters]
     replace_file(folder / CHANGES_FILE, changes_csv(matter))
@@ -153,8 +157,14 @@ def _status(found: Regrade, matter: Sequence[Changes], options: argparse.Namespa
     least: Decimal | None = options.fail_under
     statuses = [BELOW if matter and not options.apply else 0]
     statuses += [BELOW for changes in found.changes.values() if least is not None and changes.after < least]
+    causes: dict[tuple[str, ...], list[str]] = {}
     for name, failed in found.failed.items():
-        failed.location = failed.location or name
-        print_error(failed)
+        causes.setdefault((failed.problem, failed.remedy, *getattr(failed, "mistakes", ())), []).append(name)
         statuses.append(failed.exit_status)
+    for names in causes.values():
+        failed = found.failed[names[0]]
+        if len(names) > 1:
+            failed.location = f"{', '.join(names[:3])}{f' and {len(names) - 3} more' if len(names) > 3 else ''}"
+        failed.location = failed.location or names[0]
+        print_error(failed)
     return max(statuses)

@@ -55,6 +55,7 @@ def recorded_rubric(copy: Path, *, trusted: bool = False) -> Rubric:
     try:
         return load_rubric(copy, rubric_kinds(), lab_folder() if shipped else copy.parent / kept_lab.KEPT)
     except RubricError as error:
+        error.remedy = "`--rubric rubric.yaml` judges by today's."
         if not files and not shipped:
             error.remedy = "The recordings are without the files of their lab; give its rubric by --rubric."
         raise

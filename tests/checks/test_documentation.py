@@ -226,7 +226,7 @@ def test_a_list_of_settings_earns_a_third() -> None:
     text += "\nThe latency of each QoS profile is printed at the end of the run in ms.\n"
     finding = static("concepts_explained", CONCEPTS, submission({"README.md": text}))
     assert float(finding.credit) == pytest.approx(1 / 3, abs=0.001)
-    assert "not set in relation" in finding.reason
+    assert "no passage that weighs them" in finding.reason
 
 
 def test_passages_about_something_else_do_not_count() -> None:

@@ -54,7 +54,7 @@ def read(result: dict[str, Any], identity: str = "", **change: Any) -> Result:
 def test_all_fixtures_fit_the_rubric(rubric: Rubric) -> None:
     """Each names only sessions, criteria and checks that there are, and files that it can be laid out from."""
     found = fixtures_in(ROOT / "fixtures")
-    assert len(found) >= 77
+    assert len(found) >= 117
     assert {
         fixture.name: fixture.expectation.unfit(rubric) for fixture in found if fixture.expectation.unfit(rubric)
     } == {}

@@ -131,6 +131,19 @@ def test_one_that_cannot_be_judged(results: Path, capsys: pytest.CaptureFixture[
     assert "ann" in errors
 
 
+def test_a_class_by_a_rubric_of_an_older_version(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It is said how many could not be judged, the cause once with those that it concerns, and what to do."""
+    for folder in ("ann", "bob"):
+        kept = results / folder / RECORDINGS / RUBRIC_COPY
+        kept.write_text(kept.read_text(encoding="utf-8").replace("check: topic_rate", "check: topic_speed"))
+    status, output, errors = run(capsys, results)
+    assert (status, output) == (4, "2 of 2 could not be judged, for the causes below.")
+    assert errors.count("topic_speed") == 1
+    assert errors.startswith("grade: ann, bob: ")
+    assert "`--rubric rubric.yaml` judges by today's." in errors
+    assert not (results / CHANGES_FILE).exists()
+
+
 def test_decisions_that_do_nothing_are_reported(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A name that nobody has is a note, not a mistake."""
     (results / "overrides.yaml").write_text(f"overrides:\n  - {{submission: abn, bonus: 1, {WHY}}}\n")

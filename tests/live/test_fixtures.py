@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -25,9 +24,12 @@ ROOT = Path(__file__).parents[2]
 MOST_GRADINGS = 3
 #: What is left undecided is no fault of the grader's where others took so much of the machine.
 BUSY = 0.1
-FIXTURES: Sequence[Path] = sorted(path.parent for path in (ROOT / "fixtures").glob("*/expected.yaml"))
-#: All of them would take too long for every run: each commit has a third of them, as its name has it.
-FIXTURES = part(FIXTURES, 3, os.environ.get("FIXTURES", "") == "all")
+EVERY = sorted(path.parent for path in (ROOT / "fixtures").glob("*/expected.yaml"))
+#: Those that a teacher judged too; their recordings are judged in every run, by tests/judging/test_teacher.py.
+RECORDED = [path for path in EVERY if (ROOT / f"tests/teacher_recordings/{path.name}.tar.xz").is_file()]
+#: All of them would take too long for every run: each commit has a part of them, as its name has it.
+ALL = os.environ.get("FIXTURES", "") == "all"
+FIXTURES = [*part([path for path in EVERY if path not in RECORDED], 3, ALL), *part(RECORDED, 20, ALL)]
 
 
 @pytest.fixture(scope="module")
