@@ -58,10 +58,10 @@ def _nested(depth: int) -> bytes:
 
 
 FLOODS: dict[str, Callable[[], bytes]] = {
-    "four thousand channels": lambda: _described(4_000),
+    "two thousand channels": lambda: _described(2_000),
     "a channel announced over and over": lambda: _described(1) * 2_000,
-    "ten thousand messages": lambda: (
-        _described(1) + b"".join(_message(0, n, n, n, floats([1.0])) for n in range(10_000))
+    "three thousand messages": lambda: (
+        _described(1) + b"".join(_message(0, n, n, n, floats([1.0])) for n in range(3_000))
     ),
     "times that are none": lambda: (
         _described(1)

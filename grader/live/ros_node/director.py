@@ -417,7 +417,7 @@ class Director:
         if refused is None:
             return "timeout", {"node": node, "problem": _NO_ANSWER}
         names = {"names": meant} if meant else {}
-        return ("failed" if refused else "done"), {"node": node, "refused": refused, **names}
+        return ("failed" if refused else "done"), _jsonable({"node": node, "refused": refused, **names})
 
     def _refused(self, request: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, str] | None:
         """Set parameters; returns the reasons for which some were refused, None if there was no answer."""

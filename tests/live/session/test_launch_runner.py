@@ -114,8 +114,8 @@ def test_what_cannot_be_repaired_leaves_all_as_it_was(runner: LaunchRunner, prob
 
 
 def test_among_many_names_the_meant_one_is_soon_found(runner: LaunchRunner) -> None:
-    """Ten thousand configurations, as long as names may be, are not all compared."""
-    known = {f"{'a' * 190}{n:05}": "1" for n in range(10_000)}
+    """Ten thousand configurations of sixty letters are not all compared."""
+    known = {f"{'a' * 55}{n:05}": "1" for n in range(10_000)}
     began_s = time.process_time()
-    assert runner._repair(Problem("undefined_configuration", f"'{'a' * 195}'"), known, {})
-    assert time.process_time() - began_s < 10.0
+    assert runner._repair(Problem("undefined_configuration", f"'{'a' * 60}'"), known, {})
+    assert time.process_time() - began_s < 3.0
