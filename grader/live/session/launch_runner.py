@@ -44,8 +44,8 @@ _INDEX = "share/ament_index/resource_index/packages"
 #: What a second evaluation gets in any case: the mistake that the first one found is repaired to see the rest.
 _LEAST_EVALUATION_S = 1.0
 _MAX_MEMORY_BYTES = 2 * 1024 * 1024 * 1024
-#: Where it waits for a core most of the time, it may take so many times as long as it may take; looked at so often.
-_MOST_EXTENDED, _LOOK_S = 4.0, 0.2
+#: Where it waits for a core, it may take so many times as long at most; it is looked at after such a share at least.
+_MOST_EXTENDED, _LEAST_EXTENDED = 4.0, 0.01
 #: A process that is to be started again and again is so at most this often.
 _MAX_RESPAWNS = 3
 
@@ -362,7 +362,7 @@ async def _ends_in_time(running: RunningProcess, time_s: float, most: float = _M
         running.sample_usage()
         delay_s = running.run.usage[-1].run_delay_ns / 1e9 if running.run.usage else 0.0
         extended_s = min(time_s + delay_s, most * time_s)
-        if extended_s < allowed_s + _LOOK_S:
+        if extended_s < allowed_s + _LEAST_EXTENDED * time_s:
             return False
         allowed_s = extended_s
     return True
