@@ -7,6 +7,7 @@ results are judged again but nothing is graded) the work is done here, unbounded
 
 from __future__ import annotations
 
+import ctypes
 import errno
 import os
 import pickle
@@ -30,6 +31,7 @@ T = TypeVar("T")
 K = TypeVar("K")
 
 _PIECE_BYTES = 1 << 16
+_SET_PDEATHSIG = 1  # prctl(2)
 
 
 @dataclass(frozen=True)
@@ -104,9 +106,10 @@ class _Child:
     @classmethod
     def start(cls, work: Callable[[], object], bound: Bound) -> _Child:
         reading, writing = os.pipe()
-        process = os.fork()
+        parent, process = os.getpid(), os.fork()
         if process == 0:
-            _be_child(work, writing, bound)
+            os.close(reading)
+            _be_child(work, writing, bound, parent)
         os.close(writing)
         return cls(process, reading, bound, time.monotonic() + bound.wall_s)
 
@@ -139,10 +142,14 @@ def _exceeded(bound: Bound, problem: str) -> BoundError:
     return BoundError(f"{bound.what} {problem}", remedy=remedy)
 
 
-def _be_child(work: Callable[[], object], pipe: int, bound: Bound) -> NoReturn:
+def _be_child(work: Callable[[], object], pipe: int, bound: Bound, parent: int) -> NoReturn:
     """Work, send what comes of it, and end without a word to what this process shares with the one it came from."""
     status = 1
     try:
+        # It shares what its parent holds, such as a slot of the machine, and must not hold that longer.
+        ctypes.CDLL(None).prctl(_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() != parent:
+            os._exit(status)
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asked, which ends this one.
         for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGXCPU):
             signal.signal(number, signal.SIG_DFL)

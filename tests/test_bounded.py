@@ -6,6 +6,8 @@ import dataclasses
 import os
 import shutil
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -119,3 +121,28 @@ def test_a_class_is_judged_but_for_the_one_that_breaks(tmp_path: Path) -> None:
     found = regrade(recorded_in(tmp_path), pages=False)
     assert list(found.changes) == ["ann"]
     assert list(found.failed) == ["bob"]
+
+
+_KILLED = """
+import os, signal, time
+from grader.bounded import Bound, in_process
+
+def work():
+    os.write(1, b"%d\\n" % os.getpid())
+    time.sleep(0.5)
+    return bytes(2**20)
+
+in_process(work, Bound(what="work", cpu_s=1.0, wall_s=30.0, memory_bytes=2**28))
+"""
+
+
+def test_work_ends_with_the_process_that_asked_for_it() -> None:
+    """Who is killed leaves no process behind, which would hold what both share, such as a slot of the machine."""
+    with subprocess.Popen([sys.executable, "-c", _KILLED], stdout=subprocess.PIPE) as asking:
+        assert asking.stdout is not None
+        working = int(asking.stdout.readline())
+        asking.kill()
+    deadline_s = time.monotonic() + 10
+    while Path(f"/proc/{working}").exists() and time.monotonic() < deadline_s:
+        time.sleep(0.05)
+    assert not Path(f"/proc/{working}").exists()

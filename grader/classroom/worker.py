@@ -71,6 +71,7 @@ async def _run(
         process = await asyncio.create_subprocess_exec(
             *("setpriv", "--pdeathsig", "KILL", sys.executable, "-I", "-m", "grader.classroom.worker"),
             str(scratch / "job"),
+            str(os.getpid()),
             stdin=asyncio.subprocess.DEVNULL,
             stdout=asyncio.subprocess.PIPE,
             stderr=errors,
@@ -127,6 +128,8 @@ def _broken(status: int | None, errors: Path) -> GraderError:
 
 def main(argv: list[str]) -> int:
     """Grade the submission of a job; returns the exit status."""
+    if os.getppid() != int(argv[1]):  # It ended before it could be said that this one ends with it.
+        return 1
     limit_memory()
     try:
         job: Job = pickle.loads(Path(argv[0]).read_bytes())

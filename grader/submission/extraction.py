@@ -78,8 +78,9 @@ class Limits:
     file_bytes: int = 8 * 1024**2
     #: An archive within an archive.
     archive_bytes: int = 128 * 1024**2
-    #: Folders within each other.
+    #: Folders within each other, and folders that hold what is extracted.
     depth: int = 20
+    folders: int = 2_000
 
 
 LIMITS = Limits()
@@ -212,6 +213,7 @@ class _Extraction:
         self._members = 0
         self._reasons: dict[str, list[str]] = {}  # why something was left out -> its names
         self._tool_folders: set[str] = set()
+        self._folders: set[str] = set()  # their collision keys
         self._room = {True: [limits.files, limits.source_bytes], False: [limits.files, limits.other_bytes]}
         self._has_programs = False
         self._archives: list[str] = []
@@ -314,6 +316,9 @@ class _Extraction:
         """Copy a file into the clean folder, as far as there is room for files and bytes of its kind."""
         if room[0] <= 0:
             raise file_names.UnfitError(f"more than {self._limits.files:,} files of its kind")
+        folders = {file_names.collision_key(parts[:depth]) for depth in range(1, len(parts))} - self._folders
+        if len(self._folders) + len(folders) > self._limits.folders:
+            raise file_names.UnfitError(f"more than {self._limits.folders:,} folders")
         if room[1] < self._limits.file_bytes:
             size = self._write(member, content, room[1], "files of its kind are too large together")
         else:
@@ -326,6 +331,7 @@ class _Extraction:
         except (FileExistsError, NotADirectoryError, IsADirectoryError):
             raise file_names.UnfitError("a file where another has a folder") from None
         room[0], room[1] = room[0] - 1, room[1] - size
+        self._folders |= folders
         if key in self.kept:
             self._note(member.name, "an earlier file of the same name")
         elif file_names.differ(member.name, parts):

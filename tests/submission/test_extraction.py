@@ -541,3 +541,11 @@ def test_names_in_an_archive(tmp_path: Path) -> None:
     lay_out(tmp_path, {"a.tar": file.getvalue(), "b.zip": b"no zip", "c.zip": zip_of([("x", b"")])[:-9]})
     assert names_in(tmp_path / "a.tar") == ["ann/", "ann/a.py"]
     assert [names_in(tmp_path / name) for name in ("b.zip", "c.zip", "none.zip", "")] == [None] * 4
+
+
+def test_folders_have_a_bound(tmp_path: Path) -> None:
+    """Files that need more folders than a session's disk has room for are left out, and those beside them are not."""
+    lay_out(tmp_path / "s", {"a/b/one.py": PROGRAM, "a/b/two.py": PROGRAM, "c/d/three.py": PROGRAM, "main.py": PROGRAM})
+    files, left_out = take(tmp_path / "s", Limits(folders=3))
+    assert sorted(files) == ["a/b/one.py", "a/b/two.py", "main.py"]
+    assert left_out == ("c/d/three.py: more than 3 folders",)
