@@ -37,7 +37,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> InTurn:
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Put live tests behind those that only compute, where one process runs all."""
-    items.sort(key=lambda item: kind_of(item.nodeid) < Kind.BROWSER)
+    items.sort(key=lambda item: kind_of(item.nodeid) < Kind.CLOCK)
     step_behind(config, items)
 
 

@@ -28,6 +28,9 @@ ATTACKS_AT_A_TIME = 2
 ONE_BY_ONE = (
     "test_fixtures.py", "test_runner.py", "test_launch_containment.py", "test_isolation.py", "test_class.py",
 )  # fmt: skip
+#: Folders of tests that compute, however long that takes by the clock; what others compute has bounds in seconds.
+PATIENT = ("checks", "cohort", "evidence", "judging", "lab", "recording", "reference", "report")
+IMPATIENT = ("test_writing.py",)
 #: Modules that only compute, for half a minute each.
 LONG = ("test_hostile_texts.py", "test_hard_texts.py", "test_judge.py", "test_every_pattern.py")
 
@@ -35,17 +38,17 @@ LONG = ("test_hostile_texts.py", "test_hard_texts.py", "test_judge.py", "test_ev
 class Kind(IntEnum):
     """What a test is, in the order in which it is begun: what may take longest first."""
 
-    ATTACK, LIVE_MODULE, LIVE_TEST, FIXTURE, BROWSER, LONG, PURE = range(7)
+    ATTACK, LIVE_MODULE, LIVE_TEST, FIXTURE, CLOCK, LONG, PURE = range(7)
 
 
 @cache
 def _kind_of_module(module: str) -> Kind:
     name, text = Path(module).name, (ROOT / module).read_text(encoding="utf-8")
-    marks = re.findall(r"pytest\.mark\.(live|browser)\b", text)
-    if "live" in marks:
+    if re.search(r"pytest\.mark\.live\b", text):
         alone = Kind.FIXTURE if name == "test_fixtures.py" else Kind.LIVE_TEST
         return Kind.ATTACK if name == "test_attacks.py" else alone if name in ONE_BY_ONE else Kind.LIVE_MODULE
-    return Kind.BROWSER if marks else Kind.LONG if name in LONG else Kind.PURE
+    patient = Path(module).parts[1] in PATIENT and name not in IMPATIENT
+    return Kind.LONG if name in LONG else Kind.PURE if patient else Kind.CLOCK
 
 
 def kind_of(nodeid: str) -> Kind:
@@ -97,7 +100,7 @@ class InTurn(LoadScopeScheduling):  # type: ignore[misc]
 def worker_behind(workers: int, collection: list[str]) -> str:
     """Return the worker that computes behind live tests, where there are both; else nothing."""
     kinds = {kind_of(nodeid) for nodeid in collection}
-    both = min(kinds, default=Kind.PURE) < Kind.BROWSER and max(kinds) >= Kind.LONG
+    both = min(kinds, default=Kind.PURE) < Kind.CLOCK and max(kinds) >= Kind.LONG
     return f"gw{workers - 1}" if both and workers >= FEWEST_WORKERS else ""
 
 

@@ -395,7 +395,11 @@ def sinusoids(context: Context, p: Sinusoids) -> Finding:
     moving = ", ".join(map(str, _others_that_move(series.values, p)))
     parts.append(Part(0.0, "", f"Element {moving} should stay at 0, but does not.") if moving else Part(1.0))
     unmoved = [component for component, part in zip(p.components, parts, strict=False) if part.share < _RECOGNISED]
-    if danger := _danger(series, p) or _misplaced(series, p, unmoved):
+    danger = _danger(series, p)
+    if not danger:
+        places = [(component.index, _element_of(series, component, p)) for component in unmoved]
+        danger = " ".join(f"The motion of element {own} is in element {n}." for own, n in places if n is not None)
+    if danger:
         measured = "; ".join(part.text for part in parts if part.text)
         return failed(expected, measured, " ".join([danger, *(part.reason for part in parts if part.reason)]))
     return of_parts(expected, parts)
@@ -422,12 +426,6 @@ def _danger(series: NumericStream, p: Sinusoids) -> str:
     if p.starts_within is not None and begins > p.starts_within and series.sequence[0] <= _FIRST_MESSAGES:
         return f"Element {int(sizes[0].argmax())} jumps to {begins:.2f} with the first message."
     return ""
-
-
-def _misplaced(series: NumericStream, p: Sinusoids, unmoved: Sequence[Component]) -> str:
-    """Say which components move another element than their own; empty if none does."""
-    places = [(component.index, _element_of(series, component, p)) for component in unmoved]
-    return " ".join(f"The motion of element {own} is in element {place}." for own, place in places if place is not None)
 
 
 #: So many messages show a motion.

@@ -31,7 +31,8 @@ def inconclusive_reason(recorded: Recorded, reference_nodes: Iterable[str]) -> s
         return "A program could not start a thread although it had few: the machine may have run out of them."
     if recorded.record.times_recorded > 1:
         return None
-    if any(_killed_by_nobody(run) for run in students):
+    killed = (run for run in students if run.exit_status in _KILLED and run.ended_by == "itself")
+    if any(not ended_by_limit(run) for run in killed):
         return "A program was killed, but not by this session; the system does that when memory is short."
     if _nobody_came(recorded, students, frozenset(reference_nodes)):
         return "The program ran, but its node did not appear in time. A single occurrence is not conclusive."
@@ -55,10 +56,6 @@ def _stalled(recorded: Recorded) -> str | None:
             late = f"for {min(delay_s, span.duration_s):.1f} s of {span.duration_s:.1f} s"
             return f"Something did not appear in time while the grading computer was busy {late}."
     return None
-
-
-def _killed_by_nobody(run: ProcessRun) -> bool:
-    return run.exit_status in _KILLED and run.ended_by == "itself" and not ended_by_limit(run)
 
 
 def _was_refused_tasks(run: ProcessRun) -> bool:

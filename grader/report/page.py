@@ -36,7 +36,8 @@ def _template(name: str, styles: tuple[str, ...], script: str) -> Template:
         loader=FileSystemLoader(_FOLDER),
         autoescape=True,
         undefined=StrictUndefined,
-        finalize=_finalize,
+        # Text is made fit to be shown; markup of ours and numbers stay as they are.
+        finalize=lambda value: shown(value) if isinstance(value, str) and not isinstance(value, Markup) else value,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
@@ -78,8 +79,3 @@ def _read(name: str) -> str:
 def _hash(text: str) -> str:
     digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
     return f"'sha256-{digest}'"
-
-
-def _finalize(value: Any) -> Any:
-    """Make text fit to be shown; markup of ours and numbers stay as they are."""
-    return shown(value) if isinstance(value, str) and not isinstance(value, Markup) else value

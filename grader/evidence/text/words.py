@@ -25,6 +25,8 @@ _UNSPACED = "\u0e00-\u0eff\u1000-\u109f\u1780-\u17ff"
 _WORD = re.compile(rf"[{_IDEOGRAPH}]|[{_UNSPACED}]+|(?:(?![{_IDEOGRAPH}{_UNSPACED}])[^\W_])+")
 _IS_IDEOGRAPH = re.compile(f"[{_IDEOGRAPH}]").match
 _IS_UNSPACED = re.compile(f"[{_UNSPACED}]").match
+#: Combining marks of scripts where leaving one out keeps the letter (not Indic vowels).
+_ACCENT = re.compile("[\u0300-\u036f\u064b-\u0652]")
 _SENTENCE_END = re.compile(r"(?<=[.!?])\s+|[。！？；।؟۔]+|\n[ \t]*\n")
 _SENTENCE_LIMIT = 20_000
 _BRACKETED = re.compile(r"^\W{0,80}[<\[{][^<>\[\]{}]{0,80}[>\]}]\W*$")
@@ -38,12 +40,7 @@ def fold(text: str) -> str:
     if text.isascii():
         return text.lower()
     plain = unicodedata.normalize("NFKD", text.casefold().replace("ı", "i"))
-    return unicodedata.normalize("NFC", "".join(c for c in plain if not _is_accent(c)))
-
-
-def _is_accent(character: str) -> bool:
-    """Whether it is a combining mark of a script where leaving it out keeps the letter (not Indic vowels)."""
-    return "\u0300" <= character <= "\u036f" or "\u064b" <= character <= "\u0652"
+    return unicodedata.normalize("NFC", _ACCENT.sub("", plain))
 
 
 def words(text: str) -> list[str]:

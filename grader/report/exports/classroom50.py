@@ -45,11 +45,13 @@ def render(graded: Graded, environment: Mapping[str, str]) -> str:
     """Return the file's text."""
     given = {key: line(environment[variable], 1000) for key, variable in _GIVEN.items()}
     tests = [_test(check, *scores) for check, scores in zip(graded.checks, _scores(graded), strict=True)]
+    # When the last session ended; the runner puts the time of submission in its place.
+    ended_s = max((s["started_ns"] / 1e9 + s["duration_s"] for s in graded.sessions.values()), default=0.0)
     plain = {
         "schema": SCHEMA,
         **given,
         "review": line(environment.get("REVIEW_URL") or environment["COMMIT_URL"], 1000),
-        "datetime": _recorded_at(graded),
+        "datetime": datetime.fromtimestamp(ended_s, tz=timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ"),
         "score": sum(test["score"] for test in tests),
         "max-score": sum(test["max-score"] for test in tests),
         "tests": tests,
@@ -100,9 +102,3 @@ def _test(check: GradedCheck, score: int, most: int) -> dict[str, Any]:
         "outcome": badge_of(check.outcome).word,
         "output": full_text(check),
     }
-
-
-def _recorded_at(graded: Graded) -> str:
-    """Return when the last session ended; the runner puts the time of submission in its place."""
-    ends = [s["started_ns"] / 1e9 + s["duration_s"] for s in graded.sessions.values()]
-    return datetime.fromtimestamp(max(ends, default=0.0), tz=timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")
