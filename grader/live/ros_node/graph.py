@@ -37,8 +37,9 @@ MAX_TOPICS = 400
 MAX_NODES = 400
 MAX_ENDPOINTS = 4000
 _INFINITE_NS = 2**62
-#: Names that rcl takes. A program without ROS may have others on DDS, and bytes that are no text.
-_TOPIC_NAME = re.compile(r"(?:/[A-Za-z_][A-Za-z0-9_]*)+")
+#: Names that rcl takes, of 247 characters at most. A program without ROS may have others on DDS, and bytes that are no
+#: text; no reference node could be given one of them.
+_TOPIC_NAME = re.compile(r"(?=.{1,247}\Z)(?:/[A-Za-z_][A-Za-z0-9_]*)+")
 
 T = TypeVar("T")
 

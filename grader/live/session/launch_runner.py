@@ -44,6 +44,8 @@ _INDEX = "share/ament_index/resource_index/packages"
 #: What a second evaluation gets in any case: the mistake that the first one found is repaired to see the rest.
 _LEAST_EVALUATION_S = 1.0
 _MAX_MEMORY_BYTES = 2 * 1024 * 1024 * 1024
+#: Where it waits for a core, it may take so many times as long at most; it is looked at after such a share at least.
+_MOST_EXTENDED, _LEAST_EXTENDED = 4.0, 0.01
 #: A process that is to be started again and again is so at most this often.
 _MAX_RESPAWNS = 3
 
@@ -229,7 +231,7 @@ class LaunchRunner:
         reader = PipeReader(result_read, _MAX_PLAN_BYTES, received.append)
         request = {"file": f"{root}/{source}", "arguments": arguments, "root": root, "native": native is not None}
         running.write(json.dumps(request).encode(), last=True)
-        in_time = await running.wait_exit(left_s)
+        in_time = await _ends_in_time(running, left_s)
         await running.kill()
         reader.close()
         text = received[0] if received else ""
@@ -351,6 +353,19 @@ def _meant(wanted: str, names: Iterable[str]) -> str | None:
 def with_places(text: str, names: Container[str], folder: str) -> str:
     """Return a text in which each of the plan's own files stands under its path in a folder."""
     return _OWN_FILE.sub(lambda match: f"{folder}/{match[1]}" if match[1] in names else match[0], text)
+
+
+async def _ends_in_time(running: RunningProcess, time_s: float, most: float = _MOST_EXTENDED) -> bool:
+    """Wait until a program has ended: as long as it may take, and as long as it waits for a core besides."""
+    began_s, allowed_s = time.monotonic(), time_s
+    while not await running.wait_exit(max(0.0, began_s + allowed_s - time.monotonic())):
+        running.sample_usage()
+        delay_s = running.run.usage[-1].run_delay_ns / 1e9 if running.run.usage else 0.0
+        extended_s = min(time_s + delay_s, most * time_s)
+        if extended_s < allowed_s + _LEAST_EXTENDED * time_s:
+            return False
+        allowed_s = extended_s
+    return True
 
 
 def _read_plan(text: str, in_time: bool, timeout_s: float, run: ProcessRun, source: str) -> Plan:

@@ -61,3 +61,21 @@ def test_the_order_of_candidates_does_not_matter(candidates: list[tuple[str, str
     other = list(candidates)
     random.shuffle(other)  # type: ignore[attr-defined]
     assert meant("/joint_commands", *candidates) == meant("/joint_commands", *other)
+
+
+@pytest.mark.parametrize("name", ["/a", "/a/b_1", "/a__b", "/_", "/", "a", "/a/", "//a", "/1", "/a-b", "/é", "/a\n"])
+def test_a_topic_of_the_graph_is_one_that_a_reference_node_can_be_given(name: str) -> None:
+    """Others than rcl takes are none: a reference node that is given one ends, and the session with it."""
+    pytest.importorskip("rclpy")
+    from rclpy.exceptions import InvalidTopicNameException
+    from rclpy.validate_full_topic_name import validate_full_topic_name
+
+    from grader.live.ros_node.graph import _TOPIC_NAME
+
+    for length in (len(name), 247, 248):
+        long = name + "a" * (length - len(name))
+        try:
+            taken = bool(validate_full_topic_name(long))
+        except InvalidTopicNameException:
+            taken = False
+        assert (_TOPIC_NAME.fullmatch(long) is not None) == taken, long

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
+import os
+import subprocess
 import sys
 import time
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 
 from grader.judging.rubrics import read_rubric
+from grader.live.process.process import RunningProcess
 from grader.live.sandbox.isolation import Form, Isolation, Level
-from grader.live.session.launch_runner import LaunchRunner, _read_plan, with_places
+from grader.live.session.launch_runner import LaunchRunner, _ends_in_time, _read_plan, with_places
 from grader.live.session.plan import SessionPlan
 from grader.live.session.stage import stage
 from grader.live.session.student_sandbox import StudentSandbox
@@ -45,6 +50,28 @@ def test_a_plans_own_files_are_placed_in_one_pass() -> None:
     placed = [with_places(text, names, "/p") for text in texts]
     assert time.process_time() - began_s < 5.0
     assert placed[:3] == ["/p/arm_1.yaml:/p/arm_12.yaml.", "{parameters}/else.yaml", "x" * 20]
+
+
+_COMPUTES = "import time\nwhile time.process_time() < float({s}):\n    pass"
+
+
+@pytest.mark.parametrize(("cpu_s", "ends"), [(0.5, True), (60, False)])
+def test_waits_for_a_core_are_not_a_launch_files_time(cpu_s: float, ends: bool) -> None:
+    """What computes for less than it may has all the time that others keep it from the core; what does not, has not."""
+    core = str(min(os.sched_getaffinity(0)))
+
+    async def in_time() -> bool:
+        command = ["taskset", "--cpu-list", core, sys.executable, "-c", _COMPUTES.format(s=cpu_s)]
+        started = await RunningProcess.start(ProcessRun("it", "student", []), command, environment={}, cwd="/")
+        found = await _ends_in_time(started, 0.7, most=100 if ends else 3)
+        await started.kill()
+        return found
+
+    spins = ["taskset", "--cpu-list", core, sys.executable, "-c", "while True: pass"]
+    with ExitStack() as others:
+        for _ in range(2):
+            others.callback(others.enter_context(subprocess.Popen(spins)).kill)
+        assert asyncio.run(in_time()) == ends
 
 
 @pytest.fixture
