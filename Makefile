@@ -17,14 +17,14 @@ alice: $(STAMP) system
 # mypy has a core for a minute: it runs behind the tests, and what it says comes after theirs.
 test: $(DEV_STAMP) system-dev lint
 	@said=$$(mktemp); nice $(MAKE) --no-print-directory -k types layers house >"$$said" 2>&1 & checks=$$!; \
-	  $(BIN)/python -m pytest -n 5; tests=$$?; \
+	  $(BIN)/python -m pytest -n 3; tests=$$?; \
 	  wait $$checks; checked=$$?; cat "$$said"; rm -f "$$said"; exit $$((tests | checked))
 
 # All examples and cases of which `make test` tries a part, others for each commit; some five minutes.
 thorough: $(DEV_STAMP) system-dev
 	THOROUGH=1 $(BIN)/python -m pytest -n 4 -m "not live"
 
-# Every fixture; some six minutes. `make test` grades the third of them that the commit's name chooses.
+# Every fixture; some six minutes. `make test` grades the sixth of them that the commit's name chooses.
 fixtures: $(DEV_STAMP) system
 	FIXTURES=all $(BIN)/python -m pytest -n 3 tests/live/test_fixtures.py
 

@@ -580,7 +580,8 @@ def _without_repeats(context: Context, p: Streams, heard: Sequence[Report]) -> l
         came = int(np.searchsorted(sent, report.t_ns, side="right"))
         if before is None or not np.isclose(report.value, before.value, rtol=_ALIKE):
             surplus, most, counted = surplus + most, 0, 0
-            first = int(np.searchsorted(sent, starts[starts <= report.t_ns][-1]))
+            start = int(np.searchsorted(starts, report.t_ns, side="right")) - 1
+            first = int(np.searchsorted(sent, starts[max(0, start)]))
         counted += 1
         most = max(most, counted - (came - first))
         if counted == 1 or before is None or report.t_ns - before.t_ns > interval_ns / 2:

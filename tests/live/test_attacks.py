@@ -74,9 +74,9 @@ class Environment(str, Enum):
 
 #: What is tried otherwise: another part in each environment, since all would take too long for every run.
 PARTS = {
-    Environment.ROOT: slice(0, None, 15),
-    Environment.USER: slice(3, None, 15),
-    Environment.CONTAINER: slice(6, None, 30),
+    Environment.ROOT: slice(0, None, 20),
+    Environment.USER: slice(3, None, 20),
+    Environment.CONTAINER: slice(6, None, 40),
 }
 
 

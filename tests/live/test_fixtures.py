@@ -29,7 +29,7 @@ EVERY = sorted(path.parent for path in (ROOT / "fixtures").glob("*/expected.yaml
 RECORDED = [path for path in EVERY if (ROOT / f"tests/teacher_recordings/{path.name}.tar.xz").is_file()]
 #: All of them would take too long for every run: each commit has a part of them, as its name has it.
 ALL = os.environ.get("FIXTURES", "") == "all"
-FIXTURES = [*part([path for path in EVERY if path not in RECORDED], 3, ALL), *part(RECORDED, 20, ALL)]
+FIXTURES = [*part([path for path in EVERY if path not in RECORDED], 6, ALL), *part(RECORDED, 20, ALL)]
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,7 @@
 
 Reads a request as JSON from standard input: `{"file": ..., "arguments": {...}, "root": ...,
 "native": false}`; `native` asks for the real `launch` instead of the stand-in beside this script. Writes the plan
-as JSON to the file descriptor that argv[1] names. The launch file's own output goes where it would.
+as JSON to the file descriptor that follows --result-fd. The launch file's own output goes where it would.
 Nothing of the rest of the grader is imported, so that the script and the stand-in beside it can be all that
 the process sees.
 """
@@ -30,7 +30,7 @@ def main() -> int:
     int
         The exit status: always 0 once a plan is written.
     """
-    result_fd = int(sys.argv[1])
+    result_fd = int(sys.argv[-1])
     os.set_inheritable(result_fd, False)
     request = json.load(sys.stdin)
     os.write(result_fd, b"\n")  # whatever happens now, the evaluation itself has started

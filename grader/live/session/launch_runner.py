@@ -211,7 +211,7 @@ class LaunchRunner:
         result_read, result_write = os.pipe()
         program = f"{sandbox.seen[LAUNCHING]}/evaluate.py"
         command = ["prlimit", f"--as={_MAX_MEMORY_BYTES}", str(sandbox.plan.interpreter), program]
-        command += [str(result_write)]
+        command += ["--result-fd", str(result_write)]
         native = sandbox.plan.native
         environment = sandbox.environment({"PYTHONPATH": ""})
         if native is not None:
