@@ -39,8 +39,10 @@ def program(source: str, **more: Any) -> Iterator[subprocess.Popen[str]]:
     """Run a program until the end of the context."""
     command = [sys.executable, "-c", source]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, **more) as process:
-        yield process
-        process.kill()
+        try:
+            yield process
+        finally:
+            process.kill()
 
 
 def say(process: subprocess.Popen[str], text: str) -> None:
@@ -127,6 +129,7 @@ def test_a_runaway_does_not_go_before_all_others(role: str, put: Callable[[list[
         put([it.pid])
         deadline_s = time.monotonic() + 5
         while any(os.sched_getscheduler(t) & os.SCHED_RR for t in threads_of(it.pid)) and time.monotonic() < deadline_s:
+            follow(watch, "it", role, it.pid, core)  # as a session does, for threads that came later
             time.sleep(0.05)
         assert {os.sched_getscheduler(t) & ~os.SCHED_RESET_ON_FORK for t in threads_of(it.pid)} == {os.SCHED_OTHER}
         assert it.poll() is None
