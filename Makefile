@@ -28,7 +28,7 @@ thorough: $(DEV_STAMP) system-dev
 fixtures: $(DEV_STAMP) system
 	FIXTURES=all $(BIN)/python -m pytest -n 3 tests/live/test_fixtures.py
 
-# Every attack of fixtures/attacks in all three environments; some twelve minutes. `make test` tries a part of them.
+# Every attack of fixtures/attacks in all three environments; some fifty minutes. `make test` tries a part of them.
 attacks: $(DEV_STAMP) system
 	ATTACKS=all $(BIN)/python -m pytest -n 3 tests/live/test_attacks.py
 

@@ -52,11 +52,10 @@ class Bound:
 
 def in_process(work: Callable[[], T], bound: Bound) -> T:
     """Return what work returns in a process of its own, or raise what it raises, or `BoundError` beyond the bound."""
-    for _, outcome in in_processes({None: work}, bound):
-        if isinstance(outcome, BaseException):
-            raise outcome
-        return outcome
-    raise AssertionError("nothing was returned")
+    ((_, outcome),) = in_processes({None: work}, bound)
+    if isinstance(outcome, BaseException):
+        raise outcome
+    return outcome
 
 
 def in_processes(
@@ -162,9 +161,7 @@ def _be_child(work: Callable[[], object], pipe: int, bound: Bound, parent: int) 
             lacks_memory = isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM
             memory = f"took more than {bound.memory_bytes / 2**30:g} GiB of memory"
             outcome = _exceeded(bound, memory) if lacks_memory else _sendable(error)
-        data = memoryview(pickle.dumps(outcome))
-        while data:
-            data = data[os.write(pipe, data) :]
+        write_all(pipe, pickle.dumps(outcome))
         status = 0
     except BaseException:
         os.write(2, traceback.format_exc().encode(errors="replace"))
@@ -192,7 +189,18 @@ def _limit(bound: Bound) -> None:
     resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
     if bound.file_bytes is not None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (bound.file_bytes, bound.file_bytes))
-    taken = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    limit_memory(int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() + bound.memory_bytes)
+
+
+def limit_memory(most_bytes: int) -> None:
+    """Limit the address space of this process, unless it is limited to less."""
     soft, hard = resource.getrlimit(resource.RLIMIT_AS)
-    most = [limit for limit in (taken + bound.memory_bytes, soft, hard) if limit != resource.RLIM_INFINITY]
+    most = [limit for limit in (most_bytes, soft, hard) if limit != resource.RLIM_INFINITY]
     resource.setrlimit(resource.RLIMIT_AS, (min(most), hard))
+
+
+def write_all(file: int, content: bytes) -> None:
+    """Write to a descriptor, however little of it is taken at a time."""
+    left = memoryview(content)
+    while left:
+        left = left[os.write(file, left) :]

@@ -32,15 +32,12 @@ def main(argv: Sequence[str] | None = None) -> int:
             command = importlib.import_module(f"grader.commands.{arguments[0]}")
             return int(command.run(arguments[1:], console))
         return grade.run(arguments, console, epilog=_epilog())
-    except GraderError as error:
-        print_error(error)
-        return error.exit_status
     except BrokenPipeError:
         _discard_output()
         return GraderError.exit_status
-    except OSError as error:
+    except (GraderError, OSError) as error:
         print_error(described(error))
-        return GraderError.exit_status
+        return described(error).exit_status
     except KeyboardInterrupt as interrupt:
         print(f"grade: interrupted; there is no result of this submission\n  {interrupt}".rstrip(), file=sys.stderr)
         return 130

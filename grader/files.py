@@ -81,16 +81,15 @@ def atomic_replacement(
     new = results / UNFINISHED
     shutil.rmtree(new, ignore_errors=True)
     new.mkdir(parents=True)
+    is_whole = False
     try:
         try:
             yield new
-        except BaseException:
+            is_whole = True
+        finally:
             with uninterrupted():
-                if keep(new):
+                if is_whole or keep(new):
                     _exchange(new, results, parts)
-            raise
-        with uninterrupted():
-            _exchange(new, results, parts)
     finally:
         shutil.rmtree(new, ignore_errors=True)
         with suppress(OSError):  # It is not empty, as a rule.

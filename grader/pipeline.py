@@ -121,7 +121,7 @@ def grade(
     with ExitStack() as stack:
         with watch.stage("unpacking the submission"):
             intake = stack.enter_context(opening)
-            submission = in_bounds(partial(read_submission, intake, rubric), intake.location, _READING_BOUND)
+            submission = in_bounds(partial(read_submission, intake, rubric), intake.source.location, _READING_BOUND)
         submission.sessions = list(options.sessions) if options.sessions is not None else None
         with LiveExports(options.exports, results, options.path_prefix) as exports:
             follow = exports.follow(on_progress)

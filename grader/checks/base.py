@@ -9,7 +9,9 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
-from grader.evidence.crash.diagnosis import Diagnosis, explain
+from grader.evidence.cpu_delay import Span
+from grader.evidence.crash.causes import Diagnosis
+from grader.evidence.crash.diagnosis import explain
 from grader.evidence.oracle import load_oracle
 from grader.evidence.recorded import Recorded
 from grader.recording.session import ProcessRun
@@ -35,22 +37,16 @@ class Context:
 
     @property
     def session(self) -> Recorded:
-        """The check's session.
-
-        Raises
-        ------
-        LookupError
-            If the check has none: a mistake in the rubric.
-        """
-        if self.recorded is None:
-            raise LookupError("this check needs a session; name one in the rubric")
+        """The check's session; no rubric is loaded in which a check has none that needs one."""
+        assert self.recorded is not None
         return self.recorded
 
-    def location(self, topic: str | None = None, **more: Any) -> Location:
-        """Point at the check's session, and at a topic there under the name that the student used."""
+    def location(self, topic: str | None = None, span: Span | None = None) -> Location:
+        """Point at the check's session, and at a topic or service there under the name that the student used."""
         name = self.recorded.record.session if self.recorded else None
         used = self.session.used(topic) if topic else None
-        return Location(session=name, topic=used, **more)
+        ends = [self.session.since_start_s(t) for t in (span.start_ns, span.end_ns)] if span else [None, None]
+        return Location(session=name, topic=used, start_s=ends[0], end_s=ends[1])
 
     def path_of(self, artifact: str) -> str | None:
         """Return an artifact's path in the submission, or None if it is missing."""
@@ -96,6 +92,7 @@ def passed(expected: str, measured: str, *, where: Sequence[Location] = (), note
     return Finding(Outcome.PASSED, Decimal(1), expected, measured, where=tuple(where), notes=tuple(notes))
 
 
+_MEASUREMENT_ERROR = "The measurement error spans more than one credit level."
 #: What is nearer to full credit than points are given is full credit.
 _AS_GOOD_AS_FULL = Decimal("0.99")
 
@@ -112,27 +109,21 @@ def graded(
     best: float | None = None,
     doubt: str = "",
     levels: int = 0,
-    by_machine: bool = True,
 ) -> Finding:
     """State a finding by the share of credit that it earns; the reason is dropped when that is all.
 
-    Bounds that earn the same decide it. Those that are further apart than a step, and not for the machine's delays, are
-    the program's own unevenness: where they stay so, the lower one counts.
+    Bounds that earn the same decide it. Those of a measured share that are further apart than a level, without a doubt,
+    are the program's own unevenness: where they stay so, the lower one counts.
 
-    Parameters
-    ----------
-    share, best : float
-        The least and the most that it earns as far as the recording and the machine's delays tell.
-    doubt : str
-        What keeps it from being decided where these differ.
-    levels : int
-        Number of credit levels that a measured share is rounded down to; 0 where it is none.
+    From `share` to `best` it earns as far as the recording and the machine's delays tell. The doubt says what keeps it
+    from being decided where these differ, and is empty where that is the error of a measurement. A measured share is
+    rounded down to so many credit levels; 0 where it is none.
     """
     low, high = (credit_of(quantise(s, levels) if levels else s) for s in (share, share if best is None else best))
     if low != high:
-        uneven = not by_machine and float(high - low) > 1.5 / levels
+        uneven = not doubt and float(high - low) > 1.5 / levels
         settled = graded(float(low), expected, measured, reason, where=where) if uneven else None
-        return inconclusive(expected, measured, doubt, where=where, settled=settled)
+        return inconclusive(expected, measured, doubt or _MEASUREMENT_ERROR, where=where, settled=settled)
     if low >= _AS_GOOD_AS_FULL:
         return passed(expected, measured, where=where, notes=notes)
     outcome = Outcome.PARTIAL if low > 0 else Outcome.FAILED
@@ -161,7 +152,6 @@ def of_parts(
     *,
     measured: str = "",
     costs: Sequence[tuple[float, str]] = (),
-    hint: str = "",
     where: Sequence[Location] = (),
     doubt: str = "",
 ) -> Finding:
@@ -173,7 +163,7 @@ def of_parts(
         expected,
         measured or "; ".join(part.text for part in parts if part.text),
         " ".join([*(reason for _, reason in costs), *(part.reason for part in parts if part.reason)]),
-        hint=hint or next((part.hint for part in parts if part.hint), ""),
+        hint=next((part.hint for part in parts if part.hint), ""),
         where=[*(location for part in parts for location in part.where), *where],
         notes=[note for part in parts for note in part.notes],
         best=max(0.0, best / count - lost),

@@ -12,7 +12,7 @@ from typing import Any
 
 from grader.lab.rubric import CheckSpec, Rubric
 from grader.recording.submission import SubmissionRecord
-from grader.result import Finding
+from grader.result import Finding, Outcome
 
 #: Of the four profiles of a comparison, each.
 _MOST = 4
@@ -53,15 +53,13 @@ _COMMANDS: Mapping[str, tuple[str, ...]] = {
 def commands_of(
     spec: CheckSpec, rubric: Rubric, submission: SubmissionRecord, used: Mapping[str, str], finding: Finding
 ) -> tuple[str, ...]:
-    """Return the commands that show what a check lost points for; empty where its kind has none.
+    """Return the commands that show what a check lost points for; empty where it lost none, or its kind has none.
 
-    Parameters
-    ----------
-    used : mapping of str to str
-        Names that the rubric gives -> those that the student uses.
+    `used` are the names that the student uses, by those that the rubric gives.
     """
     scope = _Scope(spec, rubric, submission, used, finding.reason)
-    lines = (line for template in _COMMANDS.get(spec.check, ()) for line in scope.filled(template))
+    templates = _COMMANDS.get(spec.check, ()) if finding.outcome in (Outcome.FAILED, Outcome.PARTIAL) else ()
+    lines = (line for template in templates for line in scope.filled(template))
     return tuple(itertools.islice(dict.fromkeys(lines), _MOST))
 
 
@@ -109,13 +107,10 @@ class _Scope:
 
 def _within(value: Any, name: str) -> Iterator[str]:
     """Give the texts of a name, or of its plural, in parameters within parameters."""
-    if isinstance(value, Mapping):
-        for key, inner in value.items():
-            if key == name and isinstance(inner, str):
-                yield inner
-            elif key == f"{name}s" and not isinstance(inner, Mapping):
-                yield from (text for text in inner if isinstance(text, str))
-            yield from _within(inner, name)
-    elif isinstance(value, (list, tuple)):
-        for inner in value:
-            yield from _within(inner, name)
+    numbered = enumerate(value) if isinstance(value, (list, tuple)) else ()
+    for key, inner in value.items() if isinstance(value, Mapping) else numbered:
+        if key == name and isinstance(inner, str):
+            yield inner
+        elif key == f"{name}s" and not isinstance(inner, Mapping):
+            yield from (text for text in inner if isinstance(text, str))
+        yield from _within(inner, name)

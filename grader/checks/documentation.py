@@ -14,7 +14,7 @@ from pathlib import PurePosixPath
 from pydantic import Field
 
 from grader.checks.base import Context, apart, failed, graded, inconclusive, passed, percent
-from grader.evidence.text.markup import Block, Document, read_markdown
+from grader.evidence.text.markup import Block, Section, read_markdown
 from grader.evidence.text.prose import (
     command_line,
     concepts,
@@ -53,7 +53,7 @@ def _documents(context: Context) -> list[PurePosixPath]:
     return sorted(written, key=lambda p: (len(p.parts), str(p)))
 
 
-def _read(context: Context, paths: Iterable[PurePosixPath]) -> Iterator[tuple[str, Document]]:
+def _read(context: Context, paths: Iterable[PurePosixPath]) -> Iterator[tuple[str, tuple[Section, ...]]]:
     """Read documents one after the other, as many as anybody would."""
     left = _MOST_CHARACTERS
     for path in map(str, paths):
@@ -93,7 +93,9 @@ class Part(Parameters):
     artifact: ref.Artifact
     names: tuple[str, ...]
     synonyms: tuple[str, ...] = ()
-    shown_by: str | None = Field(None, description="Part by which it is found where the README names others too.")
+    shown_by: ref.Artifact | None = Field(
+        None, description="Part by which it is found where the README names others too."
+    )
 
 
 class Readme(_OfFiles):
@@ -122,14 +124,15 @@ def readme(context: Context, p: Readme) -> Finding:
         return failed(expected, "no README", "There is no README.", hint="Write a README.md beside the code.")
     # What was not handed in is charged where it is missing.
     parts = [part for part in p.parts if context.path_of(part.artifact) is not None] or list(p.parts)
-    names = {part: (*part.names, *_own_names(context, part)) for part in parts}
+    # What the student called it is a name of it too.
+    own = {part: PurePosixPath(context.path_of(part.artifact) or "") for part in parts}
+    names = {part: (*part.names, path.name, path.stem) for part, path in own.items()}
     texts, hollow = _visible(context, paths, Terms.of(chain(*names.values()), _ENDING), p.placeholders)
-    run, how, notes = _how_to_run(texts, p)
+    run, notes = _how_to_run(texts, p)
     found = {part: line for part in parts if (line := _mentioned(texts, names[part], part.synonyms)) is not None}
     if len(found) > 1:  # Where others are named too, a part may be found by one of them.
-        found |= {
-            part: found[by] for part in parts if part not in found for by in found if by.artifact == part.shown_by
-        }
+        lines = {part.artifact: line for part, line in found.items()}
+        found = {part: lines[part.shown_by] for part in parts if part.shown_by in lines} | found
     said = " ".join(block.text for _, shown in texts for block in shown if block.kind != "code")
     if not found and texts and substance(said) >= p.doubt_words:  # It may call them by other names.
         found = dict.fromkeys(parts, (texts[0][0], 1))
@@ -146,7 +149,8 @@ def readme(context: Context, p: Readme) -> Finding:
         reasons.append(f"It found no mention of {lacking}.")
     if reasons and hollow:
         reasons.append(f"Nothing of its own stands under {nothing}.")
-    counted = [how, *(f"{part.names[0]}: {_at(*found[part]) if part in found else 'not found'}" for part in parts)]
+    counted = [f"How to run it: {run or 'not found'}"]
+    counted += [f"{part.names[0]}: {_at(*found[part]) if part in found else 'not found'}" for part in parts]
     counted += [f"Not counted, as nothing of its own stands there: {nothing}"] if hollow else []
     finding = graded(share, expected, measured, " ".join(reasons), where=where, notes=notes)
     return replace(finding, counted=tuple(counted))
@@ -179,22 +183,16 @@ def _mentioned(texts: _Texts, names: Sequence[str], synonyms: Sequence[str]) -> 
     return next(((path, line) for path, line in lines if line is not None), None)
 
 
-def _how_to_run(texts: _Texts, p: Readme) -> tuple[list[tuple[str, int]], str, list[str]]:
-    """Return where it is said how the work is run, what was found there, and what a person should look at."""
+def _how_to_run(texts: _Texts, p: Readme) -> tuple[str, list[str]]:
+    """Return where and how it is said how the work is run, if it is, and what a person should look at."""
     for path, shown in texts:
         if (found := command_line(shown, p.commands)) is not None:
-            return [(path, found[0])], f"How to run it: {_at(path, found[0])}, {found[1][:80]}", []
+            return f"{_at(path, found[0])}, {found[1][:80]}", []
     for path, shown in texts:
         if (line := instruction_line(shown, p.run_words)) is not None:
             note = _for_a_person(path, line, "may say how the work is run, though without a command")
-            return [(path, line)], f"How to run it: {_at(path, line)}, in words", [note]
-    return [], "How to run it: not found", []
-
-
-def _own_names(context: Context, part: Part) -> tuple[str, ...]:
-    """Return what the student called a part."""
-    path = context.path_of(part.artifact)
-    return () if path is None else (PurePosixPath(path).name, PurePosixPath(path).stem)
+            return f"{_at(path, line)}, in words", [note]
+    return "", []
 
 
 def _at(file: str, line: int) -> str:
@@ -228,9 +226,9 @@ def code_explained(context: Context, p: CodeExplained) -> Finding:
     bare = [(f.path, unit) for f, unit in units if unit.explained_by is None]
     # A file is as many as there are artifacts in it.
     paths = [context.path_of(artifact) for artifact in p.artifacts]
-    files = [(paths.count(f.path), unit) for f, unit in units if unit is f.units[0]]
-    inner = [(1, unit) for f, unit in units if unit is not f.units[0]]
-    shares = [_share_explained(weighted) for weighted in (files, inner) if weighted]
+    files = [unit for f, unit in units if unit is f.units[0] for path in paths if path == f.path]
+    inner = [unit for f, unit in units if unit is not f.units[0]]
+    shares = [sum(unit.explained_by is not None for unit in some) / len(some) for some in (files, inner) if some]
     share = sum(shares) / len(shares)
     measured = f"{len(units) - len(bare)} of {len(units)} explained, half by files, half by what is in them: "
     measured += f"{apart(100 * share, 100 * p.full_from, places=0)}%"
@@ -247,10 +245,6 @@ def code_explained(context: Context, p: CodeExplained) -> Finding:
     ]
     finding = graded(share / p.full_from, expected, measured, reason, where=where, notes=notes)
     return replace(finding, counted=tuple(map(_listed, facts)))
-
-
-def _share_explained(weighted: Sequence[tuple[int, Unit]]) -> float:
-    return sum(weight for weight, unit in weighted if unit.explained_by) / sum(weight for weight, _ in weighted)
 
 
 def _listed(facts: SourceFacts) -> str:

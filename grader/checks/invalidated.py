@@ -39,10 +39,7 @@ def not_measurable(expected: str, violation: Violation) -> Finding:
 def without_rest(finding: Finding, gap: RecordingGap, *, timed: bool) -> Finding:
     """Return what is found where a check cannot see all messages of a topic, through the student's own doing.
 
-    Parameters
-    ----------
-    timed : bool
-        Whether it measures over time: then what is missing looks like silence, and the student was not silent.
+    Where it measures over time, what is missing looks like silence, and the student was not silent.
     """
     seen = finding.outcome in (Outcome.FAILED, Outcome.PARTIAL) and gap.messages > 0 and not timed
     return replace(
@@ -75,9 +72,6 @@ def named(spec: CheckSpec, recorded: Recorded) -> set[str]:
 def _words(value: Any) -> Iterator[str]:
     if isinstance(value, str):
         yield value
-    elif isinstance(value, Mapping):
-        for part in value.values():
-            yield from _words(part)
-    elif isinstance(value, (list, tuple)):
-        for part in value:
-            yield from _words(part)
+    inner = value.values() if isinstance(value, Mapping) else value if isinstance(value, (list, tuple)) else ()
+    for part in inner:
+        yield from _words(part)

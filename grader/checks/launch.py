@@ -37,19 +37,22 @@ from grader.recording.session import ProcessRun
 from grader.recording.submission import PackageFact
 from grader.result import Finding, Location
 
+#: Where no plan was recorded.
+_NO_PLAN = Plan("error", Problem("not_evaluated", "the launch file could not be evaluated"))
 
-def _read_plan(plain: Any) -> Plan | None:
-    """Return a plan as it was recorded; None where that is none."""
+
+def _read_plan(plain: Any) -> Plan:
+    """Return a plan as it was recorded, or one of nothing."""
     try:
         return Plan.from_plain(plain)
     except MalformedPlanError:
-        return None
+        return _NO_PLAN
 
 
-def plan_of(context: Context, step: str) -> Plan | None:
-    """Return the plan that a step made of the launch file, if it was reached."""
+def plan_of(context: Context, step: str) -> Plan:
+    """Return the plan that a step made of the launch file, or one of nothing if it was not reached."""
     run = context.session.step(step)
-    return _read_plan(run.result["plan"]) if run is not None and "plan" in run.result else None
+    return _read_plan(run.result.get("plan") if run is not None else None)
 
 
 def worked_around(context: Context, step: str, *kinds: str) -> list[Mapping[str, Any]]:
@@ -77,15 +80,15 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
     """
     expected = "a launch description without an error"
     plan = plan_of(context, p.step)
-    if plan is None:
+    if plan is _NO_PLAN:
         return inconclusive(expected, "not evaluated", "The recording does not hold an evaluation of the launch file.")
     problem = plan.problem
     noted = [*worked_around(context, p.step), *([vars(problem)] if problem is not None else [])]
-    excuses = [excuse for each in noted if (excuse := _excuse(context, each))]
-    if problem is None and len(excuses) < len(noted):
-        return _repaired([each for each in noted if not _excuse(context, each)], expected, p.repaired_rest)
-    if problem is None or len(excuses) == len(noted):
-        notes = excuses
+    faults = [each for each in noted if not _excuse(context, each)]
+    if problem is None and faults:
+        return _repaired(faults, expected, p.repaired_rest)
+    if problem is None or not faults:
+        notes = [_excuse(context, each) for each in noted]
         notes += [f"{w.message} ({w.file}:{w.line})" if w.file else w.message for w in plan.warnings]
         measured = f"{len(plan.processes)} processes, {len(plan.arguments)} arguments"
         notes += _silent(plan)
@@ -152,8 +155,7 @@ def _repaired(faults: Sequence[Mapping[str, Any]], expected: str, rest: float) -
 
 
 def _at(context: Context, problem: Problem | None) -> tuple[Location, ...]:
-    at_line = problem is not None and problem.file
-    return (Location(file=problem.file, line=problem.line) if problem is not None and at_line else context.location(),)
+    return (Location(problem.file, problem.line) if problem and problem.file else context.location(),)
 
 
 def _silent(plan: Plan) -> list[str]:
@@ -203,7 +205,7 @@ def launch_arguments(context: Context, p: LaunchArguments) -> Finding:
     """Judge the declared arguments by the plan."""
     expected = ", ".join(f"{a.name} = {a.default!r}" for a in p.arguments)
     plan = plan_of(context, p.step)
-    declared = {a.name: a for a in plan.arguments} if plan is not None else {}
+    declared = {a.name: a for a in plan.arguments}
     parts = []
     assumed = " ".join(str(noted["message"]) for noted in worked_around(context, p.step, "undefined_configuration"))
     for wanted in p.arguments:
@@ -213,7 +215,7 @@ def launch_arguments(context: Context, p: LaunchArguments) -> Finding:
         elif got is None:
             others = ", ".join(n for n in declared if n not in {a.name for a in p.arguments})
             known = f"; declared are {others}" if others else ""
-            until = "" if plan is None or plan.problem is None else " until the file stops"
+            until = "" if plan.problem is None else " until the file stops"
             parts.append(Part(0.0, reason=f"The argument {wanted.name} is not declared{until}{known}."))
         else:
             right = got.default is not None and _same(got.default, wanted.default)
@@ -235,6 +237,10 @@ class WantedNode(Parameters):
     types_charged_by: ref.EarlierCheckId | None = Field(
         None, description="Check that charges parameters declared with a wrong type."
     )
+    hears_charged_by: ref.EarlierCheckId | None = Field(
+        None,
+        description="Check that charges what another node sends it; an exception by that is no second fault.",
+    )
 
 
 class LaunchNodes(Parameters):
@@ -246,48 +252,53 @@ class LaunchNodes(Parameters):
     down_costs: Share = Field(0.0, description="Least share of the credit that is lost where one of them does not run.")
 
 
-def _entry_for(plan: Plan, node: str, executable: str) -> Process | None:
-    """Return the plan's process that was meant: by the node's name, else by its executable."""
-    short = node.rsplit("/", 1)[-1]
-    by_name = next((e for e in plan.processes if e.called == short), None)
-    stem = executable.removesuffix(".py")
-    return by_name or next((e for e in plan.processes if e.runs.removesuffix(".py") == stem), None)
+def _entry_for(context: Context, plan: Plan, node: str, executable: str = "") -> Process | None:
+    """Return the plan's process that was meant: by the node's name, by its executable, or the one that holds several.
+
+    That is the only one that neither has a name nor runs what another node would.
+    """
+    short, stem = node.rsplit("/", 1)[-1], executable.removesuffix(".py")
+    by_name = [e for e in plan.processes if e.called == short]
+    by_program = [e for e in plan.processes if stem and e.runs.removesuffix(".py") == stem]
+    single = {artifact.expected.removesuffix(".py") for artifact in context.submission.artifacts}
+    programs = (e for e in plan.processes if e.kind == "node" and e.called is None and not e.absent)
+    several = [e for e in programs if e.runs.removesuffix(".py") not in single]
+    return next(iter(by_name or by_program or (several if len(several) == 1 else [])), None)
 
 
 def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
     """Judge each node by the plan, and by the graph when it was really started."""
     expected = ", ".join(n.node for n in p.nodes)
     plan = plan_of(context, p.step)
-    if plan is None or plan.problem is not None:
-        problem = plan.problem if plan is not None else None
-        reason = _capitalised(problem.message) if problem is not None else "The launch file could not be evaluated."
-        reason, hint = f"{reason} {_STOPS}", problem.remedy if problem is not None else ""
-        return failed(expected, "nothing was started", reason, hint=hint, where=_at(context, problem))
-    absent = [n.node for n in p.nodes if _entry_for(plan, n.node, n.executable) is None]
-    absent = [node for node in absent if node not in context.session.nodes]
+    if (problem := plan.problem) is not None:
+        reason = f"{_capitalised(problem.message)} {_STOPS}"
+        return failed(expected, "nothing was started", reason, hint=problem.remedy, where=_at(context, problem))
+    entries = {n.node: _entry_for(context, plan, n.node, n.executable) for n in p.nodes}
+    absent = [node for node, entry in entries.items() if entry is None and node not in context.session.nodes]
     if absent and (plan.loaded_components or any(process.components for process in plan.processes)):
         reason = "The grader runs no component containers, so it cannot judge nodes that are loaded into one."
         return inconclusive(expected, f"no {', '.join(absent)}, but components", reason, retry=False)
-    parts = [_judge_node(context, plan, wanted, p.other_name_credit) for wanted in p.nodes]
+    parts = []
+    for wanted in p.nodes:
+        # Nodes of one process end together, and the fault of one is the others' end.
+        mates = [each for each in p.nodes if entries[each.node] is entries[wanted.node]]
+        parts.append(_judge_node(context, entries[wanted.node], wanted, mates, p.other_name_credit))
     mean = sum(part.share for part in parts) / len(parts)
     if mean and any(part.share == 0.0 and part.best is None for part in parts):
         kept = min(1.0, (1 - p.down_costs) / mean)
         parts = [replace(part, share=part.share * kept) for part in parts]
     seen = (n for n in context.session.nodes if n not in context.reference_nodes)
-    up = ", ".join(n + " (ended)" * _died(context, _entry_for(plan, n, "")) for n in seen)
-    finding = of_parts(
-        expected,
-        parts,
-        measured=up or "no node of the student in the graph",
-    )
+    up = ", ".join(n + " (ended)" * _died(context, _entry_for(context, plan, n)) for n in seen)
+    finding = of_parts(expected, parts, measured=up or "no node of the student in the graph")
     return replace(finding, retry=not any(part.doubt for part in parts))
 
 
 _STOPS = "`ros2 launch` stops there and starts nothing."
 
 
-def _judge_node(context: Context, plan: Plan, wanted: WantedNode, other_name_credit: float) -> Part:
-    entry = _entry_for(plan, wanted.node, wanted.executable)
+def _judge_node(
+    context: Context, entry: Process | None, wanted: WantedNode, mates: Sequence[WantedNode], other_name_credit: float
+) -> Part:
     if wanted.node in context.session.nodes and not _died(context, entry):
         return Part(1.0)
     if entry is None:
@@ -296,18 +307,12 @@ def _judge_node(context: Context, plan: Plan, wanted: WantedNode, other_name_cre
     if context.path_of(wanted.artifact) is None:
         note = f"The file for {wanted.node} is missing, which costs points in {wanted.charged_by}."
         return Part(1.0, notes=(note,))
-    if entry.called in (name, None) and context.charged(wanted.charged_by):
-        note = f"{wanted.node} has a fault of its own, which costs points in {wanted.charged_by}."
+    if note := next((note for mate in mates if (note := _charged_elsewhere(context, entry, mate))), ""):
         return Part(1.0, notes=(note,))
-    if (charged := _charged_alone(context, entry, wanted.artifact)) is not None:
-        return Part(1.0, notes=(f"{wanted.node} ended as it does alone, which costs points in {charged}.",))
     run = context.session.process(entry.id)
     found = context.explain(run) if run is not None else None
     if (gap := environment_gap_of(context, wanted.artifact, found)) is not None:
         return Part(0.0, best=1.0, doubt=f"{wanted.node} did not come up. {gap}")
-    if found is not None and found.kind == "parameter-type" and context.charged(wanted.types_charged_by):
-        note = f"{wanted.node} ended because of a parameter's type, which costs points in {wanted.types_charged_by}."
-        return Part(1.0, notes=(note,))
     used = context.session.used(wanted.node)
     if not _died(context, entry) and (entry.called not in (name, None) or used != wanted.node):
         shown = used if used != wanted.node else entry.full_name or entry.called
@@ -324,14 +329,26 @@ def _died(context: Context, entry: Process | None) -> bool:
     return run is not None and run.exited_ns is not None and run.interrupted_ns is None
 
 
-def _charged_alone(context: Context, entry: Process, artifact: str) -> str | None:
-    """Return the check that charged the end of a launched node, where the node ends the same way in another session."""
+def _charged_elsewhere(context: Context, entry: Process, wanted: WantedNode) -> str:
+    """Say in which check that by which a launched node does not run costs points already; nothing where in none."""
     run = context.session.process(entry.id)
+    found = context.explain(run) if run is not None else None
     end = _end_of(context, run) if run is not None else None
     others = [session for session in context.sessions.values() if session is not context.session and end is not None]
-    alike = {s.record.session for s in others if end in (_end_of(context, r) for r in s.processes_of(artifact))}
-    charged = ((check, finding) for check, finding in context.findings.items() if context.charged(check))
-    return next((check for check, finding in charged if alike & {location.session for location in finding.where}), None)
+    ends = {s.record.session: [_end_of(context, r) for r in s.processes_of(wanted.artifact)] for s in others}
+    alike = {session for session, alone in ends.items() if end in alone}
+    charged = [check for check, finding in context.findings.items() if alike & {at.session for at in finding.where}]
+    of_types = found is not None and found.kind == "parameter-type"
+    ends_here = found is not None and end is not None and not any(map(any, ends.values()))
+    for holds, what, check in (
+        (entry.called in (wanted.node.rsplit("/", 1)[-1], None), "has a fault of its own", wanted.charged_by),
+        (True, "ended as it does alone", next(filter(context.charged, charged), None)),
+        (of_types, "ended because of a parameter's type", wanted.types_charged_by),
+        (ends_here and not of_types, "ended by what it hears here", wanted.hears_charged_by),
+    ):
+        if holds and context.charged(check):
+            return f"{wanted.node} {what}, which costs points in {check}."
+    return ""
 
 
 def _end_of(context: Context, run: ProcessRun) -> tuple[object, ...] | None:
@@ -407,11 +424,11 @@ def launch_parameters(context: Context, p: LaunchParameters) -> Finding:
     plan, other = plan_of(context, p.step), plan_of(context, p.other_step)
     parts = []
     for wanted in p.parameters:
-        entry = _entry_for(plan, wanted.node, wanted.executable) if plan is not None else None
-        if plan is not None and entry is None:
+        entry = _entry_for(context, plan, wanted.node, wanted.executable)
+        if entry is None:
             continue  # The node is not started, which is charged with the nodes.
         part = _judge_parameter(context, p, wanted, plan, other)
-        if entry is not None and entry.file and part.reason:
+        if entry.file and part.reason:
             line = parameter_line(context.submission.texts.get(entry.file, ""), entry.line, wanted.name)
             part = replace(part, where=(Location(file=entry.file, line=line),))
         parts.append(part)
@@ -420,81 +437,78 @@ def launch_parameters(context: Context, p: LaunchParameters) -> Finding:
     return of_parts(expected, parts)
 
 
-_MISSING = object()
-
-
-def _planned(plan: Plan | None, wanted: WantedNodeParameter) -> Any:
-    """Return the value that a plan gives a node's parameter."""
-    entry = _entry_for(plan, wanted.node, wanted.executable) if plan is not None else None
-    return entry.effective_parameters(wanted.node).get(wanted.name, _MISSING) if entry is not None else _MISSING
+def _planned(context: Context, plan: Plan, wanted: WantedNodeParameter) -> Any:
+    """Return the value that a plan gives a node's parameter; None where it gives none."""
+    entry = _entry_for(context, plan, wanted.node, wanted.executable)
+    return entry.effective_parameters(wanted.node).get(wanted.name) if entry is not None else None
 
 
 def _judge_parameter(
-    context: Context, p: LaunchParameters, wanted: WantedNodeParameter, plan: Plan | None, other: Plan | None
+    context: Context, p: LaunchParameters, wanted: WantedNodeParameter, plan: Plan, other: Plan
 ) -> Part:
-    planned = _planned(plan, wanted)
+    planned = _planned(context, plan, wanted)
     step = context.session.step(wanted.step)
     result = step.result if step is not None else {}
     running = result.get("values", {}).get(wanted.name)
     short = wanted.node.rsplit("/", 1)[-1]
     subject, value = f"{wanted.name} of {short}", running["value"] if running is not None else planned
-    text = f"{short}.{wanted.name} {'missing' if value is _MISSING else f'= {value!r}'}"
-    if planned is _MISSING:
-        own = f"; {value!r} is the node's own default" if value is not _MISSING else ""
+    text = f"{short}.{wanted.name} {'missing' if value is None else f'= {value!r}'}"
+    if planned is None:
+        own = f"; {value!r} is the node's own default" if value is not None else ""
         return Part(0.0, text, f"The launch file gives {short} no {wanted.name}{own}.")
     if running is None and step is not None and step.outcome == "done" and wanted.name in result.get("declared", []):
         return Part(0.0, f"{short}.{wanted.name} unreadable", f"{subject} could not be read.")
     # What default the launch file gives the argument is charged with the arguments, and so is one that is missing.
-    declared = {a.name: a.default for a in plan.arguments} if plan is not None else {}
+    declared = {a.name: a.default for a in plan.arguments}
     follows = wanted.argument is not None and _same(value, declared.get(wanted.argument))
     if not _same(value, wanted.value) and not follows:
         return Part(0.0, text, f"{subject} is {value!r}, not {wanted.value!r}.")
-    changed = _planned(other, wanted)
-    no_argument = plan is not None and wanted.argument is not None and wanted.argument not in declared
-    if wanted.other is None or no_argument or (changed is not _MISSING and _same(changed, wanted.other)):
+    changed = _planned(context, other, wanted)
+    no_argument = wanted.argument is not None and wanted.argument not in declared
+    if wanted.other is None or no_argument or _same(changed, wanted.other):
         return Part(1.0, text)
-    shown = "nothing" if changed is _MISSING else repr(changed)
-    moves = changed is not _MISSING and not _same(changed, planned)
+    shown = "nothing" if changed is None else repr(changed)
+    moves = changed is not None and not _same(changed, planned)
     how = "follows its launch argument, but not as it should" if moves else "is not wired to its launch argument"
     reason = f"{subject} {how}: with another argument it is {shown}, not {wanted.other!r}."
     return Part(p.unwired_credit, f"{text} ({shown} with another argument)", reason)
 
 
-_NODE: Any = Field(None, description="The node that does it; if it is not up, the check of the nodes charges that.")
+class _Doer(Parameters):
+    """What a launched node does, and where its own faults are charged."""
+
+    charged_by: ref.EarlierCheckId
+    node: ref.RosName | None = Field(
+        None, description="The node that does it; if it is not up, the check of the nodes charges that."
+    )
 
 
-class TogetherCommands(Parameters):
+class TogetherCommands(_Doer):
     """Commands arrive as they do alone."""
 
     topic: ref.Topic
     alone_session: ref.SessionId
-    charged_by: ref.EarlierCheckId
     window: ref.Window
     least_share: Share = 0.8
-    node: ref.RosName | None = _NODE
     rate_step: ref.GetLabel | None = Field(None, description="Step that read the parameter below in the running node.")
     rate_parameter: str | None = Field(
         None, description="Parameter that sets the rate; which value it is given is judged elsewhere."
     )
 
 
-class TogetherFollows(Parameters):
+class TogetherFollows(_Doer):
     """The arm moves as it is commanded."""
 
     topic: ref.Topic
     command: ref.Topic
     field: ref.FieldPath
     index: int
-    charged_by: ref.EarlierCheckId
-    node: ref.RosName | None = _NODE
 
 
-class TogetherAnswers(Parameters):
+class TogetherAnswers(_Doer):
     """The service answers."""
 
     step: ref.CallLabel
-    charged_by: ref.EarlierCheckId
-    node: ref.RosName | None = _NODE
 
 
 class LaunchTogether(Parameters):
@@ -515,31 +529,46 @@ def launch_together(context: Context, p: LaunchTogether) -> Finding:
         _arm_follows(context, p.follows, late=delay_s > _MANY_DELAYS * length_s),
         _service_answers(context, p.answers),
     ]
-    nodes = (p.commands.node, p.follows.node, p.answers.node)
-    judged = [part for part, node in zip(parts, nodes, strict=True) if part is not None and _is_up(context, node)]
-    if not judged:
-        return not_reached(
-            "Not tested, because each node has a fault that costs points in another check.", expected=expected
+    doers: tuple[_Doer, ...] = (p.commands, p.follows, p.answers)
+    processes = [_process_of(context, doer.node) for doer in doers]
+    judged = []
+    for part, doer, process in zip(parts, doers, processes, strict=True):
+        # What is charged alone is not charged again, neither in this node nor in others of its process.
+        mates = (
+            mate
+            for mate, other in zip(doers, processes, strict=True)
+            if mate is doer or (process is not None and other == process)
         )
+        is_charged = any(context.charged(mate.charged_by) for mate in mates)
+        if part is not None and _is_up(context, doer.node) and (part.share == 1 or not is_charged):
+            judged.append(part)
+    if not judged:
+        reason = "Not tested, because each node has a fault that costs points in another check."
+        if processes[0] is not None and all(process == processes[0] for process in processes):
+            # One process holds them all, and its fault costs its points once.
+            return passed(expected, "nothing", notes=(reason,))
+        return not_reached(reason, expected=expected)
     return of_parts(
         expected, judged, where=(context.location(p.commands.topic),), doubt=cpu_delay_doubt(delay_s, length_s)
     )
+
+
+def _process_of(context: Context, node: str | None) -> Process | None:
+    """Return the process of the launch file that runs a node, under whatever name."""
+    plan = _read_plan(context.session.record.plan)
+    return _entry_for(context, plan, context.session.used(node)) if plan is not None and node is not None else None
 
 
 def _is_up(context: Context, node: str | None) -> bool:
     """Whether a node came up, under whatever name, and stayed; one that did not is charged with the nodes."""
     if node is None:
         return True
-    used, plan = context.session.used(node), _read_plan(context.session.record.plan)
-    entry = _entry_for(plan, used, "") if plan is not None else None
-    return used in context.session.nodes and not _died(context, entry)
+    return context.session.used(node) in context.session.nodes and not _died(context, _process_of(context, node))
 
 
 def _commands_come(context: Context, p: TogetherCommands, span: Span | None, delay_s: float) -> Part | None:
     timing = timing_of(context.session.stream(p.topic), span)
     if timing is None:
-        if context.charged(p.charged_by):
-            return None
         reason = "No commands arrived while all ran together; do the nodes follow the simulation's clock?"
         return Part(0.0, "no commands", reason)
     wanted_hz, alone = context.parameter(p.rate_step, p.rate_parameter), context.sessions.get(p.alone_session)
@@ -580,8 +609,6 @@ def _arm_follows(context: Context, p: TogetherFollows, *, late: bool) -> Part | 
     # An arm that stands still is off by the whole size of the command.
     if error < 0.5 * size + 0.05:
         return Part(1.0, text)
-    if context.charged(p.charged_by):
-        return None
     return Part(0.0, text, "The arm does not follow the commands.", float(late))
 
 
@@ -590,6 +617,4 @@ def _service_answers(context: Context, p: TogetherAnswers) -> Part | None:
     calls: Sequence[Mapping[str, Any]] = step.result.get("calls", []) if step is not None else []
     if calls and calls[0]["response"] is not None:
         return Part(1.0, "the service answers")
-    if context.charged(p.charged_by):
-        return None
     return Part(0.0, "no answer from the service", "The service does not answer while all run together.")

@@ -11,7 +11,8 @@ from typing import Any
 from grader.checks.base import Context, describe_diagnosis, failed, inconclusive, undecided
 from grader.checks.endpoints import claimed_at
 from grader.evidence.cpu_delay import Span
-from grader.evidence.crash.diagnosis import Diagnosis, ended_by_limit, hit_limit
+from grader.evidence.crash.causes import Diagnosis
+from grader.evidence.crash.diagnosis import ended_by_limit, hit_limit
 from grader.evidence.environment_gap import environment_gap
 from grader.evidence.recorded import clock_step_s
 from grader.recording.session import Claim
@@ -35,14 +36,8 @@ def proof(context: Context, p: Any) -> tuple[Location, ...]:
     """Return where the proof of a finding lies that names no other place."""
     if context.recorded is None:
         return ()
-    artifact = getattr(p, "artifact", None)
-    return (
-        context.location(p.topic)
-        if hasattr(p, "topic")
-        else context.output_of(artifact)
-        if artifact
-        else context.location(),
-    )
+    topic, artifact = getattr(p, "topic", None), getattr(p, "artifact", None)
+    return (context.output_of(artifact) if artifact and not topic else context.location(topic),)
 
 
 def explained(context: Context, p: Any, finding: Finding) -> Finding:
@@ -78,13 +73,11 @@ def _ended_already(context: Context, artifact: str) -> Explanation | None:
     run = next(reversed(context.session.processes_of(artifact)), None)
     if run is None or run.exited_ns is None or run.interrupted_ns is not None or run.ended_by != "itself":
         return None
-    output = context.output_of(artifact)
     after_s = (run.exited_ns - run.started_ns) / 1e9
+    how, hint = f" (exit status 0 after {after_s:.1f} s, no error)", _SPIN_HINT
     if run.exit_status != 0:
-        reason = f"Your {artifact} node had already ended, with exit status {run.exit_status} after {after_s:.1f} s."
-        return reason, "Its output shows what ended it.", (output,)
-    reason = f"Your {artifact} node had already ended (exit status 0 after {after_s:.1f} s, no error)."
-    return reason, _SPIN_HINT, (output,)
+        how, hint = f", with exit status {run.exit_status} after {after_s:.1f} s", "Its output shows what ended it."
+    return f"Your {artifact} node had already ended{how}.", hint, (context.output_of(artifact),)
 
 
 _SPIN_HINT = "main() has to reach rclpy.spin(node), which runs the node's callbacks until Ctrl-C."

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from pydantic import Field
@@ -33,7 +32,7 @@ from grader.evidence.timing import Timing, timing_of
 from grader.lab import references as ref
 from grader.lab.references import Parameters, Share
 from grader.recording.session import Claim, Endpoint
-from grader.result import Finding, Location, Outcome
+from grader.result import Finding, Outcome
 
 _NUMBER = re.compile(r"\d+(?:\.\d*)?(?:[eE][+-]?\d+)?")
 
@@ -119,21 +118,14 @@ class _Timed(Parameters):
         calm = calm_intervals(context.session.delays(run), timing.times_ns, timing.intervals_s, harmless_s)
         return calm if calm.is_enough else None
 
-    def location(self, context: Context, span: Span | None) -> Location:
-        """Point at the messages in a window."""
-        ends = {"start_s": span.start_ns, "end_s": span.end_ns} if span is not None else {}
-        return context.location(self.topic, **{end: context.session.since_start_s(t_ns) for end, t_ns in ends.items()})
-
 
 #: Share of a span for which a process was delayed, from which that is the reason of a doubt.
 _NOTABLE_DELAY = 0.005
 
 
-def _doubt(delay_s: float, length_s: float) -> dict[str, Any]:
-    """Say what keeps a share from being decided, and whether that is the machine's doing."""
-    if delay_s > _NOTABLE_DELAY * length_s:
-        return {"doubt": cpu_delay_doubt(delay_s, length_s), "by_machine": True}
-    return {"doubt": "The measurement error spans more than one credit level.", "by_machine": False}
+def _doubt(delay_s: float, length_s: float) -> str:
+    """Say that the machine keeps a share from being decided, if it does."""
+    return cpu_delay_doubt(delay_s, length_s) if delay_s > _NOTABLE_DELAY * length_s else ""
 
 
 class TopicRate(_Timed):
@@ -145,7 +137,7 @@ class TopicRate(_Timed):
 
 
 def topic_rate(context: Context, p: TopicRate) -> Finding:
-    """Judge the rate from source timestamps and sequence numbers."""
+    """Judge the rate from source timestamps and sequence numbers, by the bounds between which it surely was."""
     timing, span, delay_s, by = p.measured(context)
     full, zero = (
         [f"{p.rate_hz * (1 + sign * share):g}" for sign in (-1, 1)] for share in (p.full_within, p.zero_beyond)
@@ -153,28 +145,18 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
     expected = (
         f"{full[0]} to {full[1]} Hz for full credit; less the further off; none below {zero[0]} or above {zero[1]} Hz"
     )
-    timers, location = _timers(context), p.location(context, span)
+    timers, location = _timers(context), context.location(p.topic, span)
     where = (*(claimed_at(timers[0]) if len(timers) == 1 else ()), location)
     if timing is None:
         count = len(context.session.stream(p.topic))
         reason = f"Only {count} messages arrived, too few to measure a rate."
         return failed(expected, f"{count} messages", reason, where=where)
     length_s = span.duration_s if span else timing.written / timing.rate_hz
-    run, before_s = context.session.process(p.process), 0.0
-    if run is not None and span is not None:
-        before_s = context.session.machine_delay_s(run, Span(min(run.started_ns, span.start_ns), span.start_ns))
     delay_s = min(delay_s, 0.5 * length_s)
-    least_hz, best_hz = _bounds_hz(timing, length_s, delay_s, before_s, p.rate_hz)
-    error_hz = timing.burst_error_hz or 2 * timing.deviation_s() * timing.rate_hz / max(length_s, 1e-9)
-    span_hz = (least_hz - error_hz, best_hz + error_hz)
-    if (calm := p.calm(context, timing, by, delay_s, _HARMLESS * timing.median_s)) is not None:
-        span_hz = _within(calm.rate_hz(), span_hz)
-        error_hz = (span_hz[1] - span_hz[0]) / 2
-        by = calm.said
-    rate_hz = min(max(timing.rate_hz, span_hz[0]), span_hz[1])
-    off_by = [abs(hz / p.rate_hz - 1) for hz in span_hz]
-    least_off = 0.0 if span_hz[0] <= p.rate_hz <= span_hz[1] else min(off_by)
-    worst, best = (ramp(off, p.full_within, p.zero_beyond) for off in (max(off_by), least_off))
+    bounds_hz, error_hz, by = _rate_between(context, p, timing, span, delay_s, by)
+    rate_hz, nearest_hz = (min(max(hz, bounds_hz[0]), bounds_hz[1]) for hz in (timing.rate_hz, p.rate_hz))
+    furthest_off, nearest_off = max(abs(hz / p.rate_hz - 1) for hz in bounds_hz), abs(nearest_hz / p.rate_hz - 1)
+    worst, best = (ramp(off, p.full_within, p.zero_beyond) for off in (furthest_off, nearest_off))
     silent_s, of_s = _silence_s(context, p, span)
     if silent_s - delay_s > max(_SILENT_S, _SILENT_INTERVALS * timing.median_s):
         sent_s = of_s - silent_s
@@ -187,13 +169,35 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
     measured = (
         f"{shown_hz} Hz ± {max(error_hz, 0.01):.2f} Hz ({timing.written} messages in {length_s:.1f} s{longest}){by}"
     )
+    reason = f"Messages come at {_compared(rate_hz, p)}.{_by_timer(timers)}"
+    doubt = _doubt(delay_s, length_s)
+    return graded(worst, expected, measured, reason, where=where, best=best, levels=CREDIT_LEVELS, doubt=doubt)
+
+
+def _compared(rate_hz: float, p: TopicRate) -> str:
+    """Say by how much a rate differs from the one asked for."""
     times = rate_hz / p.rate_hz
     off = apart(100 * abs(times - 1), 0, 100 * p.full_within, places=1)
     than = f"{off}% {'slower' if times < 1 else 'faster'} than" if times < 2 else f"{times:.3g} times"
-    rate = apart(rate_hz, p.rate_hz, places=1)
-    reason = f"Messages come at {rate} Hz, {than} {p.rate_hz:g} Hz.{_by_timer(timers)}"
-    doubt = _doubt(delay_s, length_s)
-    return graded(worst, expected, measured, reason, where=where, best=best, levels=CREDIT_LEVELS, **doubt)
+    return f"{apart(rate_hz, p.rate_hz, places=1)} Hz, {than} {p.rate_hz:g} Hz"
+
+
+def _rate_between(
+    context: Context, p: TopicRate, timing: Timing, span: Span | None, delay_s: float, by: str
+) -> tuple[tuple[float, float], float, str]:
+    """Return the bounds of the rate in Hz, the error of its measurement, and by what it was measured."""
+    length_s = span.duration_s if span else timing.written / timing.rate_hz
+    run, before_s = context.session.process(p.process), 0.0
+    if run is not None and span is not None:
+        before_s = context.session.machine_delay_s(run, Span(min(run.started_ns, span.start_ns), span.start_ns))
+    least_hz, most_hz = _bounds_hz(timing, length_s, delay_s, before_s, p.rate_hz)
+    error_hz = timing.burst_error_hz or 2 * timing.deviation_s() * timing.rate_hz / max(length_s, 1e-9)
+    bounds_hz = (least_hz - error_hz, most_hz + error_hz)
+    calm = p.calm(context, timing, by, delay_s, _HARMLESS * timing.median_s)
+    if calm is None:
+        return bounds_hz, error_hz, by
+    bounds_hz = _within(calm.rate_hz(), bounds_hz)  # what the undisturbed intervals say alone
+    return bounds_hz, (bounds_hz[1] - bounds_hz[0]) / 2, calm.said
 
 
 #: A delay of this share of an interval does not change how many there are.
@@ -281,7 +285,7 @@ def topic_jitter(context: Context, p: TopicJitter) -> Finding:
         f"{percent(p.share)} of the gaps between messages within {p.full_within_s * 1e3:g} ms of the usual gap; "
         f"half credit within {half_within_s * 1e3:g} ms"
     )
-    where = (p.location(context, span),)
+    where = (context.location(p.topic, span),)
     if timing is None or not len(timing.intervals_s):
         return failed(
             expected, "too few messages", "Too few messages arrived to measure the gaps between them.", where=where
@@ -300,7 +304,7 @@ def topic_jitter(context: Context, p: TopicJitter) -> Finding:
     off = f"{apart(deviation_s * 1e3, *limits_ms, places=1)} ms off the usual {timing.median_s * 1e3:.1f} ms"
     reason = f"One gap in {round(1 / (1 - p.share))} is more than {off}."
     doubt = _doubt(delay_s, span.duration_s if span else float(timing.intervals_s.sum()))
-    return graded(worst, expected, measured, reason, where=where, best=best, levels=_JITTER_LEVELS, **doubt)
+    return graded(worst, expected, measured, reason, where=where, best=best, levels=_JITTER_LEVELS, doubt=doubt)
 
 
 class MessageValues(Parameters):
@@ -391,11 +395,12 @@ def sinusoids(context: Context, p: Sinusoids) -> Finding:
     series = context.session.numeric(p.topic, p.field, finite=False)
     if series is None or len(series.values) < _FEWEST:
         return not_reached("Too few messages with numbers arrived to see a motion.", expected=expected)
-    parts = [_judge_component(series, component, p) for component in p.components]
+    fits = {component.index: _fits(series, component, p) for component in p.components}
+    parts = [_judge_component(series, component, p, fits[component.index]) for component in p.components]
     moving = ", ".join(map(str, _others_that_move(series.values, p)))
     parts.append(Part(0.0, "", f"Element {moving} should stay at 0, but does not.") if moving else Part(1.0))
     unmoved = [component for component, part in zip(p.components, parts, strict=False) if part.share < _RECOGNISED]
-    danger = _danger(series, p)
+    danger = _danger(series, p, fits)
     if not danger:
         places = [(component.index, _element_of(series, component, p)) for component in unmoved]
         danger = " ".join(f"The motion of element {own} is in element {n}." for own, n in places if n is not None)
@@ -411,7 +416,11 @@ _RECOGNISED = 0.5
 _FIRST_MESSAGES = 10
 
 
-def _danger(series: NumericStream, p: Sinusoids) -> str:
+#: By the index of an element: what it may follow, by the clock and by counting messages.
+_Fits = Mapping[int, Sequence[Sinusoid]]
+
+
+def _danger(series: NumericStream, p: Sinusoids, fits: _Fits) -> str:
     """Say by which values a joint would go where it must not, or would not know where to go; empty if by none."""
     values = series.values
     if values.shape[1] != (p.others_still or values.shape[1]):
@@ -420,12 +429,20 @@ def _danger(series: NumericStream, p: Sinusoids) -> str:
     if lacking := ", ".join(str(n) for n in np.flatnonzero(finite.mean(axis=0) < _RECOGNISED)):
         return f"Element {lacking} is not a number."
     sizes = np.where(finite, np.abs(values), 0.0)
-    far, begins = float(sizes.max()), float(sizes[0].max())
+    far = float(sizes.max())
     if p.reach is not None and far > p.reach:
         return f"Element {int(sizes.max(axis=0).argmax())} goes as far as {far:.2f}, beyond ±{p.reach:g}."
-    if p.starts_within is not None and begins > p.starts_within and series.sequence[0] <= _FIRST_MESSAGES:
-        return f"Element {int(sizes[0].argmax())} jumps to {begins:.2f} with the first message."
+    begins = dict(enumerate(sizes[0])) if series.sequence[0] <= _FIRST_MESSAGES else _begins(p, fits)
+    element = max(begins, key=lambda n: begins[n], default=0)
+    if p.starts_within is not None and begins.get(element, 0.0) > p.starts_within:
+        return f"Element {element} jumps to {begins[element]:.2f} with the first message."
     return ""
+
+
+def _begins(p: Sinusoids, fits: _Fits) -> dict[int, float]:
+    """Return how far from 0 the elements began that move as they should, by their motion since then."""
+    right = ((c.index, _earliest(fits[c.index], c, p)) for c in p.components)
+    return {index: fit.amplitude * abs(np.sin(fit.phase)) for index, fit in right if fit is not None}
 
 
 #: So many messages show a motion.
@@ -437,7 +454,7 @@ def _element_of(series: NumericStream, c: Component, p: Sinusoids) -> int | None
     places = (i for i in range(min(p.others_still, series.values.shape[1])) if i != c.index)
     finite = (i for i in places if np.isfinite(series.values[:, i]).all())
     moved = (c.model_copy(update={"index": i}) for i in finite if float(np.ptp(series.values[:, i])) > c.amplitude)
-    return next((m.index for m in moved if _badness(_best_fit(series, m, p)[0], m) <= p.tolerance), None)
+    return next((m.index for m in moved if _earliest(_fits(series, m, p), m, p) is not None), None)
 
 
 def _others_that_move(values: Floats, p: Sinusoids) -> list[int]:
@@ -448,20 +465,19 @@ def _others_that_move(values: Floats, p: Sinusoids) -> list[int]:
     return [i for i in others if float(sizes[i]) > p.tolerance * smallest]
 
 
-def _judge_component(series: NumericStream, c: Component, p: Sinusoids) -> Part:
+def _judge_component(series: NumericStream, c: Component, p: Sinusoids, fits: Sequence[Sinusoid]) -> Part:
     if c.index >= series.values.shape[1]:
         return Part(0.0, f"no element {c.index}", f"Messages have no element {c.index}.")
     values = series.values[np.isfinite(series.values[:, c.index]), c.index]
     if len(values) < _FEWEST:
         return Part(0.0, f"[{c.index}] is not a number", f"Element {c.index} is not a number.")
-    best, fits = _best_fit(series, c, p)
+    best = min(fits, key=lambda fit: _badness(fit, c))
     amplitude, frequency = (
         apart(got, *(wanted * (1 + k * p.tolerance) for k in (-1, 1)), places=3)
         for got, wanted in ((best.amplitude, c.amplitude), (best.frequency_hz, c.frequency_hz))
     )
     text = f"[{c.index}] {amplitude} at {frequency} Hz"
-    if _badness(best, c) <= p.tolerance:
-        early = min((f for f in fits if _badness(f, c) <= p.tolerance), key=lambda fit: abs(fit.phase))
+    if (early := _earliest(fits, c, p)) is not None:
         if abs(early.phase) <= 2 * np.pi * p.phase_tolerance:
             return Part(1.0, text)
         begins = f"{np.degrees(early.phase):.0f}° into its sine instead of at 0° (180° inverts the sign)"
@@ -488,17 +504,19 @@ def _ratios(fit: Sinusoid, c: Component) -> tuple[float, float]:
 _SLOWEST, _FASTEST = 0.1, 20
 
 
-def _best_fit(series: NumericStream, c: Component, p: Sinusoids) -> tuple[Sinusoid, list[Sinusoid]]:
-    """Return the better of the fits by the clock and by counting messages, and both."""
-    known = np.isfinite(series.values[:, c.index])
-    series = NumericStream(
-        series.source_ns[known], series.received_ns[known], series.sequence[known], series.values[known]
-    )
+def _earliest(fits: Sequence[Sinusoid], c: Component, p: Sinusoids) -> Sinusoid | None:
+    """Return the fit that begins nearest to the start of its sine, of those that are right; None if none is."""
+    return min((f for f in fits if _badness(f, c) <= p.tolerance), key=lambda fit: abs(fit.phase), default=None)
+
+
+def _fits(series: NumericStream, c: Component, p: Sinusoids) -> list[Sinusoid]:
+    """Return the fits of an element by the clock and by counting messages, from the first that was sent."""
+    if c.index >= series.values.shape[1] or np.isfinite(series.values[:, c.index]).sum() < _FEWEST:
+        return []
+    series = series.only(np.isfinite(series.values[:, c.index]))
     by_count: Floats = (series.sequence - 1) * np.float64(p.tick_s)
     bounds = (_SLOWEST * c.frequency_hz, _FASTEST * c.frequency_hz)
-    reckonings = (_since_first_s(series), by_count)
-    fits = [fit_sinusoid(times, series.values[:, c.index], *bounds) for times in reckonings]
-    return min(fits, key=lambda fit: _badness(fit, c)), fits
+    return [fit_sinusoid(times, series.values[:, c.index], *bounds) for times in (_since_first_s(series), by_count)]
 
 
 def _since_first_s(series: NumericStream) -> Floats:

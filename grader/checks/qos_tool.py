@@ -22,12 +22,14 @@ from grader.checks.base import (
     of_parts,
     percent,
     quantise,
+    unclear,
     undecided,
     unexplained,
     without_delay,
 )
 from grader.checks.endpoints import claim_of, claimed_at, clash, student_endpoints
-from grader.evidence.cpu_delay import Span
+from grader.evidence.cpu_delay import Span, clipped
+from grader.evidence.flakiness import flaky_end
 from grader.evidence.recorded import Floats, clock_step_s
 from grader.evidence.text.result_rows import LINE_LIMIT, ResultRow, lines_naming, plain_numbers, result_row, rounding_of
 from grader.lab import references as ref
@@ -60,6 +62,8 @@ def ends_by_itself(context: Context, p: EndsByItself) -> Finding:
     printed = _without_tracebacks(run.output)
     claimed = search(p.output, printed) is not None
     half = p.half_credit if claimed else 0.0
+    if not claimed and run.ended_by == "interrupt" and (flaky := flaky_end(run)):
+        return unclear(expected, "no results", flaky)
     if run.interrupted_ns is not None or run.ended_by != "itself":
         stopped_s = ((run.interrupted_ns or run.started_ns) - run.started_ns) / 1e9
         reason = f"It was still running after {stopped_s:.0f} s and had to be stopped."
@@ -303,10 +307,13 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
             parts.append(Part(0.0, reason=untold, hint=_ROW_HINT.format(row.name)))
             continue
         written = min((_written(context, row.topic, t) for t in (None, claim.t_ns)), key=lambda n: abs(n - claim.count))
-        share, reason = _judge_row(context, p, row, claim, written)
+        unheld, waits_s = (f(context, run, row.topic) if run is not None else 0.0 for f in (_unheld, _waits_s))
+        share, reason = _judge_row(
+            context, p, row, claim, written, late_s=waits_s, pushed_out=min(unheld, _MOST_UNHELD * written)
+        )
         # What waits for a core comes late, and may push out of a short queue what waits already.
         pushed_out = written * delay_s / length_s
-        best, _ = _judge_row(context, p, row, claim, written, late_s=late_s, pushed_out=pushed_out)
+        best, _ = _judge_row(context, p, row, claim, written, late_s=max(late_s, waits_s), pushed_out=pushed_out)
         latency = "no latency" if claim.mean_s is None else f"{claim.mean_s * 1e3:.2f} ms"
         hint = _SIDES_HINT if "incompatible" in reason else ""
         parts.append(Part(share, f"{row.name} {claim.count} of {written}, {latency}", reason, best, hint=hint))
@@ -359,6 +366,37 @@ def _claimed(context: Context, p: ReportedTraffic, row: Row) -> ResultRow | None
     return None
 
 
+#: At most this share of the messages is taken for that.
+_MOST_UNHELD = 0.1
+
+
+def _unheld(context: Context, run: ProcessRun, topic: str) -> float:
+    """Return how many messages the queue of a subscription did not hold while the machine kept its node from a core.
+
+    That many may be missing in a count that is true. One message may have come just as it began to wait.
+    """
+    claim, life = claim_of(context, "subscription", topic), _life(context, run)
+    depth = claim.qos.depth if claim is not None and claim.qos is not None else 1
+    times = context.session.stream(topic).source_ns
+    if len(times) < 2:
+        return 0.0
+    period_s = float(times[-1] - times[0]) / 1e9 / (len(times) - 1)
+    return context.session.backlog(run, life, (depth - 1) * period_s).lost_s / max(period_s, 1e-9)
+
+
+def _waits_s(context: Context, run: ProcessRun, topic: str) -> float:
+    """Return for how long a message that comes at any moment waits on average, as the machine delays its node, in s.
+
+    Half of a delay that it comes in, as often as that is; what waits for others besides is not in it.
+    """
+    times = context.session.stream(topic).source_ns
+    if not run.disturbed or len(times) < 2:
+        return 0.0
+    span = Span(int(times[0]), int(times[-1]))
+    squares = sum((delay.delay_ns / 1e9) ** 2 for delay in clipped(context.session.delays(run), span))
+    return squares / 2 / max(span.duration_s, 1e-9)
+
+
 def _judge_row(
     context: Context,
     p: ReportedTraffic,
@@ -371,12 +409,8 @@ def _judge_row(
 ) -> tuple[float, str]:
     """Return what a row earns, and why no more; numbers that cannot be are worth nothing together.
 
-    Parameters
-    ----------
-    written : int
-        Messages that were published until the row was printed.
-    late_s, pushed_out : float
-        By how much the machine may have made the mean later, and how many messages it may have cost.
+    So many messages were `written` until the row was printed. The machine may have made the mean later by `late_s`,
+    and have cost the messages that were `pushed_out`.
     """
     counted = f"{row.name} reports {got.count} messages"
     if not got.count and (unheard := _unheard(context, row.topic)):

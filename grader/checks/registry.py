@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, get_type_hints
 
 from pydantic import BaseModel
 
@@ -21,9 +21,8 @@ from grader.result import Finding, Outcome
 
 @dataclass(frozen=True)
 class Check:
-    """A check: its parameters' model and its function, which finds the file of its artifact to be there."""
+    """A check: its function, which finds the file of its artifact to be there, and when it can be believed."""
 
-    parameters: type[Parameters]
     find: Callable[[Context, Any], Finding]
     #: Whether it can be passed without all messages of its topics.
     by_endpoints: bool = False
@@ -32,6 +31,12 @@ class Check:
     by_clock: bool = False
     #: Kinds of the endpoints or nodes that its parameters name, where nothing but the graph shows them.
     seeks: tuple[str, ...] = ()
+
+    @property
+    def parameters(self) -> type[Parameters]:
+        """The model of its parameters, which its function names."""
+        model: type[Parameters] = get_type_hints(self.find)["p"]
+        return model
 
     def judge(self, context: Context, p: BaseModel) -> Finding:
         """Judge one session or submission.
@@ -60,46 +65,40 @@ class Check:
 #: Outcomes by which points are lost.
 LOST = (Outcome.FAILED, Outcome.PARTIAL)
 
-REGISTRY: dict[str, Check] = {
+_CHECKS = (
     # A node that publishes.
-    "topic_published": Check(
-        publisher.TopicPublished, publisher.topic_published, by_endpoints=True, seeks=("publisher",)
-    ),
-    "topic_rate": Check(publisher.TopicRate, publisher.topic_rate, by_clock=True),
-    "topic_jitter": Check(publisher.TopicJitter, publisher.topic_jitter, by_clock=True),
-    "message_values": Check(publisher.MessageValues, publisher.message_values),
-    "sinusoids": Check(publisher.Sinusoids, publisher.sinusoids),
-    "offered_qos": Check(publisher.OfferedQos, publisher.offered_qos, by_endpoints=True),
+    Check(publisher.topic_published, by_endpoints=True, seeks=("publisher",)),
+    Check(publisher.topic_rate, by_clock=True),
+    Check(publisher.topic_jitter, by_clock=True),
+    Check(publisher.message_values),
+    Check(publisher.sinusoids),
+    Check(publisher.offered_qos, by_endpoints=True),
     # A node that listens.
-    "topics_subscribed": Check(
-        subscriber.TopicsSubscribed, subscriber.topics_subscribed, by_endpoints=True, seeks=("subscription",)
-    ),
-    "reported_series": Check(subscriber.ReportedSeries, subscriber.reported_series, by_clock=True),
-    "reported_statistics": Check(subscriber.ReportedStatistics, subscriber.reported_statistics, by_clock=True),
-    "survives": Check(subscriber.Survives, subscriber.survives, by_endpoints=True, by_clock=True),
+    Check(subscriber.topics_subscribed, by_endpoints=True, seeks=("subscription",)),
+    Check(subscriber.reported_series, by_clock=True),
+    Check(subscriber.reported_statistics, by_clock=True),
+    Check(subscriber.survives, by_endpoints=True, by_clock=True),
     # A node that serves.
-    "service_offered": Check(service.ServiceOffered, service.service_offered, by_endpoints=True, seeks=("service",)),
-    "call_answered": Check(service.CallAnswered, service.call_answered),
-    "call_gated": Check(service.CallGated, service.call_gated),
-    "parameters_declared": Check(service.ParametersDeclared, service.parameters_declared, by_endpoints=True),
-    "calls_in_time": Check(service.CallsInTime, service.calls_in_time, by_clock=True),
+    Check(service.service_offered, by_endpoints=True, seeks=("service",)),
+    Check(service.call_answered),
+    Check(service.call_gated),
+    Check(service.parameters_declared, by_endpoints=True),
+    Check(service.calls_in_time, by_clock=True),
     # A launch file.
-    "launch_loads": Check(launch.LaunchLoads, launch.launch_loads, by_endpoints=True),
-    "launch_arguments": Check(launch.LaunchArguments, launch.launch_arguments, by_endpoints=True),
-    "launch_nodes": Check(launch.LaunchNodes, launch.launch_nodes, by_endpoints=True, seeks=("node",)),
-    "launch_parameters": Check(launch.LaunchParameters, launch.launch_parameters, by_endpoints=True),
-    "launch_together": Check(launch.LaunchTogether, launch.launch_together, by_clock=True),
+    Check(launch.launch_loads, by_endpoints=True),
+    Check(launch.launch_arguments, by_endpoints=True),
+    Check(launch.launch_nodes, by_endpoints=True, seeks=("node",)),
+    Check(launch.launch_parameters, by_endpoints=True),
+    Check(launch.launch_together, by_clock=True),
     # A tool that compares QoS profiles.
-    "ends_by_itself": Check(qos_tool.EndsByItself, qos_tool.ends_by_itself, by_endpoints=True, by_clock=True),
-    "topics_carry_traffic": Check(
-        qos_tool.TopicsCarryTraffic, qos_tool.topics_carry_traffic, by_endpoints=True, by_clock=True
-    ),
-    "qos_profiles": Check(
-        qos_tool.QosProfiles, qos_tool.qos_profiles, by_endpoints=True, seeks=("publisher", "subscription")
-    ),
-    "reported_traffic": Check(qos_tool.ReportedTraffic, qos_tool.reported_traffic, by_clock=True),
+    Check(qos_tool.ends_by_itself, by_endpoints=True, by_clock=True),
+    Check(qos_tool.topics_carry_traffic, by_endpoints=True, by_clock=True),
+    Check(qos_tool.qos_profiles, by_endpoints=True, seeks=("publisher", "subscription")),
+    Check(qos_tool.reported_traffic, by_clock=True),
     # What is written.
-    "readme": Check(documentation.Readme, documentation.readme),
-    "code_explained": Check(documentation.CodeExplained, documentation.code_explained),
-    "concepts_explained": Check(documentation.ConceptsExplained, documentation.concepts_explained),
-}
+    Check(documentation.readme),
+    Check(documentation.code_explained),
+    Check(documentation.concepts_explained),
+)
+#: By the names under which a rubric knows them, which are those of their functions.
+REGISTRY = {check.find.__name__: check for check in _CHECKS}

@@ -35,7 +35,11 @@ def service_offered(context: Context, p: ServiceOffered) -> Finding:
     used = context.session.used(p.service)
     offers = [s for graph in context.session.record.graph for s in graph.services if s.name == used]
     offers = [s for s in offers if s.node not in context.reference_nodes]
-    if not offers:
+    call = next((step for step in context.session.record.steps if step.kind == "call"), None)
+    run = next(iter(context.session.processes_of(p.artifact)), None)
+    # The graph may have had the service of a node that ended at once for a moment, in which nobody could call it.
+    too_short = call is not None and run is not None and (run.exited_ns or call.started_ns) < call.started_ns
+    if not offers or too_short:
         fallback = f"The service {p.service} did not appear, nor one of a similar name. A client would wait forever."
         return unexplained(failed(expected, "no service in the graph", fallback))
     offer = next((s for s in offers if s.type == p.type), offers[0])
@@ -75,9 +79,6 @@ class CallAnswered(Parameters):
     given: Given | None = Field(None, description="A parameter on which the answer depends.")
     changed_credit: Share = Field(0.75, description="Credit of a right answer that is another one later.")
     wordless_credit: Share = Field(0.75, description="Credit of a right answer whose message is empty.")
-    logged_credit: Share = Field(
-        0.667, description="Credit where an earlier call had no answer either, but the program's log has the message."
-    )
 
 
 def _calls(step: StepRun | None) -> list[Mapping[str, Any]]:
@@ -106,12 +107,7 @@ def _location(context: Context, step: StepRun | None) -> Location:
     if step is None:
         return context.location()
     service = step.result.get("service") or step.parameters.get("service")
-    return Location(
-        session=context.session.record.session,
-        topic=service,
-        start_s=context.session.since_start_s(step.started_ns),
-        end_s=context.session.since_start_s(step.ended_ns or step.started_ns),
-    )
+    return context.location(service, Span(step.started_ns, step.ended_ns or step.started_ns))
 
 
 def _shown(response: Mapping[str, Any] | None) -> str:
@@ -133,15 +129,6 @@ def _earlier_silence(context: Context, step: StepRun | None, expected: str) -> F
     return not_reached(reason, expected=expected)
 
 
-def _logged(context: Context, artifact: str | None, step: StepRun | None, pattern: str | None) -> str:
-    """Return what an artifact's program printed while a call waited, if it fits: what it did without an answer."""
-    lines = (line for run in context.session.processes_of(artifact or "") for line in run.output)
-    spans = [(call["started_ns"], call["ended_ns"]) for call in _calls(step)[:1]]
-    said = (line.text for line in lines if any(start <= line.t_ns <= end for start, end in spans))
-    return next((text for text in said if pattern is not None and search(pattern, text)), "")
-
-
-_BY_ITS_LOG = "It gives no answer here either, which costs its points above; by its log it does what was asked."
 _THEN_THESE = "Fix that, and these points can be earned too."
 _STUCK = "The node does not answer parameter requests either: it does not spin, or a callback never returns."
 _STUCK_HINT = (
@@ -171,10 +158,7 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
     response = _answer(step)
     where = (_location(context, step),)
     if response is None:
-        logged = _logged(context, p.artifact, step, p.message)
-        if not logged or _earlier_silence(context, step, expected) is None:
-            return _silence(context, step, expected, _problem(step))
-        return graded(p.logged_credit, expected, f"no answer; it logs {logged!r}", _BY_ITS_LOG, where=where)
+        return _silence(context, step, expected, _problem(step))
     if (same := _same_request(context, step)) is not None:
         reason = f"A request of this type has no field {' or '.join(request)}, so nobody can ask for this: "
         return failed(expected, "the same request", f"{reason}it is the same as that of '{same.label}'.", where=where)
@@ -238,7 +222,6 @@ def _contradicts(p: CallAnswered, answer: Mapping[str, Any]) -> bool:
 class CallGated(Parameters):
     """A parameter decides over the answer, and may be changed while the node runs."""
 
-    artifact: ref.Artifact | None = Field(None, description="Program whose log counts where no call was answered.")
     set_step: ref.SetLabel = Field(description="The step that sets the parameter.")
     refused_step: ref.CallLabel
     recovered_step: ref.CallLabel
@@ -260,9 +243,6 @@ class CallGated(Parameters):
     half_credit: Share = Field(0.5, description="Credit of one half, such as refusing without recovering.")
     from_start_credit: Share = Field(0.5, description="Credit of refusing only what was given from the start.")
     disallowed_credit: Share = Field(0.5, description="Credit where what must stay possible is refused too.")
-    logged_credit: Share = Field(
-        0.33, description="Credit where no call was answered, but the program's log tells refusing from enabling."
-    )
 
 
 def call_gated(context: Context, p: CallGated) -> Finding:
@@ -278,10 +258,6 @@ def call_gated(context: Context, p: CallGated) -> Finding:
     enabling = context.findings.get(p.enables) if p.enables is not None else None
     fails = enabling is not None and enabling.outcome in (Outcome.FAILED, Outcome.NOT_REACHED)
     turned = fails and _fits(off, p.recovered) and _fits(on, p.refused)
-    refusing = _logged(context, p.artifact, steps[p.refused_step], p.refusal) if off is None else ""
-    enabling_step = next((s for s in context.session.record.steps if s.kind == "call"), None)
-    if refusing and fails and not _logged(context, p.artifact, enabling_step, p.refusal):
-        return graded(p.logged_credit, expected, f"no answer; it logs {refusing!r}", _BY_ITS_LOG, where=where)
     if fails and not turned and not (refuses and recovers):
         reason = "Not tested: the robot cannot be enabled at all, so a refusal proves nothing."
         return not_reached(reason, expected=expected)

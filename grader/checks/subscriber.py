@@ -26,6 +26,7 @@ from grader.checks.base import (
 )
 from grader.checks.endpoints import OfEndpoint, OfferedProfile, claim_of, claimed_at, clash, student_endpoints
 from grader.evidence.cpu_delay import Span
+from grader.evidence.flakiness import flaky_end
 from grader.evidence.recorded import NumericStream
 from grader.evidence.text.printed import PrintedVector, Report, printed_vector, reports
 from grader.lab import references as ref
@@ -75,10 +76,8 @@ def _judge_subscription(
     if not endpoints:
         reason = f"There is no subscription on {wanted.topic}, nor on a similar name."
         return Part(1 - p.other_name_costs, f"nothing on {wanted.topic}", reason)
-    used, endpoint = (
-        context.session.used(wanted.topic),
-        next((e for e in endpoints if e.type == wanted.type), endpoints[0]),
-    )
+    used = context.session.used(wanted.topic)
+    endpoint = next((e for e in endpoints if e.type == wanted.type), endpoints[0])
     wrong = p.faults("topic", (wanted.topic, wanted.type), (used, endpoint.type), [endpoint.node])
     if (policy := clash(endpoint, p.offered)) is not None:
         arrives = "so no message would arrive from the lab's publisher."
@@ -173,12 +172,11 @@ class _Plateau:
         """The median of the reports; None without any."""
         return float(np.median([r.value for r in self.reports])) if self.reports else None
 
-    def shows(self, value: float | None, p: ReportedSeries) -> bool:
-        """Whether a value is the right one; what was printed with two places cannot be known better."""
+    def is_right(self, p: ReportedSeries) -> bool:
+        """Whether the value is the right one; what was printed with two places cannot be known better."""
         rounding = min((r.rounding for r in self.reports if r.rounding), default=0.0)
-        return value is not None and abs(value - self.right) <= max(
-            p.tolerance, 0.01 * abs(self.right), rounding * 1.01
-        )
+        slack = max(p.tolerance, 0.01 * abs(self.right), rounding * 1.01)
+        return self.value is not None and abs(self.value - self.right) <= slack
 
 
 def _plateaus(
@@ -199,11 +197,11 @@ def reported_series(context: Context, p: ReportedSeries) -> Finding:
     if p.share is None or finding.outcome not in (Outcome.PASSED, Outcome.PARTIAL):
         return finding
     share, best, measured, reason, doubt = _report_share(context, p, p.share)
-    if min(1.0, share) == 1.0:
+    if share >= 1.0:
         return finding
     kept, most = (float(finding.credit) * (1 - p.share.costs * (1 - quantise(min(1.0, s)))) for s in (share, best))
     texts = (finding.expected, f"{finding.measured}; {measured}", f"{finding.reason} {reason}".strip())
-    return graded(kept, *texts, hint=finding.hint, where=finding.where, notes=finding.notes, best=most, doubt=doubt)
+    return graded(kept, *texts, where=finding.where, notes=finding.notes, best=most, doubt=doubt)
 
 
 def _right_values(context: Context, p: ReportedSeries) -> Finding:
@@ -218,7 +216,7 @@ def _right_values(context: Context, p: ReportedSeries) -> Finding:
         last = f"; it printed {len(printed)} others, the last of which is {printed[-1][:100]!r}." if printed else "."
         reason = f"The node printed no tracking error in the requested form, neither to its output nor to its log{last}"
         return unexplained(failed(expected, "no report", reason))
-    fits = [plateau.shows(plateau.value, p) for plateau in plateaus]
+    fits = [plateau.is_right(p) for plateau in plateaus]
     right, reached = sum(fits), max((n for n, each in enumerate(plateaus, 1) if each.reports), default=0)
     where = (context.output_of(p.artifact), context.location(next(iter(p.streams.values()))))
     measured = f"right in {right} of {count} phases ({len(heard)} reports)"
@@ -227,14 +225,14 @@ def _right_values(context: Context, p: ReportedSeries) -> Finding:
     example = _wrong(context, plateaus[fits.index(False)])
     for other in p.alternatives:
         others = _plateaus(context, p, heard, other.parameters)
-        alike = [plateau.shows(plateau.value, p) for plateau in others if plateau.reports]
+        alike = [plateau.is_right(p) for plateau in others if plateau.reports]
         if all(alike) and 2 * len(alike) >= count:
             wrong = failed(expected, measured, example, where=where)
             return other.explains(context, wrong, right / count)
     # Spans without a report before the last that is right are charged by the share of reports.
     last_right = max((n for n, fit in enumerate(fits, 1) if fit), default=0)
     unreported, notes = sum(not plateau.reports for plateau in plateaus[:last_right]), []
-    if p.end_charged_by is not None and reached < count and _ended(context, p.artifact):
+    if p.end_charged_by is not None and reached < count and _went_on(context, p.artifact) is None:
         notes = [f"The node ended in phase {reached + 1} of {count}, which costs points in {p.end_charged_by}."]
         unreported += min(count - reached, count // 2)
     judged = max(right, count - unreported)
@@ -254,18 +252,13 @@ def _kept_silent(context: Context, p: ReportedSeries, silent: Sequence[_Plateau]
     read too late what was printed.
     """
     times = [stream.source_ns for stream in context.session.streams(p.streams, p.field).values()]
-    run, span = (
-        context.session.processes_of(p.artifact)[-1:],
-        Span(min(int(t[0]) for t in times), max(int(t[-1]) for t in times)),
-    )
-    if not run or _ended(context, p.artifact):
+    run, span = _went_on(context, p.artifact), Span(min(int(t[0]) for t in times), max(int(t[-1]) for t in times))
+    if run is None:
         return 0.0, ""
-    doubt = cpu_delay_doubt(context.session.machine_delay_s(run[0], span), span.duration_s)
-    if context.session.stalled_s(span) > _READ_LATE_S and run[0].limit is None and not run[0].output_dropped_bytes:
+    doubt = cpu_delay_doubt(context.session.machine_delay_s(run, span), span.duration_s)
+    if context.session.stalled_s(span) > _READ_LATE_S and run.limit is None and not run.output_dropped_bytes:
         return float("inf"), doubt
-    halves = (
-        context.session.machine_delay_s(run[0], plateau.span) >= plateau.span.duration_s / 2 for plateau in silent
-    )
+    halves = (context.session.machine_delay_s(run, plateau.span) >= plateau.span.duration_s / 2 for plateau in silent)
     return float(sum(halves)), doubt
 
 
@@ -278,10 +271,11 @@ def _wrong(context: Context, plateau: _Plateau) -> str:
     return f"At {begin_s:.1f} s it reports {shown}; right is {wanted}."
 
 
-def _ended(context: Context, artifact: str) -> bool:
-    """Whether the artifact's last process ended without having been told to: one that ended did not wait."""
-    run = context.session.processes_of(artifact)[-1:]
-    return bool(run) and run[0].exited_ns is not None and run[0].interrupted_ns is None and run[0].ended_by != "kill"
+def _went_on(context: Context, artifact: str) -> ProcessRun | None:
+    """Return the artifact's last process, unless it ended without having been told to: one that ended did not wait."""
+    run = next(reversed(context.session.processes_of(artifact)), None)
+    asked = run is None or run.exited_ns is None or run.interrupted_ns is not None or run.ended_by == "kill"
+    return run if asked else None
 
 
 def _lost_to_machine(context: Context, p: Streams) -> tuple[float, str]:
@@ -289,16 +283,16 @@ def _lost_to_machine(context: Context, p: Streams) -> tuple[float, str]:
 
     While its queue has room, nothing is lost, and nothing by a node that had ended.
     """
-    processes = context.session.processes_of(p.artifact)
-    if not processes or _ended(context, p.artifact):
+    run = _went_on(context, p.artifact)
+    if run is None:
         return 0.0, ""
     most = max((s.source_ns for s in context.session.streams(p.streams, p.field).values()), key=len)
     span = Span(int(most[0]), int(most[-1]))
     length_s = max(span.duration_s, 1e-9)
     claims = [claim_of(context, "subscription", topic) for topic in p.streams.values()]
     room = min(c.qos.depth if c is not None and c.qos is not None else 1 for c in claims) - 1
-    lost_s = context.session.backlog(processes[-1], span, max(0, room) * length_s / len(most)).lost_s
-    return lost_s / length_s, cpu_delay_doubt(context.session.machine_delay_s(processes[-1], span), length_s)
+    lost_s = context.session.backlog(run, span, max(0, room) * length_s / len(most)).lost_s
+    return lost_s / length_s, cpu_delay_doubt(context.session.machine_delay_s(run, span), length_s)
 
 
 class Shorter(Parameters):
@@ -336,7 +330,7 @@ def reported_statistics(context: Context, p: ReportedStatistics) -> Finding:
     run = context.session.processes_of(p.artifact)[-1:]
     printed = _printed(p, context.session.output_of(p.artifact), run[0].interrupted_ns if run else None)
     if printed is None:
-        if run and (flaky := _flaky_end(run[0])):
+        if run and (flaky := flaky_end(run[0])):
             return unclear(expected, "nothing", flaky)
         nothing = f"Nothing of the form '{p.label}: [...]' was printed after Ctrl-C."
         hint = f"Catch KeyboardInterrupt around rclpy.spin(node), and print '{p.label}: [...]' after it."
@@ -351,19 +345,6 @@ def reported_statistics(context: Context, p: ReportedStatistics) -> Finding:
 
 def _printed(p: ReportedStatistics, output: Sequence[Any], stopped_ns: int | None) -> PrintedVector | None:
     return printed_vector(output, (p.label, *p.synonyms), stopped_ns, p.unless)
-
-
-#: What pybind11 says when a signal's exception strikes while it converts an argument.
-_HIT_IN_A_CALL = "RuntimeError: Unable to convert call argument"
-
-
-def _flaky_end(run: ProcessRun) -> str:
-    """Say what befell a program at Ctrl-C that correct ones meet too now and then, if anything."""
-    if any(_HIT_IN_A_CALL in line.text for line in run.output):
-        return "Ctrl-C arrived inside a call into rclpy and became another error; a correct program can meet this too."
-    if run.interrupted_ns and run.ended_by in ("terminate", "kill"):
-        return "The node did not end in time after Ctrl-C, and had to be stopped before it printed statistics."
-    return ""
 
 
 #: Share of the messages that the machine may have kept from a node, from which its numbers may be of the others.
@@ -416,7 +397,7 @@ def _silent_when_shorter(context: Context, p: ReportedStatistics, shorter: Short
         each = (sum(search(one, line.text[:2000]) is not None for line in run.output) for one in p.report_pattern)
         count = next(filter(None, each), 0)
         ended = run.role == "student" and run.ended_by == "interrupt" and not run.output_dropped_bytes
-        if not ended or not shorter.least <= count <= shorter.most or _flaky_end(run):
+        if not ended or not shorter.least <= count <= shorter.most or flaky_end(run):
             continue
         unprinted = _printed(p, run.output, run.interrupted_ns) is None
         if unprinted and not any("KeyboardInterrupt" in line.text for line in run.output):
@@ -541,7 +522,7 @@ def _report_share(context: Context, p: ReportedSeries, of: ReportShare) -> tuple
     streams, run = p.recorded(context) or {}, context.session.processes_of(p.artifact)[-1:]
     full = bool(run) and bool(run[0].output_dropped_bytes and run[0].output)
     if full:
-        streams = {role: stream.until(run[0].output[-1].t_ns) for role, stream in streams.items()}
+        streams = {role: each.only(each.received_ns <= run[0].output[-1].t_ns) for role, each in streams.items()}
     possible = int(context.oracle(of.oracle)(streams, dict(p.parameters), context.session.record.seed))
     lines = reports(context.session, p.artifact, p.pattern)
     heard = len(_without_repeats(context, p, lines))

@@ -11,10 +11,10 @@ from datetime import datetime, timezone
 from pathlib import Path
 
 import grader
-from grader.cohort.changes import Changes, changes_between, plain_changes
+from grader.cohort.changes import changes_between, plain_changes
 from grader.files import replace_file
 from grader.result import read_result, result_of_text
-from grader.result_folder import AUDIT_FILE, HISTORY
+from grader.result_folder import AUDIT_FILE, HISTORY, RESULT_FILE
 
 AUDIT_SCHEMA = "ros-lab-grader/audit/v1"
 
@@ -31,42 +31,24 @@ def note_replaced(
     results: Path,
     name: str,
     before: str | None,
-    after: str,
     command: str,
     *,
     overrides_sha256: str = "",
-    at: datetime | None = None,
-) -> Changes:
+) -> None:
     """Keep an old result and add a line to the trail; nothing is written where nothing was replaced.
 
-    Parameters
-    ----------
-    results : Path
-        Folder with a folder of results for each submission.
-    name : str
-        Name of the submission's folder.
-    before, after : str or None
-        Text of `result.json` as it was, and as it is.
-    command : str
-        By what it was replaced, e.g. "regrade".
-    overrides_sha256 : str
-        Hash of the file of overrides that was applied; empty if there was none.
-    at : datetime or None
-        When; now by default.
-
-    Raises
-    ------
-    RecordingError
-        If `after` is no result.
+    `before` is the text of the submission's `result.json` as it was, `command` is by what it was replaced, and the
+    hash is that of the file of overrides that was applied, empty if there was none. Raises RecordingError if what is
+    there now is no result.
     """
+    after = (results / name / RESULT_FILE).read_text(encoding="utf-8")
     old, new = result_of_text(before), read_result(json.loads(after))
-    changes = changes_between(old, new)
     replaced = old is not None and before != after
     if replaced or (old is None and new.adjustments):
         texts, results_of = (before, after), (old, new)
         line = {
             "schema": AUDIT_SCHEMA,
-            "at": (at or datetime.now(timezone.utc)).isoformat(timespec="seconds"),
+            "at": datetime.now(timezone.utc).isoformat(timespec="seconds"),
             "command": command,
             "grader": grader.__version__,
             "submission": name,
@@ -74,11 +56,10 @@ def note_replaced(
             "rubric_sha256": [result.rubric_sha256 if result is not None else None for result in results_of],
             "result_sha256": [_sha256(text) if text is not None else None for text in texts],
             "kept": keep(results, name, before) if replaced and before is not None else None,
-            **plain_changes(changes),
+            **plain_changes(changes_between(old, new)),
         }
         with (results / AUDIT_FILE).open("a", encoding="utf-8", newline="\n") as trail:
             trail.write(json.dumps(line, ensure_ascii=True) + "\n")
-    return changes
 
 
 def keep(results: Path, name: str, text: str) -> str:

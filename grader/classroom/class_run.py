@@ -17,7 +17,7 @@ from grader.classroom.progress import RunProgress
 from grader.classroom.regrade import regrade_all
 from grader.classroom.scheduler import Machine
 from grader.classroom.worker import grade_in_process
-from grader.cohort.entries import NOTHING_SUBMITTED, ClassEntry, entries_in
+from grader.cohort.entries import ClassEntry, entries_in
 from grader.errors import GraderError, RecordingError
 from grader.judging.attempts import undecided_sessions
 from grader.lab.rubric import Rubric
@@ -71,23 +71,14 @@ class ClassRun:
     rows: list[Row] = field(default_factory=list)
 
     def grade(self, sources: Sequence[SubmissionSource], location: Isolation | str) -> None:
-        """Grade what has not been graded, here or on the machines of a scheduler; whatever becomes of one submission.
+        """Grade what has not been graded; whatever becomes of one submission.
 
-        Parameters
-        ----------
-        location : Isolation or str
-            How students' code is confined here, or the address of a Dask scheduler for other machines.
-
-        Raises
-        ------
-        PlatformError
-            If the scheduler is not to be reached.
-        KeyboardInterrupt, SystemExit
-            When asked to end; all processes have ended then, and what is graded is kept.
+        The location is how students' code is confined here, or the address of a Dask scheduler for other machines.
+        Raises PlatformError if the scheduler is not to be reached; KeyboardInterrupt or SystemExit when asked to end:
+        all processes have ended then, and what is graded is kept.
         """
-        common = fingerprint.combined(
-            fingerprint.engine_sha256(), fingerprint.lab_sha256(self.rubric), fingerprint.options_sha256(self.options)
-        )
+        lab, options = fingerprint.lab_sha256(self.rubric), fingerprint.options_sha256(self.options)
+        common = fingerprint.sha256_of((fingerprint.engine_sha256(), lab, options))
         least = location.level if isinstance(location, Isolation) else Level.of(self.options.least_isolation)
         # All are read, and judged where that suffices, before the first is started, so that no session is timed then.
         tasks = [self._task(one, common) for one in sources]
@@ -110,12 +101,12 @@ class ClassRun:
     def _task(self, source: SubmissionSource, common: str) -> _Task:
         try:
             with open_submission(source, prefix=scratch_prefix()) as intake:
-                submission = fingerprint.submission_sha256(intake)
-                submitted_at = intake.submitted_at.isoformat() if intake.submitted_at is not None else None
+                submission, time = fingerprint.submission_sha256(intake), intake.source.submitted_at
+                submitted_at = time.isoformat() if time is not None else None
         except Exception:
             submission, submitted_at = "", None  # What is wrong with it will be said when it is its turn.
         policy = fingerprint.policy_sha256(self.options, source.name, submitted_at)
-        return _Task(source, submission, submitted_at, fingerprint.combined(common, submission), policy)
+        return _Task(source, submission, submitted_at, fingerprint.sha256_of((common, submission)), policy)
 
     def _entry(self, task: _Task, least: Level) -> Entry | None:
         """Return what the journal says of recordings that hold good."""
@@ -224,8 +215,7 @@ class ClassRun:
         before, recorded = audit.text_of(job.results / RESULT_FILE), recordings_sha256(job.results)
         ending, isolation = await site.grade(job, partial(self.display.phase, name))
         if not isinstance(ending, GraderError):
-            after = (job.results / RESULT_FILE).read_text(encoding="utf-8")
-            audit.note_replaced(self.journal.results, name, before, after, "grade", overrides_sha256=decided_by)
+            audit.note_replaced(self.journal.results, name, before, "grade", overrides_sha256=decided_by)
             self.journal.note(name, task.key, task.policy, isolation.value)
             return ending
         if recordings_sha256(job.results) in ("", recorded) or ending.exit_status == RecordingError.exit_status:
@@ -242,23 +232,14 @@ class ClassRun:
         return why
 
 
-def entries_of(results: Path, rows: Sequence[Row], missing: Sequence[str]) -> list[ClassEntry]:
-    """Return an entry for each submission of the run, for each other result in the folder, and for who is missing.
-
-    Parameters
-    ----------
-    missing : sequence of str
-        Who has not handed in.
-    """
+def entries_of(results: Path, rows: Sequence[Row]) -> list[ClassEntry]:
+    """Return an entry for each submission of the run, and for each other result in the folder."""
     entries = {entry.name: entry for entry in entries_in(results)}
-    for name in missing:
-        entries.setdefault(name, ClassEntry(name, None, NOTHING_SUBMITTED))
     for row in rows:
         source = row.source
-        entry = entries.get(source.name)
-        if isinstance(row.ending, GraderError) or entry is None:
-            problem = row.ending.problem if isinstance(row.ending, GraderError) else "There are no results of it."
-            entry = ClassEntry(source.name, None, problem)
+        entry = entries.get(source.name, ClassEntry(source.name, None, "There are no results of it."))
+        if isinstance(row.ending, GraderError):
+            entry = ClassEntry(source.name, None, row.ending.problem)
         entries[source.name] = replace(
             entry,
             # What only the archive tells stands in the record.

@@ -63,13 +63,7 @@ def packed(files: dict[str, Path]) -> bytes:
 
 
 def unpack(content: bytes, folder: Path) -> None:
-    """Write the files of an archive below an empty folder.
-
-    Raises
-    ------
-    ValueError
-        If there is anything but regular files with plain names.
-    """
+    """Write the files of an archive below an empty folder; raises ValueError unless all are files with plain names."""
     with tarfile.open(fileobj=io.BytesIO(content), mode="r:gz") as archive:
         for member in archive:
             path = PurePosixPath(member.name)
@@ -83,10 +77,7 @@ def unpack(content: bytes, folder: Path) -> None:
 def grade_bundle(bundle: bytes) -> tuple[Ending, str, bytes]:
     """Grade a submission on the machine where this is called: what a worker does.
 
-    Returns
-    -------
-    tuple
-        How it ended, the level of confinement, and the packed results: without points too, for what was recorded.
+    Returns how it ended, the level of confinement, and the packed results: without points too, for what was recorded.
     """
     sent: Bundle = pickle.loads(bundle)
     if sent.engine != fingerprint.engine_sha256():
@@ -119,13 +110,7 @@ def _laid_out(sent: Bundle, scratch: Path) -> Job:
 
 @asynccontextmanager
 async def cluster(address: str, note: Callable[[str], None]) -> AsyncIterator[Cluster]:
-    """Connect to a scheduler, by its address or by the file that it wrote.
-
-    Raises
-    ------
-    PlatformError
-        If the cluster's software is not installed, or the scheduler is not to be reached.
-    """
+    """Connect to a scheduler, by its address or by the file that it wrote; raises PlatformError if that fails."""
     try:
         import distributed
     except ImportError:

@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from grader.errors import SubmissionError
 from grader.lab.rubric import Rubric
-from grader.lab.yaml_with_lines import Strict, cannot_be_read, parse_yaml
+from grader.lab.yaml_with_lines import Strict, parse_yaml, read_text
 from grader.result import CheckResult, CriterionResult, Outcome, Result
 
 EXPECTED_FILE = "expected.yaml"
@@ -125,20 +125,9 @@ class Fixture:
 
 
 def load_fixture(folder: Path) -> Fixture:
-    """Read a fixture.
-
-    Raises
-    ------
-    RubricError
-        With every mistake in its `expected.yaml`, each with its line.
-    """
-    path = folder / EXPECTED_FILE
-    what = f"what {folder.name} expects"
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as problem:
-        raise cannot_be_read(what, path, problem, "Each fixture has one.") from problem
-    plain, mistakes = parse_yaml(path, text, what)
+    """Read a fixture; raises RubricError with every mistake in its `expected.yaml`, each with its line."""
+    path, what = folder / EXPECTED_FILE, f"what {folder.name} expects"
+    plain, mistakes = parse_yaml(path, read_text(path, what, "Each fixture has one."), what)
     try:
         expectation = Expectation.model_validate(plain)
     except ValidationError as error:
@@ -150,15 +139,7 @@ def load_fixture(folder: Path) -> Fixture:
 
 
 def fixtures_in(folder: Path) -> list[Fixture]:
-    """Read all fixtures of a folder, in the order of their names.
-
-    Raises
-    ------
-    SubmissionError
-        If there are none.
-    RubricError
-        With every mistake in the first `expected.yaml` that has some.
-    """
+    """Read all fixtures of a folder, in the order of their names; raises SubmissionError if there are none."""
     found = sorted(path.parent for path in folder.glob(f"*/{EXPECTED_FILE}"))
     if not found:
         remedy = "They come with a checkout of the grader; --fixtures names the folder that holds them."

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,18 +22,13 @@ def engine_sha256() -> str:
     package = Path(grader.__file__).parent
     ours = {name: path for name, path in files_below(package) if not name.startswith("shipped_lab/")}
     stated = {name: version for name, version in versions().items() if name != "kernel"}
-    return _sha256_of(stated, sorted(ours.items()))
+    return sha256_of(stated, sorted(ours.items()))
 
 
 def lab_files(rubric: Rubric, *, figures: bool = True) -> dict[str, Path]:
     """Return the files beside a rubric that a grading by it may use, by their path relative to the rubric's folder.
 
-    These are the reference programs and oracles, with all else in their folders.
-
-    Parameters
-    ----------
-    figures : bool
-        Whether those count that only figures name.
+    These are the reference programs and oracles, with all else in their folders; also those that only figures name.
     """
     files = {}
     named = (rubric.folder / name for name in named_files(rubric, figures=figures))
@@ -47,36 +42,32 @@ def lab_files(rubric: Rubric, *, figures: bool = True) -> dict[str, Path]:
 
 def lab_sha256(rubric: Rubric) -> str:
     """Return the hash of a rubric with its reference programs and oracles; no points depend on figures."""
-    return _sha256_of(rubric.sha256, list(lab_files(rubric, figures=False).items()))
+    return sha256_of(rubric.sha256, lab_files(rubric, figures=False).items())
 
 
 def submission_sha256(intake: Intake) -> str:
     """Return the hash of an extracted submission."""
-    return _sha256_of(intake.left_out, sorted(files_below(intake.folder)))
+    return sha256_of(intake.left_out, sorted(files_below(intake.folder)))
 
 
 def options_sha256(options: Options) -> str:
     """Return the hash of the options on which recordings depend."""
     stated = (options.interpreter, options.interpreter.resolve(), options.sessions, options.seed, options.launch)
-    return _sha256_of(stated, [])
+    return sha256_of(stated)
 
 
 def policy_sha256(options: Options, name: str, submitted_at: str | None) -> str:
     """Return the hash of what people decided about a submission, which needs no other recordings."""
-    return _sha256_of((repr(options.overrides.of(name)), submitted_at), [])
-
-
-def combined(*hashes: str) -> str:
-    """Return the hash of several hashes."""
-    return _sha256_of(hashes, [])
+    return sha256_of((repr(options.overrides.of(name)), submitted_at))
 
 
 def seed_for(submission: str, run_seed: int) -> int:
     """Return the seed of stimuli for a submission's hash: another for each, the same wherever it is graded."""
-    return int(_sha256_of([submission, run_seed], [])[:8], 16) % 2**31
+    return int(sha256_of([submission, run_seed])[:8], 16) % 2**31
 
 
-def _sha256_of(stated: Any, files: list[tuple[str, Path]]) -> str:
+def sha256_of(stated: Any, files: Iterable[tuple[str, Path]] = ()) -> str:
+    """Return the hash of plain data, and of files with their names."""
     digest = hashlib.sha256(json.dumps(stated, sort_keys=True, default=str).encode())
     for name, path in files:
         content = path.read_bytes()

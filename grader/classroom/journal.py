@@ -68,17 +68,9 @@ class Journal:
     @classmethod
     @contextmanager
     def open(cls, results: Path, *, afresh: bool = False) -> Iterator[Journal]:
-        """Open a results folder for a run.
+        """Open a results folder for a run; raises GraderError if another one is at work there.
 
-        Parameters
-        ----------
-        afresh : bool
-            Whether what was graded before shall not count.
-
-        Raises
-        ------
-        GraderError
-            If another run is at work there.
+        What was graded before does not count for a run that grades `afresh`.
         """
         results.mkdir(parents=True, exist_ok=True)
         file = os.open(results / JOURNAL_FILE, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
@@ -95,13 +87,7 @@ class Journal:
         return entry if there else None
 
     def note(self, name: str, key: str, policy: str, isolation: str) -> None:
-        """Note that the results of a submission are whole, and lie on the disk.
-
-        Raises
-        ------
-        OSError
-            If they cannot be brought there.
-        """
+        """Note that the results of a submission are whole, once they lie on the disk; raises OSError if they cannot."""
         for path in [*(self.results / name).rglob("*"), self.results / name, self.results]:
             _sync(path)
         self._entries[name] = Entry(key, policy, isolation, recordings_sha256(self.results / name))

@@ -30,12 +30,8 @@ _BAR_WIDTH = 40
 class RunProgress(Live):
     """What is done, what runs and in which phase, what waits, and how long it will take.
 
-    On a terminal in place; elsewhere, as in a CI job, a line when a submission ends.
-
-    Parameters
-    ----------
-    at_a_time : int
-        Sessions side by side, for the first estimate of the time.
+    On a terminal in place; elsewhere, as in a CI job, a line when a submission ends. By the number of sessions side by
+    side the time is estimated first.
     """
 
     def __init__(self, console: Console, at_a_time: int, noun: str = "submissions") -> None:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime
 from functools import partial
 from pathlib import Path
 
@@ -74,15 +73,14 @@ class Regrade:
         """What changes for each that was judged."""
         return {name: judged.changes for name, judged in self.judged.items()}
 
-    def apply(self, command: str = "regrade", at: datetime | None = None) -> None:
+    def apply(self, command: str = "regrade") -> None:
         """Put the new results, which were made with their pages, in place of the old, and note it in the trail."""
         for name, judged in self.judged.items():
             folder = self.results / name
-            before, new = text_of(folder / RESULT_FILE), judged.judgement
+            before, sha256 = text_of(folder / RESULT_FILE), judged.overrides.sha256
             with uninterrupted():  # so that no result is replaced without being kept
-                replace_files(files_of(new, folder, judged.rubric))
-                sha256 = judged.overrides.sha256
-                note_replaced(self.results, name, before, new.text, command, overrides_sha256=sha256, at=at)
+                replace_files(files_of(judged.judgement, folder, judged.rubric))
+                note_replaced(self.results, name, before, command, overrides_sha256=sha256)
 
     @property
     def overrides(self) -> Overrides:
@@ -115,29 +113,12 @@ def regrade(
     jobs: int | None = None,
     on_judged: Callable[[str], None] = lambda name: None,
 ) -> Regrade:
-    """Judge the recordings of one submission or many again.
+    """Judge the recordings of one submission or many again, whose results lie all in one folder.
 
-    Parameters
-    ----------
-    folders : sequence of Path
-        Results of submissions, all in one folder.
-    rubric : Path or None
-        By default, each is judged by the rubric by which it was judged last.
-    overrides : Path or None
-        By default `overrides.yaml` beside the folders, if there is one.
-    pages : bool
-        Whether to make the reports too, for `Regrade.apply`.
-    trusted : bool
-        Whether files of the lab that came with the recordings may be executed though they are not known here.
-    jobs : int, optional
-        Processes side by side; as many as there are cores by default.
-
-    Raises
-    ------
-    RubricError
-        If the rubric given, or the overrides, cannot be used.
-    RecordingError
-        If there is nothing to judge.
+    By default, each is judged by the rubric by which it was judged last, with the `overrides.yaml` beside the folders,
+    and as many side by side as there are cores. `pages` makes the reports too, for `Regrade.apply`, and `trusted` lets
+    files of the lab that came with the recordings be executed though they are not known here. Raises RubricError if
+    the rubric given, or the overrides, cannot be used, and RecordingError if there is nothing to judge.
     """
     if not folders:
         raise RecordingError(

@@ -4,44 +4,46 @@ from __future__ import annotations
 
 import asyncio
 import socket
-from collections.abc import Callable, Iterable
+import time
+from collections.abc import Callable, Iterable, Sequence
 
 from grader.live.sandbox.isolation import Isolation
+from grader.live.sandbox.machine import idle_s
 from grader.live.session.runner import sessions_at_a_time
 
 _POLL_S = 0.1
+#: A sandbox more is admitted where the cores had nothing to do for this share of such a time.
+_ROOM_SHARE, _ROOM_S = 0.5, 1.0
 #: The most slots there are; what runs alone holds all of them.
 MOST_SLOTS = 16
 
 
 class Machine:
-    """A number of slots for sandboxes, or all of them for one.
+    """A number of slots for sandboxes, or all of them for one; by the name, gradings find each other.
 
-    Parameters
-    ----------
-    places : int
-        Sandboxes at a time.
-    name : str
-        Under which gradings find each other.
-
-    Notes
-    -----
     Whoever holds the abstract socket of a slot's name holds the slot, so the kernel frees what a killed process
     held, and nothing is left behind. Everyone comes through a `turnstile`, so that sandboxes which come later do not
-    keep one that waits for all slots from them.
+    keep one that waits for all slots from them. Some are `spare`: given while the machine's cores have little to do.
     """
 
-    def __init__(self, slots: int, name: str = "grade") -> None:
+    def __init__(
+        self, slots: int, name: str = "grade", *, spare: int = 0, idle_s: Callable[[], float] = idle_s
+    ) -> None:
         self.slots = min(slots, MOST_SLOTS)
+        self._spare = min(spare, MOST_SLOTS - self.slots)
         self._name = name
+        self._idle_s = idle_s
 
     @classmethod
     def of(cls, isolation: Isolation, jobs: int | None = None) -> Machine:
-        """Return this machine's slots: so many as are wanted, or as its cores allow.
+        """Return this machine's slots: so many as are wanted, or as its cores allow, and as many more if they are idle.
 
         Where sandboxes share a network, one could speak in another's, so that there is one slot.
         """
-        return cls(jobs if jobs is not None and isolation.namespaces else sessions_at_a_time(isolation))
+        slots = sessions_at_a_time(isolation)
+        if jobs is not None and isolation.namespaces:
+            return cls(jobs)
+        return cls(slots, spare=slots if isolation.namespaces else 0)
 
     async def take(self, *, alone: bool = False) -> Callable[[], None]:
         """Wait for a slot, or for all; returns what gives them back."""
@@ -52,7 +54,8 @@ class Machine:
                 for number in range(1, MOST_SLOTS + 1):
                     held.append(await self._bind([f"slot-{number}"]))
             else:
-                held.append(await self._bind([f"slot-{number}" for number in range(1, self.slots + 1)]))
+                names = [f"slot-{number}" for number in range(1, self.slots + self._spare + 1)]
+                held.append(await self._bind(names[: self.slots], names[self.slots :]))
         except BaseException:
             _close(held)
             raise
@@ -60,11 +63,15 @@ class Machine:
             turnstile.close()
         return lambda: _close(held)
 
-    async def _bind(self, names: Iterable[str]) -> socket.socket:
-        """Wait until one of some names is free; returns what holds it."""
-        wanted = list(names)
+    async def _bind(self, names: Sequence[str], spare: Sequence[str] = ()) -> socket.socket:
+        """Wait until one of some names is free, or one of the spare ones while cores are idle; returns its holder."""
+        looked_s, idle_s = time.monotonic(), self._idle_s()
         while True:
-            for name in wanted:
+            has_room, past_s = False, time.monotonic() - looked_s
+            if past_s > _ROOM_S:
+                has_room = self._idle_s() - idle_s > _ROOM_SHARE * past_s
+                looked_s, idle_s = time.monotonic(), self._idle_s()
+            for name in (*names, *(spare if has_room else ())):
                 holder = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
                 try:
                     holder.bind(f"\0{self._name}-{name}")

@@ -11,7 +11,6 @@ import asyncio
 import base64
 import os
 import pickle
-import resource
 import shutil
 import signal
 import sys
@@ -24,6 +23,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from grader import pipeline
+from grader.bounded import limit_memory, write_all
 from grader.classroom.job import Ending, Job, problem_of
 from grader.errors import GraderError
 from grader.files import UNFINISHED
@@ -33,8 +33,9 @@ from grader.live.sandbox.isolation import Isolation
 from grader.live.sandbox.scratch import remove_stale, scratch_prefix
 from grader.live.session.runner import Progress
 
-#: What reading and judging a submission may take of the address space; some 0.7 GiB suffice.
-_MOST_MEMORY_BYTES = 4 * 1024**3
+#: What reading and judging a submission may take of the address space; some 0.7 GiB suffice. The sandboxes that it
+#: starts have limits of their own.
+MOST_MEMORY_BYTES = 4 * 1024**3
 #: How long it may take to end when it is asked to.
 _END_S = 15.0
 #: How often one that waits says so.
@@ -130,7 +131,7 @@ def main(argv: list[str]) -> int:
     """Grade the submission of a job; returns the exit status."""
     if os.getppid() != int(argv[1]):  # It ended before it could be said that this one ends with it.
         return 1
-    limit_memory()
+    limit_memory(MOST_MEMORY_BYTES)
     try:
         job: Job = pickle.loads(Path(argv[0]).read_bytes())
         assert job.isolation is not None
@@ -145,9 +146,7 @@ def main(argv: list[str]) -> int:
 
 
 def _send(what: Progress | Ending) -> None:
-    line = memoryview(base64.b64encode(pickle.dumps(what)) + b"\n")
-    while line:
-        line = line[os.write(sys.stdout.fileno(), line) :]
+    write_all(sys.stdout.fileno(), base64.b64encode(pickle.dumps(what)) + b"\n")
 
 
 @dataclass
@@ -198,13 +197,6 @@ class _WorkerScheduler:
             _send(progress)
             await asyncio.wait({waiting}, timeout=_STILL_WAITS_S)
         return waiting.result()
-
-
-def limit_memory() -> None:
-    """Limit this process, but not the sandboxes that it starts, which have limits of their own."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
-    if soft == resource.RLIM_INFINITY or soft > _MOST_MEMORY_BYTES:
-        resource.setrlimit(resource.RLIMIT_AS, (_MOST_MEMORY_BYTES, hard))
 
 
 if __name__ == "__main__":

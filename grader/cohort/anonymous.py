@@ -25,15 +25,8 @@ _SPELT = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "å": "a
 
 
 def anonymous(entries: Sequence[ClassEntry], rubric: Rubric) -> list[ClassEntry]:
-    """Return the entries under pseudonyms, in the order of these.
+    """Return the entries under pseudonyms, in the order of these; the rubric's words are no names, even in one.
 
-    Parameters
-    ----------
-    rubric : Rubric
-        Its words are no names, even if they are part of one.
-
-    Notes
-    -----
     Pseudonyms are numbers in an order that a keyed hash of the names gives. The key comes from the hashes of what
     was handed in, so that a list of the class is not enough to find the order again; it stays the same as long as
     the submissions do. Of a result only outcomes, points and what the grader says of them stay; names, and parts
@@ -87,12 +80,10 @@ class _Hider:
             for spelling in (_plain(lowered), _plain(lowered.translate(_SPELT))):
                 wanted |= {spelling, *(part for part in _parts(spelling) if part not in known)}
         ordered = sorted(wanted, key=lambda name: (-len(name), name))
-        self._pattern = re.compile("|".join(map(_matching, ordered)), re.IGNORECASE) if ordered else None
+        self._pattern = re.compile("|".join(map(_matching, ordered)) or "(?!)", re.IGNORECASE)
 
     def __call__(self, text: str) -> str:
         """Return a text without names."""
-        if self._pattern is None:
-            return text
         text = unicodedata.normalize("NFC", text)
         parts, at = [], 0
         for match in self._pattern.finditer(_plain(text)):

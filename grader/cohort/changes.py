@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
@@ -23,9 +24,8 @@ class Change:
     #: Points; None on the side where there is no such criterion or check.
     before: Decimal | None
     after: Decimal | None
-    #: Those of a check.
-    outcome_before: Outcome | None = None
-    outcome_after: Outcome | None = None
+    #: Those of a check, before and after.
+    outcomes: tuple[Outcome | None, Outcome | None] = (None, None)
 
     @property
     def difference(self) -> Decimal:
@@ -42,16 +42,13 @@ class Changes:
     before: Decimal | None
     #: Final points.
     after: Decimal
-    #: Points that are undecided.
-    undecided_before: Decimal
-    undecided_after: Decimal
+    #: Points that are undecided, and that could be had (equal where there was no result), before and after.
+    undecided: tuple[Decimal, Decimal]
+    possible: tuple[Decimal, Decimal]
     #: Each criterion before its checks, and adjustments last.
     parts: tuple[Change, ...] = ()
     #: Whether the result differs in anything, such as a reason, beside its provenance.
     words: bool = False
-    #: Points that could be had; equal where there was no result.
-    possible_before: Decimal = Decimal(0)
-    possible_after: Decimal = Decimal(0)
 
     @property
     def difference(self) -> Decimal:
@@ -61,8 +58,8 @@ class Changes:
     @property
     def matters(self) -> bool:
         """Whether there was no result before, or points or an outcome differ."""
-        undecided, possible = self.undecided_after - self.undecided_before, self.possible_after - self.possible_before
-        return self.before is None or bool(self.difference or self.parts or undecided or possible)
+        moved = any(was != now for was, now in (self.undecided, self.possible))
+        return self.before is None or bool(self.difference or self.parts) or moved
 
     def at(self, level: str) -> list[Change]:
         """Return the changes of criteria, of checks, or of adjustments."""
@@ -75,13 +72,11 @@ def changes_between(before: Result | None, after: Result) -> Changes:
         after.submission,
         before.final if before is not None else None,
         after.final,
-        before.score.undecided if before is not None else Decimal(0),
-        after.score.undecided,
+        (before.score.undecided if before is not None else Decimal(0), after.score.undecided),
+        ((before or after).score.possible, after.score.possible),
         (*(_parts(before, after) if before is not None else ()), *_adjustments(before, after)),
         # Provenance says by what it was judged, and not how it is.
         before is not None and replace(before, provenance={}) != replace(after, provenance={}),
-        (before or after).score.possible,
-        after.score.possible,
     )
 
 
@@ -103,39 +98,38 @@ def _pairs(before: Sequence[Part], after: Sequence[Part]) -> list[tuple[Part | N
 def _change(level: Literal["criterion", "check"], was: Part | None, now: Part | None) -> Change:
     named = now or was
     assert named is not None
-    outcomes = [part.outcome if isinstance(part, CheckResult) else None for part in (was, now)]
-    return Change(level, named.id, named.title, was.earned if was else None, now.earned if now else None, *outcomes)
+    before, after = (part.outcome if isinstance(part, CheckResult) else None for part in (was, now))
+    earned = [part.earned if part else None for part in (was, now)]
+    return Change(level, named.id, named.title, earned[0], earned[1], (before, after))
 
 
 def _differs(change: Change) -> bool:
-    return (change.outcome_before, change.before) != (change.outcome_after, change.after)
+    return change.outcomes[0] != change.outcomes[1] or change.before != change.after
 
 
 def _adjustments(before: Result | None, after: Result) -> Iterator[Change]:
     """Compare adjustments, added up by kind and what they concern."""
-    old: dict[tuple[str, str], Decimal] = {}
-    new: dict[tuple[str, str], Decimal] = {}
+    old: defaultdict[tuple[str, str], Decimal] = defaultdict(Decimal)
+    new: defaultdict[tuple[str, str], Decimal] = defaultdict(Decimal)
     for sums, result in ((old, before), (new, after)):
         for each in result.adjustments if result is not None else ():
-            key = (each.kind.value, each.what)
-            sums[key] = sums.get(key, Decimal(0)) + each.points
+            sums[each.kind.value, each.what] += each.points
     for kind, what in dict.fromkeys([*new, *old]):
-        change = Change("adjustment", what, kind, old.get((kind, what), Decimal(0)), new.get((kind, what), Decimal(0)))
+        change = Change("adjustment", what, kind, old[kind, what], new[kind, what])
         if change.difference:
             yield change
 
 
 def plain_changes(changes: Changes) -> dict[str, Any]:
     """Return changes as plain data, for the audit trail: what each was and is."""
-    possible = _numbers(changes.possible_before, changes.possible_after)
     return {
         "final": _numbers(changes.before, changes.after),
-        "undecided": _numbers(changes.undecided_before, changes.undecided_after),
-        **({"possible": possible} if possible[0] != possible[1] else {}),
+        "undecided": _numbers(*changes.undecided),
+        **({"possible": _numbers(*changes.possible)} if len(set(changes.possible)) > 1 else {}),
         "criteria": {c.id: _numbers(c.before, c.after) for c in changes.at("criterion") if c.difference},
         "checks": {
             c.id: {
-                "outcome": [o.value if o is not None else None for o in (c.outcome_before, c.outcome_after)],
+                "outcome": [o.value if o is not None else None for o in c.outcomes],
                 "points": _numbers(c.before, c.after),
             }
             for c in changes.at("check")

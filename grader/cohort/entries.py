@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from urllib.parse import quote
@@ -39,10 +39,7 @@ class ClassEntry:
 def entries_in(results: Path) -> list[ClassEntry]:
     """Read the finished results `*/result.json` of a folder, in the order of their names.
 
-    Parameters
-    ----------
-    results : Path
-        Folder with a folder for each submission. Folders that hold no part of a result are passed over.
+    Folders in it that hold no part of a result are passed over.
     """
     if not results.is_dir():
         return []
@@ -74,8 +71,12 @@ def _entry(folder: Path) -> ClassEntry:
 
 def with_roster(entries: Sequence[ClassEntry], students: Sequence[Student]) -> list[ClassEntry]:
     """Return the entries with what a list knows of them, and one for each student of it who has none, by name."""
-    found = matches(students, entries, lambda entry: (entry.name, _without_id(entry)))
-    completed = {entry.name: entry for entry, _, _ in found}
+    own = [(Student(entry.name, entry.student_id, entry.submitted_at), (_without_id(entry),)) for entry in entries]
+    found = matches(students, own)
+    completed = {
+        entry.name: replace(entry, student_id=known.student_id, submitted_at=known.submitted_at)
+        for entry, (known, _, _) in zip(entries, found, strict=True)
+    }
     there = [students[index] for _, index, _ in found if index is not None]
     for student in (student for student in students if student not in there):
         name = student.name or student.student_id or ""

@@ -54,13 +54,7 @@ class Mistake:
 
 
 def mistakes_of(results: Mapping[int, Result], rubric: Rubric) -> tuple[Mistake, ...]:
-    """Group what was lost, the dearest mistake first.
-
-    Parameters
-    ----------
-    results : mapping
-        Place in the class -> result, for those that were graded.
-    """
+    """Group what was lost by those that were graded, by their place in the class, the dearest mistake first."""
     groups: dict[tuple[str, str, str], list[tuple[Made, CheckResult]]] = {}
     for row, result in results.items():
         following = _following(result)

@@ -77,8 +77,6 @@ class Bar:
 class Spread:
     """How points are spread over those that were graded.
 
-    Notes
-    -----
     Quartiles lie between the two nearest values in proportion (the method of spreadsheets' QUARTILE.INC).
     What is undecided is not counted.
     """
@@ -233,10 +231,7 @@ def _check_statistics(results: Sequence[Result], rubric: Rubric) -> tuple[CheckS
 def discrimination(pairs: Sequence[tuple[float, float]]) -> float | Silent:
     """Return the correlation of a check's credit with the share of all other points; see `CheckStatistics`.
 
-    Parameters
-    ----------
-    pairs : sequence of (float, float)
-        For each submission the credit and the rest; a rest of NaN, where there are no other checks, is left out.
+    Given are both for each submission; where there are no other checks the share is NaN, and left out.
     """
     known = [pair for pair in pairs if not math.isnan(pair[1])]
     if len(known) < LEAST_FOR_DISCRIMINATION:

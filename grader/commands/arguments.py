@@ -112,8 +112,10 @@ def print_error(error: GraderError) -> None:
         print(f"  {terminal_text(error.remedy)}", file=sys.stderr)
 
 
-def each(submissions: Sequence[_Submission], work: Callable[[_Submission], Decimal], least: Decimal | None) -> int:
-    """Do the work for each submission; one that cannot be graded does not keep the others from it."""
+def each(
+    submissions: Sequence[_Submission], work: Callable[[_Submission], Decimal], least: Decimal | None = None
+) -> int:
+    """Do the work for each submission; one that has no result does not keep the others from it."""
     statuses = []
     for submission in submissions:
         try:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
 import itertools
 from collections.abc import Sequence
 
 from rich.console import Console
 from rich.text import Text
 
-from grader.commands.arguments import add_flag, add_path, interpreter_of
+from grader.commands.arguments import add_flag, add_path, interpreter_of, parser_of
 from grader.report.escape import terminal_text
 
 #: Exit status when something keeps this machine from grading.
@@ -22,11 +21,8 @@ def run(arguments: Sequence[str], console: Console) -> int:
     from grader.doctor.examination import Verdict, calibrate, examine
     from grader.judging import rubrics
 
-    parser = argparse.ArgumentParser(
-        prog="grade doctor",
-        description="Examine this machine: can it grade, how well does it confine students' code, how quiet is it? "
-        "Exit status 1 if it cannot grade.",
-    )
+    words = "Examine this machine: can it grade, how well does it confine students' code, how quiet is it?"
+    parser = parser_of("grade doctor", words, "Exit status 1 if it cannot grade.")
     add_path(parser, "--python", "interpreter for students' code")
     add_flag(parser, "--calibrate", "also grade the lab's own solution: what can be decided here?")
     add_path(parser, "--rubric", "rubric whose solution is graded")

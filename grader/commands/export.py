@@ -5,12 +5,13 @@ from __future__ import annotations
 import argparse
 import os
 from collections.abc import Sequence
+from decimal import Decimal
 from pathlib import Path
 
 from rich.console import Console
 
-from grader.commands.arguments import add_flag, parser_of, print_error
-from grader.errors import GraderError, RecordingError
+from grader.commands.arguments import add_flag, each, parser_of
+from grader.errors import RecordingError
 from grader.report.escape import terminal_text
 from grader.report.exports import EXPORTS
 from grader.report.exports.writing import STANDARD_OUTPUT, ExportTarget, write_exports
@@ -68,18 +69,10 @@ def run(arguments: Sequence[str], console: Console) -> int:
     parser = _parser()
     options = parser.parse_args(arguments)
     targets = _targets(parser, options)
-    statuses = [0]
-    for results in options.results:
-        try:
-            _export(results, targets, options, console)
-        # What is no result, such as a table beside them, does not keep the others from it.
-        except GraderError as error:
-            print_error(error)
-            statuses.append(error.exit_status)
-    return max(statuses)
+    return each(options.results, lambda results: _export(results, targets, options, console))
 
 
-def _export(results: Path, targets: Sequence[ExportTarget], options: argparse.Namespace, console: Console) -> None:
+def _export(results: Path, targets: Sequence[ExportTarget], options: argparse.Namespace, console: Console) -> Decimal:
     from grader.pipeline import judge_so_far
     from grader.result_folder import RESULT_FILE
 
@@ -92,6 +85,7 @@ def _export(results: Path, targets: Sequence[ExportTarget], options: argparse.Na
     if not any(target.file == STANDARD_OUTPUT for target in targets):
         for path in written:
             console.print(terminal_text(str(path)), soft_wrap=True, markup=False)
+    return result.final
 
 
 def _targets(parser: argparse.ArgumentParser, options: argparse.Namespace) -> list[ExportTarget]:

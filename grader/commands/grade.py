@@ -220,8 +220,7 @@ def _grade_one(
 
         result = pipeline.grade(source, rubric, results, live, show, watch=watch)
     if live.overrides.sha256:  # Else nobody decides anything here, and a student's tries need no trail.
-        after = (results / result_folder.RESULT_FILE).read_text(encoding="utf-8")
-        audit.note_replaced(output, source.name, before, after, "grade", overrides_sha256=live.overrides.sha256)
+        audit.note_replaced(output, source.name, before, "grade", overrides_sha256=live.overrides.sha256)
     print_result(console, result)
     if live.sessions is not None:
         only = ", ".join(live.sessions)
@@ -263,7 +262,7 @@ def _grade_class(found: Discovery, rubric: Rubric, live: Options, options: argpa
             print_note(console, f"Note: {remark}")
         if below := [row.source.name for row in rows if _status(row, options.fail_under) == BELOW]:
             print_note(console, f"Below {options.fail_under} points: {', '.join(below)}")
-        _report_class(rows, found.missing, rubric, options, console)
+        _report_class(rows, rubric, options, console)
     return max((_status(row, options.fail_under) for row in rows), default=0)
 
 
@@ -297,23 +296,17 @@ def _print_discovery(found: Discovery, console: Console) -> None:
         print_note(console, f"Nothing handed in: {', '.join(found.missing)}")
 
 
-def _report_class(
-    rows: Sequence[Row], missing: Sequence[str], rubric: Rubric, options: argparse.Namespace, console: Console
-) -> None:
+def _report_class(rows: Sequence[Row], rubric: Rubric, options: argparse.Namespace, console: Console) -> None:
     """Write the class page and the table of grades, over all results that lie in the folder."""
     from grader.classroom.class_run import entries_of
-    from grader.cohort.entries import with_roster
     from grader.commands.report import report_class
-    from grader.submission.roster import read_class_list
 
-    entries = entries_of(options.output, rows, missing)
-    known = {*(row.source.name for row in rows), *missing}
+    entries = entries_of(options.output, rows)
+    known = {row.source.name for row in rows}
     if earlier := [entry.name for entry in entries if entry.name not in known]:
         print_note(console, f"Results of earlier runs, on the page too: {', '.join(earlier)}.")
-    if options.class_list is not None:
-        entries = with_roster(entries, read_class_list(options.class_list))
     for anonymous in (False, True)[: 1 + options.anonymous]:
-        report_class(options.output, entries, rubric, console, anonymous=anonymous)
+        report_class(options.output, entries, rubric, console, options.class_list, anonymous=anonymous)
 
 
 def _status(row: Row, least: Decimal | None) -> int:

@@ -45,10 +45,9 @@ def _parser() -> argparse.ArgumentParser:
 
 def run(arguments: Sequence[str], console: Console) -> int:
     """Write page and table; returns the exit status."""
-    from grader.cohort.entries import entries_in, with_roster
+    from grader.cohort.entries import entries_in
     from grader.errors import SubmissionError
     from grader.judging import rubrics
-    from grader.submission.roster import read_class_list
 
     options = _parser().parse_args(arguments)
     entries = entries_in(options.results)
@@ -64,9 +63,9 @@ def run(arguments: Sequence[str], console: Console) -> int:
         rubrics.require_lab(
             options.results / entry.name, rubric, "Move the results of each lab into a folder of its own."
         )
-    if options.class_list is not None:
-        entries = with_roster(entries, read_class_list(options.class_list))
-    report_class(options.results, entries, rubric, console, anonymous=options.anonymous, counted=True)
+    report_class(
+        options.results, entries, rubric, console, options.class_list, anonymous=options.anonymous, counted=True
+    )
     return 0
 
 
@@ -75,16 +74,20 @@ def report_class(
     entries: Sequence[ClassEntry],
     rubric: Rubric,
     console: Console,
+    class_list: Path | None,
     *,
     anonymous: bool = False,
     counted: bool = False,
 ) -> None:
     """Sum up a class and write its page and its table of grades, or both under pseudonyms and names of their own."""
     from grader.cohort.anonymous import anonymous as under_pseudonyms
+    from grader.cohort.entries import with_roster
     from grader.cohort.statistics import summarise
     from grader.report import class_page, grades_csv
     from grader.report.views import tenths
+    from grader.submission.roster import read_class_list
 
+    entries = entries if class_list is None else with_roster(entries, read_class_list(class_list))
     summary = summarise(under_pseudonyms(entries, rubric) if anonymous else entries, rubric)
     page = results / (ANONYMOUS_PAGE if anonymous else CLASS_PAGE)
     grades = results / (ANONYMOUS_GRADES_FILE if anonymous else GRADES_FILE)

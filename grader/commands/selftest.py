@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import difflib
 import sys
 import tempfile
 import time
@@ -52,6 +51,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
     """Grade the fixtures and compare; returns the exit status."""
     from grader.classroom.selftest import print_fixtures
     from grader.judging import rubrics
+    from grader.lab.yaml_with_lines import meant
     from grader.live.sandbox import environment
 
     parser = _parser()
@@ -60,9 +60,8 @@ def run(arguments: Sequence[str], console: Console) -> int:
     fixtures = _fixtures(options, rubric, console)
     unknown = [name for name in options.names if name not in {fixture.name for fixture in fixtures}]
     if unknown:
-        near = difflib.get_close_matches(unknown[0], [fixture.name for fixture in fixtures], n=1)
-        meant = f"; did you mean {near[0]!r}?" if near else ""
-        parser.error(f"there is no fixture {terminal_text(unknown[0], 80)!r}{meant}")
+        near = meant(unknown[0], [fixture.name for fixture in fixtures])
+        parser.error(f"there is no fixture {terminal_text(unknown[0], 80)!r}{near}")
     if options.names:
         fixtures = [fixture for fixture in fixtures if fixture.name in options.names]
     environment.require_platform()

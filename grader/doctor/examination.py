@@ -118,12 +118,12 @@ def _confinement(isolation: Isolation) -> Iterator[Status]:
 
 
 def _real_time() -> Status:
-    """Try, in a process that does nothing, whether any may be scheduled in real time."""
+    """Try, in a process that does nothing, whether the grader's own may be scheduled in real time."""
     tried = f"import os; os.sched_setscheduler(0, os.SCHED_RR, os.sched_param({WATCHING}))"
     is_permitted = subprocess.run([sys.executable, "-c", tried], capture_output=True, check=False).returncode == 0
     found = "permitted" if is_permitted else "not permitted; on a busy machine more is left undecided"
     remedy = f"Run as root (in a container: --cap-add SYS_NICE), or allow the user: rtprio {WATCHING} in limits.conf."
-    return _status(is_permitted, "real-time scheduling of what is measured", found, remedy)
+    return _status(is_permitted, "real-time scheduling of the grader's own processes", found, remedy)
 
 
 def _noise() -> Status:

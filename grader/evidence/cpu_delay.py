@@ -64,12 +64,7 @@ class Backlog:
 def backlog(delays: Iterable[Delay], span: Span, room_s: float, busy: float) -> Backlog:
     """Return what waited within a span, at most, for a process that handles what comes at an even rate.
 
-    Parameters
-    ----------
-    room_s : float
-        The time in which its queue gets full.
-    busy : float
-        Share of a core that it uses by itself: the less, the sooner it has caught up.
+    Its queue gets full in `room_s`. It uses a share of a core by itself: the less `busy`, the sooner it has caught up.
     """
     pace = (1 - busy) / max(busy, _LEAST_BUSY)
     waiting = lost = late = slack = 0.0
@@ -116,8 +111,6 @@ class Calm:
     def rate_hz(self) -> tuple[float, float]:
         """Return the bounds of the rate.
 
-        Notes
-        -----
         The error of a mean of n is that of one by √n, twice. Long intervals are affected more often than short ones:
         in a stretch of m, that makes the mean too small by the square of their relative spread, by m.
         """
@@ -154,8 +147,6 @@ _PAUSE = 3.0
 def calm_intervals(delays: Sequence[Delay], ends_ns: Integers, intervals_s: Floats, harmless_s: float) -> Calm:
     """Return the intervals that no delay affected which is longer than what is harmless.
 
-    Notes
-    -----
     A delay makes one interval longer and the next one shorter, and what was missed may follow at once: so of what
     follows a delay a part is left out, and one interval more. A pause of the program's own is likely to be touched
     somewhere, the more so the longer it is: it counts by what the delays in it do not explain.

@@ -16,7 +16,7 @@ from pathlib import PurePosixPath
 
 import regex
 
-from grader.evidence.crash.diagnosis import Diagnosis
+from grader.evidence.crash.causes import Diagnosis
 from grader.evidence.known_packages import known_packages
 from grader.evidence.text.syntax import normalise, tree_of
 from grader.recording.submission import SubmissionRecord

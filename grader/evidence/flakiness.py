@@ -20,6 +20,8 @@ _FLAKY_RECORDINGS = 2
 _STALLED, _OWN_DOING = 0.5, 0.5
 #: Shorter delays are those of any start.
 _LEAST_STALL_S = 0.6
+#: What pybind11 says when a signal's exception strikes while it converts an argument.
+_HIT_IN_A_CALL = "RuntimeError: Unable to convert call argument"
 
 
 def inconclusive_reason(recorded: Recorded, reference_nodes: Iterable[str]) -> str | None:
@@ -42,6 +44,15 @@ def inconclusive_reason(recorded: Recorded, reference_nodes: Iterable[str]) -> s
 def may_be_flaky(recorded: Recorded) -> bool:
     """Whether what a program alone says of itself may leave something undecided: not for ever, as it can be made up."""
     return recorded.record.times_recorded <= _FLAKY_RECORDINGS
+
+
+def flaky_end(run: ProcessRun) -> str:
+    """Say what befell a program at Ctrl-C that correct ones meet too now and then, if anything."""
+    if any(_HIT_IN_A_CALL in line.text for line in run.output):
+        return "Ctrl-C arrived inside a call into rclpy and became another error; a correct program can meet this too."
+    if run.interrupted_ns and run.ended_by in ("terminate", "kill"):
+        return "The node did not end in time after Ctrl-C, and had to be stopped before it printed its results."
+    return ""
 
 
 def _stalled(recorded: Recorded) -> str | None:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -20,43 +19,29 @@ RECORDING = "recording"
 _MOST_KEPT = 4
 
 
-@dataclass(frozen=True)
-class Gaps:
-    """What is missing in a recording through the student's processes, and what cannot be laid at their door."""
+def gaps_by_student(recorded: Recorded) -> list[RecordingGap]:
+    """Return the gaps of a recording that come of the student's processes; others cannot be laid at their door.
 
-    by_student: Sequence[RecordingGap]
-    by_grader: Sequence[RecordingGap]
-
-
-def gaps(recorded: Recorded) -> Gaps:
-    """Return the gaps of a recording by whose doing they are.
-
-    Notes
-    -----
     Topics share the room of a recording, so that it counts who filled the whole. What the grader's own processes
     reported that they published is theirs, and all else is the student's; where one of them reported nothing, nobody
     can say. A topic of which nothing was recorded, since there were too many or it is of an unknown type, is the
     student's unless the grader publishes it.
     """
     ours = {(entry.topic, entry.type) for entry in recorded.record.published}
-    parts: tuple[list[RecordingGap], list[RecordingGap]] = ([], [])
-    for gap in recorded.record.unrecorded:
-        unseen = gap.messages == 0 and (gap.topic, gap.type) not in ours
-        students = unseen or (gap.limit and _student_wrote_more(recorded))
-        parts[0 if students and not recorded.silent_references else 1].append(gap)
-    return Gaps(*map(tuple, parts))
+    known = [] if recorded.silent_references else recorded.record.unrecorded
+    unseen = [gap for gap in known if gap.messages == 0 and (gap.topic, gap.type) not in ours]
+    return [gap for gap in known if gap in unseen or (gap.limit and _student_wrote_more(recorded))]
 
 
 @functools.lru_cache(maxsize=_MOST_KEPT)
 def _student_wrote_more(recorded: Recorded) -> bool:
     """Whether most of the recording is not the grader's own."""
     bag = recorded.bag
-    whole = sum(bag.size_bytes(info.topic, info.topic_type) for info in bag.topics)
     own = 0
     for entry in recorded.record.published:
         digests = set(digests_of(entry))
         own += sum(len(data) for data in bag.stream(entry.topic, entry.type).data if digest(data) in digests)
-    return own <= whole - own
+    return own <= bag.size_bytes - own
 
 
 def describe_gap(gap: RecordingGap) -> str:
@@ -77,7 +62,7 @@ def _in_words(size_bytes: float) -> str:
 def limits_hit(recorded: Recorded) -> dict[str, str]:
     """Return the limits that a session's processes hit, by the process's name."""
     found = {run.name: run.limit for run in recorded.record.processes if run.limit is not None}
-    for gap in gaps(recorded).by_student:
+    for gap in gaps_by_student(recorded):
         if gap.limit and (run := _publisher_of(recorded, gap)) is not None:
             found.setdefault(run.name, RECORDING)
     return found
@@ -91,14 +76,6 @@ def _publisher_of(recorded: Recorded, gap: RecordingGap) -> ProcessRun | None:
     return max(asked or students, key=lambda run: run.usage[-1].cpu_ns if run.usage else 0, default=None)
 
 
-@dataclass(frozen=True)
-class Dropped:
-    """Messages that the grader's own processes published on a topic, and that are not in the recording."""
-
-    topic: str
-    text: str
-
-
 #: So many may be missing: more than a reliable connection on loopback loses, and too few to change a verdict.
 _HARMLESS = 0.05
 #: For so long one that does not wait for the recorder's subscription may publish before it is matched: in vain, if it
@@ -107,11 +84,11 @@ _MATCHED_WITHIN_S = 5.0
 
 
 @functools.lru_cache(maxsize=_MOST_KEPT)
-def dropped(recorded: Recorded) -> tuple[Dropped, ...]:
-    """Compare what the grader's own processes reported that they published with what is recorded of it.
+def dropped(recorded: Recorded) -> Mapping[str, str]:
+    """Return the topics on which messages of the grader's own processes are missing, and say so in words.
 
-    Notes
-    -----
+    What they reported that they published is compared with what is recorded of it.
+
     Whoever can send packets in the network of a session can send them in another's name, and pretend
     that messages are gone, or that others stand in their place. What was reported came through the trusted channel.
     """
@@ -121,7 +98,7 @@ def dropped(recorded: Recorded) -> tuple[Dropped, ...]:
     for entry in record.published:
         if entry.topic not in limited and not _gone_at_once(recorded, entry):
             by_topic.setdefault((entry.topic, entry.type), []).append(entry)
-    found = []
+    found: dict[str, str] = {}
     for (topic, _), entries in by_topic.items():
         published = sum(len(digests_of(entry)) for entry in entries)
         apart = recorded.authorship(topic) if recorded.published_on(topic) == tuple(entries) else None
@@ -130,9 +107,8 @@ def dropped(recorded: Recorded) -> tuple[Dropped, ...]:
         if apart is not None and not all(entry.recorded for entry in entries):
             early = _before_match(recorded, topic, apart.own)
         if published - early - there > _HARMLESS * published:
-            text = f"Of the {published} messages that the grader published on {topic} {there} are recorded."
-            found.append(Dropped(topic, text))
-    return tuple(found)
+            found[topic] = f"Of the {published} messages that the grader published on {topic} {there} are recorded."
+    return found
 
 
 def _gone_at_once(recorded: Recorded, entry: Published) -> bool:

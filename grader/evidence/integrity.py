@@ -152,11 +152,10 @@ class _Integrity:
                 offers.setdefault(offer.name, set()).add(offer.node)
             for service, nodes in offers.items():
                 theirs = nodes - self.nodes
-                if self._rivals(graph, theirs) if service in self.recorded.awaited else nodes & ours:
+                seen_twice = self._rivals(graph, theirs) if service in self.recorded.awaited else nodes & ours
+                if theirs and seen_twice:
                     found.setdefault(service, []).extend((graph.t_ns, node) for node in theirs)
         for service, seen in found.items():
-            if not seen:
-                continue
             listed = sorted({node for _, node in seen})[:_MOST_NAMED]
             evidence = [f"server of {service} in node {node}" for node in listed]
             is_reference = service not in self.recorded.awaited
@@ -198,10 +197,10 @@ class _Integrity:
     def dropped_messages(self) -> Iterator[Tampering]:
         """Find messages of the grader's that never reached its recorder, though the machine did not delay it."""
         span = Span(self.record.started_ns, self.record.ended_ns)
-        for loss in dropped(self.recorded) if not self._machine_was_busy(span) else ():
-            text = f"{loss.text} Packets in the grader's name can do that, and the machine was not busy."
-            invalidated = self.topics if loss.topic in self.clocks else {loss.topic}
-            yield self._disturbed(ViolationKind.DISTURBS_RECORDING, text, span, loss.topic, invalidated=invalidated)
+        for topic, loss in dropped(self.recorded).items() if not self._machine_was_busy(span) else ():
+            text = f"{loss} Packets in the grader's name can do that, and the machine was not busy."
+            invalidated = self.topics if topic in self.clocks else {topic}
+            yield self._disturbed(ViolationKind.DISTURBS_RECORDING, text, span, topic, invalidated=invalidated)
 
     def repeatedly_disturbed(self) -> Iterator[Tampering]:
         """Find what else kept an experiment from being carried out in order, again and again, on an idle machine.
@@ -270,12 +269,9 @@ class _Integrity:
             *(self.described(publishers) if publishers else ["no publisher of theirs was seen in the graph"]),
         ]
         # Where the grader's own messages are known, what rests on the topic is judged by them alone.
-        invalidated = {topic} if self.recorded.authorship(topic) is None else set()
+        invalidated = frozenset({topic} if self.recorded.authorship(topic) is None else ())
         if topic in self.clocks:
-            kind, invalidated = (
-                ViolationKind.SPOOFS_CLOCK,
-                invalidated | self.topics,
-            )  # All that is paced by the time rests on it.
+            kind, invalidated = ViolationKind.SPOOFS_CLOCK, self.topics  # All that is paced by the time rests on it.
             text = f"{who} published time on {topic}, where in this session the grader's own clock is."
         else:
             kind = ViolationKind.PUBLISHES_ON_REFERENCE_TOPIC

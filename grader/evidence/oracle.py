@@ -11,13 +11,7 @@ from typing import Any
 
 
 def load_oracle(lab_folder: Path, reference: str) -> Callable[..., Any]:
-    """Load an oracle, `file.py:function` relative to the rubric's folder.
-
-    Raises
-    ------
-    ValueError
-        If there is no such file in the folder, or no such function in the file: a mistake in the rubric.
-    """
+    """Load an oracle, `file.py:function` relative to the rubric's folder; raises ValueError if there is none."""
     file, _, function = reference.partition(":")
     path = (lab_folder / file).resolve()
     if not (path.is_relative_to(lab_folder.resolve()) and path.is_file()):

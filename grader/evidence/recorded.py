@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grader.evidence.authorship import Authorship, authorship
-from grader.evidence.cpu_delay import Backlog, Delay, Span, backlog, clipped
+from grader.evidence.cpu_delay import Backlog, Delay, Span, backlog
 from grader.evidence.crash.tracebacks import without_colours
 from grader.recording.bag import Bag, Stream
 from grader.recording.session import (
@@ -62,10 +62,9 @@ class NumericStream:
     sequence: Integers
     values: Floats  # (n, m)
 
-    def until(self, t_ns: int) -> NumericStream:
-        """Return the messages that were received up to a time."""
-        there = self.received_ns <= t_ns
-        return NumericStream(self.source_ns[there], self.received_ns[there], self.sequence[there], self.values[there])
+    def only(self, rows: NDArray[np.bool_]) -> NumericStream:
+        """Return some of the messages."""
+        return NumericStream(self.source_ns[rows], self.received_ns[rows], self.sequence[rows], self.values[rows])
 
 
 @dataclass
@@ -166,7 +165,7 @@ class Recorded:
         stream = self.stream(name)
         rows = [_numbers(value) for value in stream.field(field)]
         if rows and all(row is None for row in rows):
-            rows = [_first_numbers(message) for message in stream.messages()]
+            rows = [_first_numbers(message) for message in stream.messages]
         return tuple(rows)
 
     @functools.cache  # noqa: B019
@@ -231,11 +230,8 @@ class Recorded:
     def endpoints_on(self, name: str, kind: str, without: Iterable[str] = ()) -> tuple[Endpoint, ...]:
         """Return the endpoints of a kind ("publisher", "subscription") on a topic of the rubric's.
 
-        Parameters
-        ----------
-        without : iterable of str
-            Nodes (fully qualified) whose endpoints do not count, e.g. reference nodes. Where the grader's are known by
-            their gids, these count by no name, which others can give them, and another node of such a name counts.
+        Those of nodes (fully qualified) that are to be left out, e.g. reference nodes, do not count. Where the grader's
+        are known by their gids, these count by no name, which others can give them, and another node of it counts.
         """
         topic, left_out = self.used(name), set(without)
         ours = {e.gid: e.node for e in self.endpoints if left_out and self.is_trusted(e.gid)}
@@ -262,6 +258,7 @@ class Recorded:
         """Return the last process of this name."""
         return next((p for p in reversed(self.record.processes) if p.name == name), None)
 
+    @functools.cache  # noqa: B019 - see `stream`
     def delays(self, run: ProcessRun) -> tuple[Delay, ...]:
         """Return when the machine may have delayed a process; of one not watched, by samples only."""
         if run.disturbed is not None:
@@ -269,23 +266,26 @@ class Recorded:
         parts = (Span(*part) for part in itertools.pairwise([usage.t_ns for usage in run.usage]))
         return tuple(Delay(p.start_ns, p.end_ns, round(self._sampled_delay_s(run, p) * 1e9)) for p in parts)
 
+    @functools.cache  # noqa: B019 - see `stream`
+    def _disturbed(self, run: ProcessRun) -> Integers:
+        columns: Integers = np.array(run.disturbed, dtype=np.int64).reshape(-1, 3).T
+        return columns
+
     def machine_delay_s(self, run: ProcessRun, span: Span) -> float:
         """Return for how long within a span the machine may have delayed a process, in s.
 
-        Notes
-        -----
         Processes of the student's that came and went unseen had the core too: that was not the machine.
         """
         if run.disturbed is None:
             return self._sampled_delay_s(run, span)
-        delay_s = sum(delay.delay_ns for delay in clipped(self.delays(run), span)) / 1e9
+        start_ns, length_ns, delay_ns = self._disturbed(run)
+        within_ns = np.minimum(start_ns + length_ns, span.end_ns) - np.maximum(start_ns, span.start_ns)
+        delay_s = float(np.minimum(delay_ns, np.maximum(within_ns, 0)).sum()) / 1e9
         return max(0.0, delay_s - (self._unseen_s(span) if run.role == "student" else 0.0))
 
     def backlog(self, run: ProcessRun, span: Span, room_s: float = float("inf")) -> Backlog:
         """Return what may have waited for a process within a span, with so much room in its queue.
 
-        Notes
-        -----
         Who computed, or waited for its core, all the time would have done more with the time that it waited.
         """
         found = backlog(self.delays(run), span, room_s, self.cpu_s(run, span) / max(span.duration_s, 1e-9))
@@ -300,8 +300,6 @@ class Recorded:
     def _sampled_delay_s(self, run: ProcessRun, span: Span) -> float:
         """Return the same of a process that was not watched, in s, from samples twice a second.
 
-        Notes
-        -----
         Taken from the run-queue delay of its threads and the time that a virtual machine's host took; or where that is
         more, from the time in which the grader itself stalled, as all does that is frozen or suspended.
         Threads of one process also wait for each other, and for other programs of the student's; so it is at most the
@@ -402,8 +400,6 @@ def _grown_s(samples: Sequence[tuple[int, int]], span: Span) -> float:
 def _run_delay_s(run: ProcessRun, span: Span) -> float:
     """Return the greatest run-queue delay that a process may have had within a span, in s.
 
-    Notes
-    -----
     Between two samples only the sum is known: all of it may lie in the part that belongs to the span, if it is long
     enough. In what follows the last sample of a process that ended by itself, the delay is taken to have been as
     usual.

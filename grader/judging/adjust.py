@@ -11,7 +11,7 @@ from datetime import datetime, timedelta
 from decimal import Decimal
 
 from grader.lab.overrides import Override
-from grader.lab.policy import Counts, LatePolicy, span_text, time_text
+from grader.lab.policy import LatePolicy, span_text, time_text
 from grader.result import Adjustment, AdjustmentKind, CheckResult, CriterionResult, Result
 
 _WHOLE = "score"
@@ -22,17 +22,9 @@ def adjust(
 ) -> Result:
     """Return a result with its adjustments; those that it had are replaced.
 
-    Parameters
-    ----------
-    entries : iterable of Override
-        Those about this submission, in the order in which they are applied.
-    late : LatePolicy or None
-        What lateness costs, by the rubric.
-    submitted : datetime or None
-        When it was handed in, if that is known.
+    They come of the entries about this submission, in the order in which they are applied, of what lateness costs by
+    the rubric, and of when it was handed in, if that is known.
 
-    Notes
-    -----
     A check's points stay from 0 to what it has, and so do a criterion's; only a bonus goes beyond. Checks come
     before criteria, then what is of the whole, and lateness last, so that a share is taken of what would stand
     without it. The total is never below 0.
@@ -101,10 +93,9 @@ def _price(late: LatePolicy, behind: timedelta) -> str:
         return f"Nothing is accepted {limit}after it is due."
     if late.per_day is None:
         return "That costs nothing."
-    words = {Counts.STARTED_DAYS: "started", Counts.FULL_DAYS: "full"}
-    days = late.days(behind)
-    number = f"{days.normalize():f}" if late.counts is not Counts.EXACT_TIME else f"{days:.2f}"
-    word = f"{words[late.counts]} " if late.counts in words else ""
+    days, is_exact = late.days(behind), late.counts == "exact time"
+    number = f"{days:.2f}" if is_exact else f"{days.normalize():f}"
+    word = "" if is_exact else late.counts.removesuffix("days")
     limit = f", at most {late.at_most}" if late.at_most is not None else ""
     of = " of the points" if late.per_day.percent else ""
     return f"{number} {word}day{'s' * (number != '1')} at {late.per_day}{of}{limit}."

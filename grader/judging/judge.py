@@ -22,7 +22,7 @@ from grader.checks.registry import REGISTRY
 from grader.errors import RecordingError
 from grader.evidence.crash.diagnosis import advisories, hit_limit
 from grader.evidence.flakiness import inconclusive_reason, may_be_flaky
-from grader.evidence.gaps import describe_gap, dropped, gaps, limits_hit
+from grader.evidence.gaps import describe_gap, dropped, gaps_by_student, limits_hit
 from grader.evidence.integrity import tampering_in
 from grader.evidence.recorded import Recorded
 from grader.judging.score import score_criteria, total
@@ -48,13 +48,7 @@ class Recordings:
 
 
 def open_recordings(folder: Path, rubric: Rubric) -> Recordings:
-    """Open `recordings/` of one submission.
-
-    Raises
-    ------
-    RecordingError
-        If the folder holds no recording, or one of another version.
-    """
+    """Open `recordings/` of one submission; raises RecordingError if it holds none, or one of another version."""
     try:
         submission = read_submission(folder)
     except (OSError, ValueError) as problem:
@@ -93,22 +87,17 @@ def violations_of(recordings: Recordings, rubric: Rubric) -> tuple[Violation, ..
     )
 
 
-def judge_checks(
-    recordings: Recordings, rubric: Rubric, violations: Sequence[Violation] | None = None
-) -> dict[str, Finding]:
-    """Judge all checks in the rubric's order; those of sessions that were not asked for are left out.
-
-    Parameters
-    ----------
-    violations : sequence of Violation, optional
-        See `violations_of`, which gives them where they are not known yet.
-    """
-    known = violations_of(recordings, rubric) if violations is None else violations
+def judge_checks(recordings: Recordings, rubric: Rubric, violations: Sequence[Violation]) -> dict[str, Finding]:
+    """Judge all checks in the rubric's order; those of sessions that were not asked for are left out."""
     chosen = recordings.submission.sessions
     findings: dict[str, Finding] = {}
+    references = frozenset(reference.node for reference in rubric.reference.values())
+    context = Context(recordings.submission, None, recordings.sessions, findings, references, rubric.folder)
     for spec in rubric.checks():
         if chosen is None or spec.session is None or spec.session in chosen:
-            findings[spec.id] = _of_the_rest(spec, _judge(spec, recordings, rubric, findings, known), findings, rubric)
+            recorded = recordings.sessions.get(spec.session or "")
+            finding = _judge(spec, dataclasses.replace(context, recorded=recorded), rubric, violations)
+            findings[spec.id] = _of_the_rest(spec, finding, findings, rubric)
     return findings
 
 
@@ -129,17 +118,9 @@ def _all_required(spec: CheckSpec, rubric: Rubric) -> list[str]:
     return [id_ for r in spec.requires for id_ in (r, *_all_required(by_id[r], rubric))]
 
 
-def _judge(
-    spec: CheckSpec,
-    recordings: Recordings,
-    rubric: Rubric,
-    findings: Mapping[str, Finding],
-    violations: Sequence[Violation],
-) -> Finding:
+def _judge(spec: CheckSpec, context: Context, rubric: Rubric, violations: Sequence[Violation]) -> Finding:
     """Judge a check, and say whose fault it is where it is not the student's.
 
-    Notes
-    -----
     What the machine or the grader may have done, or what is flaky, makes a finding inconclusive, and it is asked about
     in this order; what comes first has the last word.
 
@@ -154,17 +135,9 @@ def _judge(
     8. Messages are missing, the grader's own, or since the student's filled the recording: then failed.
     9. What befalls correct programs too has to be seen again (`grader.evidence.flakiness`).
     """
-    if (blocked := _blocked(spec, findings, rubric)) is not None:
+    if (blocked := _blocked(spec, context.findings, rubric)) is not None:
         return blocked
-    recorded = recordings.sessions.get(spec.session) if spec.session else None
-    context = Context(
-        submission=recordings.submission,
-        recorded=recorded,
-        sessions=recordings.sessions,
-        findings=findings,
-        reference_nodes=frozenset(ref.node for ref in rubric.reference.values()),
-        lab_folder=rubric.folder,
-    )
+    recorded = context.recorded
     if spec.session and recorded is None:
         needs = rubric.sessions[spec.session].needs
         missing_file = missing_artifact(context, needs[0]) if needs else None
@@ -180,7 +153,7 @@ def _judge(
     elif recorded is not None:
         finding = _as_far_as_recorded(_settled(finding, recorded), spec, recorded)
     if finding.outcome is Outcome.NOT_REACHED:
-        return dataclasses.replace(finding, blocked_by=_failed_before(spec, findings, rubric))
+        return dataclasses.replace(finding, blocked_by=_failed_before(spec, context.findings, rubric))
     if finding.outcome not in (Outcome.FAILED, Outcome.PARTIAL):
         return finding
     if recorded is not None and (flaky := inconclusive_reason(recorded, context.reference_nodes)) is not None:
@@ -236,7 +209,9 @@ def _settled(finding: Finding, recorded: Recorded) -> Finding:
 
 def _faults(recorded: Recorded) -> list[str]:
     """Return what is wrong with a recording on the grader's side."""
-    faults = [*recorded.record.problems, *(describe_gap(gap) for gap in gaps(recorded).by_grader)]
+    students = gaps_by_student(recorded)
+    gaps = [describe_gap(gap) for gap in recorded.record.unrecorded if gap not in students]
+    faults = [*recorded.record.problems, *gaps]
     if not recorded.record.complete:
         return [*faults, "The recording was cut off."]
     # A copy that was cut short must not be taken for a node that fell silent.
@@ -246,9 +221,9 @@ def _faults(recorded: Recorded) -> list[str]:
 def _as_far_as_recorded(finding: Finding, spec: CheckSpec, recorded: Recorded) -> Finding:
     """Return what is found of a check that rests on a topic whose messages are not all recorded."""
     check, names = REGISTRY[spec.check], named(spec, recorded)
-    if (loss := next((d for d in dropped(recorded) if d.topic in names), None)) is not None:
-        return undecided(finding, loss.text)
-    gap = next((u for u in gaps(recorded).by_student if u.topic in names), None)
+    if (loss := next((text for topic, text in dropped(recorded).items() if topic in names), None)) is not None:
+        return undecided(finding, loss)
+    gap = next((u for u in gaps_by_student(recorded) if u.topic in names), None)
     if gap is None or finding.outcome is Outcome.ERROR or (check.by_endpoints and finding.outcome in _GOES_ON):
         return finding
     return without_rest(finding, gap, timed=is_timed(spec, recorded))
@@ -258,8 +233,12 @@ def judge(recordings: Recordings, rubric: Rubric) -> Result:
     """Judge one submission."""
     violations = violations_of(recordings, rubric)
     findings = judge_checks(recordings, rubric, violations)
-    judged = (spec for spec in rubric.checks() if spec.id in findings)
-    commands = {spec.id: _commands(spec, recordings, rubric, findings[spec.id]) for spec in judged}
+    used = {name: recorded.record.names for name, recorded in recordings.sessions.items()}
+    commands = {
+        spec.id: commands_of(spec, rubric, recordings.submission, used.get(spec.session or "", {}), findings[spec.id])
+        for spec in rubric.checks()
+        if spec.id in findings
+    }
     criteria = score_criteria(rubric, findings, commands)
     return Result(
         submission=recordings.submission.name,
@@ -270,16 +249,6 @@ def judge(recordings: Recordings, rubric: Rubric) -> Result:
         problems=recordings.problems,
         provenance=_provenance(recordings, rubric),
         violations=violations,
-    )
-
-
-def _commands(spec: CheckSpec, recordings: Recordings, rubric: Rubric, finding: Finding) -> tuple[str, ...]:
-    """Return the commands that show a student what points were lost for."""
-    if finding.outcome not in (Outcome.FAILED, Outcome.PARTIAL):
-        return ()
-    recorded = recordings.sessions.get(spec.session or "")
-    return commands_of(
-        spec, rubric, recordings.submission, recorded.record.names if recorded is not None else {}, finding
     )
 
 

@@ -13,7 +13,8 @@ from grader.errors import RecordingError, RubricError, UsageError
 from grader.lab import kept_lab
 from grader.lab.kept_lab import is_shipped, lab_folder, lab_id
 from grader.lab.overrides import OVERRIDES_FILE, Overrides, load_overrides
-from grader.lab.rubric import Kinds, Rubric, load_rubric
+from grader.lab.references import Kinds
+from grader.lab.rubric import Rubric, load_rubric
 from grader.report.figures import FIGURES
 from grader.result_folder import RECORDINGS, RUBRIC_COPY
 from grader.submission.separation import lies_within

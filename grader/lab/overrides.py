@@ -5,7 +5,6 @@ It lies beside the results, so that no regrade can lose it. All its mistakes are
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import unicodedata
 from collections.abc import Iterable, Mapping
@@ -20,7 +19,7 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from grader.lab.policy import Moment, TimeSpan, parse_time
 from grader.lab.rubric import Rubric
-from grader.lab.yaml_with_lines import Loc, Mistakes, Strict, cannot_be_read, mistakes_at, parse_yaml
+from grader.lab.yaml_with_lines import Loc, Mistakes, Strict, meant, mistakes_at, parse_yaml, read_text
 
 OVERRIDES_FILE = "overrides.yaml"
 #: Stands for all submissions.
@@ -113,10 +112,6 @@ class Override(Strict):
             raise ValueError(f"{changes[0]} is of the whole submission, not of a check or a criterion")
         return self
 
-    def concerns(self, submission: str) -> bool:
-        """Whether it is about a submission."""
-        return submission in self.submission or EVERYONE in self.submission
-
 
 @dataclass(frozen=True)
 class Overrides:
@@ -131,7 +126,7 @@ class Overrides:
 
     def of(self, submission: str) -> tuple[Override, ...]:
         """Return the entries about a submission."""
-        return tuple(entry for entry in self.entries if entry.concerns(submission))
+        return tuple(entry for entry in self.entries if not {submission, EVERYONE}.isdisjoint(entry.submission))
 
     def remarks(self, submissions: Iterable[str], *, times_matter: bool) -> list[str]:
         """Say which entries do nothing: they name no submission, or move a time where the rubric has no lateness."""
@@ -139,7 +134,7 @@ class Overrides:
         for entry, line in zip(self.entries, self.lines, strict=True):
             location = f"{self.name}:{line}"
             names = [name for name in entry.submission if name != EVERYONE and name not in known]
-            unknown += [f"{location}: there is no submission {name!r}{_meant(name, known)}" for name in names]
+            unknown += [f"{location}: there is no submission {name!r}{meant(name, known)}" for name in names]
             moved = any(time is not None for time in (entry.extension, entry.due, entry.submitted))
             if moved and not times_matter:
                 idle.append(f"{location}: the rubric does not say what lateness costs, so a time changes nothing")
@@ -149,15 +144,9 @@ class Overrides:
 def load_overrides(path: Path, rubric: Rubric) -> Overrides:
     """Read and validate a file of overrides.
 
-    Raises
-    ------
-    RubricError
-        With every mistake, each with file and line; also where it does not fit the rubric.
+    Raises RubricError with every mistake, each with file and line; also where it does not fit the rubric.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as problem:
-        raise cannot_be_read(_WHAT, path, problem, "Check --overrides.") from problem
+    text = read_text(path, _WHAT, "Check --overrides.")
     sha256 = hashlib.sha256(text.encode()).hexdigest()
     if not any(line.partition("#")[0].strip() for line in text.splitlines()):
         return Overrides(name=path.name, sha256=sha256)
@@ -196,17 +185,12 @@ def _check_part(raw: Mapping[str, Any], loc: Loc, rubric: Rubric, mistakes: Mist
             continue
         if identity not in possible:
             part_of = next((c.id for c in rubric.checks() if kind == "check" and identity in c.replaces), None)
-            meant = f"; it is part of {part_of!r} now" if part_of else _meant(identity, list(possible))
-            mistakes.add((*loc, kind), f"the rubric has no {kind} {identity!r}{meant}")
+            now = f"; it is part of {part_of!r} now" if part_of else meant(identity, list(possible))
+            mistakes.add((*loc, kind), f"the rubric has no {kind} {identity!r}{now}")
             continue
         with suppress(ValueError):
             if "set" in raw and not 0 <= _points(raw["set"]) <= possible[identity]:
                 mistakes.add((*loc, "set"), f"{identity} has from 0 to {possible[identity]} points; bonus gives more")
-
-
-def _meant(name: str, known: list[str]) -> str:
-    near = difflib.get_close_matches(name, known, 1)
-    return f"; did you mean {near[0]!r}?" if near else ""
 
 
 def moment_of(submitted_at: str | None) -> datetime | None:

@@ -18,7 +18,6 @@ from typing import TypeVar
 import regex
 
 T = TypeVar("T")
-Match = regex.Match
 
 #: What the patterns of a check, or of a page's figures, may take of computing. Over the recordings that are kept for
 #: tests, all patterns of a submission take 0.02 s together.

@@ -6,8 +6,7 @@ import re
 from dataclasses import dataclass
 from datetime import date, datetime, timedelta
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_DOWN, Decimal
-from enum import Enum
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
@@ -104,14 +103,6 @@ MaybeAmount = Annotated[
 ]
 
 
-class Counts(str, Enum):
-    """How time after the due date becomes days."""
-
-    STARTED_DAYS = "started days"
-    FULL_DAYS = "full days"
-    EXACT_TIME = "exact time"
-
-
 class LatePolicy(Strict):
     """What lateness costs."""
 
@@ -123,7 +114,9 @@ class LatePolicy(Strict):
         None, description="Points, or a share of the points that the submission would have without it."
     )
     at_most: MaybeAmount = Field(None, description="What lateness costs at most, short of `never_after`.")
-    counts: Counts = Counts.STARTED_DAYS
+    counts: Literal["started days", "full days", "exact time"] = Field(
+        "started days", description="How time after the due date becomes days."
+    )
     never_after: TimeSpan | None = Field(
         None, description="Time after the due date from when nothing is accepted: all points are lost."
     )
@@ -152,9 +145,9 @@ class LatePolicy(Strict):
     def days(self, late: timedelta) -> Decimal:
         """Return how many days a lateness counts as."""
         exact = Decimal(late // timedelta(microseconds=1)) / Decimal(_DAY // timedelta(microseconds=1))
-        if self.counts is Counts.EXACT_TIME:
+        if self.counts == "exact time":
             return exact
-        return exact.to_integral_value(ROUND_CEILING if self.counts is Counts.STARTED_DAYS else ROUND_FLOOR)
+        return exact.to_integral_value(ROUND_CEILING if self.counts == "started days" else ROUND_FLOOR)
 
 
 class Policy(Strict):
@@ -167,10 +160,8 @@ def time_text(moment: datetime | date) -> str:
     """Write a date, with time and offset where it has them."""
     if not isinstance(moment, datetime):
         return moment.isoformat()
-    if moment.utcoffset() is None:
-        return moment.strftime("%Y-%m-%d %H:%M")
-    offset = moment.strftime("%z")
-    return moment.strftime("%Y-%m-%d %H:%M ") + f"{offset[:3]}:{offset[3:5]}"
+    written, offset = moment.strftime("%Y-%m-%d %H:%M"), moment.strftime("%z")
+    return f"{written} {offset[:3]}:{offset[3:5]}" if offset else written
 
 
 def span_text(span: timedelta) -> str:

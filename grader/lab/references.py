@@ -69,6 +69,14 @@ class StepText(NamedTuple):
     label: Any
 
 
+@dataclass(frozen=True)
+class Kinds:
+    """What a rubric can use: name of a check, and kind of a figure -> model of its parameters."""
+
+    checks: Mapping[str, type[Parameters]]
+    figures: Mapping[str, type[Parameters]]
+
+
 @dataclass
 class Scope:
     """What a rubric defines, read from its plain YAML before any part of it is validated."""
@@ -76,9 +84,7 @@ class Scope:
     plain: Mapping[str, Any]
     #: From which files beside the rubric are resolved.
     folder: Path
-    #: Name of a check, kind of a figure -> model of its parameters.
-    checks: Mapping[str, type[Parameters]]
-    figures: Mapping[str, type[Parameters]]
+    kinds: Kinds
     #: Session and check of the part that is being validated, and the checks before it.
     session: str | None = None
     check: str | None = None

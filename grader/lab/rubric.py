@@ -34,6 +34,7 @@ from grader.lab.references import (
     CheckId,
     EarlierCheckId,
     FileBeside,
+    Kinds,
     Loadable,
     Parameters,
     RosName,
@@ -42,7 +43,7 @@ from grader.lab.references import (
     one_of,
 )
 from grader.lab.steps import STEPS, Step
-from grader.lab.yaml_with_lines import Loc, Strict, cannot_be_read, mistakes_at, parse_yaml, suggestion
+from grader.lab.yaml_with_lines import Loc, Strict, mistakes_at, parse_yaml, read_text, suggestion
 
 _REMEDY = "`grade checks` lists every check with its parameters."
 
@@ -180,7 +181,7 @@ class _OfKind(Parameters):
     @field_validator("check", "kind", check_fields=False)
     @classmethod
     def _is_known(cls, value: str, info: ValidationInfo) -> str:
-        return value if info.context is None else one_of(value, cls.key, getattr(info.context, cls.models))
+        return value if info.context is None else one_of(value, cls.key, getattr(info.context.kinds, cls.models))
 
     @field_validator("parameters", mode="before", check_fields=False)
     @classmethod
@@ -188,7 +189,7 @@ class _OfKind(Parameters):
         kind = info.data.get(cls.key)
         if isinstance(value, BaseModel) or kind is None or info.context is None:
             return value if isinstance(value, BaseModel) else Parameters()
-        model: type[Parameters] = getattr(info.context, cls.models)[kind]
+        model: type[Parameters] = getattr(info.context.kinds, cls.models)[kind]
         info.context.session = info.data.get("session")
         if model.of_session and info.data.get("session", "") is None:
             raise ValueError(f"{kind} looks at a recording; say which by the key session")
@@ -291,30 +292,19 @@ class Rubric(RubricFile):
         return (check for criterion in self.criteria for check in criterion.checks)
 
 
-@dataclass(frozen=True)
-class Kinds:
-    """What a rubric can use: name of a check, and kind of a figure -> model of its parameters."""
-
-    checks: Mapping[str, type[Parameters]]
-    figures: Mapping[str, type[Parameters]]
-
-
 def load_rubric(path: Path, kinds: Kinds, *folders: Path) -> Rubric:
     """Read and validate a rubric; raises RubricError with every mistake, each with file and line.
 
     The files that it names are looked up in the first of the folders in which all is right; by default, beside it.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as problem:
-        raise cannot_be_read("the rubric", path, problem, "Check --rubric.") from problem
+    text = read_text(path, "the rubric", "Check --rubric.")
     plain, mistakes = parse_yaml(path, text, "the rubric")
     for loc, words in _wrong_sums(plain):
         mistakes.add(loc, words)
     errors = []
     for folder in folders or (path.resolve().parent,):
         try:
-            found = RubricFile.model_validate(plain, context=Scope(plain, folder, kinds.checks, kinds.figures))
+            found = RubricFile.model_validate(plain, context=Scope(plain, folder, kinds))
         except ValidationError as error:
             errors.append(error)
             continue

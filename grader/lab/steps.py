@@ -88,11 +88,16 @@ class WaitForStep(Step):
 
 
 class ObserveStep(Step):
-    """Let the system run for a time; the window opens with the first message on `first_message_on`."""
+    """Let the system run for a time; the window opens with the first message on `first_message_on`.
+
+    Where the machine leaves the student's processes less than 0.7 s of it undisturbed, it goes on until they had
+    that, for `extend_s` at most.
+    """
 
     words = "observing for {duration_s:g} s"
 
     duration_s: float = Field(gt=0, le=300)
+    extend_s: float = Field(0.0, ge=0, le=300)
     first_message_on: ref.Topic | None = None
     timeout_s: float = Field(5.0, gt=0, le=300, description="How long the first message may take.")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -38,10 +38,13 @@ class _Loader(_SAFE):  # type: ignore[misc]
     }
 
 
-def cannot_be_read(what: str, path: Path, problem: Exception, remedy: str) -> RubricError:
-    """Return the error of a file (in words, e.g. "the rubric") that is not there, or is no text."""
-    reason = problem.strerror if isinstance(problem, OSError) and problem.strerror else str(problem)
-    return RubricError(f"{what} cannot be read", [reason], location=str(path), remedy=remedy)
+def read_text(path: Path, what: str, remedy: str) -> str:
+    """Read a file (in words, e.g. "the rubric"); raises RubricError if it is not there, or is no text."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as problem:
+        reason = problem.strerror if isinstance(problem, OSError) and problem.strerror else str(problem)
+        raise RubricError(f"{what} cannot be read", [reason], location=str(path), remedy=remedy) from problem
 
 
 #: Kind of mistake, as pydantic knows it -> plainer words.
@@ -62,10 +65,13 @@ _PLAINER = {
 def suggestion(word: str, known: Iterable[str]) -> str:
     """Return what may be meant by a word that is none of the known ones, as the end of a sentence."""
     names = sorted(set(known))
-    near = difflib.get_close_matches(word, names, n=1)
-    if near:
-        return f"; did you mean '{near[0]}'?"
-    return f"; known are {', '.join(names)}" if names else ""
+    return meant(word, names) or (f"; known are {', '.join(names)}" if names else "")
+
+
+def meant(word: str, known: Sequence[str]) -> str:
+    """Return which of the known words a word is likely to stand for, as the end of a sentence; empty if none."""
+    near = difflib.get_close_matches(word, known, n=1)
+    return f"; did you mean '{near[0]}'?" if near else ""
 
 
 def mistakes_at(found: Iterable[tuple[Loc, str]]) -> ValidationError:

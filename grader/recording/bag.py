@@ -136,17 +136,8 @@ def _metadata_yaml(file_name: str, channels: Sequence[TopicInfo], start_ns: int,
 
 
 class BagWriter:
-    """Writes a bag. One thread at a time may use it.
+    """Writes a bag into a folder, which is made if it is not there. One thread at a time may use it.
 
-    Parameters
-    ----------
-    folder : Path
-        The bag's folder; made if it is not there.
-    name : str
-        Name of the MCAP file, without its suffix.
-
-    Notes
-    -----
     Chunks are not compressed: it is the cheapest to write beside a running experiment, each reader takes it,
     and of a chunk cut short by a kill the beginning can still be read.
     """
@@ -164,7 +155,6 @@ class BagWriter:
         self._schemas: dict[tuple[str, MessageDefinition], int] = {}
         self._channels: dict[int, TopicInfo] = {}
         self._start_ns, self._end_ns = INFINITE_NS, 0
-        self._closed = False
 
     def add_channel(
         self,
@@ -194,10 +184,7 @@ class BagWriter:
         source_ns = min(max(source_ns, 0), INFINITE_NS)
         self._writer.add_message(channel, received_ns, data, source_ns, sequence & 0xFFFFFFFF)
         self._channels[channel].count += 1
-        if received_ns < self._start_ns:
-            self._start_ns = received_ns
-        if received_ns > self._end_ns:
-            self._end_ns = received_ns
+        self._start_ns, self._end_ns = min(self._start_ns, received_ns), max(self._end_ns, received_ns)
 
     def flush(self) -> None:
         """Hand all that was written to the system: it outlives a kill of this process."""
@@ -205,9 +192,8 @@ class BagWriter:
 
     def close(self) -> None:
         """Finish the MCAP file, then write `metadata.yaml`, whose presence says that the bag is whole."""
-        if self._closed:
+        if self._stream.closed:
             return
-        self._closed = True
         self._writer.finish()  # type: ignore[no-untyped-call]
         self._stream.close()
         start_ns = min(self._start_ns, self._end_ns)
@@ -220,21 +206,13 @@ class BagWriter:
 
 @dataclass
 class _Contents:
-    """All that can be read of an MCAP file."""
+    """All that can be read of an MCAP file: of each topic of a type its messages, of whichever channel they are."""
 
     schemas: dict[int, tuple[str, MessageDefinition]] = field(default_factory=dict)
-    channels: dict[int, TopicInfo] = field(default_factory=dict)
+    topics: dict[tuple[str, str], tuple[TopicInfo, list[_Row]]] = field(default_factory=dict)
+    #: Number of a channel -> the messages of its topic.
     rows: dict[int, list[_Row]] = field(default_factory=dict)
     finished: bool = False
-
-
-def _scan(buffer: _Buffer) -> _Contents:
-    contents = _Contents()
-    size = len(buffer)
-    if bytes(buffer[: len(_MAGIC)]) == _MAGIC:
-        _read_records(buffer, len(_MAGIC), size, contents)
-        contents.finished = contents.finished and bytes(buffer[size - len(_MAGIC) :]) == _MAGIC
-    return contents
 
 
 def _read_records(buffer: _Buffer, offset: int, end: int, contents: _Contents) -> None:
@@ -281,16 +259,12 @@ def _read_description(opcode: int, buffer: _Buffer, body: int, end: int, content
             contents.schemas[schema.id] = (schema.name, definition)
     else:
         channel = Channel.read(fields)
-        if channel.id not in contents.channels and channel.schema_id in contents.schemas:
-            metadata = channel.metadata
-            contents.channels[channel.id] = TopicInfo(
-                channel.topic,
-                contents.schemas[channel.schema_id][0],
-                metadata.get("topic_type_hash", ""),
-                contents.schemas[channel.schema_id][1],
-                metadata.get("offered_qos_profiles", "[]"),
-            )
-            contents.rows[channel.id] = []
+        if channel.id not in contents.rows and channel.schema_id in contents.schemas:
+            topic_type, definition = contents.schemas[channel.schema_id]
+            type_hash = channel.metadata.get("topic_type_hash", "")
+            qos_text = channel.metadata.get("offered_qos_profiles", "[]")
+            info = TopicInfo(channel.topic, topic_type, type_hash, definition, qos_text)
+            contents.rows[channel.id] = contents.topics.setdefault((channel.topic, topic_type), (info, []))[1]
 
 
 def _mcap_file(folder: Path) -> Path | None:
@@ -298,51 +272,43 @@ def _mcap_file(folder: Path) -> Path | None:
 
 
 def _contents_of(path: Path | None) -> _Contents:
-    if path is None or path.stat().st_size == 0:
-        return _Contents()
-    with path.open("rb") as stream:
-        # The pages are the system's: a large bag costs memory only where it is read.
-        return _scan(mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ))
+    contents = _Contents()
+    if path is not None and (size := path.stat().st_size) > 0:
+        with path.open("rb") as stream:
+            # The pages are the system's: a large bag costs memory only where it is read.
+            buffer = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
+        if buffer[: len(_MAGIC)] == _MAGIC:
+            _read_records(buffer, len(_MAGIC), size, contents)
+            contents.finished = contents.finished and buffer[-len(_MAGIC) :] == _MAGIC
+    return contents
 
 
 def recover(folder: Path) -> bool:
-    """Finish a bag whose recorder was killed, keeping all that can be read of it.
+    """Finish a bag whose recorder was killed, keeping all that can be read of it; False if it was whole.
 
-    Returns
-    -------
-    bool
-        Whether the bag had to be repaired; False if it was whole.
-
-    Raises
-    ------
-    NotADirectoryError
-        If there is no such folder.
+    It raises `NotADirectoryError` if there is no such folder.
     """
     if not folder.is_dir():
         raise NotADirectoryError(f"no bag at {folder}: give the folder that holds the .mcap file")
     if (folder / METADATA_FILE).exists():
         return False
-    path = _mcap_file(folder) or folder / (folder.name + ".mcap")
-    contents = _contents_of(path if path.exists() else None)
+    found = _mcap_file(folder)
+    path = found or folder / (folder.name + ".mcap")
     workshop = folder / _RECOVERY_FOLDER
     shutil.rmtree(workshop, ignore_errors=True)
-    _copy(contents, BagWriter(workshop, path.stem))
+    writer, rows = BagWriter(workshop, path.stem), list[tuple[_Row, int]]()
+    for info, messages in _contents_of(found).topics.values():
+        channel = writer._add(info)
+        rows += [(row, channel) for row in messages]
+    rows.sort(key=lambda item: item[0][0])
+    for (received_ns, source_ns, sequence, buffer, start, end), channel in rows:
+        data = bytes(buffer[start:end])
+        writer.write(channel, data, received_ns=received_ns, source_ns=source_ns, sequence=sequence)
+    writer.close()
     (workshop / path.name).replace(path)
     (workshop / METADATA_FILE).replace(folder / METADATA_FILE)
     shutil.rmtree(workshop)
     return True
-
-
-def _copy(contents: _Contents, writer: BagWriter) -> None:
-    rows = []
-    for number, channel in contents.channels.items():
-        target = writer._add(channel)
-        rows += [(row, target) for row in contents.rows[number]]
-    rows.sort(key=lambda item: item[0][0])
-    for (received_ns, source_ns, sequence, buffer, start, end), target in rows:
-        data = bytes(buffer[start:end])
-        writer.write(target, data, received_ns=received_ns, source_ns=source_ns, sequence=sequence)
-    writer.close()
 
 
 # -- reading ---------------------------------------------------------------------------------------
@@ -380,7 +346,8 @@ class Stream:
         )
 
     @functools.cached_property
-    def _decoded(self) -> tuple[object | None, ...]:
+    def messages(self) -> tuple[object | None, ...]:
+        """All messages, decoded; None stands for one whose bytes do not fit the type."""
         deserialize = _deserializer(self.topic_type, self.definition) if self.definition else None
         if deserialize is None:
             return (None,) * len(self.data)
@@ -394,25 +361,14 @@ class Stream:
                 found.append(None)
         return tuple(found)
 
-    def messages(self) -> list[object | None]:
-        """Decode all messages; None stands for one whose bytes do not fit the type."""
-        return list(self._decoded)
-
     def field(self, path: str) -> list[Any]:
-        """Value of one field in each message.
+        """Value of one field in each message: None for those that are malformed or do not have it.
 
-        Parameters
-        ----------
-        path : str
-            Field names joined by dots; a number picks an element: "layout.dim.0.size".
-
-        Returns
-        -------
-        list
-            None for messages that are malformed or do not have the field. Arrays of numbers are numpy arrays.
+        The path is field names joined by dots; a number picks an element: "layout.dim.0.size". Arrays of numbers are
+        numpy arrays.
         """
         steps = path.split(".")
-        return [_pick(message, steps) for message in self._decoded]
+        return [_pick(message, steps) for message in self.messages]
 
 
 def _pick(value: Any, steps: list[str]) -> Any:
@@ -438,64 +394,37 @@ def _deserializer(topic_type: str, definition: MessageDefinition) -> Callable[[b
 
 
 class Bag:
-    """A bag opened for reading. It need not be finished: what can be read of it is there.
+    """A bag opened for reading. It need not be `finished`: what can be read of it is there.
 
-    Attributes
-    ----------
-    topics : tuple of TopicInfo
-        Topics by name, then by type; a topic that had two types is there twice.
-    finished : bool
-        Whether its recorder came to its end, and nothing is missing since. If not, the last moments may be.
+    It is if its recorder came to its end, and nothing is missing since; if not, the last moments may be. Its `topics`
+    are sorted by name, then by type; a topic that had two types is there twice.
     """
 
     def __init__(self, contents: _Contents) -> None:
-        self._contents = contents
-        self.finished = contents.finished
-        self._numbers: dict[tuple[str, str], list[int]] = {}
-        for number, channel in contents.channels.items():
-            self._numbers.setdefault((channel.topic, channel.topic_type), []).append(number)
-        self.topics = tuple(self._channel(self._numbers[key]) for key in sorted(self._numbers))
+        self.finished, self._contents = contents.finished, contents.topics
+        counted = {key: replace(info, count=len(rows)) for key, (info, rows) in contents.topics.items()}
+        self.topics = tuple(counted[key] for key in sorted(counted))
 
     @classmethod
     def open(cls, folder: Path) -> Bag:
-        """Open the bag in a folder, finished or not.
-
-        Raises
-        ------
-        FileNotFoundError
-            If there is no MCAP file in the folder.
-        """
+        """Open the bag in a folder, finished or not, or raise `FileNotFoundError` if there is none."""
         path = _mcap_file(folder)
         if path is None:
             raise FileNotFoundError(f"no .mcap file in {folder}: give the folder of a recording")
         return cls(_contents_of(path))
 
-    def _channel(self, numbers: Sequence[int]) -> TopicInfo:
-        count = sum(len(self._contents.rows[number]) for number in numbers)
-        return replace(self._contents.channels[numbers[0]], count=count)
-
-    def size_bytes(self, topic: str, topic_type: str) -> int:
-        """Bytes of all messages of a topic of one type together."""
-        numbers = self._numbers.get((topic, topic_type), [])
-        return sum(end - start for number in numbers for *_, start, end in self._contents.rows[number])
+    @property
+    def size_bytes(self) -> int:
+        """Bytes of all messages together."""
+        return sum(end - start for _, rows in self._contents.values() for *_, start, end in rows)
 
     def stream(self, topic: str, topic_type: str | None = None) -> Stream:
-        """Messages of a topic, none if the bag does not have it.
-
-        Parameters
-        ----------
-        topic : str
-            Fully qualified name.
-        topic_type : str, optional
-            Needed only where the topic has several types; without it, the one with the most messages.
-        """
+        """Messages of a topic (fully qualified), of its type with the most where none is given; none if it has none."""
         if topic_type is None:
             infos = [info for info in self.topics if info.topic == topic]
             topic_type = max(infos, key=lambda info: info.count).topic_type if infos else ""
-        numbers = self._numbers.get((topic, topic_type), [])
-        rows = [row for number in numbers for row in self._contents.rows[number]]
-        rows.sort(key=lambda row: row[0])
-        definition = self._contents.channels[numbers[0]].definition if numbers else None
+        found, rows = self._contents.get((topic, topic_type), (None, []))
+        rows = sorted(rows, key=lambda row: row[0])
         return Stream(
             topic,
             topic_type,
@@ -503,7 +432,7 @@ class Bag:
             _column(rows, 1),
             _column(rows, 2),
             tuple(bytes(buffer[start:end]) for _, _, _, buffer, start, end in rows),
-            definition,
+            found.definition if found is not None else None,
         )
 
 

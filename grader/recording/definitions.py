@@ -53,13 +53,7 @@ class MessageDefinition:
     text: str
 
     def types(self, topic_type: str) -> Typesdict:
-        """Return the types in it by their names, as `rosbags` describes them.
-
-        Raises
-        ------
-        rosbags.typesys.TypesysError
-            If the text is no definition.
-        """
+        """Return the types in it by their names, as `rosbags` describes them; `TypesysError` if it is no definition."""
         from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
         if self.encoding == "ros2msg":
@@ -77,32 +71,36 @@ def share_folders() -> tuple[Path, ...]:
 def definition_of(topic_type: str) -> MessageDefinition:
     """Definition of a type such as "std_msgs/msg/String" or "std_srvs/srv/SetBool_Event".
 
-    Raises
-    ------
-    DefinitionNotFound
-        If no installed package defines the type, or a type that it depends on.
+    It raises `DefinitionNotFound` if no installed package defines the type, or a type that it depends on.
     """
-    return MessageDefinition("ros2idl", _idl_text(topic_type, share_folders()))
+    message = _description(topic_type, share_folders())["type_description_msg"]
+    every = [message["type_description"], *message["referenced_type_descriptions"]]
+    fields = {entry["type_name"]: entry["fields"] for entry in every}
+    if topic_type not in fields:
+        raise DefinitionNotFound(topic_type)
+    needed = [topic_type]
+    for name in needed:
+        nested = (field["type"]["nested_type_name"] for field in fields[name])
+        needed += [n for n in dict.fromkeys(nested) if n and n not in needed]
+    text = "\n".join(f"{SEPARATOR}\nIDL: {name}\n{_idl_struct(name, fields[name])}" for name in needed)
+    return MessageDefinition("ros2idl", text + "\n")
 
 
 def type_hash_of(topic_type: str) -> str:
     """Hash ("RIHS01_...") of an installed type; empty where the package does not tell it."""
-    return _hash_in(topic_type, share_folders())
+    try:
+        hashes = _description(topic_type, share_folders())["type_hashes"]
+    except (DefinitionNotFound, KeyError):
+        return ""
+    return next((str(h["hash_string"]) for h in hashes if h["type_name"] == topic_type), "")
 
 
 @lru_cache(maxsize=1024)
 def fields_of(name: str) -> Mapping[str, str] | None:
-    """Return the fields of a message type, or of a service's request or response, with their types.
+    """Return the fields of a message type, with their types as `.msg` files spell them, e.g. "float64[]".
 
-    Parameters
-    ----------
-    name : str
-        "std_msgs/msg/String", or "std_srvs/srv/SetBool_Request" and "..._Response".
-
-    Returns
-    -------
-    mapping or None
-        Field -> type as `.msg` files spell it, e.g. "float64[]"; None where the type is not known here.
+    The name may be that of a service's request or response too: "std_srvs/srv/SetBool_Request". None where it is not
+    known here.
     """
     try:
         known: Mapping[str, Any] = definition_of(name).types(name)
@@ -139,6 +137,7 @@ def packages_with(folder: str) -> tuple[str, ...]:
     return tuple(sorted({path.parts[-3] for share in share_folders() for path in share.glob(f"*/{folder}/*.{folder}")}))
 
 
+@lru_cache(maxsize=256)
 def _description(topic_type: str, folders: tuple[Path, ...]) -> dict[str, Any]:
     """The installed type description (`.json`) that includes the type."""
     # The name comes from the graph, hence from students: it must not lead out of the folders.
@@ -155,20 +154,6 @@ def _description(topic_type: str, folders: tuple[Path, ...]) -> dict[str, Any]:
             continue
         return description
     raise DefinitionNotFound(topic_type)
-
-
-@lru_cache(maxsize=1024)
-def _idl_text(topic_type: str, folders: tuple[Path, ...]) -> str:
-    message = _description(topic_type, folders)["type_description_msg"]
-    every = [message["type_description"], *message["referenced_type_descriptions"]]
-    fields = {entry["type_name"]: entry["fields"] for entry in every}
-    if topic_type not in fields:
-        raise DefinitionNotFound(topic_type)
-    needed = [topic_type]
-    for name in needed:
-        nested = (field["type"]["nested_type_name"] for field in fields[name])
-        needed += [n for n in dict.fromkeys(nested) if n and n not in needed]
-    return "\n".join(f"{SEPARATOR}\nIDL: {name}\n{_idl_struct(name, fields[name])}" for name in needed) + "\n"
 
 
 def _idl_struct(name: str, fields: list[dict[str, Any]]) -> str:
@@ -190,12 +175,3 @@ def _idl_member(name: str, kind: dict[str, Any]) -> str:
     if container == _BOUNDED_SEQUENCE:
         return f"sequence<{spelled}, {kind['capacity']}> {name}"
     return f"sequence<{spelled}> {name}" if container == _SEQUENCE else f"{spelled} {name}"
-
-
-@lru_cache(maxsize=1024)
-def _hash_in(topic_type: str, folders: tuple[Path, ...]) -> str:
-    try:
-        hashes = _description(topic_type, folders)["type_hashes"]
-    except (DefinitionNotFound, KeyError, ValueError):
-        return ""
-    return next((str(h["hash_string"]) for h in hashes if h["type_name"] == topic_type), "")

@@ -228,16 +228,10 @@ class Process:
     def effective_parameters(self, node: str | None = None) -> dict[str, Any]:
         """Value by name as the node would get them; the last one given counts.
 
-        Parameters
-        ----------
-        node : str or None
-            Full name of the node, for a launch file that leaves its name to its code.
-
-        Notes
-        -----
         As `rcl` does it: values are kept by the pattern that they are for, each pattern where it first appears,
         and those that match the node's name are applied in this order. Parameters given in the launch file are
-        for the full name if it names the node and its namespace, else for any node.
+        for the full name if it names the node and its namespace, else for any node. `node` is the full name where a
+        launch file leaves that to the node's code.
         """
         full_name = self.full_name or node or "/"
         named = self.name is not None and self.namespace is not None
@@ -354,12 +348,9 @@ class Plan:
 
     @classmethod
     def from_plain(cls, plain: Any) -> Plan:
-        """Read a plan from plain data.
+        """Read a plan from plain data, or raise `MalformedPlanError`.
 
-        Raises
-        ------
-        MalformedPlanError
-            It is no plan. The data may come from a process that ran a student's code, so nothing is trusted.
+        The data may come from a process that ran a student's code, so nothing is trusted.
         """
         if not _is_shallow(plain):
             raise MalformedPlanError("this is not a launch plan: it is too large")

@@ -21,20 +21,7 @@ def write_record(file: Path, record: Any) -> None:
 
 
 def read_record(file: Path, kind: type[T], schema: str) -> T:
-    """Read a record.
-
-    Parameters
-    ----------
-    schema : str
-        What its field `schema` must say.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is none.
-    ValueError
-        If it is not of this schema.
-    """
+    """Read a record, or raise `FileNotFoundError`, or `ValueError` if it is not one whose `schema` says this."""
     try:
         plain = json.loads(file.read_text(encoding="utf-8"))
     except RecursionError as problem:
@@ -46,13 +33,7 @@ def read_record(file: Path, kind: type[T], schema: str) -> T:
 
 
 def from_plain(kind: type[T], plain: Any) -> T:
-    """Build a dataclass from what `json` read.
-
-    Raises
-    ------
-    ValueError
-        If `plain` does not have the dataclass's shape.
-    """
+    """Build a dataclass from what `json` read, or raise `ValueError` if that does not have its shape."""
     if not isinstance(plain, dict):
         raise ValueError(f"{kind.__name__}: an object was expected")
     hints = _hints(cast(Any, kind))

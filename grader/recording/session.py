@@ -63,9 +63,9 @@ class MachineSample:
     students_ns: int | None = None
 
 
-@dataclass
+@dataclass(eq=False)
 class ProcessRun:
-    """One process, from start to exit."""
+    """One process, from start to exit; two with equal contents are two."""
 
     #: Unique in the session: the artifact's name, or that of the launched node's process.
     name: str

@@ -15,9 +15,8 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterator
 
-from grader.recording.session import ProcessRun, Published, SessionRecord, Trusted
+from grader.recording.session import Published, SessionRecord, Trusted
 
 #: Hexadecimal digits of one message's digest. It must not be possible to make another message of the same digest
 #: within the time of a session.
@@ -32,31 +31,17 @@ def digest(data: bytes) -> str:
     return hashlib.blake2b(data, digest_size=DIGEST_DIGITS // 2).hexdigest()
 
 
-def trusted_participants(run: ProcessRun) -> Iterator[str]:
-    """Return the gid prefixes that a reference node has reported so far."""
-    for line in run.output:
-        if line.stream == "stdout" and (match := _PARTICIPANT.fullmatch(line.text)):
-            yield match[1]
-
-
 def collect_trusted_messages(record: SessionRecord) -> None:
-    """Move what reference nodes reported from their output to where the record keeps it."""
-    for run in record.processes:
-        if run.role == "reference":
-            by_topic: dict[tuple[str, str], Published] = {}
-            for topic, topic_type, digests, recorded in _trusted_messages(run, record):
-                entry = by_topic.setdefault((topic, topic_type), Published(run.name, topic, topic_type, "", recorded))
-                entry.digests += digests
-            record.published += by_topic.values()
-
-
-def _trusted_messages(run: ProcessRun, record: SessionRecord) -> Iterator[tuple[str, str, str, bool]]:
-    """Take the trusted messages out of a process's output; those on publications are returned."""
-    output, run.output = run.output, []
-    for line in output:
-        if line.stream == "stdout" and (match := _PARTICIPANT.fullmatch(line.text)):
-            record.trusted.append(Trusted(run.name, match[1]))
-        elif line.stream == "stdout" and (match := _PUBLISHED.fullmatch(line.text)):
-            yield match[1], match[2], match[3].strip("-"), bool(match[4])
-        else:
-            run.output.append(line)
+    """Move what reference nodes have reported from their output to where the record keeps it."""
+    for run in (run for run in record.processes if run.role == "reference"):
+        by_topic: dict[tuple[str, str], Published] = {}
+        output, run.output = run.output, []
+        for line in output:
+            if line.stream == "stdout" and (match := _PARTICIPANT.fullmatch(line.text)):
+                record.trusted.append(Trusted(run.name, match[1]))
+            elif line.stream == "stdout" and (match := _PUBLISHED.fullmatch(line.text)):
+                new = Published(run.name, match[1], match[2], "", bool(match[4]))
+                by_topic.setdefault((new.topic, new.type), new).digests += match[3].strip("-")
+            else:
+                run.output.append(line)
+        record.published += by_topic.values()

@@ -23,11 +23,10 @@ def changes_csv(changes: Iterable[Changes]) -> str:
     """Return all that changes, a row each: the total first, then its criteria, checks and adjustments."""
     rows: list[Sequence[str | Decimal]] = [[*_COLUMNS.split(","), "undecided before", "undecided after"]]
     for each in changes:
-        undecided = [each.undecided_before, each.undecided_after]
         before = "" if each.before is None else each.before
-        rows.append([each.submission, "total", "", "", "", "", before, each.after, each.difference, *undecided])
+        rows.append([each.submission, "total", "", "", "", "", before, each.after, each.difference, *each.undecided])
         for part in each.parts:
-            outcomes = [_word(part.outcome_before), _word(part.outcome_after)]
+            outcomes = map(_word, part.outcomes)
             numbers = ["" if p is None else p for p in (part.before, part.after)]
             names = [each.submission, part.level, part.id, part.title]
             rows.append([*names, *outcomes, *numbers, part.difference, "", ""])
@@ -49,7 +48,7 @@ def print_changes(console: Console, changes: Mapping[str, Changes]) -> None:
     console.print(changes_table(found))
     _print_summary(console, list(found.values()))
     kept = len(changes) - len(found)
-    for (before, after), number in Counter((c.possible_before, c.possible_after) for c in found.values()).items():
+    for (before, after), number in Counter(each.possible for each in found.values()).items():
         if before != after:
             out_of = f"{points(after)} points, before of {points(before)}"
             console.print(f"{_counted(number)}: of {out_of}; a difference can come from that alone.")
@@ -77,8 +76,8 @@ def changes_table(changes: Mapping[str, Changes]) -> Table:
             # Of a check that was renamed, only the ids tell old and new apart.
             what, outcomes = _described(part, by_id=titles[part.title] > 1)
             table.add_row(what, outcomes, _step(part.before, part.after), _signed(part.difference))
-        if each.undecided_before != each.undecided_after:
-            table.add_row(Text("  undecided", "magenta"), "", _step(each.undecided_before, each.undecided_after), "")
+        if len(set(each.undecided)) > 1:
+            table.add_row(Text("  undecided", "magenta"), "", _step(*each.undecided), "")
     return table
 
 
@@ -89,7 +88,7 @@ def _described(part: Change, *, by_id: bool) -> tuple[Text, Text]:
     if part.level == "adjustment":
         return Text(f"  {terminal_text(f'{part.title}: {part.id}', 80)}", "dim"), Text("")
     what = terminal_text(part.title + (f" ({part.id})" if by_id else ""), 120)
-    outcomes = [_word(outcome) or "not there" for outcome in (part.outcome_before, part.outcome_after)]
+    outcomes = [_word(outcome) or "not there" for outcome in part.outcomes]
     return Text(f"    {what}", "dim"), Text(" → ".join(dict.fromkeys(outcomes)), "dim")
 
 

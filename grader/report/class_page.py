@@ -13,18 +13,7 @@ from grader.report import views
 from grader.report.figures.scores import scores_figure
 from grader.report.page import render_page
 from grader.report.views import Badge
-from grader.result import Outcome
 
-#: Letters by which the page's script knows outcomes.
-CODES: Mapping[Outcome | None, str] = {
-    Outcome.PASSED: "p",
-    Outcome.PARTIAL: "a",
-    Outcome.FAILED: "f",
-    Outcome.NOT_REACHED: "n",
-    Outcome.INCONCLUSIVE: "u",
-    Outcome.ERROR: "u",
-    None: "-",
-}
 _TASKS: Mapping[Need, tuple[str, str, Badge]] = {
     Need.NOT_GRADED: (
         "Not graded",
@@ -71,10 +60,10 @@ def render(summary: ClassSummary, *, anonymous: bool = False) -> str:
         mistakes=[[k for k, m in enumerate(summary.mistakes) if any(one.row == n for one in m.made_by)] for n in rows],
         codes=[_codes(row, summary) for row in summary.rows],
         final_share=views.final_share,
-        titles={check.id: check.title for check in summary.checks} | {c.id: c.title for c in summary.columns},
+        titles={check.id: check.title for check in summary.checks},
         criteria={check.id: summary.columns[check.column].title for check in summary.checks},
         remarks=[_remark(check, summary.noise) for check in summary.checks],
-        adjustment_text=views.adjustment_text,
+        adjustments_of=views.adjustments_of,
         zone=_zone(summary),
     )
 
@@ -83,7 +72,7 @@ def _codes(row: Row, summary: ClassSummary) -> str:
     """Return a letter for each criterion, then for each check."""
     checks = {check.id: check for check in row.result.checks} if row.result else {}
     judged = [*row.cells, *(checks.get(check.id) for check in summary.checks)]
-    return "".join(CODES[part.outcome if part else None] for part in judged)
+    return "".join(views.badge_of(part.outcome).letter if part else "-" for part in judged)
 
 
 def _zone(summary: ClassSummary) -> timezone | None:

@@ -26,15 +26,8 @@ _HIDDEN = frozenset({"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"})
 
 
 def shown(text: str, longest: int = LONGEST) -> str:
-    """Return a text as it can be shown.
+    """Return a text as it can be shown, cut after so many characters, with a mark that says so.
 
-    Parameters
-    ----------
-    longest : int
-        Characters after which it is cut, with a mark that says so.
-
-    Notes
-    -----
     Terminal sequences are left out. Control characters, characters that change the direction of text or have
     no width, lone surrogates and characters that no text may hold are shown by their number, e.g. ⟨U+202E⟩.
     Line ends and tabs stay. At most three combining marks stay on a letter.
@@ -98,8 +91,6 @@ def _percent(text: str) -> str:
 def terminal_text(text: str, limit: int = 400) -> str:
     """Return a text as one line that neither a terminal nor a CI job's log obeys, cut to a length.
 
-    Notes
-    -----
     The same command prints to both, and a table breaks lines where it must; so nothing in the text may look
     like a workflow command, even if a line began there.
     """

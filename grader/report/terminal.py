@@ -17,8 +17,6 @@ from grader.report.escape import terminal_text
 from grader.report.views import adjustments_of, badge_of, earned_text, note_of, points, titles_of
 from grader.result import CheckResult, CriterionResult, Outcome, Result, Violation
 
-#: By the style of a badge.
-_COLOURS = {"passed": "green", "partial": "yellow", "failed": "red", "not-reached": "red", "undecided": "magenta"}
 #: What took less was not run at all.
 _NOTABLE_S = 0.05
 
@@ -139,7 +137,7 @@ def _add_criterion(table: Table, criterion: CriterionResult) -> None:
 def _add_checks(table: Table, checks: Sequence[CheckResult]) -> None:
     first = checks[0]
     badge = badge_of(first.outcome)
-    sign = Text(badge.sign, _COLOURS[badge.style])
+    sign = Text(badge.sign, badge.colour)
     body = Text(", ".join(check.title for check in checks))
     body.append(f"  {', '.join(check.id for check in checks)}", "dim")
     if first.reason:

@@ -15,7 +15,6 @@ from grader.recording.session import OutputLine, ProcessRun, SessionRecord, Step
 from grader.recording.submission import ArtifactFact
 from grader.report.escape import line
 from grader.result import (
-    Adjustment,
     AdjustmentKind,
     CheckResult,
     CriterionResult,
@@ -44,14 +43,17 @@ class Badge:
     style: str
     sign: str
     word: str
+    #: By which the class page's script knows an outcome, and that of the terminal.
+    letter: str = ""
+    colour: str = ""
 
 
-_UNDECIDED = Badge("undecided", "?", "undecided")
+_UNDECIDED = Badge("undecided", "?", "undecided", "u", "magenta")
 _BADGES = {
-    Outcome.PASSED: Badge("passed", "✓", "passed"),
-    Outcome.PARTIAL: Badge("partial", "◐", "partial"),
-    Outcome.FAILED: Badge("failed", "✕", "failed"),
-    Outcome.NOT_REACHED: Badge("not-reached", "–", "not reached"),
+    Outcome.PASSED: Badge("passed", "✓", "passed", "p", "green"),
+    Outcome.PARTIAL: Badge("partial", "◐", "partial", "a", "yellow"),
+    Outcome.FAILED: Badge("failed", "✕", "failed", "f", "red"),
+    Outcome.NOT_REACHED: Badge("not-reached", "–", "not reached", "n", "red"),
 }
 
 
@@ -175,14 +177,25 @@ def credit_text(check: CheckResult) -> str:
 
 @dataclass(frozen=True)
 class AdjustmentView:
-    """What changed the points after the judgement, in words."""
+    """What changed the points after the judgement, in words; `by` is empty where the rubric's policy did."""
 
     points: str
     style: str
     title: str
     href: str
     reason: str
-    decided: str
+    by: str
+
+    @property
+    def decided(self) -> str:
+        """Who decided it, and when."""
+        return self.by or "the lab's rule"
+
+    @property
+    def text(self) -> str:
+        """All of it in one line, which is still untrusted."""
+        head = f"{self.points} {self.title}".rstrip(": ")
+        return head + (f": {self.reason}" if self.reason else "") + (f" ({self.by})" if self.by else "")
 
 
 def adjustments_of(result: Result) -> list[AdjustmentView]:
@@ -190,39 +203,21 @@ def adjustments_of(result: Result) -> list[AdjustmentView]:
     titles = {check.id: (check.title, "check") for check in result.checks}
     titles |= {criterion.id: (criterion.title, "criterion") for criterion in result.criteria}
     views = []
-    for adjustment in result.adjustments:
-        title, kind = titles.get(adjustment.what, ("", ""))
-        style = "gain" if adjustment.points > 0 else "loss" if adjustment.points else ""
-        href = "#" + anchor(kind, adjustment.what) if kind else ""
-        decided = decided_by(adjustment) or "the lab's rule"
-        title = adjustment_title(adjustment, title)
-        views.append(AdjustmentView(signed(adjustment.points), style, title, href, adjustment.reason, decided))
+    for each in result.adjustments:
+        title, kind = titles.get(each.what, ("", ""))
+        words = {
+            AdjustmentKind.POINTS: title or each.what,
+            AdjustmentKind.EXCUSED: f"{title or each.what}: excused",
+            AdjustmentKind.BONUS: "Bonus",
+            AdjustmentKind.SUBMITTED: f"Handed in {each.what}",
+            AdjustmentKind.EXTENSION: f"Extension: {each.what}",
+            AdjustmentKind.LATE: "Late" if each.points else "Lateness",
+        }
+        style = "gain" if each.points > 0 else "loss" if each.points else ""
+        href = "#" + anchor(kind, each.what) if kind else ""
+        by = ", ".join(part for part in (each.who, each.when) if part)
+        views.append(AdjustmentView(signed(each.points), style, words[each.kind], href, each.reason, by))
     return views
-
-
-def decided_by(adjustment: Adjustment) -> str:
-    """Say who decided an adjustment, and when; empty where the rubric's policy did."""
-    return ", ".join(part for part in (adjustment.who, adjustment.when) if part)
-
-
-def adjustment_text(adjustment: Adjustment, titles: Mapping[str, str]) -> str:
-    """Describe an adjustment in one line; titles of checks and criteria by their ids."""
-    head = f"{signed(adjustment.points)} {adjustment_title(adjustment, titles.get(adjustment.what, ''))}".rstrip(": ")
-    by = decided_by(adjustment)
-    return head + (f": {adjustment.reason}" if adjustment.reason else "") + (f" ({by})" if by else "")
-
-
-def adjustment_title(adjustment: Adjustment, title: str) -> str:
-    """Say what an adjustment does; `title` is that of the check or criterion that it concerns."""
-    words = {
-        AdjustmentKind.POINTS: title or adjustment.what,
-        AdjustmentKind.EXCUSED: f"{title or adjustment.what}: excused",
-        AdjustmentKind.BONUS: "Bonus",
-        AdjustmentKind.SUBMITTED: f"Handed in {adjustment.what}",
-        AdjustmentKind.EXTENSION: f"Extension: {adjustment.what}",
-        AdjustmentKind.LATE: "Late" if adjustment.points else "Lateness",
-    }
-    return words[adjustment.kind]
 
 
 def signed(value: Decimal) -> str:
@@ -413,31 +408,26 @@ def utc(t_ns: Any) -> str:
 
 def isolations_of(sessions: Mapping[str, SessionRecord]) -> list[tuple[Mapping[str, Any], list[str]]]:
     """Return how sessions were confined, each way with the names of the sessions that were so."""
-    found: list[tuple[Mapping[str, Any], list[str]]] = []
-    for name, record in sessions.items():
-        names = next((names for isolation, names in found if isolation == record.isolation), None)
-        if names is None:
-            found.append((record.isolation, names := []))
-        names.append(name)
-    return found
+    all_ways = [record.isolation for record in sessions.values()]
+    ways = [way for n, way in enumerate(all_ways) if way not in all_ways[:n]]
+    return [(way, [name for name, record in sessions.items() if record.isolation == way]) for way in ways]
 
 
-def recorded_at(result: Result, sessions: Mapping[str, SessionRecord]) -> str:
-    """Return when the first of the recordings began, by the provenance."""
-    known = [session["started_ns"] for session in result.provenance.get("sessions", {}).values()]
-    known = [t for t in known if t > 0] or [r.started_ns for r in sessions.values()]
-    return utc(min(known)) if known else ""
+def recorded_at(sessions: Mapping[str, SessionRecord]) -> str:
+    """Return when the first of the recordings began."""
+    return utc(min((record.started_ns for record in sessions.values()), default=0))
 
 
 def versions_of(result: Result) -> list[tuple[str, str]]:
     """Return names and values of what the result depends on: versions and hashes."""
     provenance = result.provenance
-    versions = {"grader": provenance.get("grader", ""), **provenance.get("versions", {})}
-    hashes = {
+    versions = {
+        "grader": provenance.get("grader", ""),
+        **provenance.get("versions", {}),
         "submission, SHA-256": provenance.get("submission_sha256", ""),
         "rubric, SHA-256": provenance.get("rubric_sha256", ""),
     }
-    return [(name, value) for name, value in (*versions.items(), *hashes.items()) if value]
+    return [(name, value) for name, value in versions.items() if value]
 
 
 def graded_on(result: Result) -> str:

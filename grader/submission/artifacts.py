@@ -14,7 +14,7 @@ from pathlib import Path, PurePosixPath
 from grader.errors import SubmissionError
 from grader.lab.rubric import ArtifactSpec, Rubric
 from grader.recording.submission import ArtifactFact, FileFact, PackageFact, SubmissionRecord
-from grader.submission.extraction import Intake
+from grader.submission.extraction import Intake, SubmissionSource
 from grader.submission.file_names import TEXT_SUFFIXES, displayed
 from grader.submission.packages.colcon import find_packages
 
@@ -31,13 +31,14 @@ def read_submission(intake: Intake, rubric: Rubric) -> SubmissionRecord:
     Raises SubmissionError if it holds nothing that the rubric asks for, or something of it may not be read: that costs
     nobody points.
     """
-    record = SubmissionRecord(name=intake.name, left_out=list(intake.left_out), source=intake.origin)
-    record.student_id = intake.student_id
-    record.submitted_at = intake.submitted_at.isoformat() if intake.submitted_at is not None else None
+    source = intake.source
+    record = SubmissionRecord(name=source.name, left_out=list(intake.left_out), source=source.origin)
+    record.student_id = source.student_id
+    record.submitted_at = source.submitted_at.isoformat() if source.submitted_at is not None else None
     _collect_files(intake.folder, record)
     if not record.files:
         raise SubmissionError(
-            "the submission is empty", location=intake.location, remedy="Put the lab's files into it."
+            "the submission is empty", location=source.location, remedy="Put the lab's files into it."
         )
     paths = [PurePosixPath(f.path) for f in record.files]
     record.artifacts = find_artifacts(paths, record.texts, rubric.artifacts)
@@ -50,7 +51,7 @@ def read_submission(intake: Intake, rubric: Rubric) -> SubmissionRecord:
     if all(a.path is None for a in record.artifacts):
         wanted = ", ".join(spec.file for spec in rubric.artifacts.values())
         remedy = f"At least one of these files is expected: {wanted}. For a folder of several submissions, add --each."
-        raise SubmissionError("nothing in it looks like a submission", location=intake.location, remedy=remedy)
+        raise SubmissionError("nothing in it looks like a submission", location=source.location, remedy=remedy)
     digest = hashlib.sha256()
     for file in sorted(record.files, key=lambda f: f.path):
         digest.update(f"{file.path}\0{file.sha256}\n".encode())
@@ -73,14 +74,14 @@ def _require_readable(intake: Intake, record: SubmissionRecord) -> None:
         more = f" and {len(closed) - 1} more" if len(closed) > 1 else ""
         raise SubmissionError(
             f"{displayed(closed[0])}{more} may not be read, so that no fair score exists",
-            location=intake.location,
+            location=intake.source.location,
             remedy="Give yourself the right to read it (chmod -R u+rX), or grade as the user that it belongs to.",
         )
 
 
 def read_submission_folder(folder: Path, rubric: Rubric) -> SubmissionRecord:
     """Read a folder of the project's own as `read_submission` does; a student's is extracted first."""
-    return read_submission(Intake(folder, folder.resolve().name, location=str(folder)), rubric)
+    return read_submission(Intake(folder, SubmissionSource(folder.resolve().name, (), location=str(folder))), rubric)
 
 
 def _collect_files(folder: Path, record: SubmissionRecord) -> None:
@@ -126,18 +127,17 @@ def find_artifacts(
         if facts[name].path is None:
             taken = {fact.path for fact in facts.values()}
             free = [p for p in paths if str(p) not in taken and p.suffix in (".py", "")]
-            facts[name] = _by_similarity(name, spec, free, texts)
-    for name, spec in specs.items():
-        if facts[name].path is None and spec.executable is not None:
-            holding = [path for path in map(str, paths) if path.endswith(".py") and _holds(texts.get(path, ""), spec)]
-            if holding:
-                facts[name] = ArtifactFact(name, spec.file, holding[0], "near miss", holding[1:])
+            programs = [p for p in paths if p.suffix == ".py"] if spec.executable is not None else []
+            near = _similar(spec, free) or _holding(spec, free, texts) or _holding(spec, programs, texts)
+            if near:
+                facts[name] = ArtifactFact(name, spec.file, str(near[0]), "near miss", list(map(str, near[1:])))
     return list(facts.values())
 
 
-def _holds(text: str, spec: ArtifactSpec) -> bool:
-    """Whether a file holds an artifact by its contents."""
-    return bool(spec.contains) and all(words in text for words in spec.contains)
+def _holding(spec: ArtifactSpec, paths: list[PurePosixPath], texts: dict[str, str]) -> list[PurePosixPath]:
+    """Return the files that hold an artifact by their contents."""
+    wanted = spec.contains
+    return [path for path in paths if wanted and all(words in texts.get(str(path), "") for words in wanted)]
 
 
 def _by_pattern(name: str, spec: ArtifactSpec, paths: list[PurePosixPath]) -> ArtifactFact:
@@ -165,13 +165,8 @@ def _plain(name: str) -> str:
     return re.sub(r"[^a-z0-9]", "", re.sub(r"\.py$", "", name.lower()))
 
 
-def _by_similarity(name: str, spec: ArtifactSpec, free: list[PurePosixPath], texts: dict[str, str]) -> ArtifactFact:
+def _similar(spec: ArtifactSpec, free: list[PurePosixPath]) -> list[PurePosixPath]:
     def ratio(path: PurePosixPath) -> float:
         return difflib.SequenceMatcher(None, _plain(spec.file), _plain(path.name)).ratio()
 
-    near = sorted((p for p in free if ratio(p) >= NEAR_MISS_RATIO), key=lambda p: (-ratio(p), str(p)))
-    if not near and spec.contains:
-        near = [p for p in free if _holds(texts.get(str(p), ""), spec)]
-    if not near:
-        return ArtifactFact(name, spec.file)
-    return ArtifactFact(name, spec.file, str(near[0]), "near miss", [str(p) for p in near[1:]])
+    return sorted((p for p in free if ratio(p) >= NEAR_MISS_RATIO), key=lambda p: (-ratio(p), str(p)))

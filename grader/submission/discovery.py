@@ -113,29 +113,9 @@ def find_submissions(
 ) -> Discovery:
     """Find the submissions in folders, archives, and downloads of learning-management systems.
 
-    Parameters
-    ----------
-    paths : sequence of Path
-        As given on the command line. One that is not there stands for itself: it is refused when it is graded, and
-        does not keep the others from it.
-    shape : Shape
-        What is meant, where looking is not enough (`--one`, `--each`).
-    class_list : Path or None
-        A table of names, student ids and times of submission; see `grader.submission.roster`.
+    A path that is not there stands for itself: it is refused when it is graded, and does not keep the others from it.
+    Raises SubmissionError if the class list (see `grader.submission.roster`) is not usable, or a class is packed twice.
 
-    Returns
-    -------
-    Discovery
-        Grade each of `submissions` by `grader.pipeline.grade(source, ...)` into `results / source.name`; show
-        `understood`, `not_understood` and `missing`.
-
-    Raises
-    ------
-    SubmissionError
-        If the class list is not usable, or a class is packed twice.
-
-    Notes
-    -----
     A name is made from the student's alone and does not depend on who else has handed in, so that results are found
     again. Only where two would be the same, they get a mark made from their paths. The time of submission is that of
     the class list, else of the download, else of the last commit. An archive's own is found when it is extracted.
@@ -290,13 +270,7 @@ class _Search:
             self._add_each(students)
 
     def _refuse_packed_class(self, listing: _Listing) -> None:
-        """Raise if an archive holds nothing but the archive of a class, of which all would be taken for one student's.
-
-        Raises
-        ------
-        SubmissionError
-            With what to do.
-        """
+        """Raise if an archive holds only the archive of a class, all of which would be taken for one student's."""
         if listing.within is None or list(listing.entries.values()) != [False]:
             return
         (packed,) = listing.entries
@@ -521,17 +495,16 @@ def _with_class_list(
 ) -> tuple[list[SubmissionSource], tuple[str, ...], list[str]]:
     """Add what a class list knows; returns who is missing, and whose lines are not told apart, too.
 
-    Parameters
-    ----------
-    names : mapping
-        Where each submission lies -> its name without a mark.
+    `names` are those without a mark, by where each submission lies.
     """
-    found = matches(students, submissions, lambda source: (source.name, source.student, names[_origin(source)]))
+    items = [(Student(s.name, s.student_id, s.submitted_at), (s.student, names[_origin(s)])) for s in submissions]
+    found = list(zip(submissions, matches(students, items), strict=True))
     unclear = [
         f"{source.location}: the name alone does not say who of the class list this is"
-        for source, listing, may_be in found
+        for source, (_, listing, may_be) in found
         if listing is None and may_be
     ]
-    there = frozenset[int]().union(*(may_be for _, _, may_be in found))
+    there = frozenset[int]().union(*(may_be for _, (_, _, may_be) in found))
     missing = tuple(displayed(s.name or s.student_id or "") for n, s in enumerate(students) if n not in there)
-    return [source for source, _, _ in found], missing, unclear
+    named = [replace(s, student_id=known.student_id, submitted_at=known.submitted_at) for s, (known, _, _) in found]
+    return named, missing, unclear

@@ -31,7 +31,6 @@ from grader.submission.members import (
     is_folder,
     members_of_archive,
     members_of_folder,
-    open_regular,
     pieces_of,
     too_much,
 )
@@ -142,20 +141,16 @@ class SubmissionSource:
 
 @dataclass(frozen=True)
 class Intake:
-    """An extracted submission; what is not described here is as in `SubmissionSource`."""
+    """An extracted submission."""
 
     #: Holds regular files only.
     folder: Path
-    name: str
+    #: When nothing else tells when it came, with the newest time of a file in the archive, as a student's machine said.
+    source: SubmissionSource
     #: What was not extracted, a line each with its reason.
     left_out: tuple[str, ...] = ()
-    #: When it was handed in; else the newest time of a file in the archive, which is what a student's machine said.
-    submitted_at: datetime | None = None
-    location: str = ""
     #: Files, and folders with a slash at the end, that are there and may not be read; some of many.
     unreadable: tuple[str, ...] = ()
-    student_id: str | None = None
-    origin: str = ""
 
 
 @contextmanager
@@ -188,16 +183,8 @@ def _extracted(source: SubmissionSource, scratch: Path, limits: Limits) -> Intak
         problem = "no file of the submission could be used" if left_out else "the submission is empty"
         remedy = f"Left out: {'; '.join(left_out[:3])}." if left_out else "Put the lab's files into it."
         raise SubmissionError(problem, remedy=remedy)
-    return Intake(
-        extraction.folder,
-        source.name,
-        left_out,
-        source.submitted_at or extraction.newest,
-        source.location,
-        tuple(extraction.unreadable),
-        source.student_id,
-        source.origin,
-    )
+    source = replace(source, submitted_at=source.submitted_at or extraction.newest)
+    return Intake(extraction.folder, source, left_out, tuple(extraction.unreadable))
 
 
 class _Extraction:
@@ -319,11 +306,10 @@ class _Extraction:
         folders = {file_names.collision_key(parts[:depth]) for depth in range(1, len(parts))} - self._folders
         if len(self._folders) + len(folders) > self._limits.folders:
             raise file_names.UnfitError(f"more than {self._limits.folders:,} folders")
-        if room[1] < self._limits.file_bytes:
-            size = self._write(member, content, room[1], "files of its kind are too large together")
-        else:
-            most = self._limits.file_bytes
-            size = self._write(member, content, most, f"larger than {most // 1024**2} MiB")
+        most, why = self._limits.file_bytes, f"larger than {self._limits.file_bytes // 1024**2} MiB"
+        if room[1] < most:
+            most, why = room[1], "files of its kind are too large together"
+        size = self._write(member, content, most, why)
         target, key = self.folder.joinpath(*parts), file_names.collision_key(parts)
         try:
             target.parent.mkdir(parents=True, exist_ok=True)
@@ -362,7 +348,7 @@ class _Extraction:
 
 def _opened(path: Path) -> BinaryIO:
     try:
-        return open_regular(os.path.realpath(path))
+        return os.fdopen(open_regular_beneath(Path("/"), os.path.realpath(path)[1:]), "rb")
     except (FileNotFoundError, PermissionError):
         raise
     except OSError:
@@ -418,11 +404,9 @@ def _listed(member: Member) -> str:
 
 def text_of(folder: Path, name: str, most_bytes: int) -> str | None:
     """Return the text of a file that a system wrote beside submissions; None if it cannot be read or lies elsewhere."""
-    try:
-        with os.fdopen(open_regular_beneath(folder, name), "rb") as file:
-            return file.read(most_bytes).decode("utf-8", "replace")
-    except OSError:
-        return None
+    with suppress(OSError), os.fdopen(open_regular_beneath(folder, name), "rb") as file:
+        return file.read(most_bytes).decode("utf-8", "replace")
+    return None
 
 
 def texts_in(path: Path, wanted: Collection[str], most_bytes: int) -> dict[str, str]:

@@ -20,10 +20,7 @@ _BOUND = Bound(what="reading the last commit", cpu_s=2.0, wall_s=3.0, memory_byt
 def last_commit_time(folder: Path) -> datetime | None:
     """Return the time of the commit that is checked out, as its committer's clock said; None if there is none.
 
-    Parameters
-    ----------
-    folder : Path
-        Root of the working tree; repositories that lie elsewhere (worktrees, links) are not looked for.
+    Repositories that lie elsewhere than at the root of the working tree (worktrees, links) are not looked for.
     """
     with suppress(OSError, BoundError):
         if (folder / ".git").is_dir() and not (folder / ".git").is_symlink():

@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import IO, BinaryIO, cast
 
 from grader.errors import GraderError, SubmissionError
+from grader.submission.beneath import open_regular_beneath
 from grader.submission.file_names import TOOL_FOLDERS, displayed
 
 #: Bytes of a file by which `format_of` tells what it is.
@@ -91,18 +92,6 @@ def is_folder(path: Path) -> bool:
         return False
 
 
-def open_regular(path: str | Path, folder: int | None = None) -> BinaryIO:
-    """Open a file (relative to an open folder) for reading; waits for and follows nothing.
-
-    Raises OSError if it is no regular file, or may not be read.
-    """
-    file = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY, dir_fd=folder)
-    if not stat.S_ISREG(os.fstat(file).st_mode):
-        os.close(file)
-        raise OSError("not a regular file")
-    return os.fdopen(file, "rb")
-
-
 def members_of_folder(path: Path, most_depth: int) -> Iterator[Member]:
     """Go through a folder, up to so many folders within each other. Those that tools made are named, not entered.
 
@@ -120,7 +109,7 @@ def _entry(folder: int, name: str, path: str, is_deepest: bool) -> Iterator[Memb
     try:
         mode = os.stat(name, dir_fd=folder, follow_symlinks=False).st_mode
         if stat.S_ISREG(mode):
-            with open_regular(name, folder) as file:
+            with os.fdopen(open_regular_beneath(folder, name), "rb") as file:
                 yield Member(path, Kind.FILE, os.fstat(file.fileno()).st_size, pieces=partial(pieces_of, file))
         elif not stat.S_ISDIR(mode):
             yield Member(path, Kind.LINK if stat.S_ISLNK(mode) else Kind.SPECIAL)

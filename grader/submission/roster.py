@@ -13,32 +13,16 @@ from __future__ import annotations
 import csv
 import unicodedata
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import Field, dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any, ClassVar, Protocol, TypeVar
 
 from grader.errors import SubmissionError
 from grader.lab.policy import parse_time
 
 _MOST_BYTES = 4 * 1024 * 1024
 _COLUMNS = ("name", "student_id", "submitted_at")
-
-
-class _Submitted(Protocol):
-    """What a student is known by: of a submission, or of an entry of a class."""
-
-    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
-
-    @property
-    def student_id(self) -> str | None: ...
-
-    @property
-    def submitted_at(self) -> datetime | None: ...
-
-
-T = TypeVar("T", bound=_Submitted)
 
 
 @dataclass(frozen=True)
@@ -54,10 +38,7 @@ class Student:
 def read_class_list(path: Path) -> list[Student]:
     """Read a class list, of values separated by commas, semicolons or tabs.
 
-    Raises
-    ------
-    SubmissionError
-        If it cannot be read, with the first line that is wrong.
+    Raises SubmissionError if it cannot be read, with the first line that is wrong.
     """
     try:
         with path.open("rb") as file:
@@ -106,15 +87,14 @@ def _listed(row: dict[str, str]) -> Student:
 
 
 def matches(
-    students: Sequence[Student], items: Sequence[T], names_of: Callable[[T], Sequence[str]]
-) -> list[tuple[T, int | None, frozenset[int]]]:
-    """Find the student of each thing that was handed in, by the id and the names that it bears, however written.
+    students: Sequence[Student], items: Sequence[tuple[Student, Sequence[str]]]
+) -> list[tuple[Student, int | None, frozenset[int]]]:
+    """Find the student of each thing that was handed in, by the id, the name and others that it bears, however written.
 
-    Returns each with what is known of its student, their place in the list, None if that does not tell, and the
+    Returns for each what is known of its student, their place in the list, None if that does not tell, and the
     places of all that it may belong to. A name that two students have, or that two things bear under different ids,
     does not tell whose they are.
     """
-    borne = [(item.student_id, names_of(item)) for item in items]
     called: dict[str, set[int]] = defaultdict(set)
     for index, student in enumerate(students):
         # Of a download, folders are called after both.
@@ -122,18 +102,17 @@ def matches(
         for key in _keys(student.student_id, student.name, both):
             called[key].add(index)
     bearing: dict[str, set[str]] = defaultdict(set)
-    for student_id, names in borne:
-        for key in _keys(student_id, *names):
-            bearing[key].add(student_id or names[0])
-    found: list[tuple[T, int | None, frozenset[int]]] = []
-    for item, (student_id, names) in zip(items, borne, strict=True):
-        keys = [key for key in _keys(student_id, *names) if key in called]
-        telling = [key for key in keys if len(bearing[key]) == 1 or key in _keys(student_id)]
+    for item, names in items:
+        for key in _keys(item.student_id, item.name, *names):
+            bearing[key].add(item.student_id or item.name)
+    found: list[tuple[Student, int | None, frozenset[int]]] = []
+    for item, names in items:
+        keys = [key for key in _keys(item.student_id, item.name, *names) if key in called]
+        telling = [key for key in keys if len(bearing[key]) == 1 or key in _keys(item.student_id)]
         sure = next((min(called[key]) for key in telling if len(called[key]) == 1), None)
         known = students[sure] if sure is not None else Student("")
         student_id, time = known.student_id or item.student_id, known.submitted_at or item.submitted_at
-        may_be = frozenset(index for key in keys for index in called[key])
-        found.append((replace(item, student_id=student_id, submitted_at=time), sure, may_be))
+        found.append((Student(item.name, student_id, time), sure, frozenset(i for key in keys for i in called[key])))
     return found
 
 

@@ -645,3 +645,62 @@ def test_a_parameter_that_is_not_wired_is_measured_otherwise_than_expected(tmp_p
     finding = parameter(tmp_path, 100.0, 100.0)
     assert finding.outcome is Outcome.PARTIAL
     assert finding.measured != finding.expected
+
+
+# -- several nodes in one process ------------------------------------------------------------------
+
+TOGETHER_IN = {
+    **{part: {**TOGETHER[part], "node": "/talker"} for part in ("commands", "follows")},
+    "answers": {**TOGETHER["answers"], "node": "/listener"},
+}
+
+
+def in_one_process(folder: Path, ends: bool = False) -> Session:
+    """Make a session in which a process that has no name in the launch file holds both nodes."""
+    session = planned(together(folder), processes=[entry("arm", None)]).node("/talker").node("/listener")
+    session.record.plan = session.record.steps[-1].result["plan"]
+    return session.process("arm-1", CRASHED, artifact=None, **FELL) if ends else session.process("arm-1")
+
+
+def test_parameters_of_a_process_reach_all_its_nodes(tmp_path: Path) -> None:
+    """What the launch file gives a process without a name is what each of its nodes gets."""
+    session = Session(tmp_path).node("/talker")
+    for label, rate in (("plan", 100.0), ("other", 50.0)):
+        planned(session, label, processes=[entry("arm", None, parameters=[{"name": "rate", "value": rate}])])
+    assert judged("launch_parameters", PARAMETERS, session).outcome is Outcome.PASSED
+
+
+def test_the_fault_of_one_node_is_the_end_of_others_in_its_process(tmp_path: Path) -> None:
+    """It is charged where the one is, and nowhere else."""
+    session = in_one_process(tmp_path, ends=True)
+    finding = nodes(session, listen_receives=FAILED)
+    assert (finding.outcome, len(finding.notes)) == (Outcome.PASSED, 2)
+    finding = judged("launch_together", TOGETHER_IN, session, findings={"enables": FAILED})
+    assert finding.outcome is Outcome.PASSED
+    assert nodes(session.recorded(), listen_receives=passed("", "")).outcome is Outcome.FAILED  # type: ignore[arg-type]
+
+
+def test_what_a_node_keeps_others_of_its_process_from_is_charged_once(tmp_path: Path) -> None:
+    """A callback that never returns holds up the timers of its executor too."""
+    session = in_one_process(tmp_path)
+    session.record.steps = [step for step in session.record.steps if step.label != "enable"]
+    assert judged("launch_together", TOGETHER_IN, session).outcome is Outcome.PARTIAL
+    assert judged("launch_together", TOGETHER_IN, session, findings={"motion": FAILED}).outcome is Outcome.PASSED
+
+
+@pytest.mark.parametrize(
+    ("charged", "alone_ends", "credit"),
+    [(FAILED, False, "1"), (passed("", ""), False, "0.5"), (FAILED, True, "0.5")],
+    ids=["what it hears is charged", "what it hears is right", "it ends alone too"],
+)
+def test_an_exception_by_what_a_node_hears_is_charged_with_that(
+    tmp_path: Path, charged: Finding, alone_ends: bool, credit: str
+) -> None:
+    """Six numbers for seven joints cost their points once, though a subscriber to them ends by them."""
+    alone = Session(tmp_path, "alone").process("it", CRASHED, **(FELL if alone_ends else {}))
+    session = planned(Session(tmp_path), processes=BOTH).node("/talker").node("/listener")
+    session.process("listen-1", CRASHED, artifact=None, **FELL)
+    wanted = {**NODES, "nodes": [NODES["nodes"][0], {**NODES["nodes"][1], "hears_charged_by": "talk.values"}]}
+    findings = {"talk.values": charged, "talk.publishes": passed("", ""), "listen.receives": passed("", "")}
+    finding = judged("launch_nodes", wanted, session, findings=findings, others={"alone": alone.recorded()})
+    assert finding.credit == Decimal(credit)

@@ -48,6 +48,13 @@ def test_a_program_that_ends_with_results_passes(tmp_path: Path) -> None:
     assert ended(tmp_path / "b", 10.2, "Results", exit_status=1).notes[0].startswith("It does not end with")
 
 
+def test_an_end_at_ctrl_c_that_rclpy_turned_into_another_error_is_seen_again(tmp_path: Path) -> None:
+    """What would have printed its results at Ctrl-C has not failed by an accident of rclpy's, unless it repeats."""
+    lines = ["RuntimeError: Unable to convert call argument '0' to Python object"]
+    finding = ended(tmp_path, 22.0, *lines, interrupted_ns=at(22.1), ended_by="interrupt")
+    assert (finding.outcome, finding.settled and finding.settled.outcome) == (Outcome.INCONCLUSIVE, Outcome.FAILED)
+
+
 @pytest.mark.parametrize(
     ("after_s", "lines", "facts", "credit", "words"),
     [
@@ -264,12 +271,52 @@ def test_numbers_without_a_subscription_are_invented(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("mean_ms", "max_ms"), [(1.0, 3.0), (50.0, 90.0)])
 def test_counts_that_the_machine_may_have_lowered_are_undecided(tmp_path: Path, mean_ms: float, max_ms: float) -> None:
-    """Where the tool was delayed, a count that is too low says nothing, nor does it earn anything."""
+    """Where the tool was delayed, a count that is far too low says nothing, nor does it earn anything."""
     session = Session(tmp_path).endpoint("publisher", TOPIC).endpoint("subscription", TOPIC)
     times = evenly(100, 9.99)
     session.messages(TOPIC, [[0.0]] * len(times), times, latency_s=0.001)
-    session.process("it", [row(900, mean_ms, max_ms)]).delayed("it", 2.0, 12.0)
+    session.process("it", [row(850, mean_ms, max_ms)]).delayed("it", 3.0, 12.0)
     assert judged("reported_traffic", REPORTED, session).outcome is Outcome.INCONCLUSIVE
+
+
+@pytest.mark.parametrize(
+    ("depth", "count", "delay_s", "outcome"),
+    [
+        (1, 960, 0.06, Outcome.PASSED),
+        (1, 972, 0.01, Outcome.PASSED),
+        (1, 800, 0.06, Outcome.FAILED),
+        (10, 960, 0.06, Outcome.INCONCLUSIVE),
+    ],
+)
+def test_a_count_may_lack_what_a_short_queue_did_not_hold(
+    tmp_path: Path, depth: int, count: int, delay_s: float, outcome: Outcome
+) -> None:
+    """Some messages that came while the tool waited for a core are lost to a queue of one, and none to a longer one."""
+    asked = replace(CLAIM, depth=depth)
+    session = Session(tmp_path).endpoint("publisher", TOPIC).endpoint("subscription", TOPIC)
+    session.claim("subscription", TOPIC, qos=asked)
+    times = evenly(100, 9.99)
+    session.messages(TOPIC, [[0.0]] * len(times), times, latency_s=0.001)
+    # In each delay six messages come, of which a queue of one holds one; or one comes, and pushes out one before it.
+    session.process("it", [row(count)]).disturbed("it", *((float(start_s), delay_s) for start_s in range(1, 11)))
+    assert judged("reported_traffic", REPORTED, session).outcome is outcome
+
+
+@pytest.mark.parametrize(
+    ("mean_ms", "outcome"), [(12.0, Outcome.PASSED), (18.0, Outcome.INCONCLUSIVE), (400.0, Outcome.PARTIAL)]
+)
+def test_a_latency_may_be_later_by_what_the_machine_makes_a_message_wait(
+    tmp_path: Path, mean_ms: float, outcome: Outcome
+) -> None:
+    """A mean is right that is later by half of each delay, as often as there are delays; more than all of it is not."""
+    session = Session(tmp_path).endpoint("publisher", TOPIC).endpoint("subscription", TOPIC)
+    session.claim("subscription", TOPIC, qos=replace(CLAIM, depth=10))
+    times = evenly(100, 9.99)
+    session.messages(TOPIC, [[0.0]] * len(times), times, latency_s=0.001)
+    # A delay of 30 ms in each 50 ms: a message waits 9 ms on average, and 4 ms are allowed in any case.
+    session.process("it", [row(999, mean_ms, 500.0)], exited_ns=at(10.2))
+    session.disturbed("it", *((n / 20, 0.03) for n in range(2, 200)))
+    assert judged("reported_traffic", REPORTED, session).outcome is outcome
 
 
 def test_the_machine_does_not_excuse_counts_of_what_never_was(tmp_path: Path) -> None:

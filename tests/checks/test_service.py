@@ -88,6 +88,17 @@ def test_no_service_fails(tmp_path: Path) -> None:
     assert judged("service_offered", OFFERED, Session(tmp_path), submission(it=None)).measured == "no such file"
 
 
+@pytest.mark.parametrize(("ends_s", "outcome"), [(0.8, Outcome.FAILED), (1.2, Outcome.PASSED)])
+def test_a_service_that_nobody_could_call_is_not_offered(tmp_path: Path, ends_s: float, outcome: Outcome) -> None:
+    """What was in the graph for a moment, of a node that ended before the first call, is no service."""
+    session = (
+        Session(tmp_path).service(NAME).process("it", interrupted_ns=None, ended_by="itself", exited_ns=at(ends_s))
+    )
+    finding = judged("service_offered", OFFERED, called(session, "enable", call(None)))
+    assert finding.outcome is outcome
+    assert outcome is Outcome.PASSED or "already ended" in finding.reason
+
+
 # -- one answer ------------------------------------------------------------------------------------
 
 
@@ -189,14 +200,6 @@ def test_silence_is_charged_once(tmp_path: Path) -> None:
     """After a call without an answer, a second one is not reached."""
     session = called(called(Session(tmp_path).process(), "first", call(None, 3.0)), "enable", call(None, 3.0))
     assert judged("call_answered", ANSWERED, session).outcome is Outcome.NOT_REACHED
-
-
-@pytest.mark.parametrize(("line", "credit"), [("Robot disabled", "0.667"), ("callback", "0")])
-def test_what_the_log_shows_of_an_unanswered_call_counts_in_part(tmp_path: Path, line: str, credit: str) -> None:
-    """After a first silence, a call that the program did by its log earns a part; one that it did not earns nothing."""
-    session = called(Session(tmp_path).process("it", [line]), "first", call(None, 3.0))
-    finding = judged("call_answered", {**ANSWERED, "message": "disabled"}, called(session, "enable", call(None, 3.0)))
-    assert finding.credit == Decimal(credit)
 
 
 def test_what_the_students_type_cannot_ask_for_fails(tmp_path: Path) -> None:

@@ -17,7 +17,6 @@ from grader.classroom.job import Row
 from grader.classroom.journal import UNJUDGED, Journal
 from grader.classroom.progress import RunProgress
 from grader.classroom.scheduler import Machine
-from grader.cohort.entries import NOTHING_SUBMITTED
 from grader.errors import GraderError
 from grader.judging.rubrics import read_rubric
 from grader.lab.kept_lab import lab_folder
@@ -50,7 +49,7 @@ def result(folder: Path, name: str) -> None:
 
 
 def test_all_who_are_known_are_reported_once(tmp_path: Path) -> None:
-    """Those of this run, those graded before, and those who have not handed in, in the order of their names."""
+    """Those of this run and those graded before, in the order of their names."""
     for name in ("ann", "cem", "old"):
         result(tmp_path, name)
     (tmp_path / ".unfinished").mkdir()
@@ -59,14 +58,13 @@ def test_all_who_are_known_are_reported_once(tmp_path: Path) -> None:
         Row(source("bob"), GraderError("the submission is empty")),
         Row(source("cem"), GraderError("the disk is full")),
     ]
-    entries = entries_of(tmp_path, rows, ["dan", "old"])
-    assert [entry.name for entry in entries] == ["ann", "bob", "cem", "dan", "old"]
-    ann, bob, cem, dan, old = entries
+    entries = entries_of(tmp_path, rows)
+    assert [entry.name for entry in entries] == ["ann", "bob", "cem", "old"]
+    ann, bob, cem, old = entries
     assert (ann.result, ann.problem) == (result_named("ann"), "")
     assert (ann.student_id, ann.submitted_at) == ("id of ann", NOON)
     assert (bob.result, bob.problem, bob.student_id) == (None, "the submission is empty", "id of bob")
     assert (cem.result, cem.problem) == (None, "the disk is full"), "an earlier result is not this submission's"
-    assert (dan.result, dan.problem) == (None, NOTHING_SUBMITTED)
     assert (old.result, old.problem) == (result_named("old"), ""), "whoever has a result has handed in"
 
 
@@ -79,7 +77,7 @@ def test_the_time_that_an_archive_tells_is_kept(tmp_path: Path) -> None:
     record.submitted_at, record.student_id = NOON.isoformat(), "7"
     write_submission(results / "ann" / RECORDINGS, record)
     row = Row(SubmissionSource("ann", (Piece(Path("ann.zip")),)), result_named("ann"))
-    (entry,) = entries_of(results, [row], [])
+    (entry,) = entries_of(results, [row])
     assert (entry.submitted_at, entry.student_id) == (NOON, "7")
 
 
@@ -93,11 +91,10 @@ def test_what_was_recorded_is_judged_again_where_that_suffices(tmp_path: Path) -
     (tmp_path / "overrides.yaml").write_text(decided, encoding="utf-8")
     rubric = read_rubric(None)
     options = Options(Path(sys.executable), overrides=load_overrides(tmp_path / "overrides.yaml", rubric))
-    key = fingerprint.combined(
-        fingerprint.engine_sha256(), fingerprint.lab_sha256(rubric), fingerprint.options_sha256(options)
-    )
+    lab, chosen = fingerprint.lab_sha256(rubric), fingerprint.options_sha256(options)
+    key = fingerprint.sha256_of((fingerprint.engine_sha256(), lab, chosen))
     with open_submission(SubmissionSource.of(handed_in)) as intake:
-        key = fingerprint.combined(key, fingerprint.submission_sha256(intake))
+        key = fingerprint.sha256_of((key, fingerprint.submission_sha256(intake)))
 
     def graded(journal: Journal) -> Row:
         display = RunProgress(Console(file=io.StringIO()), 1)

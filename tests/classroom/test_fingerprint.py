@@ -14,7 +14,7 @@ from grader.classroom import fingerprint
 from grader.judging.rubrics import read_overrides, read_rubric
 from grader.lab.rubric import Rubric
 from grader.pipeline import Options
-from grader.submission.extraction import Intake, open_submission
+from grader.submission.extraction import Intake, SubmissionSource, open_submission
 
 ROOT = Path(__file__).parents[2]
 OPTIONS = Options(Path(sys.executable))
@@ -76,7 +76,7 @@ def test_names_and_contents_cannot_be_mixed_up(tmp_path: Path) -> None:
         folder.mkdir()
         for name, text in files.items():
             (folder / name).write_text(text)
-        hashes.add(fingerprint.submission_sha256(Intake(folder, "ann")))
+        hashes.add(fingerprint.submission_sha256(Intake(folder, SubmissionSource("ann", ()))))
     assert len(hashes) == 4
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import subprocess
 import sys
+import time
 import uuid
 from collections.abc import Callable, Coroutine
 from typing import Any
@@ -12,7 +13,8 @@ from typing import Any
 import pytest
 
 from grader.classroom.scheduler import MOST_SLOTS, Machine
-from grader.live.sandbox.isolation import Form, Isolation, Level
+from grader.live.sandbox.isolation import Isolation, Level
+from grader.live.sandbox.namespaces import Form
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="abstract sockets are Linux's own")
 
@@ -50,6 +52,27 @@ def test_as_many_as_there_are_places() -> None:
         give_back = await third
         give_back()
         first()
+
+    asyncio.run(scenario())
+
+
+@pytest.mark.parametrize(("share", "more"), [(0.8, 2), (0.2, 0)])
+def test_idle_cores_take_more_one_after_another(share: float, more: int) -> None:
+    """Beyond its slots a machine takes one sandbox after another while its cores have little to do, up to a number."""
+
+    async def scenario() -> None:
+        slots = Machine(1, f"grade-test-{uuid.uuid4().hex}", spare=2, idle_s=lambda: share * time.monotonic())
+        held = [await slots.take()]
+        for _ in range(more):
+            began_s = time.monotonic()
+            held.append(await slots.take())
+            assert time.monotonic() - began_s >= 1.0
+        waiting = asyncio.ensure_future(slots.take())
+        await asyncio.sleep(1.5)
+        assert not waiting.done()
+        for give_back in held:
+            give_back()
+        (await waiting)()
 
     asyncio.run(scenario())
 

@@ -85,6 +85,6 @@ def test_who_is_on_the_page_from_earlier_runs_is_reported(tmp_path: Path) -> Non
     rows = [Row(SubmissionSource("ann", ()), Result("ann", "Lab 1", Score(Decimal(1), Decimal(1), Decimal(0)), ()))]
     console = Console(file=io.StringIO(), width=200)
     options = Namespace(output=tmp_path, class_list=None, anonymous=False)
-    _report_class(rows, ("zoe",), read_rubric(None), options, console)
+    _report_class(rows, read_rubric(None), options, console)
     assert isinstance(console.file, io.StringIO)
     assert "Results of earlier runs, on the page too: old." in console.file.getvalue()

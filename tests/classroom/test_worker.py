@@ -147,7 +147,8 @@ def test_a_submission_does_not_keep_the_others_from_the_machine(case: Case) -> N
     case.job = replace(case.job, rubric=read_rubric(case.small.rubric))
     ending = case.ends(alone_s=1.0)
     assert isinstance(ending, Result)
-    assert ending.score == Score(Decimal(0), Decimal(1), Decimal(0))
+    # Whether its last recording decides is the machine's affair: tests run beside it.
+    assert (ending.score.earned, ending.score.possible) == (Decimal(0), Decimal(1))
     assert [phase for phase in case.phases if phase.startswith("waits")][:2] == ["waits", "waits to run alone"]
     assert case.phases.count("waits to run alone") == 1
     assert case.phases.count("waits") == 2

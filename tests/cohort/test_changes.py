@@ -59,7 +59,7 @@ def test_a_check_with_other_points(judged: dict[str, Any]) -> None:
     criterion, check = changes.parts
     assert (criterion.id, criterion.before, criterion.after) == ("publisher", Decimal(20), Decimal("17.5"))
     assert (check.id, check.before, check.after) == ("publisher.rate", Decimal(5), Decimal("2.5"))
-    assert (check.outcome_before, check.outcome_after) == (Outcome.PASSED, Outcome.PARTIAL)
+    assert check.outcomes == (Outcome.PASSED, Outcome.PARTIAL)
     assert changes.difference == criterion.difference == check.difference == Decimal("-2.5")
     assert changes.words
 
@@ -79,7 +79,7 @@ def test_undecided_points_matter(judged: dict[str, Any]) -> None:
     before["score"]["undecided"] = 6
     changes = compared(before, judged)
     assert changes.matters
-    assert (changes.undecided_before, changes.undecided_after) == (Decimal(6), Decimal(0))
+    assert changes.undecided == (Decimal(6), Decimal(0))
 
 
 def test_words_alone_do_not_matter(judged: dict[str, Any]) -> None:
@@ -120,7 +120,7 @@ def test_checks_that_came_and_went(judged: dict[str, Any]) -> None:
         ("gone", False, True),
     ]
     check, *others = changes.at("check")
-    assert (check.id, check.before, check.after, check.outcome_before) == ("publisher.rate", None, Decimal(5), None)
+    assert (check.id, check.before, check.after, check.outcomes[0]) == ("publisher.rate", None, Decimal(5), None)
     assert {(c.before is None, c.after is None) for c in others} == {(True, False), (False, True)}
 
 

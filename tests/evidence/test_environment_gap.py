@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grader.evidence.crash.diagnosis import Diagnosis
+from grader.evidence.crash.causes import Diagnosis
 from grader.evidence.environment_gap import environment_gap, is_newer_python, modules_to_look_for
 from grader.recording.submission import PackageFact
 from tests.synthetic import submission

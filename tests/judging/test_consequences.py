@@ -1,7 +1,8 @@
-"""What a mistake costs in all criteria together stays within its class, launched or late as well as alone."""
+"""What a mistake costs in all criteria together stays within its class: alone, launched, late or composed."""
 
 from __future__ import annotations
 
+import tarfile
 from datetime import datetime, timedelta, timezone
 from decimal import Decimal
 from pathlib import Path
@@ -33,6 +34,17 @@ MISTAKES = {
     "qos_invented_numbers": ("qos", "is measurably off"),
     "signed_mean_statistics": ("subscriber", "is measurably off"),
 }
+#: Sessions of submissions that launch the three nodes in one process -> what the mistake in it costs alone, and where.
+COMPOSED = {
+    "solution": ("", 0),
+    "strict_six_joints": ("publisher", 5),
+    "wrong_type_publisher": ("publisher", 4),
+    "wrong_node_name": ("publisher", 1),
+    "crash_on_early_state": ("subscriber", 4),
+    "signed_mean_statistics": ("subscriber", 2),
+    "service_crashes_on_enable": ("service", 14),
+    "service_never_answers": ("service", 14),
+}
 
 
 @pytest.fixture(scope="module")
@@ -61,3 +73,15 @@ def test_one_mistake_costs_what_its_consequence_does(name: str, rubric: Rubric) 
     late = adjust(result, (), policy, due + timedelta(hours=1))
     assert lost_in_sessions(late) == lost
     assert abs(late.final - late.score.earned * Decimal("0.9")) <= Decimal("0.05")
+
+
+@pytest.mark.parametrize("name", COMPOSED)
+def test_a_mistake_costs_no_more_where_nodes_share_a_process(name: str, tmp_path: Path, rubric: Rubric) -> None:
+    """Though the others end or wait with the node at fault, it costs what it does alone, in its own criterion."""
+    with tarfile.open(KEPT.with_name("composed_recordings") / f"{name}.tar.xz") as archive:
+        archive.extractall(tmp_path, filter="data")
+    result = judge(open_recordings(tmp_path, rubric), rubric)
+    criterion, cost = COMPOSED[name]
+    losing = {each.id for each in result.criteria for check in each.checks if check.session and check.lost}
+    assert losing == ({criterion} if criterion else set())
+    assert lost_in_sessions(result) == cost

@@ -22,12 +22,12 @@ from grader.checks.registry import REGISTRY, Check
 from grader.classroom.expectations import Verdict, compare, load_fixture
 from grader.errors import RecordingError
 from grader.judging.attempts import undecided_sessions
-from grader.judging.judge import Recordings, judge, judge_checks, open_recordings
+from grader.judging.judge import Recordings, judge, judge_checks, open_recordings, violations_of
 from grader.judging.rubrics import read_rubric
 from grader.lab.rubric import Rubric
 from grader.recording.session import OutputLine, SessionRecord, Usage, read_session, write_session
 from grader.recording.submission import SUBMISSION_FILE, read_submission, write_submission
-from grader.result import CheckResult, Outcome, Result, Score, to_json
+from grader.result import CheckResult, Finding, Outcome, Result, Score, to_json
 
 ROOT = Path(__file__).resolve().parents[2]
 KEPT = ROOT / "tests/recordings"
@@ -57,6 +57,12 @@ def copy(tmp_path: Path) -> Path:
 def checks_of(result: Result) -> dict[str, CheckResult]:
     """Give the results of all checks by their ids."""
     return {check.id: check for criterion in result.criteria for check in criterion.checks}
+
+
+def findings_of(folder: Path, rubric: Rubric) -> dict[str, Finding]:
+    """Give what all checks find in recordings."""
+    recordings = open_recordings(folder, rubric)
+    return judge_checks(recordings, rubric, violations_of(recordings, rubric))
 
 
 @cache
@@ -178,7 +184,7 @@ def test_a_check_that_breaks_costs_nothing(
     def broken(context: object, parameters: object) -> Any:
         raise ZeroDivisionError("inside")
 
-    monkeypatch.setitem(REGISTRY, check, Check(REGISTRY[check].parameters, broken))
+    monkeypatch.setitem(REGISTRY, check, Check(broken))
     result = judge(solution, rubric)
     mine = [spec for spec in rubric.checks() if spec.check == check]
     assert lost(result) == 0
@@ -260,7 +266,7 @@ def test_what_a_program_can_bring_about_is_not_undecided_for_ever(copy: Path, ru
     for attempt, attempts, decided in ((1, 0, False), (2, 2, False), (3, 0, True), (1, 3, True)):
         kept = dataclasses.replace(record, attempt=attempt, attempts=attempts)
         write_session(copy / "subscriber", kept)
-        finding = judge_checks(open_recordings(copy, rubric), rubric)["subscriber.receives"]
+        finding = findings_of(copy, rubric)["subscriber.receives"]
         assert finding.outcome is (Outcome.FAILED if decided else Outcome.INCONCLUSIVE)
         assert ("The session was recorded 3 times" in finding.reason) == decided
 
@@ -299,7 +305,7 @@ def test_what_hangs_on_an_undecided_check_is_undecided(
     def broken(context: object, parameters: object) -> Any:
         raise ZeroDivisionError
 
-    monkeypatch.setitem(REGISTRY, "topic_published", Check(REGISTRY["topic_published"].parameters, broken))
+    monkeypatch.setitem(REGISTRY, "topic_published", Check(broken))
     checks = checks_of(judge(solution, rubric))
     assert checks["publisher.rate"].outcome is Outcome.INCONCLUSIVE
     assert "Publishes joint commands" in checks["publisher.rate"].reason
@@ -307,8 +313,7 @@ def test_what_hangs_on_an_undecided_check_is_undecided(
 
 def test_a_check_that_fails_lets_those_that_require_it_rest(rubric: Rubric) -> None:
     """What needs a failed check is not reached, and names it."""
-    record = open_recordings(KEPT / "missing_service_file", rubric)
-    findings = judge_checks(record, rubric)
+    findings = findings_of(KEPT / "missing_service_file", rubric)
     for spec in rubric.checks():
         if spec.id in findings and findings[spec.id].outcome is Outcome.NOT_REACHED:
             assert any(findings[r].outcome in (Outcome.FAILED, Outcome.NOT_REACHED) for r in spec.requires)
@@ -454,11 +459,11 @@ def test_the_check_that_readme_shows_can_be_used(tmp_path: Path, monkeypatch: py
     assert code is not None
     names: dict[str, Any] = {**vars(publisher_checks), "passed": passed}
     exec(code[1], names)
-    monkeypatch.setitem(REGISTRY, "topic_silent", Check(names["TopicSilent"], names["topic_silent"]))
+    monkeypatch.setitem(REGISTRY, "topic_silent", Check(names["topic_silent"]))
     text = (ROOT / "rubric.yaml").read_text(encoding="utf-8")
     used = re.sub(r"check: topic_jitter\n( +)with: .*", r"check: topic_silent\n\1with: {topic: /joint_commands}", text)
     assert used != text
     (tmp_path / "rubric.yaml").write_text(used, encoding="utf-8")
     rubric = read_rubric(tmp_path / "rubric.yaml")
-    finding = judge_checks(open_recordings(KEPT / "solution", rubric), rubric)["publisher.steady"]
+    finding = findings_of(KEPT / "solution", rubric)["publisher.steady"]
     assert finding.reason == "Something publishes on /joint_commands."

@@ -47,7 +47,7 @@ pytestmark = pytest.mark.live
 GRADE = Path(sys.executable).parent / "grade"
 SCHEMA = result_schema()
 HONEST = "honest"
-#: The whole corpus in all environments takes a quarter of an hour: `make attacks`. Or some, by their names and commas.
+#: The whole corpus in all environments takes most of an hour: `make attacks`. Or some, by their names and commas.
 CHOSEN = os.environ.get("ATTACKS", "")
 #: Attacks that are graded by one command.
 MOST_IN_BATCH = 6
@@ -170,9 +170,9 @@ def account() -> Iterator[tuple[int, int]]:
 def short_rubric() -> str:
     """Return the lab's rubric with a shorter window: what is attacked here is not the publisher's rate."""
     text = (ROOT / "rubric.yaml").read_text(encoding="utf-8")
-    window = "observe: {duration_s: 6, first_message_on: /joint_commands}"
+    window = "observe: {duration_s: 6, extend_s: 4, first_message_on: /joint_commands}"
     assert text.count(window) == 1
-    return text.replace(window, window.replace("6", "2"))
+    return text.replace(window, window.replace("6, extend_s: 4", "2"))
 
 
 def run_batch(batch: Batch, folder: Path) -> Graded:

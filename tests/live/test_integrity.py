@@ -194,10 +194,14 @@ def test_other_nodes_in_the_network_are_a_problem(tmp_path: Path, monkeypatch: p
             monkeypatch.setenv(name, value)
     rclpy.init(context=context, domain_id=domain_id)
     stranger = rclpy.create_node("stranger", context=context)
-    settings = {"folder": str(tmp_path), "name": "bag", "domain_id": domain_id, "reference_nodes": [], "expected": []}
     # It looks until it knows, and not half a second: how soon it hears of others is not what is shown.
-    program = "from grader.live.ros_node import director; director._FOREIGN_S = 30.0; director.main()"
-    command = [sys.executable, "-I", "-c", program, json.dumps(settings)]
+    program = f"""
+from pathlib import Path
+from grader.live.ros_node import director
+director._FOREIGN_S = 30.0
+director.Director(Path({str(tmp_path)!r}), "bag", {domain_id}, set(), set()).serve()
+"""
+    command = [sys.executable, "-I", "-c", program]
     try:
         run = subprocess.run(
             command, input='{"op": "stop"}\n', env=environment, cwd="/", capture_output=True, text=True, timeout=60

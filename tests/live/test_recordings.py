@@ -77,7 +77,7 @@ def test_other_readers_agree_with_ours(session: str, alice: Graded) -> None:
             ours.source_ns.tolist(), ours.sequence.tolist(), ours.received_ns.tolist(), ours.data, strict=True
         )
         assert {(a, b, c, bytes(d)) for a, b, c, d in columns} == wanted
-        assert all(message is not None for message in ours.messages())
+        assert all(message is not None for message in ours.messages)
 
 
 def test_values_are_those_that_were_published(alice: Graded) -> None:

@@ -75,7 +75,7 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
     assert np.all(stream.received_ns - stream.source_ns == 100_000)
     assert stream.data[2] == floats(3, -3)
     assert [list(values) for values in stream.field("data")] == [[n, -n] for n in range(1, 21)]
-    assert all(message is not None for message in stream.messages())
+    assert all(message is not None for message in stream.messages)
 
 
 def test_other_readers_agree(tmp_path: Path) -> None:
@@ -226,7 +226,7 @@ def test_malformed_messages_are_counted(tmp_path: Path) -> None:
 
     stream = Bag.open(tmp_path).stream("/a")
     values = stream.field("data")
-    assert [m is None for m in stream.messages()] == [False, *[True] * 5, False, False]
+    assert [m is None for m in stream.messages] == [False, *[True] * 5, False, False]
     assert np.isnan(values[6][0])
     assert np.isinf(values[6][1])
     assert len(values[7]) == 0
@@ -253,7 +253,7 @@ def test_random_bytes_never_raise(tmp_path: Path) -> None:
     bag = Bag.open(tmp_path)
     started = time.process_time()
     for topic_type in types:
-        assert len(bag.stream("/a", topic_type).messages()) == 300
+        assert len(bag.stream("/a", topic_type).messages) == 300
     assert time.process_time() - started < 5
 
 

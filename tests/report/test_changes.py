@@ -22,11 +22,11 @@ def change(
 ) -> Changes:
     """Give what changes for a submission, all of it in one check; nothing where the points are equal."""
     if before is None or before == after:
-        return Changes(name, None if before is None else Decimal(before), Decimal(after), *_NONE, words=words)
+        return Changes(name, None if before is None else Decimal(before), Decimal(after), _NONE, _NONE, words=words)
     difference = Decimal(after) - Decimal(before)
-    check = Change("check", "p.rate", "Rate", Decimal(6), 6 + difference, Outcome.PASSED, outcome)
+    check = Change("check", "p.rate", "Rate", Decimal(6), 6 + difference, (Outcome.PASSED, outcome))
     criterion = Change("criterion", "p", "Publisher", Decimal(20), 20 + difference)
-    return Changes(name, Decimal(before), Decimal(after), *_NONE, (criterion, check), words=True)
+    return Changes(name, Decimal(before), Decimal(after), _NONE, _NONE, (criterion, check), words=True)
 
 
 _NONE = (Decimal(0), Decimal(0))
@@ -71,16 +71,16 @@ def test_a_class_is_summed_up_by_check() -> None:
 
 def test_another_total_is_reported() -> None:
     """Where a rubric has fewer points in all, that is said once for all whom it concerns; renamed checks have ids."""
-    checks = [Change("check", f"p.{n}", "Rate", None, Decimal(6), None, Outcome.PASSED) for n in "ab"]
+    checks = [Change("check", f"p.{n}", "Rate", None, Decimal(6), (None, Outcome.PASSED)) for n in "ab"]
     criterion = Change("criterion", "p", "Publisher", Decimal(20), Decimal(20))
     each = [
-        Changes(name, Decimal(100), Decimal(90), *_NONE, (criterion, *checks), True, Decimal(100), Decimal(90))
+        Changes(name, Decimal(100), Decimal(90), _NONE, (Decimal(100), Decimal(90)), (criterion, *checks), True)
         for name in ("ann", "bob")
     ]
     text = printed(*each, change("eve", "90", "88"))
     assert text.count("2 submissions: of 90 points, before of 100") == 1
     assert "Rate (p.a) not there → passed" in text
-    only = Changes("ann", Decimal(9), Decimal(9), *_NONE, (), True, Decimal(100), Decimal(90))
+    only = Changes("ann", Decimal(9), Decimal(9), _NONE, (Decimal(100), Decimal(90)), (), True)
     assert "1 submission: of 90 points, before of 100" in printed(only)
 
 
@@ -100,9 +100,11 @@ def test_a_first_result_has_nothing_before_it() -> None:
 def test_outcomes_adjustments_and_undecided_points_are_reported() -> None:
     """What is not a matter of a check's points has its line too."""
     adjusted = Change("adjustment", "score", "bonus", Decimal(0), Decimal(3))
-    check = Change("check", "p.rate", "Rate", None, Decimal(0), None, Outcome.NOT_REACHED)
+    check = Change("check", "p.rate", "Rate", None, Decimal(0), (None, Outcome.NOT_REACHED))
     criterion = Change("criterion", "p", "Publisher", Decimal(4), Decimal(4))
-    text = printed(Changes("ann", Decimal(1), Decimal(4), Decimal(6), Decimal(0), (criterion, check, adjusted)))
+    text = printed(
+        Changes("ann", Decimal(1), Decimal(4), (Decimal(6), Decimal(0)), _NONE, (criterion, check, adjusted))
+    )
     assert "bonus: score 0 → 3 +3" in text
     assert "undecided 6 → 0" in text
     assert "Rate not there → not reached none → 0" in text
@@ -129,7 +131,7 @@ def rows(*changes: Changes) -> list[dict[str, str]]:
 def test_a_row_for_each_part() -> None:
     """Total, criterion, check and adjustment have a row each, with numbers as numbers."""
     adjusted = Change("adjustment", "score", "late", Decimal(0), Decimal("-2.5"))
-    found = rows(change("ann", "90", "84.5"), Changes("bob", Decimal(9), Decimal("6.5"), *_NONE, (adjusted,)))
+    found = rows(change("ann", "90", "84.5"), Changes("bob", Decimal(9), Decimal("6.5"), _NONE, _NONE, (adjusted,)))
     assert [(row["submission"], row["level"], row["id"], row["difference"]) for row in found] == [
         ("ann", "total", "", "-5.5"),
         ("ann", "criterion", "p", "-5.5"),

@@ -12,6 +12,7 @@ import struct
 import tarfile
 import tempfile
 import time
+import uuid
 import zipfile
 from collections.abc import Callable
 from contextlib import suppress
@@ -262,11 +263,12 @@ def refused_soon(packed: bytes, folder: Path) -> str:
     """Hand in an archive that is too much; returns why it is refused, after little time and with nothing left."""
     path = folder / "bomb"
     path.write_bytes(packed)
+    prefix = f"{uuid.uuid4().hex}-"  # folders of tests that run side by side may have the same name
     started_s = time.process_time() + children_s()
-    with pytest.raises(SubmissionError) as caught, open_submission(path, prefix=f"{folder.name}-"):
+    with pytest.raises(SubmissionError) as caught, open_submission(path, prefix=prefix):
         pass
     assert time.process_time() + children_s() - started_s < SOON_S
-    assert not list(Path(tempfile.gettempdir()).glob(f"{folder.name}-*"))
+    assert not list(Path(tempfile.gettempdir()).glob(f"{prefix}*"))
     assert caught.value.exit_status == 3
     return f"{caught.value.problem}. {caught.value.remedy}"
 

@@ -17,7 +17,7 @@ from grader.lab.rubric import Rubric
 from grader.recording.submission import SubmissionRecord
 from grader.submission import artifacts as module
 from grader.submission.artifacts import decode_text, read_submission, read_submission_folder
-from grader.submission.extraction import Intake, open_submission
+from grader.submission.extraction import Intake, SubmissionSource, open_submission
 
 SOLUTION = Path(__file__).resolve().parents[2] / "reference/solution"
 FILES = {
@@ -182,7 +182,9 @@ def test_an_archive_is_read_as_its_folder(folder: Path, rubric: Rubric) -> None:
 def test_what_is_known_of_the_intake_is_recorded(folder: Path, rubric: Rubric) -> None:
     """Name, time and what was left out go into the record."""
     time = datetime(2026, 3, 2, 23, 41, tzinfo=timezone.utc)
-    record = read_submission(Intake(folder, "Ann Müller", ("x.pyc: compiled code",), time), rubric)
+    record = read_submission(
+        Intake(folder, SubmissionSource("Ann Müller", (), submitted_at=time), ("x.pyc: compiled code",)), rubric
+    )
     assert (record.name, record.left_out) == ("Ann Müller", ["x.pyc: compiled code"])
     assert record.submitted_at == "2026-03-02T23:41:00+00:00"
 

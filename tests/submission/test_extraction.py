@@ -9,6 +9,7 @@ import shutil
 import tarfile
 import tempfile
 import unicodedata
+import uuid
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -96,14 +97,14 @@ def test_files_come_in_whatever_the_form(form: str, tmp_path: Path) -> None:
 
 def test_the_clean_folder_is_gone_afterwards(tmp_path: Path) -> None:
     """Nothing of a submission stays, also not of one that is refused."""
-    before = set(Path(tempfile.gettempdir()).glob("grade-test-*"))
-    with open_submission(lay_out(tmp_path / "ann", {"a.py": b""}), prefix="grade-test-") as intake:
-        assert intake.name == "ann"
+    prefix = f"{uuid.uuid4().hex}-"
+    with open_submission(lay_out(tmp_path / "ann", {"a.py": b""}), prefix=prefix) as intake:
+        assert intake.source.name == "ann"
         assert intake.folder.is_dir()
     (tmp_path / "bad.zip").write_bytes(zip_of([("a.py", PROGRAM)])[:-10])
-    with pytest.raises(SubmissionError), open_submission(tmp_path / "bad.zip", prefix="grade-test-"):
+    with pytest.raises(SubmissionError), open_submission(tmp_path / "bad.zip", prefix=prefix):
         pass
-    assert set(Path(tempfile.gettempdir()).glob("grade-test-*")) == before
+    assert not list(Path(tempfile.gettempdir()).glob(f"{prefix}*"))
 
 
 @pytest.mark.parametrize("name", ["alice.zip", "alice.tar.gz", "alice.TGZ", "alice.tar.xz", "alice"])
@@ -111,7 +112,7 @@ def test_an_archive_has_the_name_of_its_file(tmp_path: Path, name: str) -> None:
     """The suffix is no part of the name, and says nothing of the contents."""
     (tmp_path / name).write_bytes(zip_of([("a.py", PROGRAM)]))
     with open_submission(tmp_path / name) as intake:
-        assert (intake.name, list(kept(intake))) == ("alice", ["a.py"])
+        assert (intake.source.name, list(kept(intake))) == ("alice", ["a.py"])
 
 
 def test_a_single_file_is_a_submission(tmp_path: Path) -> None:
@@ -150,12 +151,12 @@ def test_the_time_is_that_of_the_newest_file_that_came_in(tmp_path: Path) -> Non
         members.append((info, PROGRAM))
     (tmp_path / "ann.tar").write_bytes(tar_of(members))
     with open_submission(tmp_path / "ann.tar") as intake:
-        assert intake.submitted_at == datetime(2026, 3, 2, tzinfo=timezone.utc)
+        assert intake.source.submitted_at == datetime(2026, 3, 2, tzinfo=timezone.utc)
     told = datetime(2026, 4, 1, tzinfo=timezone.utc)
     with open_submission(replace(SubmissionSource.of(tmp_path / "ann.tar"), submitted_at=told)) as intake:
-        assert intake.submitted_at == told
+        assert intake.source.submitted_at == told
     with open_submission(lay_out(tmp_path / "ann", {"a.py": b""})) as intake:
-        assert intake.submitted_at is None
+        assert intake.source.submitted_at is None
 
 
 # -- what is left out --------------------------------------------------------------------------------
@@ -214,7 +215,7 @@ def test_a_given_path_may_be_a_link(tmp_path: Path) -> None:
     lay_out(tmp_path / "ann", {"a.py": b"1"})
     (tmp_path / "latest").symlink_to(tmp_path / "ann")
     with open_submission(tmp_path / "latest") as intake:
-        assert (intake.name, list(kept(intake))) == ("ann", ["a.py"])
+        assert (intake.source.name, list(kept(intake))) == ("ann", ["a.py"])
 
 
 def test_special_files_are_never_opened(tmp_path: Path) -> None:

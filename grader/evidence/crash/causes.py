@@ -7,9 +7,9 @@ import functools
 import re
 import sys
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import yaml
 
@@ -24,13 +24,23 @@ _SUGGESTED = re.compile(r"Did you mean:? '([^']{1,80})'\?")
 _ALIKE = 0.6
 
 
-class Cause(NamedTuple):
-    """What happened: a slug, what a student reads of it, how to fix it, and the name that it is about."""
+@dataclass(frozen=True)
+class Diagnosis:
+    """What went wrong in a process."""
 
+    #: A slug, e.g. "read-only-property", stable for fixtures and statistics.
     kind: str
+    #: What happened, for a student.
     problem: str
+    #: How to fix it.
     remedy: str
-    subject: str
+    #: The deepest line of the submission on the way to the exception.
+    file: str | None = None
+    line: int | None = None
+    #: As Python printed it; empty where no exception did it.
+    exception_type: str = ""
+    #: The name that it is about: a module, a topic, a parameter, an attribute.
+    subject: str = ""
 
 
 @dataclass(frozen=True)
@@ -45,7 +55,7 @@ class _Row:
     passes: str = ""
     near: Sequence[str] | None = None
 
-    def fits(self, raised: Raised) -> Cause | None:
+    def fits(self, raised: Raised) -> Diagnosis | None:
         """Give the cause of an exception, None if it is another."""
         text = raised.message.split("\n", 1)[0]
         if self.type and not re.fullmatch(self.type, raised.name):
@@ -58,7 +68,7 @@ class _Row:
         match = re.search(pattern, searched[:_READ])
         return self.cause([match[0], *match.groups("")], raised.name, text) if match is not None else None
 
-    def cause(self, values: Sequence[str], exception: str = "", text: str = "") -> Cause:
+    def cause(self, values: Sequence[str], exception: str = "", text: str = "") -> Diagnosis:
         """Put what was found into the words."""
         kind, problem, remedy, subject = (
             words.format(*values, type=exception, text=text)
@@ -68,7 +78,7 @@ class _Row:
             own = _SUGGESTED.search(text[:_READ])
             near = own[1] if own else _near(subject, self.near)
             problem += f" Did you mean {near}?" if near else ""
-        return Cause(kind, problem, remedy, subject)
+        return Diagnosis(kind, problem, remedy, subject=subject)
 
 
 @functools.cache
@@ -84,32 +94,21 @@ def _rows(section: str) -> tuple[_Row, ...]:
     return tuple(_Row(**row) for row in table()[section])
 
 
-def uses_dead_context(exception: Raised) -> bool:
-    """Whether it comes of using rclpy or a node after it has been shut down."""
-    return cause_of(exception, ()).kind in ("context-shut-down", "not-initialised")
-
-
-def cause_of(raised: Raised, root_files: Collection[str]) -> Cause:
-    """Return what is behind an exception.
-
-    Parameters
-    ----------
-    root_files : collection of str
-        The submission's files, relative to its root.
-    """
+def cause_of(raised: Raised, root_files: Collection[str]) -> Diagnosis:
+    """Return what is behind an exception; `root_files` are the submission's, relative to its root."""
     missing = re.search(r"No module named '?([\w.]{1,200})'?", raised.message[:_READ])
     if missing is not None and raised.name in ("ModuleNotFoundError", "ImportError"):
         return _missing_module(missing[1], root_files)
     return next(cause for row in _rows("exceptions") if (cause := row.fits(raised)) is not None)
 
 
-def cause_of_line(line: str) -> Cause | None:
+def cause_of_line(line: str) -> Diagnosis | None:
     """Return what a line of output says of trouble without an exception."""
     found = ((row, re.search(row.text, line[:_READ])) for row in _rows("lines"))
     return next((row.cause([match[0], *match.groups("")]) for row, match in found if match is not None), None)
 
 
-def _missing_module(module: str, root_files: Iterable[str]) -> Cause:
+def _missing_module(module: str, root_files: Iterable[str]) -> Diagnosis:
     root = module.split(".")[0]
     paths = [Path(file) for file in root_files]
     stems = {path.stem for path in paths if path.suffix == ".py"}
@@ -127,7 +126,7 @@ def _missing_module(module: str, root_files: Iterable[str]) -> Cause:
         kind, near = "missing-module", _near(root, stems | sys.stdlib_module_names)
     cause = next(row for row in _rows("modules") if row.kind == kind).cause([module, module, root, near or ""])
     hint = f" If {near} is meant, correct the name." if near and kind == "missing-module" else ""
-    return cause._replace(remedy=cause.remedy + hint)
+    return replace(cause, remedy=cause.remedy + hint)
 
 
 def _near(name: str, known: Collection[str]) -> str | None:

@@ -8,23 +8,19 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 
 from grader.recording.session import OutputLine
 
+#: Characters of a line that are read.
 LINE_LIMIT = 4000
-"""Characters of a line that are read."""
-
-HEAD_LINES = 2_000
-TAIL_LINES = 20_000
-"""Lines from the end of an output that are read, besides the first `HEAD_LINES`."""
-
+#: Lines from the start and from the end of an output that are read.
+HEAD_LINES, TAIL_LINES = 2_000, 20_000
+#: Tracebacks of one process that are kept, the last ones.
 TRACEBACK_LIMIT = 200
-"""Tracebacks of one process that are kept, the last ones."""
-
+#: Frames of one traceback that are looked at, the deepest ones.
 FRAME_LIMIT = 200
-"""Frames of one traceback that are looked at, the deepest ones."""
 
 _MESSAGE_LINES = 12
 _ANSI = re.compile(r"\x1b\[[0-9;]{0,20}[A-Za-z]")
@@ -80,21 +76,18 @@ def without_colours(text: str) -> str:
     return _ANSI.sub("", text) if "\x1b" in text else text
 
 
-def plain_lines(output: Sequence[OutputLine], stream: str | None = None) -> list[tuple[int, str]]:
-    """Times and texts of one stream's lines, or of all, without colours and the prefixes of a launch."""
-    lines = []
+def plain_lines(output: Sequence[OutputLine]) -> list[OutputLine]:
+    """Lines without colours and the prefixes of a launch."""
     kept = output if len(output) <= HEAD_LINES + TAIL_LINES else [*output[:HEAD_LINES], *output[-TAIL_LINES:]]
-    for line in kept:
-        if stream is None or line.stream == stream:
-            text = without_colours(line.text[:LINE_LIMIT]).rstrip("\r\n")
-            lines.append((line.t_ns, _LAUNCH_PREFIX.sub("", text)))
-    return lines
+    texts = (without_colours(line.text[:LINE_LIMIT]).rstrip("\r\n") for line in kept)
+    return [replace(line, text=_LAUNCH_PREFIX.sub("", text)) for line, text in zip(kept, texts, strict=True)]
 
 
 def tracebacks(output: Sequence[OutputLine]) -> list[Raised]:
     """The exceptions of a process in their order; from standard output only where standard error has none."""
-    found = list(_read(plain_lines(output, "stderr")))
-    return (found or list(_read(plain_lines(output, "stdout"))))[-TRACEBACK_LIMIT:]
+    lines = plain_lines(output)
+    found = ([*_read(line for line in lines if line.stream == stream)] for stream in ("stderr", "stdout"))
+    return next(filter(None, found), [])[-TRACEBACK_LIMIT:]
 
 
 def chains(raised: Sequence[Raised]) -> list[list[Raised]]:
@@ -109,15 +102,7 @@ def chains(raised: Sequence[Raised]) -> list[list[Raised]]:
 
 
 def student_frame(frames: Sequence[Frame], root_files: Collection[str]) -> tuple[str, int] | None:
-    """File and line of the deepest of `frames` that lies in the submission.
-
-    Parameters
-    ----------
-    frames : sequence of Frame
-        Outermost first; their paths may be those in a sandbox.
-    root_files : collection of str
-        The submission's files, relative to its root.
-    """
+    """File and line of the deepest of `frames`, outermost first, that lies in the submission."""
     meant: dict[str, str | None] = {}
     for frame in reversed(frames[-FRAME_LIMIT:]):
         if frame.path not in meant:
@@ -139,14 +124,14 @@ def student_file(path: str, root_files: Collection[str]) -> str | None:
     return best[2] if best[0] >= least else None
 
 
-def _read(lines: Sequence[tuple[int, str]]) -> Iterator[Raised]:
+def _read(lines: Iterable[OutputLine]) -> Iterator[Raised]:
     current: Raised | None = None
     linked = ignored = False
-    for t_ns, raw in lines:
-        if _LOG.match(raw):
+    for raw in lines:
+        if _LOG.match(raw.text):
             continue
-        line = _GROUP_MARGIN.sub("", raw)
-        is_rule, is_header = _GROUP_RULE.match(raw) is not None, _HEADER.match(line) is not None
+        line = _GROUP_MARGIN.sub("", raw.text)
+        is_rule, is_header = _GROUP_RULE.match(raw.text) is not None, _HEADER.match(line) is not None
         starts = is_header or line.startswith(("Exception ignored in", _CAUSE, _DURING))
         if current is not None and (starts or is_rule or _is_over(current, line)):
             if current.type:
@@ -157,7 +142,7 @@ def _read(lines: Sequence[tuple[int, str]]) -> Iterator[Raised]:
         elif starts:
             linked, ignored = linked or line.startswith((_CAUSE, _DURING)), line.startswith("Exception ignored in")
         elif not is_rule:
-            current = _taken(current, line, t_ns)
+            current = _taken(current, line, raw.t_ns)
     if current is not None and current.type:
         yield current
 

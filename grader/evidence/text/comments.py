@@ -13,11 +13,10 @@ from itertools import accumulate
 
 from grader.evidence.text.syntax import expression_tree
 
+#: Fragments tried as Python in one file; more commented-out lines than that are prose to us.
 PARSE_BUDGET = 2000
-"""Fragments tried as Python in one file; more commented-out lines than that are prose to us."""
-
+#: Lines over which a bracket that is open in a comment is followed.
 SPAN_LINES = 25
-"""Lines over which a bracket that is open in a comment is followed."""
 
 _FOR_PROGRAMS = re.compile(
     r"!|\s*-\*-|\s*(?:vim?|emacs|ex)?:.*\b(?:set|coding)\b|\s*coding[:=]|\s*(?:type:|noqa\b|pylint:|flake8:|mypy:|ruff:"
@@ -100,7 +99,8 @@ def _is_surely_code(statement: ast.stmt, fragment: str) -> bool:
     but for a call as in `rms = sqrt(mean(error**2))` and a bracket behind a blank as in prose.
     """
     nodes = list(ast.walk(statement))
-    if not all(_name(node).isascii() for node in nodes):
+    names = (getattr(node, "attr", "") or str(getattr(node, "id", "")) for node in nodes)
+    if not all(map(str.isascii, names)):
         return False
     match statement:
         case ast.FunctionDef() | ast.AsyncFunctionDef() | ast.ClassDef() | ast.ImportFrom() | ast.Raise():
@@ -111,7 +111,3 @@ def _is_surely_code(statement: ast.stmt, fragment: str) -> bool:
             return False
     kinds = {type(node) for node in nodes}
     return ast.Attribute in kinds or (ast.Call in kinds and ast.BinOp not in kinds)
-
-
-def _name(node: ast.AST) -> str:
-    return getattr(node, "attr", "") or str(getattr(node, "id", ""))

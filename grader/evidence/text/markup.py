@@ -7,13 +7,12 @@ from __future__ import annotations
 
 import html
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from markdown_it import MarkdownIt
 
+#: Characters that are read; no README written by hand comes near.
 SIZE_LIMIT = 200_000
-"""Characters that are read; no README written by hand comes near."""
 
 LINE_LIMIT = 20_000
 
@@ -60,21 +59,8 @@ class Section:
     blocks: list[Block] = field(default_factory=list)
 
 
-@dataclass(frozen=True)
-class Document:
-    """A text in sections; `lines` is how many it has."""
-
-    sections: tuple[Section, ...]
-    lines: int
-
-    def blocks(self) -> Iterator[Block]:
-        """All its blocks."""
-        for section in self.sections:
-            yield from section.blocks
-
-
-def read_markdown(text: str) -> Document:
-    """Read a README in Markdown, reStructuredText or plain text. Never raises."""
+def read_markdown(text: str) -> tuple[Section, ...]:
+    """Return the sections of a README in Markdown, reStructuredText or plain text. Never raises."""
     text = _as_markdown(text)
     sections = [Section("", 0, 1)]
     items = level = 0
@@ -95,7 +81,7 @@ def read_markdown(text: str) -> Document:
             else:
                 _read_lines(token.content, line, "item" if items else "paragraph", sections)
             level = 0
-    return Document(tuple(s for s in sections if s.level or s.blocks), text.count("\n") + 1)
+    return tuple(s for s in sections if s.level or s.blocks)
 
 
 def _is_sentence(code: str) -> bool:

@@ -28,8 +28,8 @@ def with_short_runs(text: str) -> str:
 
 
 _WRAPPING = re.compile(r"np\.float\d*\(|array\(|dtype=\w+|[()]")
+#: What may stand between numbers and behind them.
 _ONLY_NUMBERS = re.compile(r"(?:[\s,;|│┃║'\"\[\]{}]|\b(?:rad|deg|m|mm|s|ms)\b|°)*")
-"""What may stand between numbers and behind them."""
 
 #: A letter of any script, and an element's name with its number before its value.
 _LETTER = r"[^\W\d_]"
@@ -51,10 +51,10 @@ class Report:
 
     t_ns: int
     value: float
+    #: Half a unit of the last place that was printed, 0 where that is coarser than the second.
     rounding: float = 0.0
-    """Half a unit of the last place that was printed, 0 where that is coarser than the second."""
+    #: What stands before the number, as far as the pattern reads it.
     lead_in: str = ""
-    """What stands before the number, as far as the pattern reads it."""
 
 
 def reports(recorded: Recorded, artifact: str, patterns: Sequence[str]) -> list[Report]:
@@ -112,16 +112,10 @@ def printed_vector(
 ) -> PrintedVector | None:
     """Return the last vector printed behind a label, as ``Mean: [0.1 0.2]``; it may run over several lines.
 
-    Parameters
-    ----------
-    labels : sequence of str
-        Words, matched in any case; the first of them counts that has numbers.
-    after_ns : int, optional
-        In what was printed from then on other forms count too: numbers without brackets as in ``Mean: 0.1, 0.2``,
-        a table with the label over a column or before a row, or lines that say ``mean = 0.1`` of one element each.
-    unless : str, optional
-        A regular expression; where it is found between the beginning of the line and the numbers, they are of
-        something else.
+    Of several labels, matched in any case, the first counts that has numbers. In what was printed after a time other
+    forms count too: numbers without brackets as in ``Mean: 0.1, 0.2``, a table with the label over a column or before a
+    row, or lines that say ``mean = 0.1`` of one element each. Where the regular expression `unless` is found between
+    the beginning of the line and the numbers, they are of something else.
     """
     output = [replace(line, text=with_short_runs(without_colours(line.text))) for line in output]
     there = "\n".join(line.text for line in output).lower()
@@ -139,8 +133,9 @@ def _labelled(
     for stream in ("stdout", "stderr"):
         text = "\n".join(line.text for line in output if line.stream == stream)
         heads = list(re.finditer(head, text, re.IGNORECASE))[-_LAST_LABELS:]
-        ends = [match.end() for match in heads if not _is_of(other, text, match)]
-        vectors = (_vector(text[end : end + _MAX_VECTOR_TEXT]) for end in reversed(ends))
+        begins = [max(text.rfind("\n", 0, head.start()) + 1, head.start() - _MAX_VECTOR_TEXT) for head in heads]
+        own = [h.end() for h, begin in zip(heads, begins, strict=True) if not _tells(other, text[begin : h.end()])]
+        vectors = (_vector(text[end : end + _MAX_VECTOR_TEXT]) for end in reversed(own))
         if found := next(filter(None, vectors), None):
             return _numbers_of(found, "vector")
     if after_ns is None:
@@ -148,7 +143,7 @@ def _labelled(
     last = [line.text[:_MAX_VECTOR_TEXT].rstrip() for line in output if line.t_ns >= after_ns][-_LAST_LINES:]
     room = itertools.accumulate(len(line) for line in reversed(last))
     lines = last[-sum(size <= _LAST_CHARACTERS for size in room) or len(last) :]
-    lines = ["" if other is not None and _before_numbers(line, other) else line for line in lines]
+    lines = ["" if (own_label := _LINE_LABEL.match(line)) and _tells(other, own_label[1]) else line for line in lines]
     behind = next((numbers for line in reversed(lines) if (numbers := _behind(line, label))), [])
     if len(behind) > 1:
         return _numbers_of(behind, "vector")
@@ -158,18 +153,13 @@ def _labelled(
     return _numbers_of(behind, "vector") if behind else None
 
 
-def _is_of(other: str | None, text: str, head: re.Match[str]) -> bool:
-    """Whether the beginning of a line, up to the end of a match, tells of something else."""
-    if other is None:
-        return False
-    begin = max(text.rfind("\n", 0, head.start()) + 1, head.start() - _MAX_VECTOR_TEXT)
-    return search(other, text[begin : head.end()], ignore_case=True) is not None
+#: The label with which a line begins.
+_LINE_LABEL = re.compile(r"([^:=\[]*)[:=\[]")
 
 
-def _before_numbers(line: str, other: str) -> bool:
-    """Whether the label with which a line begins tells of something else."""
-    parts = re.split(r"[:=\[]", line, maxsplit=1)
-    return len(parts) > 1 and search(other, parts[0], ignore_case=True) is not None
+def _tells(other: str | None, text: str) -> bool:
+    """Whether a text tells that the numbers behind it are of something else."""
+    return other is not None and search(other, text, ignore_case=True) is not None
 
 
 def _numbers_of(texts: Sequence[str], form: str) -> PrintedVector:

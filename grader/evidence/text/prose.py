@@ -12,16 +12,13 @@ import re
 import unicodedata
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import chain, groupby
 
-from grader.evidence.text.markup import Block, Document, Section, code_spans, own_text, plain_text
+from grader.evidence.text.markup import Block, Section, code_spans, own_text, plain_text
 from grader.evidence.text.source import SourceFacts
 from grader.evidence.text.syntax import normalise, tree_of
 from grader.evidence.text.words import Terms, fold, is_placeholder, measure, normal_form, sentences, words
 from grader.lab.patterns import search
-
-DISCUSSION_WORDS = 8
-"""Distinct own words, besides the concepts' names, from which a passage discusses."""
 
 COMMAND_LIMIT = 500
 _OPENING_WORDS, _OPENING_LENGTH = 3, 40
@@ -63,7 +60,9 @@ def is_source(text: str) -> bool:
     return tree is not None and any(isinstance(node, _OF_SOURCE) for node in tree.body)
 
 
-def visible(document: Document, names: Terms, placeholders: Sequence[str]) -> tuple[list[Block], list[Section]]:
+def visible(
+    document: Sequence[Section], names: Terms, placeholders: Sequence[str]
+) -> tuple[list[Block], list[Section]]:
     """Return the pieces of a document that say something, in order, and the headings with nothing below them.
 
     A heading says something where something stands below it, and is a block of kind "heading" or, if it is the title
@@ -73,9 +72,9 @@ def visible(document: Document, names: Terms, placeholders: Sequence[str]) -> tu
     shown: list[Block] = []
     empty: list[Section] = []
     below: list[tuple[int, bool]] = []
-    least = min((s.level for s in document.sections if s.level), default=0)
-    tops = [s for s in document.sections if s.level == least]
-    for section in reversed(document.sections):
+    least = min((s.level for s in document if s.level), default=0)
+    tops = [s for s in document if s.level == least]
+    for section in reversed(document):
         blocks = [block for block in section.blocks if _says_something(block, names, placeholders)]
         filled = bool(blocks)
         while below and below[-1][0] > section.level:
@@ -103,15 +102,10 @@ def _says_something(block: Block, names: Terms, placeholders: Sequence[str]) -> 
 
 def mention(blocks: Sequence[Block], names: Terms, synonyms: Terms) -> int | None:
     """Return the line in which a part is mentioned by one of its names, or else by a synonym; None if it is in none."""
-    by_name = next((_line_of(block, place) for block in blocks if (place := names.place(block.text)) is not None), None)
-    if by_name is not None:
-        return by_name
-    texts = (block for block in blocks if block.kind != "title")
-    return next((_line_of(block, place) for block in texts if (place := synonyms.place(block.text)) is not None), None)
-
-
-def _line_of(block: Block, place: int) -> int:
-    return block.line + fold(block.text).count("\n", 0, place)
+    by_name = ((block, names.place(block.text)) for block in blocks)
+    by_synonym = ((block, synonyms.place(block.text)) for block in blocks if block.kind != "title")
+    found = ((block, place) for block, place in chain(by_name, by_synonym) if place is not None)
+    return next((block.line + fold(block.text).count("\n", 0, place) for block, place in found), None)
 
 
 # -- how to run it -------------------------------------------------------------------------------------
@@ -165,13 +159,13 @@ def _commands(kind: str, line: str) -> Iterator[str]:
 # -- what is discussed ---------------------------------------------------------------------------------
 
 
-def document_passages(document: Document, file: str) -> tuple[Passage, ...]:
+def document_passages(document: Sequence[Section], file: str) -> tuple[Passage, ...]:
     """Text of a document as passages: paragraphs, each list and each table as a whole, with their headings.
 
     A heading helps to tell what a passage is about; it has no words of its own.
     """
     passages: list[Passage] = []
-    for section in document.sections:
+    for section in document:
         runs = groupby(section.blocks, lambda block: block.kind if block.kind in ("item", "row") else block.line)
         for blocks in (list(run) for _, run in runs):
             if blocks[0].kind != "code":
@@ -190,30 +184,15 @@ def concepts(
     lexicon: Mapping[str, Sequence[str]],
     reasons: Sequence[str] = (),
     anchors: Sequence[str] = (),
-    min_words: int = DISCUSSION_WORDS,
+    min_words: int = 8,
     connectives: Sequence[str] = (),
 ) -> Discussion:
-    """Which concepts of `lexicon` the passages discuss.
+    """Which concepts of `lexicon` the passages discuss; its words and all others are `Terms` in any languages.
 
     A concept is discussed where a passage names it and has at least `min_words` distinct own words besides
-    the names of all concepts, and not more names than words. Passages that repeat another do not count.
-
-    Parameters
-    ----------
-    passages : iterable of Passage
-        From `document_passages` and `source_passages`.
-    lexicon : mapping of str to sequence of str
-        Stems of each concept in any languages, see `Terms`.
-    reasons : sequence of str
-        Words of reason and comparison in any languages. In a language without any here, a passage of twice
-        `min_words` that names two concepts relates them too.
-    anchors : sequence of str
-        Where given, only passages that have one of these terms in them or in their heading are about the
-        matter at all.
-    min_words : int
-        Own words from which a passage discusses.
-    connectives : sequence of str
-        Words that hold a sentence together, in any languages.
+    the names of all concepts, and not more names than words. Passages that repeat another do not count. Where `anchors`
+    are given, only passages that have one of them in them or in their heading are about the matter at all. In a
+    language without any of the `reasons`, a passage of twice `min_words` that names two concepts relates them too.
     """
     anchor = Terms.of(anchors)
     on_topic = (p for p in passages if not anchors or anchor.found(plain_text(f"{p.heading}\n{p.text}")))

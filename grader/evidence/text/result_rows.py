@@ -46,8 +46,8 @@ _UNGROUPED = re.compile(r"(?<![\d.,:/-])\d{4,6}(?!\d|[.,:/-]\d)")
 #: A comma that parts values: behind a word or a bracket, or with more than two values in a row.
 _COMMAS_PART = re.compile(r"[^\W\d],\d|[\"'\])}],|[\[({][^\[\](){}]*\d,\d|\d,\d+(?:\.\d+)?,\d+\.|,\d+\.\d+,")
 
+#: Characters of a line that are read.
 LINE_LIMIT = 1000
-"""Characters of a line that are read."""
 
 #: Lines with a name that are read, from the first and from the last on, and how far above a row its header may be.
 _FIRST_LINES, _LAST_LINES, _HEADER_ABOVE = 20, 40, 60
@@ -81,16 +81,9 @@ def rounding_of(number: str, unit_s: float) -> float:
 def result_row(
     output: Sequence[OutputLine], name: str, others: Sequence[str], *, loosely: bool = False
 ) -> ResultRow | None:
-    """Return what a program's output says of a thing.
+    """Return what a program's output says of a thing, by its name, see `lines_naming`.
 
-    Parameters
-    ----------
-    name : str
-        How the thing is called; it stands in its line as a word of its own.
-    others : sequence of str
-        Names of the things that are also told of: a block of lines ends at one of them.
-    loosely : bool
-        Whether the name may be spelt otherwise, as ``Best Effort`` for ``best_effort``.
+    The `others` are names of the things that are also told of: a block of lines ends at one of them.
     """
     lines = [_LOG_PREFIX.sub("", line.text[:LINE_LIMIT]) for line in output]
     found = []
@@ -128,10 +121,8 @@ def plain_numbers(line: str) -> str:
 def lines_naming(lines: Sequence[str], name: str, *, loosely: bool = False) -> list[int]:
     """Return the places of the lines about a thing: the first and the last of them, where there are too many.
 
-    Parameters
-    ----------
-    loosely : bool
-        In any spelling, as ``Best Effort`` for ``best_effort``; where lines begin with it, those alone.
+    Its name stands there as a word of its own; loosely, it may be spelt otherwise, as ``Best Effort`` for
+    ``best_effort``, and where lines begin with it, those alone count.
     """
     begins = re.split(r"[\W_]+", name)[0].casefold() if loosely else name  # It is found much sooner than a pattern.
     near = ((n, line) for n, line in enumerate(lines) if begins in (line.casefold() if loosely else line))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
 from operator import itemgetter
@@ -167,9 +167,8 @@ def _speaks_for_itself(node: ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassD
     return is_special or (lines < rules.function_lines and node.name != "main")
 
 
-def _units(file: Unit, scopes: Iterable[_Scope]) -> tuple[Unit, ...]:
+def _units(file: Unit, scopes: Sequence[_Scope]) -> tuple[Unit, ...]:
     """Return all units; a file is explained by its classes too, and by `main` where it has nothing else."""
-    scopes = list(scopes)
     others = list({id(scope.unit): scope.unit for scope in scopes if scope.unit is not file}.values())
     if not any(unit.needed for unit in others):
         file.notes += [note for unit in others for note in unit.notes]

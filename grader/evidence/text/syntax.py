@@ -12,8 +12,8 @@ import warnings
 
 from grader.submission.python_source import parse_python
 
+#: Characters that are read; no file written by hand comes near.
 SIZE_LIMIT = 200_000
-"""Characters that are read; no file written by hand comes near."""
 
 #: A comment or a string literal; one that is not closed goes to the end of its line, or of the text.
 _SPAN = re.compile(
@@ -55,8 +55,6 @@ tree_of = functools.lru_cache(maxsize=8)(expression_tree)
 def spans(text: str) -> list[re.Match[str]]:
     """Comments (whose group `comment` matches) and string literals of normalised `text`, whether it is Python or not.
 
-    Notes
-    -----
     A literal in an f-string's replacement field that reuses the string's own quotes (Python 3.12) is taken
     for the string's end; such a mistake ends with the line.
     """

@@ -14,11 +14,10 @@ from dataclasses import dataclass
 
 from grader.lab.patterns import search
 
+#: Han and kana characters that say as much as one spaced word.
 IDEOGRAPHS_PER_WORD = 2
-"""Han and kana characters that say as much as one spaced word."""
-
+#: Letters of Thai, Lao, Khmer and Burmese that say as much as one word.
 LETTERS_PER_UNSPACED_WORD = 4
-"""Letters of Thai, Lao, Khmer and Burmese that say as much as one word."""
 
 _IDEOGRAPH = "\u3041-\u30ff\u31f0-\u31ff\u3400-\u4dbf\u4e00-\u9fff\uf900-\ufaff\U00020000-\U0003ffff"
 _UNSPACED = "\u0e00-\u0eff\u1000-\u109f\u1780-\u17ff"

@@ -23,13 +23,7 @@ STANDIN = HERE / "standin"
 
 
 def main() -> int:
-    """Evaluate the launch file of the request on standard input.
-
-    Returns
-    -------
-    int
-        The exit status: always 0 once a plan is written.
-    """
+    """Evaluate the launch file of the request on standard input; returns 0 once a plan is written."""
     result_fd = int(sys.argv[-1])
     os.set_inheritable(result_fd, False)
     request = json.load(sys.stdin)
@@ -49,8 +43,6 @@ def main() -> int:
 def evaluation(*, native: bool) -> Any:
     """The function that evaluates, with the stand-in or else with the `launch` that Python finds.
 
-    Notes
-    -----
     A launch file must not be able to import this script's neighbours by their bare names: they are in a package
     of a name of their own.
     """

@@ -56,13 +56,7 @@ TRANSITIONS = {
 
 
 class Executor:
-    """What an evaluation has found so far, and what is still to happen.
-
-    Parameters
-    ----------
-    root : str
-        Folder of the submission; lines are reported of the files in it.
-    """
+    """What an evaluation has found so far, and what is still to happen; `root` is the submission's folder."""
 
     def __init__(self, root: str = "") -> None:
         self.root = root

@@ -25,13 +25,7 @@ class PlanFiles:
         self._began_ns = time.time_ns() - _CLOCK_GRAIN_NS
 
     def add(self, name: str, suffix: str, text: str, *, of_node: bool = False) -> str:
-        """Keep the text of a file to be written when the process runs; the path as it stands in the command line.
-
-        Parameters
-        ----------
-        of_node : bool
-            `launch` itself writes it, out of the values that one node is given.
-        """
+        """Keep the text of a file to be written when the process runs; the path as it stands in the command line."""
         stem = "".join(c if c.isalnum() or c in "_-" else "_" for c in name) or "node"
         number = self._names[stem] = self._names.get(stem, 0) + 1
         self.texts[f"{stem}_{number}{suffix}"] = text

@@ -107,12 +107,8 @@ def own_packages() -> tuple[list[str], list[str]]:
 def find_executable(executable: str, package: str, root: str) -> str:
     """Path of an executable of a package, as both implementations of `launch` find it here.
 
-    Raises
-    ------
-    LookupError
-        There is no such package, and none of ROS either.
-    RuntimeError
-        The package has no such executable, with what to do about it.
+    Raises LookupError if there is no such package, and none of ROS either, and RuntimeError if the package has no such
+    executable, with what to do about it.
     """
     from ament_index_python.packages import get_package_prefix
 

@@ -15,10 +15,7 @@ from .processes import text_of
 
 
 def evaluate(file: str, arguments: dict[str, Any], root: str) -> dict[str, Any]:
-    """Evaluate a launch file as `ros2 launch FILE name:=value` would, without starting anything.
-
-    Takes the path of the launch file, values by name, and the folder of the submission; returns the plan for JSON.
-    """
+    """Evaluate a launch file as `ros2 launch FILE name:=value` would; see `Executor.evaluate`."""
     from launch import LaunchContext
 
     executor = Executor(root)

@@ -21,10 +21,7 @@ _LONGEST_INTEGER = 1000
 def read(text: str) -> Any:
     """The first document of a YAML text.
 
-    Raises
-    ------
-    yaml.YAMLError
-        It is no YAML, has an alias, which no node can read, or is nested too deeply.
+    Raises yaml.YAMLError if it is no YAML, has an alias, which no node can read, or is nested too deeply.
     """
     import yaml
 
@@ -58,12 +55,7 @@ def _value(event: Any, events: Iterator[Any]) -> Any:
 
 
 def scalar(text: str) -> bool | int | float | str:
-    """What a text without quotes is.
-
-    References
-    ----------
-    `get_value` in `rcl_yaml_param_parser`, which asks C's `strtol` and `strtod`.
-    """
+    """What a text without quotes is: as `get_value` in `rcl_yaml_param_parser` asks C's `strtol` and `strtod`."""
     if text in _TRUE or text in _FALSE:
         return text in _TRUE
     whole = _INTEGER.fullmatch(text)

@@ -20,8 +20,6 @@ from .installed import missing_data_file, module_out_of_reach, own_packages
 from .jazzy import LATER, NAMES, RENAMED, SUBMODULES, homes_of, is_released
 
 _PACKAGES = ("launch", "launch_ros", "launch_xml", "launch_yaml", "ament_index_python")
-#: Where the stand-in and the rest of the evaluation are, which are no place to show to anybody.
-_HERE = str(Path(__file__).resolve().parent) + "/"
 SUBSTITUTION_AS_TEXT = re.compile(r"<launch(_ros)?\.(substitutions|parameter_descriptions)[\w.]* object at 0x")
 
 #: Programs that come with ROS or a simulator, and are not where this is evaluated.
@@ -305,10 +303,6 @@ _TOO_EARLY = (
 )
 
 
-def _keyword(match: re.Match[str], _: Any) -> str:
-    return keyword_remedy(match[1], ())
-
-
 def keyword_remedy(name: str, known: Iterable[str]) -> str:
     """What to write instead of a keyword that is not known."""
     if name in RENAMED:
@@ -330,7 +324,7 @@ def _positional(match: re.Match[str], _: Any) -> str:
 _Remedy = str | Callable[[re.Match[str], Any], str]
 
 _BY_MESSAGE: list[tuple[str, str, _Remedy]] = [
-    (r"unexpected keyword argument '(\w+)'", "unknown_keyword", _keyword),
+    (r"unexpected keyword argument '(\w+)'", "unknown_keyword", lambda match, _: keyword_remedy(match[1], ())),
     (r"missing \d+ required keyword-only argument", "missing_keyword", "Give what is missing by its keyword."),
     (r"missing \d+ required positional argument", "missing_argument", "Give what is missing."),
     (r"takes .* positional argument", "positional_argument", _positional),

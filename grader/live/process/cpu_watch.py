@@ -10,8 +10,10 @@ counts only where one thread alone had a notable one, and for no longer than the
 
 from __future__ import annotations
 
+import asyncio
 import itertools
 import json
+import math
 import os
 import sys
 import threading
@@ -22,8 +24,9 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 
 from grader.live.process.forked import Program
-from grader.live.process.priority import WATCHING, demote, put_self_in_real_time
+from grader.live.process.priority import WATCHING, demote, put_in_real_time, put_standing
 from grader.live.process.process import RunningProcess
+from grader.live.process.waiting import within
 from grader.recording.session import ProcessRun
 
 #: All that wakes a thread up costs 0.07 to 0.15 ms on a virtual machine: with two processes of 13 threads each 2.8 to
@@ -35,10 +38,11 @@ _LEAST_NS = 1_000_000
 _MOST_KEPT = 1000
 #: How far back it is known what a process used, in samples.
 _HISTORY = 200
-#: What takes this share of a core for so long may not go before all others any more: of the grader's processes, and
-#: of the student's, of which a node of 100 Hz in Python takes 0.15 to 0.25.
-_RUNAWAY_SHARE, _STUDENTS_SHARE, _RUNAWAY_NS = 0.6, 0.35, 300_000_000
-_STOP_S = 3.0
+#: What takes this share of a core for so long may not go before all others any more.
+_RUNAWAY_SHARE, _RUNAWAY_NS = 0.6, 300_000_000
+#: After a delay it takes a while until what it put off is made up for: an interval and a half of 100 Hz.
+_AFTER_NS = 15_000_000
+_STOP_S, _ANSWER_S = 3.0, 1.0
 _ADDRESS_SPACE_BYTES = 1024**3
 
 
@@ -48,11 +52,12 @@ class CpuWatch:
     def __init__(self) -> None:
         self._running: RunningProcess | None = None
         self._runs: dict[str, ProcessRun] = {}
+        self._calm_s: asyncio.Future[float] | None = None
 
     async def start(self, environment: dict[str, str]) -> RunningProcess:
         """Start the process that watches, and return it."""
         run = ProcessRun("cpu watch", "grader", ["python", "-m", __name__])
-        program = Program(run.name, main, [], environment, _ADDRESS_SPACE_BYTES)
+        program = Program(run.name, main, environment, _ADDRESS_SPACE_BYTES)
         self._running = await RunningProcess.fork(run, program, on_message=self._hear)
         return self._running
 
@@ -73,6 +78,16 @@ class CpuWatch:
                 said = {"name": name, "core": run.core, "role": run.role, "threads": process.threads}
                 self._running.write((json.dumps(said) + "\n").encode())
 
+    async def calm_s(self, since_ns: int) -> float:
+        """Return for how long the student's processes were undisturbed since a time; inf where nobody can tell."""
+        if self._running is None or not self._running.alive:
+            return math.inf
+        self._calm_s = asyncio.get_running_loop().create_future()
+        self._running.write((json.dumps({"calm_since": since_ns}) + "\n").encode())
+        with suppress(asyncio.TimeoutError):
+            return await within(self._calm_s, _ANSWER_S)
+        return math.inf
+
     async def stop(self) -> None:
         """Take over what it has seen, and end it."""
         if self._running is not None:
@@ -81,8 +96,12 @@ class CpuWatch:
             await self._running.kill()
 
     def _hear(self, line: bytes) -> None:
-        for name, disturbed in json.loads(line).items():
-            self._runs[name].disturbed = disturbed
+        said = json.loads(line)
+        if isinstance(said, dict):
+            for name, disturbed in said.items():
+                self._runs[name].disturbed = disturbed
+        elif self._calm_s is not None and not self._calm_s.done():
+            self._calm_s.set_result(float(said))
 
 
 @dataclass
@@ -135,6 +154,15 @@ class _Watched:
         since = itertools.takewhile(lambda noted: noted[0] + noted[1] > t_ns, reversed(self.disturbed))
         return sum(min(delay_ns, start_ns + length_ns - t_ns) for start_ns, length_ns, delay_ns in since)
 
+    def calm_ns(self, since_ns: int, now_ns: int) -> int:
+        """Return how much of a time lies between delays, without what they may have affected after them."""
+        calm_ns, end_ns = 0, since_ns
+        for start_ns, length_ns, _ in [*self.disturbed, (now_ns, 0, 0)]:
+            if start_ns + length_ns > since_ns:
+                calm_ns += max(0, start_ns - end_ns - _AFTER_NS)
+                end_ns = start_ns + length_ns
+        return calm_ns
+
     def note(self, start_ns: int, end_ns: int, delay_ns: int) -> None:
         self.disturbed.append([start_ns, end_ns - start_ns, min(delay_ns, end_ns - start_ns)])
         if len(self.disturbed) > _MOST_KEPT:
@@ -162,6 +190,13 @@ class _Watch:
         if wanted not in self._cores:
             self._cores[wanted] = threading.Thread(target=self._watch_core, args=(wanted,), daemon=True)
             self._cores[wanted].start()
+
+    def calm_s(self, since_ns: int) -> float:
+        """Return for how long that of the student's processes was undisturbed which was so least."""
+        now_ns = time.time_ns()
+        with self._lock:
+            students = [w for w in self.watched.values() if w.role == "student" and w.files]
+            return min((w.calm_ns(since_ns, now_ns) for w in students), default=math.inf) / 1e9
 
     def end(self) -> dict[str, list[list[int]]]:
         self._ended.set()
@@ -197,8 +232,6 @@ class _Watch:
         for watched in held:
             own = [w for w in held if w.role == "student" or w is watched]
             self._judge(watched, own, *waits[id(watched)], looked_ns, now_ns, stalled_ns)
-            if now_ns // _RUNAWAY_NS > looked_ns // _RUNAWAY_NS:
-                _demote_runaway(watched, now_ns)
         for watched in [w for w in self.watched.values() if w.core is None]:
             waited = watched.read(now_ns) if is_first else (0, 0)
             self._judge(watched, [watched], *waited, looked_ns, now_ns, stalled_ns)
@@ -221,16 +254,20 @@ class _Watch:
 
 
 def _demote_runaway(watched: _Watched, now_ns: int) -> None:
-    """Let one that computes, or that somebody floods, go before others no more."""
-    share = _STUDENTS_SHARE if watched.role == "student" else _RUNAWAY_SHARE
-    if watched.used_since(now_ns - _RUNAWAY_NS) > share * _RUNAWAY_NS:
+    """Let one of the grader's own that somebody floods go before others no more; they are held to no core."""
+    if watched.used_since(now_ns - _RUNAWAY_NS) > _RUNAWAY_SHARE * _RUNAWAY_NS:
         demote(watched.files)
 
 
 def main() -> None:
     """Watch what is named on standard input, one JSON object a line, and at its end say what was seen."""
-    put_self_in_real_time(WATCHING)  # and so all threads that follow
+    put_standing([os.getpid()])
+    put_in_real_time([os.getpid()], WATCHING)  # and so all threads that follow
     watch = _Watch()
     for line in sys.stdin:
-        watch.follow(**json.loads(line))
+        asked = json.loads(line)
+        if "calm_since" in asked:
+            print(json.dumps(watch.calm_s(asked["calm_since"])), flush=True)
+        else:
+            watch.follow(**asked)
     print(json.dumps(watch.end()), flush=True)

@@ -27,23 +27,18 @@ _LONGEST_LINE_BYTES = 64 * 2**20
 
 @dataclass(frozen=True)
 class Program:
-    """What a fork does: under a name, with `sys.argv` from its second entry on, and with all of its environment."""
+    """What a fork does, under a name and with all of its environment."""
 
     name: str
     main: Callable[[], object]
-    arguments: Sequence[str]
     environment: Mapping[str, str]
     address_space_bytes: int | None = None
 
 
-def script(file: str) -> Callable[[], object]:
-    """Return what runs a Python file as a program."""
-
-    def run() -> None:
-        sys.argv[0] = file
-        runpy.run_path(file, run_name="__main__")
-
-    return run
+def run_script(file: str, *arguments: str) -> None:
+    """Run a Python file as a program."""
+    sys.argv = [file, *arguments]
+    runpy.run_path(file, run_name="__main__")
 
 
 class ForkedProcess:
@@ -129,6 +124,6 @@ def _leave_everything(program: Program, parent: int, descriptors: Sequence[int])
     os.environ.clear()
     os.environ.update(program.environment)
     os.chdir("/")
-    sys.argv = [program.name, *program.arguments]
+    sys.argv = [program.name]
     if program.address_space_bytes is not None:
         resource.setrlimit(resource.RLIMIT_AS, (program.address_space_bytes, program.address_space_bytes))

@@ -13,7 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from grader.live.process.forked import ForkedProcess, Program, start_forked
-from grader.live.process.priority import put_in_real_time, put_standing, put_student_in_real_time
+from grader.live.process.priority import put_in_real_time, put_standing
 from grader.live.sandbox.machine import children_of, cpu_with_children_ns, descendants_of, read_bytes_of, tasks_of
 from grader.recording.session import OutputLine, ProcessRun, Usage
 
@@ -188,36 +188,22 @@ class RunningProcess:
         children = children_of(self._sandbox_pid)
         return children[0] if children else None
 
-    def interrupt(self) -> bool:
-        """Send SIGINT to the program itself, as Ctrl-C would; False if there is nothing to send it to."""
-        pid = self._pid()
-        if pid is None or not self.alive:
-            return False
-        self.sample_usage()
-        self.run.interrupted_ns = time.time_ns()
-        with suppress(ProcessLookupError):
-            os.kill(pid, signal.SIGINT)
-        return True
-
     async def stop(self, timeout_s: float) -> None:
-        """Interrupt it, then terminate, then kill; `ended_by` says how far it had to go."""
-        if not self.alive:
+        """Interrupt the program itself as Ctrl-C would, then terminate, then kill it; `ended_by` says what it took."""
+        # Without a program, it is just beginning or just ending.
+        if not self.alive or (self._pid() is None and await self.wait_exit(_TERMINATE_GRACE_S)):
             return
-        sent = self.interrupt()
-        if not sent:  # It is just beginning or just ending.
-            if await self.wait_exit(_TERMINATE_GRACE_S):
-                return
-            sent = self.interrupt()
-        if sent and await self.wait_exit(timeout_s):
-            self.run.ended_by = "interrupt"
-            return
-        pid = self._pid()
-        if pid is not None:
-            with suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGTERM)
-            if await self.wait_exit(_TERMINATE_GRACE_S):
-                self.run.ended_by = "terminate"
-                return
+        self.sample_usage()
+        ways = ("interrupt", signal.SIGINT, timeout_s), ("terminate", signal.SIGTERM, _TERMINATE_GRACE_S)
+        for ended_by, number, grace_s in ways:
+            if (pid := self._pid()) is not None:
+                if number == signal.SIGINT:
+                    self.run.interrupted_ns = time.time_ns()
+                with suppress(ProcessLookupError):
+                    os.kill(pid, number)
+                if await self.wait_exit(grace_s):
+                    self.run.ended_by = ended_by
+                    return
         await self.kill()
 
     async def kill(self, limit: str | None = None) -> None:
@@ -248,10 +234,13 @@ class RunningProcess:
         return bool(done)
 
     def put_standing(self, *, watched: bool = True) -> None:
-        """Let it go before what is still starting: from now on its timing counts. In real time only what is watched."""
+        """Let it go before what is still starting: from now on its timing counts.
+
+        In real time only what is the grader's own, and watched.
+        """
         put_standing(self.descendants())
-        if watched:
-            (put_student_in_real_time if self.run.role == "student" else put_in_real_time)(self.descendants())
+        if watched and self.run.role != "student":
+            put_in_real_time(self.descendants())
 
     def hold_to_core(self, core: int, user: int | None) -> None:
         """Let all its threads, and those to come, run on one core only.
@@ -307,33 +296,28 @@ class PipeReader:
 
     def __init__(self, fd: int, limit_bytes: int, on_end: Callable[[str], None]) -> None:
         self._fd, self._limit, self._on_end = fd, limit_bytes, on_end
-        self._blocks: list[bytes] = []
-        self._size = 0
+        self._data = bytearray()
         os.set_blocking(fd, False)
         asyncio.get_running_loop().add_reader(fd, self._read)
 
     def _read(self) -> None:
-        try:
-            block = os.read(self._fd, 65536)
-        except BlockingIOError:
-            return
-        self._size += len(block)
-        self._blocks.append(block)
-        if not block or self._size >= self._limit:  # Who writes on gets an error, and keeps nobody busy here.
-            self.close()
+        with suppress(BlockingIOError):
+            block = os.read(self._fd, _READ_BYTES)
+            self._data += block
+            if not block or len(self._data) >= self._limit:  # Who writes on gets an error, and keeps nobody busy here.
+                self.close()
 
     def close(self) -> None:
         """Take what is left in the pipe, close it, and hand everything on."""
         if self._fd < 0:
             return
         with suppress(BlockingIOError):
-            while self._size < self._limit and (block := os.read(self._fd, 65536)):
-                self._size += len(block)
-                self._blocks.append(block)
+            while len(self._data) < self._limit and (block := os.read(self._fd, _READ_BYTES)):
+                self._data += block
         asyncio.get_running_loop().remove_reader(self._fd)
         os.close(self._fd)
         self._fd = -1
-        self._on_end(b"".join(self._blocks).decode("utf-8", "replace"))
+        self._on_end(self._data.decode("utf-8", "replace"))
 
 
 async def _hear(stream: asyncio.StreamReader, on_message: Callable[[bytes], None]) -> None:

@@ -32,11 +32,9 @@ async def side_by_side(works: Iterable[Coroutine[Any, Any, T]]) -> list[T]:
     running = [asyncio.ensure_future(work) for work in works]
     try:
         return await asyncio.gather(*running)
-    except Exception:
+    finally:
+        # `gather` ends with the first that fails or is cancelled; the others are then to clean up.
         for task in running:
             task.cancel()
-        raise
-    finally:
-        # `gather` ends with the first that fails or is cancelled; the others are still cleaning up.
         if running:
             await asyncio.wait(running)

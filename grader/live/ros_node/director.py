@@ -50,17 +50,9 @@ from grader.recording.trusted_channel import digest
 
 #: Once a student's node shows other endpoints, how long the wanted name may still take to appear.
 _NEAR_MISS_AFTER_S = 2.0
-#: Names that every node has; never what a lab asks for.
+#: Topics, and types of services, that every node has; never what a lab asks for.
 _STANDARD = ("/rosout", "/parameter_events", "/clock")
-_STANDARD_SERVICES = (
-    "describe_parameters",
-    "get_parameters",
-    "get_parameter_types",
-    "list_parameters",
-    "set_parameters",
-    "set_parameters_atomically",
-    "get_type_description",
-)
+_STANDARD_SERVICE_TYPES = ("rcl_interfaces/srv/", "type_description_interfaces/srv/")
 _NO_ANSWER = "the node's parameter services do not answer"
 _STANDARD_PARAMETERS = ("use_sim_time", "start_type_description_service")
 _SPIN_S = 0.01
@@ -99,9 +91,7 @@ class Director:
     which are never taken for a misspelling of another.
     """
 
-    def __init__(
-        self, folder: Path, name: str, domain_id: int, reference_nodes: list[str], expected: list[str]
-    ) -> None:
+    def __init__(self, folder: Path, name: str, domain_id: int, reference_nodes: set[str], expected: set[str]) -> None:
         self._context = new_context(domain_id)
         self._node = silent_node("probe", self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
@@ -110,8 +100,7 @@ class Director:
         self._recorder = Recorder(BagWriter(folder, name), domain_id, limit_bytes=self._limit_bytes)
         self._watch = GraphWatch(self._node, self._on_change, {*expected, *_STANDARD})
         self._problems: list[str] = []
-        self._reference_nodes = set(reference_nodes)
-        self._expected = set(expected)
+        self._reference_nodes, self._expected = reference_nodes, expected
         self._names: dict[str, str] = {}
         self._domain_id = domain_id
         self._forgotten: set[str] = set()
@@ -149,16 +138,16 @@ class Director:
         """See to it that nothing is in the graph before the first process is started: it would be taken for its."""
         # A network with loopback alone is the sandbox's own, and new.
         shared = any(name != "lo" for _, name in socket.if_nameindex())
-        end_s = time.monotonic() + (_FOREIGN_S if shared else 0.0)
-        while True:
+        foreign_nodes: set[str] = set()
+
+        def named() -> list[str]:
             graph = self._watch.look(now=True)
-            foreign_nodes = {*graph.nodes, *(endpoint.node for endpoint in graph.endpoints)}
-            named = sorted(name for name in foreign_nodes if UNKNOWN_NODE not in name)
-            if named or time.monotonic() >= end_s:
-                break
-            self._executor.spin_once(timeout_sec=_SPIN_S)
+            foreign_nodes.update(graph.nodes, (endpoint.node for endpoint in graph.endpoints))
+            return sorted(name for name in foreign_nodes if UNKNOWN_NODE not in name)
+
+        self._until(named, _FOREIGN_S if shared else 0.0)
         if foreign_nodes:
-            who = ", ".join(named[:5]) or "not known by name"
+            who = ", ".join(named()[:5]) or "not known by name"
             self._problems.append(f"before anything was started, there were other ROS nodes in its network: {who}")
 
     def _listen(self) -> None:
@@ -217,7 +206,8 @@ class Director:
             nonlocal since_s
             candidates = self._candidates(kind)
             since_s = (since_s or time.monotonic()) if self._students() else None
-            same = [c for c in candidates if c.name == wanted]
+            # What stood for it before does so for as long as it is there.
+            same = [c for c in candidates if c.name in (wanted, self._names.get(wanted))]
             if same or since_s is None or time.monotonic() - since_s <= _NEAR_MISS_AFTER_S:
                 return same
             taken = self._expected | set(self._names.values())
@@ -228,7 +218,7 @@ class Director:
         waited = {"waited_s": round(time.monotonic() - started_s, 3)}
         if not is_there:
             return "timeout", {**waited, "there": sorted({c.name for c in self._candidates(kind)})[:50]}
-        meant = min(found(), key=lambda c: c.type != wanted_type)
+        meant = min(found(), key=lambda c: (c.type != wanted_type, c.name != wanted))
         if meant.name != wanted:
             self._names[wanted] = meant.name
             self._watch.first.add(meant.name)
@@ -245,7 +235,7 @@ class Director:
             return [
                 Candidate(s.name, s.type)
                 for s in graph.services
-                if s.node not in self._reference_nodes and s.name.rsplit("/", 1)[-1] not in _STANDARD_SERVICES
+                if s.node not in self._reference_nodes and not s.type.startswith(_STANDARD_SERVICE_TYPES)
             ]
         return [
             Candidate(e.topic, e.type)
@@ -304,7 +294,7 @@ class Director:
 
     # -- services -----------------------------------------------------------------------------
 
-    def _client(self, service: str, service_type: str, number: int) -> Client[Any, Any]:
+    def _ready_client(self, service: str, service_type: str, number: int, timeout_s: float) -> Client[Any, Any] | None:
         key = (service, service_type, number)
         if key not in self._clients:
             client = self._node.create_client(interface_named(service_type), service)
@@ -315,16 +305,12 @@ class Director:
             events, events_type = f"{service}/_service_event", f"{service_type}_Event"
             self._record(events, events_type)
             self._until(lambda: self._recorder.matched(events, events_type) > number, _MATCH_S)
-        return self._clients[key]
+        return self._clients[key] if self._until(self._clients[key].service_is_ready, timeout_s) else None
 
     def _record(self, topic: str, topic_type: str, durability: str = "volatile") -> None:
         """Have a topic of our own recorded, which no snapshot of the graph shows."""
         offered = Qos(reliability="reliable", durability=durability)
         self._recorder.follow([Endpoint("publisher", topic, topic_type, "", f"{GRADER_NAMESPACE}/probe", "", offered)])
-
-    def _ready_client(self, service: str, service_type: str, number: int, timeout_s: float) -> Client[Any, Any] | None:
-        client = self._client(service, service_type, number)
-        return client if self._until(client.service_is_ready, timeout_s) else None
 
     def _do_call(self, request: Mapping[str, Any]) -> Answer:
         service = self._names.get(request["service"], request["service"])
@@ -363,9 +349,9 @@ class Director:
 
     def _offered_type(self, service: str, wanted: str) -> str:
         """Return the type by which a service can be called: another is charged where it is offered, and answers too."""
-        offered = [s.type for s in self._watch.last.services if s.name == service]
+        offered = [s.type for s in self._watch.last.services if s.name == service and "/srv/" in s.type]
         for kind in offered if wanted not in offered else ():
-            with suppress(ImportError, AttributeError, ValueError):
+            with suppress(ImportError):
                 interface_named(kind)
                 return kind
         return wanted
@@ -503,13 +489,3 @@ def _jsonable(value: Any) -> Any:
 def _send(kind: str, what: Any) -> None:
     sys.stdout.write(json.dumps([kind, what], default=dataclasses.asdict) + "\n")
     sys.stdout.flush()
-
-
-def main() -> None:
-    """Run the director; argv[1] is a JSON object of its parameters."""
-    settings = json.loads(sys.argv[1])
-    Director(**{**settings, "folder": Path(settings["folder"])}).serve()
-
-
-if __name__ == "__main__":
-    main()

@@ -15,13 +15,12 @@ from functools import partial
 from typing import Any, TypeVar
 
 import rclpy
-from rclpy.impl.implementation_singleton import rclpy_implementation as rcl
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
-from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_msgs.msg import Empty
 
+from grader.recording.definitions import type_hash_of
 from grader.recording.session import (
     GRADER_NAMESPACE,
     PROCESS_DIGITS,
@@ -65,7 +64,12 @@ def silent_node(name: str, context: rclpy.Context) -> Node:
 
 
 def interface_named(name: str) -> Any:
-    """Import the class of a message or service type, e.g. ``std_srvs/srv/SetBool``."""
+    """Import the class of a message or service type, e.g. ``std_srvs/srv/SetBool``; raises ImportError without one.
+
+    Only what an installed package defines is imported: the name may come from outside, and a module does what it likes.
+    """
+    if not type_hash_of(name):
+        raise ImportError(f"no installed package defines {name}")
     package, kind, short = name.split("/")
     return getattr(importlib.import_module(f"{package}.{kind}"), short)
 
@@ -108,7 +112,7 @@ def gid_prefix_of(node: Node) -> str:
 
 
 def _gid(info: Any) -> str:
-    return "".join(f"{byte:02x}" for byte in info.endpoint_gid[:16])
+    return bytes(info.endpoint_gid[:16]).hex()
 
 
 def _finite(nanoseconds: int) -> int | None:
@@ -127,27 +131,9 @@ def qos_of(profile: QoSProfile) -> Qos:
     )
 
 
-#: What rcl reported of an endpoint, by which it is known again.
-_KNOWN: dict[tuple[Any, ...], Endpoint] = {}
-
-
-def _endpoint(topic: str, facts: dict[str, Any]) -> Endpoint:
-    type_hash = facts["topic_type_hash"]
-    key = (
-        topic,
-        facts["endpoint_type"],
-        facts["topic_type"],
-        (type_hash["version"], type_hash["value"]),
-        facts["node_namespace"],
-        facts["node_name"],
-        tuple(facts["endpoint_gid"]),
-        tuple(getattr(value, "nanoseconds", value) for value in facts["qos_profile"].values()),
-    )
-    if key not in _KNOWN:
-        if len(_KNOWN) >= MAX_ENDPOINTS:
-            _KNOWN.clear()
-        info = TopicEndpointInfo(**facts)
-        _KNOWN[key] = Endpoint(
+def _endpoints_of(node: Node, topic: str) -> list[Endpoint]:
+    return [
+        Endpoint(
             kind=info.endpoint_type.name.lower(),
             topic=topic,
             type=info.topic_type,
@@ -156,19 +142,9 @@ def _endpoint(topic: str, facts: dict[str, Any]) -> Endpoint:
             gid=_gid(info),
             qos=qos_of(info.qos_profile),
         )
-    return _KNOWN[key]
-
-
-def _endpoints_of(node: Node, topic: str) -> list[Endpoint]:
-    """Return the endpoints on a topic, without making objects anew of what rcl has reported before.
-
-    The node's own functions do: in a session that would be half of what looking at the graph costs.
-    """
-    facts: list[dict[str, Any]] = []
-    with node.handle:
-        for ask in (rcl.rclpy_get_publishers_info_by_topic, rcl.rclpy_get_subscriptions_info_by_topic):
-            facts += _readable(partial(ask, node.handle, topic, False), [])
-    return [_endpoint(topic, info) for info in facts]
+        for ask in (node.get_publishers_info_by_topic, node.get_subscriptions_info_by_topic)
+        for info in _readable(partial(ask, topic), [])
+    ]
 
 
 def snapshot(
@@ -195,37 +171,27 @@ def snapshot(
     taken.endpoints = sorted(taken.endpoints[:MAX_ENDPOINTS], key=lambda e: (e.topic, e.kind, e.gid))
     taken.nodes = [full for full in taken.nodes if not is_reserved(full) or full in others][:MAX_NODES]
     for full in sorted(set(taken.nodes)):
-        services, clients = _services_of(node, full)
-        taken.services += services
-        taken.clients += clients
+        taken.services += _services_of(node.get_service_names_and_types_by_node, full)
+        taken.clients += _services_of(node.get_client_names_and_types_by_node, full)
     return taken
 
 
 def _glance(node: Node) -> object:
     """Return what of the graph costs a tenth of a snapshot to look at: names, types, and how many endpoints."""
     topics = _topics(node, ())
-    handle = node.handle
+    handle, names = node.handle, [name for name, _ in topics[:MAX_TOPICS]]
     with handle:
-        counts = [
-            (handle.get_count_publishers(name), handle.get_count_subscribers(name)) for name, _ in topics[:MAX_TOPICS]
-        ]
+        counts = [(handle.get_count_publishers(name), handle.get_count_subscribers(name)) for name in names]
     nodes, services = (
         _readable(ask, []) for ask in (node.get_node_names_and_namespaces, node.get_service_names_and_types)
     )
     return nodes, topics, counts, services
 
 
-def _services_of(node: Node, full: str) -> tuple[list[ServiceEndpoint], list[ServiceEndpoint]]:
+def _services_of(ask: Callable[[str, str], list[tuple[str, list[str]]]], full: str) -> list[ServiceEndpoint]:
     namespace, name = full.rsplit("/", 1)
-    try:
-        offered = node.get_service_names_and_types_by_node(name, namespace or "/")[:MAX_TOPICS]
-        asked = node.get_client_names_and_types_by_node(name, namespace or "/")[:MAX_TOPICS]
-    except (RuntimeError, UnicodeDecodeError):  # The node left in between, or what it has are no names.
-        return [], []
-    return (
-        [ServiceEndpoint(service, kind, full) for service, kinds in offered for kind in kinds],
-        [ServiceEndpoint(service, kind, full) for service, kinds in asked for kind in kinds],
-    )
+    found = _readable(partial(ask, name, namespace or "/"), [])[:MAX_TOPICS]  # none where the node left in between
+    return [ServiceEndpoint(service, kind, full) for service, kinds in found for kind in kinds]
 
 
 class GraphWatch:
@@ -236,7 +202,7 @@ class GraphWatch:
 
     #: How often the graph is glanced at, and how often it is looked at closely although nothing seems to have changed.
     PERIOD_S = 0.04
-    CLOSELY_S = 0.2
+    CLOSELY_S = 0.5
     #: A hostile student can change the graph without end; after so many snapshots, or so much in them, only the
     #: last is kept up.
     MAX_CHANGES, MAX_ENTRIES = 500, 50_000

@@ -58,10 +58,6 @@ def _suiting(publishers: Sequence[Endpoint], before: _Request = (True, True)) ->
     return before[0] and reliable, before[1] and transient_local
 
 
-#: Takes the next message of a subscription's queue, with its times.
-_Take = Callable[[type, bool], tuple[bytes, dict[str, Any]] | None]
-
-
 @dataclass
 class _Line:
     """A topic of one type under record: its channel, and its subscriptions, the weakest last."""
@@ -73,7 +69,6 @@ class _Line:
     message_type: type
     request: _Request
     subscriptions: list[Any] = field(default_factory=list)
-    takes: list[_Take] = field(default_factory=list)
     seen: dict[tuple[int, int], None] = field(default_factory=dict)
     stopped: bool = False
     count: int = 0
@@ -88,22 +83,18 @@ class _Line:
             reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
             durability=DurabilityPolicy.TRANSIENT_LOCAL if transient_local else DurabilityPolicy.VOLATILE,
         )
-        subscription: Any = self.node.create_subscription(
-            self.message_type,
-            self.topic,
-            lambda data, info: None,
-            profile,
-            raw=True,
-            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+        events, ignored = SubscriptionEventCallbacks(use_default_callbacks=False), lambda data, info: None
+        self.subscriptions.append(
+            self.node.create_subscription(
+                self.message_type, self.topic, ignored, profile, raw=True, event_callbacks=events
+            )
         )
-        self.subscriptions.append(subscription)
-        self.takes.append(subscription.handle.take_message)
         self.request = request
 
     def is_repeat(self, source_ns: int, sequence: int) -> bool:
         """Whether another subscription has received a message already, if there are several."""
         key = (source_ns, sequence)
-        if len(self.takes) == 1:
+        if len(self.subscriptions) == 1:
             return False
         if key in self.seen:
             return True
@@ -198,7 +189,6 @@ class Recorder:
         if len(self._lines) >= self._limit_topics:
             raise _LimitReached(f"{self._limit_topics} topics are recorded already")
         definition = definition_of(topic_type)
-        # Only what an installed package defines is imported, as the name comes from outside.
         message_type = interface_named(topic_type)
         node = self._node(sum(known == topic for known, _ in self._lines))
         # The hash of the definition in the bag, whatever publishers announce: with another one, readers refuse the bag.
@@ -215,9 +205,7 @@ class Recorder:
         if level >= _TYPES_PER_TOPIC:
             raise _LimitReached(f"{_TYPES_PER_TOPIC} other types of this topic are recorded already")
         if level == len(self._nodes):
-            name = NODE_NAME if level == 0 else f"{NODE_NAME}_{level}"
-            node = silent_node(name, new_context(self._domain_id))
-            self._nodes.append(node)
+            self._nodes.append(silent_node(f"{NODE_NAME}_{level}", new_context(self._domain_id)))
         return self._nodes[level]
 
     # -- taking: on the recorder's thread ------------------------------------------------------
@@ -252,10 +240,10 @@ class Recorder:
         """Empty all queues."""
         with self._lock:
             for line in self._lines.values():
-                for take in line.takes:
-                    self._empty(line, take)
+                for subscription in line.subscriptions:
+                    self._empty(line, subscription.handle.take_message)
 
-    def _empty(self, line: _Line, take: _Take) -> None:
+    def _empty(self, line: _Line, take: Callable[[type, bool], tuple[bytes, dict[str, Any]] | None]) -> None:
         # Never more at a time than the queue holds, so that one topic cannot keep the others waiting.
         for _ in range(_DEPTH):
             if line.stopped or (message := take(line.message_type, True)) is None:

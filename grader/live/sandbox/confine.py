@@ -14,7 +14,6 @@ import ctypes
 import json
 import os
 import resource
-import signal
 import stat
 import struct
 import sys
@@ -23,13 +22,13 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from grader.live.sandbox.seccomp import filter_program
+from grader.live.sandbox.namespaces import call, end_with_parent
+from grader.live.sandbox.seccomp import FilterProgram, filter_program
 
-_SET_PDEATHSIG, _SET_SECCOMP, _CAPBSET_DROP, _SET_NO_NEW_PRIVS, _CAP_AMBIENT = 1, 22, 24, 38, 47
+_SET_SECCOMP, _CAPBSET_DROP, _SET_NO_NEW_PRIVS, _CAP_AMBIENT = 22, 24, 38, 47
 _AMBIENT_CLEAR_ALL = 4
 _FILTER_MODE = 2
 _LAST_CAPABILITY = 63
-_LIBC = ctypes.CDLL(None, use_errno=True)
 
 _CREATE_RULESET, _ADD_RULE, _RESTRICT_SELF = 444, 445, 446
 _VERSION_FLAG = _PATH_BENEATH = 1
@@ -75,33 +74,28 @@ def main() -> None:
         os.chdir(plan.cwd)  # as the student's user, who named it
     except OSError as error:
         sys.exit(f"this cannot be started: its working folder {plan.cwd} cannot be entered: {error.strerror}")
-    _prctl(_SET_PDEATHSIG, signal.SIGKILL)
-    _filter_system_calls(own_user=plan.uid is not None)
+    end_with_parent()
+    program = FilterProgram.of(filter_program(own_spaces=False, own_user=plan.uid is not None))
+    _prctl(_SET_SECCOMP, _FILTER_MODE, ctypes.addressof(program))
     os.execvpe(plan.command[0], plan.command, plan.environment)
 
 
 def _give_up_privileges(uid: int | None) -> None:
     _prctl(_CAP_AMBIENT, _AMBIENT_CLEAR_ALL)
     for capability in range(_LAST_CAPABILITY + 1):
-        _LIBC.prctl(_CAPBSET_DROP, capability, 0, 0, 0)
+        with suppress(OSError):  # one that this kernel does not have
+            _prctl(_CAPBSET_DROP, capability)
     if uid is not None:
         os.setgroups([])
         os.setresgid(uid, uid, uid)
         os.setresuid(uid, uid, uid)
 
 
-def _filter_system_calls(*, own_user: bool) -> None:
-    steps = filter_program(own_spaces=False, own_user=own_user)
-    held = ctypes.create_string_buffer(steps, len(steps))
-    # The kernel's `struct sock_fprog`.
-    program = ctypes.create_string_buffer(struct.pack("HxxxxxxQ", len(steps) // 8, ctypes.addressof(held)), 16)
-    _prctl(_SET_SECCOMP, _FILTER_MODE, ctypes.addressof(program))
-
-
 def landlock_version() -> int:
     """Return the version of Landlock's interface, 0 where the kernel has none."""
-    found = _LIBC.syscall(_CREATE_RULESET, None, 0, _VERSION_FLAG)
-    return max(0, int(found))
+    with suppress(OSError):
+        return call("syscall", _CREATE_RULESET, None, 0, _VERSION_FLAG)
+    return 0
 
 
 def confines_signals() -> bool:
@@ -123,12 +117,12 @@ def restrict(read: Iterable[Path], write: Iterable[Path]) -> None:
     if confines_signals():
         # Between the two stands what is restricted of TCP, which the system call filter does without gaps.
         attributes += struct.pack("=QQ", 0, _ABSTRACT_SOCKETS_AND_SIGNALS)
-    ruleset = _call(_CREATE_RULESET, attributes, len(attributes), 0)
+    ruleset = call("syscall", _CREATE_RULESET, attributes, len(attributes), 0)
     for path in read:
         _allow(ruleset, path, _READ & handled)
     for path in write:
         _allow(ruleset, path, handled)
-    _call(_RESTRICT_SELF, ruleset, 0)
+    call("syscall", _RESTRICT_SELF, ruleset, 0)
     os.close(ruleset)
 
 
@@ -138,22 +132,13 @@ def _allow(ruleset: int, path: Path, access: int) -> None:
         try:
             if not stat.S_ISDIR(os.fstat(opened).st_mode):
                 access &= _OF_FILES
-            _call(_ADD_RULE, ruleset, _PATH_BENEATH, struct.pack("=Qi", access, opened), 0)
+            call("syscall", _ADD_RULE, ruleset, _PATH_BENEATH, struct.pack("=Qi", access, opened), 0)
         finally:
             os.close(opened)
 
 
-def _call(number: int, *arguments: object) -> int:
-    answer = int(_LIBC.syscall(number, *arguments))
-    if answer < 0:
-        raise OSError(ctypes.get_errno(), "Landlock refused")
-    return answer
-
-
 def _prctl(option: int, first: int, second: int = 0) -> None:
-    words = [ctypes.c_ulong(word) for word in (first, second, 0, 0)]
-    if _LIBC.prctl(option, *words) != 0:
-        raise OSError(ctypes.get_errno(), f"prctl {option} refused")
+    call("prctl", option, first, second, 0, 0)
 
 
 if __name__ == "__main__":

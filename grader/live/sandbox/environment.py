@@ -41,17 +41,13 @@ _DDS = {
 }
 
 
-def wheel_library_path(prefix: Path) -> str:
-    """Return the LD_LIBRARY_PATH that the ROS wheels' start-up hook would set, which spares its second start."""
-    version = f"python{sys.version_info.major}.{sys.version_info.minor}"
-    site = prefix / "lib" / version / "site-packages"
-    return ":".join([str(prefix / "lib"), *sorted(str(p) for p in site.glob("ros_*.libs"))])
-
-
 def _ros(prefix: Path) -> dict[str, str]:
+    version = f"python{sys.version_info.major}.{sys.version_info.minor}"
+    libraries = sorted((prefix / "lib" / version / "site-packages").glob("ros_*.libs"))
     return {
         **_DDS,
-        "LD_LIBRARY_PATH": wheel_library_path(prefix),
+        # What the ROS wheels' start-up hook would set, which spares its second start.
+        "LD_LIBRARY_PATH": ":".join(map(str, [prefix / "lib", *libraries])),
         "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1",
         "LANG": "C.UTF-8",
         "PATH": f"{prefix}/bin:/usr/local/bin:/usr/bin:/bin",

@@ -25,6 +25,7 @@ from grader.live.sandbox.cgroup import PROCESSES, CgroupParents, SandboxCgroup
 from grader.live.sandbox.confine import Confinement, confines_signals
 from grader.live.sandbox.environment import INSIDE_FOLDER, LAUNCHING_FOLDER, interpreter_links, interpreter_roots
 from grader.live.sandbox.machine import processes_of_user, tasks_of
+from grader.live.sandbox.namespaces import Form
 from grader.live.sandbox.seccomp import open_filter
 
 #: Paths inside a confined student's process.
@@ -52,14 +53,6 @@ _SETTINGS = ("ld.so.cache", "localtime", "alternatives", "timezone")
 #: Where `setpriv`, `prlimit` and `env` are found in a sandbox.
 _PATH_OF_TOOLS = "/usr/bin:/bin:/usr/sbin:/sbin"
 _DEVICES = ("null", "zero", "full", "random", "urandom")
-
-
-class Form(str, Enum):
-    """How namespaces are had on this machine."""
-
-    ROOT = "root"
-    USER = "user"
-    NONE = "none"
 
 
 class Level(str, Enum):

@@ -64,6 +64,12 @@ def read_clocks(
     return min(readings)[1:]
 
 
+def idle_s() -> float:
+    """Return for how long the machine's cores had nothing to do since boot, in s of one core, on average."""
+    idle_ns = [times[3] + times[4] for times in _times_of_cores().values()]
+    return sum(idle_ns) / 1e9 / max(1, len(idle_ns))
+
+
 def stolen_ns() -> int:
     """Return the time that the host of a virtual machine has taken from its cores since boot, in ns."""
     return sum(times[7] for times in _times_of_cores().values())

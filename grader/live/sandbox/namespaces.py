@@ -20,10 +20,9 @@ import struct
 import threading
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from enum import Enum
 from pathlib import Path
 from typing import Any, NoReturn
-
-from grader.live.sandbox.isolation import Form
 
 _NEW_MOUNTS, _NEW_UTS, _NEW_IPC, _NEW_USER, _NEW_PIDS, _NEW_NET = (
     0x00020000, 0x04000000, 0x08000000, 0x10000000, 0x20000000, 0x40000000,
@@ -35,9 +34,17 @@ _STANDARD_DESCRIPTORS = 3
 _CALLS: dict[str, Callable[..., int]] = {
     name: getattr(libc, name)
     for libc in [ctypes.CDLL(None, use_errno=True)]
-    for name in ("mount", "prctl", "unshare")
+    for name in ("mount", "prctl", "syscall", "unshare")
     if hasattr(libc, name)
 }
+
+
+class Form(str, Enum):
+    """How namespaces are had on this machine."""
+
+    ROOT = "root"
+    USER = "user"
+    NONE = "none"
 
 
 def enter_own_mounts(form: Form) -> None:
@@ -48,7 +55,7 @@ def enter_own_mounts(form: Form) -> None:
     """
     if form is not Form.NONE:
         _unshare(_NEW_MOUNTS)
-        _call("mount", b"none", b"/dev/shm", b"tmpfs", _NOSUID | _NODEV, b"size=1m")
+        call("mount", b"none", b"/dev/shm", b"tmpfs", _NOSUID | _NODEV, b"size=1m")
 
 
 def enter_sandbox(form: Form) -> None:
@@ -72,13 +79,13 @@ def enter_sandbox(form: Form) -> None:
     if select.select([there], [], [], 0)[0]:
         os._exit(1)
     os.close(there)
-    _call("mount", b"proc", b"/proc", b"proc", _NOSUID | _NODEV | _NOEXEC, None)
+    call("mount", b"proc", b"/proc", b"proc", _NOSUID | _NODEV | _NOEXEC, None)
 
 
 def _unshare(spaces: int) -> None:
     """Leave the namespaces of some kinds for new ones, mounts among them, in a user namespace where that takes one."""
     user, group, parent = os.geteuid(), os.getegid(), os.getppid()
-    _call("unshare", spaces if user == 0 else spaces | _NEW_USER)
+    call("unshare", spaces if user == 0 else spaces | _NEW_USER)
     if user != 0:
         Path("/proc/self/setgroups").write_text("deny")
         Path("/proc/self/uid_map").write_text(f"0 {user} 1")
@@ -86,27 +93,27 @@ def _unshare(spaces: int) -> None:
     end_with_parent()  # Only now, for a change of what a process may do takes this back.
     if os.getppid() != parent:
         os._exit(1)
-    _call("mount", b"none", b"/", None, _RECURSIVE | _PRIVATE, None)
+    call("mount", b"none", b"/", None, _RECURSIVE | _PRIVATE, None)
 
 
 def end_with_parent() -> None:
     """Have this process killed when the thread ends that has started it."""
-    _call("prctl", _SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
+    call("prctl", _SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
 
 
 def name_process(name: str) -> None:
     """Give this process another name, for people who look at the system's list of processes."""
-    _call("prctl", _SET_NAME, name.encode()[:15], 0, 0, 0)
+    call("prctl", _SET_NAME, name.encode()[:15], 0, 0, 0)
 
 
 def adopt_orphans() -> None:
     """Become the parent of what the student's processes leave behind, so that it can be found."""
-    _call("prctl", _SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+    call("prctl", _SET_CHILD_SUBREAPER, 1, 0, 0, 0)
 
 
 def mount_tmpfs(target: str, size_bytes: int, files: int) -> None:
     """Mount an empty file system of a size of its own."""
-    _call("mount", b"tmpfs", target.encode(), b"tmpfs", 0, f"size={size_bytes},nr_inodes={files},mode=0755".encode())
+    call("mount", b"tmpfs", target.encode(), b"tmpfs", 0, f"size={size_bytes},nr_inodes={files},mode=0755".encode())
 
 
 def bring_loopback_up() -> None:
@@ -156,8 +163,11 @@ def _wait_for(pid: int, descriptors: Iterable[int]) -> NoReturn:
         os._exit(status)
 
 
-def _call(function: str, *arguments: Any) -> None:
+def call(function: str, *arguments: Any) -> int:
+    """Call a function of the kernel's for which Python has none; a negative answer is raised as `OSError`."""
     words = [ctypes.c_ulong(a) if isinstance(a, int) else a for a in arguments]
-    if _CALLS[function](*words) != 0:
+    answer = _CALLS[function](*words)
+    if answer < 0:
         number = ctypes.get_errno()
         raise OSError(number, f"{function}: {os.strerror(number)}")
+    return answer

@@ -13,7 +13,6 @@ DDSI-RTPS 2.5, sections 8.3.5 and 9.4; socket(7): SO_MARK, SO_ATTACH_FILTER; pid
 
 from __future__ import annotations
 
-import ctypes
 import os
 import socket
 import struct
@@ -21,9 +20,11 @@ from collections.abc import Collection, Iterator
 from contextlib import suppress
 from pathlib import Path
 
+from grader.live.sandbox.namespaces import call
+from grader.live.sandbox.seccomp import FilterProgram, step
+
 _SO_ATTACH_FILTER, _SO_MARK, _PIDFD_GETFD = 26, 36, 438
 _MARK = 0x67726164
-_LIBC = ctypes.CDLL(None, use_errno=True)
 
 # Classic BPF. Loads: a word at a place, a byte or half beyond X, the packet's length; then arithmetic and jumps.
 _WORD, _BYTE_AT_X, _HALF_AT_X, _LENGTH, _STORED_TO_X = 0x20, 0x50, 0x48, 0x80, 0x61
@@ -40,43 +41,39 @@ _GAP, _INFO_SOURCE = 0x08, 0x0C
 _MOST_PARTS = 24
 
 
-def _step(code: int, operand: int = 0, if_true: int = 0, if_false: int = 0) -> bytes:
-    return struct.pack("=HBBI", code, if_true, if_false, operand)
-
-
-_DROP, _PASS = _step(_RETURN, 0), _step(_RETURN, 0xFFFFFFFF)
+_DROP, _PASS = step(_RETURN, 0), step(_RETURN, 0xFFFFFFFF)
 
 
 def filter_program(prefixes: Collection[bytes]) -> bytes:
     """Return the filter for sockets of the grader's, where participants with these prefixes of 12 bytes are its own."""
-    steps = [_step(_WORD, _MARK_OF_PACKET), _step(_EQUAL, _MARK, 0, 1), _PASS]
-    steps += [_step(_LENGTH), _step(_AT_LEAST, _FIRST_PART, 1, 0), _PASS]
+    steps = [step(_WORD, _MARK_OF_PACKET), step(_EQUAL, _MARK, 0, 1), _PASS]
+    steps += [step(_LENGTH), step(_AT_LEAST, _FIRST_PART, 1, 0), _PASS]
     for prefix in prefixes:
         for place, word in enumerate(struct.unpack(">III", prefix)):
-            steps += [_step(_WORD, _PREFIX + 4 * place), _step(_EQUAL, word, 0, 5 - 2 * place)]
+            steps += [step(_WORD, _PREFIX + 4 * place), step(_EQUAL, word, 0, 5 - 2 * place)]
         steps.append(_DROP)
-    return b"".join([*steps, _step(_SET_X, _FIRST_PART), *_look_at_part(bool(prefixes)) * _MOST_PARTS, _PASS])
+    return b"".join([*steps, step(_SET_X, _FIRST_PART), *_look_at_part(bool(prefixes)) * _MOST_PARTS, _PASS])
 
 
 def _look_at_part(named: bool) -> list[bytes]:
     """Return steps that look at the part of a packet that begins at X, and set X to the next."""
-    source = [_step(_EQUAL, _INFO_SOURCE, 0, 1), _DROP] if named else []
+    source = [step(_EQUAL, _INFO_SOURCE, 0, 1), _DROP] if named else []
     gap = _unless_shorter(28)
     for high in (12, 14, 20, 22):  # of the first number, and of the one behind the last
-        gap += [_step(_HALF_AT_X, high), _step(_EQUAL, 0, 1, 0), _DROP]
-    gap += [_step(_BYTE_AT_X, 1), _step(_ANY_BIT, 1, 0, 2), _step(_BYTE_AT_X, 27), _step(_EQUAL, 0, 3, 2)]
-    gap += [_step(_BYTE_AT_X, 24), _step(_EQUAL, 0, 1, 0), _DROP]
-    length = [_step(_BYTE_AT_X, 1), _step(_ANY_BIT, 1, 0, 8)]
-    length += [_step(_BYTE_AT_X, 3), _step(_SHIFT_LEFT, 8), _step(_STORE, 0), _step(_STORE_X, 1), _step(_BYTE_AT_X, 2)]
-    length += [_step(_STORED_TO_X, 0), _step(_OR_X), _step(_JUMP, 2)]
-    length += [_step(_STORE_X, 1), _step(_HALF_AT_X, 2)]
-    length += [_step(_STORED_TO_X, 1), _step(_ADD_X), _step(_ADD, 4), _step(_TO_X)]
-    return [*_unless_shorter(4), _step(_BYTE_AT_X, 0), *source, _step(_EQUAL, _GAP, 0, len(gap)), *gap, *length]
+        gap += [step(_HALF_AT_X, high), step(_EQUAL, 0, 1, 0), _DROP]
+    gap += [step(_BYTE_AT_X, 1), step(_ANY_BIT, 1, 0, 2), step(_BYTE_AT_X, 27), step(_EQUAL, 0, 3, 2)]
+    gap += [step(_BYTE_AT_X, 24), step(_EQUAL, 0, 1, 0), _DROP]
+    length = [step(_BYTE_AT_X, 1), step(_ANY_BIT, 1, 0, 8)]
+    length += [step(_BYTE_AT_X, 3), step(_SHIFT_LEFT, 8), step(_STORE, 0), step(_STORE_X, 1), step(_BYTE_AT_X, 2)]
+    length += [step(_STORED_TO_X, 0), step(_OR_X), step(_JUMP, 2)]
+    length += [step(_STORE_X, 1), step(_HALF_AT_X, 2)]
+    length += [step(_STORED_TO_X, 1), step(_ADD_X), step(_ADD, 4), step(_TO_X)]
+    return [*_unless_shorter(4), step(_BYTE_AT_X, 0), *source, step(_EQUAL, _GAP, 0, len(gap)), *gap, *length]
 
 
 def _unless_shorter(size: int) -> list[bytes]:
     """Return steps that let a packet pass which ends before so many bytes from X."""
-    return [_step(_LENGTH), _step(_SUBTRACT, size), _step(_AT_LEAST_X, 0, 1, 0), _PASS]
+    return [step(_LENGTH), step(_SUBTRACT, size), step(_AT_LEAST_X, 0, 1, 0), _PASS]
 
 
 class PacketFilter:
@@ -96,13 +93,9 @@ class PacketFilter:
         if prefix and self._marks:
             self._prefixes.add(bytes.fromhex(prefix))
         self._sockets |= new
-        program = filter_program(self._prefixes)
-        steps = ctypes.create_string_buffer(program, len(program))
-        attached = struct.pack(
-            "HxxxxxxQ", len(program) // 8, ctypes.addressof(steps)
-        )  # the kernel's `struct sock_fprog`
+        program = FilterProgram.of(filter_program(self._prefixes))
         for found in self._sockets.values() if len(self._prefixes) > known else new.values():
-            _set(found, _SO_ATTACH_FILTER, attached)
+            _set(found, _SO_ATTACH_FILTER, bytes(program))
 
 
 def _udp_sockets(pid: int, known: Collection[tuple[int, str]]) -> Iterator[tuple[tuple[int, str], socket.socket]]:
@@ -115,11 +108,10 @@ def _udp_sockets(pid: int, known: Collection[tuple[int, str]]) -> Iterator[tuple
                     key = (pid, str(entry.readlink()))
                     if key in known or not key[1].startswith("socket:"):
                         continue
-                    copy = _LIBC.syscall(_PIDFD_GETFD, handle, int(entry.name), 0)
-                    found = socket.socket(fileno=copy) if copy >= 0 else None
-                    if found is not None and (found.family, found.type) == (socket.AF_INET, socket.SOCK_DGRAM):
+                    found = socket.socket(fileno=call("syscall", _PIDFD_GETFD, handle, int(entry.name), 0))
+                    if (found.family, found.type) == (socket.AF_INET, socket.SOCK_DGRAM):
                         yield key, found
-                    elif found is not None:
+                    else:
                         found.close()
         finally:
             os.close(handle)

@@ -16,7 +16,6 @@ from grader.live.sandbox.cgroup import SandboxCgroup, cgroup_parents
 from grader.live.sandbox.confine import confines_signals, landlock_version
 from grader.live.sandbox.isolation import (
     TEMPORARY,
-    Form,
     Isolation,
     Level,
     Room,
@@ -26,7 +25,7 @@ from grader.live.sandbox.isolation import (
     sandbox_cgroup,
     student_uid,
 )
-from grader.live.sandbox.namespaces import enter_sandbox
+from grader.live.sandbox.namespaces import Form, enter_sandbox
 
 _PROBE_BYTES = 96 * 1024 * 1024
 _TIMEOUT_S = 30.0

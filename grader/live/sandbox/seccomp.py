@@ -12,10 +12,12 @@ References
 
 from __future__ import annotations
 
+import ctypes
 import errno
 import os
 import struct
 
+_STEP = struct.Struct("=HBBI")
 _AUDIT_ARCH_X86_64 = 0xC000003E
 _X32_BIT = 0x40000000
 
@@ -78,6 +80,17 @@ DENIED_TO_OWNERS = {
 }  # fmt: skip
 
 
+class FilterProgram(ctypes.Structure):
+    """The kernel's `struct sock_fprog`: the number of a filter's steps, and the steps."""
+
+    _fields_ = (("length", ctypes.c_ushort), ("steps", ctypes.c_char_p))
+
+    @classmethod
+    def of(cls, steps: bytes) -> FilterProgram:
+        """Return the program of some steps."""
+        return cls(len(steps) // _STEP.size, steps)
+
+
 def filter_program(*, own_spaces: bool = True, own_user: bool = True) -> bytes:
     """Return the filter as an array of `struct sock_filter`, which bubblewrap and the kernel take.
 
@@ -93,10 +106,10 @@ def filter_program(*, own_spaces: bool = True, own_user: bool = True) -> bytes:
         (pairs of them lead nowhere, and are always permitted), and changing attributes of files of that user.
     """
     program = [
-        _step(_LOAD, _ARCHITECTURE),
-        _step(_JUMP_EQUAL, _AUDIT_ARCH_X86_64, 1, 0),
-        _step(_RETURN, _KILL_PROCESS),
-        _step(_LOAD, _NUMBER),
+        step(_LOAD, _ARCHITECTURE),
+        step(_JUMP_EQUAL, _AUDIT_ARCH_X86_64, 1, 0),
+        step(_RETURN, _KILL_PROCESS),
+        step(_LOAD, _NUMBER),
         *_answer_if(_JUMP_AT_LEAST, _X32_BIT, errno.ENOSYS),
     ]
     for number in sorted([*DENIED.values(), *(() if own_user else DENIED_TO_OWNERS.values())]):
@@ -105,25 +118,25 @@ def filter_program(*, own_spaces: bool = True, own_user: bool = True) -> bytes:
         program += _judge_argument(_KILL, 0, _answer_if(_JUMP_EQUAL, _ALL_PROCESSES, errno.EPERM), _ALLOW)
     if not own_user:
         for number, flags in ((_OPEN, 1), (_OPENAT, 2)):
-            cuts = [_step(_AND, _CUTS), *_answer_if(_JUMP_EQUAL, _CUTS_BY_READING, errno.EPERM)]
+            cuts = [step(_AND, _CUTS), *_answer_if(_JUMP_EQUAL, _CUTS_BY_READING, errno.EPERM)]
             program += _judge_argument(number, flags, cuts, _ALLOW)
     program += _of_others()
     # Its flags lie in memory, where no filter can look; without it, libraries use `clone`.
     program += _answer_if(_JUMP_EQUAL, _CLONE3, errno.ENOSYS)
     program += _judge_argument(_CLONE, 0, _answer_if(_JUMP_ANY_BIT, _NAMESPACES, errno.EPERM), _ALLOW)
     for number, words in ((_IOCTL, _REQUESTS), (_FCNTL, _FILE_COMMANDS)):
-        refused = [step for word in words for step in _answer_if(_JUMP_EQUAL, word, errno.EPERM)]
+        refused = [one for word in words for one in _answer_if(_JUMP_EQUAL, word, errno.EPERM)]
         program += _judge_argument(number, 1, refused, _ALLOW)
     program += _of_sockets(own_spaces=own_spaces, local=own_user)
-    program.append(_step(_RETURN, _ALLOW))
+    program.append(step(_RETURN, _ALLOW))
     return b"".join(program)
 
 
 def _of_others() -> list[bytes]:
     """Deny changing limits and weights of others with the same user id, which may be the grader's own processes."""
-    own = [_step(_JUMP_EQUAL, _OWN_PROCESS, 0, 1), _step(_RETURN, _ALLOW)]
-    one = [_step(_JUMP_EQUAL, _ONE_PROCESS, 0, 1 + len(own)), _step(_LOAD, _ARGUMENTS + 8), *own]
-    usual = [step for way in _USUAL_SCHEDULING for step in (_step(_JUMP_EQUAL, way, 0, 1), _step(_RETURN, _ALLOW))]
+    own = [step(_JUMP_EQUAL, _OWN_PROCESS, 0, 1), step(_RETURN, _ALLOW)]
+    one = [step(_JUMP_EQUAL, _ONE_PROCESS, 0, 1 + len(own)), step(_LOAD, _ARGUMENTS + 8), *own]
+    usual = [one for way in _USUAL_SCHEDULING for one in (step(_JUMP_EQUAL, way, 0, 1), step(_RETURN, _ALLOW))]
     return [
         *_judge_argument(_PRLIMIT, 0, own, _ERRNO | errno.EPERM),
         *_judge_argument(_SETPRIORITY, 0, one, _ERRNO | errno.EPERM),
@@ -133,8 +146,8 @@ def _of_others() -> list[bytes]:
 
 def _of_sockets(*, own_spaces: bool, local: bool) -> list[bytes]:
     """Permit sockets of some families."""
-    kind = [_step(_LOAD, _ARGUMENTS + 8), _step(_AND, _SOCKET_KIND), _step(_JUMP_EQUAL, _DATAGRAM, 0, 1)]
-    datagrams = [*kind, _step(_RETURN, _ALLOW), _step(_RETURN, _ERRNO | errno.EACCES)]
+    kind = [step(_LOAD, _ARGUMENTS + 8), step(_AND, _SOCKET_KIND), step(_JUMP_EQUAL, _DATAGRAM, 0, 1)]
+    datagrams = [*kind, step(_RETURN, _ALLOW), step(_RETURN, _ERRNO | errno.EACCES)]
     program = []
     for number in (_SOCKET, _SOCKETPAIR):
         permitted = []
@@ -142,8 +155,8 @@ def _of_sockets(*, own_spaces: bool, local: bool) -> list[bytes]:
             if family == _AF_UNIX and number == _SOCKET and not local:
                 continue
             of_network = family in (_AF_INET, _AF_INET6)
-            then = datagrams if of_network and not own_spaces else [_step(_RETURN, _ALLOW)]
-            permitted += [_step(_JUMP_EQUAL, family, 0, len(then)), *then]
+            then = datagrams if of_network and not own_spaces else [step(_RETURN, _ALLOW)]
+            permitted += [step(_JUMP_EQUAL, family, 0, len(then)), *then]
         program += _judge_argument(number, 0, permitted, _ERRNO | errno.EAFNOSUPPORT)
     return program
 
@@ -156,15 +169,16 @@ def open_filter() -> int:
     return descriptor
 
 
-def _step(code: int, operand: int, if_true: int = 0, if_false: int = 0) -> bytes:
-    return struct.pack("=HBBI", code, if_true, if_false, operand)
+def step(code: int, operand: int = 0, if_true: int = 0, if_false: int = 0) -> bytes:
+    """Return a step of a filter; what it jumps over is counted from the next one."""
+    return _STEP.pack(code, if_true, if_false, operand)
 
 
 def _answer_if(jump: int, operand: int, error: int) -> list[bytes]:
-    return [_step(jump, operand, 0, 1), _step(_RETURN, _ERRNO | error)]
+    return [step(jump, operand, 0, 1), step(_RETURN, _ERRNO | error)]
 
 
 def _judge_argument(number: int, argument: int, tests: list[bytes], otherwise: int) -> list[bytes]:
     """Return steps for one system call: load an argument, test it, and answer; others pass by."""
-    inner = [_step(_LOAD, _ARGUMENTS + 8 * argument), *tests, _step(_RETURN, otherwise)]
-    return [_step(_JUMP_EQUAL, number, 0, len(inner)), *inner]
+    inner = [step(_LOAD, _ARGUMENTS + 8 * argument), *tests, step(_RETURN, otherwise)]
+    return [step(_JUMP_EQUAL, number, 0, len(inner)), *inner]

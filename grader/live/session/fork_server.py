@@ -26,8 +26,7 @@ from pathlib import Path
 
 from grader.live.process.forked import Program, become, read_pipe
 from grader.live.sandbox.environment import INSIDE_FOLDER, LAUNCHING_FOLDER, trusted_environment
-from grader.live.sandbox.isolation import Form
-from grader.live.sandbox.namespaces import end_with_parent, enter_own_mounts, enter_sandbox, name_process
+from grader.live.sandbox.namespaces import Form, end_with_parent, enter_own_mounts, enter_sandbox, name_process
 from grader.live.session.plan import SessionPlan
 from grader.recording.definitions import definition_of, type_hash_of
 
@@ -120,7 +119,7 @@ def _serve(link: socket.socket, types: Sequence[str]) -> None:
             with suppress(OSError):
                 os.write(descriptors[0], f"{problem}\n".encode())
         if forked == 0:
-            program = Program("sandbox", partial(_run_in_sandbox, form, plan), [], trusted_environment(plan.parent, 0))
+            program = Program("sandbox", partial(_run_in_sandbox, form, plan), trusted_environment(plan.parent, 0))
             become(program, server, (null, *descriptors))
         for descriptor in descriptors:
             os.close(descriptor)
@@ -141,19 +140,14 @@ def _load_ros(types: Sequence[str]) -> None:
     importlib.import_module("rclpy").get_rmw_implementation_identifier()
     for name in (*_STANDARD_TYPES, *types):
         with suppress(Exception):  # What is not there, or is no type, is told where it is missed.
-            _load_type(name)
+            interface = importlib.import_module("grader.live.ros_node.graph").interface_named(name)
+            importlib.import_module("rclpy.type_support").check_for_type_support(interface)
+            recorded = f"{name}_Event" if "/srv/" in name else name
+            definition_of(recorded)
+            type_hash_of(recorded)
     # Students' processes read these, and may write nothing beside them.
     for folder in (INSIDE_FOLDER, LAUNCHING_FOLDER):
         compileall.compile_dir(folder, quiet=2)
-
-
-def _load_type(name: str) -> None:
-    """Import a type of messages or services with its libraries, and look up its definition."""
-    interface = importlib.import_module("grader.live.ros_node.graph").interface_named(name)
-    importlib.import_module("rclpy.type_support").check_for_type_support(interface)
-    recorded = f"{name}_Event" if "/srv/" in name else name
-    definition_of(recorded)
-    type_hash_of(recorded)
 
 
 def _run_in_sandbox(form: Form, file: Path) -> None:

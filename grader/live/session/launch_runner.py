@@ -260,10 +260,9 @@ class LaunchRunner:
 
     def _write_files(self, plan: Plan) -> None:
         """Write the files that the launch file made, or had made, for its nodes."""
-        given = dict(plan.parameter_files)
+        self._files = dict(plan.parameter_files)
         for process in plan.processes:
-            given.update(process.parameter_files)
-        self._files = given
+            self._files |= process.parameter_files
         for name, text in self._files.items():
             path = self._sandbox.parameters / name
             with suppress(OSError, ValueError):  # a name that no file can have

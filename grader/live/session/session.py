@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from grader.live.process.cpu_watch import CpuWatch
-from grader.live.process.forked import Program, script
+from grader.live.process.forked import Program, run_script
 from grader.live.process.priority import put_self_first
 from grader.live.process.process import RunningProcess
 from grader.live.process.waiting import within
@@ -36,7 +36,7 @@ from grader.live.session.plan import SessionPlan
 from grader.live.session.student_sandbox import StudentSandbox
 from grader.recording.bag import recover
 from grader.recording.session import ProcessRun, write_session
-from grader.recording.trusted_channel import collect_trusted_messages, trusted_participants
+from grader.recording.trusted_channel import collect_trusted_messages
 
 #: Address space of each of the grader's own processes.
 _TRUSTED_BYTES = 3 * 1024**3
@@ -48,6 +48,8 @@ _LOOK_S = 0.01
 _SAMPLED_SHARE = 0.7
 #: After the last of the student's processes has ended, how long its traffic may still be on its way.
 _AFTER_EXIT_S = 0.3
+#: What a measurement needs of its time undisturbed, and the pieces by which it is made longer for that.
+_CALM_S, _MORE_S = 0.7, 0.5
 _NAMED = ("node", "publisher", "subscription", "service")
 
 
@@ -128,26 +130,25 @@ class Session:
     # -- the grader's own processes -----------------------------------------------------------
 
     async def _start_trusted(
-        self, run: ProcessRun, main: Callable[[], object], argument: str, hear: Callable[[bytes], None] | None = None
+        self, run: ProcessRun, main: Callable[[], object], hear: Callable[[bytes], None] | None = None
     ) -> RunningProcess:
         self.record.processes.append(run)
         environment = trusted_environment(self.plan.scratch / "trusted", self.plan.domain_id)
-        program = Program(run.name, main, [argument], environment, _TRUSTED_BYTES)
+        program = Program(run.name, main, environment, _TRUSTED_BYTES)
         running = await RunningProcess.fork(run, program, on_message=hear)
         self.sandbox.trusted.append(running)
         return running
 
     async def _start_director(self) -> None:
-        settings = {
-            "folder": str(self.plan.folder),
-            "name": self.record.session,
-            "domain_id": self.plan.domain_id,
-            "reference_nodes": [spec["node"] for spec in self.plan.reference.values()],
-            "expected": self.plan.expected,
-        }
+        plan, session = self.plan, self.record.session
+        reference_nodes = {spec["node"] for spec in plan.reference.values()}
+
+        def direct() -> None:
+            module = importlib.import_module("grader.live.ros_node.director")
+            module.Director(plan.folder, session, plan.domain_id, reference_nodes, set(plan.expected)).serve()
+
         director = DirectorClient(self.record)
-        main = importlib.import_module("grader.live.ros_node.director").main
-        director.running = await self._start_trusted(director.run, main, json.dumps(settings), director.hear)
+        director.running = await self._start_trusted(director.run, direct, director.hear)
         self.director = director
         await director.wait_ready()
         self._filter.protect(director.running.root_pid() or 0)
@@ -163,14 +164,16 @@ class Session:
         }
         run = ProcessRun(name, "reference", ["python", Path(spec["file"]).name, json.dumps(configuration)])
         # Not on the command line, which everybody can read where process ids are shared: the seed is in it.
-        running = await self._start_trusted(run, script(spec["file"]), "-")
+        running = await self._start_trusted(run, partial(run_script, spec["file"], "-"))
         running.write(json.dumps(configuration).encode(), last=True)
         self.processes[name] = running
         outcome, result = await self._wait_output(name, "ready", _REFERENCE_START_S)
         if outcome != "done":
             self.record.problems.append(f"the reference node {name} did not become ready")
         running.put_standing()
-        self._filter.protect(running.root_pid() or 0, next(trusted_participants(run), ""))
+        collect_trusted_messages(self.record)
+        prefix = next((trusted.gid_prefix for trusted in self.record.trusted if trusted.process == name), "")
+        self._filter.protect(running.root_pid() or 0, prefix)
         return outcome, result
 
     def _types(self) -> dict[str, str]:
@@ -295,6 +298,17 @@ class Session:
             self.director.cancel()
         ended.cancel()
         return await answer
+
+    async def _step_observe(self, parameters: dict[str, Any]) -> Answer:
+        outcome, result = await self._direct("observe", parameters)
+        for _ in range(int(parameters["extend_s"] / _MORE_S) if outcome == "done" else 0):
+            if await self._watch.calm_s(result["opened_ns"]) >= _CALM_S:
+                break
+            went_on, more = await self._direct("observe", {"duration_s": _MORE_S})
+            if went_on != "done":
+                break
+            result["closed_ns"] = more["closed_ns"]
+        return outcome, result
 
     def _students_remain(self) -> bool:
         return bool(self._launch.waiting) or any(p.alive for p in self.sandbox.students())

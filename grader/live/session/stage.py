@@ -13,8 +13,8 @@ import shutil
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass
+from functools import cache, cached_property
 from pathlib import Path, PurePosixPath
 
 from grader.lab.rubric import Rubric
@@ -78,7 +78,7 @@ def stage(source: Path, record: SubmissionRecord, rubric: Rubric, folder: Path, 
     return _Installation(folder, record, rubric, interpreter).install()
 
 
-@dataclass
+@dataclass(eq=False)
 class _Installation:
     """The ament prefix, and what is left of the room in it."""
 
@@ -88,8 +88,6 @@ class _Installation:
     interpreter: str
     size_bytes: int = _MOST_INSTALLED_BYTES
     entries: int = _MOST_INSTALLED
-    #: Many names may stand for one file, in packages within each other too, and it takes long to read.
-    wrappers: dict[tuple[str, str | None], str] = field(default_factory=dict)
 
     def install(self) -> dict[str, str]:
         """Install everything; returns the artifacts' wrappers."""
@@ -100,13 +98,11 @@ class _Installation:
                 executable = self.rubric.artifacts[artifact.name].executable
                 _write(self.folder / relative, self._wrapper_of_file(artifact.path, executable))
                 executables[artifact.name] = relative
-        for package in self.record.packages:
+        packages = self.record.packages or self._packages_of_bare_files()
+        for package in packages:
             self._register(package.name)  # before any package installs something in another's place
-        for package in self.record.packages:
+        for package in packages:
             self._install_package(package)
-        if not self.record.packages:
-            for name in self._packages_of_bare_files():
-                self._install_bare_files(name)
         return executables
 
     def _take_room(self, path: Path, size_bytes: int) -> bool:
@@ -123,26 +119,17 @@ class _Installation:
         for part in ("share", "lib"):
             (install / part / package).mkdir(parents=True, exist_ok=True)
 
-    # -- bare files ---------------------------------------------------------------------------
-
-    def _packages_of_bare_files(self) -> list[str]:
+    def _packages_of_bare_files(self) -> list[PackageFact]:
         """Bare files stand for the lab's package, and for any other that their launch files name."""
         named = [m for text in self.record.texts.values() for m in _PACKAGE_ARGUMENT.findall(text)]
-        return [p for p in dict.fromkeys([self.rubric.lab.package, *named]) if not is_released(p)][:20]
-
-    def _install_bare_files(self, package: str) -> None:
-        self._register(package)
-        for artifact in self.record.artifacts:
-            executable = self.rubric.artifacts[artifact.name].executable
-            if artifact.path is None or executable is None:
-                continue
-            text = self._wrapper_of_file(artifact.path)
-            # `ros2 run` knows them by the names that their entry points would have, or by their own.
-            for name in {executable, PurePosixPath(artifact.path).name, PurePosixPath(artifact.path).stem}:
-                _write(self.folder / "install/lib" / package / name, text)
-        self._share(self._all_data(package, PurePosixPath()))
-
-    # -- packages -----------------------------------------------------------------------------
+        names = [p for p in dict.fromkeys([self.rubric.lab.package, *named]) if not is_released(p)][:20]
+        given = [(self.rubric.artifacts[artifact.name].executable, artifact.path) for artifact in self.record.artifacts]
+        parts = {executable: path for executable, path in given if executable is not None and path is not None}
+        others = [path for path in self.record.texts if path.endswith(".py") and not is_launch_file(path)]
+        # `ros2 run` knows them by the names that their entry points would have, or by their own.
+        files = [PurePosixPath(path) for path in (*others, *parts.values())]
+        programs = {name: str(file) for file in files for name in (file.name, file.stem)} | parts
+        return [PackageFact(name, "", "ament_python", programs) for name in names]
 
     def _install_package(self, package: PackageFact) -> None:
         for name, target in package.executables.items():
@@ -190,12 +177,9 @@ class _Installation:
         source = module.replace(".", "/") + ".py"
         return self._wrapper(target, PurePosixPath(package.path), source, _run_entry(module, function))
 
+    # Many names may stand for one file, in packages within each other too, and it takes long to read.
+    @cache  # noqa: B019
     def _wrapper_of_file(self, path: str, executable: str | None = None) -> str:
-        if (path, executable) not in self.wrappers:
-            self.wrappers[path, executable] = self._read_wrapper(path, executable)
-        return self.wrappers[path, executable]
-
-    def _read_wrapper(self, path: str, executable: str | None) -> str:
         file = PurePosixPath(path)
         function = function_to_call(self.record.texts.get(path, ""), self._entry_points_of(file, executable))
         root = self._package_root(file)

@@ -17,8 +17,6 @@ from grader.report.exports import (
 from grader.report.exports.graded import Graded, graded
 from grader.result import Result
 
-__all__ = ["EXPORTS", "Export", "render_export"]
-
 
 @dataclass(frozen=True)
 class Export:

@@ -35,6 +35,6 @@ def _command(kind: str, check: GradedCheck) -> str:
     cost = f"−{points(check.lost)} points" if check.lost else "costs nothing"
     properties = {"title": f"{line(check.title, _LONGEST_TITLE)} ({badge_of(check.outcome).word}, {cost})"}
     if check.location is not None:
-        properties = {"file": check.location.path, "line": str(check.location.line), **properties}
+        properties = {"file": str(check.location.file), "line": str(check.location.line), **properties}
     written = ",".join(f"{key}={command_property(value, 1000)}" for key, value in properties.items())
     return f"::{kind} {written}::{command_data(full_text(check) or badge_of(check.outcome).word)}"

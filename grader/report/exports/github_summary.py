@@ -13,12 +13,11 @@ from grader.report.exports.graded import (
     MOST_REMARKS,
     Graded,
     GradedCheck,
-    adjustment_texts,
     points_of,
     proof_lines,
     violation_texts,
 )
-from grader.report.views import EXPLANATION, HEADING, badge_of, points
+from grader.report.views import EXPLANATION, HEADING, adjustments_of, badge_of, points
 from grader.result import Outcome
 
 LONGEST_BYTES = 1024 * 1024
@@ -46,7 +45,7 @@ def _parts(graded: Graded) -> Iterable[str]:
     yield _head(graded)
     yield _criteria(graded)
     judged = f"As judged: {points(graded.score.earned)}. With all adjustments: **{points(graded.final)}**."
-    yield from _listed("Adjustments", map(markdown_text, adjustment_texts(graded)), judged)
+    yield from _listed("Adjustments", (markdown_text(view.text) for view in adjustments_of(graded)), judged)
     yield from _listed(HEADING, map(markdown_text, violation_texts(graded)), EXPLANATION)
     lossy = [check for check in graded.lossy if check.outcome is not Outcome.NOT_REACHED]
     if lossy:

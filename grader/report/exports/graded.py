@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import PurePosixPath
 
 from grader.report.escape import line, shown
-from grader.report.views import adjustment_text, note_of, points
+from grader.report.views import note_of, points
 from grader.result import (
     BY_HAND,
     AdjustmentKind,
@@ -28,27 +29,17 @@ MOST_REMARKS = 50
 
 
 @dataclass(frozen=True)
-class SourceLocation:
-    """A line of a file of the student's repository, counted from 1; 1 where only the file is known.
-
-    The path never leads out of the repository, and has no characters that cannot be shown.
-    """
-
-    path: str
-    line: int
-
-
-@dataclass(frozen=True)
 class GradedCheck(CheckResult):
     """A check with what a person decided of it.
 
     `undecided` are the points that nobody has decided, `given` those that a person's decision added, and `location` is
-    the first place of its proof that is a file.
+    the first place of its proof that is a file of the student's repository, with its line from 1: 1 where only the file
+    is known. The path never leads out of the repository, and has no characters that cannot be shown.
     """
 
     given: Decimal = Decimal(0)
     open: bool = False
-    location: SourceLocation | None = None
+    location: Location | None = None
 
     @property
     def lost(self) -> Decimal:
@@ -100,7 +91,7 @@ def graded(result: Result, path_prefix: str = "") -> Graded:
     by_hand = [each for each in result.adjustments if each.kind in BY_HAND]
     excused = {each.what for each in by_hand if each.kind is AdjustmentKind.EXCUSED}
     open_ids = {check.id for check in result.open_checks}
-    given = {each.what: Decimal(0) for each in by_hand}
+    given: defaultdict[str, Decimal] = defaultdict(Decimal)
     for each in by_hand:
         given[each.what] += each.points
 
@@ -109,7 +100,8 @@ def graded(result: Result, path_prefix: str = "") -> Graded:
         # A person has looked at all of the criterion; what it got for each check is not known, unless it is excused.
         rest = check.possible - check.earned - undecided
         added = rest if criterion in excused else given.get(check.id, Decimal(0))
-        location, is_open = _location(check, path_prefix), check.id in open_ids
+        location = next(filter(None, (_in_repository(where, path_prefix) for where in check.where)), None)
+        is_open = check.id in open_ids
         return GradedCheck(**{**vars(check), "undecided": undecided}, given=added, open=is_open, location=location)
 
     criteria = []
@@ -119,12 +111,7 @@ def graded(result: Result, path_prefix: str = "") -> Graded:
     return Graded(**{**vars(result), "criteria": tuple(criteria)})
 
 
-def _location(check: CheckResult, path_prefix: str) -> SourceLocation | None:
-    locations = (_in_repository(where, path_prefix) for where in check.where)
-    return next((location for location in locations if location is not None), None)
-
-
-def _in_repository(where: Location, path_prefix: str) -> SourceLocation | None:
+def _in_repository(where: Location, path_prefix: str) -> Location | None:
     """Return the file in the repository; none if the path leads out of it, or cannot be shown as it is."""
     if not where.file or len(where.file) > _LONGEST_NAME:
         return None
@@ -133,7 +120,7 @@ def _in_repository(where: Location, path_prefix: str) -> SourceLocation | None:
     if path.is_absolute() or ".." in path.parts or not path.parts:
         return None
     showable = shown(text, len(text)) == text and "\n" not in text
-    return SourceLocation(text, max(1, where.line or 1)) if showable else None
+    return Location(text, max(1, where.line or 1)) if showable else None
 
 
 def points_of(check: GradedCheck) -> str:
@@ -141,12 +128,6 @@ def points_of(check: GradedCheck) -> str:
     if check.open:
         return f"? / {points(check.possible)}"
     return f"{points(check.earned + check.given)} / {points(check.possible)}"
-
-
-def adjustment_texts(graded: Graded) -> list[str]:
-    """Return the adjustments, each as a line of text that is still untrusted."""
-    titles = {check.id: check.title for check in graded.checks} | {part.id: part.title for part in graded.criteria}
-    return [adjustment_text(each, titles) for each in graded.adjustments]
 
 
 def violation_texts(graded: Graded) -> list[str]:

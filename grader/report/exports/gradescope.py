@@ -23,11 +23,10 @@ from grader.report.exports.graded import (
     Graded,
     GradedCheck,
     GradedCriterion,
-    adjustment_texts,
     full_text,
     violation_texts,
 )
-from grader.report.views import HEADING, points
+from grader.report.views import HEADING, adjustments_of, points
 from grader.result import number
 
 
@@ -64,7 +63,7 @@ def _overall(graded: Graded) -> list[str]:
             "the instructor can run the autograder again, or decide."
         )
     remarks: dict[str, Sequence[str]] = {
-        "Adjustments": adjustment_texts(graded),
+        "Adjustments": [view.text for view in adjustments_of(graded)],
         HEADING: violation_texts(graded),
         "On the grader's side": graded.problems[:MOST_REMARKS],
         "Costs nothing, but worth knowing": graded.advisories[:MOST_REMARKS],

@@ -22,7 +22,7 @@ def scores_figure(spread: Spread) -> Figure:
             if bar.count:
                 x, y = frame.px(float(bar.low)) + 2, frame.py(bar.count)
                 wide = frame.px(float(bar.high)) - x - 2
-                parts.append(rect(x, y, wide, frame.bottom - y, "bar", rounded=2))
+                parts.append(rect(x, y, wide, frame.bottom - y, "bar", rx=2))
                 parts.append(text(x + wide / 2, y - 6, str(bar.count), class_="note"))
         parts.append(rule(middle, frame.top - 16, middle, frame.bottom, "expected"))
         anchor = "end" if middle > width * 0.8 else "start" if middle < width * 0.2 else "middle"

@@ -129,10 +129,9 @@ def rule(x1: float, y1: float, x2: float, y2: float, class_: str) -> Markup:
     return tag("line", x1=x1, y1=y1, x2=x2, y2=y2, class_=class_)
 
 
-def rect(x: float, y: float, width: float, height: float, class_: str, rounded: float = 0) -> Markup:
-    """Return a rectangle, with rounded corners if wanted."""
-    size: dict[str, str | float] = {"x": x, "y": y, "width": width, "height": height}
-    return tag("rect", "", **size, **({"rx": rounded} if rounded else {}), class_=class_)
+def rect(x: float, y: float, width: float, height: float, class_: str, **more: float) -> Markup:
+    """Return a rectangle, with more attributes."""
+    return tag("rect", "", x=x, y=y, width=width, height=height, **more, class_=class_)
 
 
 @dataclass(frozen=True)

@@ -33,14 +33,7 @@ class Installed(NamedTuple):
 def installs_of(text: str, package: str, paths: Sequence[str]) -> Iterator[Installed]:
     """Give what the `install` and `ament_auto_package(INSTALL_TO_SHARE ...)` commands of a `CMakeLists.txt` copy.
 
-    Parameters
-    ----------
-    text : str
-        `CMakeLists.txt`.
-    package : str
-        The package's name.
-    paths : sequence of str
-        The package's files, relative to its folder.
+    The paths are those of the package's files, relative to its folder.
     """
     named = 0
     for name, words in commands_of(text, package):
@@ -65,10 +58,7 @@ def installs_of(text: str, package: str, paths: Sequence[str]) -> Iterator[Insta
 def commands_of(text: str, package: str) -> Iterator[tuple[str, list[str]]]:
     """Give the commands in order: name in lower case, and words without their quotation marks, with variables put in.
 
-    Parameters
-    ----------
-    package : str
-        The package's name, for ``${PROJECT_NAME}``.
+    `${PROJECT_NAME}` is the package's name.
     """
     text = _HERE.sub(lambda match: "" if match[1] else ".", re.sub(r"#[^\n]*", "", text))
     variables: dict[str, list[str]] = {"PROJECT_NAME": [package]}

@@ -22,15 +22,7 @@ _LONGEST_LINE = 500
 
 
 def find_packages(texts: dict[str, str], paths: list[str]) -> list[PackageFact]:
-    """Find the packages by their `package.xml`.
-
-    Parameters
-    ----------
-    texts : dict
-        Relative path -> text.
-    paths : list of str
-        All files' relative paths.
-    """
+    """Find the packages by their `package.xml`, among all files' relative paths, of which some have texts."""
     packages = []
     for path in sorted(p for p in paths if PurePosixPath(p).name == "package.xml")[:_MOST_PACKAGES]:
         folder = str(PurePosixPath(path).parent).removeprefix(".")
@@ -162,15 +154,11 @@ def _sections_of(text: str) -> configparser.ConfigParser:
     parser = configparser.ConfigParser(interpolation=None, strict=False)
     parser.optionxform = str  # type: ignore[method-assign,assignment]
     try:
-        parser.read_string(_cut(text))
+        # It takes time by the square of the blanks in a line.
+        parser.read_string("\n".join(line[:_LONGEST_LINE] for line in text.splitlines()))
     except configparser.Error:
         parser.clear()
     return parser
-
-
-def _cut(text: str) -> str:
-    """Return a text with its lines cut: `configparser` takes time by the square of the blanks in a line."""
-    return "\n".join(line[:_LONGEST_LINE] for line in text.splitlines())
 
 
 def _read_cmake(package: PackageFact, texts: dict[str, str], inside: list[str]) -> None:

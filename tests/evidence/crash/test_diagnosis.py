@@ -12,7 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grader.evidence.crash.diagnosis import Diagnosis, advisories, explain
+from grader.evidence.crash.causes import Diagnosis
+from grader.evidence.crash.diagnosis import advisories, explain
 from grader.recording.session import OutputLine
 from tests.thorough import part
 

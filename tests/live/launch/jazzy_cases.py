@@ -483,6 +483,21 @@ LIFECYCLES = [
         expect={"len transitions": 2, "transitions.1.transition": "activate"},
     ),
     lifecycle(
+        "a node is asked by its name, with or without its namespace",
+        "LifecycleNode(package='demo', executable='talker', name='t', namespace=''), "
+        "*[EmitEvent(event=ChangeState(lifecycle_node_matcher=matches_node_name(name), transition_id=number)) "
+        "for name, number in (('t', 1), ('/t', 3))]",
+        expect={"len transitions": 2, "len warnings": 0},
+    ),
+    body(
+        "nodes of one name are counted",
+        "*[Node(package='demo', executable='talker', name='t', namespace='') for _ in range(2)], "
+        "OpaqueFunction(function=lambda context: ["
+        "Node(package='demo', executable='talker', name=f'x{n}', namespace='') "
+        "for n in range(__import__('launch_ros').utilities.get_node_name_count(context, '/t'))])",
+        expect={"len processes": 4},
+    ),
+    lifecycle(
         "a transition that the state does not allow is warned of",
         "*(lambda t: [t, EmitEvent(event=ChangeState(lifecycle_node_matcher=matches_action(t), transition_id=3))])("
         "LifecycleNode(package='demo', executable='talker', name='t', namespace=''))",

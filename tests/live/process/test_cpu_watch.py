@@ -8,14 +8,15 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from grader.live.process.priority import put_in_real_time, put_student_in_real_time
+from grader.live.process.priority import put_in_real_time
+from tests.live.small_lab import until
 
 pytestmark = pytest.mark.live
 
@@ -58,8 +59,16 @@ def threads_of(pid: int) -> list[int]:
 
 
 def follow(watch: subprocess.Popen[str], name: str, role: str, pid: int, core: int | None) -> None:
-    """Have a process watched."""
+    """Have a process watched; returns once it is."""
     say(watch, json.dumps({"name": name, "role": role, "core": core, "threads": threads_of(pid)}))
+    calm_s(watch, time.time_ns())
+
+
+def calm_s(watch: subprocess.Popen[str], since_ns: int) -> float:
+    """Return for how long the watched were undisturbed since a time."""
+    say(watch, json.dumps({"calm_since": since_ns}))
+    assert watch.stdout is not None
+    return float(watch.stdout.readline())
 
 
 def seen(watch: subprocess.Popen[str]) -> dict[str, list[list[int]]]:
@@ -78,7 +87,7 @@ def test_waits_for_others_are_seen_and_those_for_oneself_are_not() -> None:
     """Two threads on one core wait for each other half of the time; only what others had is the machine's."""
     with program(_WATCH) as watch, program(_TWO_THREADS) as it, program(_TWO_THREADS) as other:
         say(it, "")
-        time.sleep(0.2)
+        until(lambda: len(threads_of(it.pid)) == 2, 30)
         for process in (it, other):
             for thread in threads_of(process.pid):
                 os.sched_setaffinity(thread, {_CORE})
@@ -111,25 +120,25 @@ def test_what_is_stopped_with_all_its_sandbox_is_seen() -> None:
         end_ns = time.time_ns()
         watch.send_signal(signal.SIGCONT)
         time.sleep(0.1)
+        calm, asked_ns = calm_s(watch, start_ns), time.time_ns()
         delays = seen(watch)["it"]
     stopped = [each for each in delays if each[2] > 100_000_000]
     assert len(stopped) == 1
     assert stopped[0][0] <= start_ns + 10_000_000
     assert end_ns <= stopped[0][0] + stopped[0][1]
+    assert calm < (asked_ns - end_ns) / 1e9  # and nothing of the time in which it was stopped
 
 
-@pytest.mark.parametrize(("role", "put"), [("grader", put_in_real_time), ("student", put_student_in_real_time)])
-def test_a_runaway_does_not_go_before_all_others(role: str, put: Callable[[list[int]], None]) -> None:
+def test_a_runaway_does_not_go_before_all_others() -> None:
     """Where real-time scheduling is permitted, who computes without a pause loses it again, and is not ended."""
-    core = None if role == "grader" else _CORE
     with program(_WATCH) as watch, program(_TWO_THREADS) as it:
         say(it, "")
-        time.sleep(0.2)
-        follow(watch, "it", role, it.pid, core)
-        put([it.pid])
+        until(lambda: len(threads_of(it.pid)) == 2, 30)
+        follow(watch, "it", "grader", it.pid, None)
+        put_in_real_time([it.pid])
         deadline_s = time.monotonic() + 5
         while any(os.sched_getscheduler(t) & os.SCHED_RR for t in threads_of(it.pid)) and time.monotonic() < deadline_s:
-            follow(watch, "it", role, it.pid, core)  # as a session does, for threads that came later
+            follow(watch, "it", "grader", it.pid, None)  # as a session does, for threads that came later
             time.sleep(0.05)
         assert {os.sched_getscheduler(t) & ~os.SCHED_RESET_ON_FORK for t in threads_of(it.pid)} == {os.SCHED_OTHER}
         assert it.poll() is None

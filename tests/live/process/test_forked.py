@@ -17,7 +17,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the live half r
 #: Forks MAIN, gives it INPUT, and prints what it said and how it ended.
 PROGRAM = """
 import asyncio, os, resource, signal, sys
-from grader.live.process.forked import Program, script, start_forked
+from grader.live.process.forked import Program, run_script, start_forked
 
 signal.signal(signal.SIGINT, signal.SIG_IGN)
 opened = os.dup2(os.open("/", os.O_RDONLY), 50)
@@ -25,7 +25,7 @@ opened = os.dup2(os.open("/", os.O_RDONLY), 50)
 {main}
 
 async def run():
-    process = await start_forked(Program("a fork", main, ["an argument"], {{"ONLY": "this"}}, {limit}))
+    process = await start_forked(Program("a fork", main, {{"ONLY": "this"}}, {limit}))
     process.stdin.write(b"a line\\n")
     process.stdin.close()
     said, errors = await process.stdout.read(), await process.stderr.read()
@@ -43,10 +43,10 @@ def forked(main: str, limit: int | None = None) -> tuple[int, str, str]:
     return int(status), said, errors
 
 
-def test_a_fork_has_its_own_arguments_environment_and_pipes() -> None:
-    """It reads its input, knows its arguments, and sees only the environment that it was given."""
+def test_a_fork_has_its_own_environment_and_pipes() -> None:
+    """It reads its input, has no arguments but its name, and sees only the environment that it was given."""
     status, said, _ = forked("def main(): print(sys.argv, dict(os.environ), sys.stdin.read().strip(), os.getcwd())")
-    assert (status, said) == (0, "['a fork', 'an argument'] {'ONLY': 'this'} a line /\n")
+    assert (status, said) == (0, "['a fork'] {'ONLY': 'this'} a line /\n")
 
 
 def test_a_fork_keeps_no_descriptor_and_no_signal_of_the_other_process() -> None:
@@ -88,10 +88,10 @@ def test_a_fork_ends_as_a_program_does(body: str, status: int, error: str) -> No
 
 
 def test_a_script_runs_as_a_program(tmp_path: Path) -> None:
-    """It is the main module, under its own path."""
-    (tmp_path / "it.py").write_text("import sys\nprint(__name__, sys.argv[0])\n", encoding="utf-8")
+    """It is the main module, under its own path and with its arguments."""
+    (tmp_path / "it.py").write_text("import sys\nprint(__name__, sys.argv)\n", encoding="utf-8")
     file = str(tmp_path / "it.py")
-    assert forked(f"main = script({file!r})")[1] == f"__main__ {file}\n"
+    assert forked(f"def main(): run_script({file!r}, '-')")[1] == f"__main__ [{file!r}, '-']\n"
 
 
 def test_a_fork_may_not_map_more_than_it_is_allowed() -> None:

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from grader.live.process.priority import STANDING, put_standing, put_student_in_real_time
+from grader.live.process.priority import STANDING, put_standing
 
 pytestmark = pytest.mark.live
 
@@ -24,7 +24,6 @@ put_self_first()
 child = "import os; print(os.getpriority(os.PRIO_PROCESS, 0))"
 print(os.getpriority(os.PRIO_PROCESS, 0), subprocess.check_output([sys.executable, "-c", child], text=True).strip())
 """
-_POLICY = "import os; print(os.sched_getscheduler(0))"
 
 
 def may_raise() -> bool:
@@ -53,18 +52,6 @@ def test_what_stands_goes_before_what_starts() -> None:
         assert nice_of(pid) == own
         put_standing([pid])
         assert nice_of(pid) == (STANDING if may_raise() else own)
-
-
-def test_what_a_student_in_real_time_starts_is_ordinary() -> None:
-    """A fork bomb does not multiply what goes before all others; where that is not permitted, nothing does."""
-    starts = "import os, subprocess, sys; input(); subprocess.run([sys.executable, '-c', " + repr(_POLICY) + "])"
-    command = [sys.executable, "-c", starts]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
-        put_student_in_real_time([process.pid])
-        policy = os.sched_getscheduler(process.pid)
-        child = process.communicate("\n")[0]
-    assert policy == (os.SCHED_RR | os.SCHED_RESET_ON_FORK if may_raise() else os.SCHED_OTHER)
-    assert int(child) == os.SCHED_OTHER
 
 
 def test_children_of_a_session_do_not_inherit_its_priority() -> None:

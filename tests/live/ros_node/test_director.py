@@ -73,6 +73,7 @@ MISSPELT = """
         self.publisher = self.create_publisher(Float64MultiArray, '/joint_comands', 10)
         self.create_timer(0.05, lambda: self.publisher.publish(Float64MultiArray(data=[1.0])))
         self.create_service(SetBool, '/robot/enabel', self.answer)
+        self.create_service(SetBool, '/robot_2/enabel', self.answer)
 
     def answer(self, request, response):
         response.success = request.data
@@ -90,6 +91,8 @@ def test_misspelt_names_are_found_and_used(tmp_path: Path) -> None:
             {"wait_for": {"publisher": "/joint_commands", "type": FLOATS, "timeout_s": 20}},
             {"wait_for": {"service": "/robot/enable", "type": SET_BOOL, "timeout_s": 20}},
             {"observe": {"duration_s": 0.3, "first_message_on": "/joint_commands"}},
+            # What was found once is what is meant later, not the next that is like it.
+            {"wait_for": {"service": "/robot/enable", "type": SET_BOOL, "timeout_s": 20}},
             {"call": {"service": "/robot/enable", "type": SET_BOOL, "request": {"data": True}}},
             {"get_parameters": {"node": "/joint_command_publisher", "names": ["use_sim_time"]}},
         ],
@@ -99,7 +102,7 @@ def test_misspelt_names_are_found_and_used(tmp_path: Path) -> None:
         "/joint_commands": "/joint_comands",
         "/robot/enable": "/robot/enabel",
     }
-    assert [step.outcome for step in recorded.record.steps] == ["done"] * 8
+    assert [step.outcome for step in recorded.record.steps] == ["done"] * 9
     (call,) = steps_of(recorded, "call")
     assert call.result["service"] == "/robot/enabel"
     assert call.result["calls"][0]["response"]["success"] is True

@@ -15,7 +15,7 @@ pytest.importorskip("rclpy")
 import rclpy
 from rclpy.node import Node
 
-from grader.live.ros_node.graph import GraphWatch
+from grader.live.ros_node.graph import GraphWatch, interface_named
 from grader.recording.session import GraphSnapshot
 from tests.reference.live_graph import use_private_graph
 
@@ -77,3 +77,10 @@ def test_of_a_graph_that_grows_without_end_some_snapshots_and_the_last_are_hande
 def topics_in(graph: GraphSnapshot) -> int:
     """Count the topics that the other process has opened."""
     return len({endpoint.topic for endpoint in graph.endpoints if endpoint.topic.startswith("/many/")})
+
+
+@pytest.mark.parametrize("name", ["unittest/__main__/X", "unittest/srv/X", "std_srvs/srv/None", "../srv/X", "x"])
+def test_a_type_that_no_package_defines_is_not_imported(name: str) -> None:
+    """Who announces a service of such a type has no module of its name executed, which could end this process."""
+    with pytest.raises(ImportError, match="no installed package defines"):
+        interface_named(name)

@@ -355,9 +355,9 @@ def test_all_readers_agree(recorded: Recorded) -> None:
             stream.data,
         )
         assert sorted(raw.get(key, [])) == sorted(zip(*columns, strict=True))
-        ours = zip(stream.received_ns.tolist(), map(repr, stream.messages()), strict=True)
+        ours = zip(stream.received_ns.tolist(), map(repr, stream.messages), strict=True)
         assert sorted((time_ns, repr(value)) for time_ns, value in theirs.get(key, [])) == sorted(ours)
-        assert all(message is not None for message in stream.messages())
+        assert all(message is not None for message in stream.messages)
 
 
 def test_a_killed_recorder_leaves_its_evidence(tmp_path: Path) -> None:

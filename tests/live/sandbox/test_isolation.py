@@ -21,7 +21,8 @@ from grader.evidence.crash.diagnosis import ended_by_limit
 from grader.evidence.recorded import Recorded
 from grader.live.sandbox import environment
 from grader.live.sandbox.confine import confines_signals, landlock_version
-from grader.live.sandbox.isolation import STUDENT_UIDS, Form, Isolation, Level, Room, confined, first_student_uid
+from grader.live.sandbox.isolation import STUDENT_UIDS, Isolation, Level, Room, confined, first_student_uid
+from grader.live.sandbox.namespaces import Form
 from grader.live.sandbox.probing import probe_isolation, require
 from grader.live.sandbox.seccomp import DENIED
 from grader.live.session.fork_server import ForkServer

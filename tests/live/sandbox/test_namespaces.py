@@ -18,8 +18,7 @@ FORM = "ROOT" if os.geteuid() == 0 else "USER"
 PROGRAM = """
 import os, signal, socket, sys, time
 from pathlib import Path
-from grader.live.sandbox.isolation import Form
-from grader.live.sandbox.namespaces import enter_sandbox
+from grader.live.sandbox.namespaces import Form, enter_sandbox
 
 before = {{name: os.readlink(f"/proc/self/ns/{{name}}") for name in ("net", "mnt", "ipc", "uts", "pid")}}
 outside = os.getpid()

@@ -15,9 +15,10 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from grader.classroom.worker import limit_memory
+from grader.bounded import limit_memory
+from grader.classroom.worker import MOST_MEMORY_BYTES
 from grader.errors import PlatformError
-from grader.live.sandbox.isolation import Form
+from grader.live.sandbox.namespaces import Form
 from grader.live.session.fork_server import ForkServer
 from grader.live.session.runner import sandbox_pid
 from tests.live.small_lab import below, command_of, make_lab, name_of, until
@@ -71,8 +72,7 @@ from pathlib import Path
 from grader.errors import PlatformError
 from grader.live.session.runner import sandbox_pid
 from grader.live.session.fork_server import ForkServer
-from grader.live.sandbox.isolation import Form
-from grader.live.sandbox.namespaces import enter_sandbox
+from grader.live.sandbox.namespaces import Form, enter_sandbox
 
 form, folder = Form(sys.argv[1]), Path(sys.argv[2])
 try:
@@ -110,7 +110,7 @@ def test_why_no_sandbox_can_be_made_is_reported(tmp_path: Path) -> None:
 def test_sandboxes_do_not_inherit_the_limit_of_the_process_that_grades(tmp_path: Path) -> None:
     """A class limits what judging a submission may map; a student's node has the same room there as by itself."""
     before = resource.getrlimit(resource.RLIMIT_AS)
-    limit_memory()
+    limit_memory(MOST_MEMORY_BYTES)
     try:
         assert resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY
         with ForkServer() as forks:

@@ -263,6 +263,23 @@ def test_who_fills_a_sandbox_with_processes_keeps_its_own_programs_out(tmp_path:
     assert (began, other.limit) in ((["began"], None), ([], "processes"))
 
 
+def test_a_window_goes_on_until_enough_of_it_is_undisturbed(tmp_path: Path) -> None:
+    """Half a second never has 0.7 s undisturbed; it goes on by pieces, and no longer than it may."""
+    started: list[dict[str, Any]] = [
+        {"start": {"student": "talker"}},
+        {"wait_for": {"publisher": "/chatter", "timeout_s": 30}},
+    ]
+    windows = {"bound": {"duration_s": 0.5, "extend_s": 0.6}, "enough": {"duration_s": 0.5, "extend_s": 20}}
+    steps = [{"observe": window, "label": label} for label, window in windows.items()]
+    lab = make_lab(tmp_path, {"talker": TALKER}, {"only": [*started, *steps]})
+    recorded = lab.record()["only"]
+    for label in windows:
+        window = recorded.window(label)
+        assert window is not None
+        assert window.duration_s >= 1.0
+    assert recorded.record.problems == []
+
+
 def test_a_session_beyond_its_time_is_ended(tmp_path: Path) -> None:
     """What keeps its session waiting until its time is over is ended for that, and the rest is recorded in order."""
     recorded = record_one(

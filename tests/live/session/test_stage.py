@@ -221,6 +221,15 @@ def test_bare_files_are_also_known_by_their_own_names(tmp_path: Path) -> None:
     assert {p.name for p in package.iterdir()} == {"joint_publisher", "Joint_Publisher", "Joint_Publisher.py"}
 
 
+def test_another_program_among_bare_files_is_an_executable_too(tmp_path: Path) -> None:
+    """A launch file may start what the lab does not ask for by its name, such as one process that holds all nodes."""
+    files: dict[str, str | bytes] = {"joint_publisher.py": SAYS.format("one"), "arm.py": SAYS.format("all")}
+    workspace = staged(tmp_path, files, publisher="joint_publisher.py")
+    folder = workspace.folder / "install/lib" / read_rubric(None).lab.package
+    said = [run(folder / name).split()[0] for name in ("joint_publisher", "arm", "arm.py")]
+    assert said == ["one", "all", "all"]
+
+
 def test_data_are_installed_while_there_is_room_and_texts_before_them(tmp_path: Path) -> None:
     """Recordings for each of several packages would fill a session's disk; programs and texts are not among them."""
     launch = "".join(f"Node(package='p{n}')\n" for n in range(12))

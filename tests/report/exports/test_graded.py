@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from grader.errors import RecordingError
-from grader.report.exports.graded import SourceLocation
 from grader.report.exports.graded import graded as graded_of
+from grader.result import Location
 from tests.report.exports.sample_results import (
     adjusted_and_tampered,
     check,
@@ -94,21 +94,19 @@ def test_what_is_no_result_is_refused(broken: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     ("file", "line", "prefix", "expected"),
     [
-        ("a.py", 3, "", SourceLocation("a.py", 3)),
-        ("src/a.py", None, "labs/09", SourceLocation("labs/09/src/a.py", 1)),
-        ("./a.py", 0, "./x/", SourceLocation("x/a.py", 1)),
+        ("a.py", 3, "", Location("a.py", 3)),
+        ("src/a.py", None, "labs/09", Location("labs/09/src/a.py", 1)),
+        ("./a.py", 0, "./x/", Location("x/a.py", 1)),
         ("../a.py", 3, "x", None),
         ("/etc/passwd", 3, "x", None),
         ("", 3, "x", None),
         ("\x1b[2Ja.py", 3, "", None),
         ("a\nb.py", 3, "", None),
         ("\udcff.py", 3, "", None),
-        ("my  Größe.py", 3, "", SourceLocation("my  Größe.py", 3)),
+        ("my  Größe.py", 3, "", Location("my  Größe.py", 3)),
     ],
 )
-def test_a_file_is_in_the_repository_or_not_named(
-    file: str, line: int, prefix: str, expected: SourceLocation | None
-) -> None:
+def test_a_file_is_in_the_repository_or_not_named(file: str, line: int, prefix: str, expected: Location | None) -> None:
     """Paths are those of the repository, never lead out of it, and can be shown as they are."""
     plain = result(criterion("a", check("a.f", "failed", 0, 3, where=[{"file": file, "line": line}])))
     assert graded_of(read(plain), prefix).checks[0].location == expected

@@ -86,18 +86,17 @@ class _NodeFinder(importlib.abc.MetaPathFinder):
             return None
         sys.meta_path.remove(self)
         spec = importlib.machinery.PathFinder.find_spec(name, path, target)
-        if spec is not None and spec.loader is not None:
-            spec.loader.exec_module = _wrapping(spec.loader.exec_module)
+        if spec is None or spec.loader is None:
+            return spec
+        exec_module = spec.loader.exec_module
+
+        def exec_and_wrap(module):
+            exec_module(module)
+            for method, (kind, name) in _WRAPPED.items():
+                _wrap(module.Node, method, kind, name)
+
+        spec.loader.exec_module = exec_and_wrap
         return spec
-
-
-def _wrapping(exec_module):
-    def exec_and_wrap(module):
-        exec_module(module)
-        for method, (kind, name) in _WRAPPED.items():
-            _wrap(module.Node, method, kind, name)
-
-    return exec_and_wrap
 
 
 if _FD >= 0:

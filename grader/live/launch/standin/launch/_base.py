@@ -98,6 +98,8 @@ class Field:
         What may be given, and what to do if something else is; empty if anything may.
     read : callable
         The value that an attribute of XML or YAML stands for, with the parser's help.
+    normal : callable
+        The form in which the value is used, if it is not that of the class.
     nested : callable
         The value that elements inside of the one of XML or YAML stand for, with the parser's help.
     """
@@ -114,10 +116,12 @@ class Field:
         read_as: Any = None,
         can_be_str: bool = True,
         read: Callable[[Any, Any], Any] | None = None,
+        normal: Callable[[Any], Any] | None = None,
         nested: Callable[[Any, Any], Any] | None = None,
     ) -> None:
         self.read_as, self.can_be_str = kind if read_as is None else read_as, can_be_str
         self.read, self.nested = type(self).reading if read is None else read, nested
+        self.normal = type(self).normalized if normal is None else normal
         self.default, self.positional = default, positional
         self.attribute, self.kind, self.types, self.remedy = attribute, kind, types, remedy
         self.name = ""
@@ -138,8 +142,9 @@ class Field:
             ensure_argument_type(value, self.types, self.name, type(made).__name__, self.remedy)
         return None if value is None and self.default is None else self.normal(value)
 
-    def normal(self, value: Any) -> Any:
-        """The value in the form in which it is used."""
+    @staticmethod
+    def normalized(value: Any) -> Any:
+        """The value in the form in which it is used where nothing else is said."""
         return value
 
     @staticmethod
@@ -151,7 +156,8 @@ class Field:
 class Text(Field):
     """A text that may hold substitutions."""
 
-    def normal(self, value: Any) -> Any:
+    @staticmethod
+    def normalized(value: Any) -> Any:
         return normalize_to_list_of_substitutions(value)
 
     @staticmethod
@@ -176,14 +182,16 @@ class Typed(Field):
 class Texts(Field):
     """A list of texts."""
 
-    def normal(self, value: Any) -> Any:
+    @staticmethod
+    def normalized(value: Any) -> Any:
         return [normalize_to_list_of_substitutions(item) for item in value]
 
 
 class Pairs(Field):
     """Texts by texts."""
 
-    def normal(self, value: Any) -> Any:
+    @staticmethod
+    def normalized(value: Any) -> Any:
         normal = normalize_to_list_of_substitutions
         return [(normal(name), normal(item)) for name, item in value.items()]
 
@@ -229,6 +237,10 @@ class Located:
 
     def described(self, field: str) -> str:
         return " + ".join(sub.describe() for sub in self.given[field])
+
+    def text(self, field: str, context: Any) -> str:
+        """A field, resolved."""
+        return perform_substitutions(context, self.given[field])
 
 
 def _bound(cls: type, args: tuple[Any, ...], kwargs: dict[str, Any]) -> dict[str, Any]:
@@ -279,11 +291,6 @@ def read_element(cls: type, entity: Any, parser: Any) -> dict[str, Any]:
 class InvalidLaunchFileError(Exception):
     """A launch file could not be read as what its name says it is."""
 
-    def __init__(self, extension: str = "", *, likely_errors: Iterable[BaseException] = ()) -> None:
-        self.likely_errors = tuple(likely_errors)
-        why = "; ".join(f"{type(e).__name__}: {e}" for e in self.likely_errors)
-        super().__init__(f"the launch file {extension} could not be read: {why or 'unknown format'}")
-
 
 class SubstitutionFailure(Exception):
     """A substitution has no value."""
@@ -312,17 +319,12 @@ class Substitution(Located):
         return cls, dict(zip(fields, data, strict=False))
 
     def describe(self) -> str:
-        """Text for people."""
         fields = [name for name, value in self.given.items() if isinstance(value, list)]
         return f"{type(self).__name__}({', '.join(_words(self.given[name]) for name in fields)})"
 
     def perform(self, context: Any) -> str:
         """The text."""
         return ""
-
-    def text(self, field: str, context: Any) -> str:
-        """A field, resolved."""
-        return perform_substitutions(context, self.given[field])
 
 
 def _words(subs: list[Any]) -> str:
@@ -378,7 +380,6 @@ class Action(LaunchDescriptionEntity):
         return []
 
     def describe_sub_entities(self) -> list[Any]:
-        """Entities that follow whenever this one is visited."""
         return list(self.get_sub_entities()) if self.condition is None else []
 
     def describe_conditional_sub_entities(self) -> list[tuple[str, Iterable[Any]]]:
@@ -400,10 +401,6 @@ class Action(LaunchDescriptionEntity):
         if hasattr(context.session, self.performs):
             return getattr(context.session, self.performs)(self, context)
         return getattr(context, self.performs)() if self.performs else None
-
-    def text(self, field: str, context: Any) -> str:
-        """A field, resolved."""
-        return perform_substitutions(context, self.given[field])
 
 
 class Event(Located):

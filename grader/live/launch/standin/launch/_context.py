@@ -14,10 +14,7 @@ _executor = shared("executor")
 
 
 def evaluate(file: str, arguments: dict[str, Any], root: str) -> Any:
-    """Evaluate a launch file as `ros2 launch FILE name:=value` would, without starting anything.
-
-    Takes the path of the launch file, values by name, and the folder of the submission; returns the plan for JSON.
-    """
+    """Evaluate a launch file as `ros2 launch FILE name:=value` would; see `Executor.evaluate`."""
     context = LaunchContext()
     context.session = _executor.Executor(root)
     return context.session.evaluate(context, file, arguments)

@@ -51,18 +51,17 @@ class Parameter(Located):
         return perform_substitutions(context, self.name), self.__value.evaluate(context)
 
 
-class _Path(Field):
-    def normal(self, value: Any) -> Any:
-        if isinstance(value, (str, Path, Substitution)) or not isinstance(value, (os.PathLike, bytes)):
-            return normalize_to_list_of_substitutions(value)
-        return normalize_to_list_of_substitutions(os.fsdecode(value))
+def _path(value: Any) -> list[Substitution]:
+    is_other = isinstance(value, (os.PathLike, bytes)) and not isinstance(value, (str, Path, Substitution))
+    return normalize_to_list_of_substitutions(os.fsdecode(value) if is_other else value)
 
 
 class ParameterFile(Located):
     """A file of parameters, perhaps with substitutions in it."""
 
-    param_file = _Path(
+    param_file = Field(
         positional=POSITIONAL,
+        normal=_path,
         types=(*SomeSubstitutionsType_types_tuple, os.PathLike, bytes),
         remedy="Let each item of parameters be a dict or the path of a file.",
     )
@@ -91,21 +90,18 @@ class ParameterFile(Located):
 
 def read_remappings(entity: Any, parser: Any) -> Any:
     """The rules of `<remap>` inside an element."""
-    found = []
-    for rule in entity.nested("remap"):
-        found.append(tuple(parser.parse_substitution(rule.get_attr(name)) for name in ("from", "to")))
-        rule.assert_entity_completely_parsed()
-    return found or None
+    read = parser.parse_substitution
+    return entity.each("remap", lambda rule: tuple(read(rule.get_attr(name)) for name in ("from", "to"))) or None
 
 
 def read_parameters(entity: Any, parser: Any) -> Any:
     """The parameters of `<param>` inside an element."""
-    found = []
-    for param in entity.nested("param"):
+
+    def read(param: Any) -> Any:
         with blaming(param):
-            found.append(_parse_param(param, parser))
-        param.assert_entity_completely_parsed()
-    return found or None
+            return _parse_param(param, parser)
+
+    return entity.each("param", read) or None
 
 
 _TYPE_NAMES = ("int", "float", "bool", "str", "list_of_int", "list_of_float", "list_of_bool", "list_of_str", "yaml")
@@ -155,7 +151,6 @@ def _named_param(param: Any, parser: Any) -> dict[Any, Any]:
     if not inner:
         raise _bad("a <param> needs 'value' or others inside")
     content: dict[Any, Any] = {}
-    for each in inner:
-        content.update(_named_param(each, parser))
-        each.assert_entity_completely_parsed()
+    for read in param.each("param", lambda each: _named_param(each, parser)):
+        content.update(read)
     return {name: content}

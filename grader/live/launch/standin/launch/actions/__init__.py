@@ -394,13 +394,6 @@ def _not_negative(value: float, parser: Any) -> float:
     return value
 
 
-class _Word(Text):
-    """A text that may be a dictionary instead."""
-
-    def normal(self, value: Any) -> Any:
-        return value if isinstance(value, dict) else super().normal(value)
-
-
 def _seconds(value: float, parser: Any) -> str:
     return str(_not_negative(value, parser))
 
@@ -415,7 +408,9 @@ class ExecuteLocal(Action):
     sigterm_timeout = Text(None, attribute="sigterm_timeout", kind=float, can_be_str=False, read=_seconds)
     sigkill_timeout = Text(None, attribute="sigkill_timeout", kind=float, can_be_str=False, read=_seconds)
     emulate_tty = Field(False, attribute="emulate_tty", kind=bool)
-    output = _Word("log", attribute="output")
+    output = Text(
+        "log", attribute="output", normal=lambda value: value if isinstance(value, dict) else Text.normalized(value)
+    )
     output_format = Field("")
     cached_output = Field(False)
     log_cmd = Field(False)

@@ -16,16 +16,14 @@ class BaseEventHandler(Located):
     matcher = Field()
     handle_once = Field(False)
     entities: Any = None
+    _actions: tuple[Any, ...] | list[Any] = ()
 
     def matches(self, event: Any) -> bool:
         """Whether an event is for this handler."""
         return bool(self.matcher(event))
 
     def describe(self) -> Any:
-        return type(self).__name__, self._known()
-
-    def _known(self) -> list[Any]:
-        return []
+        return type(self).__name__, self._actions
 
     def handle(self, event: Any, context: Any) -> Any:
         """The entities to visit."""
@@ -72,9 +70,6 @@ class OnActionEventBase(BaseEventHandler):
     def handle(self, event: Any, context: Any) -> Any:
         super().handle(event, context)
         return self.on_event(event, context) if callable(self.on_event) else self._actions
-
-    def _known(self) -> list[Any]:
-        return self._actions
 
 
 def _entities(given: Any, name: str) -> list[Any]:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import difflib
 import re
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from .._base import (
     InvalidLaunchFileError,
@@ -35,6 +36,7 @@ _ROS_1 = {
     ("node", "ns"): "Write namespace='...' (ROS 1 wrote ns='...').",
     ("group", "ns"): "Write push_ros_namespace as the first action of the group (ROS 1 wrote ns='...').",
 }
+_T = TypeVar("_T")
 _ALIKE = "Write all items alike: [1.0, 2.5] instead of [1, 2.5]."
 CORRECT = "Correct this element of the file."
 
@@ -48,8 +50,7 @@ class InvalidFrontendLaunchFileError(InvalidLaunchFileError):
     """An XML or YAML launch file is not well-formed."""
 
     def __init__(self, message: str, path: str, line: int) -> None:
-        Exception.__init__(self, message)
-        self.likely_errors = ()
+        super().__init__(message)
         self.launch_source, self.launch_kind = (path, line), "bad_markup"
         self.launch_remedy = "Correct it where it says."
 
@@ -58,11 +59,9 @@ class Parser:
     """Makes actions of elements."""
 
     def parse_substitution(self, value: Any) -> Any:
-        """Read the substitutions in a text."""
         return parse_substitution(value if isinstance(value, str) else str(value))
 
     def parse_if_substitutions(self, value: Any) -> Any:
-        """Read the substitutions in a value, if it is text."""
         return parse_if_substitutions(value)
 
     def escape_characters(self, value: Any) -> str:
@@ -80,12 +79,10 @@ class Parser:
 
     def pairs(self, entity: Entity, tag: str) -> dict[Any, Any]:
         """Names and values of the elements inside that have a tag."""
-        found = {}
-        for inner in entity.nested(tag):
-            name = tuple(self.parse_substitution(inner.get_attr("name")))
-            found[name] = self.parse_substitution(inner.get_attr("value"))
-            inner.assert_entity_completely_parsed()
-        return found
+        read = self.parse_substitution
+        return dict(
+            entity.each(tag, lambda inner: (tuple(read(inner.get_attr("name"))), read(inner.get_attr("value"))))
+        )
 
     def parse_action(self, entity: Entity) -> Any:
         import launch_ros.actions
@@ -136,7 +133,6 @@ class Entity:
         self.inner: list[Entity] | None = []
         #: Other lists of mappings in YAML, each by its key; in XML these stand among the inner ones.
         self.lists: dict[str, list[Entity]] = {}
-        self.parent: Entity | None = None
         self._used: set[str] = set()
 
     @property
@@ -155,6 +151,14 @@ class Entity:
             message = f"the attribute '{tag}' of <{self.type_name}> must be a list of mappings"
             raise bad(message, "Begin each item with a dash: '- name: ...'.", TypeError)
         return self.lists.get(tag, []) if self.typed else [e for e in self.inner or [] if e.type_name == tag]
+
+    def each(self, tag: str, read: Callable[[Entity], _T]) -> list[_T]:
+        """What is read of each of the nested elements, and that is all there is in it."""
+        found = []
+        for inner in self.nested(tag):
+            found.append(read(inner))
+            inner.assert_entity_completely_parsed()
+        return found
 
     def get_attr(self, name: str, *, data_type: Any = str, optional: bool = False, can_be_str: bool = True) -> Any:
         """An attribute, read as a type."""
@@ -239,7 +243,7 @@ def _read_xml(text: str, path: str) -> Entity:
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         entity = Entity(tag, path, parser.CurrentLineNumber, typed=False)
-        entity.attributes, entity.parent = dict(attributes), ancestors[-1]
+        entity.attributes = dict(attributes)
         ancestors[-1].children.append(entity)
         ancestors.append(entity)
 

@@ -18,10 +18,6 @@ from ..frontend import InvalidFrontendLaunchFileError, Parser, markup_of, read_e
 class InvalidPythonLaunchFileError(InvalidLaunchFileError):
     """A Python launch file lacks what it must have."""
 
-    def __init__(self, message: str) -> None:
-        Exception.__init__(self, message)
-        self.likely_errors = ()
-
 
 def load_python_launch_file_as_module(python_launch_file_path: str) -> ModuleType:
     """Run a Python launch file as a module that is not registered anywhere."""

@@ -42,13 +42,10 @@ class TextSubstitution(Substitution):
         return str(self.text)
 
 
-class Default(Text):
+def as_default(value: Any) -> list[Substitution]:
     """A default, in which everything else than substitutions is turned into text."""
-
-    def normal(self, value: Any) -> Any:
-        items = value if isinstance(value, collections.abc.Iterable) else (value,)
-        texts = [item if isinstance(item, (str, Substitution)) else str(item) for item in items]
-        return normalize_to_list_of_substitutions(texts)
+    items = value if isinstance(value, collections.abc.Iterable) else (value,)
+    return normalize_to_list_of_substitutions(i if isinstance(i, (str, Substitution)) else str(i) for i in items)
 
 
 @expose_substitution("var")
@@ -56,7 +53,7 @@ class LaunchConfiguration(Substitution):
     """The value of a launch configuration; always text."""
 
     variable_name = Text(positional=POSITIONAL)
-    default = Default(None)
+    default = Text(None, normal=as_default)
 
     def describe(self) -> str:
         return f"LaunchConfig({self.described('variable_name')})"
@@ -347,12 +344,10 @@ class AnySubstitution(AllSubstitution):
     decide = staticmethod(any)
 
 
-class _Comparable(Text):
-    def normal(self, value: Any) -> Any:
-        if is_substitution(value):
-            return super().normal(value)
-        word = "" if value is None else str(value)
-        return super().normal(word.lower() if isinstance(value, bool) else word)
+def _comparable(value: Any) -> list[Substitution]:
+    if not is_substitution(value):
+        value = "" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
+    return normalize_to_list_of_substitutions(value)
 
 
 def _number(text: str) -> float | None:
@@ -366,8 +361,8 @@ def _number(text: str) -> float | None:
 class EqualsSubstitution(_Logical):
     """Whether two texts are the same truth value, number, or text."""
 
-    left = _Comparable(positional=POSITIONAL)
-    right = _Comparable(positional=POSITIONAL)
+    left = Text(positional=POSITIONAL, normal=_comparable)
+    right = Text(positional=POSITIONAL, normal=_comparable)
 
     def holds(self, context: Any) -> bool:
         left, right = self.text("left", context), self.text("right", context)

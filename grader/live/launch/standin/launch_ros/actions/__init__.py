@@ -184,11 +184,10 @@ class Node(ExecuteProcess):
 
 def _composable_nodes(entity: Any, parser: Any) -> list[ComposableNode]:
     """The nodes of `<composable_node>` inside an element."""
-    found = []
-    for node in entity.nested("composable_node"):
-        found.append(ComposableNode(**read_element(ComposableNode, node, parser)))
-        node.assert_entity_completely_parsed()
-    return found
+    nodes: list[ComposableNode] = entity.each(
+        "composable_node", lambda node: ComposableNode(**read_element(ComposableNode, node, parser))
+    )
+    return nodes
 
 
 @expose_action("node_container")
@@ -241,16 +240,13 @@ class LifecycleNode(Node):
         return context.session.start_lifecycle(self, context)
 
 
-class _Ids(Texts):
-    def normal(self, value: Any) -> Any:
-        return super().normal([str(item) if isinstance(item, int) else item for item in value])
-
-
 class LifecycleTransition(Action):
     """Leads lifecycle nodes through some transitions, one after the other."""
 
     lifecycle_node_names = Texts()
-    transition_ids = _Ids()
+    transition_ids = Texts(
+        normal=lambda ids: Texts.normalized([str(item) if isinstance(item, int) else item for item in ids])
+    )
 
     def made(self) -> None:
         if not self.transition_ids or not self.lifecycle_node_names:

@@ -10,11 +10,6 @@ from ..parameter_descriptions import Parameter, ParameterFile, ParameterValue, r
 from ..utilities import normalize_parameters, normalize_remap_rules
 
 
-class _Parameters(Field):
-    def normal(self, value: Any) -> Any:
-        return normalize_parameters(value)
-
-
 def _extra(entity: Any, parser: Any) -> Any:
     return [{name: value} for name, value in parser.pairs(entity, "extra_arg").items()] or None
 
@@ -24,9 +19,9 @@ class ComposableNode(Located):
     plugin = Text(attribute="plugin")
     name = Text(None, attribute="name")
     namespace = Text(None, attribute="namespace")
-    parameters = _Parameters(None, nested=read_parameters)
+    parameters = Field(None, normal=normalize_parameters, nested=read_parameters)
     remappings: Any = Field(None, nested=read_remappings)
-    extra_arguments = _Parameters(None, nested=_extra)
+    extra_arguments = Field(None, normal=normalize_parameters, nested=_extra)
     condition: Any = Field(None)
 
     node_plugin = property(lambda self: self.plugin)

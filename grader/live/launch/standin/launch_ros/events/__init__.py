@@ -2,12 +2,5 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 from . import lifecycle
-
-
-def matches_node_name(node_name: str) -> Callable[[Any], bool]:
-    wanted = node_name if node_name.startswith("/") else f"/{node_name}"
-    return lambda action: bool(action.node_name == wanted)
+from .lifecycle import matches_node_name

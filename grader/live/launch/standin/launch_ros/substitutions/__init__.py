@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from launch._base import POSITIONAL, Substitution, SubstitutionFailure, Text, expose_substitution, mistake, shared
-from launch.substitutions import Default, PathSubstitution
+from launch.substitutions import PathSubstitution, as_default
 
 
 class FindPackage(PathSubstitution):
@@ -53,7 +53,7 @@ class Parameter(Substitution):
     """The value of a parameter set for all nodes of the scope."""
 
     name = Text(positional=POSITIONAL)
-    default = Default(None)
+    default = Text(None, normal=as_default)
 
     def perform(self, context: Any) -> str:
         name = self.text("name", context)

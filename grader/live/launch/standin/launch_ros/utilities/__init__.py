@@ -22,15 +22,12 @@ _SCALARS = (str, bool, int, float)
 
 
 def add_node_name(context: Any, node_name: str) -> None:
-    context.extend_globals({"unique_ros_node_names": [*_node_names(context), node_name]})
+    names = context.get_locals_as_dict().get("unique_ros_node_names", ())
+    context.extend_globals({"unique_ros_node_names": [*names, node_name]})
 
 
 def get_node_name_count(context: Any, node_name: str) -> int:
-    return _node_names(context).count(node_name)
-
-
-def _node_names(context: Any) -> list[str]:
-    return list(context.get_locals_as_dict().get("unique_ros_node_names", ()))
+    return list(context.get_locals_as_dict().get("unique_ros_node_names", ())).count(node_name)
 
 
 class InvalidNodeNameException(ValueError):

@@ -38,4 +38,5 @@ class StateTransition(Event):
 
 
 def matches_node_name(node_name: str) -> Callable[[Any], bool]:
-    return lambda action: bool(action.node_name == node_name)
+    wanted = node_name if node_name.startswith("/") else f"/{node_name}"
+    return lambda action: bool(action.node_name == wanted)
